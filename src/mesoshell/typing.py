@@ -1,0 +1,53 @@
+"""Array aliases and the project's alphabet (floor 1; imports nothing of ours).
+
+symbol     meaning                                                        shape, unit, frame
+o, d, t    ray origin, unit direction, distance                           (3,), world
+ξ          shell coordinate (u, v, h): texture u, v in patches, height    (3,), canonical; h in [0, 1]
+J          Jacobian ∂P/∂ξ of a prism's map                                (3, 3), world / canonical
+ω, ω′      unit directions toward the viewer and toward the light         (3,), canonical
+F          feature texture F(u, v) plus height feature F(h)               (C,)
+α          appearance parameters, normalised by their declared range      (A,), each in [0, 1]
+σ          extinction                                                     1 / canonical length, ≥ 0
+E⊥         irradiance of a distant light on the plane facing it           RGB
+ρ          transport L / E⊥                                               RGB, 1/sr, linear Rec. 709
+τ, T       optical depth and transmittance exp(−τ)
+r          filter radius: one standard deviation of the footprint         patches
+
+Shapes are jaxtyping annotations, checked with beartype under pytest only.
+"""
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Key, UInt8
+
+#: Scalars and vectors of a JAX function that works on one ray or one point.
+Scalar = Float[Array, ""]
+Vec2 = Float[Array, "2"]
+Vec3 = Float[Array, "3"]
+Mat3 = Float[Array, "3 3"]
+Index = Int[Array, ""]
+Flag = Bool[Array, ""]
+
+#: Host arrays of the NumPy-only files.
+Points = Float[np.ndarray, "V 3"]
+Triangles = Int[np.ndarray, "F 3"]
+CornerUV = Float[np.ndarray, "F 3 2"]
+Image = Float[np.ndarray, "H W C"]
+
+__all__ = [
+    "Array",
+    "Bool",
+    "CornerUV",
+    "Flag",
+    "Float",
+    "Image",
+    "Index",
+    "Int",
+    "Key",
+    "Mat3",
+    "Points",
+    "Scalar",
+    "Triangles",
+    "UInt8",
+    "Vec2",
+    "Vec3",
+]

@@ -14,12 +14,12 @@ E⊥         irradiance of a distant light on the plane facing it           RGB
 r          filter radius: one standard deviation of the footprint         patches
 
 Shapes are jaxtyping annotations, checked with beartype under pytest only.
+NumPy-only files take `Float`, `Int`, … from jaxtyping directly: the aliases below load JAX.
 """
 
-import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key, UInt8
+from jaxtyping import Array, Bool, Float, Int, Key
 
-#: Scalars and vectors of a JAX function that works on one ray or one point.
+#: Scalars and vectors of a function that works on one ray or one point.
 Scalar = Float[Array, ""]
 Vec2 = Float[Array, "2"]
 Vec3 = Float[Array, "3"]
@@ -27,27 +27,4 @@ Mat3 = Float[Array, "3 3"]
 Index = Int[Array, ""]
 Flag = Bool[Array, ""]
 
-#: Host arrays of the NumPy-only files.
-Points = Float[np.ndarray, "V 3"]
-Triangles = Int[np.ndarray, "F 3"]
-CornerUV = Float[np.ndarray, "F 3 2"]
-Image = Float[np.ndarray, "H W C"]
-
-__all__ = [
-    "Array",
-    "Bool",
-    "CornerUV",
-    "Flag",
-    "Float",
-    "Image",
-    "Index",
-    "Int",
-    "Key",
-    "Mat3",
-    "Points",
-    "Scalar",
-    "Triangles",
-    "UInt8",
-    "Vec2",
-    "Vec3",
-]
+__all__ = ["Array", "Bool", "Flag", "Float", "Index", "Int", "Key", "Mat3", "Scalar", "Vec2", "Vec3"]

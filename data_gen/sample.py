@@ -1,0 +1,113 @@
+"""Random camera, light and parameters of one sample, from a hash.  Pure Python and NumPy.
+
+Alphabet
+    frame     the unit box [0, 1]³, right-handed, z up; (x, y, z) are the canonical (u, v, h)
+    c         the box's centre (0.5, 0.5, 0.5), which every camera looks at
+    r         camera radius, its distance from c, in box sides
+    fov       full angle of view of the square frame, radians
+    k         coverage: the box's side at distance r over the frame's width there, 1 / (2 r tan(fov / 2))
+    light     unit vector from the box toward the distant light
+
+Every draw is a SHA-256 of (recipe, version, seed, index, name of the draw). So a sample depends neither on the
+order nor on the process that renders it, and fixing one parameter leaves all the other draws as they were.
+Cameras and lights are uniform in solid angle above a smallest elevation.  Coverage is log-uniform, in two parts:
+most images (`LARGE_SHARE`) show the box at `LARGE_COVERAGE` or more, for a far image carries few pixels of it.
+"""
+
+import hashlib
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from data_gen.recipe import Recipe
+
+CENTRE = (0.5, 0.5, 0.5)
+FIELD_OF_VIEW = 0.4
+CAMERA_ELEVATION = math.radians(3.0)
+LIGHT_ELEVATION = math.radians(5.0)
+SMALLEST_BOX_PIXELS = 8.0
+LARGEST_COVERAGE = 2.0
+LARGE_COVERAGE = 0.4
+LARGE_SHARE = 0.8
+
+
+class Sample(NamedTuple):
+    index: int
+    cycles_seed: int
+    parameters: dict[str, float]
+    camera_to_world: np.ndarray
+    radius: float
+    light: np.ndarray
+
+
+class Drawer(NamedTuple):
+    """What the draws of a dataset share. `fixed` holds the parameters that are not drawn."""
+
+    recipe: Recipe
+    seed: int
+    coverage: tuple[float, float]
+    fixed: Mapping[str, float]
+
+    def uniform(self, index: int, name: str) -> float:
+        """A number in [0, 1), on a grid of 2⁻⁵³."""
+        key = f"{self.recipe.name}/{self.recipe.version}/{self.seed}/{index}/{name}"
+        return (int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big") >> 11) * 2.0**-53
+
+    def draw(self, index: int) -> Sample:
+        parameters = {}
+        for name, parameter in self.recipe.parameters.items():
+            low, high = parameter.range
+            drawn = low + (high - low) * self.uniform(index, f"parameter/{name}")
+            parameters[name] = float(self.fixed.get(name, drawn))
+        pick, within = self.uniform(index, "coverage/part"), self.uniform(index, "coverage/within")
+        radius = radius_of(draw_coverage(self.coverage, pick, within))
+        toward_camera = self._direction(index, "camera", CAMERA_ELEVATION)
+        return Sample(
+            index=index,
+            cycles_seed=int(self.uniform(index, "cycles") * 2**31),
+            parameters=parameters,
+            camera_to_world=looking_along_minus_z(toward_camera, np.asarray(CENTRE) + radius * axis_z(*toward_camera)),
+            radius=radius,
+            light=axis_z(*self._direction(index, "light", LIGHT_ELEVATION)),
+        )
+
+    def _direction(self, index: int, name: str, elevation: float) -> tuple[float, float]:
+        """(sine of the elevation, azimuth), uniform in solid angle: the area of a sphere's zone goes as its height."""
+        low = math.sin(elevation)
+        sine = low + (1.0 - low) * self.uniform(index, f"{name}/sine")
+        return sine, 2.0 * math.pi * self.uniform(index, f"{name}/azimuth")
+
+
+def radius_of(coverage: float) -> float:
+    return 1.0 / (2.0 * coverage * math.tan(FIELD_OF_VIEW / 2.0))
+
+
+def default_coverage(size: int) -> tuple[float, float]:
+    """From a box of 8 pixels (or the whole of a frame smaller than that) to a box of twice the frame."""
+    return min(SMALLEST_BOX_PIXELS / size, 1.0), LARGEST_COVERAGE
+
+
+def draw_coverage(span: tuple[float, float], pick: float, within: float) -> float:
+    low, high = span
+    if low < LARGE_COVERAGE < high:
+        low, high = (LARGE_COVERAGE, high) if pick < LARGE_SHARE else (low, LARGE_COVERAGE)
+    return low * (high / low) ** within
+
+
+def axis_z(sine: float, azimuth: float) -> np.ndarray:
+    cosine = math.sqrt(max(0.0, 1.0 - sine * sine))
+    return np.array([cosine * math.cos(azimuth), cosine * math.sin(azimuth), sine])
+
+
+def looking_along_minus_z(direction: tuple[float, float], position: np.ndarray) -> np.ndarray:
+    """Object-to-world 4×4 whose z axis is `direction` = (sine, azimuth), with x horizontal.
+
+    x comes from the azimuth alone, so that the frame is defined at the zenith too.
+    """
+    z = axis_z(*direction)
+    x = np.array([-math.sin(direction[1]), math.cos(direction[1]), 0.0])
+    matrix = np.eye(4)
+    matrix[:3, :] = np.stack([x, np.cross(z, x), z, position], axis=1)
+    return matrix

@@ -1,0 +1,203 @@
+"""A triangle mesh that the rest can rely on: read, checked, mended, and every mend said.
+
+Alphabet
+V, F        vertices and triangles of the checked mesh; N vertices of the file, before welding
+uv          texture coordinates of each corner, in UV units (the unit square is one texture image)
+stretch     world length of one UV unit, √(area in the world / area in UV): the mean over the surface
+index       in notes and errors, a vertex or triangle of the file, counted from 0 (OBJ errors name the line instead)
+
+Frame: the file's own axes and unit. Float64 inside, float32 out.
+Positions are welded when they are the same bits in float32 (−0 is 0). A triangle whose height is at most 1e-9 of its
+longest edge counts as zero-area and is dropped: above that bound its normal, from float64 differences of float32
+positions, is good to 1e-6. UV unwrapping is xatlas's.
+"""
+
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+import xatlas
+from jaxtyping import Bool, Float, Int
+
+from mesoshell.errors import InputError
+from mesoshell.geometry.normals import vertex_normals
+from mesoshell.geometry.read import check_indices, read_mesh
+from mesoshell.geometry.topology import agree, inside_out, pair_edges
+
+LEAST_HEIGHT = 1e-9
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh without zero-area or repeated faces and unused vertices; `notes` has one line for each thing mended."""
+
+    vertices: Float[np.ndarray, "V 3"]  # float32, no two alike
+    faces: Int[np.ndarray, "F 3"]  # int32, counter-clockwise seen from outside
+    uv: Float[np.ndarray, "F 3 2"]  # float32, a corner
+    normals: Float[np.ndarray, "V 3"]  # float32, unit
+    notes: tuple[str, ...]
+
+
+def load_mesh(path: str | PathLike[str]) -> Mesh:
+    """Read an OBJ, PLY, GLB or STL file. Raises InputError, in one line, for whatever cannot be used."""
+    return check_mesh(*read_mesh(path), str(path))
+
+
+def check_mesh(
+    vertices: Float[np.ndarray, "N 3"],
+    faces: Int[np.ndarray, "M 3"],
+    uv: Float[np.ndarray, "M 3 2"] | None,
+    source: str,
+) -> Mesh:
+    """The mesh that these arrays mean. Raises InputError(source, ...) where they mean none; corner UVs may be NaN."""
+    points = _check_arrays(vertices, faces, source)
+    faces = _first_equal_row(points.view(np.int32))[faces]
+    kept, notes = _usable_faces(points, faces)
+    if not len(kept):
+        raise InputError(source, f"every one of its {len(faces)} faces has zero area")
+    faces, flip, said = _wind(points, faces[kept])
+    notes += said
+    if uv is not None:
+        with np.errstate(over="ignore"):
+            uv = uv[kept].astype(np.float32)
+        uv[flip] = uv[flip][:, [0, 2, 1]]
+    used, corner = np.unique(faces, return_inverse=True)
+    points, faces = points[used], corner.reshape(-1, 3).astype(np.int32)
+    uv, said = _check_uv(points, faces, uv, kept)
+    normals, turned = vertex_normals(points.astype(np.float64), faces)
+    if turned:
+        said.append(f"normals of {counted(turned, 'vertex', 'vertices')} turned to point out of every face around")
+    return Mesh(points, faces, uv, normals.astype(np.float32), (*notes, *said))
+
+
+def unwrap(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 3 2"]:
+    """Corner UVs in the unit square from xatlas: no chart mirrored, one scale in u and v."""
+    return _atlas(vertices, faces)[0]
+
+
+def bounding_box(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
+    """The least and the greatest coordinates."""
+    return np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
+
+
+def surface_area(mesh: Mesh) -> float:
+    """Total area in the world."""
+    return float(_doubled_areas(mesh.vertices[mesh.faces]).sum() / 2)
+
+
+def uv_stretch(mesh: Mesh) -> float:
+    """World length of one UV unit, averaged over the surface."""
+    return float(np.sqrt(surface_area(mesh) / (_doubled_areas(mesh.uv).sum() / 2)))
+
+
+def counted(number: int | np.integer, one: str, many: str = "") -> str:
+    """`1 face`, `2 faces`."""
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def _check_arrays(
+    vertices: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "M 3"], source: str
+) -> Float[np.ndarray, "N 3"]:
+    if not len(faces):
+        raise InputError(source, "has no faces")
+    with np.errstate(over="ignore"):
+        points = np.ascontiguousarray(vertices, np.float32) + np.float32(0)  # -0 becomes 0
+    wild = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(wild):
+        raise InputError(source, f"vertex {wild[0]} is not finite: {vertices[wild[0]].tolist()}")
+    check_indices(faces, len(points), source)
+    return points
+
+
+def _first_equal_row(rows: Int[np.ndarray, "R C"]) -> Int[np.ndarray, "R"]:
+    """For each row, the index of the first row that is the same."""
+    order = np.lexsort(rows.T)
+    new = np.append(True, (rows[order][1:] != rows[order][:-1]).any(axis=1))
+    first = np.empty(len(rows), np.int64)
+    first[order] = order[np.flatnonzero(new)][np.cumsum(new) - 1]
+    return first
+
+
+def _usable_faces(
+    points: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "M 3"]
+) -> tuple[Int[np.ndarray, "F"], list[str]]:
+    corner = points[faces].astype(np.float64)
+    longest = ((np.roll(corner, -1, axis=1) - corner) ** 2).sum(axis=-1).max(axis=1)
+    flat = _doubled_areas(corner) <= LEAST_HEIGHT * longest
+    again = (_first_equal_row(np.sort(faces, axis=1)) != np.arange(len(faces))) & ~flat
+    notes = []
+    for what, where in (("zero-area", flat), ("repeated", again)):
+        if where.any():
+            notes.append(f"{counted(where.sum(), f'{what} face')} dropped (first: index {np.argmax(where)})")
+    return np.flatnonzero(~flat & ~again), notes
+
+
+def _wind(
+    points: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "F 3"]
+) -> tuple[Int[np.ndarray, "F 3"], Bool[np.ndarray, "F"], list[str]]:
+    """Faces with one winding a part, outward where a part is closed; which were turned over; what to say."""
+    edges = pair_edges(faces)
+    winding = agree(edges)
+    notes = []
+    crowded = np.argwhere(edges.crowd > 2)
+    if len(crowded):
+        f, k = crowded[0]
+        number = round((1 / edges.crowd[edges.crowd > 2]).sum())
+        where = f"first: vertices {faces[f, k]}, {faces[f, (k + 1) % 3]}"
+        notes.append(f"{counted(number, 'edge')} with more than two faces: treated as a border ({where})")
+    if winding.flip.any():
+        notes.append(f"winding of {counted(winding.flip.sum(), 'face')} flipped to agree with the neighbours")
+    if winding.one_sided.any():
+        notes.append(f"{winding.one_sided.sum()} faces form a one-sided surface: it is cut where its windings meet")
+    wound = np.where(winding.flip[:, None], faces[:, [0, 2, 1]], faces)
+    wrong = inside_out(points.astype(np.float64), wound, winding.part, pair_edges(wound))
+    if wrong.all():
+        notes.append("the whole mesh was inside out: flipped")
+    elif wrong.any():
+        notes.append(f"{wrong.sum()} of {len(wrong)} separate parts were inside out: flipped")
+    out = wrong[winding.part]
+    return np.where(out[:, None], wound[:, [0, 2, 1]], wound), winding.flip ^ out, notes
+
+
+def _check_uv(
+    points: Float[np.ndarray, "V 3"],
+    faces: Int[np.ndarray, "F 3"],
+    uv: Float[np.ndarray, "F 3 2"] | None,
+    kept: Int[np.ndarray, "F"],
+) -> tuple[Float[np.ndarray, "F 3 2"], list[str]]:
+    """The UVs if they can be used, else an unwrapping; `kept` are the faces' indices in the file."""
+    wild = np.zeros(0, np.int64) if uv is None else np.flatnonzero(~np.isfinite(uv).all(axis=(1, 2)))
+    if uv is None:
+        fault = "no UVs"
+    elif len(wild):
+        fault = f"{counted(len(wild), 'face')} without finite UVs (first: index {kept[wild[0]]})"
+    elif not _doubled_areas(uv).any():
+        fault = "UVs without area"
+    else:
+        flat = np.flatnonzero(_doubled_areas(uv) == 0)
+        return uv, [f"{counted(len(flat), 'face')} without area in UV (first: index {kept[flat[0]]})"] if len(
+            flat
+        ) else []
+    made, charts = _atlas(points, faces)
+    return made, [f"{fault}: unwrapped with xatlas into {counted(charts, 'chart')}"]
+
+
+def _atlas(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> tuple[Float[np.ndarray, "F 3 2"], int]:
+    chart, pack = xatlas.ChartOptions(), xatlas.PackOptions()
+    chart.fix_winding = True
+    pack.rotate_charts = False  # xatlas rotates by exchanging u and v, which mirrors
+    atlas = xatlas.Atlas()
+    atlas.add_mesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32))
+    atlas.generate(chart, pack)
+    _, corner, uv = atlas[0]
+    size = np.array([atlas.width, atlas.height], np.float64)
+    return (uv[corner] * (size / size.max())).astype(np.float32), atlas.chart_count
+
+
+def _doubled_areas(corner: Float[np.ndarray, "F 3 D"]) -> Float[np.ndarray, "F"]:
+    """Twice the areas of triangles in the plane or in space, in float64."""
+    a, b, c = np.moveaxis(corner.astype(np.float64), 1, 0)
+    (p, q) = (b - a, c - a)
+    if corner.shape[-1] == 2:
+        return np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
+    return np.linalg.norm(np.cross(p, q), axis=1)

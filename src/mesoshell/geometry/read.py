@@ -1,0 +1,141 @@
+"""Mesh files to arrays, as they are written: nothing welded, dropped or mended.
+
+Alphabet
+N, M        vertices and triangles of the file; index: of one of them, counted from 0
+uv          texture coordinates of each corner, NaN on corners without
+v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are passed over
+n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
+
+PLY, GLB and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's.
+OBJ is read here, for five faults of trimesh's reader (5.2) that leave no trace: number 0 becomes the first vertex; a
+negative number counts from the file's end; one face without vt drops every UV; so does one vt out of range; polygons
+under several `usemtl` come back out of order. A polygon becomes a fan of triangles about its first corner.
+
+Source: the OBJ specification (Wavefront, appendix B1).
+"""
+
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+
+from mesoshell.errors import InputError
+
+FORMATS = (".obj", ".ply", ".glb", ".stl")
+NO_TEXTURE = -1
+
+#: Positions, triangles, and corner UVs (None where no corner has one).
+Arrays = tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "M 3"], Float[np.ndarray, "M 3 2"] | None]
+
+
+def read_mesh(path: str | PathLike[str]) -> Arrays:
+    """The arrays of an OBJ, PLY, GLB or STL file, in float64. Raises InputError, in one line, where there are none."""
+    file = Path(path)
+    kind = file.suffix[1:].upper()
+    if file.is_dir():
+        raise InputError(path, "is a folder, not a mesh file")
+    if not file.exists():
+        raise InputError(path, "no such file")
+    if file.suffix.lower() not in FORMATS:
+        raise InputError(path, f"unknown mesh format '{file.suffix}': use {', '.join(FORMATS)}")
+    try:
+        return read_obj(path) if kind == "OBJ" else read_scene(path)
+    except InputError:
+        raise
+    except Exception as fault:  # each reader of trimesh fails in its own ways
+        said = " ".join(f"{type(fault).__name__}: {fault}".split())
+        raise InputError(path, f"is not a readable {kind} file ({said})") from fault
+
+
+def check_indices(faces: Int[np.ndarray, "M 3"], count: int, source: str | PathLike[str]) -> None:
+    """Raise InputError unless all of them refer to one of `count` vertices."""
+    outside = np.argwhere((faces < 0) | (faces >= count))
+    if len(outside):
+        face, k = outside[0]
+        raise InputError(source, f"face {face} refers to vertex {faces[face, k]}, but there are {count}")
+
+
+def read_scene(path: str | PathLike[str]) -> Arrays:
+    """All triangles of a file that trimesh reads, in world space."""
+    scene = trimesh.load_scene(str(path), process=False)
+    points, faces, uvs, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros((0, 3, 2))], 0
+    for node in scene.graph.nodes_geometry:
+        pose, name = scene.graph[node]
+        part = scene.geometry[name]
+        if not isinstance(part, trimesh.Trimesh):
+            continue
+        corner, position = np.asarray(part.faces, np.int64), np.asarray(part.vertices, np.float64)
+        check_indices(corner, len(position), path)
+        if np.linalg.det(pose[:3, :3]) < 0:
+            corner = corner[:, ::-1]
+        uv = getattr(part.visual, "uv", None)
+        if uv is None or len(uv) != len(position):
+            uv = np.full((len(position), 2), np.nan)
+        uvs.append(np.asarray(uv, np.float64)[:, :2][corner])
+        faces.append(corner + count)
+        points.append(position @ pose[:3, :3].T + pose[:3, 3])
+        count += len(position)
+    return np.concatenate(points), np.concatenate(faces), _or_none(np.concatenate(uvs))
+
+
+def read_obj(path: str | PathLike[str]) -> Arrays:
+    """All polygons of an OBJ file as triangles. Raises InputError that names the line at fault."""
+    points: list[list[float]] = []
+    texture: list[list[float]] = []
+    corners: list[list[tuple[int, int]]] = []
+    lines: list[int] = []
+    text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
+    for number, line in enumerate(text.replace("\\\n", " ").splitlines(), start=1):
+        key, *words = line.split("#", 1)[0].split() or [""]
+        try:
+            if key == "v":
+                points.append(_numbers(words, 3))
+            elif key == "vt":
+                texture.append(_numbers([*words, "0"] if len(words) == 1 else words, 2))
+            elif key == "f":
+                fan = _fan([_corner(word, len(points), len(texture)) for word in words])
+                corners.extend(fan)
+                lines.extend([number] * len(fan))
+        except ValueError as fault:
+            raise InputError(path, f"line {number}: {fault}") from None
+    table = np.array(corners, np.int64).reshape(-1, 3, 2)
+    for kind, index, size in (("vertex", table[..., 0], len(points)), ("texture vertex", table[..., 1], len(texture))):
+        beyond = np.argwhere(index >= size)
+        if len(beyond):
+            face, k = beyond[0]
+            fault = f"line {lines[face]}: face refers to {kind} {index[face, k] + 1}, but there are {size}"
+            raise InputError(path, fault)
+    uv = np.array([*texture, [np.nan, np.nan]])[table[..., 1]]
+    return np.array(points).reshape(-1, 3), table[..., 0], _or_none(uv)
+
+
+def _or_none(uv: Float[np.ndarray, "M 3 2"]) -> Float[np.ndarray, "M 3 2"] | None:
+    return None if np.isnan(uv).all() else uv
+
+
+def _numbers(words: list[str], count: int) -> list[float]:
+    if len(words) < count:
+        raise ValueError(f"needs {count} numbers and has {len(words)}")
+    return [float(word) for word in words[:count]]
+
+
+def _fan(polygon: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+    if len(polygon) < 3:
+        raise ValueError(f"a face needs 3 corners and this one has {len(polygon)}")
+    return [[polygon[0], polygon[k], polygon[k + 1]] for k in range(1, len(polygon) - 1)]
+
+
+def _corner(word: str, points: int, texture: int) -> tuple[int, int]:
+    """`n`, `n/m`, `n//l` or `n/m/l` as indices from 0; a missing m is NO_TEXTURE, which picks the NaN at the end."""
+    n, m, *_ = [*word.split("/"), ""]
+    return _index(n, points, "vertex"), _index(m, texture, "texture vertex") if m else NO_TEXTURE
+
+
+def _index(word: str, size: int, kind: str) -> int:
+    written = int(word)
+    index = written - 1 if written > 0 else written + size
+    if written == 0 or index < 0:
+        raise ValueError(f"face refers to {kind} {written}, but {kind} numbers start at 1 and {size} came before")
+    return index

@@ -1,0 +1,183 @@
+"""Images on disk: OpenEXR for radiance, PNG for looking at (NumPy only; floor 2).
+
+symbol  meaning                                             shape, unit
+H W C   rows (top first), columns, channels: RGB or RGBA    C is 3 or 4
+x       linear value, Rec. 709 primaries                    1 is the display's white
+v       sRGB-encoded value (IEC 61966-2-1)                  [0, 1] for x in [0, 1]
+α       coverage                                            [0, 1]
+
+Alpha is premultiplied everywhere in memory and in EXR (the format's own convention); PNG holds straight alpha.
+Every writer makes the whole file in memory, writes PATH.partial and renames it: PATH is whole or is not there.
+That also keeps encoders from choosing by the suffix, and lets the operating system report a full disk.
+"""
+
+import contextlib
+import io
+import os
+import threading
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from mesoshell.errors import InputError
+
+_EXR_MAGIC = b"\x76\x2f\x31\x01"
+_HALF_MAX = 65504.0
+_HUSH = threading.Lock()
+
+
+def read_exr(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
+    """The data window of the first part of an OpenEXR file, half or float, as (H, W, 3) RGB or (H, W, 4) RGBA.
+
+    Other channels and layers are passed over. NaN and infinity come back as they are. Raises InputError if the file is
+    missing, is not OpenEXR, is corrupt or truncated, or has no full-resolution half or float R, G and B.
+    """
+    data = _read(path)
+    if not data.startswith(_EXR_MAGIC):
+        raise InputError(path, "not an OpenEXR file")
+    planes = _exr_planes(path, data)
+    if not {"R", "G", "B"} <= planes.keys():
+        raise InputError(path, f"has no R, G and B channels (found: {', '.join(map(repr, sorted(planes))) or 'none'})")
+    order = [name for name in "RGBA" if name in planes]
+    for name in order:
+        if planes[name].dtype not in (np.float16, np.float32):
+            raise InputError(path, f"channel {name} holds {planes[name].dtype}; expected half or float")
+        if planes[name].shape != planes["R"].shape:
+            raise InputError(path, f"channel {name} is subsampled; expected full resolution")
+    return np.stack([planes[name].astype(np.float32) for name in order], axis=-1)
+
+
+def write_exr(path: str | PathLike[str], image: Float[np.ndarray, "H W C"], half: bool = True) -> None:
+    """Write linear RGB (H, W, 3) or premultiplied RGBA (H, W, 4) as OpenEXR, lossless ZIP, half or float channels.
+
+    Finite values beyond half's range are written as ±65504; NaN and infinity as they are. Raises InputError if `image`
+    has another shape or the file cannot be written.
+    """
+    import OpenEXR
+
+    pixels = _checked(path, image).astype(np.float32)
+    if half:
+        pixels = np.where(np.isfinite(pixels), np.clip(pixels, -_HALF_MAX, _HALF_MAX), pixels).astype(np.float16)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    stream = io.BytesIO()
+    OpenEXR.File(header, {"RGBA"[: pixels.shape[2]]: np.ascontiguousarray(pixels)}).write(stream)
+    _write(path, stream.getvalue())
+
+
+def read_png(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
+    """What write_png writes: an 8-bit PNG as linear RGB (H, W, 3), or premultiplied RGBA (H, W, 4) if it has alpha.
+
+    Grey and palette images are expanded. Raises InputError if the file is missing, not a PNG, corrupt, or 16-bit grey.
+    """
+    from PIL import Image
+
+    data = _read(path)
+    try:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
+            if picture.mode.startswith("I"):
+                raise InputError(path, "16-bit grey PNG; expected 8 bits a channel")
+            codes = np.asarray(picture.convert("RGBA" if picture.has_transparency_data else "RGB"))
+    except InputError:
+        raise
+    except Exception as error:  # the decoder throws OSError, SyntaxError, ValueError, struct.error, zlib.error, …
+        raise InputError(path, "not a PNG file, or a corrupt one") from error
+    values = codes.astype(np.float32) / np.float32(255)
+    colour = srgb_to_linear(values[..., :3])
+    alpha = values[..., 3:]
+    return np.concatenate([colour * alpha, alpha], axis=-1) if alpha.size else colour
+
+
+def write_png(path: str | PathLike[str], image: Float[np.ndarray, "H W C"]) -> None:
+    """Write linear RGB (H, W, 3) or premultiplied RGBA (H, W, 4) as sRGB, 8 bits a channel, straight alpha.
+
+    Colour is clipped to [0, 1] after the division by alpha; where alpha is 0 it is black. Raises InputError if `image`
+    has another shape or a NaN, or the file cannot be written.
+    """
+    from PIL import Image
+
+    pixels = _checked(path, image).astype(np.float64)
+    if np.isnan(pixels).any():
+        raise InputError(path, "the image to write has NaN pixels")
+    alpha = np.clip(pixels[..., 3:], 0, 1)
+    cover = alpha if alpha.size else np.ones_like(pixels[..., :1])
+    black = np.zeros_like(pixels[..., :3])
+    straight = np.divide(np.clip(pixels[..., :3], 0, cover), cover, out=black, where=cover > 0)
+    values = np.concatenate([linear_to_srgb(straight), alpha], axis=-1)
+    stream = io.BytesIO()
+    Image.fromarray((values * 255 + 0.5).astype(np.uint8)).save(stream, format="PNG")
+    _write(path, stream.getvalue())
+
+
+def linear_to_srgb(x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """sRGB encoding v of linear x; the linear segment goes on below 0 and the power above 1 (no clipping)."""
+    knee = x.dtype.type(0.0031308)
+    return np.where(x <= knee, x * 12.92, 1.055 * np.maximum(x, knee) ** (1 / 2.4) - 0.055)
+
+
+def srgb_to_linear(v: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Linear x of sRGB-encoded v: the inverse of `linear_to_srgb`."""
+    knee = v.dtype.type(0.04045)
+    return np.where(v <= knee, v / 12.92, ((np.maximum(v, knee) + 0.055) / 1.055) ** 2.4)
+
+
+def tonemap(x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """x / (1 + x), what networks and losses see of a radiance; x is finite and not negative, the result in [0, 1]."""
+    return x / (1 + x)
+
+
+def _checked(path: str | PathLike[str], image: np.ndarray) -> np.ndarray:
+    if image.ndim != 3 or image.shape[2] not in (3, 4) or 0 in image.shape:
+        raise InputError(path, f"cannot write an image of shape {image.shape}; expected (H, W, 3) or (H, W, 4)")
+    return image
+
+
+def _exr_planes(path: str | PathLike[str], data: bytes) -> dict[str, np.ndarray]:
+    import OpenEXR
+
+    with _hushed():
+        try:
+            with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
+                return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+        except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError, MemoryError, … by the bad byte
+            raise InputError(path, "corrupt or truncated OpenEXR file") from error
+
+
+@contextlib.contextmanager
+def _hushed() -> Iterator[None]:
+    """Drop what OpenEXR prints: from C on descriptor 2 and through `sys.stdout`, before it raises.
+
+    Both are the whole process's, so one thread at a time: two that overlap would restore each other's silence.
+    """
+    with _HUSH, contextlib.redirect_stdout(io.StringIO()):
+        kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(null, 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(null)
+
+
+def _read(path: str | PathLike[str]) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(path, "no such file") from error
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror}") from error
+
+
+def _write(path: str | PathLike[str], data: bytes) -> None:
+    partial = Path(f"{os.fspath(path)}.partial")
+    try:
+        partial.write_bytes(data)
+        os.replace(partial, path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+        fault = "its folder does not exist" if isinstance(error, FileNotFoundError) else error.strerror
+        raise InputError(path, f"cannot be written: {fault}") from error

@@ -1,0 +1,66 @@
+"""Divisions, norms and exponentials whose values and gradients are finite for every float (floor 1).
+
+Each function works on arrays of any shape and of either precision. The rule is the same everywhere: a `where` whose
+unused branch could produce an infinity first replaces that branch's *input*, so that neither the value nor the
+derivative of the branch not taken can reach the result.
+
+symbol  meaning
+σ       extinction, ≥ 0, possibly infinite
+τ       optical depth σ·length, ≥ 0
+"""
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+#: Largest extinction that enters a product; e^{-1e20·length} is 0 for every length a float32 scene can hold.
+SIGMA_MAX = 1e20
+
+
+def safe_div(a: Float[Array, "..."], b: Float[Array, "..."], fallback: float = 0.0) -> Float[Array, "..."]:
+    """a / b, and `fallback` where b is 0; the gradient there is 0."""
+    zero = b == 0
+    return jnp.where(zero, jnp.asarray(fallback, b.dtype), a / jnp.where(zero, jnp.ones_like(b), b))
+
+
+def safe_sqrt(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """√max(x, 0) with gradient 0, not infinity, at and below 0."""
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, jnp.ones_like(x))), jnp.zeros_like(x))
+
+
+def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
+    """Euclidean length over the last axis; gradient 0 at the zero vector. Scaled, so 1e±30 neither over- nor underflows."""
+    largest = jnp.max(jnp.abs(x), axis=-1)
+    scale = jnp.where((largest > 0) & jnp.isfinite(largest), largest, jnp.ones_like(largest))
+    return scale * safe_sqrt(jnp.sum(jnp.square(x / scale[..., None]), axis=-1))
+
+
+def normalise(x: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:
+    """x / |x|, and the zero vector for the zero vector."""
+    return safe_div(x, jnp.broadcast_to(norm(x)[..., None], x.shape))
+
+
+def optical_depth(sigma: Float[Array, "..."], length: Float[Array, "..."]) -> Float[Array, "..."]:
+    """τ = σ·length with σ held below SIGMA_MAX, so that an infinite σ over no length is no NaN."""
+    return jnp.minimum(sigma, jnp.asarray(SIGMA_MAX, sigma.dtype)) * length
+
+
+def opacity(tau: Float[Array, "..."]) -> Float[Array, "..."]:
+    """1 − e^{−τ} without cancellation for small τ."""
+    return -jnp.expm1(-tau)
+
+
+def attenuated_length(sigma: Float[Array, "..."], t: Float[Array, "..."]) -> Float[Array, "..."]:
+    """∫₀ᵗ e^{−σs} ds = (1 − e^{−σt})/σ, and t at σ = 0; finite with finite gradients for σ in [0, ∞]."""
+    sigma = jnp.minimum(sigma, jnp.asarray(SIGMA_MAX, sigma.dtype))
+    tau = sigma * t
+    small = tau < jnp.asarray(1e-3, tau.dtype)
+    series = t * (1 - tau * (0.5 - tau * (1 / 6 - tau / 24)))
+    exact = opacity(tau) / jnp.where(small, jnp.ones_like(sigma), sigma)
+    return jnp.where(small, series, exact)
+
+
+def softplus(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """log(1 + eˣ) as max(x, 0) + log1p(e^{−|x|}): no overflow at ±1e4, gradient in [0, 1]."""
+    return jnp.maximum(x, jnp.zeros_like(x)) + jnp.log1p(jnp.exp(-jnp.abs(x)))

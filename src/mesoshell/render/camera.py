@@ -1,0 +1,68 @@
+"""Pinhole cameras: rays, and the cone of a pixel.
+
+Alphabet
+M           camera to world, 4 × 4; the camera looks along −z, x to the right, y up (OpenGL and Blender)
+fov         full vertical field of view, radians
+(x, y)      pixel coordinates, (0, 0) at the image's upper left corner; centres at + 0.5
+spread      tangent of the angle one pixel subtends at the centre of the image: pixel width per unit distance
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera. Raises ValueError for a size or a field of view that no camera has."""
+
+    to_world: Float[np.ndarray, "4 4"]
+    fov: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        if not (0 < self.fov < np.pi) or self.width < 1 or self.height < 1 or not np.isfinite(self.to_world).all():
+            raise ValueError(f"no such camera: fov {self.fov}, size {self.width} x {self.height}")
+
+    @property
+    def spread(self) -> float:
+        return 2 * np.tan(self.fov / 2) / self.height
+
+
+def look_at(eye: tuple, target: tuple, up: tuple = (0.0, 1.0, 0.0)) -> Float[np.ndarray, "4 4"]:
+    """Camera-to-world matrix of a camera at `eye` that looks at `target` with `up` upward in the image."""
+    eye_, target_, up_ = (np.asarray(v, np.float64) for v in (eye, target, up))
+    back = eye_ - target_
+    length = np.linalg.norm(back)
+    if not length > 0:
+        raise ValueError("eye and target are the same point")
+    back /= length
+    if np.linalg.norm(np.cross(up_, back)) < 1e-9 * np.linalg.norm(up_):  # straight up or down: any other up will do
+        up_ = np.array([0.0, 0.0, -1.0]) if abs(back[1]) > 0.5 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(up_, back)
+    right /= np.linalg.norm(right)
+    m = np.eye(4)
+    m[:3, :4] = np.stack([right, np.cross(back, right), back, eye_], axis=1)
+    return m
+
+
+def rays(
+    camera: Camera, xy: Float[np.ndarray, "R 2"]
+) -> tuple[Float[np.ndarray, "R 3"], Float[np.ndarray, "R 3"]]:
+    """Origins and unit directions through the image points `xy`, in float64, (R, 3) each."""
+    x = (xy[:, 0] - camera.width / 2) * camera.spread
+    y = (camera.height / 2 - xy[:, 1]) * camera.spread
+    local = np.stack([x, y, -np.ones_like(x)], axis=1)
+    directions = local @ camera.to_world[:3, :3].T
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.broadcast_to(camera.to_world[:3, 3], directions.shape), directions
+
+
+def pixel_grid(camera: Camera, samples: int, sample: int) -> Float[np.ndarray, "R 2"]:
+    """Image points of sample `sample` of `samples` in every pixel, row by row: centres for one, else an R2 lattice."""
+    golden = 1.324717957244746  # plastic number: the R2 sequence covers the square evenly for any count
+    offset = np.array([0.5, 0.5]) if samples == 1 else (0.5 + sample * np.array([1 / golden, 1 / golden**2])) % 1.0
+    y, x = np.mgrid[: camera.height, : camera.width]
+    return np.stack([x.ravel() + offset[0], y.ravel() + offset[1]], axis=1).astype(np.float64)

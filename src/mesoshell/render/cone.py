@@ -1,0 +1,39 @@
+"""A pixel's cone, and the Gaussian of one piece of it (Barron et al. 2021, equations 7 and 8).
+
+Alphabet
+t0, t1      ends of the piece along the ray, 0 ≤ t0 ≤ t1                      world
+μ, δ        its middle and half length
+ṙ           radius of the cone at distance 1 (a box pixel of width w: w·2/√12)
+σ_t², σ_r²  variance along the ray, and across it (each of two axes)           world²
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from mesoshell.numerics import safe_div
+from mesoshell.typing import Scalar
+
+
+class ConeGaussian(NamedTuple):
+    """Mean distance and the two variances of the uniform density in a conical frustum."""
+
+    mean: Scalar
+    along: Scalar
+    across: Scalar
+
+
+def cone_gaussian(t0: Scalar, t1: Scalar, radius: Scalar) -> ConeGaussian:
+    """Moments of a frustum in their stable form: exact as t1 → t0 and at t0 = 0; variances are never negative."""
+    mu, delta = (t0 + t1) / 2, (t1 - t0) / 2
+    squares = 3 * mu * mu + delta * delta
+    share = safe_div(delta * delta, squares)  # in [0, 1]: keeps every power below in range
+    mean = mu + 2 * mu * share
+    along = delta * delta / 3 - 4 / 15 * share * share * (12 * mu * mu - delta * delta)
+    across = radius * radius * (mu * mu / 4 + 5 / 12 * delta * delta - 4 / 15 * delta * delta * share)
+    return ConeGaussian(mean, jnp.maximum(along, 0), jnp.maximum(across, 0))
+
+
+def pixel_radius(spread: float) -> float:
+    """ṙ of a box pixel that subtends `spread`: the disc whose variance is the box's, w²/12 an axis."""
+    return spread * 2 / 12**0.5

@@ -1,0 +1,136 @@
+"""Feature pyramids and their filtered lookup, in two dimensions and in one.
+
+Alphabet
+F           features, level 0 first; each level the box average of 2 × 2 texels (2 in 1D) of the one before
+(u, v)      texture coordinates in patches; the texture covers one patch and wraps around; v grows along axis 0
+h           height in [0, 1]; the height feature is clamped at its ends
+λ           level, 0 = finest; level = max(0, log2(2r · texel_density)), r one standard deviation of the footprint in patches
+C           channels
+
+A lookup costs as much as the network that follows it, and nearly all of that is gathering. So each level is stored as
+*neighbourhoods*: row (y, x) holds the four texels (y, x), (y, x+1), (y+1, x), (y+1, x+1), wrapped, side by side. A
+trilinear lookup then gathers two wide rows in place of eight narrow ones. Values lie at texel centres.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mesoshell.typing import Array, Float, Scalar, Vec2
+
+
+class Pyramid(NamedTuple):
+    """Neighbourhood rows of all levels, finest first: (ΣH_l·W_l, 4C) in 2D, (ΣR_l, 2C) in 1D. Sizes are static."""
+
+    rows: Float[Array, "T K"]
+
+
+#: Sizes (H, W) of a pyramid's levels: static, so that they are constants of the compiled program.
+Sizes = tuple[tuple[int, int], ...]
+
+
+def level_sizes(height: int, width: int) -> Sizes:
+    """(H, W) of each level down to 1 × 1, halving (at least 1)."""
+    sizes = [(height, width)]
+    while sizes[-1] != (1, 1):
+        sizes.append((max(1, sizes[-1][0] // 2), max(1, sizes[-1][1] // 2)))
+    return tuple(sizes)
+
+
+def build(feature: Float[Array, "H W C"]) -> list[Float[Array, "_h _w C"]]:
+    """All levels of a 2D pyramid by box averages. H and W are powers of two. A 1D feature (R, C) goes in as (R, 1, C)."""
+    levels = [feature]
+    for h, w in level_sizes(*feature.shape[:2])[1:]:
+        last = levels[-1]
+        levels.append(last.reshape(h, last.shape[0] // h, w, last.shape[1] // w, -1).mean(axis=(1, 3)))
+    return levels
+
+
+def pack(levels: list[Float[Array, "_h _w C"]]) -> Pyramid:
+    """Neighbourhood rows of a wrapping 2D pyramid."""
+    rows = []
+    for level in levels:
+        right = jnp.roll(level, -1, axis=1)
+        both = jnp.concatenate([level, right], axis=-1)
+        four = jnp.concatenate([both, jnp.roll(both, -1, axis=0)], axis=-1)
+        rows.append(four.reshape(-1, four.shape[-1]))
+    return Pyramid(jnp.concatenate(rows))
+
+
+def pack_height(levels: list[Float[Array, "_r 1 C"]]) -> Pyramid:
+    """Neighbourhood rows of a clamped 1D pyramid: row i holds texels i and min(i + 1, R − 1)."""
+    rows = []
+    for level in levels:
+        flat = level[:, 0]
+        above = jnp.concatenate([flat[1:], flat[-1:]])
+        rows.append(jnp.concatenate([flat, above], axis=-1))
+    return Pyramid(jnp.concatenate(rows))
+
+
+def level_of(radius: Scalar, texel_density: float, last: int) -> Scalar:
+    """Level at which a texel is as wide as the footprint's ±1 standard deviation; NaN counts as 0, infinity as the last."""
+    width = 2 * radius * texel_density
+    finite = jnp.clip(jnp.where(jnp.isnan(width), 1.0, width), 1.0, 2.0**last)
+    return jnp.log2(finite)
+
+
+def _split(level: Scalar, last: int) -> tuple[Array, Scalar]:
+    """Lower level as an integer, and the fraction toward the next."""
+    level = jnp.clip(jnp.where(jnp.isnan(level), 0.0, level), 0, last)
+    lower = jnp.floor(level)
+    return lower.astype(jnp.int32), level - lower
+
+
+def lookup(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar) -> Float[Array, "C"]:
+    """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32."""
+    last = len(sizes) - 1
+    lower, fraction = _split(level, last)
+    return (1 - fraction) * _bilinear(pyramid, sizes, uv, lower) + fraction * _bilinear(
+        pyramid, sizes, uv, jnp.minimum(lower + 1, last)
+    )
+
+
+def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[Array, "C"]:
+    offsets, shapes = _tables(sizes)
+    h, w = shapes[level]
+    wrapped = uv - jnp.floor(uv)  # first: whole patches must not cost precision
+    x, y = wrapped[0] * w.astype(uv.dtype) - 0.5, wrapped[1] * h.astype(uv.dtype) - 0.5
+    xi, yi = jnp.floor(x), jnp.floor(y)
+    fx, fy = x - xi, y - yi
+    row = offsets[level] + jnp.mod(yi.astype(jnp.int32), h) * w + jnp.mod(xi.astype(jnp.int32), w)
+    f = pyramid.rows[row].astype(jnp.float32)
+    c = f.shape[0] // 4
+    low = (1 - fx) * f[:c] + fx * f[c : 2 * c]
+    high = (1 - fx) * f[2 * c : 3 * c] + fx * f[3 * c :]
+    return (1 - fy) * low + fy * high
+
+
+def lookup_height(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Scalar) -> Float[Array, "C"]:
+    """Bilinear F(h) in height and level, as float32. `sizes` has rows (R, 1)."""
+    last = len(sizes) - 1
+    lower, fraction = _split(level, last)
+    return (1 - fraction) * _linear(pyramid, sizes, h, lower) + fraction * _linear(
+        pyramid, sizes, h, jnp.minimum(lower + 1, last)
+    )
+
+
+def _linear(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Array) -> Float[Array, "C"]:
+    offsets, shapes = _tables(sizes)
+    rows = shapes[level, 0]
+    z = jnp.clip(h * rows.astype(h.dtype) - 0.5, 0, (rows - 1).astype(h.dtype))
+    zi = jnp.floor(z)
+    f = pyramid.rows[offsets[level] + zi.astype(jnp.int32)].astype(jnp.float32)
+    c = f.shape[0] // 2
+    return (1 - (z - zi)) * f[:c] + (z - zi) * f[c:]
+
+
+def _tables(sizes: Sizes) -> tuple[Array, Array]:
+    shapes = np.array(sizes, np.int32)
+    offsets = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))[:-1]]).astype(np.int32)
+    return jnp.asarray(offsets), jnp.asarray(shapes)
+
+
+lookup_many = jax.vmap(lookup, in_axes=(None, None, 0, 0))
+lookup_height_many = jax.vmap(lookup_height, in_axes=(None, None, 0, 0))

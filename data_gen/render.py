@@ -6,14 +6,18 @@ Alphabet
     E⊥        `irradiance` of a row: RGB, linear Rec. 709, on the plane that faces the light
     coverage  the box's side over the frame's width, at the distance of the box's centre
 
-Exit status: 0 when every image asked for exists; 2, with one line that names the fault, on unusable input.
+Exit status: 0 when every image asked for exists; 2, with one line that names the fault, on unusable input or a
+folder that cannot be written; 130 when interrupted, after the image in hand.  A coverage above 2.5 would put the
+camera inside the box.
 An interrupted run is continued by the same command; a longer one by a larger --count.
 """
 
 import argparse
+import signal
 import sys
+import threading
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn, TextIO
 
 from data_gen import grass, sample
 from data_gen.dataset import Dataset, UnusableInput
@@ -21,8 +25,18 @@ from data_gen.progress import Progress, take_standard_output
 from data_gen.recipe import Recipe
 
 SCHEMA = 1
+INTERRUPTED = 130
 RECIPES = {recipe.name: recipe for recipe in (grass.RECIPE,)}
 SMALLEST_COVERAGE, LARGEST_COVERAGE = 1e-3, 2.5
+
+
+class Work(NamedTuple):
+    """What the images of one run share. `out` takes the progress lines."""
+
+    options: argparse.Namespace
+    drawer: sample.Drawer
+    dataset: Dataset
+    out: TextIO
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -124,7 +138,7 @@ def row(drawn: sample.Sample, size: int, irradiance: float) -> dict:
     }
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> int:
     check(options)
     recipe = RECIPES[options.recipe]
     fixed = fixed_parameters(recipe, options.param)
@@ -134,26 +148,40 @@ def run(options: argparse.Namespace) -> None:
     missing = [index for index in indices if index not in dataset.done]
     out = take_standard_output()
     out.write(f"{options.out}: {len(indices) - len(missing)} images exist, {len(missing)} to render\n")
-    if not missing:
-        return
+    return shoot_all(Work(options, drawer, dataset, out), missing) if missing else 0
+
+
+def shoot_all(work: Work, indices: list[int]) -> int:
+    """Render the samples in turn.  Returns the exit status."""
     from data_gen import studio
 
-    progress = Progress(len(missing), out)
-    camera = studio.Studio(recipe, options.size, options.spp, options.threads)
-    for index in missing:
-        drawn = drawer.draw(index)
-        camera.shoot(drawn, dataset.partial(index))
-        dataset.finish(index, row(drawn, options.size, studio.SUN))
+    stop = asked_to_stop()
+    progress = Progress(len(indices), work.out)
+    camera = studio.Studio(work.drawer.recipe, work.options.size, work.options.spp, work.options.threads)
+    for index in indices:
+        drawn = work.drawer.draw(index)
+        camera.shoot(drawn, work.dataset.partial(index))
+        work.dataset.finish(index, row(drawn, work.options.size, studio.SUN))
         progress.step()
+        if stop.is_set():
+            return INTERRUPTED
+    return 0
+
+
+def asked_to_stop() -> threading.Event:
+    """Set on an interrupt.  An exception would end an image halfway inside Blender, which saves it all the same."""
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    return stop
 
 
 def main() -> int:
     try:
-        run(parser().parse_args())
-    except UnusableInput as fault:
+        return run(parser().parse_args())
+    except (UnusableInput, OSError) as fault:
         print(f"data_gen.render: {fault}", file=sys.stderr)
         return 2
-    return 0
 
 
 if __name__ == "__main__":

@@ -43,10 +43,14 @@ class Studio:
         self.set_parameters = recipe.build()
 
     def shoot(self, sample: Sample, path: Path) -> None:
+        """Raises `OSError` if Blender cannot write the file."""
         self._pose(sample.camera_to_world, sample.light, sample.parameters)
         self.scene.cycles.seed = sample.cycles_seed
         self.scene.render.filepath = str(path.resolve())
-        bpy.ops.render.render(write_still=True)
+        try:
+            bpy.ops.render.render(write_still=True)
+        except RuntimeError as error:
+            raise OSError(f"{path}: not rendered: {str(error).splitlines()[0]}") from error
 
     def _pose(self, camera_to_world: np.ndarray, light: np.ndarray, parameters: Mapping[str, float]) -> None:
         self.camera.matrix_world = mathutils.Matrix(camera_to_world.tolist())

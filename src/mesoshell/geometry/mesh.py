@@ -9,20 +9,20 @@ index       in notes and errors, a vertex or triangle of the file, counted from 
 Frame: the file's own axes and unit. Float64 inside, float32 out.
 Positions are welded when they are the same bits in float32 (−0 is 0). A triangle whose height is at most 1e-9 of its
 longest edge counts as zero-area and is dropped: above that bound its normal, from float64 differences of float32
-positions, is good to 1e-6. UV unwrapping is xatlas's.
+positions, is good to 1e-6.
 """
 
 from dataclasses import dataclass
 from os import PathLike
 
 import numpy as np
-import xatlas
 from jaxtyping import Bool, Float, Int
 
 from mesoshell.errors import InputError
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.read import check_indices, read_mesh
 from mesoshell.geometry.topology import agree, inside_out, pair_edges
+from mesoshell.geometry.unwrap import unwrap
 
 LEAST_HEIGHT = 1e-9
 
@@ -63,16 +63,11 @@ def check_mesh(
         uv[flip] = uv[flip][:, [0, 2, 1]]
     used, corner = np.unique(faces, return_inverse=True)
     points, faces = points[used], corner.reshape(-1, 3).astype(np.int32)
-    uv, said = _check_uv(points, faces, uv, kept)
+    uv, said = _check_uv(points, faces, uv, kept, source)
     normals, turned = vertex_normals(points.astype(np.float64), faces)
     if turned:
         said.append(f"normals of {counted(turned, 'vertex', 'vertices')} turned to point out of every face around")
     return Mesh(points, faces, uv, normals.astype(np.float32), (*notes, *said))
-
-
-def unwrap(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 3 2"]:
-    """Corner UVs in the unit square from xatlas: no chart mirrored, one scale in u and v."""
-    return _atlas(vertices, faces)[0]
 
 
 def bounding_box(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
@@ -144,7 +139,9 @@ def _wind(
         f, k = crowded[0]
         number = round((1 / edges.crowd[edges.crowd > 2]).sum())
         where = f"first: vertices {faces[f, k]}, {faces[f, (k + 1) % 3]}"
-        notes.append(f"{counted(number, 'edge')} with more than two faces: treated as a border ({where})")
+        notes.append(
+            f"{counted(number, 'edge')} with more than two faces: a border, but between faces of one surface ({where})"
+        )
     if winding.flip.any():
         notes.append(f"winding of {counted(winding.flip.sum(), 'face')} flipped to agree with the neighbours")
     if winding.one_sided.any():
@@ -164,34 +161,24 @@ def _check_uv(
     faces: Int[np.ndarray, "F 3"],
     uv: Float[np.ndarray, "F 3 2"] | None,
     kept: Int[np.ndarray, "F"],
+    source: str,
 ) -> tuple[Float[np.ndarray, "F 3 2"], list[str]]:
     """The UVs if they can be used, else an unwrapping; `kept` are the faces' indices in the file."""
     wild = np.zeros(0, np.int64) if uv is None else np.flatnonzero(~np.isfinite(uv).all(axis=(1, 2)))
+    fault, said = "", []
     if uv is None:
         fault = "no UVs"
     elif len(wild):
         fault = f"{counted(len(wild), 'face')} without finite UVs (first: index {kept[wild[0]]})"
     elif not _doubled_areas(uv).any():
         fault = "UVs without area"
-    else:
-        flat = np.flatnonzero(_doubled_areas(uv) == 0)
-        return uv, [f"{counted(len(flat), 'face')} without area in UV (first: index {kept[flat[0]]})"] if len(
-            flat
-        ) else []
-    made, charts = _atlas(points, faces)
-    return made, [f"{fault}: unwrapped with xatlas into {counted(charts, 'chart')}"]
-
-
-def _atlas(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> tuple[Float[np.ndarray, "F 3 2"], int]:
-    chart, pack = xatlas.ChartOptions(), xatlas.PackOptions()
-    chart.fix_winding = True
-    pack.rotate_charts = False  # xatlas rotates by exchanging u and v, which mirrors
-    atlas = xatlas.Atlas()
-    atlas.add_mesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32))
-    atlas.generate(chart, pack)
-    _, corner, uv = atlas[0]
-    size = np.array([atlas.width, atlas.height], np.float64)
-    return (uv[corner] * (size / size.max())).astype(np.float32), atlas.chart_count
+    if uv is None or fault:
+        uv, charts = unwrap(points, faces, source)
+        said.append(f"{fault}: unwrapped with xatlas into {counted(charts, 'chart')}")
+    flat = np.flatnonzero(_doubled_areas(uv) == 0)
+    if len(flat):
+        said.append(f"{counted(len(flat), 'face')} without area in UV (first: index {kept[flat[0]]})")
+    return uv, said
 
 
 def _doubled_areas(corner: Float[np.ndarray, "F 3 D"]) -> Float[np.ndarray, "F"]:

@@ -66,7 +66,7 @@ def read_scene(path: str | PathLike[str]) -> Arrays:
         part = scene.geometry[name]
         if not isinstance(part, trimesh.Trimesh):
             continue
-        corner, position = np.asarray(part.faces, np.int64), np.asarray(part.vertices, np.float64)
+        corner, position = np.asarray(part.faces, np.int64).reshape(-1, 3), np.asarray(part.vertices, np.float64)
         check_indices(corner, len(position), path)
         if np.linalg.det(pose[:3, :3]) < 0:
             corner = corner[:, ::-1]

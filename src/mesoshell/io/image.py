@@ -7,8 +7,7 @@ v       sRGB-encoded value (IEC 61966-2-1)                  [0, 1] for x in [0, 
 α       coverage                                            [0, 1]
 
 Alpha is premultiplied everywhere in memory and in EXR (the format's own convention); PNG holds straight alpha.
-Every writer makes the whole file in memory, writes PATH.partial and renames it: PATH is whole or is not there.
-That also keeps encoders from choosing by the suffix, and lets the operating system report a full disk.
+Every writer makes the whole file in memory and hands it to `replace_file`: no half-written image is ever left.
 """
 
 import contextlib
@@ -17,12 +16,12 @@ import os
 import threading
 from collections.abc import Iterator
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float32
 
 from mesoshell.errors import InputError
+from mesoshell.io.whole import read_file, replace_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HALF_MAX = 65504.0
@@ -35,7 +34,7 @@ def read_exr(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
     Other channels and layers are passed over. NaN and infinity come back as they are. Raises InputError if the file is
     missing, is not OpenEXR, is corrupt or truncated, or has no full-resolution half or float R, G and B.
     """
-    data = _read(path)
+    data = read_file(path)
     if not data.startswith(_EXR_MAGIC):
         raise InputError(path, "not an OpenEXR file")
     planes = _exr_planes(path, data)
@@ -64,7 +63,7 @@ def write_exr(path: str | PathLike[str], image: Float[np.ndarray, "H W C"], half
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     stream = io.BytesIO()
     OpenEXR.File(header, {"RGBA"[: pixels.shape[2]]: np.ascontiguousarray(pixels)}).write(stream)
-    _write(path, stream.getvalue())
+    replace_file(path, stream.getvalue())
 
 
 def read_png(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
@@ -74,7 +73,7 @@ def read_png(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
     """
     from PIL import Image
 
-    data = _read(path)
+    data = read_file(path)
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
             if picture.mode.startswith("I"):
@@ -108,7 +107,7 @@ def write_png(path: str | PathLike[str], image: Float[np.ndarray, "H W C"]) -> N
     values = np.concatenate([linear_to_srgb(straight), alpha], axis=-1)
     stream = io.BytesIO()
     Image.fromarray((values * 255 + 0.5).astype(np.uint8)).save(stream, format="PNG")
-    _write(path, stream.getvalue())
+    replace_file(path, stream.getvalue())
 
 
 def linear_to_srgb(x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -160,24 +159,3 @@ def _hushed() -> Iterator[None]:
             os.dup2(kept, 2)
             os.close(kept)
             os.close(null)
-
-
-def _read(path: str | PathLike[str]) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(path, "no such file") from error
-    except OSError as error:
-        raise InputError(path, f"cannot be read: {error.strerror}") from error
-
-
-def _write(path: str | PathLike[str], data: bytes) -> None:
-    partial = Path(f"{os.fspath(path)}.partial")
-    try:
-        partial.write_bytes(data)
-        os.replace(partial, path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            partial.unlink()
-        fault = "its folder does not exist" if isinstance(error, FileNotFoundError) else error.strerror
-        raise InputError(path, f"cannot be written: {fault}") from error

@@ -50,12 +50,19 @@ class Trace(NamedTuple):
 
 
 class Boundary:
-    """A shell ready to be traced. opaque: whether the base surface stops rays (in a training slab it does not).
+    """A shell ready to be traced.
 
-    base_vertices, base_faces: the mesh under the shell, including faces that carry no prism.
+    base_faces: faces of the surface underneath, also those that carry no prism. others: triangles of further objects; they
+    are numbered after base_faces. opaque: whether the surface underneath stops rays (in a training slab it does not).
     """
 
-    def __init__(self, shell: Shell, base_faces: Int[np.ndarray, "F 3"], opaque: bool = True):
+    def __init__(
+        self,
+        shell: Shell,
+        base_faces: Int[np.ndarray, "F 3"],
+        others: Float[np.ndarray, "N 3 3"] | None = None,
+        opaque: bool = True,
+    ):
         self.prisms = as_tables(shell.base, shell.offset, shell.faces, shell.neighbour, shell.neighbour_edge)
         self.mesh_face = shell.mesh_face
         self.opaque = opaque
@@ -66,6 +73,9 @@ class Boundary:
             stands[shell.mesh_face] = np.arange(count)
             here = np.arange(len(base_faces))
             parts.append((shell.base[base_faces], stands, np.full(len(base_faces), BASE), here))
+        if others is not None and len(others):
+            none, here = np.full(len(others), -1), len(base_faces) + np.arange(len(others))
+            parts.append((others, none, np.full(len(others), BASE), here))
         p, k = np.nonzero(shell.neighbour < 0)
         if len(p):
             foot = shell.base[np.stack([shell.faces[p, k], shell.faces[p, (k + 1) % 3]], axis=1)]
@@ -82,6 +92,10 @@ class Boundary:
         self.centre = self.corners.mean(axis=(0, 1))  # Embree works in float32: keep its numbers small
         self.scene = EmbreeScene()
         TriangleMesh(self.scene, np.ascontiguousarray(self.corners - self.centre, np.float32))
+        self.solid = None
+        if (self.code == BASE).any():
+            self.solid = EmbreeScene()
+            TriangleMesh(self.solid, np.ascontiguousarray((self.corners - self.centre)[self.code == BASE], np.float32))
 
     def first_hit(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Triangle met first (−1: none), and its distance refined in float64 on the triangle's plane."""
@@ -95,17 +109,10 @@ class Boundary:
         return triangle, np.where(triangle < 0, np.inf, np.where(close, exact, rough))
 
     def occluded(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> Bool[np.ndarray, "R"]:
-        """Whether the base surface blocks a ray: first hits that are not on it are passed through."""
-        blocked = np.zeros(len(o), bool)
-        o, alive = o.copy(), np.arange(len(o))
-        while len(alive):
-            triangle, t = self.first_hit(o[alive], d[alive])
-            on_base = (triangle >= 0) & (self.code[triangle] == BASE)
-            blocked[alive[on_base]] = True
-            goes_on = (triangle >= 0) & ~on_base
-            alive, t = alive[goes_on], t[goes_on]
-            o[alive] += (np.maximum(t, 0) + ADVANCE * (self.size + t))[:, None] * d[alive]
-        return blocked
+        """Whether a surface (not the shell) blocks a ray."""
+        if self.solid is None or not len(o):
+            return np.zeros(len(o), bool)
+        return self.solid.run((o - self.centre).astype(np.float32), d.astype(np.float32), query="OCCLUDED") >= 0
 
     def trace(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], exact: bool = False) -> Trace:
         """Every interval of every ray. A ray that is not finite, or has no direction, misses. exact: all in float64."""

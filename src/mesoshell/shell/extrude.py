@@ -14,9 +14,9 @@ g_i(h) = ε |E₁ × E₂| |o_i| is the greatest such s: exact, and both test (x
 vertices are lowered to x times the greatest thickness among them (what is below stays); this tilts its neighbours, so
 the test is repeated wherever something moved.
 
-Surfaces that touch in a vertex or along an edge of more than two faces have posts of their own there: one average of
-their normals would lie below some of their faces. A prism that is free of folds can still meet another one elsewhere (thick fur in a narrow crease): rays take the first.
-Float64 inside, on the float32 offsets that come out.
+Surfaces that touch at a vertex, or along an edge of more than two faces, have posts of their own there: one average of
+their normals would lie below some of their faces. A prism free of folds can still meet another one elsewhere (thick fur
+in a narrow crease): rays take the first. Float64 inside, on the float32 offsets that come out.
 """
 
 from dataclasses import dataclass
@@ -178,7 +178,7 @@ def _patches(stretch: float, scale: float) -> tuple[float, list[str]]:
     if abs(exact / patches - 1) <= SAID_CHANGE:
         return patches, []
     size = f"patches are {stretch / patches:.3g} wide, not {scale:.3g}"
-    return patches, [f"{size}, so that {patches:.0f} fit into one UV unit without a seam"]
+    return patches, [f"{size}, so that a UV unit holds a whole number of them ({patches:.0f})"]
 
 
 def _check_thickness(thickness: float | Float[np.ndarray, "V"], count: int) -> Float[np.ndarray, "V"]:

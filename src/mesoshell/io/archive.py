@@ -1,0 +1,82 @@
+"""Arrays in a zip, numpy.savez_compressed's layout, read without trust (standard library and NumPy only; floor 2).
+
+Member KEY.npy holds array KEY in npy format 1.0. A head is an array's shape and type: what can be checked before data
+are unpacked. Memory follows the bytes that are in the file and not the sizes that it claims; pickles are refused.
+Equal arrays make equal files: order, time stamps and flags are fixed (the bytes may differ between versions of zlib).
+"""
+
+import contextlib
+import io
+import math
+import zipfile
+from collections.abc import Iterable, Iterator
+from os import PathLike
+
+import numpy as np
+
+from mesoshell.errors import InputError
+from mesoshell.io.whole import replace_file
+
+Head = tuple[tuple[int, ...], np.dtype]
+
+_NPY = b"\x93NUMPY\x01\x00"
+
+
+def read_heads(path: str | PathLike[str]) -> dict[str, Head]:
+    """Shape and type of every array. Raises InputError if the file is missing, not a zip, truncated or damaged."""
+    with _opened(path) as file:
+        heads = {info.filename.removesuffix(".npy"): _head(path, file, info) for info in file.infolist()}
+        if len(heads) < len(file.infolist()):
+            raise InputError(path, "holds two arrays of one name")
+    return heads
+
+
+def read_arrays(path: str | PathLike[str], keys: Iterable[str]) -> dict[str, np.ndarray]:
+    """The arrays of these keys, new and writable. Raises InputError as `read_heads`, or if a checksum is wrong."""
+    with _opened(path) as file:
+        return {key: _unpacked(file, f"{key}.npy") for key in keys}
+
+
+def write_arrays(path: str | PathLike[str], arrays: dict[str, np.ndarray]) -> None:
+    """Write the arrays in the order given, through PATH.partial. Raises InputError if the file cannot be written."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as file:
+        for key, array in arrays.items():
+            member = io.BytesIO()
+            np.lib.format.write_array(member, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
+            info = zipfile.ZipInfo(f"{key}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            info.compress_type, info.create_system, info.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
+            file.writestr(info, member.getvalue())
+    replace_file(path, stream.getvalue())
+
+
+@contextlib.contextmanager
+def _opened(path: str | PathLike[str]) -> Iterator[zipfile.ZipFile]:
+    try:
+        with zipfile.ZipFile(path) as file:
+            yield file
+    except InputError:
+        raise
+    except FileNotFoundError as error:
+        raise InputError(path, "no such file") from error
+    except (PermissionError, IsADirectoryError) as error:
+        raise InputError(path, f"cannot be read: {error.strerror}") from error
+    except Exception as error:  # zipfile, zlib and NumPy's parser throw a dozen types, by the byte that is wrong
+        raise InputError(path, "not a zip file, or a truncated or damaged one") from error
+
+
+def _head(path: str | PathLike[str], file: zipfile.ZipFile, info: zipfile.ZipInfo) -> Head:
+    with file.open(info) as stream:
+        if not info.filename.endswith(".npy") or stream.read(len(_NPY)) != _NPY:
+            raise InputError(path, f"member {info.filename!r} is not an array (.npy, format 1.0)")
+        shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+        if stream.tell() + math.prod(shape) * dtype.itemsize != info.file_size:
+            raise InputError(path, f"member {info.filename!r} is not as long as its shape and type say")
+    return shape, dtype
+
+
+def _unpacked(file: zipfile.ZipFile, name: str) -> np.ndarray:
+    data = file.read(name)
+    if len(data) != file.getinfo(name).file_size:
+        raise zipfile.BadZipFile
+    return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)

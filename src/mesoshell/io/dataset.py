@@ -1,0 +1,252 @@
+"""Reading of a dataset folder: manifest.json, samples.jsonl (one row a sample) and images/NAME.exr (NumPy only; floor 2).
+
+symbol           meaning                                                       shape, unit, frame
+camera_to_world  rigid; the camera looks along −z, y up                        (4, 4), canonical (the unit box) / camera
+fov              angle of view across the width                                radians
+radius           distance of the camera from the box's centre                  patches
+light            unit direction toward the light (ω′)                          (3,), canonical
+irradiance       E⊥ on the plane that faces the light                          (3,), linear Rec. 709
+size             (W, H) of the image                                           pixels
+image            premultiplied linear RGBA, rows from the top                  (H, W, 4)
+
+Rows may stand in any order (several processes append them) and may be fewer than the manifest's `count` while a dataset
+is being made: `read_dataset` sorts what is there, `check_dataset` reports what is not. Fields beyond those here are free.
+"""
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from mesoshell.errors import InputError
+from mesoshell.io.image import read_exr
+from mesoshell.io.whole import read_file
+
+SCHEMA = 1
+_MANIFEST = "recipe version field_of_view parameters radius_range size samples_per_pixel seed count".split()
+_PARAMETER = "role range default unit meaning".split()
+
+#: field of a row: (shape, what it must be, the test)
+_NUMBERS: dict[str, tuple[tuple[int, ...], str, Callable[[np.ndarray], Any]]] = {
+    "index": ((), "a whole number, 0 or more", lambda x: x >= 0 and x == np.floor(x)),
+    "seed": ((), "a number", lambda x: True),
+    "size": ((2,), "[W, H] in whole pixels", lambda x: (x >= 1).all() and (x == np.floor(x)).all()),
+    "camera_to_world": ((4, 4), "4 × 4 numbers that end in 0 0 0 1", lambda x: (x[3] == (0, 0, 0, 1)).all()),
+    "fov": ((), "an angle between 0 and π", lambda x: 0 < x < math.pi),
+    "radius": ((), "a number above 0", lambda x: x > 0),
+    "light": ((3,), "a unit vector", lambda x: abs(np.linalg.norm(x) - 1) < 1e-4),
+    "irradiance": ((3,), "three numbers, 0 or more", lambda x: (x >= 0).all()),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One image and how it was made. file is the image's path; parameters are in their units, not normalised."""
+
+    index: int
+    file: Path
+    sha256: str
+    parameters: dict[str, float]
+    camera_to_world: Float64[np.ndarray, "4 4"]
+    fov: float
+    radius: float
+    light: Float64[np.ndarray, "3"]
+    irradiance: Float64[np.ndarray, "3"]
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """A dataset folder; samples by rising index, all of one size."""
+
+    folder: Path
+    recipe: str
+    manifest: dict[str, Any]
+    samples: tuple[Sample, ...]
+
+
+def read_dataset(folder: str | PathLike[str]) -> Dataset:
+    """Manifest and rows, checked; no image is opened. Raises InputError that names the file, and the line, at fault."""
+    folder = Path(folder)
+    manifest = _read_manifest(folder)
+    samples = []
+    for entry in _entries(folder, manifest):
+        if isinstance(entry, InputError):
+            raise entry
+        samples.append(entry)
+    if not samples:
+        raise InputError(folder / "samples.jsonl", "has no samples")
+    return Dataset(folder, manifest["recipe"], manifest, tuple(sorted(samples, key=lambda sample: sample.index)))
+
+
+def load_images(dataset: Dataset) -> Float32[np.ndarray, "N H W 4"]:
+    """All images, in the order of the samples. Raises InputError that names an unreadable, mis-sized or NaN image."""
+    width, height = dataset.samples[0].size
+    images = np.empty((len(dataset.samples), height, width, 4), np.float32)
+    for row, sample in zip(images, dataset.samples, strict=True):
+        image = read_exr(sample.file)
+        for fault in _pixel_faults(sample, image):
+            raise InputError(sample.file, fault)
+        row[:] = image
+    return images
+
+
+def check_dataset(folder: str | PathLike[str]) -> list[str]:
+    """Every fault of a dataset, one line each: its text files, its images and what is missing or left over."""
+    folder = Path(folder)
+    try:
+        manifest = _read_manifest(folder)
+        entries = list(_entries(folder, manifest))
+    except InputError as error:
+        return [str(error)]
+    faults = [str(entry) for entry in entries if isinstance(entry, InputError)]
+    samples = [entry for entry in entries if isinstance(entry, Sample)]
+    if len(samples) != manifest["count"]:
+        faults.append(f"{folder / 'samples.jsonl'}: has {len(samples)} of {manifest['count']} samples")
+    for sample in samples:
+        faults += _image_faults(sample)
+    for path in sorted(set((folder / "images").glob("*")) - {sample.file for sample in samples}):
+        faults.append(f"{path}: has no row in samples.jsonl")
+    return faults
+
+
+def _read_manifest(folder: Path) -> dict[str, Any]:
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder")
+    path = folder / "manifest.json"
+    try:
+        manifest = json.loads(_text(path))
+    except json.JSONDecodeError as error:
+        raise InputError(path, f"line {error.lineno}: not JSON: {error.msg}") from error
+    if not isinstance(manifest, dict):
+        raise InputError(path, "is not a JSON object")
+    for name, known in (("schema", SCHEMA), ("alpha", "premultiplied")):
+        if manifest.get(name) != known:
+            raise InputError(path, f"{name} is {manifest.get(name)!r}; expected {known!r}")
+    for name in _MANIFEST:
+        if name not in manifest:
+            raise InputError(path, f"field {name!r} is missing")
+    if not isinstance(manifest["recipe"], str):
+        raise InputError(path, f"recipe is {manifest['recipe']!r}; expected text")
+    if not isinstance(manifest["parameters"], dict):
+        raise InputError(path, "parameters is not a JSON object")
+    for name, entry in manifest["parameters"].items():
+        if not isinstance(entry, dict) or not entry.keys() >= set(_PARAMETER):
+            raise InputError(path, f"parameter {name!r} must have {', '.join(_PARAMETER)}")
+        if _array(entry["range"], (2,)) is None:
+            raise InputError(path, f"parameter {name!r}: range is {entry['range']!r}; expected [lo, hi]")
+    return manifest
+
+
+def _entries(folder: Path, manifest: dict[str, Any]) -> Iterator[Sample | InputError]:
+    """Each row in turn, as a sample or as its fault."""
+    path = folder / "samples.jsonl"
+    seen: set[int | str] = set()
+    for number, line in enumerate(_text(path).split("\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            row = json.loads(line)
+            fault = _row_fault(manifest, row)
+        except json.JSONDecodeError as error:
+            row, fault = {}, f"not JSON: {error.msg}"
+        for name in ("index", "file"):
+            if not fault and row[name] in seen:
+                fault = f"{name} {row[name]} occurs twice"
+        if fault:
+            yield InputError(path, f"line {number}: {fault}")
+        else:
+            seen |= {row["index"], row["file"]}
+            yield _sample(folder, row)
+
+
+def _row_fault(manifest: dict[str, Any], row: Any) -> str | None:
+    if not isinstance(row, dict):
+        return "is not a JSON object"
+    for name in ("file", "sha256", "parameters", *_NUMBERS):
+        if name not in row:
+            return f"field {name!r} is missing"
+    for name, (shape, expected, test) in _NUMBERS.items():
+        x = _array(row[name], shape)
+        if x is None or not test(x):
+            return f"{name} is {row[name]!r}; expected {expected}"
+    if row["size"] != manifest["size"]:
+        return f"size is {row['size']!r}; the manifest says {manifest['size']!r}"
+    for name, pattern, expected in (
+        ("file", r"images/[^/]+", "images/NAME"),
+        ("sha256", "[0-9a-f]{64}", "64 hex digits"),
+    ):
+        if not isinstance(row[name], str) or not re.fullmatch(pattern, row[name]):
+            return f"{name} is {row[name]!r}; expected {expected}"
+    if not isinstance(row["parameters"], dict) or row["parameters"].keys() != manifest["parameters"].keys():
+        return f"parameters are {row['parameters']!r}; the manifest declares {sorted(manifest['parameters'])!r}"
+    for name, value in row["parameters"].items():
+        lo, hi = manifest["parameters"][name]["range"]
+        if _array(value, ()) is None or not lo <= value <= hi:
+            return f"parameter {name!r} is {value!r}; expected {lo} to {hi}"
+    return None
+
+
+def _sample(folder: Path, row: dict[str, Any]) -> Sample:
+    return Sample(
+        index=int(row["index"]),
+        file=folder / row["file"],
+        sha256=row["sha256"],
+        parameters={name: float(value) for name, value in row["parameters"].items()},
+        camera_to_world=np.asarray(row["camera_to_world"], np.float64),
+        fov=float(row["fov"]),
+        radius=float(row["radius"]),
+        light=np.asarray(row["light"], np.float64),
+        irradiance=np.asarray(row["irradiance"], np.float64),
+        size=(int(row["size"][0]), int(row["size"][1])),
+    )
+
+
+def _image_faults(sample: Sample) -> list[str]:
+    """Faults of a sample's file, each as a whole line."""
+    faults = []
+    try:
+        if hashlib.sha256(read_file(sample.file)).hexdigest() != sample.sha256:
+            faults.append(f"{sample.file}: its SHA-256 is not its row's")
+        image = read_exr(sample.file)
+    except InputError as error:
+        return [*faults, str(error)]
+    black = [] if image[..., :3].any() else ["is all black"]
+    return faults + [f"{sample.file}: {fault}" for fault in _pixel_faults(sample, image) + black]
+
+
+def _pixel_faults(sample: Sample, image: Float32[np.ndarray, "H W C"]) -> list[str]:
+    height, width, channels = image.shape
+    faults = []
+    if (width, height) != sample.size:
+        faults.append(f"is {width} × {height} pixels; its row says {sample.size[0]} × {sample.size[1]}")
+    if channels != 4:
+        faults.append(f"has {channels} channels; expected 4 (RGBA)")
+    if not np.isfinite(image).all():
+        faults.append("has NaN or infinite pixels")
+    return faults
+
+
+def _array(value: Any, shape: tuple[int, ...]) -> np.ndarray | None:
+    """`value` as finite float64 numbers of this shape, or None."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return None
+    fits = array.dtype.kind in "iuf" and array.shape == shape and np.isfinite(array).all()
+    return array.astype(np.float64) if fits else None
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_file(path).decode()
+    except UnicodeDecodeError as error:
+        raise InputError(path, "is not UTF-8 text") from error

@@ -1,0 +1,75 @@
+"""Every knob that trades accuracy for time, each one field of `Quality` (NumPy only; no JAX).
+
+`draft` is for looking around, `normal` for pictures, `reference` for measuring the others against.
+"""
+
+from dataclasses import asdict, dataclass, replace
+
+SPACINGS = ("length", "interval")
+COORDINATES = ("interpolated", "exact")
+VISIBILITIES = ("interval", "sample")
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What a render may spend. Raises ValueError for a value out of range."""
+
+    #: Rays a pixel: what smooths silhouettes (inside them, filtering does).
+    pixel_samples: int = 4
+    #: Samples a ray, spread over all its intervals.
+    samples: int = 48
+    #: "length": samples in proportion to canonical length; "interval": the same number in each interval (the paper).
+    spacing: str = "length"
+    #: "interpolated": (u, v, h) linear between an interval's ends (the paper); "exact": the inverse of the prism's map.
+    coordinates: str = "interpolated"
+    #: A ray stops once its transmittance is below this; the most its colour and alpha can miss.
+    early_stop: float = 0.01
+    #: A sample is skipped if the largest optical depth it can have is below this; a ray misses at most samples · skip.
+    skip: float = 1e-3
+    #: Light is computed for samples whose weight exceeds this.
+    weight_cut: float = 1e-3
+    #: Features are filtered over the pixel's footprint.
+    filtering: bool = True
+    #: Taps along the footprint's long axis; 1 is the paper's r = min(a, b).
+    anisotropy: int = 1
+    #: Where visibility of a light is tested: once an "interval", or at every "sample".
+    visibility: str = "interval"
+    #: Directions a ray drawn from the environment.
+    environment_samples: int = 4
+    #: Samples of the shell's shadow on the surface underneath.
+    base_samples: int = 8
+
+    def __post_init__(self) -> None:
+        counts = ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples")
+        wrong = [f"{n} must be at least 1" for n in counts if getattr(self, n) < 1]
+        bounded = ("early_stop", "skip", "weight_cut")
+        wrong += [f"{n} must lie in [0, 1)" for n in bounded if not 0 <= getattr(self, n) < 1]
+        for name, allowed in (("spacing", SPACINGS), ("coordinates", COORDINATES), ("visibility", VISIBILITIES)):
+            if getattr(self, name) not in allowed:
+                wrong.append(f"{name} must be one of {', '.join(allowed)}")
+        if wrong:
+            raise ValueError("; ".join(wrong))
+
+    def with_changes(self, **changes: object) -> "Quality":
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+    def as_dict(self) -> dict[str, object]:
+        return asdict(self)
+
+
+PRESETS = {
+    "draft": Quality(pixel_samples=1, samples=24, early_stop=0.05, environment_samples=2, base_samples=4),
+    "normal": Quality(),
+    "reference": Quality(
+        pixel_samples=16,
+        samples=256,
+        coordinates="exact",
+        early_stop=0.0,
+        skip=0.0,
+        weight_cut=0.0,
+        anisotropy=16,
+        visibility="sample",
+        environment_samples=16,
+        base_samples=32,
+    ),
+}

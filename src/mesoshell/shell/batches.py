@@ -1,0 +1,30 @@
+"""Any number of rows through a program compiled for a fixed number.
+
+A kernel takes arrays of CAPACITY rows and a count, and does work for the first `count` rows only.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+CAPACITY = 65536
+
+
+def pad(x: np.ndarray, rows: int) -> np.ndarray:
+    """x with rows of zeros behind it."""
+    out = np.zeros((rows, *x.shape[1:]), x.dtype)
+    out[: len(x)] = x
+    return out
+
+
+def run(kernel: Callable, *rows: np.ndarray) -> Any:
+    """kernel(*rows, count) on any number of rows: CAPACITY at a time, padded; its results concatenated and cut."""
+    count = len(rows[0])
+    parts = []
+    for begin in range(0, max(count, 1), CAPACITY):
+        n = min(CAPACITY, count - begin)
+        found = kernel(*(pad(x[begin : begin + n], CAPACITY) for x in rows), np.int32(n))
+        parts.append(jax.tree.map(lambda x, n=n: np.asarray(x)[:n], found))
+    return parts[0] if len(parts) == 1 else jax.tree.map(lambda *x: np.concatenate(x), *parts)

@@ -1,0 +1,80 @@
+"""A material as a field in the shell: density first, then transport for each light (MesoGAN, section 4.2).
+
+Alphabet
+ξ           (u, v, h), u and v in patches                                    (3,), canonical
+r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
+F           F(u, v) + F(h), each filtered                                     (C,)
+α           appearance parameters, normalised                                 (A,)
+σ, ρ        extinction and transport function
+ω, ω′       toward the viewer, toward the light                               (3,), canonical
+
+A `Field` is a pair of pure functions of one point, so that renderers and tests take any medium, not only neural ones.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from mesoshell.shell import decoder as net
+from mesoshell.shell.decoder import Decoder
+from mesoshell.texture import mip
+from mesoshell.texture.mip import Pyramid, Sizes
+from mesoshell.typing import Array, Float, Scalar, Vec3
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves."""
+
+    sizes: Sizes
+    height_sizes: Sizes
+    texel_density: float
+    octaves: int
+
+
+class Material(NamedTuple):
+    """Arrays of a neural material: feature pyramid, height pyramid and decoder."""
+
+    texture: Pyramid
+    height: Pyramid
+    decoder: Decoder
+
+
+class Point(NamedTuple):
+    """Where the field is asked: ξ, the filter there, and the appearance parameters."""
+
+    xi: Vec3
+    radius: Scalar
+    height_deviation: Scalar
+    alpha: Float[Array, "A"]
+
+
+class Field(NamedTuple):
+    """density: Point → (σ, features). transport: (features, ω, ω′) → ρ."""
+
+    density: Callable[[Point], tuple[Scalar, Float[Array, "W"]]]
+    transport: Callable[[Float[Array, "W"], Vec3, Vec3], Vec3]
+
+
+def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"]:
+    """What the decoder sees of a point: filtered F(u, v) + F(h), encoded height, α."""
+    level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
+    rows = layout.height_sizes[0][0]
+    level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
+    plane = mip.lookup(material.texture, layout.sizes, point.xi[:2], level)
+    profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
+    return jnp.concatenate([plane + profile, net.encode_height(point.xi[2], layout.octaves), point.alpha])
+
+
+def neural_field(material: Material, layout: Layout) -> Field:
+    """The field of a neural material."""
+
+    def density(point: Point) -> tuple[Scalar, Float[Array, "W"]]:
+        return net.trunk(material.decoder, inputs(material, layout, point))
+
+    def transport(found: Float[Array, "W"], w: Vec3, w_light: Vec3) -> Vec3:
+        return net.head(material.decoder, found, w, w_light)
+
+    return Field(density, transport)

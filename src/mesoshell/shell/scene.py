@@ -1,0 +1,119 @@
+"""What there is to render: a mesh under a shell, a material, a camera and lights; and the material's arrays in JAX.
+
+Alphabet
+α           appearance parameters in the order of the bundle, each normalised to [0, 1] by its range
+grid        largest σ over cells of (h, v, u), one grid a mip level; grid l bounds σ for levels in [l, l + 1)
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.io.bundle import Bundle
+from mesoshell.nets.mlp import Dense
+from mesoshell.render.camera import Camera
+from mesoshell.render.light import Distant, Environment
+from mesoshell.shell.decoder import Decoder
+from mesoshell.shell.extrude import Shell
+from mesoshell.shell.field import Layout, Material
+from mesoshell.texture import mip
+from mesoshell.typing import Array
+
+
+class Grid(NamedTuple):
+    """The σ bounds of all levels, flattened."""
+
+    values: Float[Array, "G"]
+
+
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """A bundle ready to be evaluated: arrays, and what a compiled program must know of them."""
+
+    material: Material
+    layout: Layout
+    grid: Grid
+    grid_shapes: tuple[tuple[int, int, int], ...]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene. alpha: normalised parameters; maps: those that vary, each (H, W) over the UV square, normalised too.
+
+    patches_per_uv: texture patches along one unit of the mesh's UV. base_colour: diffuse albedo under the shell and of
+    `objects`. up: axis of the environment's pole, 1 or 2.
+    """
+
+    mesh: Mesh
+    shell: Shell
+    ready: Ready
+    camera: Camera
+    lights: tuple[Distant, ...]
+    environment: Environment | None = None
+    alpha: Float[np.ndarray, "A"] = field(default_factory=lambda: np.zeros(0, np.float32))
+    maps: dict[str, Float[np.ndarray, "H W"]] = field(default_factory=dict)
+    patches_per_uv: float = 1.0
+    base_colour: tuple[float, float, float] = (0.09, 0.06, 0.035)
+    objects: tuple[Mesh, ...] = ()
+    transparent: bool = True
+
+
+def ready(bundle: Bundle) -> Ready:
+    """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather."""
+    a = bundle.arrays
+    levels = [a[f"features/{i}"] for i in range(_count(a, "features/{}"))]
+    heights = [a[f"height/{i}"][:, None] for i in range(_count(a, "height/{}"))]
+    grids = [a[f"grid/{i}"] for i in range(len(levels))]
+    layout = Layout(
+        tuple(x.shape[:2] for x in levels),
+        tuple(x.shape[:2] for x in heights),
+        float(bundle.texel_density),
+        bundle.height_octaves,
+    )
+    material = Material(
+        mip.pack([jnp.asarray(x) for x in levels]),
+        mip.pack_height([jnp.asarray(x) for x in heights]),
+        _decoder(a),
+    )
+    flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
+    names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
+    return Ready(material, layout, Grid(jnp.asarray(flat)), tuple(g.shape for g in grids), names)
+
+
+def _count(arrays: dict[str, np.ndarray], key: str) -> int:
+    n = 0
+    while key.format(n) in arrays:
+        n += 1
+    return n
+
+
+def _decoder(a: dict[str, np.ndarray]) -> Decoder:
+    def dense(name: str) -> Dense:
+        return Dense(jnp.asarray(a[f"{name}/kernel"], jnp.float32), jnp.asarray(a[f"{name}/bias"], jnp.float32))
+
+    def layers(name: str) -> list[Dense]:
+        return [dense(f"{name}/{i}") for i in range(_count(a, name + "/{}/kernel"))]
+
+    scale = jnp.asarray(a["sigma_scale"], jnp.float32)
+    return Decoder(layers("decoder/trunk"), dense("decoder/sigma"), layers("decoder/head"), dense("decoder/rho"), scale)
+
+
+def normalised(bundle: Bundle, values: dict[str, float]) -> Float[np.ndarray, "A"]:
+    """α of a set of parameter values; defaults where none is given. Raises InputError for an unknown name or a value
+    outside its range."""
+    known = {p.name: p for p in bundle.parameters if p.role == "alpha"}
+    for name, value in values.items():
+        if name not in known:
+            raise InputError("--param", f"no parameter '{name}'; this material has {', '.join(known) or 'none'}")
+        low, high = known[name].range
+        if not low <= value <= high:
+            raise InputError("--param", f"{name}={value:g} lies outside [{low:g}, {high:g}]")
+    return np.array(
+        [(values.get(n, p.default) - p.range[0]) / (p.range[1] - p.range[0]) for n, p in known.items()], np.float32
+    )

@@ -1,0 +1,120 @@
+"""Reading mesh files: what is read is what was written, and every fault is one line that names it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from mesoshell.errors import InputError
+from mesoshell.geometry.read import read_mesh, read_obj
+
+DATA = Path(__file__).parents[1] / "data"
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+FACE = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+
+
+def obj(folder: Path, text: str) -> Path:
+    path = folder / "mesh.obj"
+    path.write_text(text)
+    return path
+
+
+def test_every_corner_of_spot_is_read_as_written():
+    lines = [line.split() for line in (DATA / "spot.obj").read_text().splitlines()]
+    v = np.array([line[1:] for line in lines if line and line[0] == "v"], float)
+    vt = np.array([line[1:3] for line in lines if line and line[0] == "vt"], float)
+    f = np.array([[c.split("/")[:2] for c in line[1:]] for line in lines if line and line[0] == "f"], int) - 1
+    points, faces, uv = read_obj(DATA / "spot.obj")
+    assert uv is not None
+    assert faces.shape == (5856, 3) and len(vt) == 3225
+    np.testing.assert_array_equal(points[faces], v[f[..., 0]])
+    np.testing.assert_array_equal(uv, vt[f[..., 1]])
+
+
+def test_polygons_become_fans_in_their_order(tmp_path: Path):
+    text = SQUARE + "usemtl B\nf 1 2 3 4\nusemtl A\nf 4 3 2\nusemtl B\nf 2 1 4 \\\n3 # turned over\n"
+    faces = read_obj(obj(tmp_path, text))[1]
+    assert faces.tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 1], [1, 0, 3], [1, 3, 2]]
+
+
+def test_negative_numbers_count_from_the_last_vertex_read(tmp_path: Path):
+    points, faces, _ = read_obj(obj(tmp_path, SQUARE + "f -4 -3 -2\n" + "v 5 0 0\nv 6 0 0\nv 6 1 0\nf -3 -2 -1\n"))
+    assert points[faces[0]].tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0]]
+    assert points[faces[1]].tolist() == [[5, 0, 0], [6, 0, 0], [6, 1, 0]]
+
+
+def test_corners_without_texture_are_nan_and_none_if_all_are(tmp_path: Path):
+    uv = read_obj(obj(tmp_path, SQUARE + "vt 0.25\nvt 1 0.5 0\nf 1/1 2/2/ 3/2/7\nf 1//1 3 4\n"))[2]
+    assert uv is not None
+    np.testing.assert_array_equal(uv[0], [[0.25, 0], [1, 0.5], [1, 0.5]])
+    assert np.isnan(uv[1]).all()
+    assert read_obj(obj(tmp_path, SQUARE + "vt 0 0\nf 1 2 3\n"))[2] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        (SQUARE + "f 1 2 9\n", "line 5: face refers to vertex 9, but there are 4"),
+        (SQUARE + "f 1 2 0\n", "line 5: face refers to vertex 0, but vertex numbers start at 1 and 4 came before"),
+        (SQUARE + "f 1 2 -5\n", "line 5: face refers to vertex -5, but vertex numbers start at 1 and 4 came before"),
+        (SQUARE + "vt 0 0\nf 1/1 2/1 3/2\n", "line 6: face refers to texture vertex 2, but there are 1"),
+        (SQUARE + "f 1 2\n", "line 5: a face needs 3 corners and this one has 2"),
+        (SQUARE + "f 1 2 x\n", "line 5: invalid literal for int() with base 10: 'x'"),
+        ("v 0 0\n", "line 1: needs 3 numbers and has 2"),
+        ("v 0 0 zero\n", "line 1: could not convert string to float: 'zero'"),
+    ],
+)
+def test_faults_of_obj_files_name_the_line(tmp_path: Path, text: str, fault: str):
+    path = obj(tmp_path, text)
+    with pytest.raises(InputError) as raised:
+        read_mesh(path)
+    assert str(raised.value) == f"{path}: {fault}"
+
+
+def test_faults_of_paths(tmp_path: Path):
+    for path, fault in (
+        (tmp_path, "is a folder, not a mesh file"),
+        (tmp_path / "none.obj", "no such file"),
+    ):
+        with pytest.raises(InputError) as raised:
+            read_mesh(path)
+        assert str(raised.value) == f"{path}: {fault}"
+    (tmp_path / "mesh.fbx").write_text("")
+    with pytest.raises(InputError, match=r"unknown mesh format '\.fbx': use \.obj, \.ply, \.glb, \.stl$"):
+        read_mesh(tmp_path / "mesh.fbx")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "fault"),
+    [
+        ("mesh.ply", b"", r"is not a readable PLY file \(ValueError: .+\)$"),
+        ("mesh.ply", PLY.encode(), r"is not a readable PLY file \(.+\)$"),
+        ("mesh.glb", b"glTF\x02\0\0\0", r"is not a readable GLB file \(.+\)$"),
+        (
+            "mesh.ply",
+            (PLY + FACE + "0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n").encode(),
+            "face 0 refers to vertex 7, but there are 3$",
+        ),
+    ],
+)
+def test_unreadable_files_are_one_line(tmp_path: Path, name: str, content: bytes, fault: str):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=fault) as raised:
+        read_mesh(tmp_path / name)
+    assert "\n" not in str(raised.value) and str(raised.value).startswith(str(tmp_path / name))
+
+
+def test_scenes_are_joined_with_their_transforms(tmp_path: Path):
+    box, scene = trimesh.creation.box(), trimesh.Scene()
+    scene.add_geometry(box, transform=np.diag([-2.0, 1, 1, 1]))
+    scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([5, 0, 0]))
+    scene.add_geometry(trimesh.PointCloud(np.ones((4, 3))))
+    scene.export(str(tmp_path / "scene.glb"))
+    points, faces, uv = read_mesh(tmp_path / "scene.glb")
+    assert uv is None and len(faces) == 24
+    np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [[-1, -0.5, -0.5], [5.5, 0.5, 0.5]])
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    volumes = np.einsum("fi,fi->f", a, np.cross(b, c)).reshape(2, 12).sum(axis=1) / 6
+    np.testing.assert_allclose(np.sort(volumes), [1, 2])  # a mirrored part still faces outward

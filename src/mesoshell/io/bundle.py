@@ -51,7 +51,6 @@ from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
 
 SCHEMA = 1
 MANIFEST = "manifest.json"
-
 _EITHER = ("float16", "float32")
 
 #: key: (shape in the symbols above, types)
@@ -108,7 +107,7 @@ def _is_range(x: Any) -> bool:
     return isinstance(x, list) and len(x) == 2 and all(map(_is_number, x)) and x[0] < x[1]
 
 
-#: field: (what it must be, the test); the schema's version is looked at first
+#: field: (what it must be, the test), in the order of looking
 Rules = dict[str, tuple[str, Callable[[Any], bool]]]
 _MANIFEST_RULES: Rules = {
     "schema": (f"{SCHEMA}", lambda x: x == SCHEMA),
@@ -231,7 +230,7 @@ def _check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[
         shape, dtype = heads[key]
         sides = [sizes.get(symbol, "any") for symbol in symbols]
         if len(shape) != len(sides) or not all(n == m or (n and m == "any") for n, m in zip(shape, sides, strict=True)):
-            raise InputError(path, f"array {key} is {_times(shape)}; expected {_times(sides)} ({_times(symbols)})")
+            raise InputError(path, f"array {key} has shape {_row(shape)}; expected {_row(symbols)} = {_row(sides)}")
         if str(dtype) not in types:
             raise InputError(path, f"array {key} holds {dtype}; expected {' or '.join(types)}")
     height, width, _ = heads["features/0"][0]
@@ -239,8 +238,8 @@ def _check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[
         raise InputError(path, f"features/0 is {height} × {width} texels; expected powers of two")
 
 
-def _times(sides: Sequence[int | str]) -> str:
-    return " × ".join(map(str, sides)) or "a scalar"
+def _row(sides: Sequence[int | str]) -> str:
+    return f"({', '.join(map(str, sides))})"
 
 
 def _check_values(path: str | PathLike[str], arrays: dict[str, np.ndarray]) -> None:

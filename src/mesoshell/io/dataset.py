@@ -1,4 +1,4 @@
-"""Reading of a dataset folder: manifest.json, samples.jsonl (one row a sample) and images/NAME.exr (NumPy only; floor 2).
+"""Reading of a dataset folder: manifest.json, samples.jsonl (a row a sample), images/NAME.exr (NumPy only; floor 2).
 
 symbol           meaning                                                       shape, unit, frame
 camera_to_world  rigid; the camera looks along −z, y up                        (4, 4), canonical (the unit box) / camera
@@ -9,8 +9,8 @@ irradiance       E⊥ on the plane that faces the light                         
 size             (W, H) of the image                                           pixels
 image            premultiplied linear RGBA, rows from the top                  (H, W, 4)
 
-Rows may stand in any order (several processes append them) and may be fewer than the manifest's `count` while a dataset
-is being made: `read_dataset` sorts what is there, `check_dataset` reports what is not. Fields beyond those here are free.
+Rows may stand in any order (several processes append them) and be fewer than the manifest's `count` while a dataset is
+being made: `read_dataset` sorts what is there, `check_dataset` reports what is not. Fields beyond these are free.
 """
 
 import hashlib
@@ -30,9 +30,9 @@ from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr
 from mesoshell.io.whole import read_file
 
-SCHEMA = 1
-_MANIFEST = "recipe version field_of_view parameters radius_range size samples_per_pixel seed count".split()
-_PARAMETER = "role range default unit meaning".split()
+_MANIFEST = {"recipe": str, "version": object, "field_of_view": object, "parameters": dict, "radius_range": list}
+_MANIFEST |= {"size": list, "samples_per_pixel": object, "seed": object, "count": int}
+_PARAMETER = ("role", "range", "default", "unit", "meaning")
 
 #: field of a row: (shape, what it must be, the test)
 _NUMBERS: dict[str, tuple[tuple[int, ...], str, Callable[[np.ndarray], Any]]] = {
@@ -111,11 +111,9 @@ def check_dataset(folder: str | PathLike[str]) -> list[str]:
     samples = [entry for entry in entries if isinstance(entry, Sample)]
     if len(samples) != manifest["count"]:
         faults.append(f"{folder / 'samples.jsonl'}: has {len(samples)} of {manifest['count']} samples")
-    for sample in samples:
-        faults += _image_faults(sample)
-    for path in sorted(set((folder / "images").glob("*")) - {sample.file for sample in samples}):
-        faults.append(f"{path}: has no row in samples.jsonl")
-    return faults
+    faults += [fault for sample in samples for fault in _image_faults(sample)]
+    left_over = sorted(set((folder / "images").glob("*")) - {sample.file for sample in samples})
+    return faults + [f"{path}: has no row in samples.jsonl" for path in left_over]
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -124,20 +122,19 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / "manifest.json"
     try:
         manifest = json.loads(_text(path))
-    except json.JSONDecodeError as error:
-        raise InputError(path, f"line {error.lineno}: not JSON: {error.msg}") from error
+    except (ValueError, RecursionError) as error:
+        line, fault = getattr(error, "lineno", 1), getattr(error, "msg", error)
+        raise InputError(path, f"line {line}: not JSON: {fault}") from error
     if not isinstance(manifest, dict):
         raise InputError(path, "is not a JSON object")
-    for name, known in (("schema", SCHEMA), ("alpha", "premultiplied")):
+    for name, known in (("schema", 1), ("alpha", "premultiplied")):
         if manifest.get(name) != known:
             raise InputError(path, f"{name} is {manifest.get(name)!r}; expected {known!r}")
-    for name in _MANIFEST:
+    for name, kind in _MANIFEST.items():
         if name not in manifest:
             raise InputError(path, f"field {name!r} is missing")
-    if not isinstance(manifest["recipe"], str):
-        raise InputError(path, f"recipe is {manifest['recipe']!r}; expected text")
-    if not isinstance(manifest["parameters"], dict):
-        raise InputError(path, "parameters is not a JSON object")
+        if not isinstance(manifest[name], kind):
+            raise InputError(path, f"{name} is {manifest[name]!r}; expected {kind.__name__}")
     for name, entry in manifest["parameters"].items():
         if not isinstance(entry, dict) or not entry.keys() >= set(_PARAMETER):
             raise InputError(path, f"parameter {name!r} must have {', '.join(_PARAMETER)}")
@@ -155,9 +152,10 @@ def _entries(folder: Path, manifest: dict[str, Any]) -> Iterator[Sample | InputE
             continue
         try:
             row = json.loads(line)
+        except (ValueError, RecursionError) as error:
+            row, fault = {}, f"not JSON: {getattr(error, 'msg', error)}"
+        else:
             fault = _row_fault(manifest, row)
-        except json.JSONDecodeError as error:
-            row, fault = {}, f"not JSON: {error.msg}"
         for name in ("index", "file"):
             if not fault and row[name] in seen:
                 fault = f"{name} {row[name]} occurs twice"

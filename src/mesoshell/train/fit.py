@@ -7,8 +7,8 @@ occupancy   largest σ seen lately in each cell of (h, v, u): candidates in empt
 y           x/(1+x) of radiance, and alpha: what the loss compares
 
 The model of a pixel is the renderer's: spread samples over the intervals in proportion to canonical length, filter,
-decode, sum optical depth, composite. Loss: mean squared error of y, radiance and alpha alike. What helped and what did not
-is in `docs/fitting.md`.
+decode, sum optical depth, composite. Loss: mean squared error of y, radiance and alpha alike. What
+helped and what did not is in `docs/fitting.md`.
 """
 
 from collections.abc import Callable, Iterator
@@ -237,11 +237,14 @@ def start(config: FitConfig, images: ImageTable, steps: int) -> State:
     return State(parameters, optimiser(config, steps).init(parameters), full, jnp.zeros((), jnp.int32))
 
 
-def batches(config: FitConfig, table: RayTable) -> Iterator[RayTable]:
-    """Random batches without end, each pass over the rays in a new order."""
-    rng = np.random.default_rng(config.seed)
+def batches(config: FitConfig, table: RayTable, begin: int = 0) -> Iterator[RayTable]:
+    """Random batches without end, each pass over the rays in a new order. begin: how many have been used before."""
     count = len(table.image)
+    size = min(config.rays, count)
+    per_pass = count // size
+    number = begin
     while True:
-        order = rng.permutation(count)
-        for i in range(0, count - config.rays + 1, config.rays):
-            yield RayTable(*(x[order[i : i + config.rays]] for x in table))
+        order = np.random.default_rng((config.seed, number // per_pass)).permutation(count)
+        for i in range(number % per_pass, per_pass):
+            yield RayTable(*(x[order[i * size : (i + 1) * size]] for x in table))
+            number += 1

@@ -22,12 +22,13 @@ from mesoshell.shell.extrude import Shell
 
 
 class RayTable(NamedTuple):
-    """One row a ray: image index, direction, cone radius at distance 1, both intervals' t and ξ, and the target y.
+    """One row a ray: image index, pixel (row by row), direction, cone radius at distance 1, both intervals' t and ξ, and the target y.
 
     t: (R, 2, 2) as [interval, end]; xi: (R, 2, 2, 3). An interval that is not there has t0 = t1.
     """
 
     image: Int[np.ndarray, "R"]
+    pixel: Int[np.ndarray, "R"]
     direction: Float[np.ndarray, "R 3"]
     radius: Float[np.ndarray, "R"]
     t: Float[np.ndarray, "R 2 2"]
@@ -84,13 +85,22 @@ def ray_table(dataset: Dataset) -> RayTable:
         some = range(begin, min(begin + 8, len(dataset.samples)))
         o, d, radius = (np.concatenate(x) for x in zip(*(_pixel_rays(dataset.samples[i]) for i in some), strict=True))
         index = np.repeat(np.array(some, np.int32), len(o) // len(some))
+        pixel = np.tile(np.arange(len(o) // len(some), dtype=np.int32), len(some))
         pixels = images[some.start : some.stop].reshape(-1, 4)
         t, xi = box_intervals(boundary, shell, o, d)
         hits = np.flatnonzero(t[:, 0, 1] > t[:, 0, 0])
         colour = pixels[hits, :3]
         target = np.concatenate([colour / (1 + colour), pixels[hits, 3:]], axis=1)
-        parts.append((index[hits], d[hits], radius[hits], t[hits], xi[hits], target))
+        parts.append((index[hits], pixel[hits], d[hits], radius[hits], t[hits], xi[hits], target))
     return RayTable(*(_joined(column) for column in zip(*parts, strict=True)))
+
+
+def join(tables: list[tuple[RayTable, ImageTable]]) -> tuple[RayTable, ImageTable]:
+    """Rays and images of several datasets as one."""
+    first = np.cumsum([0] + [len(images.light) for _, images in tables])
+    moved = [r._replace(image=r.image + first[i].astype(np.int32)) for i, (r, _) in enumerate(tables)]
+    images = ImageTable(*(np.concatenate(x) for x in zip(*(i for _, i in tables), strict=True)))
+    return RayTable(*(np.concatenate(x) for x in zip(*moved, strict=True))), images
 
 
 def _pixel_rays(sample: Sample) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,0 +1,42 @@
+# make demo   a picture from a fresh machine: sets up .venv, renders the bundled mesh with the bundled grass
+# make test   sets up all that the tests need, and passes them
+# make blender   the separate environment that `mesoshell dataset render` calls
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+
+.PHONY: demo test lint blender clean
+
+demo: .venv/installed
+	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --out out/demo.png
+
+test: .venv/installed-dev lint
+	$(BIN)/python -m pytest -n 2
+	$(BIN)/python notebooks/execute.py
+
+lint: .venv/installed-dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/lint-imports
+	$(BIN)/pyright
+
+blender: data_gen/.venv/installed
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv/installed: pyproject.toml constraints.txt | .venv/bin/python
+	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e .
+	touch $@
+
+.venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/python
+	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	touch $@ .venv/installed
+
+data_gen/.venv/installed: data_gen/requirements.txt
+	$(PYTHON) -m venv data_gen/.venv
+	data_gen/.venv/bin/pip install -q --disable-pip-version-check -r data_gen/requirements.txt
+	touch $@
+
+clean:
+	rm -rf .venv out build *.egg-info

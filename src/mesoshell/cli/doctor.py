@@ -1,0 +1,53 @@
+"""`mesoshell doctor`: what is installed here, and what each missing part would need."""
+
+import importlib.metadata
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+BLENDER_PYTHON = Path("data_gen/.venv/bin/python")
+
+
+def run() -> None:
+    """Check the installation: versions, devices, ray tracing, the Blender environment, the bundled material."""
+    print(f"python      {sys.version.split()[0]} on {os.cpu_count()} processors")
+    for name in ("numpy", "jax", "jaxlib", "trimesh", "embreex", "xatlas", "OpenEXR"):
+        try:
+            print(f"{name:<11} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            print(f"{name:<11} missing: pip install mesoshell")
+    print(f"devices     {_probe('import jax; print(*jax.devices())')}")
+    print(f"embree      {_probe(_RAY)}")
+    print(f"grass       {_probe(_BUNDLE)}")
+    if BLENDER_PYTHON.exists():
+        print(f"blender     {_probe('import bpy; print(bpy.app.version_string)', str(BLENDER_PYTHON))}")
+    else:
+        print("blender     no environment here (only `mesoshell dataset render` needs it): make blender")
+
+
+_RAY = """
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+scene = EmbreeScene()
+TriangleMesh(scene, np.float32([[[0, 0, 1], [1, 0, 1], [0, 1, 1]]]))
+hit = scene.run(np.float32([[0.2, 0.2, 0]]), np.float32([[0, 0, 1]]))
+print("a test ray hits" if hit[0] == 0 else "a test ray misses what it should hit")
+"""
+
+_BUNDLE = """
+from mesoshell.cli.material import find
+from mesoshell.io.bundle import read_bundle
+path = find("grass")
+print(f"{path.stat().st_size / 1e6:.1f} MB, parameters:", ", ".join(p.name for p in read_bundle(path).parameters) or "none")
+"""
+
+
+def _probe(code: str, python: str = sys.executable) -> str:
+    """Run code in a process of its own: what aborts there leaves this one standing."""
+    done = subprocess.run([python, "-c", code], capture_output=True, text=True)
+    lines = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
+    last = lines[-1] if lines else f"no answer, exit status {done.returncode}"
+    return last if done.returncode == 0 else f"does not work: {last}"

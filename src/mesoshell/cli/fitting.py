@@ -1,0 +1,110 @@
+"""The work of `mesoshell fit`. Imports JAX, so it is loaded only when it runs."""
+
+import json
+import subprocess
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mesoshell.cli.fit import Options
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Parameter, write_bundle
+from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.io.image import write_png
+from mesoshell.train.export import to_bundle
+from mesoshell.train.fit import FitConfig
+from mesoshell.train.holdout import score
+from mesoshell.train.loop import fit
+from mesoshell.train.rays import image_table, join, ray_table
+
+
+def fit_to_bundle(options: Options) -> None:
+    """All of `mesoshell fit`."""
+    console = Console(stderr=True)
+    config = _config(options)
+    datasets = [read_dataset(d) for d in options.datasets]
+    tests = [read_dataset(d) for d in options.test]
+    declared = _parameters(datasets)
+    options.run.mkdir(parents=True, exist_ok=True)
+    _same_run(options, config)
+    with console.status("finding the rays that meet the box"):
+        table, images = join([(ray_table(d), image_table(d)) for d in datasets])
+    console.print(f"{len(table.image):,} rays of {len(images.light):,} images", highlight=False)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("fitting", total=options.steps)
+
+        def show(row: dict) -> None:
+            bar.update(task, completed=row["step"], description=f"fitting, loss {row['loss']:.5f}")
+
+        state = fit(config, table, images, options.steps, options.run, show)
+    provenance = {"config": asdict(config), "steps": options.steps, "commit": _commit(), "test": {}}
+    provenance["datasets"] = [_origin(d) for d in datasets]
+    for dataset in tests:
+        scores, pictures = score(config, state, dataset)
+        provenance["test"][dataset.folder.name] = {k: round(v, 3) for k, v in scores._asdict().items()}
+        console.print(f"{dataset.folder}: {_said(scores._asdict())}", highlight=False)
+        write_png(options.run / f"{dataset.folder.name}.png", _sheet(pictures))
+    bundle = to_bundle(config, state.parameters, declared, provenance)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write_bundle(options.out, bundle)
+    print(options.out)
+
+
+def _config(options: Options) -> FitConfig:
+    for name in ("steps", "rays", "width"):
+        if getattr(options, name) < 1:
+            raise InputError(f"--{name}", "must be at least 1")
+    if options.texels < 1 or options.texels & (options.texels - 1):
+        raise InputError("--texels", f"{options.texels} is not a power of two")
+    w = options.width
+    return FitConfig(texels=options.texels, rays=options.rays, trunk=(w, w, w), head=(w, w), seed=options.seed)
+
+
+def _same_run(options: Options, config: FitConfig) -> None:
+    """A run folder belongs to one configuration: what it was begun with is written there."""
+    record = json.dumps({"config": asdict(config), "steps": options.steps}, indent=1) + "\n"
+    path = options.run / "config.json"
+    if path.exists() and path.read_text() != record:
+        raise InputError(path, "this run was begun with another configuration; give another --run")
+    path.write_text(record)
+
+
+def _parameters(datasets: list[Dataset]) -> tuple[Parameter, ...]:
+    kinds = [d.manifest["parameters"] for d in datasets]
+    if not kinds:
+        raise InputError("fit", "no dataset given")
+    if any(k != kinds[0] for k in kinds):
+        raise InputError(datasets[-1].folder, "has other parameters than the first dataset")
+    return tuple(
+        Parameter(n, p["role"], (float(p["range"][0]), float(p["range"][1])), float(p["default"]), p["unit"], p["meaning"])
+        for n, p in kinds[0].items()
+    )
+
+
+def _origin(dataset: Dataset) -> dict:
+    kept = ("recipe", "version", "size", "samples_per_pixel", "seed")
+    return {k: dataset.manifest[k] for k in kept} | {"images": len(dataset.samples)}
+
+
+def _commit() -> str:
+    done = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True)
+    return done.stdout.strip() if done.returncode == 0 else "unknown"
+
+
+def _said(scores: dict[str, float]) -> str:
+    return ", ".join(f"{k} {v:.2f}{'' if k == 'ssim' else ' dB'}" for k, v in scores.items())
+
+
+def _sheet(y: np.ndarray, columns: int = 6) -> np.ndarray:
+    """Predicted images side by side, as linear radiance over black."""
+    n, h, w = y.shape[:3]
+    rows = -(-n // columns)
+    sheet = np.zeros((rows * h, columns * w, 3), np.float32)
+    for i in range(n):
+        r, c = divmod(i, columns)
+        sheet[r * h : (r + 1) * h, c * w : (c + 1) * w] = y[i, ..., :3]
+    return sheet

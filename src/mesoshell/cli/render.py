@@ -1,0 +1,71 @@
+"""`mesoshell render`: a mesh in, a picture of it grown with a material out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from mesoshell.errors import InputError
+
+if TYPE_CHECKING:
+    from mesoshell.render.camera import Camera
+    from mesoshell.shell.scene import Scene
+
+
+@dataclass(frozen=True)
+class Options:
+    """Render a mesh grown with a neural material; writes OUT.png (sRGB), OUT.exr (linear RGBA) and OUT.json."""
+
+    #: OBJ, PLY, GLB or STL file. Without texture coordinates it is unwrapped.
+    mesh: tyro.conf.Positional[Path]
+    #: A bundled material's name, or a .npz file.
+    material: str = "grass"
+    #: A parameter of the material as NAME=VALUE, or NAME=IMAGE to vary it over the mesh's UV square (grey, 0 to 1 spans the range).
+    param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    #: Height of the shell in the mesh's unit; default: 1/25 of the bounding box's diagonal.
+    thickness: float | None = None
+    #: World length of one texture patch in the mesh's unit; default: twice the thickness.
+    scale: float | None = None
+    #: Width and height of the picture in pixels.
+    size: tuple[int, int] = (512, 512)
+    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: a key and a fill light.
+    light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
+    #: Irradiance of each --light on a plane facing it (3.14 makes a white wall facing it white).
+    irradiance: float = 3.14159
+    #: Latitude-longitude EXR that lights the scene and is seen behind it.
+    environment: Path | None = None
+    #: Diffuse colour of the surface under the shell, linear R G B.
+    base: tuple[float, float, float] = (0.09, 0.06, 0.035)
+    #: Further meshes in the same frame that cast and receive shadows; may be repeated.
+    object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
+    #: Eye x y z, target x y z and vertical field of view in degrees; default: frames the mesh from the upper front.
+    camera: tuple[float, float, float, float, float, float, float] | None = None
+    #: The axis that points up; default: y for OBJ and GLB, z for PLY and STL.
+    up: Literal["y", "z"] | None = None
+    #: What the render may spend: draft looks around, normal is for pictures, reference measures the others.
+    quality: Literal["draft", "normal", "reference"] = "normal"
+    #: Make the background transparent even where an environment is given.
+    transparent: bool = False
+    #: Print which effects the scene calls for, and why.
+    explain: bool = False
+    #: The picture to write.
+    out: Path = Path("out/render.png")
+
+
+def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
+    """Render a mesh grown with a neural material; writes OUT.png (sRGB), OUT.exr (linear RGBA) and OUT.json."""
+    from mesoshell.cli import rendering
+
+    rendering.render_to_files(options)
+
+
+def parse_params(given: tuple[str, ...]) -> dict[str, str]:
+    """NAME=VALUE pairs. Raises InputError for anything else."""
+    pairs = {}
+    for text in given:
+        name, found, value = text.partition("=")
+        if not (found and name and value):
+            raise InputError("--param", f"'{text}' is not NAME=VALUE")
+        pairs[name] = value
+    return pairs

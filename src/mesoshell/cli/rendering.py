@@ -1,0 +1,228 @@
+"""The work of `mesoshell render`: options to scene, scene to files. Imports JAX, so it is loaded only when it runs.
+
+Alphabet
+diagonal    of the mesh's bounding box, world
+stretch     world length of one UV unit, averaged over the surface
+"""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from mesoshell import __version__
+from mesoshell.cli.material import find
+from mesoshell.cli.render import Options, parse_params
+from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh, uv_stretch
+from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.image import read_exr, read_png, write_exr, write_png
+from mesoshell.render.camera import Camera, look_at
+from mesoshell.render.cone import pixel_radius
+from mesoshell.render.effects import Effects, Facts, plan_effects
+from mesoshell.render.light import Distant, Environment, environment
+from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.shell.extrude import extrude
+from mesoshell.shell.renderer import Report, render
+from mesoshell.shell.scene import Scene, normalised, ready
+
+#: Fill light of the default lighting, as a share of the key light.
+FILL = 0.25
+
+
+def render_to_files(options: Options) -> None:
+    """All of `mesoshell render`."""
+    begin = time.perf_counter()
+    out = options.out if options.out.suffix == ".png" else options.out.with_suffix(".png")
+    compiled = _use_compilation_cache()
+    console = Console(stderr=True)
+    quality = PRESETS[options.quality]
+    bundle = read_bundle(find(options.material))
+    scene, notes = build_scene(options, bundle)
+    for note in notes:
+        console.print(f"[dim]note:[/] {note}", highlight=False)
+    effects = plan_effects(facts(scene, quality), quality)
+    if options.explain:
+        for name, effect in vars(effects).items():
+            console.print(f"{'on ' if effect.on else 'off'} {name.replace('_', ' ')}: {effect.why}", highlight=False)
+    setup = time.perf_counter() - begin
+    columns = (TextColumn("rendering"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        image, report = render(scene, quality, effects, lambda share: bar.update(task, completed=share))
+    seconds = {"setup": setup, **report.seconds, "total": time.perf_counter() - begin}
+    record = as_json(options, bundle, report, effects, quality) | {"seconds": seconds, "compile_seconds": sum(compiled)}
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_png(out, image.astype(np.float32))
+    write_exr(out.with_suffix(".exr"), image.astype(np.float32))
+    write_text(out.with_suffix(".json"), json.dumps(record, indent=1) + "\n")
+    if options.explain:
+        stages = ", ".join(f"{k} {v:.2f} s" for k, v in seconds.items())
+        console.print(f"{stages}; {sum(compiled):.1f} s of this compiling", highlight=False)
+    print(out, file=sys.stdout)
+
+
+def build_scene(options: Options, bundle: Bundle) -> tuple[Scene, list[str]]:
+    """The scene that the options describe, and what the user should know about it."""
+    mesh = load_mesh(options.mesh)
+    box = bounding_box(mesh)
+    thickness = options.thickness or float(np.linalg.norm(box[1] - box[0])) / 25
+    scale = options.scale or 2 * thickness
+    shell = extrude(mesh, thickness, scale)
+    up = {"y": 1, "z": 2}[options.up or ("z" if options.mesh.suffix.lower() in (".ply", ".stl") else "y")]
+    values, maps = {}, {}
+    for name, text in parse_params(options.param).items():
+        try:
+            values[name] = float(text)
+        except ValueError:
+            maps[name] = _map(bundle, name, Path(text))
+    camera = _camera(options, box, thickness, up)
+    lights = tuple(_light(v, options.irradiance) for v in options.light)
+    sky = _environment(options, up)
+    if not lights and sky is None:
+        lights = _default_lights(camera, up, options.irradiance)
+    scene = Scene(
+        mesh=mesh,
+        shell=shell,
+        ready=ready(bundle),
+        camera=camera,
+        lights=lights,
+        environment=sky,
+        alpha=normalised(bundle, values),
+        maps=maps,
+        patches_per_uv=patches_per_uv(mesh, shell.uv),
+        base_colour=options.base,
+        objects=tuple(load_mesh(p) for p in options.object),
+        transparent=options.transparent,
+    )
+    return scene, [*mesh.notes, *shell.notes]
+
+
+def patches_per_uv(mesh: Mesh, patches: np.ndarray) -> float:
+    """Texture patches along one UV unit: the ratio that extrusion has applied."""
+    size = float(np.abs(mesh.uv).max())
+    return float(np.abs(patches).max()) / size if size > 0 else 1.0
+
+
+def facts(scene: Scene, quality: Quality) -> Facts:
+    """What the effects are planned from."""
+    corners = bounding_box(scene.mesh)
+    far = np.linalg.norm(np.abs(corners - scene.camera.to_world[:3, 3]).max(axis=0))
+    patch = uv_stretch(scene.mesh) / scene.patches_per_uv
+    footprint = pixel_radius(scene.camera.spread) / 2 * far / patch
+    return Facts(
+        lights=len(scene.lights),
+        environment=scene.environment is not None,
+        objects=len(scene.objects),
+        convex=is_convex(scene.mesh),
+        coarsest=float(2 * footprint * scene.ready.layout.texel_density),
+        varying=tuple(scene.maps),
+        transparent=scene.transparent,
+    )
+
+
+def is_convex(mesh: Mesh) -> bool:
+    """Whether no vertex lies in front of any face: such a mesh shadows nothing of itself but by facing away."""
+    v = mesh.vertices.astype(np.float64)
+    size = np.ptp(v, axis=0).max()
+    for f in mesh.faces:
+        normal = np.cross(v[f[1]] - v[f[0]], v[f[2]] - v[f[0]])
+        if ((v - v[f[0]]) @ normal).max() > 1e-6 * size * np.linalg.norm(normal):
+            return False
+    return True
+
+
+def _camera(options: Options, box: np.ndarray, thickness: float, up: int) -> Camera:
+    width, height = options.size
+    if width < 1 or height < 1:
+        raise InputError("--size", f"{width} x {height} has no pixels")
+    axis = (0.0, 1.0, 0.0) if up == 1 else (0.0, 0.0, 1.0)
+    if options.camera is not None:
+        eye, target, degrees = options.camera[:3], options.camera[3:6], options.camera[6]
+        if not 0 < degrees < 180:
+            raise InputError("--camera", f"a field of view of {degrees:g} degrees is not between 0 and 180")
+        if eye == target:
+            raise InputError("--camera", "eye and target are the same point")
+        return Camera(look_at(eye, target, axis), np.radians(degrees), width, height)
+    fov = np.radians(35.0)
+    centre, radius = box.mean(axis=0), np.linalg.norm(box[1] - box[0]) / 2 + thickness
+    narrow = 2 * np.arctan(np.tan(fov / 2) * min(1.0, width / height))
+    front = np.array([0.55, 0.4, 0.75]) if up == 1 else np.array([0.55, -0.75, 0.4])
+    eye = centre + front / np.linalg.norm(front) * radius / np.sin(narrow / 2) * 0.92
+    return Camera(look_at(tuple(eye), tuple(centre), axis), float(fov), width, height)
+
+
+def _light(direction: tuple[float, float, float], irradiance: float) -> Distant:
+    length = float(np.linalg.norm(direction))
+    if not (np.isfinite(length) and length > 0):
+        raise InputError("--light", f"{direction} is no direction")
+    return Distant(np.array(direction) / length, np.full(3, irradiance))
+
+
+def _default_lights(camera: Camera, up: int, irradiance: float) -> tuple[Distant, Distant]:
+    """A key light over the camera's left shoulder, and a weak fill from its right."""
+    right, back = camera.to_world[:3, 0], camera.to_world[:3, 2]
+    above = np.eye(3)[up]
+    key, fill = above * 1.1 - 0.7 * right + 0.5 * back, 0.4 * above + right + 0.6 * back
+    return (
+        Distant(key / np.linalg.norm(key), np.array([1.0, 0.96, 0.9]) * irradiance),
+        Distant(fill / np.linalg.norm(fill), np.array([0.8, 0.9, 1.0]) * irradiance * FILL),
+    )
+
+
+def _environment(options: Options, up: int) -> Environment | None:
+    if options.environment is None:
+        return None
+    image = read_exr(options.environment)[..., :3]
+    if not (np.isfinite(image).all() and image.min() >= 0 and image.max() > 0):
+        raise InputError(options.environment, "holds negative, infinite or no light")
+    return environment(image, up)
+
+
+def _map(bundle: Bundle, name: str, path: Path) -> np.ndarray:
+    if name not in (p.name for p in bundle.parameters if p.role == "alpha"):
+        normalised(bundle, {name: 0.0})  # raises with the names that there are
+    if not path.is_file():
+        raise InputError("--param", f"{name}={path} is neither a number nor an image file")
+    return read_png(path)[..., :3].mean(axis=-1).astype(np.float32)
+
+
+def as_json(options: Options, bundle: Bundle, report: Report, effects: Effects, quality: Quality) -> dict:
+    """The report beside the picture, without its seconds."""
+    counts = report.counts
+    queries = sum(counts.get(k, 0) for k in ("density_queries", "transport_queries", "surface_queries"))
+    return {
+        "version": __version__,
+        "engine": "jax",
+        "rays": counts.get("rays", 0),
+        "queries": queries,
+        "counts": counts,
+        "effects": effects.as_dict(),
+        "quality": quality.as_dict(),
+        "material": {"name": options.material, "parameters": parse_params(options.param), **bundle.provenance},
+    }
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write beside, then rename."""
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _use_compilation_cache() -> list[float]:
+    """Keep compiled programs between runs; returns a list that collects the seconds spent compiling."""
+    root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    jax.config.update("jax_compilation_cache_dir", str(root / "mesoshell" / "xla"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    seconds: list[float] = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, duration, **_: seconds.append(duration) if event.endswith("backend_compile_duration") else None
+    )
+    return seconds

@@ -3,7 +3,6 @@
 import json
 import subprocess
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -80,7 +79,9 @@ def _parameters(datasets: list[Dataset]) -> tuple[Parameter, ...]:
     if any(k != kinds[0] for k in kinds):
         raise InputError(datasets[-1].folder, "has other parameters than the first dataset")
     return tuple(
-        Parameter(n, p["role"], (float(p["range"][0]), float(p["range"][1])), float(p["default"]), p["unit"], p["meaning"])
+        Parameter(
+            n, p["role"], (float(p["range"][0]), float(p["range"][1])), float(p["default"]), p["unit"], p["meaning"]
+        )
         for n, p in kinds[0].items()
     )
 

@@ -9,8 +9,7 @@ import tyro
 from mesoshell.errors import InputError
 
 if TYPE_CHECKING:
-    from mesoshell.render.camera import Camera
-    from mesoshell.shell.scene import Scene
+    pass
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,7 @@ class Options:
     mesh: tyro.conf.Positional[Path]
     #: A bundled material's name, or a .npz file.
     material: str = "grass"
-    #: A parameter of the material as NAME=VALUE, or NAME=IMAGE to vary it over the mesh's UV square (grey, 0 to 1 spans the range).
+    #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: Height of the shell in the mesh's unit; default: 1/25 of the bounding box's diagonal.
     thickness: float | None = None

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from mesoshell.typing import Flag, Float, Array, Mat3, Scalar, Vec3
+from mesoshell.typing import Array, Flag, Float, Mat3, Scalar, Vec3
 
 #: Rounding errors of a 3 × 3 determinant, in units of ε·|p|·|n|: 3 products of 3, 5 sums, and the rounding of p itself.
 _ROUNDINGS = 8.0

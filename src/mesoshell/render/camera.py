@@ -48,9 +48,7 @@ def look_at(eye: tuple, target: tuple, up: tuple = (0.0, 1.0, 0.0)) -> Float[np.
     return m
 
 
-def rays(
-    camera: Camera, xy: Float[np.ndarray, "R 2"]
-) -> tuple[Float[np.ndarray, "R 3"], Float[np.ndarray, "R 3"]]:
+def rays(camera: Camera, xy: Float[np.ndarray, "R 2"]) -> tuple[Float[np.ndarray, "R 3"], Float[np.ndarray, "R 3"]]:
     """Origins and unit directions through the image points `xy`, in float64, (R, 3) each."""
     x = (xy[:, 0] - camera.width / 2) * camera.spread
     y = (camera.height / 2 - xy[:, 1]) * camera.spread

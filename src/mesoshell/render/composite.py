@@ -9,7 +9,7 @@ w_k         T_k · (1 − e^{−τ_k}), the probability that the ray's collision
 import jax.numpy as jnp
 
 from mesoshell.numerics import opacity, safe_div
-from mesoshell.typing import Float, Array, Index, Scalar
+from mesoshell.typing import Array, Float, Index, Scalar
 
 
 def weights(tau: Float[Array, "N"]) -> tuple[Float[Array, "N"], Scalar]:

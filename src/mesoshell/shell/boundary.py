@@ -124,7 +124,9 @@ class Boundary:
         while len(alive):
             alive = state.advance(alive)
         merged = [np.concatenate(x) for x in zip(*state.parts, strict=True)] if state.parts else no_intervals()
-        return Trace(_without_overlap(Intervals(*merged)), state.end, state.face, state.bary, state.walked, state.redone)
+        return Trace(
+            _without_overlap(Intervals(*merged)), state.end, state.face, state.bary, state.walked, state.redone
+        )
 
 
 class _State:

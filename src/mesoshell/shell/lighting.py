@@ -52,7 +52,14 @@ class Lighting:
     """Evaluates light for one scene; each method serves one tile of rays."""
 
     def __init__(
-        self, scene: Scene, quality: Quality, effects: Effects, boundary: Boundary, program: Program, table: Table, report
+        self,
+        scene: Scene,
+        quality: Quality,
+        effects: Effects,
+        boundary: Boundary,
+        program: Program,
+        table: Table,
+        report,
     ):
         self.scene, self.quality, self.effects, self.boundary = scene, quality, effects, boundary
         self.program, self.table, self.report = program, table, report
@@ -114,9 +121,7 @@ class Lighting:
         self.report.time("light", clock)
         return rgb
 
-    def surfaces(
-        self, traced: Trace, through: np.ndarray, o: np.ndarray, d: np.ndarray
-    ) -> Float[np.ndarray, "R 3"]:
+    def surfaces(self, traced: Trace, through: np.ndarray, o: np.ndarray, d: np.ndarray) -> Float[np.ndarray, "R 3"]:
         """What the surface at each ray's end reflects toward it; 0 where it has none, or where the shell hides it."""
         clock = time.perf_counter()
         rgb = np.zeros((len(o), 3))

@@ -87,7 +87,9 @@ def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> Place:
     top, weights_top = leave_cap(d, p + n, outward=-1)
     base, weights_base = leave_cap(d, p, outward=1)
     k = jnp.clip(code, 0, 2)
-    posts = jnp.stack([(k + 1) % 3, k])  # seen from outside, the side runs the other way round: its leaving is our entering
+    posts = jnp.stack(
+        [(k + 1) % 3, k]
+    )  # seen from outside, the side runs the other way round: its leaving is our entering
     f = jax.vmap(post_function, in_axes=(None, 0, 0))(d, p, n)
     side = leave_side(d, p[posts], n[posts], f[posts])
     bary_side = _along_side(k, side.u, 1 - side.u)
@@ -137,7 +139,11 @@ def step(prisms: Prisms, ray: Ray, place: Place) -> tuple[Place, Interval]:
 
 def _choose(faces: Crossing, t_in: Scalar) -> tuple[Index, Flag]:
     """Which face the ray leaves through: the nearest one ahead whose bounds it meets, else the one it misses by least."""
-    slack = 64 * jnp.finfo(t_in.dtype).eps * (jnp.abs(t_in) + jnp.max(jnp.where(jnp.isfinite(faces.t), faces.t, 0) ** 2) ** 0.5)
+    slack = (
+        64
+        * jnp.finfo(t_in.dtype).eps
+        * (jnp.abs(t_in) + jnp.max(jnp.where(jnp.isfinite(faces.t), faces.t, 0) ** 2) ** 0.5)
+    )
     ahead = jnp.isfinite(faces.t) & (faces.t >= t_in - slack) & (faces.inside > -jnp.inf)
     meets = ahead & (faces.inside >= 0)
     nearest = jnp.argmin(jnp.where(meets, faces.t, jnp.inf))

@@ -25,7 +25,7 @@ from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
 from mesoshell.shell import kernels
 from mesoshell.shell.batches import pad, run
-from mesoshell.shell.boundary import Boundary, Trace
+from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.kernels import Program, Samples, Table
 from mesoshell.shell.lighting import Lighting, Shaded
 from mesoshell.shell.sampling import Chart, Frame, Piece, spread
@@ -80,7 +80,9 @@ class _Renderer:
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
         shell, ready = scene.shell, scene.ready
         self.boundary = Boundary(shell, scene.mesh.faces, others=_soup(scene))
-        varying = tuple(i for i, n in enumerate(ready.names) if n in scene.maps) if effects.varying_parameters.on else ()
+        varying = (
+            tuple(i for i, n in enumerate(ready.names) if n in scene.maps) if effects.varying_parameters.on else ()
+        )
         self.program = Program(
             ready.layout,
             ready.grid_shapes,
@@ -181,7 +183,9 @@ class _Renderer:
             self.report.count(density_queries=len(chosen))
         self.report.time("decode", clock)
         if not parts:
-            return depth, Shaded(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 1), np.float32))
+            return depth, Shaded(
+                np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 1), np.float32)
+            )
         return depth, Shaded(*(np.concatenate(c) for c in zip(*parts, strict=True)))
 
 

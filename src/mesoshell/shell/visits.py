@@ -90,9 +90,7 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
         near.astype(dtype), (starts.point - near.astype(np.float64)).astype(dtype), starts.direction.astype(dtype)
     )
     capacity = CAPACITY if dtype is np.float32 else CHUNK
-    place = _in_batches(
-        lambda r, p, c: _begin(prisms, r, p, c), count, (rays, starts.prism, starts.code), capacity
-    )
+    place = _in_batches(lambda r, p, c: _begin(prisms, r, p, c), count, (rays, starts.prism, starts.code), capacity)
     found: list[Intervals] = []
     for _ in range(0, LONGEST, STEPS):
         walking = np.flatnonzero(place.exit == WALKING)
@@ -157,9 +155,7 @@ def _advance(prisms: Prisms, rays: Ray, place: Place, count: Array) -> tuple:
         rows = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 1), rows, new)
         return place, rows, jax.lax.dynamic_update_slice_in_dim(used, steps, begin, 0)
 
-    return jax.lax.fori_loop(
-        0, (count + chunk - 1) // chunk, body, (place, rows, jnp.zeros(length, jnp.int32))
-    )
+    return jax.lax.fori_loop(0, (count + chunk - 1) // chunk, body, (place, rows, jnp.zeros(length, jnp.int32)))
 
 
 def _slice(tree: tuple, begin: Array | int, size: int) -> tuple:

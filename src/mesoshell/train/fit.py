@@ -23,8 +23,8 @@ import optax
 from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import tonemap, weights
 from mesoshell.render.cone import cone_gaussian
-from mesoshell.shell.decoder import Decoder, direction, init_decoder
 from mesoshell.shell import decoder as net
+from mesoshell.shell.decoder import Decoder, direction, init_decoder
 from mesoshell.shell.field import Layout, Material, Point, inputs, neural_field
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import footprint

@@ -22,7 +22,7 @@ from mesoshell.shell.extrude import Shell
 
 
 class RayTable(NamedTuple):
-    """One row a ray: image index, pixel (row by row), direction, cone radius at distance 1, both intervals' t and ξ, and the target y.
+    """One row a ray: image index, pixel (row by row), direction, cone radius at distance 1, both intervals, target y.
 
     t: (R, 2, 2) as [interval, end]; xi: (R, 2, 2, 3). An interval that is not there has t0 = t1.
     """

@@ -56,11 +56,12 @@ def attenuated_length(sigma: Float[Array, "..."], t: Float[Array, "..."]) -> Flo
     sigma = jnp.minimum(sigma, jnp.asarray(SIGMA_MAX, sigma.dtype))
     tau = sigma * t
     small = tau < jnp.asarray(1e-3, tau.dtype)
-    series = t * (1 - tau * (0.5 - tau * (1 / 6 - tau / 24)))
+    low = jnp.where(small, tau, jnp.zeros_like(tau))
+    series = t * (1 - low * (0.5 - low * (1 / 6 - low / 24)))
     exact = opacity(tau) / jnp.where(small, jnp.ones_like(sigma), sigma)
     return jnp.where(small, series, exact)
 
 
 def softplus(x: Float[Array, "..."]) -> Float[Array, "..."]:
-    """log(1 + eˣ) as max(x, 0) + log1p(e^{−|x|}): no overflow at ±1e4, gradient in [0, 1]."""
-    return jnp.maximum(x, jnp.zeros_like(x)) + jnp.log1p(jnp.exp(-jnp.abs(x)))
+    """log(1 + eˣ): no overflow at ±1e4, gradient in [0, 1], and 1/2 at 0, where max(x, 0) + log1p(e^{−|x|}) has none."""
+    return jnp.logaddexp(x, jnp.zeros_like(x))

@@ -1,7 +1,7 @@
 """Tangent frames: the edges of a triangle come back from them, and degenerate charts get an honest stand-in."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.geometry.frames import tangent_frames
@@ -27,6 +27,7 @@ def test_a_scaled_and_mirrored_chart():
     assert frames.mirrored.tolist() == [False, True] and frames.made_up_count == 0
 
 
+@settings(deadline=None)
 @given(space, plane)
 def test_edges_come_back(points: np.ndarray, uv: np.ndarray):
     normal = np.cross(points[1] - points[0], points[2] - points[0])

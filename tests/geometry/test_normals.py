@@ -2,7 +2,7 @@
 
 import numpy as np
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.geometry.normals import face_normals, vertex_normals
@@ -39,6 +39,7 @@ def test_a_blunt_average_is_turned_out_of_the_steep_face():
     assert (m @ [0.0, 0, 1]).min() < 0  # where nearly all of its faces look
 
 
+@settings(deadline=None)
 @given(
     st.integers(3, 9).flatmap(
         lambda n: st.tuples(*[st.lists(st.floats(a, 3), min_size=n, max_size=n) for a in (-3, 0.3)])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.geometry.topology import agree, inside_out, pair_edges, split_fans
@@ -28,6 +28,7 @@ def test_an_edge_of_three_faces_has_no_partner():
     assert edges.crowd[:, 0].tolist() == [3, 3, 3] and (edges.partner == -1).all()
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(0, len(BALL.faces) - 1), max_size=39, unique=True))
 def test_the_fewer_faces_are_flipped_and_all_agree(chosen: list[int]):
     faces = np.array(BALL.faces)

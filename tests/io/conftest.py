@@ -1,8 +1,11 @@
-"""A small material and the two things that every test of a fault needs.
+"""A small material, a small dataset on disk, and the form of a fault.
 
-The texture has 4 × 8 texels of 3 channels, the height feature 5 rows, the trunk widths 6 and 5, the head width 4.
+The material's texture has 4 × 8 texels of 3 channels, its height feature 5 rows, the trunk widths 6 and 5, the head 4.
+The dataset has three images of 6 × 4 pixels.
 """
 
+import hashlib
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +15,7 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, Parameter
+from mesoshell.io.image import write_exr
 
 
 @pytest.fixture
@@ -52,3 +56,75 @@ def fault_of() -> Callable[..., str]:
         return text.removeprefix(f"{path}: ")
 
     return fault_of
+
+
+SETTINGS: dict[str, Any] = {
+    "schema": 1,
+    "recipe": "grass",
+    "version": 3,
+    "alpha": "premultiplied",
+    "field_of_view": 0.6,
+    "parameters": {"age": {"role": "alpha", "range": [0, 1], "default": 0.5, "unit": "", "meaning": "dryness"}},
+    "radius_range": [2.0, 3.0],
+    "size": [6, 4],
+    "samples_per_pixel": 16,
+    "seed": 7,
+    "count": 3,
+}
+
+
+class DatasetFolder:
+    """A dataset whose parts can be rewritten."""
+
+    settings = SETTINGS
+
+    def __init__(self, path: Path):
+        self.path, self.rows, self.manifest_file = path, path / "samples.jsonl", path / "manifest.json"
+        (path / "images").mkdir(parents=True)
+        self.manifest(SETTINGS)
+        self.write([self.sample(i) for i in range(3)])
+
+    def image(self, index: int) -> Path:
+        return self.path / f"images/{index:06d}.exr"
+
+    def sample(self, index: int, image: np.ndarray | None = None) -> dict[str, Any]:
+        """Write an image, grey of value (1 + index) / 8 unless given, and make its row."""
+        write_exr(self.image(index), np.full((4, 6, 4), (1 + index) / 8, np.float32) if image is None else image)
+        return {
+            "index": index,
+            "file": f"images/{index:06d}.exr",
+            "sha256": hashlib.sha256(self.image(index).read_bytes()).hexdigest(),
+            "seed": 2**31 + index,
+            "size": [6, 4],
+            "parameters": {"age": 0.25 * index},
+            "camera_to_world": np.eye(4).tolist(),
+            "fov": 0.6,
+            "radius": 2.5,
+            "light": [0.6, 0, 0.8],
+            "irradiance": [1, 2, 3],
+        }
+
+    def manifest(self, content: Any) -> None:
+        self.manifest_file.write_text(json.dumps(content))
+
+    def write(self, rows: list[dict[str, Any]]) -> None:
+        self.rows.write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+    def read_rows(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in self.rows.read_text().splitlines()]
+
+    def change_row(self, index: int, fields: dict[str, Any]) -> None:
+        rows = self.read_rows()
+        rows[index] |= fields
+        self.write(rows)
+
+    def damage(self, index: int, image: np.ndarray) -> None:
+        """Another image, with a row that knows its digest."""
+        rows = self.read_rows()
+        rows[index] = self.sample(index, image)
+        self.write(rows)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> DatasetFolder:
+    return DatasetFolder(tmp_path / "set")

@@ -49,7 +49,7 @@ def both_faults(tmp_path: Path, bundle: Bundle, fault_of: Callable[..., str]) ->
     with np.load(tmp_path / "good.npz") as file:
         manifest: Any = {"manifest.json": file["manifest.json"]}
 
-    def both_faults(arrays: dict[str, np.ndarray]) -> str:
+    def both_faults(arrays: dict[str, Any]) -> str:
         fault = fault_of(write_bundle, tmp_path / "a.npz", dataclasses.replace(bundle, arrays=arrays))
         assert [path.name for path in tmp_path.iterdir()] == ["good.npz"]
         np.savez_compressed(tmp_path / "a.npz", **manifest, **arrays)

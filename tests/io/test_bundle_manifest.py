@@ -90,7 +90,8 @@ def test_unknown_text_is_refused(edited: Edited, fault_of: Callable):
 
 
 def test_the_manifest_is_required(edited: Edited, fault_of: Callable):
-    for members in (edited.arrays, edited.arrays | {"manifest.json": np.zeros(2, np.int8)}):
+    of_another_type: dict[str, Any] = {"manifest.json": np.zeros(2, np.int8)}
+    for members in (edited.arrays, edited.arrays | of_another_type):
         np.savez_compressed(edited.path, **members)
         assert fault_of(read_bundle, edited.path) == "has no manifest.json of type uint8: not a bundle"
 

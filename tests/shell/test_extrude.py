@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh, uv_stretch
+from mesoshell.shell import extrude as extrusion
 from mesoshell.shell.extrude import Shell, extrude, first_fold
 
 DATA = Path(__file__).parents[1] / "data"
@@ -50,6 +51,7 @@ def test_a_thickness_at_each_vertex():
     [
         (1 / 3, 3, None),
         (1 / 3.1, 3, None),
+        (1 / 2.9, 3, None),
         (1 / 3.4, 3, "patches are 0.333 wide, not 0.294, so that a UV unit holds a whole number of them (3)"),
         (0.7, 1, "patches are 1 wide, not 0.7, so that a UV unit holds a whole number of them (1)"),
         (1.0, 1, None),
@@ -99,6 +101,7 @@ def assert_linked(shell: Shell):
     )
 
 
+@settings(deadline=None)
 @given(st.sets(st.integers(0, 319), min_size=1, max_size=40), st.floats(0.01, 3))
 def test_neighbours_are_an_involution(holes: set[int], thickness: float):
     mesh = mesh_of(np.array(BALL.vertices), np.delete(BALL.faces, list(holes), axis=0))
@@ -132,6 +135,7 @@ def test_offsets_scale_with_the_mesh(size: float):
     np.testing.assert_array_equal(shell.uv, small.uv)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_first_fold_is_where_the_least_cross_section_is_reached(seed: int):
     rng = np.random.default_rng(seed)
@@ -184,11 +188,21 @@ def test_faces_that_cannot_be_extruded_are_left_out_and_said():
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     both = mesh_of(np.concatenate([points, POINTS + np.array([9, 0, 0])]), np.concatenate([faces, FACES + 4]))
     shell = extrude(both, 0.1, uv_stretch(both))
-    said = "1 of 6 faces left out (first: face 0): a vertex normal there lies below the face or in its plane"
+    said = "1 of 6 faces left out (first: face 0): they fold at any thickness, for a vertex normal lies below them"
     assert shell.notes == (said,)
     assert shell.mesh_face.tolist() == [1, 2, 3, 4, 5]
     assert shell.neighbour.tolist() == [[-1, 1, 2], [-1, 2, 0], [-1, 0, 1], [-1, -1, 4], [3, -1, -1]]
     np.testing.assert_allclose(shell.uv, both.uv[1:], rtol=1e-6)
+
+
+def test_a_prism_that_is_still_folded_in_the_end_is_left_out(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(extrusion, "ROUNDS", 0)
+    shell = extrude(SPOT, 0.05, 0.1)
+    raw = np.float32(0.05) * SPOT.normals
+    standing = first_fold(SPOT.vertices.astype(float), raw.astype(float), SPOT.faces) >= 1
+    assert 0 < len(shell.faces) < len(SPOT.faces)
+    np.testing.assert_array_equal(shell.mesh_face, np.flatnonzero(standing))
+    assert_linked(shell)
 
 
 def test_a_mesh_that_cannot_be_extruded_at_all_is_refused():

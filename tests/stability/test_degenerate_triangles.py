@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.geometry.frames import tangent_frames
@@ -33,6 +33,7 @@ def relative_height(triangle: np.ndarray) -> float:
         return float(mpmath.sqrt(abs(squared)) / longest)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(-14, -1), st.sampled_from([0.0, 1.0, 1e3, 1e5]))
 def test_a_sliver_is_dropped_by_its_index_or_exact(seed: int, exponent: int, away: float):
     rng = np.random.default_rng(seed)

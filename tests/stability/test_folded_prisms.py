@@ -5,7 +5,7 @@ The oracle evaluates det ∂P/∂(λ₁, λ₂, h) in float64 at random points, 
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.geometry.mesh import Mesh, check_mesh, uv_stretch
@@ -82,6 +82,7 @@ def test_a_cone_is_never_folded(thickness: float):
     assert (least_jacobian(shell.base, shell.offset, shell.faces) > 0).all()
 
 
+@settings(deadline=None)
 @given(
     st.tuples(*[st.floats(-4, 4)] * 4),
     st.floats(0, 1),

@@ -84,10 +84,9 @@ def agree(edges: Edges) -> Winding:
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(2 * count, 2 * count))
     label = connected_components(graph, directed=False)[1].reshape(2, count)
     part = np.unique(label.min(axis=0), return_inverse=True)[1]
-    one_sided = label[0] == label[1]
     turned = label[0] > label[1]
     mostly_turned = np.bincount(part, turned) * 2 > np.bincount(part)
-    return Winding((turned ^ mostly_turned[part]) & ~one_sided, part, one_sided)
+    return Winding(turned ^ mostly_turned[part], part, label[0] == label[1])
 
 
 def inside_out(

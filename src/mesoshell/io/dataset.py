@@ -119,12 +119,12 @@ def check_dataset(folder: str | PathLike[str]) -> list[str]:
 def _read_manifest(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         raise InputError(folder, "no such folder")
-    path = folder / "manifest.json"
+    text = _text(path := folder / "manifest.json")
     try:
-        manifest = json.loads(_text(path))
+        manifest = json.loads(text)
     except (ValueError, RecursionError) as error:
-        line, fault = getattr(error, "lineno", 1), getattr(error, "msg", error)
-        raise InputError(path, f"line {line}: not JSON: {fault}") from error
+        fault = f"line {getattr(error, 'lineno', 1)}: not JSON: {getattr(error, 'msg', error)}"
+        raise InputError(path, fault) from error
     if not isinstance(manifest, dict):
         raise InputError(path, "is not a JSON object")
     for name, known in (("schema", 1), ("alpha", "premultiplied")):

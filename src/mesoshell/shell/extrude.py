@@ -79,7 +79,7 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
         raise InputError("--thickness", "no face of the mesh can be extruded: vertex normals lie below all of them")
     if not stands.all():
         left = f"{(~stands).sum()} of {len(stands)} faces left out (first: face {np.argmin(stands)})"
-        notes.append(f"{left}: a vertex normal there lies below the face or in its plane")
+        notes.append(f"{left}: they fold at any thickness, for a vertex normal lies below them")
     factor = (grown / wanted)[np.unique(faces[stands])]
     if (factor < 1).any():
         what = f"thickness reduced at {(factor < 1).sum()} of {len(base)} vertices, where the shell would fold"

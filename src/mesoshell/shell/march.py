@@ -74,7 +74,7 @@ class Interval(NamedTuple):
 def _local(prisms: Prisms, ray: Ray, prism: Index) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
     """Base points relative to the ray's origin, and posts, in the ray's precision."""
     row = prisms.corners[prism].reshape(6, 3).astype(ray.direction.dtype)
-    return (row[:3] - ray.origin) - ray.residual, row[3:]
+    return (row[:3] - ray.origin[None]) - ray.residual[None], row[3:]
 
 
 def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> Place:
@@ -157,12 +157,13 @@ def _choose(faces: Crossing, t_in: Scalar) -> tuple[Index, Flag]:
 
 def _pick(x: Array, i: Index) -> Array:
     """x[i] for a short x: a sum under a mask, which vectorises where a gather does not."""
-    return jnp.sum(jnp.where(jnp.arange(x.shape[0]) == i, x, jnp.zeros_like(x)))
+    chosen = jnp.arange(x.shape[0], dtype=i.dtype) == i
+    return jnp.sum(jnp.where(chosen, x, jnp.zeros_like(x)), dtype=x.dtype)
 
 
 def _along_side(edge: Index, first: Scalar, second: Scalar) -> Vec3:
     """Barycentric coordinates with `first` at vertex `edge` and `second` at the next."""
-    k = jnp.arange(3)
+    k = jnp.arange(3, dtype=edge.dtype)
     return jnp.where(k == edge, first, jnp.where(k == (edge + 1) % 3, second, jnp.zeros_like(first)))
 
 

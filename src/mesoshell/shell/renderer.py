@@ -193,9 +193,10 @@ def accumulate(
     depth: Float[np.ndarray, "R"], owner: np.ndarray, tau: Float[np.ndarray, "S"]
 ) -> tuple[Float[np.ndarray, "S"], Float[np.ndarray, "R"]]:
     """Weights of samples sorted by ray and distance, given each ray's depth so far; and the depths after them."""
-    through = np.cumsum(tau, dtype=np.float64)
+    capped = np.minimum(tau, 1e3).astype(np.float64)  # opaque already: more would only cost the next rays' digits
+    through = np.cumsum(capped)
     first = np.searchsorted(owner, owner)  # index of the ray's first sample here
-    before = depth[owner] + (through - tau) - (through[first] - tau[first])
+    before = depth[owner] + (through - capped) - (through[first] - capped[first])
     after = depth + np.bincount(owner, tau, len(depth))
     return np.exp(-before) * -np.expm1(-tau.astype(np.float64)), after
 

@@ -47,7 +47,7 @@ class FitConfig:
     head: tuple[int, ...] = (64, 64)
     rays: int = 4096
     candidates: int = 64
-    decoded: float = 0.4
+    decoded: float = 0.25
     rate: float = 1e-2
     texture_rate: float = 3e-2
     final: float = 0.02

@@ -1,0 +1,40 @@
+"""Decoder evaluation against the machine's matrix rate: python -m benchmarks.decoder"""
+
+import jax
+import jax.numpy as jnp
+
+from benchmarks.rates import best, matrix_rate
+from mesoshell.nets.mlp import TILE, in_tiles
+from mesoshell.shell import decoder as net
+
+ROWS = 64 * TILE
+INPUTS, TRUNK, HEAD = 42, (64, 64, 64), (64, 64)
+
+
+def main() -> None:
+    key = jax.random.key(0)
+    decoder = net.init_decoder(key, INPUTS, TRUNK, HEAD)
+    x = jax.random.normal(key, (ROWS, INPUTS))
+    found = jax.random.normal(key, (ROWS, TRUNK[-1]))
+    w = net.normalise(jax.random.normal(key, (ROWS, 3)))
+    count = jnp.int32(ROWS)
+    like = ((0, jnp.float32), (TRUNK[-1], jnp.float32))
+    trunk = jax.jit(lambda d, x, n: in_tiles(lambda r: net.trunk(d, r), n, (x,), like))
+    head = jax.jit(lambda d, f, w, n: in_tiles(lambda a, b: (net.head(d, a, b, b),), n, (f, w), ((3, jnp.float32),)))
+    plain = jax.jit(lambda d, x: net.trunk(d, x))
+    trunk_work = 2 * (INPUTS * 64 + 2 * 64 * 64 + 64)
+    head_work = 2 * (70 * 64 + 64 * 64 + 64 * 3)
+    rate = matrix_rate()
+    print(f"matrix product: {rate / 1e9:.0f} GFLOP/s\n")
+    print("| part | rows a second | GFLOP/s | share of the matrix rate |\n|---|---|---|---|")
+    for name, work, seconds in (
+        ("trunk, tiled", trunk_work, best(lambda: trunk(decoder, x, count))),
+        ("head, tiled", head_work, best(lambda: head(decoder, found, w, count))),
+        ("trunk, one call", trunk_work, best(lambda: plain(decoder, x))),
+    ):
+        done = ROWS * work / seconds
+        print(f"| {name} | {ROWS / seconds / 1e6:.1f} M | {done / 1e9:.0f} | {done / rate:.2f} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""A whole 512 × 512 render against its floor: python -m benchmarks.render [--size 512]
+
+The floor is the least time that this machine could need for the work that was done, each rate probed in the same run:
+
+    operations / matrix rate    multiply-adds of every decoder evaluation
+    bytes / bandwidth           the texture rows that every lookup gathers, once
+    rays / Embree's rate        every ray that Embree was given: camera, re-entry and shadow rays
+
+Compilation happens before the clock starts.
+"""
+
+import argparse
+
+from benchmarks.rates import bandwidth, embree_rate, matrix_rate
+from benchmarks.scenes import spot
+from mesoshell.cli.rendering import facts
+from mesoshell.render.camera import pixel_grid, rays
+from mesoshell.render.effects import plan_effects
+from mesoshell.render.quality import PRESETS
+from mesoshell.shell.boundary import Boundary
+from mesoshell.shell.renderer import render
+
+
+def work(scene, counts: dict[str, int]) -> tuple[float, float]:
+    """Floating-point operations and bytes gathered of a render."""
+    decoder = scene.ready.material.decoder
+    trunk = 2 * sum(x.kernel.size for x in [*decoder.trunk, decoder.sigma])
+    head = 2 * sum(x.kernel.size for x in [*decoder.head, decoder.rho])
+    row = scene.ready.material.texture.rows
+    gathered = 2 * row.shape[1] * row.dtype.itemsize
+    queries = counts["density_queries"] + counts.get("surface_queries", 0)
+    return queries * trunk + counts.get("transport_queries", 0) * head, queries * gathered
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", type=int, default=512)
+    size = parser.parse_args().size
+    scene = spot(size)
+    print("| quality | seconds | floor | time / floor | trace | sample | decode | light | surfaces |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name in ("draft", "normal"):
+        quality = PRESETS[name]
+        effects = plan_effects(facts(scene, quality), quality)
+        render(scene, quality, effects)
+        _, report = render(scene, quality, effects)
+        c, s = report.counts, report.seconds
+        operations, gathered = work(scene, c)
+        o, d = rays(scene.camera, pixel_grid(scene.camera, 1, 0))
+        embree = embree_rate(Boundary(scene.shell, scene.mesh.faces), o, d)
+        traced = c["rays"] + c["visits"] + c.get("shadow_rays", 0)
+        floor = operations / matrix_rate() + gathered / bandwidth() + traced / embree
+        total = sum(s.values())
+        stages = " | ".join(f"{s.get(k, 0):.2f}" for k in ("trace", "sample", "decode", "light", "surfaces"))
+        print(f"| {name} | {total:.2f} | {floor:.2f} | {total / floor:.1f} | {stages} |")
+        heavy = c.get("heavy_samples", 0)
+        print(f"\n{name}: {c}\nqueries / (3 × samples of weight > 1e-3 + rays): {queries_ratio(c, heavy):.2f}\n")
+
+
+def queries_ratio(c: dict[str, int], heavy: int) -> float:
+    """At most 1 where the renderer keeps its promise on density queries."""
+    return c["density_queries"] / (3 * heavy + c["visits"])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,24 @@
+"""Execute every notebook of this folder from top to bottom: python notebooks/execute.py [NAME ...]
+
+Notebooks are kept as text (jupytext's percent format). A cell that raises fails the run and names the notebook.
+"""
+
+import sys
+from pathlib import Path
+
+import jupytext
+from nbclient import NotebookClient
+
+FOLDER = Path(__file__).parent
+
+
+def main() -> None:
+    names = sys.argv[1:] or sorted(p.name for p in FOLDER.glob("*.py") if p.name != Path(__file__).name)
+    for name in names:
+        notebook = jupytext.read(FOLDER / name)
+        NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(FOLDER.parent)}}).execute()
+        print(f"{name}: {sum(c.cell_type == 'code' for c in notebook.cells)} cells ran")
+
+
+if __name__ == "__main__":
+    main()

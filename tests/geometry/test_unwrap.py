@@ -1,0 +1,61 @@
+"""Unwrapping: no chart mirrored or stretched, whatever the unit, and a crash of xatlas stays its own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from mesoshell.errors import InputError
+from mesoshell.geometry import unwrap as unwrapping
+from mesoshell.geometry.frames import tangent_frames
+from mesoshell.geometry.mesh import check_mesh, load_mesh, uv_stretch
+from mesoshell.geometry.unwrap import unwrap
+
+SUZANNE = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")
+STRIP = np.array([[0.0, 0, 0], [8, 0, 0], [8, 1, 0], [0, 1, 0]])
+FACES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def test_an_unwrapping_is_not_mirrored_and_keeps_proportions():
+    uv = SUZANNE.uv
+    assert uv.min() >= 0 and 0.9 < uv.max() <= 1
+    frames = tangent_frames(SUZANNE.vertices, SUZANNE.faces, uv)
+    assert not frames.mirrored.any() and frames.made_up_count == 0
+    sizes = [np.median(np.linalg.norm(x, axis=1)) for x in (frames.along_u, frames.along_v)]
+    np.testing.assert_allclose(sizes, uv_stretch(SUZANNE), rtol=0.1)
+
+
+def test_an_unwrapped_strip_has_one_scale():
+    uv, charts = unwrap(STRIP, FACES)
+    frames = tangent_frames(STRIP, FACES, uv)
+    u, v = frames.along_u.astype(np.float64), frames.along_v.astype(np.float64)
+    assert charts == 1
+    np.testing.assert_allclose(np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1), rtol=1e-2)
+    np.testing.assert_allclose((u * v).sum(axis=1), 0, atol=1e-2 * (u * u).sum())
+
+
+@pytest.mark.parametrize("size", [1e-30, 1e-3, 1e12])
+def test_unwrapping_does_not_depend_on_the_unit(size: float):
+    scaled = (SUZANNE.vertices * np.float64(size)).astype(np.float32)
+    uv, charts = unwrap(scaled, SUZANNE.faces)
+    assert 50 < charts < 100 and uv.min() >= 0 and 0.9 < uv.max() <= 1
+
+
+def test_where_xatlas_dies_it_is_asked_again_and_then_given_up(monkeypatch: pytest.MonkeyPatch):
+    asked = []
+
+    def die(vertices: np.ndarray, faces: np.ndarray) -> None:
+        asked.append(vertices)
+
+    monkeypatch.setattr(unwrapping, "_in_child", die)
+    with pytest.raises(InputError, match=r"^strip: has no usable UVs, and xatlas cannot unwrap it: give it UVs$"):
+        check_mesh(STRIP, FACES, None, "strip")
+    assert len(asked) == 2 and 0 < np.abs(asked[0] - asked[1]).max() < 0.2
+
+
+@pytest.mark.slow
+def test_a_sphere_that_kills_xatlas_is_unwrapped():
+    ball = trimesh.creation.icosphere(6)
+    uv, charts = unwrap(np.array(ball.vertices), np.array(ball.faces))
+    assert charts > 1 and np.isfinite(uv).all()

@@ -1,0 +1,145 @@
+"""Arrays in a zip: a container that claims what it does not hold is refused before memory is spent on it."""
+
+import errno
+import io
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mesoshell.io.archive import read_arrays, read_heads, write_arrays
+from mesoshell.io.whole import replace_file
+
+DAMAGED = "not a zip file, or a truncated or damaged one"
+
+
+def npy(array: np.ndarray, version: tuple[int, int] = (1, 0)) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array(stream, array, version=version)
+    return stream.getvalue()
+
+
+def claiming(shape: str) -> bytes:
+    """Four bytes of data under a header that claims more."""
+    return npy(np.zeros(1, np.float32)).replace(b"(1,), }".ljust(40), f"{shape}, }}".ljust(40).encode())
+
+
+def archive(path: Path, members: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in members.items():
+            file.writestr(name, data)
+    return path
+
+
+def test_heads_are_shapes_and_types(tmp_path: Path):
+    write_arrays(tmp_path / "a.npz", {"a/0": np.zeros((2, 3), np.float16), "b": np.array(1, np.uint8)})
+    heads = {"a/0": ((2, 3), np.dtype(np.float16)), "b": ((), np.dtype(np.uint8))}
+    assert read_heads(tmp_path / "a.npz") == heads
+
+
+def test_members_stand_in_order_and_carry_no_time(tmp_path: Path):
+    write_arrays(tmp_path / "a.npz", {"b": np.zeros(2), "a": np.ones(2)})
+    with zipfile.ZipFile(tmp_path / "a.npz") as file:
+        found = [(info.filename, info.date_time, info.compress_type) for info in file.infolist()]
+    assert found == [(f"{key}.npy", (1980, 1, 1, 0, 0, 0), zipfile.ZIP_DEFLATED) for key in "ba"]
+
+
+def test_only_the_arrays_asked_for_are_read(tmp_path: Path):
+    write_arrays(tmp_path / "a.npz", {"a": np.arange(3), "b": np.arange(4)})
+    read = read_arrays(tmp_path / "a.npz", ["b"])
+    assert list(read) == ["b"] and read["b"].tolist() == [0, 1, 2, 3]
+
+
+def test_missing_file_and_folder(tmp_path: Path, fault_of: Callable):
+    assert fault_of(read_heads, tmp_path / "a.npz") == "no such file"
+    assert fault_of(read_heads, tmp_path) == "cannot be read: Is a directory"
+
+
+@pytest.mark.parametrize("data", [b"", b"PK", b"text" * 50, npy(np.zeros(3))])
+def test_not_a_zip(tmp_path: Path, fault_of: Callable, data: bytes):
+    (tmp_path / "a.npz").write_bytes(data)
+    assert fault_of(read_heads, tmp_path / "a.npz") == DAMAGED
+
+
+@pytest.mark.parametrize("name, data", [("a", npy(np.zeros(1))), ("a.npy", b"text" * 50), ("a.npy", b"")])
+def test_members_that_are_no_arrays(tmp_path: Path, fault_of: Callable, name: str, data: bytes):
+    path = archive(tmp_path / "a.npz", {name: data})
+    assert fault_of(read_heads, path) == f"member {name!r} is not an array (.npy, format 1.0)"
+
+
+def test_other_npy_versions(tmp_path: Path, fault_of: Callable):
+    path = archive(tmp_path / "a.npz", {"a.npy": npy(np.zeros(1), (2, 0))})
+    assert fault_of(read_heads, path) == "member 'a.npy' is not an array (.npy, format 1.0)"
+
+
+@pytest.mark.parametrize("shape", ["(2,)", "(1000000000000,)", "(-1,)", "(0,)"])
+def test_claimed_shapes_are_measured(tmp_path: Path, fault_of: Callable, shape: str):
+    path = archive(tmp_path / "a.npz", {"a.npy": claiming(shape)})
+    assert fault_of(read_heads, path) == "member 'a.npy' is not as long as its shape and type say"
+
+
+@pytest.mark.parametrize("shape", ["(10**12,)", "(x,)", "1", "(1.5,)", "("])
+def test_headers_that_are_no_shapes(tmp_path: Path, fault_of: Callable, shape: str):
+    path = archive(tmp_path / "a.npz", {"a.npy": claiming(shape)})
+    assert fault_of(read_heads, path) == DAMAGED
+
+
+def test_a_claimed_size_is_not_allocated(tmp_path: Path, fault_of: Callable):
+    """Header and zip directory agree on 400 MB; the file holds 4 bytes of data."""
+    claimed = 400 * 2**20
+    member = claiming(f"({claimed // 4},)")
+    path = archive(tmp_path / "a.npz", {"a.npy": member})
+    held, said = len(member).to_bytes(4, "little"), (len(member) - 4 + claimed).to_bytes(4, "little")
+    path.write_bytes(path.read_bytes().replace(held, said))
+    assert read_heads(path) == {"a": ((claimed // 4,), np.dtype(np.float32))}
+    tracemalloc.start()
+    try:
+        assert fault_of(read_arrays, path, ["a"]) == DAMAGED
+        assert tracemalloc.get_traced_memory()[1] < 10 * 2**20
+    finally:
+        tracemalloc.stop()
+
+
+def test_pickles_are_refused(tmp_path: Path, fault_of: Callable):
+    path = archive(tmp_path / "a.npz", {"a.npy": npy(np.array([{}], object))})
+    assert fault_of(read_heads, path) == "member 'a.npy' is not as long as its shape and type say"
+
+
+def test_a_name_that_occurs_twice(tmp_path: Path, fault_of: Callable):
+    path = archive(tmp_path / "a.npz", {"a.npy": npy(np.zeros(1)), "b.npy": npy(np.zeros(1))})
+    path.write_bytes(path.read_bytes().replace(b"b.npy", b"a.npy"))
+    assert fault_of(read_heads, path) == "holds two arrays of one name"
+
+
+def test_an_encrypted_member(tmp_path: Path, fault_of: Callable):
+    path = archive(tmp_path / "a.npz", {"a.npy": npy(np.zeros(1))})
+    path.write_bytes(path.read_bytes().replace(b"PK\x01\x02\x14\x03\x14\x00\x00", b"PK\x01\x02\x14\x03\x14\x00\x01"))
+    assert fault_of(read_heads, path) == DAMAGED
+
+
+def test_writing_into_no_folder_and_over_a_folder(tmp_path: Path, fault_of: Callable):
+    (tmp_path / "a.npz").mkdir()
+    arrays = {"a": np.zeros(1)}
+    assert fault_of(write_arrays, tmp_path / "none" / "a.npz", arrays) == "cannot be written: its folder does not exist"
+    assert fault_of(write_arrays, tmp_path / "a.npz", arrays) == "cannot be written: Is a directory"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_a_full_disk_leaves_the_old_file(tmp_path: Path, fault_of: Callable):
+    (tmp_path / "a.npz").write_bytes(b"old")
+    (tmp_path / "a.npz.partial").symlink_to("/dev/full")
+    fault = fault_of(write_arrays, tmp_path / "a.npz", {"a": np.zeros(1)})
+    assert fault == "cannot be written: No space left on device"
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("a.npz", b"old")]
+
+
+def test_a_failed_rename_leaves_no_partial_file(tmp_path: Path, fault_of: Callable, monkeypatch: pytest.MonkeyPatch):
+    def refuse(source: object, target: object):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("os.replace", refuse)
+    assert fault_of(replace_file, tmp_path / "a.json", b"{}") == "cannot be written: Permission denied"
+    assert not list(tmp_path.iterdir())

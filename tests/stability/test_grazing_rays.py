@@ -1,0 +1,84 @@
+"""Hard case 2: rays at 1e-3 and 1e-5 to a side or a cap; the oracle is mpmath on the same float32 numbers.
+
+Whatever float32 gets wrong (hit or miss, or the place by more than 1e-3 of the face) must carry `doubt`.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles import mp_leave_cap, mp_leave_side, span_of_convex
+from surfaces import ball, unit
+
+from mesoshell.geometry.patch import leave_cap, leave_side, post_function
+from mesoshell.shell.boundary import Boundary
+from mesoshell.shell.extrude import extrude
+
+COUNT = 1500
+OFF = 1e-3
+
+
+def grazing(normal: np.ndarray, angle: float, rng: np.random.Generator) -> np.ndarray:
+    """Directions that lean outward from a surface by an angle."""
+    along = unit(np.cross(normal, rng.normal(size=normal.shape)))
+    return unit(along + angle * unit(normal))
+
+
+def grazed_sides(angle: float, twist: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rays through points in and just beside random sides, at an angle to the tangent plane there."""
+    e, n0 = unit(rng.normal(size=(COUNT, 3))), 0.3 * unit(rng.normal(size=(COUNT, 3)))
+    n0 = n0 - 0.7 * np.sum(n0 * e, axis=1, keepdims=True) * e
+    n1 = n0 + twist * 0.3 * unit(rng.normal(size=(COUNT, 3)))
+    u, h = rng.uniform(-0.1, 1.1, (2, COUNT, 1))
+    normal = np.cross(e + h * (n1 - n0), n0 + u * (n1 - n0))
+    d = grazing(normal, angle, rng)
+    p0 = rng.uniform(0.1, 4, (COUNT, 1)) * d - (u * e + h * (n0 + u * (n1 - n0)))
+    return d.astype(np.float32), np.stack([p0, p0 + e], 1).astype(np.float32), np.stack([n0, n1], 1).astype(np.float32)
+
+
+@pytest.mark.parametrize("twist", [0.0, 1e-4, 0.5])
+@pytest.mark.parametrize("angle", [1e-3, 1e-5])
+def test_no_side_is_wrong_and_unflagged(angle: float, twist: float):
+    d, p, n = grazed_sides(angle, twist, np.random.default_rng(2))
+    f = jax.vmap(jax.vmap(post_function, in_axes=(None, 0, 0)))(d, p, n)
+    found = jax.tree.map(np.asarray, jax.jit(jax.vmap(leave_side))(d, p, n, f))
+    hit, _, u, h = (np.array(x) for x in zip(*map(mp_leave_side, d, p, n), strict=True))
+    seen = found.inside >= 0
+    off = np.maximum(np.abs(found.u - u), np.abs(found.h - h))
+    wrong = (seen != hit) | (hit & (off > OFF))
+    assert hit.sum() > COUNT / 4
+    assert not (wrong & ~found.doubt).any()
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1e-5])
+def test_no_cap_is_wrong_and_unflagged(angle: float):
+    rng = np.random.default_rng(3)
+    corners = rng.normal(size=(COUNT, 3, 3))
+    weights = rng.dirichlet((1, 1, 1), COUNT) * 1.3 - 0.1
+    d = grazing(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), angle, rng)
+    at = np.einsum("rk,rki->ri", weights, corners) - rng.uniform(0.1, 4, (COUNT, 1)) * d
+    d, corners = d.astype(np.float32), (corners - at[:, None]).astype(np.float32)
+    found, where = jax.jit(jax.vmap(lambda d, c: leave_cap(d, c, 1)))(jnp.asarray(d), jnp.asarray(corners))
+    hit, exact = (np.array(x) for x in zip(*map(mp_leave_cap, d, corners), strict=True))
+    seen = np.asarray(found.inside) >= 0
+    wrong = (seen != hit) | (hit & (np.abs(np.asarray(where) - exact).max(axis=1) > OFF))
+    assert hit.sum() > COUNT / 4
+    assert not (wrong & ~np.asarray(found.doubt)).any()
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1e-5])
+def test_chords_of_rays_that_graze_a_shell(angle: float):
+    mesh = ball()
+    shell = extrude(mesh, 0.2, 1.0)
+    rng = np.random.default_rng(4)
+    faces = rng.integers(0, len(shell.faces), 1000)
+    top = (shell.base.astype(np.float64) + shell.offset)[shell.faces]
+    normal = np.cross(top[:, 1] - top[:, 0], top[:, 2] - top[:, 0])[faces]
+    d = grazing(-normal, angle, rng)
+    o = np.einsum("rk,rki->ri", rng.dirichlet((1, 1, 1), 1000), top[faces]) - 2 * d
+    trace = Boundary(shell, mesh.faces).trace(o, d)
+    enters, leaves = span_of_convex(top, o, d)
+    base = span_of_convex(shell.base[shell.faces].astype(np.float64), o, d)
+    assert (base[0] > base[1]).all()
+    length = np.bincount(trace.intervals.ray, trace.intervals.t1 - trace.intervals.t0, minlength=1000)
+    np.testing.assert_allclose(length, np.maximum(leaves - enters, 0), atol=1e-4)

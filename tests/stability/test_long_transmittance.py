@@ -1,0 +1,68 @@
+"""Hard case 11: transmittance over thousands of steps, by summed optical depth.
+
+Oracle: mpmath sums of the same float32 depths; log T is compared, since T itself leaves the range of floats.
+"""
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+
+from mesoshell.render.composite import weights
+from mesoshell.shell.renderer import accumulate
+
+STEPS = 5000
+
+
+def depths(total: float, seed: int) -> np.ndarray:
+    """Random depths of very different sizes, `total` in sum."""
+    tau = np.random.default_rng(seed).uniform(0, 1, STEPS) ** 8
+    return (tau * total / tau.sum()).astype(np.float32)
+
+
+def true_sums(tau: np.ndarray) -> np.ndarray:
+    """Σ of the depths before each sample, then of all."""
+    total, sums = mpmath.mpf(0), [0.0]
+    for x in tau:
+        total += mpmath.mpf(float(x))
+        sums.append(float(total))
+    return np.array(sums)
+
+
+@pytest.mark.parametrize("total", [1e-6, 1.0, 60.0])
+def test_log_transmittance_of_one_ray(total: float):
+    tau = depths(total, 1)
+    w, through = jax.jit(weights)(jnp.asarray(tau))
+    sums = true_sums(tau)
+    np.testing.assert_allclose(np.log(np.float64(through)), -sums[-1], rtol=1e-6, atol=1.2e-7)  # T near 1 is rounded to ε
+    np.testing.assert_allclose(np.asarray(w), np.exp(-sums[:-1]) * -np.expm1(-np.float64(tau)), rtol=2e-5, atol=1e-30)
+    np.testing.assert_allclose(np.asarray(w, np.float64).sum() + through, 1, atol=1e-6)
+
+
+def test_the_gradient_is_finite_and_right():
+    tau = depths(60.0, 2)
+    gradient = jax.jit(jax.grad(lambda x: jnp.log(weights(x)[1])))(jnp.asarray(tau))
+    np.testing.assert_allclose(np.asarray(gradient), -1, rtol=1e-6)
+    far = jax.grad(lambda x: jnp.sum(weights(x)[0] * jnp.arange(3.0)) + weights(x)[1])
+    assert np.isfinite(np.asarray(far(jnp.float32([1e4, 1e20, 0.0])))).all()
+
+
+def test_many_rays_in_waves_beyond_the_range_of_floats():
+    """Ray 0 is opaque at once, rays 1 to 3 reach T = e⁻³⁰⁰, e⁻¹ and 1: what ray 0 meets must not cost the others a digit."""
+    taus = [np.full(STEPS, 1e19, np.float32), depths(300.0, 3), depths(1.0, 4), np.zeros(STEPS, np.float32)]
+    depth, found = np.zeros(4), []
+    for wave in np.split(np.arange(STEPS), STEPS // 8):
+        w, depth = accumulate(depth, np.repeat(np.arange(4), 8), np.concatenate([x[wave] for x in taus]))
+        found.append(w.reshape(4, 8))
+    found = np.concatenate(found, axis=1)
+    for ray in (1, 2, 3):
+        sums = true_sums(taus[ray])
+        np.testing.assert_allclose(depth[ray], sums[-1], rtol=1e-12)
+        np.testing.assert_allclose(found[ray], np.exp(-sums[:-1]) * -np.expm1(-np.float64(taus[ray])), rtol=1e-6)
+    np.testing.assert_array_equal(found[0], np.eye(1, STEPS)[0])
+
+
+def test_a_ray_without_samples_stays_clear():
+    _, depth = accumulate(np.array([0.5, 0.25]), np.array([1, 1]), np.float32([1.0, 2.0]))
+    np.testing.assert_array_equal(depth, [0.5, 3.25])

@@ -9,6 +9,7 @@ symbol  meaning
 τ       optical depth σ·length, ≥ 0
 """
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
@@ -18,9 +19,22 @@ SIGMA_MAX = 1e20
 
 
 def safe_div(a: Float[Array, "..."], b: Float[Array, "..."], fallback: float = 0.0) -> Float[Array, "..."]:
-    """a / b, and `fallback` where b is 0; the gradient there is 0."""
-    zero = b == 0
-    return jnp.where(zero, jnp.asarray(fallback, b.dtype), a / jnp.where(zero, jnp.ones_like(b), b))
+    """a / b, and `fallback` where b is 0 or denormal; the gradient there is 0."""
+    zero = jnp.abs(b) < jnp.finfo(b.dtype).tiny
+    return jnp.where(zero, jnp.asarray(fallback, b.dtype), _divide(a, jnp.where(zero, jnp.ones_like(b), b)))
+
+
+@jax.custom_jvp
+def _divide(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
+    """a / b, whose derivative divides by b twice: b² would already be 0 for b below 1e-19."""
+    return a / b
+
+
+@_divide.defjvp
+def _divide_jvp(primals: tuple, tangents: tuple) -> tuple:
+    (a, b), (da, db) = primals, tangents
+    q = a / b
+    return q, (da - q * db) / b
 
 
 def safe_sqrt(x: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -32,7 +46,8 @@ def safe_sqrt(x: Float[Array, "..."]) -> Float[Array, "..."]:
 def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """Euclidean length over the last axis; gradient 0 at the zero vector. Scaled, so 1e±30 neither over- nor underflows."""
     largest = jnp.max(jnp.abs(x), axis=-1)
-    scale = jnp.where((largest > 0) & jnp.isfinite(largest), largest, jnp.ones_like(largest))
+    usable = (largest >= jnp.finfo(x.dtype).tiny) & jnp.isfinite(largest)
+    scale = jax.lax.stop_gradient(jnp.where(usable, largest, jnp.ones_like(largest)))  # the length does not depend on it
     return scale * safe_sqrt(jnp.sum(jnp.square(x / scale[..., None]), axis=-1))
 
 

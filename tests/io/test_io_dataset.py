@@ -127,6 +127,7 @@ def test_each_field_of_a_row_is_required(folder):
         ("size", [6, 4.5], "size is [6, 4.5]; expected [W, H] in whole pixels"),
         ("size", [4, 6], "size is [4, 6]; the manifest says [6, 4]"),
         ("parameters", {"age": 1.5}, "parameter 'age' is 1.5; expected 0 to 1"),
+        ("parameters", {"age": -0.5}, "parameter 'age' is -0.5; expected 0 to 1"),
         ("parameters", {"age": "1"}, "parameter 'age' is '1'; expected 0 to 1"),
         ("parameters", {}, "parameters are {}; the manifest declares ['age']"),
         ("camera_to_world", [[1, 0], [0]], "camera_to_world is [[1, 0], [0]]; expected 4 × 4 numbers that end in "),

@@ -22,7 +22,7 @@ class Options:
     #: Steps in all.
     steps: int = 2000
     #: Rays a step.
-    rays: int = 4096
+    rays: int = 8192
     #: Texels a patch of the feature texture; a power of two.
     texels: int = 256
     #: Width of the decoder's layers.
@@ -33,6 +33,9 @@ class Options:
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Fit a material to datasets of one fixed slab; writes a bundle, and a run folder that a later call goes on from."""
+    from mesoshell.train.parallel import split_cpu
+
+    split_cpu()
     from mesoshell.cli import fitting
 
     fitting.fit_to_bundle(options)

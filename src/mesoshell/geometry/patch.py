@@ -14,8 +14,8 @@ points out of the prism, so the ray *leaves* through the root where F grows, u�
 through the other: a side has at most one crossing of either kind, with no sorting. The root is evaluated without
 cancellation, as c/q or q/a, which also covers the planar patch (a = 0).
 
-`doubt` says that rounding could have changed the answer: some quantity that is compared with a bound lies closer to it
-than its own error bound. Callers repeat doubtful rays in float64.
+`doubt` says that rounding could have changed the answer, because some quantity that is compared with a bound lies closer
+to it than its own error bound, or could have moved it by more than 1e-3 of the face. Callers repeat doubtful rays in float64.
 """
 
 from typing import NamedTuple
@@ -26,14 +26,17 @@ from mesoshell.typing import Array, Flag, Float, Mat3, Scalar, Vec3
 
 #: Rounding errors of a 3 × 3 determinant, in units of ε·|p|·|n|: 3 products of 3, 5 sums, and the rounding of p itself.
 _ROUNDINGS = 8.0
+#: A place whose error bound exceeds this is doubtful: the bounds are at least 7 times the errors seen, so that what
+#: float32 keeps is good to 1e-3.
+_BLUR = 5e-3
 
 
 class Crossing(NamedTuple):
     """A crossing with a side or a cap.
 
     t: distance along the ray. u: position along the side. h: height. inside: how far (u, h), or the barycentric
-    coordinates of a cap, lie inside their bounds; negative outside; −inf where there is no crossing at all. margin: error
-    bound of `inside`. doubt: rounding could change whether there is a crossing.
+    coordinates of a cap, lie inside their bounds; negative outside; −inf where there is no crossing at all. margin and
+    slack: error bounds of `inside` and of t. doubt: rounding could change whether there is a crossing.
     """
 
     t: Scalar
@@ -41,6 +44,7 @@ class Crossing(NamedTuple):
     h: Scalar
     inside: Scalar
     margin: Scalar
+    slack: Scalar
     doubt: Flag
 
 
@@ -83,8 +87,8 @@ def leave_side(d: Vec3, p: Float[Array, "2 3"], n: Float[Array, "2 3"], f: Float
     margin = jnp.maximum(margin_u, margin_h)
     touching = (jnp.abs(discriminant) < error_d) & _between(b, a)
     near_post = jnp.min(jnp.abs(f)) < error
-    doubt = touching | near_post | (exists & (jnp.abs(inside) < margin))
-    return Crossing(t, u, h, inside, margin, doubt)
+    doubt = touching | near_post | (exists & _unsure(inside, margin))
+    return Crossing(t, u, h, inside, margin, margin_h * _length(n_u), doubt)
 
 
 def leave_cap(d: Vec3, corners: Mat3, outward: int) -> tuple[Crossing, Vec3]:
@@ -104,9 +108,10 @@ def leave_cap(d: Vec3, corners: Mat3, outward: int) -> tuple[Crossing, Vec3]:
     t = _divide(jnp.dot(normal, corners[0]), total)
     inside = jnp.where(leaves, jnp.min(weights), -jnp.inf)
     margin = error / jnp.maximum(jnp.abs(total), error)
-    doubt = (jnp.abs(total) < 3 * error) | (leaves & (jnp.abs(inside) < margin))
+    doubt = (jnp.abs(total) < 3 * error) | (leaves & _unsure(inside, margin))
     h = jnp.asarray(1.0 if outward > 0 else 0.0, d.dtype)
-    return Crossing(t, jnp.zeros_like(t), h, inside, margin, doubt), weights
+    slack = _ROUNDINGS * eps * size + margin * _length(normal) / size
+    return Crossing(t, jnp.zeros_like(t), h, inside, margin, slack, doubt), weights
 
 
 def _length(x: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
@@ -115,6 +120,11 @@ def _length(x: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
 
 def _divide(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(b == 0, jnp.inf, a / jnp.where(b == 0, 1, b))
+
+
+def _unsure(inside: Scalar, margin: Scalar) -> Flag:
+    """Whether a crossing may or may not lie within its face, or does at a place that rounding has blurred."""
+    return (jnp.abs(inside) < margin) | ((inside >= 0) & (margin > _BLUR))
 
 
 def _between(b: Scalar, a: Scalar) -> Flag:

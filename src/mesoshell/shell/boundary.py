@@ -31,6 +31,10 @@ from mesoshell.shell.visits import Intervals, Starts, Visits, no_intervals, visi
 
 #: Step past a surface before free space begins again, relative to the scene's size.
 ADVANCE = 2e-6
+#: Origins beyond this are as good as infinite: float32 cannot square their distance.
+REACH = 1e18
+#: Steps from the triangle that Embree reports to the one that owns the ray: at most half way round a vertex.
+HOPS = 16
 _TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 
 
@@ -65,30 +69,31 @@ class Boundary:
     ):
         self.prisms = as_tables(shell.base, shell.offset, shell.faces, shell.neighbour, shell.neighbour_edge)
         self.mesh_face = shell.mesh_face
+        self.neighbour = shell.neighbour
         self.opaque = opaque
         count = len(shell.faces)
-        parts = [((shell.base + shell.offset)[shell.faces], np.arange(count), np.full(count, TOP), shell.mesh_face)]
+        foot = shell.base.astype(np.float64)  # float32 would round the top to the grid of a scene far from the origin
+        top = foot + shell.offset
+        parts = [(top[shell.faces], np.arange(count), np.full(count, TOP), shell.mesh_face)]
         if opaque:
             stands = np.full(len(base_faces), -1)
             stands[shell.mesh_face] = np.arange(count)
             here = np.arange(len(base_faces))
-            parts.append((shell.base[base_faces], stands, np.full(len(base_faces), BASE), here))
+            parts.append((foot[base_faces], stands, np.full(len(base_faces), BASE), here))
         if others is not None and len(others):
             none, here = np.full(len(others), -1), len(base_faces) + np.arange(len(others))
             parts.append((others, none, np.full(len(others), BASE), here))
         p, k = np.nonzero(shell.neighbour < 0)
         if len(p):
-            foot = shell.base[np.stack([shell.faces[p, k], shell.faces[p, (k + 1) % 3]], axis=1)]
-            post = shell.offset[np.stack([shell.faces[p, k], shell.faces[p, (k + 1) % 3]], axis=1)]
-            corners = np.concatenate([foot, (foot + post)[:, ::-1]], axis=1)
+            ends = np.stack([shell.faces[p, k], shell.faces[p, (k + 1) % 3]], axis=1)
+            corners = np.concatenate([foot[ends], top[ends][:, ::-1]], axis=1)
             owners = (np.repeat(x, 4) for x in (p, k, shell.mesh_face[p]))
             parts.append((corners[:, _TETRAHEDRON].reshape(-1, 3, 3), *owners))
-        soup, self.prism, self.code, self.face = (
-            np.concatenate(x).astype(np.float32 if i == 0 else np.int32) for i, x in enumerate(zip(*parts, strict=True))
+        self.corners, self.prism, self.code, self.face = (
+            np.concatenate(x).astype(np.float64 if i == 0 else np.int32) for i, x in enumerate(zip(*parts, strict=True))
         )
-        self.corners = soup.astype(np.float64)
         self.normal = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
-        self.size = float(np.ptp(soup.reshape(-1, 3), axis=0).max())
+        self.size = float(np.ptp(self.corners.reshape(-1, 3), axis=0).max())
         self.centre = self.corners.mean(axis=(0, 1))  # Embree works in float32: keep its numbers small
         self.scene = EmbreeScene()
         TriangleMesh(self.scene, np.ascontiguousarray(self.corners - self.centre, np.float32))
@@ -100,13 +105,30 @@ class Boundary:
     def first_hit(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Triangle met first (−1: none), and its distance refined in float64 on the triangle's plane."""
         found = self.scene.run((o - self.centre).astype(np.float32), d.astype(np.float32), output=True)
-        triangle = np.where(found["geomID"] < 0, -1, found["primID"])
+        triangle = self._owner(np.where(found["geomID"] < 0, -1, found["primID"]), o, d)
         rough = found["tfar"].astype(np.float64)
         normal = self.normal[triangle]
         with np.errstate(divide="ignore", invalid="ignore"):
             exact = _dot(normal, self.corners[triangle, 0] - o) / _dot(normal, d)
         close = np.abs(exact - rough) < 1e-3 * (self.size + rough)
         return triangle, np.where(triangle < 0, np.inf, np.where(close, exact, rough))
+
+    def _owner(self, triangle: np.ndarray, o: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """The top's triangle that a ray meets in float64, from the one that float32 found: it or one close by."""
+        triangle = triangle.copy()
+        rays = np.flatnonzero((triangle >= 0) & (self.code[triangle] == TOP))
+        for _ in range(HOPS):
+            at = triangle[rays]
+            c = self.corners[at] - o[rays, None]
+            side = np.where(_dot(self.normal[at], d[rays]) < 0, -1.0, 1.0)
+            across = np.einsum("rki,ri->rk", np.cross(c, np.roll(c, -1, axis=1)), d[rays]) * side[:, None]
+            edge = across.argmin(axis=1)
+            beyond = self.neighbour[at, edge]
+            turned = _dot(self.normal[beyond], d[rays]) * side < 0
+            moves = (across.min(axis=1) < 0) & (beyond >= 0) & ~turned
+            triangle[rays[moves]] = beyond[moves]
+            rays = rays[moves]
+        return triangle
 
     def occluded(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> Bool[np.ndarray, "R"]:
         """Whether a surface (not the shell) blocks a ray."""
@@ -118,9 +140,9 @@ class Boundary:
         """Every interval of every ray. A ray that is not finite, or has no direction, misses. exact: all in float64."""
         o, d = np.asarray(o, np.float64), np.asarray(d, np.float64)
         length = np.linalg.norm(np.nan_to_num(d, posinf=0, neginf=0), axis=1)
-        sound = np.isfinite(o).all(axis=1) & np.isfinite(d).all(axis=1) & (np.abs(length - 1) < 1e-3)
+        reachable = (np.abs(o) < REACH).all(axis=1)  # false for NaN
         state = _State(self, o, d, exact)
-        alive = np.flatnonzero(sound)
+        alive = np.flatnonzero(reachable & np.isfinite(d).all(axis=1) & (np.abs(length - 1) < 1e-3))
         while len(alive):
             alive = state.advance(alive)
         merged = [np.concatenate(x) for x in zip(*state.parts, strict=True)] if state.parts else no_intervals()

@@ -11,7 +11,7 @@ h           relative height, 0 on the base surface and 1 on the top
 face code   0, 1, 2: the side from vertex k to k + 1;  3: top;  4: base
 
 The walk never gets lost: where rounding leaves no face that the ray can leave through, it takes the face that is missed
-by least. Such rays, and all whose decisions lie within their own rounding error, are marked `doubt`, and
+by least, and where all are missed by far, the walk ends as lost. Such rays, and all whose decisions lie within their own rounding error, are marked `doubt`, and
 `shell/boundary.py` repeats them in float64. The origin is given as a sum of two floats, so that it can lie on the ray right
 at the shell: positions relative to it are then small, and so are their errors.
 """
@@ -25,8 +25,12 @@ from mesoshell.geometry.patch import Crossing, leave_cap, leave_side, post_funct
 from mesoshell.typing import Array, Flag, Float, Index, Int, Scalar, Vec2, Vec3
 
 TOP, BASE = 3, 4
-#: Exit codes of a walk that has not ended, and of one that began outside every prism.
+#: Exit codes of a walk that has not ended, and of one that is outside every prism.
 WALKING, LOST = -1, -2
+#: No face is met beyond its bounds by more than this, whatever its error bound.
+WIDEST = 1e-3
+#: A ray that misses every face by more than this is not in the prism: its walk ends there.
+FAR_OFF = 1e-2
 
 
 class Prisms(NamedTuple):
@@ -49,10 +53,11 @@ class Ray(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a walk stands: prism, distance, λ and h of the point where it entered the prism, exit code so far, doubt."""
+    """Where a walk stands: prism, distance and its error bound, λ and h where it entered the prism, exit code, doubt."""
 
     prism: Index
     t: Scalar
+    slack: Scalar
     bary: Vec2
     h: Scalar
     exit: Index
@@ -87,9 +92,7 @@ def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> Place:
     top, weights_top = leave_cap(d, p + n, outward=-1)
     base, weights_base = leave_cap(d, p, outward=1)
     k = jnp.clip(code, 0, 2)
-    posts = jnp.stack(
-        [(k + 1) % 3, k]
-    )  # seen from outside, the side runs the other way round: its leaving is our entering
+    posts = jnp.stack([(k + 1) % 3, k])  # the side seen from outside: its leaving is our entering
     f = jax.vmap(post_function, in_axes=(None, 0, 0))(d, p, n)
     side = leave_side(d, p[posts], n[posts], f[posts])
     bary_side = _along_side(k, side.u, 1 - side.u)
@@ -100,7 +103,8 @@ def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> Place:
     met = jnp.where(code < TOP, side.inside >= 0, True) & jnp.isfinite(t)
     doubt = jnp.where(is_top, top.doubt, jnp.where(is_base, base.doubt, side.doubt))
     exit_ = jnp.where(met, WALKING, LOST).astype(prism.dtype)
-    return Place(prism, t, jnp.where(met, bary, 0.0), jnp.clip(h, 0, 1), exit_, doubt)
+    slack = jnp.where(is_top, top.slack, jnp.where(is_base, base.slack, side.slack))
+    return Place(prism, t, slack, jnp.where(met, bary, 0.0), jnp.clip(h, 0, 1), exit_, doubt)
 
 
 def step(prisms: Prisms, ray: Ray, place: Place) -> tuple[Place, Interval]:
@@ -113,8 +117,8 @@ def step(prisms: Prisms, ray: Ray, place: Place) -> tuple[Place, Interval]:
     top, weights_top = leave_cap(d, p + n, outward=1)
     base, weights_base = leave_cap(d, p, outward=-1)
     faces = jax.tree.map(lambda s, a, b: jnp.concatenate([s, a[None], b[None]]), sides, top, base)
-    code, doubt = _choose(faces, place.t)
-    t1 = jnp.maximum(_pick(faces.t, code), place.t)
+    code, doubt, lost = _choose(faces, place)
+    t1 = jnp.where(lost, place.t, jnp.maximum(_pick(faces.t, code), place.t))
     u = jnp.clip(_pick(faces.u, code), 0, 1)
     edge = jnp.minimum(code, 2)
     bary_side = _along_side(edge, 1 - u, u)
@@ -128,31 +132,35 @@ def step(prisms: Prisms, ray: Ray, place: Place) -> tuple[Place, Interval]:
     after = Place(
         jnp.where(stays, place.prism, beyond),
         t1,
+        _pick(faces.slack, code),
         jnp.where(stays, bary1, bary2),
         h1,
-        jnp.where(stays, code, WALKING).astype(place.exit.dtype),
+        jnp.where(lost, LOST, jnp.where(stays, code, WALKING)).astype(place.exit.dtype),
         place.doubt | doubt,
     )
     walking = place.exit == WALKING
     return jax.tree.map(lambda new, old: jnp.where(walking, new.astype(old.dtype), old), after, place), interval
 
 
-def _choose(faces: Crossing, t_in: Scalar) -> tuple[Index, Flag]:
-    """Which face the ray leaves through: the nearest one ahead whose bounds it meets, else the one it misses by least."""
-    slack = (
-        64
-        * jnp.finfo(t_in.dtype).eps
-        * (jnp.abs(t_in) + jnp.max(jnp.where(jnp.isfinite(faces.t), faces.t, 0) ** 2) ** 0.5)
-    )
-    ahead = jnp.isfinite(faces.t) & (faces.t >= t_in - slack) & (faces.inside > -jnp.inf)
-    meets = ahead & (faces.inside >= 0)
+def _choose(faces: Crossing, place: Place) -> tuple[Index, Flag, Flag]:
+    """Which face the ray leaves through: the nearest one ahead whose bounds it meets, else the one it misses by least.
+
+    Bounds are widened by rounding: a ray through an edge may miss both of its faces by that much, and meet one further on.
+    Returns the face, doubt, and whether even the face that is missed by least is missed by far: the ray is not in here.
+    """
+    slack = 64 * jnp.finfo(place.t.dtype).eps * jnp.abs(place.t) + place.slack
+    slack = slack + jnp.where(jnp.isfinite(faces.t), faces.slack, 0)
+    ahead = jnp.isfinite(faces.t) & (faces.t >= place.t - slack) & (faces.inside > -jnp.inf)
+    meets = ahead & (faces.inside >= -jnp.minimum(faces.margin, WIDEST))
     nearest = jnp.argmin(jnp.where(meets, faces.t, jnp.inf))
     missed = jnp.where(ahead, jnp.nan_to_num(faces.inside, nan=-1e30), -jnp.inf)
     code = jnp.where(jnp.any(meets), nearest, jnp.argmax(missed))
+    near = slack + _pick(slack, code)
     t_out = _pick(faces.t, code)
-    relevant = faces.doubt & (faces.t <= t_out + slack) & (faces.t >= t_in - slack)
-    close = meets & (jnp.abs(faces.t - t_out) <= slack)
-    return code, jnp.any(relevant) | ~jnp.any(meets) | (jnp.sum(close) > 1)
+    relevant = faces.doubt & (faces.t <= t_out + near) & (faces.t >= place.t - slack)
+    close = meets & (jnp.abs(faces.t - t_out) <= near)
+    doubt = jnp.any(relevant) | ~jnp.any(meets) | (jnp.sum(close) > 1)
+    return code, doubt, ~jnp.any(meets) & (jnp.max(missed) < -FAR_OFF)
 
 
 def _pick(x: Array, i: Index) -> Array:

@@ -180,7 +180,7 @@ class _Renderer:
             weight, depth = accumulate(depth, owner, tau)
             heavy = np.flatnonzero(weight > self.quality.weight_cut)
             parts.append(Shaded(some.row[heavy], owner[heavy], weight[heavy], found[heavy]))
-            self.report.count(density_queries=len(chosen))
+            self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
         self.report.time("decode", clock)
         if not parts:
             return depth, Shaded(

@@ -28,6 +28,7 @@ from mesoshell.shell.decoder import Decoder, direction, init_decoder
 from mesoshell.shell.field import Layout, Material, Point, inputs, neural_field
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import footprint
+from mesoshell.train.parallel import mean_gradient
 from mesoshell.train.rays import ImageTable, RayTable
 from mesoshell.typing import Array, Bool, Float, Key, Scalar
 
@@ -45,8 +46,8 @@ class FitConfig:
     octaves: int = 4
     trunk: tuple[int, ...] = (64, 64, 64)
     head: tuple[int, ...] = (64, 64)
-    rays: int = 4096
-    candidates: int = 64
+    rays: int = 8192
+    candidates: int = 48
     decoded: float = 0.25
     rate: float = 1e-2
     texture_rate: float = 3e-2
@@ -192,17 +193,19 @@ def make_step(config: FitConfig, images: ImageTable, steps: int) -> Callable:
     transform = optimiser(config, steps)
     light, irradiance, alpha = (jnp.asarray(x) for x in images)
 
+    def loss(p: Parameters, occupancy: Array, split: tuple[RayTable, Array]) -> tuple[Scalar, Scalar]:
+        rays, jitter = split
+        batch = Batch(rays, light[rays.image], irradiance[rays.image], alpha[rays.image])
+        y, complete, used = predict(config, p, batch, occupancy, jitter)
+        error = jnp.mean(jnp.square(y - rays.target), axis=1)
+        return jnp.sum(error * complete) / jnp.sum(complete), used
+
+    gradient_of = mean_gradient(loss)
+
     @jax.jit
     def step(state: State, rays: RayTable, key: Key[Array, ""]) -> tuple[State, Scalar, Scalar]:
-        batch = Batch(rays, light[rays.image], irradiance[rays.image], alpha[rays.image])
         jitter = jax.random.uniform(key, (rays.image.shape[0], config.candidates))
-
-        def loss(p: Parameters) -> tuple[Scalar, Scalar]:
-            y, complete, used = predict(config, p, batch, state.occupancy, jitter)
-            error = jnp.mean(jnp.square(y - rays.target), axis=1)
-            return jnp.sum(error * complete) / jnp.sum(complete), used
-
-        (error, used), gradient = jax.value_and_grad(loss, has_aux=True)(state.parameters)
+        (error, used), gradient = gradient_of(state.parameters, state.occupancy, (rays, jitter))
         updates, inner = transform.update(gradient, state.optimiser, state.parameters)
         parameters = optax.apply_updates(state.parameters, updates)
         return State(parameters, inner, state.occupancy, state.step + 1), error, used

@@ -16,6 +16,7 @@ import numpy as np
 
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.fit import FitConfig, State, batches, make_refresh, make_step, start
+from mesoshell.train.parallel import replicate, spread
 from mesoshell.train.rays import ImageTable, RayTable
 
 LOG_EVERY, REFRESH_EVERY = 50, 16
@@ -32,7 +33,7 @@ def fit(
     report: Callable[[dict], None] = lambda row: None,
 ) -> State:
     """Train for `steps` steps in all, from the newest checkpoint in `run` if there is one. report: sees each log row."""
-    state = start(config, images, steps)
+    state = replicate(start(config, images, steps))
     step, refresh = make_step(config, images, steps), make_refresh(config, images)
     rows = (run / "log.jsonl").read_text().splitlines() if (run / "log.jsonl").exists() else []
     minutes = json.loads(rows[-1])["minutes"] if rows else 0.0
@@ -45,7 +46,7 @@ def fit(
             keys = jax.random.split(jax.random.fold_in(jax.random.key(config.seed), i))
             if i % REFRESH_EVERY == 1 or i < 4 * REFRESH_EVERY:
                 state = refresh(state, keys[0])
-            state, loss, wanted = step(state, next(stream), keys[1])
+            state, loss, wanted = step(state, spread(next(stream)), keys[1])
             losses.append(float(loss))
             if i % LOG_EVERY == 0 or i == steps:
                 now = time.perf_counter()

@@ -1,0 +1,53 @@
+"""Hard case 8: rays without length, direction or finite numbers miss, end, and leave their neighbours as they were.
+
+The oracle is the same batch without them.
+"""
+
+import numpy as np
+import pytest
+from surfaces import ball, rays_at
+
+from mesoshell.shell.boundary import Boundary
+from mesoshell.shell.extrude import extrude
+
+MESH = ball(1)
+BOUNDARY = Boundary(extrude(MESH, 0.2, 1.0), MESH.faces)
+BAD = {
+    "no direction": ([0, 0, 3], [0, 0, 0]),
+    "a direction below every float32": ([0, 0, 3], [0, 0, -1e-60]),
+    "a direction beyond every float32": ([0, 0, 3], [0, 0, -1e60]),
+    "an infinite direction": ([0, 0, 3], [0, 0, -np.inf]),
+    "a NaN in the direction": ([0, 0, 3], [np.nan, 0, -1]),
+    "an infinite origin": ([0, 0, np.inf], [0, 0, -1]),
+    "a NaN in the origin": ([np.nan, 0, 3], [0, 0, -1]),
+    "an origin beyond every float32": ([0, 0, 1e60], [0, 0, -1]),
+    "no number at all": ([np.nan] * 3, [np.nan] * 3),
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_it_misses_and_its_neighbours_do_not_notice(bad: str):
+    rng = np.random.default_rng(11)
+    o, d = rays_at(0.5 * rng.normal(size=(20, 3)), 3.0, rng)
+    alone = BOUNDARY.trace(o, d)
+    at = np.array([0, 7, 20])
+    rows = [np.insert(x, at, np.array(b, float), axis=0) for x, b in zip((o, d), BAD[bad], strict=True)]
+    mixed = BOUNDARY.trace(*rows)
+    is_bad = ~np.isin(np.arange(23), np.delete(np.arange(23), at + np.arange(3)))
+    assert np.isinf(mixed.end[is_bad]).all() and (mixed.face[is_bad] == -1).all()
+    assert not is_bad[mixed.intervals.ray].any()
+    np.testing.assert_array_equal(mixed.end[~is_bad], alone.end)
+    renamed = np.flatnonzero(~is_bad)[alone.intervals.ray]
+    for a, b in zip(mixed.intervals, alone.intervals._replace(ray=renamed), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_batch_of_nothing_else():
+    rows = (np.array(x, float) for x in zip(*BAD.values(), strict=True))
+    trace = BOUNDARY.trace(*rows)
+    assert not len(trace.intervals.ray) and np.isinf(trace.end).all()
+
+
+def test_no_rays_at_all():
+    trace = BOUNDARY.trace(np.zeros((0, 3)), np.zeros((0, 3)))
+    assert not len(trace.intervals.ray) and not len(trace.end)

@@ -1,0 +1,98 @@
+"""Hard case 7: two hits on one side, several visits, re-entry, a camera inside the shell.
+
+The oracle cuts every ray into 4000 points and inverts the prisms' maps in float64: a point is inside just where some
+interval covers it, up to one step at the intervals' ends.
+"""
+
+import jax
+import numpy as np
+import pytest
+from oracles import assert_ends_on_ray, assert_sorted_apart, locate, mp_leave_side, prism_point
+from surfaces import ball, rays_at, sheet, together, torus, unit
+
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.geometry.patch import leave_side, post_function
+from mesoshell.shell.boundary import Boundary, Trace
+from mesoshell.shell.extrude import Shell, extrude
+
+POINTS = 4000
+BENT = sheet(lambda x, y: 0.6 * np.cos(3 * x) + 0.1 * y * y)
+SCENES = {
+    "torus": (torus(), 0.12),
+    "two balls": (together(ball(1), ball(1, 0.5, (2.0, 0.3, 0.1))), 0.2),
+    "balls whose shells overlap": (together(ball(1), ball(1, 0.5, (1.6, 0.3, 0.1))), 0.2),
+    "bent sheet": (BENT, 0.15),
+}
+
+
+def assert_as_sampled(trace: Trace, shell: Shell, o: np.ndarray, d: np.ndarray, reach: float) -> np.ndarray:
+    """Compare with the oracle up to each ray's end; returns the number of separate visits of each ray."""
+    i = trace.intervals
+    assert_sorted_apart(trace)
+    assert_ends_on_ray(trace, shell, o, d, 1e-5)
+    visits = np.zeros(len(o), int)
+    for r in range(len(o)):
+        last = min(trace.end[r], reach)
+        t = (np.arange(POINTS) + 0.5) * last / POINTS
+        held = locate(shell, o[r] + t[:, None] * d[r])
+        t0, t1, prism = i.t0[i.ray == r], i.t1[i.ray == r], i.prism[i.ray == r]
+        covers = (t[:, None] >= t0) & (t[:, None] < t1)
+        ends = np.concatenate([t0, t1, [0, last]])
+        clear = np.abs(t[:, None] - ends).min(axis=1) > last / POINTS
+        np.testing.assert_array_equal(covers.any(axis=1)[clear], held.any(axis=1)[clear], f"ray {r}")
+        named = clear & covers.any(axis=1)
+        assert held[named, prism[covers[named].argmax(axis=1)]].all(), f"ray {r}: wrong prism"
+        inside = held.any(axis=1)
+        visits[r] = np.sum(inside[1:] & ~inside[:-1]) + inside[0]
+    return visits
+
+
+def rays_through(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rays_at(mesh.vertices[rng.integers(0, len(mesh.vertices), count)] + 0.1 * rng.normal(size=(count, 3)), 3, rng)
+
+
+@pytest.mark.parametrize("opaque", [True, False])
+@pytest.mark.parametrize("scene", SCENES)
+def test_intervals_are_where_the_shell_is(scene: str, opaque: bool):
+    mesh, thickness = SCENES[scene]
+    shell = extrude(mesh, thickness, 1.0)
+    o, d = rays_through(mesh, 12, 8)
+    trace = Boundary(shell, mesh.faces, opaque=opaque).trace(o, d)
+    visits = assert_as_sampled(trace, shell, o, d, 6.0)
+    if not opaque:
+        assert visits.max() >= 2
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_camera_inside_the_shell(scene: str):
+    mesh, thickness = SCENES[scene]
+    shell = extrude(mesh, thickness, 1.0)
+    rng = np.random.default_rng(9)
+    prism = rng.integers(0, len(shell.faces), 12)
+    o = prism_point(shell, prism, rng.dirichlet((2, 2, 2), 12)[:, :2], rng.uniform(0.1, 0.9, 12))
+    d = unit(rng.normal(size=(12, 3)))
+    trace = Boundary(shell, mesh.faces).trace(o, d)
+    assert_as_sampled(trace, shell, o, d, 5.0)
+    assert (np.isin(np.arange(12), trace.intervals.ray[trace.intervals.t0 == 0])).all()
+
+
+def test_both_hits_on_one_side():
+    """A line meets a saddle-shaped side twice: seen from either of its two faces, the ray leaves through it once."""
+    count = 500
+    rng = np.random.default_rng(10)
+    p = np.array([[-1, -0.4, -0.5], [1, 0.4, -0.5]]) + rng.uniform(-0.1, 0.1, (count, 2, 3))
+    n = np.array([[0, 0.8, 1], [0, -0.8, 1]]) + rng.uniform(-0.1, 0.1, (count, 2, 3))
+    d = unit(np.array([0.75, 0, 0.66]) + rng.uniform(-0.1, 0.1, (count, 3))).astype(np.float32)
+    p, n = (p + np.array([0.4, 0.1, 0.3])).astype(np.float32), n.astype(np.float32)
+    sides = [(p, n), (p[:, ::-1], n[:, ::-1])]
+    exact = [[mp_leave_side(*row) for row in zip(d, *side, strict=True)] for side in sides]
+    for (p, n), rows in zip(sides, exact, strict=True):
+        f = jax.vmap(jax.vmap(post_function, in_axes=(None, 0, 0)))(d, p, n)
+        found = jax.tree.map(np.asarray, jax.jit(jax.vmap(leave_side))(d, p, n, f))
+        hit, t, u, h = (np.array(x) for x in zip(*rows, strict=True))
+        sure = ~found.doubt
+        np.testing.assert_array_equal((found.inside >= 0)[sure], hit[sure])
+        for a, b in ((found.t, t), (found.u, u), (found.h, h)):
+            np.testing.assert_allclose(a[sure & hit], b[sure & hit], atol=1e-3)
+    assert sum(first[0] and second[0] for first, second in zip(*exact, strict=True)) >= 10

@@ -36,9 +36,7 @@ def main() -> None:
     plans += [("interpolated", "interval", n, 0.01) for n in (16, 64, 256)]
     plans += [("interpolated", "length", 64, stop) for stop in (0.0, 0.03, 0.1)]
     for coordinates, spacing, samples, stop in plans:
-        quality = Quality(
-            pixel_samples=1, samples=samples, coordinates=coordinates, spacing=spacing, early_stop=stop
-        )
+        quality = Quality(pixel_samples=1, samples=samples, coordinates=coordinates, spacing=spacing, early_stop=stop)
         found, seconds = picture(scene, quality)
         error = float(np.sqrt(np.mean((found - truth)[covered] ** 2)))
         print(f"| {coordinates} | {spacing} | {samples} | {stop} | {error:.4f} | {seconds:.2f} |")

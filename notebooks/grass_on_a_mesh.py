@@ -50,8 +50,7 @@ print([f"{p.name}: {p.meaning}" for p in bundle.parameters])
 finest = bundle.arrays["features/0"].astype(np.float32)
 shown = finest[..., :3]
 plt.imshow(np.clip((shown - shown.mean()) / (4 * shown.std()) + 0.5, 0, 1), origin="lower")
-plt.title(f"first three of {bundle.channels} channels, {finest.shape[0]} texels a patch");
-
+plt.title(f"first three of {bundle.channels} channels, {finest.shape[0]} texels a patch")
 # %% [markdown]
 # ## The shell
 #
@@ -75,8 +74,7 @@ traced = boundary.trace(np.ascontiguousarray(origin), direction)
 count = np.bincount(traced.intervals.ray, minlength=SIZE * SIZE).reshape(SIZE, SIZE)
 plt.imshow(count)
 plt.colorbar(label="prisms")
-plt.title(f"{traced.walked} visits, {traced.redone} of them repeated in float64");
-
+plt.title(f"{traced.walked} visits, {traced.redone} of them repeated in float64")
 # %% [markdown]
 # ## The picture
 #

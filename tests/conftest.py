@@ -5,6 +5,26 @@ from jaxtyping import install_import_hook
 install_import_hook("mesoshell", "beartype.beartype")
 
 import jax  # noqa: E402  (the hook must come first)
+import jax.numpy as jnp  # noqa: E402
+import pytest  # noqa: E402
+
+from mesoshell.io.bundle import Bundle, Parameter  # noqa: E402
+from mesoshell.train.export import to_bundle  # noqa: E402
+from mesoshell.train.fit import FitConfig, initialise  # noqa: E402
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+
+@pytest.fixture(scope="session")
+def tiny_bundle() -> Bundle:
+    """A random material, small enough to make and to render in seconds, with one parameter `dryness` in [0, 2]."""
+    config = FitConfig(texels=4, channels=4, height_rows=4, octaves=1, trunk=(8, 8), head=(8,))
+    parameters = initialise(config, appearance=1)
+    rough = parameters._replace(
+        feature=20 * parameters.feature,
+        height=20 * parameters.height,
+        decoder=parameters.decoder._replace(scale=jnp.asarray(400.0)),
+    )
+    dryness = Parameter("dryness", "alpha", (0.0, 2.0), 0.5, "1", "how dry")
+    return to_bundle(config, rough, (dryness,), provenance={})

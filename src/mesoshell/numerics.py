@@ -47,7 +47,9 @@ def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """Euclidean length over the last axis; gradient 0 at the zero vector. Scaled, so 1e±30 neither over- nor underflows."""
     largest = jnp.max(jnp.abs(x), axis=-1)
     usable = (largest >= jnp.finfo(x.dtype).tiny) & jnp.isfinite(largest)
-    scale = jax.lax.stop_gradient(jnp.where(usable, largest, jnp.ones_like(largest)))  # the length does not depend on it
+    scale = jax.lax.stop_gradient(
+        jnp.where(usable, largest, jnp.ones_like(largest))
+    )  # the length does not depend on it
     return scale * safe_sqrt(jnp.sum(jnp.square(x / scale[..., None]), axis=-1))
 
 

@@ -22,10 +22,10 @@ def true_moments(t0: float, t1: float, radius: float) -> tuple[float, float, flo
     a, b, r = mpmath.mpf(t0), mpmath.mpf(t1), mpmath.mpf(radius)
 
     def moment(k: int):
-        return mpmath.quad(lambda t: t**k, [a, b])
+        return mpmath.mpf(mpmath.quad(lambda t: t**k, [a, b]))
 
     mean = moment(3) / moment(2)
-    along = mpmath.quad(lambda t: (t - mean) ** 2 * t**2, [a, b]) / moment(2)
+    along = mpmath.mpf(mpmath.quad(lambda t: (t - mean) ** 2 * t**2, [a, b])) / moment(2)
     return float(mean), float(along), float(r * r / 4 * moment(4) / moment(2))
 
 

@@ -31,8 +31,8 @@ def test_it_misses_and_its_neighbours_do_not_notice(bad: str):
     o, d = rays_at(0.5 * rng.normal(size=(20, 3)), 3.0, rng)
     alone = BOUNDARY.trace(o, d)
     at = np.array([0, 7, 20])
-    rows = [np.insert(x, at, np.array(b, float), axis=0) for x, b in zip((o, d), BAD[bad], strict=True)]
-    mixed = BOUNDARY.trace(*rows)
+    bad_o, bad_d = BAD[bad]
+    mixed = BOUNDARY.trace(np.insert(o, at, bad_o, axis=0), np.insert(d, at, bad_d, axis=0))
     is_bad = ~np.isin(np.arange(23), np.delete(np.arange(23), at + np.arange(3)))
     assert np.isinf(mixed.end[is_bad]).all() and (mixed.face[is_bad] == -1).all()
     assert not is_bad[mixed.intervals.ray].any()
@@ -43,8 +43,7 @@ def test_it_misses_and_its_neighbours_do_not_notice(bad: str):
 
 
 def test_a_batch_of_nothing_else():
-    rows = (np.array(x, float) for x in zip(*BAD.values(), strict=True))
-    trace = BOUNDARY.trace(*rows)
+    trace = BOUNDARY.trace(np.array([o for o, _ in BAD.values()], float), np.array([d for _, d in BAD.values()], float))
     assert not len(trace.intervals.ray) and np.isinf(trace.end).all()
 
 

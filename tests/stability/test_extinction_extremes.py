@@ -19,23 +19,23 @@ mpmath.mp.dps = 50
 
 def true_opacity(sigma: float, t: float) -> tuple:
     """Value, and derivatives with respect to σ and t."""
-    s, t = mpmath.mpf(sigma), mpmath.mpf(t)
+    s, l = mpmath.mpf(sigma), mpmath.mpf(t)
     if mpmath.isinf(s):
         return mpmath.mpf(1), mpmath.mpf(0), mpmath.mpf(0)
-    through = mpmath.exp(-s * t)
-    return -mpmath.expm1(-s * t), t * through, s * through
+    through = mpmath.exp(-s * l)
+    return -mpmath.expm1(-s * l), l * through, s * through
 
 
 def true_length(sigma: float, t: float) -> tuple:
     """Value, and derivatives with respect to σ and t."""
-    s, t = mpmath.mpf(sigma), mpmath.mpf(t)
+    s, l = mpmath.mpf(sigma), mpmath.mpf(t)
     if mpmath.isinf(s):
         return mpmath.mpf(0), mpmath.mpf(0), mpmath.mpf(0)
     if s == 0:
-        return t, -t * t / 2, mpmath.mpf(1)
-    through = mpmath.exp(-s * t)
+        return l, -l * l / 2, mpmath.mpf(1)
+    through = mpmath.exp(-s * l)
     with mpmath.extradps(80):
-        return -mpmath.expm1(-s * t) / s, (t * through * s + mpmath.expm1(-s * t)) / s**2, through
+        return -mpmath.expm1(-s * l) / s, (l * through * s + mpmath.expm1(-s * l)) / s**2, through
 
 
 def alpha(sigma, t):
@@ -54,7 +54,9 @@ def test_value_and_both_derivatives(function, oracle, sigma: float):
         value, by_sigma, by_t = (float(x) for x in everything(s32, t32))
         true = [float(x) for x in oracle(float(s32), float(t32))]
         np.testing.assert_allclose(value, true[0], rtol=1e-6, atol=1e-19)
-        np.testing.assert_allclose(by_sigma, true[1], rtol=1e-3, atol=2e-7 * t)  # cancels where σt is just above the series
+        np.testing.assert_allclose(
+            by_sigma, true[1], rtol=1e-3, atol=2e-7 * t
+        )  # cancels where σt is just above the series
         steepest = float(oracle(float(s32), 0.0)[2])  # JAX writes d expm1 as expm1 + 1: an absolute error of ε
         np.testing.assert_allclose(by_t, true[2], rtol=1e-6, atol=2e-7 * steepest + 1e-19)
 

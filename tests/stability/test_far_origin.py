@@ -3,13 +3,12 @@
 Both take the float32 vertices as they come out of rounding at that offset: what is tested is that nothing more is lost.
 """
 
-import jax
 import numpy as np
 import pytest
 from oracles import assert_ends_on_ray, assert_sorted_apart, mp_leave_side, span_of_convex, total_length
+from sides import leave_sides
 from surfaces import ball, rays_at, unit
 
-from mesoshell.geometry.patch import leave_side, post_function
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.extrude import extrude
 
@@ -48,8 +47,7 @@ def test_a_side_relative_to_the_origin_of_the_ray(offset: float):
     d = unit(np.cross(foot[:, 1] - foot[:, 0].astype(np.float64), post[:, 0])).astype(np.float32)
     o = (at - 2 * d).astype(np.float32)  # the ray's origin is on the same grid: differences are exact
     p = foot - o[:, None]
-    f = jax.vmap(jax.vmap(post_function, in_axes=(None, 0, 0)))(d, p, post)
-    found = jax.tree.map(np.asarray, jax.jit(jax.vmap(leave_side))(d, p, post, f))
+    found = leave_sides(d, p, post)
     hit, t, u, h = (np.array(x) for x in zip(*map(mp_leave_side, d, p, post), strict=True))
     sure = ~found.doubt
     assert sure.mean() > 0.8 and hit.sum() > 100

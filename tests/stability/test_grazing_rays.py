@@ -1,6 +1,7 @@
 """Hard case 2: rays at 1e-3 and 1e-5 to a side or a cap; the oracle is mpmath on the same float32 numbers.
 
-Whatever float32 gets wrong (hit or miss, or the place by more than 1e-3 of the face) must carry `doubt`.
+Whatever float32 gets wrong (hit or miss, or the place by more than 1e-3 of the face) must carry `doubt`. Where a ray
+meets the shell is up to Embree, in float32: a chord must be that of a ray at most SHIFT of the scene away.
 """
 
 import jax
@@ -8,14 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles import mp_leave_cap, mp_leave_side, span_of_convex
+from sides import leave_sides
 from surfaces import ball, unit
 
-from mesoshell.geometry.patch import leave_cap, leave_side, post_function
+from mesoshell.geometry.patch import leave_cap
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.extrude import extrude
 
 COUNT = 1500
 OFF = 1e-3
+SHIFT = 3e-7
 
 
 def grazing(normal: np.ndarray, angle: float, rng: np.random.Generator) -> np.ndarray:
@@ -40,8 +43,7 @@ def grazed_sides(angle: float, twist: float, rng: np.random.Generator) -> tuple[
 @pytest.mark.parametrize("angle", [1e-3, 1e-5])
 def test_no_side_is_wrong_and_unflagged(angle: float, twist: float):
     d, p, n = grazed_sides(angle, twist, np.random.default_rng(2))
-    f = jax.vmap(jax.vmap(post_function, in_axes=(None, 0, 0)))(d, p, n)
-    found = jax.tree.map(np.asarray, jax.jit(jax.vmap(leave_side))(d, p, n, f))
+    found = leave_sides(d, p, n)
     hit, _, u, h = (np.array(x) for x in zip(*map(mp_leave_side, d, p, n), strict=True))
     seen = found.inside >= 0
     off = np.maximum(np.abs(found.u - u), np.abs(found.h - h))
@@ -77,8 +79,10 @@ def test_chords_of_rays_that_graze_a_shell(angle: float):
     d = grazing(-normal, angle, rng)
     o = np.einsum("rk,rki->ri", rng.dirichlet((1, 1, 1), 1000), top[faces]) - 2 * d
     trace = Boundary(shell, mesh.faces).trace(o, d)
-    enters, leaves = span_of_convex(top, o, d)
     base = span_of_convex(shell.base[shell.faces].astype(np.float64), o, d)
     assert (base[0] > base[1]).all()
+    shifts = [span_of_convex(top, o + s * unit(normal), d) for s in (-SHIFT, SHIFT)]
+    longest, shortest = (np.maximum(leaves - enters, 0) for enters, leaves in shifts)
     length = np.bincount(trace.intervals.ray, trace.intervals.t1 - trace.intervals.t0, minlength=1000)
-    np.testing.assert_allclose(length, np.maximum(leaves - enters, 0), atol=1e-4)
+    assert (length > 0).mean() > 0.95
+    assert (length >= shortest - 1e-6).all() and (length <= longest + 1e-6).all()

@@ -35,7 +35,9 @@ def test_log_transmittance_of_one_ray(total: float):
     tau = depths(total, 1)
     w, through = jax.jit(weights)(jnp.asarray(tau))
     sums = true_sums(tau)
-    np.testing.assert_allclose(np.log(np.float64(through)), -sums[-1], rtol=1e-6, atol=1.2e-7)  # T near 1 is rounded to ε
+    np.testing.assert_allclose(
+        np.log(np.float64(through)), -sums[-1], rtol=1e-6, atol=1.2e-7
+    )  # T near 1 is rounded to ε
     np.testing.assert_allclose(np.asarray(w), np.exp(-sums[:-1]) * -np.expm1(-np.float64(tau)), rtol=2e-5, atol=1e-30)
     np.testing.assert_allclose(np.asarray(w, np.float64).sum() + through, 1, atol=1e-6)
 
@@ -64,5 +66,5 @@ def test_many_rays_in_waves_beyond_the_range_of_floats():
 
 
 def test_a_ray_without_samples_stays_clear():
-    _, depth = accumulate(np.array([0.5, 0.25]), np.array([1, 1]), np.float32([1.0, 2.0]))
+    _, depth = accumulate(np.array([0.5, 0.25]), np.array([1, 1]), np.array([1.0, 2.0], np.float32))
     np.testing.assert_array_equal(depth, [0.5, 3.25])

@@ -56,7 +56,7 @@ def boxes(texture: np.ndarray) -> list:
 
 
 def test_odd_footprints_have_a_level():
-    r = np.float32([0, 1e-45, 1e-38, -1.0, np.nan, 1e-3, 1e30, 3e38, np.inf])
+    r = np.array([0, 1e-45, 1e-38, -1.0, np.nan, 1e-3, 1e30, 3e38, np.inf], np.float32)
     np.testing.assert_array_equal(level_of(r), [0, 0, 0, 0, 0, 0, LAST, LAST, LAST])
     odd = jnp.float32([-1.0, np.nan, -np.inf, 1e9, np.inf])
     found = mip.lookup_many(PYRAMID, SIZES, jnp.zeros((5, 2)), odd)
@@ -66,7 +66,7 @@ def test_odd_footprints_have_a_level():
 
 @given(st.lists(st.floats(0, width=32), min_size=2, max_size=20))
 def test_the_level_never_falls_as_the_footprint_grows(radii: list[float]):
-    padded = np.sort(np.float32(radii + [0.0] * (20 - len(radii))))
+    padded = np.sort(np.array(radii + [0.0] * (20 - len(radii)), np.float32))
     level = np.asarray(level_of(padded))
     assert (np.diff(level) >= 0).all()
     assert (level >= 0).all() and (level <= LAST).all()
@@ -94,7 +94,18 @@ def test_lookup_is_trilinear_and_wraps():
     uv = RNG.uniform(-2, 3, (200, 2)).astype(np.float32)
     level = RNG.uniform(0, LAST, 200).astype(np.float32)
     level[:20] = np.arange(20) % (LAST + 1)
-    uv[20:30] = [[0, 0], [1, 1], [0, 1], [1, 0], [-1, 2], [0.999999, 0], [0, 0.999999], [1e-7, 0], [0, 1e-7], [-1e-9, 0]]
+    uv[20:30] = [
+        [0, 0],
+        [1, 1],
+        [0, 1],
+        [1, 0],
+        [-1, 2],
+        [0.999999, 0],
+        [0, 0.999999],
+        [1e-7, 0],
+        [0, 1e-7],
+        [-1e-9, 0],
+    ]
     found = mip.lookup_many(PYRAMID, SIZES, jnp.asarray(uv), jnp.asarray(level))
     true = [true_lookup(boxes(TEXTURE), x.astype(np.float64), float(l)) for x, l in zip(uv, level, strict=True)]
     np.testing.assert_allclose(found, true, atol=1e-5)
@@ -118,7 +129,9 @@ def test_the_gradient_by_the_features_sums_to_one(level: float):
         return mip.lookup(mip.pack(mip.build(texture)), SIZES, jnp.float32([0.99, 0.01]), jnp.float32(level))[0]
 
     def height(profile):
-        return mip.lookup_height(mip.pack_height(mip.build(profile)), PROFILE_SIZES, jnp.float32(0.98), jnp.float32(level))[0]
+        return mip.lookup_height(
+            mip.pack_height(mip.build(profile)), PROFILE_SIZES, jnp.float32(0.98), jnp.float32(level)
+        )[0]
 
     for gradient in (jax.grad(value)(jnp.asarray(TEXTURE)), jax.grad(height)(jnp.asarray(PROFILE))):
         np.testing.assert_allclose(np.asarray(gradient).sum(axis=(0, 1)), [1, 0, 0], atol=1e-6)

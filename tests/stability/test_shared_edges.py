@@ -22,7 +22,9 @@ def targets(shell: Shell, count: int, rng: np.random.Generator) -> np.ndarray:
     face, k = rng.integers(0, len(shell.faces), count), rng.integers(0, 3, count)
     i, j = shell.faces[face, k], shell.faces[face, (k + 1) % 3]
     u = np.where(kind < 2, 0, rng.uniform(size=count))[:, None]
-    h = np.choose(kind, [np.arange(count) // 5 % 2, rng.uniform(size=count), 0, 1, rng.uniform(size=count)])[:, None]
+    h = np.select([kind == 0, kind == 2, kind == 3], [np.arange(count) // 5 % 2, 0, 1], rng.uniform(size=count))[
+        :, None
+    ]
     return (1 - u) * (base[i] + h * post[i]) + u * (base[j] + h * post[j])
 
 

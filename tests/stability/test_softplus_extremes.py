@@ -12,7 +12,7 @@ from mesoshell.nets.mlp import Dense
 from mesoshell.numerics import opacity, softplus
 from mesoshell.shell.decoder import Decoder, head, trunk
 
-POINTS = np.float32([-1e4, -104, -88, -20, -1, -1e-30, 0, 1e-30, 1, 20, 88, 104, 1e4])
+POINTS = np.array([-1e4, -104, -88, -20, -1, -1e-30, 0, 1e-30, 1, 20, 88, 104, 1e4], np.float32)
 
 
 def true_softplus(x: np.ndarray) -> np.ndarray:
@@ -52,7 +52,7 @@ def test_extinction_and_its_gradient_through_the_trunk():
     for raw in POINTS:
         run = jax.value_and_grad(lambda d: trunk(d, jnp.ones(1))[0])
         sigma, gradient = run(constant(float(raw), 0.0))
-        shifted = np.float32([raw - np.float32(3)])
+        shifted = np.array([raw - np.float32(3)])
         np.testing.assert_allclose(float(sigma), 30 * true_softplus(shifted)[0], rtol=1e-6, atol=1e-36)
         np.testing.assert_allclose(float(gradient.sigma.bias[0]), 30 * true_slope(shifted)[0], rtol=1e-6, atol=1e-36)
         assert all(np.isfinite(np.asarray(x)).all() for x in jax.tree.leaves(gradient))
@@ -63,7 +63,7 @@ def test_transport_and_its_gradient_through_the_head():
     for raw in POINTS:
         run = jax.value_and_grad(lambda d: head(d, jnp.ones(2), up, up)[0])
         rho, gradient = run(constant(0.0, float(raw)))
-        shifted = np.float32([raw - np.float32(2)])
+        shifted = np.array([raw - np.float32(2)])
         np.testing.assert_allclose(float(rho), true_softplus(shifted)[0], rtol=1e-6, atol=1e-37)
         assert all(np.isfinite(np.asarray(x)).all() for x in jax.tree.leaves(gradient))
 

@@ -23,6 +23,7 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh, uv_stretch
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.image import read_exr, read_png, write_exr, write_png
+from mesoshell.io.whole import replace_file
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.cone import pixel_radius
 from mesoshell.render.effects import Effects, Facts, plan_effects
@@ -61,7 +62,7 @@ def render_to_files(options: Options) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
     write_png(out, image.astype(np.float32))
     write_exr(out.with_suffix(".exr"), image.astype(np.float32))
-    write_text(out.with_suffix(".json"), json.dumps(record, indent=1) + "\n")
+    replace_file(out.with_suffix(".json"), (json.dumps(record, indent=1) + "\n").encode())
     if options.explain:
         stages = ", ".join(f"{k} {v:.2f} s" for k, v in seconds.items())
         console.print(f"{stages}; {sum(compiled):.1f} s of this compiling", highlight=False)
@@ -70,10 +71,13 @@ def render_to_files(options: Options) -> None:
 
 def build_scene(options: Options, bundle: Bundle) -> tuple[Scene, list[str]]:
     """The scene that the options describe, and what the user should know about it."""
+    for name, values in (("--irradiance", (options.irradiance,)), ("--base", options.base)):
+        if not all(np.isfinite(v) and v >= 0 for v in values):
+            raise InputError(name, "must be finite and not negative")
     mesh = load_mesh(options.mesh)
     box = bounding_box(mesh)
-    thickness = options.thickness or float(np.linalg.norm(box[1] - box[0])) / 25
-    scale = options.scale or 2 * thickness
+    thickness = float(np.linalg.norm(box[1] - box[0])) / 25 if options.thickness is None else options.thickness
+    scale = 2 * thickness if options.scale is None else options.scale
     shell = extrude(mesh, thickness, scale)
     up = {"y": 1, "z": 2}[options.up or ("z" if options.mesh.suffix.lower() in (".ply", ".stl") else "y")]
     values, maps = {}, {}
@@ -145,6 +149,8 @@ def _camera(options: Options, box: np.ndarray, thickness: float, up: int) -> Cam
     axis = (0.0, 1.0, 0.0) if up == 1 else (0.0, 0.0, 1.0)
     if options.camera is not None:
         eye, target, degrees = options.camera[:3], options.camera[3:6], options.camera[6]
+        if not np.isfinite(options.camera).all():
+            raise InputError("--camera", "holds a number that is not finite")
         if not 0 < degrees < 180:
             raise InputError("--camera", f"a field of view of {degrees:g} degrees is not between 0 and 180")
         if eye == target:
@@ -209,20 +215,16 @@ def as_json(options: Options, bundle: Bundle, report: Report, effects: Effects, 
     }
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write beside, then rename."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, path)
-
-
 def _use_compilation_cache() -> list[float]:
     """Keep compiled programs between runs; returns a list that collects the seconds spent compiling."""
     root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     jax.config.update("jax_compilation_cache_dir", str(root / "mesoshell" / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     seconds: list[float] = []
-    jax.monitoring.register_event_duration_secs_listener(
-        lambda event, duration, **_: seconds.append(duration) if event.endswith("backend_compile_duration") else None
-    )
+
+    def note(event: str, duration_secs: float, **_: str | int) -> None:
+        if event.endswith("backend_compile_duration"):
+            seconds.append(duration_secs)
+
+    jax.monitoring.register_event_duration_secs_listener(note)
     return seconds

@@ -71,7 +71,7 @@ def leave_side(d: Vec3, p: Float[Array, "2 3"], n: Float[Array, "2 3"], f: Float
     u = jnp.where(b > 0, _divide(c, q), _divide(q, a))
     through = (f[0] < 0) & (f[1] >= 0)  # F changes sign upward: one crossing for certain, whatever rounding says
     u = jnp.where(through, jnp.clip(u, 0, 1), u)
-    backward = (f[0] >= 0) & (f[1] < 0)  # F only falls: the crossing that leaves lies beyond the posts
+    backward = (f[0] > error) & (f[1] < -error)  # F only falls: the crossing that leaves lies beyond the posts
     exists = through | ((discriminant > 0) & ~backward & jnp.isfinite(u))
     u = jnp.where(exists, u, 0.5)
     q_u, n_u = p[0] + u * e, n[0] + u * m

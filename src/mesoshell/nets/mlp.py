@@ -36,7 +36,8 @@ def init_mlp(key: Key[Array, ""], widths: tuple[int, ...]) -> list[Dense]:
 
 
 def apply_dense(layer: Dense, x: Float[Array, "... I"]) -> Float[Array, "... O"]:
-    return x @ layer.kernel.astype(x.dtype) + layer.bias.astype(x.dtype)
+    y = x @ layer.kernel.astype(x.dtype)
+    return y + jnp.broadcast_to(layer.bias.astype(x.dtype), y.shape)
 
 
 def apply_relu(layers: list[Dense], x: Float[Array, "... I"]) -> Float[Array, "... O"]:

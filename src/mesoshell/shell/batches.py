@@ -19,7 +19,7 @@ def pad(x: np.ndarray, rows: int) -> np.ndarray:
     return out
 
 
-def run(kernel: Callable, *rows: np.ndarray) -> Any:
+def run(kernel: Callable, *rows: Any) -> Any:
     """kernel(*rows, count) on any number of rows: CAPACITY at a time, padded; its results concatenated and cut."""
     count = len(rows[0])
     parts = []

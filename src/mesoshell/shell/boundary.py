@@ -15,7 +15,12 @@ tetrahedron over its corners, which encloses the bilinear side whatever its twis
     a border's tetrahedron     the exact side decides: it enters, or it leaves (walk backward), or it goes on
 
 A walk that leaves through top or border returns the ray to free space, where Embree is asked again; so any number of
-visits is found. Where visits overlap, the later one begins where the earlier one ended: density is not counted twice.
+visits is found. A walk may come past something else (an object in the shell, the shell of another part): then Embree is
+asked from the walk's beginning, and what lies behind a surface is cut off. Where visits overlap, the later one begins
+where the earlier one ended: density is not counted twice.
+
+Embree sees float32, the walk float64 where it must: a ray near an edge of the top first moves to the triangle that owns it
+in float64. A surface underneath that lets rays pass (`opaque` false) is for rays that begin outside the shell.
 """
 
 from typing import NamedTuple
@@ -87,8 +92,8 @@ class Boundary:
         if len(p):
             ends = np.stack([shell.faces[p, k], shell.faces[p, (k + 1) % 3]], axis=1)
             corners = np.concatenate([foot[ends], top[ends][:, ::-1]], axis=1)
-            owners = (np.repeat(x, 4) for x in (p, k, shell.mesh_face[p]))
-            parts.append((corners[:, _TETRAHEDRON].reshape(-1, 3, 3), *owners))
+            p, k = np.repeat(p, 4), np.repeat(k, 4)
+            parts.append((corners[:, _TETRAHEDRON].reshape(-1, 3, 3), p, k, shell.mesh_face[p]))
         self.corners, self.prism, self.code, self.face = (
             np.concatenate(x).astype(np.float64 if i == 0 else np.int32) for i, x in enumerate(zip(*parts, strict=True))
         )
@@ -146,9 +151,9 @@ class Boundary:
         while len(alive):
             alive = state.advance(alive)
         merged = [np.concatenate(x) for x in zip(*state.parts, strict=True)] if state.parts else no_intervals()
-        return Trace(
-            _without_overlap(Intervals(*merged)), state.end, state.face, state.bary, state.walked, state.redone
-        )
+        found = Intervals(*merged)
+        found = _without_overlap(_cut(found, found.t0, state.end[found.ray]))
+        return Trace(found, state.end, state.face, state.bary, state.walked, state.redone)
 
 
 class _State:
@@ -188,11 +193,21 @@ class _State:
         at = seen.left == BASE
         if b.opaque:
             self._end(rays[down], b.mesh_face[seen.prism[at]], reached[down], seen.bary[at])
-        self.start[rays] = reached + ADVANCE * (b.size + reached)
-        return rays[~(on_base | (down & b.opaque))]
+        step = ADVANCE * (b.size + reached)
+        passed = self._passed(rays, t + step, reached - step, entered)
+        self.start[rays] = np.where(passed, t, reached) + step
+        return rays[passed | ~(on_base | (down & b.opaque))]
+
+    def _passed(self, rays: np.ndarray, begin: np.ndarray, end: np.ndarray, entered: np.ndarray) -> np.ndarray:
+        """Whether a walk from `begin` to `end` came past something else: an object in the shell, another part's shell."""
+        passed = entered & (begin < end)
+        d = self.d[rays[passed]]
+        _, t = self.boundary.first_hit(self.o[rays[passed]] + begin[passed, None] * d, d)
+        passed[passed] = begin[passed] + t < end[passed]
+        return passed
 
     def _visit(self, rays: np.ndarray, prism: np.ndarray, code: np.ndarray, t: np.ndarray, sense: float) -> Visits:
-        """Walk along d (sense 1) or against it (−1) from distance t; keep the intervals that lie ahead of `start`."""
+        """Walk along d (sense 1) or against it (−1) from distance t. Keeps the intervals ahead of `start`, or of the origin."""
         d = self.d[rays] * sense
         starts = Starts(self.o[rays] + t[:, None] * self.d[rays], d, prism, code)
         seen, redone = visit(self.boundary.prisms, starts, self.exact)
@@ -203,12 +218,14 @@ class _State:
         found = Intervals(rays[i.ray], i.prism, t0, t1, *i[4:])
         if sense < 0:
             found = Intervals(found.ray, i.prism, t1, t0, i.bary1, i.bary0, i.h1, i.h0)
-        self.parts.append(_cut(found, self.start[found.ray]))
+        self.parts.append(_cut(found, self.start[found.ray] if sense > 0 else np.zeros(len(found.ray))))
         behind = (seen.t + t < self.start[rays]) & (sense > 0)  # a border's side crossed before this ray began
         return seen._replace(left=np.where(behind, LOST, seen.left))
 
     def _end(self, rays: np.ndarray, face: np.ndarray, t: np.ndarray, bary: np.ndarray) -> None:
-        self.face[rays], self.end[rays], self.bary[rays] = face, t, bary
+        nearer = t < self.end[rays]
+        rays = rays[nearer]
+        self.face[rays], self.end[rays], self.bary[rays] = face[nearer], t[nearer], bary[nearer]
 
     def _where(self, triangle: np.ndarray, rays: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Barycentric coordinates (λ₀, λ₁) of the points met."""
@@ -219,16 +236,19 @@ class _State:
         return np.stack([_dot(np.cross(b - x, c - x), n) / area, _dot(np.cross(c - x, a - x), n) / area], axis=1)
 
 
-def _cut(i: Intervals, begin: Float[np.ndarray, "I"]) -> Intervals:
-    """The parts of intervals that lie beyond `begin`; empty ones are dropped."""
-    kept = i.t1 > np.maximum(begin, i.t0)
-    i, begin = Intervals(*(x[kept] for x in i)), begin[kept]
-    share = np.clip((begin - i.t0) / (i.t1 - i.t0), 0, 1).astype(i.h0.dtype)
-    return i._replace(
-        t0=np.maximum(i.t0, begin),
-        bary0=i.bary0 + share[:, None] * (i.bary1 - i.bary0),
-        h0=i.h0 + share * (i.h1 - i.h0),
-    )
+def _cut(i: Intervals, begin: Float[np.ndarray, "I"], end: Float[np.ndarray, "I"] | float = np.inf) -> Intervals:
+    """The parts of intervals between `begin` and `end`, λ and h interpolated there; empty ones are dropped."""
+    t0, t1 = np.maximum(i.t0, begin), np.minimum(i.t1, end)
+    kept = t1 > t0
+    i, t0, t1 = Intervals(*(x[kept] for x in i)), t0[kept], t1[kept]
+    first, last = (((t - i.t0) / (i.t1 - i.t0)).astype(i.h0.dtype) for t in (t0, t1))
+
+    def at(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        bary = (1 - share)[:, None] * i.bary0 + share[:, None] * i.bary1
+        return bary, (1 - share) * i.h0 + share * i.h1
+
+    (bary0, h0), (bary1, h1) = at(first), at(last)
+    return Intervals(i.ray, i.prism, t0, t1, bary0, bary1, h0, h1)
 
 
 def _without_overlap(i: Intervals) -> Intervals:

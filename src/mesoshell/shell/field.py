@@ -61,7 +61,7 @@ class Field(NamedTuple):
 def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"]:
     """What the decoder sees of a point: filtered F(u, v) + F(h), encoded height, α."""
     level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
-    rows = layout.height_sizes[0][0]
+    rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
     plane = mip.lookup(material.texture, layout.sizes, point.xi[:2], level)
     profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)

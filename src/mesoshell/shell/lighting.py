@@ -48,6 +48,14 @@ class Beam(NamedTuple):
     strength: Float[np.ndarray, "R 3"]
 
 
+class Tile(NamedTuple):
+    """Rays that are rendered together, and the lights as each of them sees them."""
+
+    o: Float[np.ndarray, "R 3"]
+    d: Float[np.ndarray, "R 3"]
+    beams: list[Beam]
+
+
 class Lighting:
     """Evaluates light for one scene; each method serves one tile of rays."""
 
@@ -63,7 +71,6 @@ class Lighting:
     ):
         self.scene, self.quality, self.effects, self.boundary = scene, quality, effects, boundary
         self.program, self.table, self.report = program, table, report
-        self.random = np.random.default_rng(0)
         self.shadows = effects.mesh_shadow.on or effects.object_shadow.on
         others = [m.vertices[m.faces] for m in scene.objects]
         corners = np.concatenate([scene.mesh.vertices[scene.mesh.faces], *others]).astype(np.float64)
@@ -73,7 +80,7 @@ class Lighting:
         self.stands[scene.shell.mesh_face] = np.arange(len(scene.shell.mesh_face))
         self.uv_of_face = scene.shell.uv
 
-    def beams(self, count: int) -> list[Beam]:
+    def beams(self, count: int, random: np.random.Generator) -> list[Beam]:
         """Every distant light, and each drawn direction of the environment as a light of its own."""
         out = []
         for light in self.scene.lights:
@@ -82,17 +89,16 @@ class Lighting:
         if self.effects.environment.on and self.scene.environment is not None:
             n = self.quality.environment_samples
             for k in range(n):
-                xi = self.random.random((count, 3))
+                xi = random.random((count, 3))
                 xi[:, 0] = (xi[:, 0] + k) / n  # stratified over brightness
                 toward, strength = sample(self.scene.environment, xi)
                 out.append(Beam(toward, strength / n))
         return out
 
-    def shell(
-        self, i: Intervals, s: Shaded, pieces: Piece, at: Frame, o: np.ndarray, d: np.ndarray
-    ) -> Float[np.ndarray, "R 3"]:
+    def shell(self, tile: Tile, i: Intervals, s: Shaded, pieces: Piece, at: Frame) -> Float[np.ndarray, "R 3"]:
         """What the shell scatters toward each ray."""
         clock = time.perf_counter()
+        o, d = tile.o, tile.d
         rgb = np.zeros((len(o), 3))
         if not len(s.row):
             return rgb
@@ -103,7 +109,7 @@ class Lighting:
         middle = 0.5 * (i.t0 + i.t1)[used]
         x = o[i.ray[used]] + middle[:, None] * d[i.ray[used]]
         height = 0.5 * (i.h0 + i.h1)[used]
-        for beam in self.beams(len(o)):
+        for beam in tile.beams:
             light = np.ascontiguousarray(beam.toward[s.ray], np.float32)
             rho = run(lambda f, r, w, n: kernels.transport(self.table, f, at, pieces, r, w, n), s.found, s.row, light)
             seen = np.ones(len(used))
@@ -121,9 +127,10 @@ class Lighting:
         self.report.time("light", clock)
         return rgb
 
-    def surfaces(self, traced: Trace, through: np.ndarray, o: np.ndarray, d: np.ndarray) -> Float[np.ndarray, "R 3"]:
+    def surfaces(self, tile: Tile, traced: Trace, through: Float[np.ndarray, "R"]) -> Float[np.ndarray, "R 3"]:
         """What the surface at each ray's end reflects toward it; 0 where it has none, or where the shell hides it."""
         clock = time.perf_counter()
+        o, d = tile.o, tile.d
         rgb = np.zeros((len(o), 3))
         hit = np.flatnonzero((traced.face >= 0) & (through > self.quality.weight_cut))
         if not len(hit):
@@ -133,7 +140,7 @@ class Lighting:
         normal = np.where(np.einsum("ij,ij->i", normal, d[hit])[:, None] > 0, -normal, normal)
         x = o[hit] + traced.end[hit, None] * d[hit] + 2 * ADVANCE * self.boundary.size * normal
         albedo = np.asarray(self.scene.base_colour) / np.pi
-        for beam in self.beams(len(o)):
+        for beam in tile.beams:
             toward = beam.toward[hit]
             cosine = np.maximum(np.einsum("ij,ij->i", normal, toward), 0)
             seen = ~self.boundary.occluded(x, toward) if self.shadows else np.ones(len(hit), bool)

@@ -10,10 +10,10 @@ t           distance from the ray's origin                                      
 h           relative height, 0 on the base surface and 1 on the top
 face code   0, 1, 2: the side from vertex k to k + 1;  3: top;  4: base
 
-The walk never gets lost: where rounding leaves no face that the ray can leave through, it takes the face that is missed
-by least, and where all are missed by far, the walk ends as lost. Such rays, and all whose decisions lie within their own rounding error, are marked `doubt`, and
-`shell/boundary.py` repeats them in float64. The origin is given as a sum of two floats, so that it can lie on the ray right
-at the shell: positions relative to it are then small, and so are their errors.
+Where rounding leaves no face that the ray can leave through, the walk takes the face that is missed by least; where all
+are missed by far, it ends as lost. Such rays, and all whose decisions lie within their own rounding error, are marked
+`doubt`, and `shell/visits.py` repeats them in float64. The origin is given as a sum of two floats, so that it can lie on
+the ray right at the shell: positions relative to it are then small, and so are their errors.
 """
 
 from typing import NamedTuple
@@ -29,8 +29,9 @@ TOP, BASE = 3, 4
 WALKING, LOST = -1, -2
 #: No face is met beyond its bounds by more than this, whatever its error bound.
 WIDEST = 1e-3
-#: A ray that misses every face by more than this is not in the prism: its walk ends there.
-FAR_OFF = 1e-2
+#: A ray that misses every face by more than this is not in the prism: its walk ends there. (Float64 is told a ray's
+#: point to 1e-11 in a scene 1e5 away from the origin.)
+FAR_OFF = 1e-6
 
 
 class Prisms(NamedTuple):
@@ -99,7 +100,7 @@ def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> Place:
     is_top, is_base = code == TOP, code == BASE
     t = jnp.where(is_top, top.t, jnp.where(is_base, base.t, side.t))
     bary = jnp.where(is_top, weights_top, jnp.where(is_base, weights_base, bary_side))[:2]
-    h = jnp.where(is_top, top.h, jnp.where(is_base, base.h, side.h))
+    h = jnp.where(is_top, 1.0, jnp.where(is_base, 0.0, side.h))  # a cap's h is that of its face seen from inside
     met = jnp.where(code < TOP, side.inside >= 0, True) & jnp.isfinite(t)
     doubt = jnp.where(is_top, top.doubt, jnp.where(is_base, base.doubt, side.doubt))
     exit_ = jnp.where(met, WALKING, LOST).astype(prism.dtype)

@@ -10,8 +10,11 @@ are not decoded, rays whose transmittance has fallen below `early_stop` get no f
 computed only for samples whose weight exceeds `weight_cut`. Image tiles bound the memory, whatever the image's size.
 """
 
+import os
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import jax.numpy as jnp
@@ -27,48 +30,62 @@ from mesoshell.shell import kernels
 from mesoshell.shell.batches import pad, run
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.kernels import Program, Samples, Table
-from mesoshell.shell.lighting import Lighting, Shaded
+from mesoshell.shell.lighting import Lighting, Shaded, Tile
 from mesoshell.shell.sampling import Chart, Frame, Piece, spread
 from mesoshell.shell.scene import Scene
 from mesoshell.shell.visits import Intervals
 
 #: Rays of a tile of the image; samples a ray and wave.
-RAYS, WAVE = 65536, 8
+RAYS, WAVE = 32768, 8
 
 
 @dataclass
 class Report:
-    """Seconds by stage and counts of a render."""
+    """Seconds by stage and counts of a render. Tiles run on several threads: a stage's seconds are summed over them, so
+    only `wall` compares with a clock."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
 
     def time(self, stage: str, since: float) -> float:
         now = time.perf_counter()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
+        with self.lock:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
         return now
 
     def count(self, **more: int) -> None:
-        for name, value in more.items():
-            self.counts[name] = self.counts.get(name, 0) + int(value)
+        with self.lock:
+            for name, value in more.items():
+                self.counts[name] = self.counts.get(name, 0) + int(value)
 
 
 def render(
     scene: Scene, quality: Quality, effects: Effects, progress: Callable[[float], None] = lambda share: None
 ) -> tuple[Float[np.ndarray, "H W 4"], Report]:
-    """Linear RGBA, premultiplied, (H, W, 4), and what it took. progress: called with the share done, 0 to 1."""
-    report = Report()
+    """Linear RGBA, premultiplied, (H, W, 4), and what it took. progress: called with the share done, 0 to 1.
+
+    The picture does not depend on the number of threads: each tile draws its random numbers from its own seed.
+    """
+    report, begin = Report(), time.perf_counter()
     camera = scene.camera
     renderer = _Renderer(scene, quality, effects, report)
-    image = np.zeros((camera.height * camera.width, 4))
-    tiles = range(0, len(image), RAYS)
-    for k in range(quality.pixel_samples):
-        xy = pixel_grid(camera, quality.pixel_samples, k)
-        for j, begin in enumerate(tiles):
-            part = slice(begin, begin + RAYS)
-            o, d = rays(camera, xy[part])
-            image[part] += renderer.tile(np.ascontiguousarray(o), d.astype(np.float32).astype(np.float64))
-            progress((k * len(tiles) + j + 1) / (quality.pixel_samples * len(tiles)))
+    pixels = camera.height * camera.width
+    work = [(k, i) for k in range(quality.pixel_samples) for i in range(0, pixels, RAYS)]
+    image = np.zeros((pixels, 4))
+
+    def one(item: tuple[int, int]) -> tuple[int, np.ndarray]:
+        k, first = item
+        xy = pixel_grid(camera, quality.pixel_samples, k)[first : first + RAYS]
+        o, d = rays(camera, xy)
+        directions = d.astype(np.float32).astype(np.float64)
+        return first, renderer.tile(np.ascontiguousarray(o), directions, np.random.default_rng(item))
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        for done, (first, rgba) in enumerate(pool.map(one, work), start=1):
+            image[first : first + len(rgba)] += rgba
+            progress(done / len(work))
+    report.time("wall", begin)
     return (image / quality.pixel_samples).reshape(camera.height, camera.width, 4), report
 
 
@@ -104,7 +121,9 @@ class _Renderer:
         self.lighting = Lighting(scene, quality, effects, self.boundary, self.program, self.table, report)
         report.time("prepare", begin)
 
-    def tile(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> Float[np.ndarray, "R 4"]:
+    def tile(
+        self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], random: np.random.Generator
+    ) -> Float[np.ndarray, "R 4"]:
         """Premultiplied RGBA of rays."""
         clock = time.perf_counter()
         traced = self.boundary.trace(o, d)
@@ -117,10 +136,11 @@ class _Renderer:
         samples, ray = self.candidates(i, plan, pieces, at)
         self.report.time("sample", clock)
         depth, shaded = self.march(samples, ray, pieces, at, len(o))
-        rgb = self.lighting.shell(i, shaded, pieces, at, o, d)
+        lit = Tile(o, d, self.lighting.beams(len(o), random))
+        rgb = self.lighting.shell(lit, i, shaded, pieces, at)
         through = np.exp(-depth)
         solid = np.isfinite(traced.end)
-        rgb += through[:, None] * self.lighting.surfaces(traced, through, o, d)
+        rgb += through[:, None] * self.lighting.surfaces(lit, traced, through)
         clock = time.perf_counter()
         alpha = np.where(solid, 1.0, 1 - through)
         if self.effects.background.on and self.scene.environment is not None:

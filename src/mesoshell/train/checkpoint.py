@@ -1,12 +1,10 @@
 """Checkpoints of a run through orbax: the newest three, written whole or not at all."""
 
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import jax
 import orbax.checkpoint as ocp
-
-Tree = TypeVar("Tree")
 
 
 class Checkpoints:
@@ -23,10 +21,10 @@ class Checkpoints:
         self.manager.wait_until_finished()
         self.manager.close()
 
-    def save(self, step: int, tree: Tree) -> None:
+    def save(self, step: int, tree: Any) -> None:
         self.manager.save(step, args=ocp.args.StandardSave(tree))
 
-    def newest(self, like: Tree) -> tuple[int, Tree] | None:
+    def newest(self, like: Any) -> tuple[int, Any] | None:
         """Step and state of the newest checkpoint, shaped as `like`; None if there is none."""
         step = self.manager.latest_step()
         if step is None:

@@ -11,6 +11,7 @@ depth that such a point can hide, go into the bundle's provenance as `grid_exces
 """
 
 from collections.abc import Iterator
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -37,7 +38,7 @@ def to_bundle(
     appearance = sum(p.role == "alpha" for p in declared)
     grids = [g.astype(np.float16) for g in _grids(layout, material, appearance)]
     excess = _excess(layout, material, appearance, grids)
-    arrays: dict[str, np.ndarray] = {"sigma_scale": np.float32(parameters.decoder.scale)}
+    arrays: dict[str, np.ndarray] = {"sigma_scale": np.asarray(parameters.decoder.scale, np.float32)}
     for i, level in enumerate(mip.build(parameters.feature)):
         arrays[f"features/{i}"] = np.asarray(level, np.float16)
     for i, level in enumerate(mip.build(parameters.height)):
@@ -83,8 +84,9 @@ def _grids(layout: Layout, material: Material, appearance: int) -> list[np.ndarr
         for key in _keys(level):
             corner = jnp.stack(jnp.meshgrid(*(jnp.arange(n, dtype=jnp.float32) for n in shape), indexing="ij"), -1)
             inside = corner + jax.random.uniform(key, corner.shape, minval=-0.1, maxval=1.1)
-            xi = (inside / jnp.array(shape, jnp.float32))[..., ::-1].reshape(-1, 3)
-            largest = jnp.maximum(largest, _sigma(layout, material, xi, level, appearance, key).reshape(shape))
+            xi = (inside.reshape(-1, 3) / jnp.array([shape], jnp.float32))[:, ::-1]
+            sigma = _sigma(layout, material, xi, np.float32(level), appearance, key)
+            largest = jnp.maximum(largest, sigma.reshape(shape))
         grids.append(np.minimum(np.asarray(largest) * MARGIN, np.finfo(np.float16).max))
     return grids
 
@@ -93,23 +95,20 @@ def _keys(level: int) -> Iterator[Array]:
     return iter(jax.random.split(jax.random.key(level), PROBES))
 
 
-def _sigma(layout: Layout, material: Material, xi: Array, level: int, appearance: int, key: Array) -> Array:
-    """σ at points of a level, with random fractions of a level, heights' filters and parameters."""
+@partial(jax.jit, static_argnums=(0, 4))
+def _sigma(layout: Layout, material: Material, xi: Array, level: Array, appearance: int, key: Array) -> Array:
+    """σ at points of a level, with random heights' filters and parameters, and fractions of a level: half of them 0.
+
+    Unfiltered features have the greatest extremes, and all of a close view is unfiltered.
+    """
     k = jax.random.split(key, 3)
     n = xi.shape[0]
-    at = level + jax.random.uniform(k[0], (n,))
-    radius = jnp.where(at < 1e-3, 0.0, 2.0**at / (2 * layout.texel_density))
+    at = level + jnp.maximum(jax.random.uniform(k[0], (n,), minval=-1.0), 0)
+    radius = jnp.where(at == 0, 0.0, 2.0**at / (2 * layout.texel_density))
     deviation = radius * jax.random.uniform(k[1], (n,), maxval=2.0)
     alpha = jax.random.uniform(k[2], (n, appearance))
-    return _evaluate(layout, material, Point(xi.at[:, 2].set(jnp.clip(xi[:, 2], 0, 1)), radius, deviation, alpha))
-
-
-def _evaluate(layout: Layout, material: Material, points: Point) -> Array:
-    field = neural_field(material, layout)
-    return jax.lax.map(lambda p: field.density(p)[0], points, batch_size=4096)
-
-
-_evaluate = jax.jit(_evaluate, static_argnums=0)
+    points = Point(xi.at[:, 2].set(jnp.clip(xi[:, 2], 0, 1)), radius, deviation, alpha)
+    return jax.lax.map(lambda p: neural_field(material, layout).density(p)[0], points, batch_size=4096)
 
 
 def _excess(layout: Layout, material: Material, appearance: int, grids: list[np.ndarray]) -> dict[str, float]:
@@ -118,7 +117,7 @@ def _excess(layout: Layout, material: Material, appearance: int, grids: list[np.
     for level in range(min(3, len(grids))):
         key = jax.random.key(1000 + level)
         xi = jax.random.uniform(key, (200_000, 3))
-        sigma = np.asarray(_sigma(layout, material, xi, level, appearance, jax.random.fold_in(key, 1)))
+        sigma = np.asarray(_sigma(layout, material, xi, np.float32(level), appearance, jax.random.fold_in(key, 1)))
         shape = np.array(grids[level].shape)
         cell = np.minimum((np.asarray(xi)[:, ::-1] * shape).astype(int), shape - 1)
         over = sigma - grids[level].astype(np.float32)[tuple(cell.T)]

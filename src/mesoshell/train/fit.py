@@ -13,7 +13,7 @@ helped and what did not is in `docs/fitting.md`.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -47,8 +47,8 @@ class FitConfig:
     trunk: tuple[int, ...] = (64, 64, 64)
     head: tuple[int, ...] = (64, 64)
     rays: int = 8192
-    candidates: int = 48
-    decoded: float = 0.25
+    candidates: int = 32
+    decoded: float = 1.0
     rate: float = 1e-2
     texture_rate: float = 3e-2
     final: float = 0.02
@@ -161,7 +161,7 @@ def predict(
     flat = jax.tree.map(lambda x: x.reshape(b * n, *x.shape[2:]), all_)
     wide = flat.radius > 1 / occupancy.shape[1]  # a filter wider than a cell sees its neighbours
     depth = occupancy.reshape(-1)[cell_of(flat.xi, occupancy.shape)] * flat.length
-    occupied = wide | (depth > 1e-2)
+    occupied = wide | (depth > 1e-2) | (config.decoded >= 1)
     budget = int(config.decoded * b * n) // _TILE * _TILE
     (chosen,) = jnp.nonzero(occupied, size=budget, fill_value=b * n - 1)
     wanted = jnp.sum(occupied)
@@ -184,8 +184,9 @@ def predict(
 def optimiser(config: FitConfig, steps: int) -> optax.GradientTransformation:
     """Adam with an exponential decay to `final` of the rate; textures learn faster than the network."""
     decay = lambda rate: optax.exponential_decay(rate, steps, config.final)  # noqa: E731
-    adam = {k: optax.adam(decay(v), 0.9, 0.99) for k, v in (("net", config.rate), ("map", config.texture_rate))}
-    return optax.multi_transform(adam, Parameters("map", "map", "net"))
+    net, maps = (optax.adam(decay(rate), 0.9, 0.99) for rate in (config.rate, config.texture_rate))
+    labels: Any = ("map", "map", "net")
+    return optax.multi_transform({"net": net, "map": maps}, Parameters(*labels))
 
 
 def make_step(config: FitConfig, images: ImageTable, steps: int) -> Callable:
@@ -207,7 +208,7 @@ def make_step(config: FitConfig, images: ImageTable, steps: int) -> Callable:
         jitter = jax.random.uniform(key, (rays.image.shape[0], config.candidates))
         (error, used), gradient = gradient_of(state.parameters, state.occupancy, (rays, jitter))
         updates, inner = transform.update(gradient, state.optimiser, state.parameters)
-        parameters = optax.apply_updates(state.parameters, updates)
+        parameters: Any = optax.apply_updates(state.parameters, updates)
         return State(parameters, inner, state.occupancy, state.step + 1), error, used
 
     return step

@@ -9,10 +9,10 @@ Rays that miss the box are black in data and model alike: they are left out. The
 square of two triangles, extruded by 1, whose diagonal cuts a ray into at most two intervals.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from mesoshell.io.dataset import Dataset, Sample, load_images
 from mesoshell.render.camera import Camera, pixel_grid, rays
@@ -22,18 +22,18 @@ from mesoshell.shell.extrude import Shell
 
 
 class RayTable(NamedTuple):
-    """One row a ray: image index, pixel (row by row), direction, cone radius at distance 1, both intervals, target y.
+    """One row a ray, NumPy on the host and JAX in a step: image index, pixel (row by row), direction, cone radius at distance 1, both intervals, target y.
 
-    t: (R, 2, 2) as [interval, end]; xi: (R, 2, 2, 3). An interval that is not there has t0 = t1.
+    direction (R, 3); t (R, 2, 2) as [interval, end]; xi (R, 2, 2, 3); target (R, 4). An interval that is not there has t0 = t1.
     """
 
-    image: Int[np.ndarray, "R"]
-    pixel: Int[np.ndarray, "R"]
-    direction: Float[np.ndarray, "R 3"]
-    radius: Float[np.ndarray, "R"]
-    t: Float[np.ndarray, "R 2 2"]
-    xi: Float[np.ndarray, "R 2 2 3"]
-    target: Float[np.ndarray, "R 4"]
+    image: Any
+    pixel: Any
+    direction: Any
+    radius: Any
+    t: Any
+    xi: Any
+    target: Any
 
 
 class ImageTable(NamedTuple):
@@ -67,7 +67,7 @@ def image_table(dataset: Dataset) -> ImageTable:
         if declared["role"] == "alpha":
             low, high = declared["range"]
             columns.append([(s.parameters[name] - low) / (high - low) for s in dataset.samples])
-    alpha = np.array(columns, np.float32).reshape(len(columns), len(dataset.samples)).T
+    alpha = np.asarray(columns, np.float32).reshape(len(columns), len(dataset.samples)).T
     return ImageTable(
         np.array([s.light for s in dataset.samples], np.float32),
         np.array([s.irradiance for s in dataset.samples], np.float32),

@@ -1,0 +1,126 @@
+"""`mesoshell render` as a user calls it: files and report of a success, and one line on standard error for each fault."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mesoshell.cli.main import main
+from mesoshell.io.bundle import write_bundle
+from mesoshell.io.image import read_exr, read_png, write_exr
+
+MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
+
+
+@pytest.fixture(scope="module")
+def material(tiny_bundle, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("material") / "tiny.npz"
+    write_bundle(path, tiny_bundle)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _no_cache_at_home(monkeypatch, tmp_path_factory):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+def arguments(material: Path, out: Path, *more: object) -> list[str]:
+    given = ["render", MESH, "--material", material, "--size", 32, 32, "--quality", "draft", "--out", out, *more]
+    return [str(x) for x in given]
+
+
+def test_a_picture_its_radiance_and_its_report(material: Path, tmp_path: Path, capsys):
+    out = tmp_path / "new" / "folder" / "monkey.png"
+    main(arguments(material, out, "--param", "dryness=1.5", "--explain"))
+    said = capsys.readouterr()
+    assert said.out == f"{out}\n"
+    assert "mesh shadow: the mesh is not convex" in said.err
+    assert sorted(p.name for p in out.parent.iterdir()) == ["monkey.exr", "monkey.json", "monkey.png"]
+    linear, shown = read_exr(out.with_suffix(".exr")), read_png(out)
+    assert linear.shape == shown.shape == (32, 32, 4)
+    assert np.isfinite(linear).all() and (linear >= 0).all()
+    assert linear[0, 0, 3] == 0 and linear[16, 16, 3] == 1  # the corner is empty, the middle is not
+    record = json.loads(out.with_suffix(".json").read_text())
+    required = {"version", "engine", "seconds", "rays", "queries", "effects", "quality", "material"}
+    assert required <= record.keys()
+    assert (record["engine"], record["rays"]) == ("jax", 32 * 32)
+    assert record["queries"] > 0
+    assert record["material"]["parameters"] == {"dryness": "1.5"}
+    assert record["quality"]["samples"] == 24
+    assert all(set(e) == {"on", "why"} for e in record["effects"].values())
+    seconds = record["seconds"]
+    assert all(v >= 0 for v in seconds.values())
+    assert seconds["setup"] + seconds["wall"] <= seconds["total"]
+
+
+def test_the_same_call_gives_the_same_bytes(material: Path, tmp_path: Path, capsys):
+    sky = tmp_path / "sky.exr"
+    write_exr(sky, np.random.default_rng(1).uniform(0, 1, (4, 8, 4)).astype(np.float32))
+    for name in ("a", "b"):
+        main(arguments(material, tmp_path / f"{name}.png", "--environment", sky))
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    assert read_exr(tmp_path / "a.exr")[0, 0, 3] == 1  # the environment is seen behind the mesh
+
+
+FAULTS = {
+    "missing mesh": (["render", "no.obj"], "no.obj"),
+    "unknown material": (["--material", "moss"], "moss"),
+    "unknown parameter": (["--param", "wetness=1"], "wetness"),
+    "unknown parameter as a map": (["--param", "wetness=map.png"], "wetness"),
+    "missing map": (["--param", "dryness=map.png"], "map.png"),
+    "value out of range": (["--param", "dryness=3"], "dryness"),
+    "value not a number": (["--param", "dryness=nan"], "dryness"),
+    "no value": (["--param", "dryness"], "--param"),
+    "no size": (["--size", "0", "0"], "--size"),
+    "missing environment": (["--environment", "no.exr"], "no.exr"),
+    "missing object": (["--object", "no.ply"], "no.ply"),
+    "no direction": (["--light", "0", "0", "0"], "--light"),
+    "impossible camera": (["--camera", "0", "0", "1", "0", "0", "0", "180"], "--camera"),
+    "eye on target": (["--camera", "0", "0", "1", "0", "0", "1", "40"], "--camera"),
+    "eye nowhere": (["--camera", "nan", "0", "1", "0", "0", "1", "40"], "--camera"),
+    "no thickness": (["--thickness", "0"], "thickness"),
+    "thickness inside out": (["--thickness=-1"], "thickness"),
+    "no scale": (["--scale", "0"], "scale"),
+    "negative scale": (["--scale=-2"], "scale"),
+    "infinite scale": (["--scale", "inf"], "scale"),
+    "endless light": (["--light", "0", "1", "0", "--irradiance", "inf"], "--irradiance"),
+    "negative colour": (["--base", "0.1", "-0.1", "0.1"], "--base"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_one_line_that_names_it(fault: str, material: Path, tmp_path: Path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given, named = FAULTS[fault]
+    out = tmp_path / "out" / "picture.png"
+    with pytest.raises(SystemExit) as stop:
+        main([*given, "--material", str(material)] if given[0] == "render" else arguments(material, out, *given))
+    assert stop.value.code == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert said.err.startswith("mesoshell: ") and named in said.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_debug_shows_the_traceback(material: Path, tmp_path: Path):
+    with pytest.raises(ValueError, match="moss"):
+        main([*arguments(material, tmp_path / "x.png", "--material", "moss"), "--debug"])
+
+
+@pytest.mark.parametrize("code", ["import mesoshell", "from mesoshell.cli.main import main; main(['--help'])"])
+def test_nothing_loads_jax_before_it_is_needed(code: str):
+    check = f"import sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\nassert 'jax' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("verb", ["render", "fit", "dataset", "doctor"])
+def test_every_verb_has_help(verb: str, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([verb, "--help"])
+    assert stop.value.code == 0
+    assert len(capsys.readouterr().out) > 100

@@ -1,0 +1,56 @@
+"""Quality: every value out of range is refused by name, and presets are ordered."""
+
+from dataclasses import fields
+
+import pytest
+
+from mesoshell.render.quality import PRESETS, Quality
+
+BAD = {
+    "pixel_samples": 0,
+    "samples": -1,
+    "spacing": "even",
+    "coordinates": "newton",
+    "early_stop": 1.0,
+    "skip": -0.1,
+    "weight_cut": float("nan"),
+    "anisotropy": 0,
+    "visibility": "never",
+    "environment_samples": 0,
+    "base_samples": 0,
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_values_out_of_range_are_refused_by_name(name: str):
+    with pytest.raises(ValueError, match=name):
+        Quality(**{name: BAD[name]})
+
+
+def test_every_field_but_the_switch_is_checked():
+    assert {f.name for f in fields(Quality)} == BAD.keys() | {"filtering"}
+
+
+def test_all_faults_are_said_at_once():
+    with pytest.raises(ValueError, match=r"samples must be at least 1; skip must lie in \[0, 1\)"):
+        Quality(samples=0, skip=2.0)
+
+
+def test_changes_are_checked_too():
+    assert Quality().with_changes(samples=7).samples == 7
+    with pytest.raises(ValueError, match="samples"):
+        Quality().with_changes(samples=0)
+
+
+def test_presets_spend_ever_more():
+    draft, normal, reference = (PRESETS[k] for k in ("draft", "normal", "reference"))
+    for cheap, dear in ((draft, normal), (normal, reference)):
+        for name in ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples"):
+            assert getattr(cheap, name) <= getattr(dear, name)
+        for name in ("early_stop", "skip", "weight_cut"):
+            assert getattr(cheap, name) >= getattr(dear, name)
+    assert (reference.early_stop, reference.skip, reference.weight_cut) == (0, 0, 0)
+
+
+def test_the_record_names_every_field():
+    assert Quality().as_dict().keys() == {f.name for f in fields(Quality)}

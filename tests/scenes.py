@@ -1,0 +1,48 @@
+"""Small scenes that several test files render: the unit slab under a camera, grown with any bundle."""
+
+import numpy as np
+
+from mesoshell.geometry.mesh import Mesh, check_mesh
+from mesoshell.io.bundle import Bundle
+from mesoshell.render.camera import Camera, look_at
+from mesoshell.render.effects import Effects, Facts, plan_effects
+from mesoshell.render.light import Distant
+from mesoshell.render.quality import Quality
+from mesoshell.shell.scene import Scene, ready
+from mesoshell.train.rays import unit_box
+
+#: Every sample decoded, none skipped, nothing filtered: what laws can be tested on exactly.
+FULL = Quality(pixel_samples=1, samples=32, early_stop=0.0, skip=0.0, weight_cut=0.0, filtering=False)
+
+
+def lights(strength: float = 3.0) -> tuple[Distant, ...]:
+    toward = np.array([0.48, -0.36, 0.8])
+    return (Distant(toward, np.array([1.0, 0.9, 0.7]) * strength),)
+
+
+def slab_mesh() -> Mesh:
+    box = unit_box()
+    return check_mesh(box.base, box.faces, box.uv, "slab")
+
+
+def slab(bundle: Bundle) -> Scene:
+    """The unit slab seen aslant from above, under one distant light."""
+    camera = Camera(look_at((0.2, -1.4, 2.2), (0.5, 0.5, 0.4), (0.0, 0.0, 1.0)), 0.7, 16, 16)
+    alpha = np.array([0.5], np.float32)
+    return Scene(slab_mesh(), unit_box(), ready(bundle), camera, lights(), alpha=alpha)
+
+
+def effects(scene: Scene, quality: Quality, coarsest: float = 8.0) -> Effects:
+    """The plan for a scene on a convex mesh whose footprints reach `coarsest` texels."""
+    return plan_effects(
+        Facts(
+            lights=len(scene.lights),
+            environment=scene.environment is not None,
+            objects=len(scene.objects),
+            convex=True,
+            coarsest=coarsest,
+            varying=tuple(scene.maps),
+            transparent=scene.transparent,
+        ),
+        quality,
+    )

@@ -35,13 +35,13 @@ def assert_as_sampled(trace: Trace, shell: Shell, o: np.ndarray, d: np.ndarray, 
         t = (np.arange(POINTS) + 0.5) * last / POINTS
         held = locate(shell, o[r] + t[:, None] * d[r])
         t0, t1, prism = i.t0[i.ray == r], i.t1[i.ray == r], i.prism[i.ray == r]
-        covers = np.asarray((t[:, None] >= t0) & (t[:, None] < t1))
+        covers = (t[:, None] >= t0) & (t[:, None] < t1)
         ends = np.concatenate([t0, t1, [0, last]])
-        clear = np.abs(t[:, None] - ends).min(axis=1) > last / POINTS
-        np.testing.assert_array_equal(covers.any(axis=1)[clear], held.any(axis=1)[clear], f"ray {r}")
+        clear = np.asarray(np.abs(t[:, None] - ends).min(axis=1) > last / POINTS)
+        inside = np.any(held, axis=1).astype(int)
+        np.testing.assert_array_equal(np.any(covers, axis=1).astype(int)[clear], inside[clear], f"ray {r}")
         point, interval = np.nonzero(covers & clear[:, None])
         assert held[point, prism[interval]].all(), f"ray {r}: wrong prism"
-        inside = held.any(axis=1).astype(int)
         visits[r] = np.sum(np.diff(inside, prepend=0) > 0)
     return visits
 

@@ -12,6 +12,7 @@ from surfaces import ball, rays_at
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.extrude import Shell, extrude
 
+PART = 10000  # rays at a time: the oracle holds a number for each ray and face
 FAR = (148376.0, 1234.0, -223423.0)
 
 
@@ -35,8 +36,8 @@ def leaks(radius: float, centre: tuple[float, float, float], count: int, toleran
     boundary = Boundary(shell, mesh.faces)
     rng = np.random.default_rng(5)
     wrong = compared = 0
-    for part in range(0, count, 20000):
-        size = min(20000, count - part)
+    for part in range(0, count, PART):
+        size = min(PART, count - part)
         o, d = rays_at(targets(shell, size, rng), 3 * radius, rng)
         trace = boundary.trace(o, d)
         assert_sorted_apart(trace)

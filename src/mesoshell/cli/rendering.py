@@ -47,11 +47,12 @@ def render_to_files(options: Options) -> None:
     bundle = read_bundle(find(options.material))
     scene, notes = build_scene(options, bundle)
     for note in notes:
-        console.print(f"[dim]note:[/] {note}", highlight=False)
+        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
     effects = plan_effects(facts(scene, quality), quality)
     if options.explain:
         for name, effect in vars(effects).items():
-            console.print(f"{'on ' if effect.on else 'off'} {name.replace('_', ' ')}: {effect.why}", highlight=False)
+            line = f"{'on ' if effect.on else 'off'} {name.replace('_', ' ')}: {effect.why}"
+            console.print(line, highlight=False, soft_wrap=True)
     setup = time.perf_counter() - begin
     columns = (TextColumn("rendering"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:

@@ -81,7 +81,7 @@ def render(
         directions = d.astype(np.float32).astype(np.float64)
         return first, renderer.tile(np.ascontiguousarray(o), directions, np.random.default_rng(item))
 
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         for done, (first, rgba) in enumerate(pool.map(one, work), start=1):
             image[first : first + len(rgba)] += rgba
             progress(done / len(work))

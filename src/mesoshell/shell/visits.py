@@ -7,7 +7,8 @@ rays that advance in lock-step, STEPS prisms at most, and stops a chunk when all
 go on in the next call, packed together, so a few long grazing rays do not hold the others up.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -86,9 +87,8 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
     """Visits in one precision, in batches of at most CAPACITY rays that are still walking."""
     count = len(starts.code)
     near = starts.point.astype(np.float32)
-    rays = Ray(
-        near.astype(dtype), (starts.point - near.astype(np.float64)).astype(dtype), starts.direction.astype(dtype)
-    )
+    parts: Any = (near, starts.point - near.astype(np.float64), starts.direction)
+    rays = Ray(*(x.astype(dtype) for x in parts))
     capacity = CAPACITY if dtype is np.float32 else CHUNK
     place = _in_batches(lambda r, p, c: _begin(prisms, r, p, c), count, (rays, starts.prism, starts.code), capacity)
     found: list[Intervals] = []
@@ -98,7 +98,7 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
             break
         for part in np.split(walking, range(capacity, len(walking), capacity)):
             n = len(part)
-            some = jax.tree.map(lambda x, part=part: _padded(x[part], capacity), (rays, place))
+            some: Any = jax.tree.map(lambda x, part=part: _padded(x[part], capacity), (rays, place))
             after, rows, used = jax.tree.map(np.asarray, _advance(prisms, *some, np.int32(n)))
             for whole, new in zip(place, after, strict=True):
                 whole[part] = new[:n]
@@ -116,7 +116,7 @@ def _compact(rows: tuple, valid: Bool[np.ndarray, "S n"], part: Int[np.ndarray, 
     return Intervals(ray, prism, t0, t1, bary0, bary1, h0, h1)
 
 
-def _in_batches(function, count: int, arrays: tuple, capacity: int) -> Place:
+def _in_batches(function: Callable, count: int, arrays: tuple, capacity: int) -> Any:
     """`function` on padded batches, its results concatenated and cut to `count` writable rows."""
     parts = []
     for i in range(0, max(count, 1), capacity):
@@ -150,12 +150,14 @@ def _advance(prisms: Prisms, rays: Ray, place: Place, count: Array) -> tuple:
     def body(i: Array, carry: tuple) -> tuple:
         place, rows, used = carry
         begin = i * chunk
-        after, new, steps = walk(prisms, *_slice((rays, place), begin, chunk), STEPS)
+        some, at = _slice((rays, place), begin, chunk)
+        after, new, steps = walk(prisms, some, at, STEPS)
         place = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 0), place, after)
         rows = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 1), rows, new)
         return place, rows, jax.lax.dynamic_update_slice_in_dim(used, steps, begin, 0)
 
-    return jax.lax.fori_loop(0, (count + chunk - 1) // chunk, body, (place, rows, jnp.zeros(length, jnp.int32)))
+    begin: Any = (place, rows, jnp.zeros(length, jnp.int32))
+    return jax.lax.fori_loop(0, (count + chunk - 1) // chunk, body, begin)
 
 
 def _slice(tree: tuple, begin: Array | int, size: int) -> tuple:

@@ -24,7 +24,7 @@ def split_cpu() -> None:
     flag = "--xla_force_host_platform_device_count"
     flags = os.environ.get("XLA_FLAGS", "")
     if flag not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} {flag}={len(os.sched_getaffinity(0))}".strip()
+        os.environ["XLA_FLAGS"] = f"{flags} {flag}={os.cpu_count()}".strip()
 
 
 def device_count() -> int:

@@ -22,7 +22,8 @@ from mesoshell.shell.extrude import Shell
 
 
 class RayTable(NamedTuple):
-    """One row a ray, NumPy on the host and JAX in a step: image index, pixel (row by row), direction, cone radius at distance 1, both intervals, target y.
+    """One row a ray, NumPy on the host and JAX in a step: image index, pixel (row by row), direction, cone radius at
+    distance 1, both intervals, target y.
 
     direction (R, 3); t (R, 2, 2) as [interval, end]; xi (R, 2, 2, 3); target (R, 4). An interval that is not there has t0 = t1.
     """
@@ -50,7 +51,7 @@ def unit_box() -> Shell:
     faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     return Shell(
         base=base,
-        offset=np.broadcast_to(np.float32([0, 0, 1]), base.shape).copy(),
+        offset=np.tile(np.array([0, 0, 1], np.float32), (4, 1)),
         faces=faces,
         uv=base[faces][:, :, :2],
         neighbour=np.array([[-1, -1, 1], [0, -1, -1]], np.int32),

@@ -30,8 +30,8 @@ class Options:
     size: tuple[int, int] = (512, 512)
     #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: a key and a fill light.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
-    #: Irradiance of each --light on a plane facing it (3.14 makes a white wall facing it white).
-    irradiance: float = 3.14159
+    #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
+    irradiance: float = 12.0
     #: Latitude-longitude EXR that lights the scene and is seen behind it.
     environment: Path | None = None
     #: Diffuse colour of the surface under the shell, linear R G B.

@@ -50,7 +50,7 @@ def main() -> None:
         embree = embree_rate(Boundary(scene.shell, scene.mesh.faces), o, d)
         traced = c["rays"] + c["visits"] + c.get("shadow_rays", 0)
         floor = operations / matrix_rate() + gathered / bandwidth() + traced / embree
-        total = sum(s.values())
+        total = s["wall"]
         stages = " | ".join(f"{s.get(k, 0):.2f}" for k in ("trace", "sample", "decode", "light", "surfaces"))
         print(f"| {name} | {total:.2f} | {floor:.2f} | {total / floor:.1f} | {stages} |")
         heavy = c.get("heavy_samples", 0)

@@ -8,7 +8,7 @@ BIN := .venv/bin
 .PHONY: demo test lint blender clean
 
 demo: .venv/installed
-	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --light 0.9 1.3 -0.6 --light -1 0.6 -0.9 --out out/demo.png
+	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
 
 test: .venv/installed-dev lint
 	$(BIN)/python -m pytest -n 2

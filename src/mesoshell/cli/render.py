@@ -28,7 +28,7 @@ class Options:
     scale: float | None = None
     #: Width and height of the picture in pixels.
     size: tuple[int, int] = (512, 512)
-    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: a key and a fill light.
+    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = 12.0

@@ -33,8 +33,8 @@ from mesoshell.shell.extrude import extrude
 from mesoshell.shell.renderer import Report, render
 from mesoshell.shell.scene import Scene, normalised, ready
 
-#: Fill light of the default lighting, as a share of the key light.
-FILL = 0.25
+#: Fill light of the default lighting, and the light from below, as shares of the key light.
+FILL, BOUNCE = 0.3, 0.12
 
 
 def render_to_files(options: Options) -> None:
@@ -172,15 +172,15 @@ def _light(direction: tuple[float, float, float], irradiance: float) -> Distant:
     return Distant(np.array(direction) / length, np.full(3, irradiance))
 
 
-def _default_lights(camera: Camera, up: int, irradiance: float) -> tuple[Distant, Distant]:
-    """A key light over the camera's left shoulder, and a weak fill from its right."""
-    right, back = camera.to_world[:3, 0], camera.to_world[:3, 2]
-    above = np.eye(3)[up]
-    key, fill = above * 1.1 - 0.7 * right + 0.5 * back, 0.4 * above + right + 0.6 * back
-    return (
-        Distant(key / np.linalg.norm(key), np.array([1.0, 0.96, 0.9]) * irradiance),
-        Distant(fill / np.linalg.norm(fill), np.array([0.8, 0.9, 1.0]) * irradiance * FILL),
+def _default_lights(camera: Camera, up: int, irradiance: float) -> tuple[Distant, ...]:
+    """A key light over the camera's left shoulder, a weak fill from its right, and a weaker bounce from below."""
+    right, back, above = camera.to_world[:3, 0], camera.to_world[:3, 2], np.eye(3)[up]
+    lights = (
+        (1.1 * above - 0.7 * right + 0.5 * back, (1.0, 0.96, 0.9), 1.0),
+        (0.4 * above + right + 0.6 * back, (0.8, 0.9, 1.0), FILL),
+        (0.4 * back - above, (0.9, 0.95, 0.85), BOUNCE),
     )
+    return tuple(Distant(v / np.linalg.norm(v), np.array(c) * share * irradiance) for v, c, share in lights)
 
 
 def _environment(options: Options, up: int) -> Environment | None:

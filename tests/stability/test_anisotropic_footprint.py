@@ -75,7 +75,7 @@ def supersampled(feature: np.ndarray, uv: np.ndarray, f: Footprint) -> np.ndarra
 
 
 BEYOND = pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="16 round taps cannot cover an ellipse longer than 8 : 1 within 2%"
+    strict=True, raises=AssertionError, reason="no 16 round taps were found that hold 2% beyond 8 : 1"
 )
 
 

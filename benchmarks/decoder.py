@@ -20,7 +20,8 @@ def main() -> None:
     count = jnp.int32(ROWS)
     like = ((0, jnp.float32), (TRUNK[-1], jnp.float32))
     trunk = jax.jit(lambda d, x, n: in_tiles(lambda r: net.trunk(d, r), n, (x,), like))
-    head = jax.jit(lambda d, f, w, n: in_tiles(lambda a, b: (net.head(d, a, b, b),), n, (f, w), ((3, jnp.float32),)))
+    one = lambda d, f, w: (net.head(d, net.toward_viewer(d, f, w), w),)  # noqa: E731
+    head = jax.jit(lambda d, f, w, n: in_tiles(lambda a, b: one(d, a, b), n, (f, w), ((3, jnp.float32),)))
     plain = jax.jit(lambda d, x: net.trunk(d, x))
     trunk_work = 2 * (INPUTS * 64 + 2 * 64 * 64 + 64)
     head_work = 2 * (70 * 64 + 64 * 64 + 64 * 3)

@@ -15,6 +15,7 @@ import scenes
 from mesoshell.render.quality import Quality
 from mesoshell.shell import kernels
 from mesoshell.shell.kernels import Program, Samples
+from mesoshell.shell.lighting import Tile
 from mesoshell.shell.renderer import Report, _Renderer, render
 from mesoshell.shell.sampling import spread
 from mesoshell.shell.scene import Scene
@@ -31,7 +32,7 @@ def setting(scene: Scene, quality: Quality) -> tuple[_Renderer, tuple]:
     pieces, at = renderer.frames(i, o, d)
     plan = spread(i, np.asarray(at.length)[: len(i.ray)], quality.samples, quality.spacing)
     samples, ray = renderer.candidates(i, plan, pieces, at)
-    return renderer, (samples, ray, pieces, at, len(o))
+    return renderer, (samples, ray, pieces, at, Tile(o, d, renderer.lighting.beams(len(o), random)))
 
 
 @pytest.fixture(scope="module")
@@ -77,14 +78,14 @@ def test_the_same_effects_share_a_program(tiny_bundle):
 
 def test_waves_give_what_a_full_evaluation_gives(tiny_bundle):
     """Early stop, skipping and the weight's cut at 0: Σ τ and Σ w of each ray as from one call on all its samples."""
-    renderer, (samples, ray, pieces, at, count) = setting(scenes.slab(tiny_bundle), scenes.FULL)
-    depth, shaded = renderer.march(samples, ray, pieces, at, count)
+    renderer, (samples, ray, pieces, at, tile) = setting(scenes.slab(tiny_bundle), scenes.FULL)
+    depth, shaded = renderer.march(samples, ray, pieces, at, tile)
     padded = Samples(*(np.pad(x, (0, -len(x) % 4096)) for x in samples))
     tau, _ = kernels.density(renderer.program, renderer.table, pieces, at, padded, np.int32(len(samples.row)))
     tau = np.asarray(tau, np.float64)[: len(samples.row)]
-    true = np.bincount(ray, tau, count)
+    true = np.bincount(ray, tau, len(tile.o))
     np.testing.assert_allclose(depth, true, rtol=1e-6)
-    weight = np.bincount(shaded.ray, shaded.weight, count)
+    weight = np.bincount(shaded.ray, shaded.weight, len(tile.o))
     np.testing.assert_allclose(weight, -np.expm1(-true), rtol=1e-5, atol=1e-7)
 
 

@@ -14,6 +14,7 @@ import scenes
 from mesoshell.render.camera import rays
 from mesoshell.render.light import Distant, environment
 from mesoshell.shell.field import Point, neural_field
+from mesoshell.shell.lighting import Tile
 from mesoshell.shell.renderer import Report, _Renderer, render
 from mesoshell.shell.sampling import spread
 from mesoshell.shell.scene import Scene, ready
@@ -78,7 +79,7 @@ def depths(scene: Scene, o: np.ndarray, d: np.ndarray) -> np.ndarray:
     pieces, at = renderer.frames(i, o, d)
     plan = spread(i, np.asarray(at.length)[: len(i.ray)], scenes.FULL.samples, scenes.FULL.spacing)
     samples, ray = renderer.candidates(i, plan, pieces, at)
-    return renderer.march(samples, ray, pieces, at, len(o))[0]
+    return renderer.march(samples, ray, pieces, at, Tile(o, d, []))[0]
 
 
 AFFINE = {

@@ -19,12 +19,17 @@ def pad(x: np.ndarray, rows: int) -> np.ndarray:
     return out
 
 
-def run(kernel: Callable, *rows: Any) -> Any:
-    """kernel(*rows, count) on any number of rows: CAPACITY at a time, padded; its results concatenated and cut."""
+def batches(kernel: Callable, *rows: Any) -> list:
+    """kernel(*rows, count) on any number of rows, CAPACITY at a time, padded; its results as they come."""
     count = len(rows[0])
-    parts = []
+    found = []
     for begin in range(0, max(count, 1), CAPACITY):
         n = min(CAPACITY, count - begin)
-        found = kernel(*(pad(x[begin : begin + n], CAPACITY) for x in rows), np.int32(n))
-        parts.append(jax.tree.map(lambda x, n=n: np.asarray(x)[:n], found))
-    return parts[0] if len(parts) == 1 else jax.tree.map(lambda *x: np.concatenate(x), *parts)
+        found.append(kernel(*(pad(x[begin : begin + n], CAPACITY) for x in rows), np.int32(n)))
+    return found
+
+
+def run(kernel: Callable, *rows: Any) -> Any:
+    """Results of `batches` as NumPy arrays, concatenated and cut to the number of rows."""
+    parts = [jax.tree.map(np.asarray, found) for found in batches(kernel, *rows)]
+    return jax.tree.map(lambda *x: np.concatenate(x)[: len(rows[0])], *parts)

@@ -61,13 +61,22 @@ def trunk(decoder: Decoder, x: Float[Array, "*batch I"]) -> tuple[Float[Array, "
     return decoder.scale * softplus(raw - 3), features
 
 
+def toward_viewer(
+    decoder: Decoder, features: Float[Array, "*batch W"], w: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch H"]:
+    """The part of the head's first layer that all lights share, from trunk features and ω."""
+    kernel, bias = decoder.head[0]
+    shared = jnp.concatenate([features, above_horizon(w)], axis=-1)
+    return apply_dense(Dense(kernel[: shared.shape[-1]], bias), shared)
+
+
 def head(
-    decoder: Decoder, features: Float[Array, "*batch W"], w: Float[Array, "*batch 3"], w_light: Float[Array, "*batch 3"]
+    decoder: Decoder, shared: Float[Array, "*batch H"], w_light: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 3"]:
-    """ρ(ω, ω′) for trunk features and the two canonical directions."""
+    """ρ(ω, ω′) from `toward_viewer` and the canonical direction toward a light."""
     fade = jnp.clip(1 + w_light[..., 2:] / FADE, 0, 1)
-    x = jnp.concatenate([features, above_horizon(w), above_horizon(w_light)], axis=-1)
-    return fade * softplus(apply_dense(decoder.rho, apply_relu(decoder.head, x)) - 2)
+    first = jax.nn.relu(shared + above_horizon(w_light) @ decoder.head[0].kernel[-3:].astype(shared.dtype))
+    return fade * softplus(apply_dense(decoder.rho, apply_relu(decoder.head[1:], first)) - 2)
 
 
 def above_horizon(w: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:

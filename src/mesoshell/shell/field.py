@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from mesoshell.shell import decoder as net
 from mesoshell.shell.decoder import Decoder
 from mesoshell.texture import mip
-from mesoshell.texture.mip import Pyramid, Sizes
+from mesoshell.texture.mip import Pyramid, Sizes, Stack
 from mesoshell.typing import Array, Float, Scalar, Vec3
 
 
@@ -37,8 +37,8 @@ class Layout:
 class Material(NamedTuple):
     """Arrays of a neural material: feature pyramid, height pyramid and decoder."""
 
-    texture: Pyramid
-    height: Pyramid
+    texture: Pyramid | Stack
+    height: Pyramid | Stack
     decoder: Decoder
 
 
@@ -75,6 +75,6 @@ def neural_field(material: Material, layout: Layout) -> Field:
         return net.trunk(material.decoder, inputs(material, layout, point))
 
     def transport(found: Float[Array, "W"], w: Vec3, w_light: Vec3) -> Vec3:
-        return net.head(material.decoder, found, w, w_light)
+        return net.head(material.decoder, net.toward_viewer(material.decoder, found, w), w_light)
 
     return Field(density, transport)

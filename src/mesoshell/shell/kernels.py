@@ -185,13 +185,21 @@ def density_at(program: Program, table: Table, xi: Array, radius: Array, count: 
 
 
 @jax.jit
-def transport(table: Table, found: Array, at: Frame, pieces: Piece, row: Array, light: Array, count: Array) -> Array:
-    """ρ(ω, ω′) of samples; light: (S, 3) world directions toward the light, row: the samples' intervals."""
+def transport(
+    table: Table, at: Frame, pieces: Piece, found: Array, where: Array, row: Array, light: Array, count: Array
+) -> Array:
+    """ρ(ω, ω′) of samples and lights, (S, L, 3).
 
-    def tile(found: Array, row: Array, light: Array) -> tuple[Array]:
+    found: trunk features as `density` gave them, and where: the samples' rows in them; row: the samples' intervals; light:
+    (S, L, 3) world directions toward the lights.
+    """
+    decoder, lights = table.material.decoder, light.shape[1]
+
+    def tile(where: Array, row: Array, light: Array) -> tuple[Array]:
         inverse, d = at.inverse[row], pieces.direction[row]
-        w = jax.vmap(net.direction)(inverse, -d)
-        w_light = jax.vmap(net.direction)(inverse, light)
-        return (net.head(table.material.decoder, found, w, w_light),)
+        shared = net.toward_viewer(decoder, found[where], jax.vmap(net.direction)(inverse, -d))
+        one = lambda toward: net.head(decoder, shared, jax.vmap(net.direction)(inverse, toward))  # noqa: E731
+        rho = jax.lax.map(one, light.swapaxes(0, 1))
+        return (rho.swapaxes(0, 1).reshape(-1, lights * 3),)
 
-    return in_tiles(tile, count, (found, row, light), ((3, jnp.float32),))[0]
+    return in_tiles(tile, count, (where, row, light), ((lights * 3, jnp.float32),))[0].reshape(-1, lights, 3)

@@ -33,12 +33,12 @@ from mesoshell.typing import Array
 
 
 class Shaded(NamedTuple):
-    """Samples to light: row of the interval, ray, weight, trunk features."""
+    """Samples to light: row of the interval, ray, weight, ρ toward each light."""
 
     row: Int[np.ndarray, "S"]
     ray: Int[np.ndarray, "S"]
     weight: Float[np.ndarray, "S"]
-    found: Float[np.ndarray, "S W"]
+    rho: Float[np.ndarray, "S L 3"]
 
 
 class Beam(NamedTuple):
@@ -95,7 +95,20 @@ class Lighting:
                 out.append(Beam(toward, strength / n))
         return out
 
-    def shell(self, tile: Tile, i: Intervals, s: Shaded, pieces: Piece, at: Frame) -> Float[np.ndarray, "R 3"]:
+    def transport(
+        self, tile: Tile, found: Array, where: np.ndarray, row: np.ndarray, ray: np.ndarray, pieces: Piece, at: Frame
+    ) -> Float[np.ndarray, "S L 3"]:
+        """ρ of samples toward every light. found: trunk features on the device, where: the samples' rows in them."""
+        toward = np.stack([beam.toward[ray] for beam in tile.beams], axis=1).astype(np.float32)
+        self.report.count(transport_queries=len(row) * len(tile.beams))
+        return run(
+            lambda k, r, w, n: kernels.transport(self.table, at, pieces, found, k, r, w, n),
+            where.astype(np.int32),
+            row,
+            toward,
+        )
+
+    def shell(self, tile: Tile, i: Intervals, s: Shaded, at: Frame) -> Float[np.ndarray, "R 3"]:
         """What the shell scatters toward each ray."""
         clock = time.perf_counter()
         o, d = tile.o, tile.d
@@ -109,10 +122,9 @@ class Lighting:
         middle = 0.5 * (i.t0 + i.t1)[used]
         x = o[i.ray[used]] + middle[:, None] * d[i.ray[used]]
         height = 0.5 * (i.h0 + i.h1)[used]
-        for beam in tile.beams:
-            light = np.ascontiguousarray(beam.toward[s.ray], np.float32)
-            rho = run(lambda f, r, w, n: kernels.transport(self.table, f, at, pieces, r, w, n), s.found, s.row, light)
-            seen = np.ones(len(used))
+        lit = np.zeros((len(s.row), 3), np.float32)
+        for k, beam in enumerate(tile.beams):
+            add = s.rho[:, k] * beam.strength[s.ray].astype(np.float32)
             if self.shadows:
                 toward = beam.toward[i.ray[used]]
                 rate = np.einsum("ij,ij->i", inverse[:, 2], toward)
@@ -120,10 +132,10 @@ class Lighting:
                 leave = np.minimum(leave, self.boundary.size) + ADVANCE * self.boundary.size
                 seen = ~self.boundary.occluded(x + leave[:, None] * toward, toward)
                 self.report.count(shadow_rays=len(used))
-            lit = (s.weight * seen[back])[:, None] * rho * beam.strength[s.ray]
-            for c in range(3):
-                rgb[:, c] += np.bincount(s.ray, lit[:, c], len(o))
-            self.report.count(transport_queries=len(s.row))
+                add *= seen[back, None]
+            lit += add
+        for c in range(3):
+            rgb[:, c] = np.bincount(s.ray, s.weight * lit[:, c], len(o))
         self.report.time("light", clock)
         return rgb
 

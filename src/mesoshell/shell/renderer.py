@@ -27,7 +27,7 @@ from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
 from mesoshell.shell import kernels
-from mesoshell.shell.batches import pad, run
+from mesoshell.shell.batches import CAPACITY, batches, pad, run
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.kernels import Program, Samples, Table
 from mesoshell.shell.lighting import Lighting, Shaded, Tile
@@ -135,9 +135,9 @@ class _Renderer:
         plan = spread(i, np.asarray(at.length)[: len(i.ray)], self.quality.samples, self.quality.spacing)
         samples, ray = self.candidates(i, plan, pieces, at)
         self.report.time("sample", clock)
-        depth, shaded = self.march(samples, ray, pieces, at, len(o))
         lit = Tile(o, d, self.lighting.beams(len(o), random))
-        rgb = self.lighting.shell(lit, i, shaded, pieces, at)
+        depth, shaded = self.march(samples, ray, pieces, at, lit)
+        rgb = self.lighting.shell(lit, i, shaded, at)
         through = np.exp(-depth)
         solid = np.isfinite(traced.end)
         rgb += through[:, None] * self.lighting.surfaces(lit, traced, through)
@@ -183,29 +183,36 @@ class _Renderer:
         return s, i.ray[s.row]
 
     def march(
-        self, samples: Samples, ray: np.ndarray, pieces: Piece, at: Frame, count: int
+        self, samples: Samples, ray: np.ndarray, pieces: Piece, at: Frame, tile: Tile
     ) -> tuple[np.ndarray, Shaded]:
         """Decode samples wave by wave, front to back. Returns the rays' optical depths and the samples to light."""
         clock = time.perf_counter()
-        depth = np.zeros(count)
+        depth = np.zeros(len(tile.o))
         rank = np.arange(len(ray)) - np.searchsorted(ray, ray)
         stop = -np.log(self.quality.early_stop) if self.quality.early_stop > 0 else np.inf
-        parts = []
+        density = self._kernel(kernels.density, pieces, at)
+        none = np.zeros(0, np.int32)
+        parts = [Shaded(none, none, np.zeros(0), np.zeros((0, len(tile.beams), 3), np.float32))]
         for wave in range(0, int(rank.max(initial=-1)) + 1, WAVE):
             chosen = np.flatnonzero((rank >= wave) & (rank < wave + WAVE) & (depth[ray] < stop))
             if not len(chosen):
                 break
             some, owner = take(samples, chosen), ray[chosen]
-            tau, found = run(self._kernel(kernels.density, pieces, at), *some)
+            found = batches(density, *some)
+            tau = np.concatenate([np.asarray(x) for x, _ in found])[: len(chosen)]
+            clock = self.report.time("decode", clock)
             weight, depth = accumulate(depth, owner, tau)
             heavy = np.flatnonzero(weight > self.quality.weight_cut)
-            parts.append(Shaded(some.row[heavy], owner[heavy], weight[heavy], found[heavy]))
+            edges = np.searchsorted(heavy, np.arange(len(found) + 1) * CAPACITY)
+            for k, (_, features) in enumerate(found):
+                own = heavy[edges[k] : edges[k + 1]]
+                if len(own) and tile.beams:
+                    rho = self.lighting.transport(
+                        tile, features, own - k * CAPACITY, some.row[own], owner[own], pieces, at
+                    )
+                    parts.append(Shaded(some.row[own], owner[own], weight[own], rho))
+            clock = self.report.time("transport", clock)
             self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
-        self.report.time("decode", clock)
-        if not parts:
-            return depth, Shaded(
-                np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 1), np.float32)
-            )
         return depth, Shaded(*(np.concatenate(c) for c in zip(*parts, strict=True)))
 
 

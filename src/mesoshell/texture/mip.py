@@ -10,6 +10,9 @@ C           channels
 A lookup costs as much as the network that follows it, and nearly all of that is gathering. So each level is stored as
 *neighbourhoods*: row (y, x) holds the four texels (y, x), (y, x+1), (y+1, x), (y+1, x+1), wrapped, side by side. A
 trilinear lookup then gathers two wide rows in place of eight narrow ones. Values lie at texel centres.
+
+While a texture is being fitted it changes every step, and making the neighbourhoods costs more than they save (benchmarks/fit):
+then it stays a `Stack`, each texel once. Both give the same values.
 """
 
 from typing import NamedTuple
@@ -25,6 +28,12 @@ class Pyramid(NamedTuple):
     """Neighbourhood rows of all levels, finest first: (ΣH_l·W_l, 4C) in 2D, (ΣR_l, 2C) in 1D. Sizes are static."""
 
     rows: Float[Array, "T K"]
+
+
+class Stack(NamedTuple):
+    """Texels of all levels, finest first, one a row: (ΣH_l·W_l, C) in 2D, (ΣR_l, C) in 1D. Cheap to differentiate."""
+
+    rows: Float[Array, "T C"]
 
 
 #: Sizes (H, W) of a pyramid's levels: static, so that they are constants of the compiled program.
@@ -59,6 +68,11 @@ def pack(levels: list[Float[Array, "_h _w C"]]) -> Pyramid:
     return Pyramid(jnp.concatenate(rows))
 
 
+def stack(levels: list[Float[Array, "_h _w C"]]) -> Stack:
+    """All texels of a pyramid, in 2D or 1D."""
+    return Stack(jnp.concatenate([level.reshape(-1, level.shape[-1]) for level in levels]))
+
+
 def pack_height(levels: list[Float[Array, "_r 1 C"]]) -> Pyramid:
     """Neighbourhood rows of a clamped 1D pyramid: row i holds texels i and min(i + 1, R − 1)."""
     rows = []
@@ -83,7 +97,7 @@ def _split(level: Scalar, last: int) -> tuple[Array, Scalar]:
     return lower.astype(jnp.int32), level - lower
 
 
-def lookup(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar) -> Float[Array, "C"]:
+def lookup(pyramid: Pyramid | Stack, sizes: Sizes, uv: Vec2, level: Scalar) -> Float[Array, "C"]:
     """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32."""
     last = len(sizes) - 1
     lower, fraction = _split(level, last)
@@ -92,14 +106,19 @@ def lookup(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar) -> Float[Arr
     )
 
 
-def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[Array, "C"]:
+def _bilinear(pyramid: Pyramid | Stack, sizes: Sizes, uv: Vec2, level: Array) -> Float[Array, "C"]:
     offsets, shapes = _tables(sizes)
     h, w = shapes[level]
     wrapped = uv - jnp.floor(uv)  # first: whole patches must not cost precision
     x, y = wrapped[0] * w.astype(uv.dtype) - 0.5, wrapped[1] * h.astype(uv.dtype) - 0.5
     xi, yi = jnp.floor(x), jnp.floor(y)
     fx, fy = x - xi, y - yi
-    row = offsets[level] + jnp.mod(yi.astype(jnp.int32), h) * w + jnp.mod(xi.astype(jnp.int32), w)
+    column, line = xi.astype(jnp.int32), yi.astype(jnp.int32)
+    if isinstance(pyramid, Stack):
+        columns, lines = jnp.mod(column + jnp.array([0, 1, 0, 1]), w), jnp.mod(line + jnp.array([0, 0, 1, 1]), h)
+        weights = jnp.stack([1 - fx, fx, 1 - fx, fx]) * jnp.stack([1 - fy, 1 - fy, fy, fy])
+        return weights @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
+    row = offsets[level] + jnp.mod(line, h) * w + jnp.mod(column, w)
     f = pyramid.rows[row].astype(jnp.float32)
     c = f.shape[0] // 4
     low = (1 - fx) * f[:c] + fx * f[c : 2 * c]
@@ -107,7 +126,7 @@ def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[A
     return (1 - fy) * low + fy * high
 
 
-def lookup_height(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Scalar) -> Float[Array, "C"]:
+def lookup_height(pyramid: Pyramid | Stack, sizes: Sizes, h: Scalar, level: Scalar) -> Float[Array, "C"]:
     """Bilinear F(h) in height and level, as float32. `sizes` has rows (R, 1)."""
     last = len(sizes) - 1
     lower, fraction = _split(level, last)
@@ -116,14 +135,18 @@ def lookup_height(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Scalar) -> F
     )
 
 
-def _linear(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Array) -> Float[Array, "C"]:
+def _linear(pyramid: Pyramid | Stack, sizes: Sizes, h: Scalar, level: Array) -> Float[Array, "C"]:
     offsets, shapes = _tables(sizes)
     rows = shapes[level, 0]
     z = jnp.clip(h * rows.astype(h.dtype) - 0.5, 0, (rows - 1).astype(h.dtype))
     zi = jnp.floor(z)
-    f = pyramid.rows[offsets[level] + zi.astype(jnp.int32)].astype(jnp.float32)
-    c = f.shape[0] // 2
-    return (1 - (z - zi)) * f[:c] + (z - zi) * f[c:]
+    first, f = zi.astype(jnp.int32), z - zi
+    if isinstance(pyramid, Stack):
+        both = pyramid.rows[offsets[level] + jnp.minimum(first + jnp.array([0, 1]), rows - 1)]
+        return jnp.stack([1 - f, f]) @ both.astype(jnp.float32)
+    row = pyramid.rows[offsets[level] + first].astype(jnp.float32)
+    c = row.shape[0] // 2
+    return (1 - f) * row[:c] + f * row[c:]
 
 
 def _tables(sizes: Sizes) -> tuple[Array, Array]:

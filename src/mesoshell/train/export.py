@@ -61,10 +61,8 @@ def to_bundle(
 
 def half(material: Material) -> Material:
     """The material with its features in half precision: what a bundle holds."""
-    return material._replace(
-        texture=mip.Pyramid(material.texture.rows.astype(jnp.float16)),
-        height=mip.Pyramid(material.height.rows.astype(jnp.float16)),
-    )
+    texture, height = jax.tree.map(lambda x: x.astype(jnp.float16), (material.texture, material.height))
+    return material._replace(texture=texture, height=height)
 
 
 def _decoder_arrays(parameters: Parameters) -> dict[str, np.ndarray]:

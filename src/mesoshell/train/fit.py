@@ -91,8 +91,8 @@ def initialise(config: FitConfig, appearance: int) -> Parameters:
 
 def material_of(parameters: Parameters) -> Material:
     """Pyramids built from the finest level, as a generator's texture will be."""
-    texture = mip.pack(mip.build(parameters.feature))
-    return Material(texture, mip.pack_height(mip.build(parameters.height)), parameters.decoder)
+    texture, height = (mip.stack(mip.build(x)) for x in (parameters.feature, parameters.height))
+    return Material(texture, height, parameters.decoder)
 
 
 class Candidates(NamedTuple):
@@ -144,7 +144,7 @@ def decode(decoder: Decoder, x: Array, w: Array, light: Array) -> tuple[Array, A
 
     def tile(rows: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         sigma, found = net.trunk(decoder, rows[0])
-        return sigma, net.head(decoder, found, rows[1], rows[2])
+        return sigma, net.head(decoder, net.toward_viewer(decoder, found, rows[1]), rows[2])
 
     split = jax.tree.map(lambda a: a.reshape(-1, _TILE, a.shape[-1]), (x, w, light))
     sigma, rho = jax.lax.map(jax.checkpoint(tile), split)

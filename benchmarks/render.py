@@ -27,7 +27,7 @@ def work(scene, counts: dict[str, int]) -> tuple[float, float]:
     trunk = 2 * sum(x.kernel.size for x in [*decoder.trunk, decoder.sigma])
     head = 2 * sum(x.kernel.size for x in [*decoder.head, decoder.rho])
     row = scene.ready.material.texture.rows
-    gathered = 2 * row.shape[1] * row.dtype.itemsize
+    gathered = 8 * row.shape[1] * row.dtype.itemsize
     queries = counts["density_queries"] + counts.get("surface_queries", 0)
     return queries * trunk + counts.get("transport_queries", 0) * head, queries * gathered
 

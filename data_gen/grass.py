@@ -22,7 +22,7 @@ import numpy as np
 from data_gen.recipe import Parameter, Recipe
 
 GEOMETRY_SEED = 20230
-TALL, SHORT = 430, 190
+TALL, SHORT = 150, 70
 ROWS = 7
 DRY_SHARE = 0.05
 TOP = 0.97
@@ -50,8 +50,8 @@ class Habit(NamedTuple):
 
 
 KINDS = (
-    Habit(TALL, (0.55, TOP), (0.05, 0.45), (0.022, 0.036), 1.2),
-    Habit(SHORT, (0.18, 0.5), (0.05, 0.3), (0.018, 0.028), 0.8),
+    Habit(TALL, (0.5, TOP), (0.05, 0.4), (0.036, 0.056), 1.0),
+    Habit(SHORT, (0.18, 0.45), (0.05, 0.3), (0.028, 0.042), 0.6),
 )
 
 
@@ -141,7 +141,7 @@ def build() -> Callable[[Mapping[str, float]], None]:
 
 RECIPE = Recipe(
     name="grass",
-    version=1,
+    version=2,
     parameters={
         "age": Parameter("alpha", (0.0, 1.0), 0.0, "1", "0 is fresh green, 1 is straw; changes albedo and transparency")
     },

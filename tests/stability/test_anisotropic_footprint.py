@@ -39,7 +39,7 @@ def table(feature: np.ndarray) -> Table:
     none, one = Dense(jnp.zeros((1, 1)), jnp.zeros(1)), jnp.ones(())
     material = Material(
         mip.pack(mip.build(jnp.asarray(feature))),
-        mip.pack_height([jnp.zeros((1, 1, 4))]),
+        mip.pack([jnp.zeros((1, 1, 4))]),
         Decoder([], none, [], none, one),
     )
     chart = Chart(jnp.zeros((1, 18)), jnp.zeros((1, 6)))

@@ -21,7 +21,7 @@ PYRAMID = mip.pack(LEVELS)
 PROFILE = RNG.normal(size=(8, 1, CHANNELS)).astype(np.float32)
 PROFILE_SIZES = mip.level_sizes(8, 1)
 PROFILE_LEVELS = mip.build(jnp.asarray(PROFILE))
-PROFILE_PYRAMID = mip.pack_height(PROFILE_LEVELS)
+PROFILE_PYRAMID = mip.pack(PROFILE_LEVELS)
 LAST = len(SIZES) - 1
 level_of = jax.jit(jax.vmap(lambda r: mip.level_of(r, 256.0, LAST)))
 
@@ -129,9 +129,7 @@ def test_the_gradient_by_the_features_sums_to_one(level: float):
         return mip.lookup(mip.pack(mip.build(texture)), SIZES, jnp.float32([0.99, 0.01]), jnp.float32(level))[0]
 
     def height(profile):
-        return mip.lookup_height(
-            mip.pack_height(mip.build(profile)), PROFILE_SIZES, jnp.float32(0.98), jnp.float32(level)
-        )[0]
+        return mip.lookup_height(mip.pack(mip.build(profile)), PROFILE_SIZES, jnp.float32(0.98), jnp.float32(level))[0]
 
     pairs = ((value, TEXTURE), (height, PROFILE))
     for gradient in (jax.jit(jax.grad(f))(jnp.asarray(features)) for f, features in pairs):

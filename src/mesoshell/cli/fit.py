@@ -20,9 +20,9 @@ class Options:
     #: Held-out datasets to score the result on; may be repeated.
     test: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
     #: Steps in all.
-    steps: int = 2000
+    steps: int = 4000
     #: Rays a step.
-    rays: int = 8192
+    rays: int = 2048
     #: Texels a patch of the feature texture; a power of two.
     texels: int = 256
     #: Width of the decoder's layers.

@@ -14,7 +14,7 @@ from mesoshell.io.bundle import Parameter, write_bundle
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.image import write_png
 from mesoshell.train.export import to_bundle
-from mesoshell.train.fit import FitConfig
+from mesoshell.train.fit import FitConfig, State
 from mesoshell.train.holdout import score
 from mesoshell.train.loop import fit
 from mesoshell.train.rays import image_table, join, ray_table
@@ -36,7 +36,7 @@ def fit_to_bundle(options: Options) -> None:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("fitting", total=options.steps)
 
-        def show(row: dict) -> None:
+        def show(row: dict, state: State) -> None:
             bar.update(task, completed=row["step"], description=f"fitting, loss {row['loss']:.5f}")
 
         state = fit(config, table, images, options.steps, options.run, show)

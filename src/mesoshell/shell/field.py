@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from mesoshell.shell import decoder as net
 from mesoshell.shell.decoder import Decoder
 from mesoshell.texture import mip
-from mesoshell.texture.mip import Pyramid, Sizes, Stack
+from mesoshell.texture.mip import Pyramid, Sizes
 from mesoshell.typing import Array, Float, Scalar, Vec3
 
 
@@ -37,8 +37,8 @@ class Layout:
 class Material(NamedTuple):
     """Arrays of a neural material: feature pyramid, height pyramid and decoder."""
 
-    texture: Pyramid | Stack
-    height: Pyramid | Stack
+    texture: Pyramid
+    height: Pyramid
     decoder: Decoder
 
 

@@ -78,7 +78,7 @@ def ready(bundle: Bundle) -> Ready:
     )
     material = Material(
         mip.pack([jnp.asarray(x) for x in levels]),
-        mip.pack_height([jnp.asarray(x) for x in heights]),
+        mip.pack([jnp.asarray(x) for x in heights]),
         _decoder(a),
     )
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)

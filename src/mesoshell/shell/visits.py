@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from mesoshell.shell.march import LOST, WALKING, Place, Prisms, Ray, enter, walk
 from mesoshell.typing import Array
 
-CAPACITY, CHUNK, STEPS = 4096, 128, 8
+CAPACITY, CHUNK, STEPS = 4096, 128, 16
 #: Prisms after which a walk is given up as lost: only a shell of NaNs can need as many.
 LONGEST = 4096
 

@@ -7,12 +7,9 @@ h           height in [0, 1]; the height feature is clamped at its ends
 λ           level, 0 = finest; level = max(0, log2(2r · texel_density)), r one standard deviation of the footprint in patches
 C           channels
 
-A lookup costs as much as the network that follows it, and nearly all of that is gathering. So each level is stored as
-*neighbourhoods*: row (y, x) holds the four texels (y, x), (y, x+1), (y+1, x), (y+1, x+1), wrapped, side by side. A
-trilinear lookup then gathers two wide rows in place of eight narrow ones. Values lie at texel centres.
-
-While a texture is being fitted it changes every step, and making the neighbourhoods costs more than they save (benchmarks/fit):
-then it stays a `Stack`, each texel once. Both give the same values.
+A lookup costs as much as the network that follows it, and nearly all of that is waiting for memory. So every texel is stored
+once: rows that hold a texel's 2 × 2 neighbourhood side by side, two wide gathers in place of eight narrow ones, took 1.6
+times as long in a render, because the table is then too large for the cache. Values lie at texel centres.
 """
 
 from typing import NamedTuple
@@ -25,13 +22,7 @@ from mesoshell.typing import Array, Float, Scalar, Vec2
 
 
 class Pyramid(NamedTuple):
-    """Neighbourhood rows of all levels, finest first: (ΣH_l·W_l, 4C) in 2D, (ΣR_l, 2C) in 1D. Sizes are static."""
-
-    rows: Float[Array, "T K"]
-
-
-class Stack(NamedTuple):
-    """Texels of all levels, finest first, one a row: (ΣH_l·W_l, C) in 2D, (ΣR_l, C) in 1D. Cheap to differentiate."""
+    """Texels of all levels, finest first, one a row: (ΣH_l·W_l, C) in 2D, (ΣR_l, C) in 1D. Sizes are static."""
 
     rows: Float[Array, "T C"]
 
@@ -58,29 +49,8 @@ def build(feature: Float[Array, "H W C"]) -> list[Float[Array, "_h _w C"]]:
 
 
 def pack(levels: list[Float[Array, "_h _w C"]]) -> Pyramid:
-    """Neighbourhood rows of a wrapping 2D pyramid."""
-    rows = []
-    for level in levels:
-        right = jnp.roll(level, -1, axis=1)
-        both = jnp.concatenate([level, right], axis=-1)
-        four = jnp.concatenate([both, jnp.roll(both, -1, axis=0)], axis=-1)
-        rows.append(four.reshape(-1, four.shape[-1]))
-    return Pyramid(jnp.concatenate(rows))
-
-
-def stack(levels: list[Float[Array, "_h _w C"]]) -> Stack:
-    """All texels of a pyramid, in 2D or 1D."""
-    return Stack(jnp.concatenate([level.reshape(-1, level.shape[-1]) for level in levels]))
-
-
-def pack_height(levels: list[Float[Array, "_r 1 C"]]) -> Pyramid:
-    """Neighbourhood rows of a clamped 1D pyramid: row i holds texels i and min(i + 1, R − 1)."""
-    rows = []
-    for level in levels:
-        flat = level[:, 0]
-        above = jnp.concatenate([flat[1:], flat[-1:]])
-        rows.append(jnp.concatenate([flat, above], axis=-1))
-    return Pyramid(jnp.concatenate(rows))
+    """A pyramid's levels, in 2D or 1D, as one table."""
+    return Pyramid(jnp.concatenate([level.reshape(-1, level.shape[-1]) for level in levels]))
 
 
 def level_of(radius: Scalar, texel_density: float, last: int) -> Scalar:
@@ -97,7 +67,7 @@ def _split(level: Scalar, last: int) -> tuple[Array, Scalar]:
     return lower.astype(jnp.int32), level - lower
 
 
-def lookup(pyramid: Pyramid | Stack, sizes: Sizes, uv: Vec2, level: Scalar) -> Float[Array, "C"]:
+def lookup(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar) -> Float[Array, "C"]:
     """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32."""
     last = len(sizes) - 1
     lower, fraction = _split(level, last)
@@ -106,7 +76,7 @@ def lookup(pyramid: Pyramid | Stack, sizes: Sizes, uv: Vec2, level: Scalar) -> F
     )
 
 
-def _bilinear(pyramid: Pyramid | Stack, sizes: Sizes, uv: Vec2, level: Array) -> Float[Array, "C"]:
+def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[Array, "C"]:
     offsets, shapes = _tables(sizes)
     h, w = shapes[level]
     wrapped = uv - jnp.floor(uv)  # first: whole patches must not cost precision
@@ -114,19 +84,12 @@ def _bilinear(pyramid: Pyramid | Stack, sizes: Sizes, uv: Vec2, level: Array) ->
     xi, yi = jnp.floor(x), jnp.floor(y)
     fx, fy = x - xi, y - yi
     column, line = xi.astype(jnp.int32), yi.astype(jnp.int32)
-    if isinstance(pyramid, Stack):
-        columns, lines = jnp.mod(column + jnp.array([0, 1, 0, 1]), w), jnp.mod(line + jnp.array([0, 0, 1, 1]), h)
-        weights = jnp.stack([1 - fx, fx, 1 - fx, fx]) * jnp.stack([1 - fy, 1 - fy, fy, fy])
-        return weights @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
-    row = offsets[level] + jnp.mod(line, h) * w + jnp.mod(column, w)
-    f = pyramid.rows[row].astype(jnp.float32)
-    c = f.shape[0] // 4
-    low = (1 - fx) * f[:c] + fx * f[c : 2 * c]
-    high = (1 - fx) * f[2 * c : 3 * c] + fx * f[3 * c :]
-    return (1 - fy) * low + fy * high
+    columns, lines = jnp.mod(column + jnp.array([0, 1, 0, 1]), w), jnp.mod(line + jnp.array([0, 0, 1, 1]), h)
+    weights = jnp.stack([1 - fx, fx, 1 - fx, fx]) * jnp.stack([1 - fy, 1 - fy, fy, fy])
+    return weights @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
 
 
-def lookup_height(pyramid: Pyramid | Stack, sizes: Sizes, h: Scalar, level: Scalar) -> Float[Array, "C"]:
+def lookup_height(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Scalar) -> Float[Array, "C"]:
     """Bilinear F(h) in height and level, as float32. `sizes` has rows (R, 1)."""
     last = len(sizes) - 1
     lower, fraction = _split(level, last)
@@ -135,18 +98,14 @@ def lookup_height(pyramid: Pyramid | Stack, sizes: Sizes, h: Scalar, level: Scal
     )
 
 
-def _linear(pyramid: Pyramid | Stack, sizes: Sizes, h: Scalar, level: Array) -> Float[Array, "C"]:
+def _linear(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Array) -> Float[Array, "C"]:
     offsets, shapes = _tables(sizes)
     rows = shapes[level, 0]
     z = jnp.clip(h * rows.astype(h.dtype) - 0.5, 0, (rows - 1).astype(h.dtype))
     zi = jnp.floor(z)
     first, f = zi.astype(jnp.int32), z - zi
-    if isinstance(pyramid, Stack):
-        both = pyramid.rows[offsets[level] + jnp.minimum(first + jnp.array([0, 1]), rows - 1)]
-        return jnp.stack([1 - f, f]) @ both.astype(jnp.float32)
-    row = pyramid.rows[offsets[level] + first].astype(jnp.float32)
-    c = row.shape[0] // 2
-    return (1 - f) * row[:c] + f * row[c:]
+    both = pyramid.rows[offsets[level] + jnp.minimum(first + jnp.array([0, 1]), rows - 1)]
+    return jnp.stack([1 - f, f]) @ both.astype(jnp.float32)
 
 
 def _tables(sizes: Sizes) -> tuple[Array, Array]:

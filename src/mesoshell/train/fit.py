@@ -38,7 +38,7 @@ _TILE = 1024
 
 @dataclass(frozen=True)
 class FitConfig:
-    """Everything that a fit depends on beside the data."""
+    """Everything that a fit depends on beside the data. decoded: share of the candidates that a step has room to decode."""
 
     texels: int = 256
     channels: int = 32
@@ -46,9 +46,9 @@ class FitConfig:
     octaves: int = 4
     trunk: tuple[int, ...] = (64, 64, 64)
     head: tuple[int, ...] = (64, 64)
-    rays: int = 8192
-    candidates: int = 32
-    decoded: float = 1.0
+    rays: int = 2048
+    candidates: int = 96
+    decoded: float = 0.45
     rate: float = 1e-2
     texture_rate: float = 3e-2
     final: float = 0.02
@@ -91,7 +91,7 @@ def initialise(config: FitConfig, appearance: int) -> Parameters:
 
 def material_of(parameters: Parameters) -> Material:
     """Pyramids built from the finest level, as a generator's texture will be."""
-    texture, height = (mip.stack(mip.build(x)) for x in (parameters.feature, parameters.height))
+    texture, height = (mip.pack(mip.build(x)) for x in (parameters.feature, parameters.height))
     return Material(texture, height, parameters.decoder)
 
 
@@ -109,9 +109,9 @@ def spread(t: Float[Array, "2 2"], xi: Float[Array, "2 2 3"], d: Array, cone: Sc
     n = jitter.shape[0]
     lengths = jnp.linalg.norm(xi[:, 1] - xi[:, 0] + 1e-12, axis=-1)
     total = jnp.sum(lengths)
-    s = (jnp.arange(n) + jitter) / n * total
+    s = (jnp.arange(n, dtype=jitter.dtype) + jitter) / n * total
     second = (s > lengths[0]).astype(jnp.int32)
-    share = jnp.clip((s - second * lengths[0]) / (lengths[second] + 1e-9), 0, 1)
+    share = jnp.clip((s - jnp.where(second == 1, lengths[0], 0.0)) / (lengths[second] + 1e-9), 0, 1)
     distance = t[second, 0] + share * (t[second, 1] - t[second, 0])
     points = xi[second, 0] + share[:, None] * (xi[second, 1] - xi[second, 0])
     half = total / n / 2
@@ -161,7 +161,7 @@ def predict(
     flat = jax.tree.map(lambda x: x.reshape(b * n, *x.shape[2:]), all_)
     wide = flat.radius > 1 / occupancy.shape[1]  # a filter wider than a cell sees its neighbours
     depth = occupancy.reshape(-1)[cell_of(flat.xi, occupancy.shape)] * flat.length
-    occupied = wide | (depth > 1e-2) | (config.decoded >= 1)
+    occupied = wide | (depth > 5e-3) | (config.decoded >= 1)
     budget = int(config.decoded * b * n) // _TILE * _TILE
     (chosen,) = jnp.nonzero(occupied, size=budget, fill_value=b * n - 1)
     wanted = jnp.sum(occupied)
@@ -178,13 +178,20 @@ def predict(
     share, transmittance = jax.vmap(weights)(taus)
     radiance = jnp.where(valid, share.reshape(-1)[chosen], 0.0)[:, None] * rho * batch.irradiance[ray]
     colour = jnp.zeros((b, 3)).at[ray].add(radiance)
-    return jnp.concatenate([tonemap(colour), 1 - transmittance[:, None]], axis=1), complete, wanted / budget
+    return (
+        jnp.concatenate([tonemap(colour), 1 - transmittance[:, None]], axis=1),
+        complete,
+        wanted.astype(jnp.float32) / budget,
+    )
 
 
 def optimiser(config: FitConfig, steps: int) -> optax.GradientTransformation:
     """Adam with an exponential decay to `final` of the rate; textures learn faster than the network."""
-    decay = lambda rate: optax.exponential_decay(rate, steps, config.final)  # noqa: E731
-    net, maps = (optax.adam(decay(rate), 0.9, 0.99) for rate in (config.rate, config.texture_rate))
+
+    def adam(rate: float) -> optax.GradientTransformation:
+        return optax.adam(optax.exponential_decay(rate, steps, config.final), 0.9, 0.99)
+
+    net, maps = adam(config.rate), adam(config.texture_rate)
     labels: Any = ("map", "map", "net")
     return optax.multi_transform({"net": net, "map": maps}, Parameters(*labels))
 
@@ -199,7 +206,7 @@ def make_step(config: FitConfig, images: ImageTable, steps: int) -> Callable:
         batch = Batch(rays, light[rays.image], irradiance[rays.image], alpha[rays.image])
         y, complete, used = predict(config, p, batch, occupancy, jitter)
         error = jnp.mean(jnp.square(y - rays.target), axis=1)
-        return jnp.sum(error * complete) / jnp.sum(complete), used
+        return jnp.sum(jnp.where(complete, error, 0.0)) / jnp.sum(complete, dtype=error.dtype), used
 
     gradient_of = mean_gradient(loss)
 
@@ -207,7 +214,8 @@ def make_step(config: FitConfig, images: ImageTable, steps: int) -> Callable:
     def step(state: State, rays: RayTable, key: Key[Array, ""]) -> tuple[State, Scalar, Scalar]:
         jitter = jax.random.uniform(key, (rays.image.shape[0], config.candidates))
         (error, used), gradient = gradient_of(state.parameters, state.occupancy, (rays, jitter))
-        updates, inner = transform.update(gradient, state.optimiser, state.parameters)
+        with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+            updates, inner = transform.update(gradient, state.optimiser, state.parameters)
         parameters: Any = optax.apply_updates(state.parameters, updates)
         return State(parameters, inner, state.occupancy, state.step + 1), error, used
 
@@ -225,7 +233,7 @@ def make_refresh(config: FitConfig, images: ImageTable) -> Callable:
         k = jax.random.split(key, 2)
         h, v, u = jnp.meshgrid(*(jnp.arange(s, dtype=jnp.float32) for s in shape), indexing="ij")
         corner = jnp.stack([u, v, h], axis=-1).reshape(-1, 3)
-        xi = (corner + jax.random.uniform(k[0], corner.shape)) / jnp.array(shape[::-1], jnp.float32)
+        xi = (corner + jax.random.uniform(k[0], corner.shape)) / jnp.array([shape[::-1]], jnp.float32)
         alpha = alphas[jax.random.randint(k[1], (xi.shape[0],), 0, alphas.shape[0])]
         field = neural_field(material_of(state.parameters), layout)
         zero = jnp.zeros(xi.shape[0])

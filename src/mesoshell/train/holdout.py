@@ -66,17 +66,18 @@ def score(config: FitConfig, state: State, dataset: Dataset) -> tuple[Scores, Fl
 
 def compare(found: Float[np.ndarray, "N H W 4"], truth: Float[np.ndarray, "N H W 4"]) -> Scores:
     """Scores of predicted y against true y."""
-    mask = truth[..., 3] > 0.5
-    flat = np.broadcast_to(truth[mask][:, :3].mean(axis=0), truth[..., :3].shape).astype(np.float32)
+    y, true = _tall(found), _tall(truth)
+    mask = true[..., 3] > 0.5
+    flat = np.broadcast_to(true[mask][:, :3].mean(axis=0), true[..., :3].shape).astype(np.float32)
     return Scores(
-        foreground=psnr_masked(found[..., :3], truth[..., :3], mask),
-        alpha=psnr(found[..., 3], truth[..., 3]),
-        blocks=psnr_blocks(_tall(found), _tall(truth), 4),
+        foreground=psnr_masked(y[..., :3], true[..., :3], mask),
+        alpha=psnr(y[..., 3:], true[..., 3:]),
+        blocks=psnr_blocks(y[..., :3], true[..., :3], 4),
         ssim=float(np.mean([ssim(a[..., :3], b[..., :3]) for a, b in zip(found, truth, strict=True)])),
-        constant=psnr_masked(flat, truth[..., :3], mask),
+        constant=psnr_masked(flat, true[..., :3], mask),
     )
 
 
-def _tall(y: Float[np.ndarray, "N H W 4"]) -> Float[np.ndarray, "M W 3"]:
-    """All images one below the other, radiance only."""
-    return y[..., :3].reshape(-1, y.shape[2], 3)
+def _tall(y: Float[np.ndarray, "N H W 4"]) -> Float[np.ndarray, "M W 4"]:
+    """All images one below the other."""
+    return y.reshape(-1, *y.shape[2:])

@@ -30,9 +30,10 @@ def fit(
     images: ImageTable,
     steps: int,
     run: Path,
-    report: Callable[[dict], None] = lambda row: None,
+    report: Callable[[dict, State], None] = lambda row, state: None,
 ) -> State:
-    """Train for `steps` steps in all, from the newest checkpoint in `run` if there is one. report: sees each log row."""
+    """Train for `steps` steps in all, from the newest checkpoint in `run` if there is one. report: sees each log row, and
+    the state then; its own time is not counted."""
     state = replicate(start(config, images, steps))
     step, refresh = make_step(config, images, steps), make_refresh(config, images)
     rows = (run / "log.jsonl").read_text().splitlines() if (run / "log.jsonl").exists() else []
@@ -50,12 +51,12 @@ def fit(
             losses.append(float(loss))
             if i % LOG_EVERY == 0 or i == steps:
                 now = time.perf_counter()
-                minutes, clock = minutes + (now - clock) / 60, now
+                minutes += (now - clock) / 60
                 row = {"step": i, "minutes": round(minutes, 3), "loss": float(np.mean(losses)), "wanted": float(wanted)}
                 with (run / "log.jsonl").open("a") as log:
                     log.write(json.dumps(row) + "\n")
-                report(row)
-                losses = []
+                report(row, state)
+                losses, clock = [], time.perf_counter()
             if time.perf_counter() - saved > SAVE_EVERY or i == steps:
                 checkpoints.save(i, state)
                 saved = time.perf_counter()

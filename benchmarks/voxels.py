@@ -1,0 +1,62 @@
+"""What a grid of densities could reach on the grass's images: python -m benchmarks.voxels DATASET
+
+The blades themselves, cut into cubes that are opaque in proportion to the leaf area inside, and seen along the test
+images' rays. Blades have no thickness and their edges are sharp, so alpha is limited by the cubes and by the samples a
+ray, whatever is learnt; a fit that comes near these numbers has little left to learn about shape at that resolution.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from data_gen.grass import lawn
+from mesoshell.io.dataset import read_dataset
+from mesoshell.train.rays import RayTable, ray_table
+
+POINTS, RAYS = 8_000_000, 20_000
+
+
+def leaf_area(cubes: int) -> np.ndarray:
+    """Leaf area in each cube over the area of its face, (N, N, N) in u, v, h."""
+    blades = lawn()
+    count, size = blades.vertices.shape[:2]
+    faces = (np.arange(count)[:, None, None] * size + blades.triangles[None]).reshape(-1, 3)
+    mesh = trimesh.Trimesh(blades.vertices.reshape(-1, 3), faces, process=False)
+    points, _ = trimesh.sample.sample_surface(mesh, POINTS, seed=0)
+    points = np.asarray(points)
+    points[:, :2] %= 1
+    grid = np.zeros((cubes,) * 3)
+    np.add.at(grid, tuple(np.clip((points * cubes).astype(int), 0, cubes - 1).T), mesh.area / POINTS)
+    return grid * cubes**2
+
+
+def alpha_psnr(area: np.ndarray, table: RayTable, samples: int) -> float:
+    """Best over one factor from area to extinction."""
+    chosen = np.random.default_rng(0).choice(len(table.image), RAYS)
+    t, xi, truth = table.t[chosen], table.xi[chosen], table.target[chosen, 3]
+    two = t[:, 1, 1] > t[:, 1, 0]
+    begin, end = xi[:, 0, 0], np.where(two[:, None], xi[:, 1, 1], xi[:, 0, 1])
+    f = ((np.arange(samples) + 0.5) / samples)[None, :, None]
+    points = begin[:, None] + f * (end - begin)[:, None]
+    cubes = len(area)
+    seen = area[tuple(np.moveaxis(np.clip((points * cubes).astype(int), 0, cubes - 1), -1, 0))].sum(axis=1)
+    seen *= np.linalg.norm(end - begin, axis=1) / samples * cubes
+    return max(float(-10 * np.log10(np.mean((-np.expm1(-k * seen) - truth) ** 2))) for k in (0.5, 1, 2, 4))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("dataset", type=Path)
+    table = ray_table(read_dataset(parser.parse_args().dataset))
+    print(f"a constant alpha: {-10 * np.log10(table.target[:, 3].var()):.1f} dB\n")
+    print("| cubes | samples a ray | alpha |\n|---|---|---|")
+    for cubes in (64, 128, 192):
+        area = leaf_area(cubes)
+        for samples in (32, 96, 256):
+            print(f"| {cubes}³ | {samples} | {alpha_psnr(area, table, samples):.1f} dB |")
+
+
+if __name__ == "__main__":
+    main()

@@ -43,12 +43,31 @@ class Check:
     folder: tyro.conf.Positional[Path]
 
 
-def run(command: Annotated[Render | Check, tyro.conf.arg(name="")]) -> None:
-    """Make and check datasets of training images."""
-    if isinstance(command, Check):
-        _check(command)
-    else:
-        _render(command)
+@dataclass(frozen=True)
+class Sheet:
+    """Write a contact sheet: many of a dataset's images side by side."""
+
+    #: Dataset folder.
+    folder: tyro.conf.Positional[Path]
+    #: The picture to write.
+    out: Path = Path("sheet.png")
+    #: Order of the images: a parameter, or "radius"; by index if not given.
+    sort: str | None = None
+    #: Number of images, evenly spaced in that order.
+    count: int = 96
+    #: Images a row.
+    columns: int = 12
+
+
+def run(command: Annotated[Render | Check | Sheet, tyro.conf.arg(name="")]) -> None:
+    """Make, check and look at datasets of training images."""
+    match command:
+        case Check():
+            _check(command)
+        case Sheet():
+            _sheet(command)
+        case Render():
+            _render(command)
 
 
 def _check(command: Check) -> None:
@@ -58,6 +77,18 @@ def _check(command: Check) -> None:
     faults = check_dataset(command.folder)
     print("\n".join([*faults, f"{count} samples, {len(faults)} faults"]))
     sys.exit(1 if faults else 0)
+
+
+def _sheet(command: Sheet) -> None:
+    from mesoshell.io.dataset import read_dataset
+    from mesoshell.io.image import write_png
+    from mesoshell.io.sheet import contact_sheet
+
+    for name in ("count", "columns"):
+        if getattr(command, name) < 1:
+            raise InputError(f"--{name}", "must be at least 1")
+    write_png(command.out, contact_sheet(read_dataset(command.folder), command.sort, command.count, command.columns))
+    print(command.out)
 
 
 def _render(command: Render) -> None:

@@ -1,0 +1,54 @@
+"""A contact sheet: many images of a dataset side by side, to look at (NumPy only; floor 2).
+
+Sorted by a parameter, it shows at a glance what the parameter does; by radius, whether every scale is there.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float32
+
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset, Sample, load_images
+from mesoshell.io.image import tonemap
+
+#: Linear grey between the images, and behind what they leave transparent.
+_GREY, _GAP = 0.05, 2
+
+
+def contact_sheet(
+    dataset: Dataset, sort: str | None = None, count: int = 96, columns: int = 12
+) -> Float32[np.ndarray, "H W 3"]:
+    """`count` samples, evenly spaced in the order of `sort` (a parameter or "radius"; by index if None), row by row.
+
+    Radiance is shown as x / (1 + x). Raises InputError if `sort` is none of the dataset's, or the dataset is empty.
+    """
+    ordered = sorted(dataset.samples, key=_key(dataset, sort))
+    if not ordered:
+        raise InputError(dataset.folder, "has no samples")
+    some = [ordered[i] for i in np.linspace(0, len(ordered) - 1, min(count, len(ordered))).round().astype(int)]
+    images = load_images(Dataset(dataset.folder, dataset.recipe, dataset.manifest, tuple(some)))
+    y = tonemap(np.maximum(images[..., :3], 0)) + _GREY * (1 - images[..., 3:])
+    n, height, width = y.shape[:3]
+    columns = min(columns, n)
+    rows = math.ceil(n / columns)
+    sheet = np.full((rows * (height + _GAP) + _GAP, columns * (width + _GAP) + _GAP, 3), _GREY, np.float32)
+    for k, image in enumerate(y):
+        top, left = (_GAP + i * (size + _GAP) for i, size in zip(divmod(k, columns), (height, width), strict=True))
+        sheet[top : top + height, left : left + width] = image
+    return sheet
+
+
+def _key(dataset: Dataset, sort: str | None):
+    if sort is None:
+        return lambda sample: sample.index
+    if sort == "radius":
+        return lambda sample: sample.radius
+    names = list(dataset.manifest["parameters"])
+    if sort not in names:
+        raise InputError(dataset.folder, f"cannot be sorted by '{sort}'; there are: {', '.join([*names, 'radius'])}")
+
+    def value(sample: Sample) -> float:
+        return sample.parameters[sort]
+
+    return value

@@ -4,15 +4,20 @@ Oracle: ∫ ρ dω′ = 1, so a ray returns the probability that it collides: 1 
 From quadrature (weights along the ray, Gauss-Legendre × equal azimuths over the sphere) and from drawn collisions.
 """
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 
+from mesoshell.io.bundle import Bundle
 from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import sample_collision, weights
 from mesoshell.render.light import environment, sample
 from mesoshell.shell.field import Field, Point
+from mesoshell.shell.renderer import render
 
 SAMPLES, DRAWS = 64, 40_000
 COSINES = [1.0, 0.7, 0.3, 0.1, 0.01]
@@ -99,3 +104,28 @@ def test_a_draw_at_the_ends_is_defined():
         k, f = sample_collision(jnp.float32(tau), jnp.float32(xi))
         assert int(k) == (2 if sum(tau) == 0 else 1)
         assert 0 <= float(f) <= 1
+
+
+def constant_bundle(bundle: Bundle, sigma: float, rho: float) -> Bundle:
+    """The bundle with a decoder that gives σ and ρ whatever it sees: softplus inverted into the two biases."""
+    a = dict(bundle.arrays)
+    for name, value, shift in (("sigma", sigma / float(a["sigma_scale"]), 3.0), ("rho", rho, 2.0)):
+        a[f"decoder/{name}/kernel"] = np.zeros_like(a[f"decoder/{name}/kernel"])
+        bias = shift + value + np.log(-np.expm1(-value))
+        a[f"decoder/{name}/bias"] = np.full_like(a[f"decoder/{name}/bias"], bias)
+    a |= {k: np.full_like(v, 2 * sigma) for k, v in a.items() if k.startswith("grid/")}
+    return replace(bundle, arrays=a)
+
+
+def test_through_the_whole_renderer(tiny_bundle: Bundle):
+    """Light comes from above only, for a trained ρ fades below the horizon: ρ = 1/2π over the upper half sphere."""
+    scene = scenes.slab(constant_bundle(tiny_bundle, DENSE, 1 / (2 * np.pi)))
+    sky = np.zeros((16, 8, 3))
+    sky[:8] = 1.0
+    scene = replace(scene, lights=(), environment=environment(sky, 2), transparent=True)
+    quality = replace(scenes.FULL, samples=64, environment_samples=64)
+    image, _ = render(scene, quality, scenes.effects(scene, quality))
+    inside = image[..., 3] > 0.999
+    assert inside.sum() > 50
+    np.testing.assert_allclose(image[inside][:, :3].mean(axis=0), 1.0, atol=1e-3)
+    np.testing.assert_allclose(image[inside][:, :3], 1.0, atol=0.05)

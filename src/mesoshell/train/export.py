@@ -23,7 +23,7 @@ from mesoshell.texture import mip
 from mesoshell.train.fit import FitConfig, Parameters, layout_of, material_of
 from mesoshell.typing import Array
 
-CELLS_UV, CELLS_H, PROBES, MARGIN = 64, 32, 48, 1.25
+CELLS_UV, CELLS_H, PROBES, MARGIN = 64, 32, 256, 1.5
 
 
 def to_bundle(

@@ -58,9 +58,12 @@ def rays(camera: Camera, xy: Float[np.ndarray, "R 2"]) -> tuple[Float[np.ndarray
     return np.broadcast_to(camera.to_world[:3, 3], directions.shape), directions
 
 
-def pixel_grid(camera: Camera, samples: int, sample: int) -> Float[np.ndarray, "R 2"]:
-    """Image points of sample `sample` of `samples` in every pixel, row by row: centres for one, else an R2 lattice."""
+def pixel_grid(camera: Camera, samples: int, sample: int, part: slice = slice(None)) -> Float[np.ndarray, "R 2"]:
+    """Image points of sample `sample` of `samples` in every pixel, row by row: centres for one, else an R2 lattice.
+
+    part: of the pixels so numbered, those to make.
+    """
     golden = 1.324717957244746  # plastic number: the R2 sequence covers the square evenly for any count
     offset = np.array([0.5, 0.5]) if samples == 1 else (0.5 + sample * np.array([1 / golden, 1 / golden**2])) % 1.0
-    y, x = np.mgrid[: camera.height, : camera.width]
-    return np.stack([x.ravel() + offset[0], y.ravel() + offset[1]], axis=1).astype(np.float64)
+    y, x = np.divmod(np.arange(*part.indices(camera.height * camera.width)), camera.width)
+    return np.stack([x + offset[0], y + offset[1]], axis=1).astype(np.float64)

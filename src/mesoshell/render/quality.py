@@ -24,8 +24,8 @@ class Quality:
     coordinates: str = "interpolated"
     #: A ray stops once its transmittance is below this; the most its colour and alpha can miss.
     early_stop: float = 0.01
-    #: A sample is skipped if the largest optical depth it can have is below this; a ray misses at most samples · skip.
-    skip: float = 1e-3
+    #: Optical depth that a ray may lose to skipping, at most: a sample that can have less than its share is not decoded.
+    skip: float = 0.05
     #: Light is computed for samples whose weight exceeds this.
     weight_cut: float = 1e-3
     #: Features are filtered over the pixel's footprint.

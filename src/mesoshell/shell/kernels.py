@@ -100,7 +100,7 @@ def bound(program: Program, grid: Grid, xi: Vec3, level: Scalar) -> Scalar:
 
 @partial(jax.jit, static_argnums=0)
 def depth_bounds(program: Program, table: Table, pieces: Piece, at: Frame, samples: Samples, count: Array) -> Array:
-    """Largest optical depth each sample can have: those below `Quality.skip` need not be decoded."""
+    """Largest optical depth each sample can have: those below their share of `Quality.skip` need not be decoded."""
 
     def tile(s: Samples) -> tuple[Array]:
         def one(s: Samples) -> Scalar:

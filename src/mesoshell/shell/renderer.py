@@ -76,7 +76,7 @@ def render(
 
     def one(item: tuple[int, int]) -> tuple[int, np.ndarray]:
         k, first = item
-        xy = pixel_grid(camera, quality.pixel_samples, k)[first : first + RAYS]
+        xy = pixel_grid(camera, quality.pixel_samples, k, slice(first, first + RAYS))
         o, d = rays(camera, xy)
         directions = d.astype(np.float32).astype(np.float64)
         return first, renderer.tile(np.ascontiguousarray(o), directions, np.random.default_rng(item))
@@ -86,7 +86,8 @@ def render(
             image[first : first + len(rgba)] += rgba
             progress(done / len(work))
     report.time("wall", begin)
-    return (image / quality.pixel_samples).reshape(camera.height, camera.width, 4), report
+    image /= quality.pixel_samples
+    return image.reshape(camera.height, camera.width, 4), report
 
 
 class _Renderer:
@@ -179,7 +180,7 @@ class _Renderer:
         self.report.count(samples=len(row))
         if self.quality.skip > 0:
             bounds = run(self._kernel(kernels.depth_bounds, pieces, at), *s)
-            s = take(s, np.flatnonzero(bounds > self.quality.skip))
+            s = take(s, np.flatnonzero(bounds > self.quality.skip / self.quality.samples))
         return s, i.ray[s.row]
 
     def march(

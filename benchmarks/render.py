@@ -51,7 +51,9 @@ def main() -> None:
         traced = c["rays"] + c["visits"] + c.get("shadow_rays", 0)
         floor = operations / matrix_rate() + gathered / bandwidth() + traced / embree
         total = s["wall"]
-        stages = " | ".join(f"{s.get(k, 0):.2f}" for k in ("trace", "sample", "decode", "transport", "light", "surfaces"))
+        stages = " | ".join(
+            f"{s.get(k, 0):.2f}" for k in ("trace", "sample", "decode", "transport", "light", "surfaces")
+        )
         print(f"| {name} | {total:.2f} | {floor:.2f} | {total / floor:.1f} | {stages} |")
         heavy = c.get("heavy_samples", 0)
         print(f"\n{name}: {c}\nqueries / (3 × samples of weight > 1e-3 + rays): {queries_ratio(c, heavy):.2f}\n")

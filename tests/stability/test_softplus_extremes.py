@@ -10,7 +10,7 @@ import numpy as np
 
 from mesoshell.nets.mlp import Dense
 from mesoshell.numerics import opacity, softplus
-from mesoshell.shell.decoder import Decoder, head, trunk
+from mesoshell.shell.decoder import Decoder, head, toward_viewer, trunk
 
 POINTS = np.array([-1e4, -104, -88, -20, -1, -1e-30, 0, 1e-30, 1, 20, 88, 104, 1e4], np.float32)
 
@@ -61,7 +61,7 @@ def test_extinction_and_its_gradient_through_the_trunk():
 def test_transport_and_its_gradient_through_the_head():
     up = jnp.float32([0, 0, 1])
     for raw in POINTS:
-        run = jax.value_and_grad(lambda d: head(d, jnp.ones(2), up, up)[0])
+        run = jax.value_and_grad(lambda d: head(d, toward_viewer(d, jnp.ones(2), up), up)[0])
         rho, gradient = run(constant(0.0, float(raw)))
         shifted = np.array([raw - np.float32(2)])
         np.testing.assert_allclose(float(rho), true_softplus(shifted)[0], rtol=1e-6, atol=1e-37)
@@ -71,5 +71,5 @@ def test_transport_and_its_gradient_through_the_head():
 def test_directions_straight_down_or_zero_have_finite_gradients():
     decoder = constant(0.0, 0.0)
     for w in ([0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, -1e-30]):
-        run = jax.grad(lambda a, b: head(decoder, jnp.ones(2), a, b).sum(), (0, 1))
+        run = jax.grad(lambda a, b: head(decoder, toward_viewer(decoder, jnp.ones(2), a), b).sum(), (0, 1))
         assert all(np.isfinite(np.asarray(g)).all() for g in run(jnp.float32(w), jnp.float32(w)))

@@ -1,8 +1,8 @@
-"""What a grid of densities could reach on the grass's images: python -m benchmarks.voxels DATASET
+"""What the true blades reach as a grid of densities, on the grass's images: python -m benchmarks.voxels DATASET
 
 The blades themselves, cut into cubes that are opaque in proportion to the leaf area inside, and seen along the test
-images' rays. Blades have no thickness and their edges are sharp, so alpha is limited by the cubes and by the samples a
-ray, whatever is learnt; a fit that comes near these numbers has little left to learn about shape at that resolution.
+images' rays. Blades have no thickness and their edges are sharp: this is what cubes and few samples a ray lose of them. A
+comparison, no bound: a learnt field may place its density better.
 """
 
 import argparse

@@ -101,13 +101,14 @@ def test_early_stop_misses_at_most_its_limit(tiny_bundle, limit: float):
     assert (np.exp(-early[early < exact - 1e-3]) <= limit).all()
 
 
+@pytest.mark.parametrize("plan", [{}, {"spacing": "interval", "samples": 1}])  # of which a ray may get more than 1
 @pytest.mark.parametrize("skip", [0.03, 0.9])
-def test_skipping_misses_at_most_its_bound(tiny_bundle, skip: float):
+def test_skipping_misses_at_most_its_bound(tiny_bundle, skip: float, plan: dict):
     """A ray's optical depth falls short by `skip` at most; the bundle says how rarely the σ bound fails."""
     scene = scenes.slab(tiny_bundle)
     exact, economic = (
         renderer.march(*arguments)[0]
-        for renderer, arguments in (setting(scene, replace(scenes.FULL, skip=s)) for s in (0.0, skip))
+        for renderer, arguments in (setting(scene, replace(scenes.FULL, skip=s, **plan)) for s in (0.0, skip))
     )
     assert (exact - economic <= skip + 1e-5).all()
     assert (economic <= exact + 1e-5).all()

@@ -24,7 +24,8 @@ class Quality:
     coordinates: str = "interpolated"
     #: A ray stops once its transmittance is below this; the most its colour and alpha can miss.
     early_stop: float = 0.01
-    #: Optical depth that a ray may lose to skipping, at most: a sample that can have less than its share is not decoded.
+    #: Optical depth that a ray may lose to skipping, as far as the material's σ grid holds: a sample that can have less
+    #: than its share of it, by length, is not decoded.
     skip: float = 0.05
     #: Light is computed for samples whose weight exceeds this.
     weight_cut: float = 1e-3

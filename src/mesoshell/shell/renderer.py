@@ -180,7 +180,8 @@ class _Renderer:
         self.report.count(samples=len(row))
         if self.quality.skip > 0:
             bounds = run(self._kernel(kernels.depth_bounds, pieces, at), *s)
-            s = take(s, np.flatnonzero(bounds > self.quality.skip / self.quality.samples))
+            length = np.bincount(i.ray[row], step)
+            s = take(s, np.flatnonzero(bounds * length[i.ray[row]] > self.quality.skip * step))
         return s, i.ray[s.row]
 
     def march(

@@ -1,5 +1,7 @@
 """What the true blades reach as a grid of densities, on the grass's images: python -m benchmarks.voxels DATASET
 
+DATASET shows one patch (`mesoshell dataset render grass --patch 0 ...`).
+
 The blades themselves, cut into cubes that are opaque in proportion to the leaf area inside, and seen along the test
 images' rays. Blades have no thickness and their edges are sharp: this is what cubes and few samples a ray lose of them. A
 comparison, no bound: a learnt field may place its density better.
@@ -11,19 +13,19 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from data_gen.grass import lawn
+from data_gen import grass
 from mesoshell.io.dataset import read_dataset
 from mesoshell.train.rays import RayTable, ray_table
 
 POINTS, RAYS = 8_000_000, 20_000
 
 
-def leaf_area(cubes: int) -> np.ndarray:
+def leaf_area(cubes: int, patch: int) -> np.ndarray:
     """Leaf area in each cube over the area of its face, (N, N, N) in u, v, h."""
-    blades = lawn()
-    count, size = blades.vertices.shape[:2]
-    faces = (np.arange(count)[:, None, None] * size + blades.triangles[None]).reshape(-1, 3)
-    mesh = trimesh.Trimesh(blades.vertices.reshape(-1, 3), faces, process=False)
+    blades = grass.grow(np.random.default_rng(patch), 1, {})
+    count, size = blades.points.shape[:2]
+    faces = (np.arange(count)[:, None, None] * size + blades.elements[None]).reshape(-1, 3)
+    mesh = trimesh.Trimesh(blades.points.reshape(-1, 3), faces, process=False)
     points, _ = trimesh.sample.sample_surface(mesh, POINTS, seed=0)
     points = np.asarray(points)
     points[:, :2] %= 1
@@ -49,11 +51,12 @@ def alpha_psnr(area: np.ndarray, table: RayTable, samples: int) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("dataset", type=Path)
-    table = ray_table(read_dataset(parser.parse_args().dataset))
+    dataset = read_dataset(parser.parse_args().dataset)
+    table = ray_table(dataset)
     print(f"a constant alpha: {-10 * np.log10(table.target[:, 3].var()):.1f} dB\n")
     print("| cubes | samples a ray | alpha |\n|---|---|---|")
     for cubes in (64, 128, 192):
-        area = leaf_area(cubes)
+        area = leaf_area(cubes, dataset.manifest["patch"])
         for samples in (32, 96, 256):
             print(f"| {cubes}³ | {samples} | {alpha_psnr(area, table, samples):.1f} dB |")
 

@@ -7,6 +7,7 @@ Alphabet
     fov       full angle of view of the square frame, radians
     k         coverage: the box's side at distance r over the frame's width there, 1 / (2 r tan(fov / 2))
     light     unit vector from the box toward the distant light
+    instance  seed of the geometry; side: of the torus it grows on, in patches (see recipe)
 
 Every draw is a SHA-256 of (recipe, version, seed, index, name of the draw). So a sample depends neither on the
 order nor on the process that renders it, and fixing one parameter leaves all the other draws as they were.
@@ -37,18 +38,25 @@ class Sample(NamedTuple):
     index: int
     cycles_seed: int
     parameters: dict[str, float]
+    instance: int
+    side: int
     camera_to_world: np.ndarray
     radius: float
     light: np.ndarray
 
 
 class Drawer(NamedTuple):
-    """What the draws of a dataset share. `fixed` holds the parameters that are not drawn."""
+    """What the draws of a dataset share. `fixed` holds the parameters that are not drawn.
+
+    patch: None, and every sample has an instance of its own that covers the slab; or the seed of one patch, repeated
+    3 × 3, that all samples show (the periodic patch that a fit needs).
+    """
 
     recipe: Recipe
     seed: int
     coverage: tuple[float, float]
     fixed: Mapping[str, float]
+    patch: int | None
 
     def uniform(self, index: int, name: str) -> float:
         """A number in [0, 1), on a grid of 2⁻⁵³."""
@@ -68,6 +76,8 @@ class Drawer(NamedTuple):
             index=index,
             cycles_seed=int(self.uniform(index, "cycles") * 2**31),
             parameters=parameters,
+            instance=int(self.uniform(index, "instance") * 2**53) if self.patch is None else self.patch,
+            side=3 if self.patch is None else 1,
             camera_to_world=looking_along_minus_z(toward_camera, np.asarray(CENTRE) + radius * axis_z(*toward_camera)),
             radius=radius,
             light=axis_z(*self._direction(index, "light", LIGHT_ELEVATION)),

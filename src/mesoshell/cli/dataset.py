@@ -1,46 +1,92 @@
-"""`mesoshell dataset`: training images from Blender, in an environment of its own, called as a subprocess."""
+"""`mesoshell dataset`: training images from Blender, made, checked, packed and looked at."""
 
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from mesoshell.errors import InputError
-
-PYTHON = Path("data_gen/.venv/bin/python")
-
 
 @dataclass(frozen=True)
-class Render:
-    """Render training images with Blender; a run that was interrupted goes on where it stopped."""
+class Recipe:
+    """What is rendered, and how."""
 
-    #: The recipe: grass.
+    #: The recipe: grass, fur, carpet, or carpet2, carpet4, carpet6, carpet8 with that many parameters.
     recipe: tyro.conf.Positional[str]
-    #: Number of images.
-    count: int
-    #: Folder to write.
-    out: Path
     #: Side of the square images in pixels.
-    size: int = 64
-    #: Samples a pixel.
-    spp: int = 64
-    #: Seed of cameras, lights and parameters.
+    size: int = 128
+    #: Seed of geometry, cameras, lights and parameters.
     seed: int = 0
     #: Fix a parameter: NAME=VALUE; may be repeated.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    #: Least and greatest side of the box over the width of the frame.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Render(Recipe):
+    """Render training images with Blender; a run that was interrupted goes on where it stopped."""
+
+    #: Number of images.
+    count: int
+    #: Folder to write; made if missing, continued if it holds the same dataset.
+    out: Path
+    #: Light paths a pixel; the recipe's own default if not given (see `dataset cost`).
+    spp: int | None = None
+    #: Denoise the images.
+    denoise: bool = False
+    #: Show one periodic patch, of this seed, in every image (what `fit` needs); otherwise every image has new geometry.
+    patch: int | None = None
+    #: Least and greatest side of the box over the width of the frame; from 8 pixels to 2 if not given.
     coverage: tuple[float, float] | None = None
+    #: Blender processes on this machine; one a core if not given.
+    workers: int | None = None
+    #: Address of a Dask scheduler whose workers share the folder; instead of processes on this machine.
+    scheduler: str | None = None
+
+
+@dataclass(frozen=True)
+class Vary(Recipe):
+    """Write a sheet of what each parameter does: one a row, from its least to its greatest, the others at default."""
+
+    #: The picture to write.
+    out: Path = Path("parameters.png")
+    #: Light paths a pixel.
+    spp: int = 64
+    #: Images a row.
+    steps: int = 6
+    #: Sample whose geometry, camera and light are shown.
+    index: int = 0
+
+
+@dataclass(frozen=True)
+class Cost(Recipe):
+    """Render one sample at 1 to 1024 light paths a pixel, with and without denoising, and compare it with 4096."""
+
+    #: Sample to render.
+    index: int = 0
+    #: Side of the box over the width of the frame.
+    coverage: float = 1.0
+    #: Write the table here too, as JSON.
+    out: Path | None = None
 
 
 @dataclass(frozen=True)
 class Check:
-    """Look for every fault of a dataset; exit status 1 if there is one."""
+    """Look for every fault of a dataset, packed or not; exit status 1 if there is one."""
 
     #: Dataset folder.
     folder: tyro.conf.Positional[Path]
+
+
+@dataclass(frozen=True)
+class Pack:
+    """Write a dataset as memory-mapped arrays, for training; smaller images are means over whole pixels."""
+
+    #: Dataset folder.
+    folder: tyro.conf.Positional[Path]
+    #: Folder to write; must not exist.
+    out: Path
+    #: Side of the packed images in pixels, a divisor of the dataset's own; the same if not given.
+    size: int | None = None
 
 
 @dataclass(frozen=True)
@@ -59,45 +105,20 @@ class Sheet:
     columns: int = 12
 
 
-def run(command: Annotated[Render | Check | Sheet, tyro.conf.arg(name="")]) -> None:
-    """Make, check and look at datasets of training images."""
+def run(command: Annotated[Render | Check | Pack | Sheet | Vary | Cost, tyro.conf.arg(name="")]) -> None:
+    """Make, check, pack and look at datasets of training images."""
+    from mesoshell.cli import datasets, recipes
+
     match command:
-        case Check():
-            _check(command)
-        case Sheet():
-            _sheet(command)
         case Render():
-            _render(command)
-
-
-def _check(command: Check) -> None:
-    from mesoshell.io.dataset import check_dataset, read_dataset
-
-    count = len(read_dataset(command.folder).samples)
-    faults = check_dataset(command.folder)
-    print("\n".join([*faults, f"{count} samples, {len(faults)} faults"]))
-    sys.exit(1 if faults else 0)
-
-
-def _sheet(command: Sheet) -> None:
-    from mesoshell.io.dataset import read_dataset
-    from mesoshell.io.image import write_png
-    from mesoshell.io.sheet import contact_sheet
-
-    for name in ("count", "columns"):
-        if getattr(command, name) < 1:
-            raise InputError(f"--{name}", "must be at least 1")
-    write_png(command.out, contact_sheet(read_dataset(command.folder), command.sort, command.count, command.columns))
-    print(command.out)
-
-
-def _render(command: Render) -> None:
-    if not PYTHON.exists():
-        raise InputError(PYTHON, "no Blender environment; make it with: make blender")
-    arguments = [command.recipe, "--count", command.count, "--size", command.size, "--spp", command.spp]
-    arguments += ["--seed", command.seed, "--out", command.out]
-    for pair in command.param:
-        arguments += ["--param", pair]
-    if command.coverage:
-        arguments += ["--coverage", *command.coverage]
-    sys.exit(subprocess.run([str(PYTHON), "-m", "data_gen.render", *map(str, arguments)]).returncode)
+            recipes.render(command)
+        case Vary():
+            recipes.vary(command)
+        case Cost():
+            recipes.cost(command)
+        case Check():
+            datasets.check(command.folder)
+        case Pack():
+            datasets.pack(command.folder, command.out, command.size)
+        case Sheet():
+            datasets.sheet(command)

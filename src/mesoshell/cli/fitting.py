@@ -27,6 +27,7 @@ def fit_to_bundle(options: Options) -> None:
     datasets = [read_dataset(d) for d in options.datasets]
     tests = [read_dataset(d) for d in options.test]
     declared = _parameters(datasets)
+    _one_patch(datasets + tests)
     options.run.mkdir(parents=True, exist_ok=True)
     _same_run(options, config)
     with console.status("finding the rays that meet the box"):
@@ -70,6 +71,13 @@ def _same_run(options: Options, config: FitConfig) -> None:
     if path.exists() and path.read_text() != record:
         raise InputError(path, "this run was begun with another configuration; give another --run")
     path.write_text(record)
+
+
+def _one_patch(datasets: list[Dataset]) -> None:
+    """A fit needs the same geometry in every image; a dataset of random geometry says so (`patch` is null)."""
+    for dataset in datasets:
+        if dataset.manifest.get("patch", 0) is None:
+            raise InputError(dataset.folder, "every image shows another geometry; render it with --patch 0 for a fit")
 
 
 def _parameters(datasets: list[Dataset]) -> tuple[Parameter, ...]:

@@ -1,4 +1,5 @@
-"""Reading of a dataset folder: manifest.json, samples.jsonl (a row a sample), images/NAME.exr (NumPy only; floor 2).
+"""Reading of a dataset folder: manifest.json, samples.jsonl (a row a sample), and images/NAME.exr or, if it is packed,
+shards/NAME.npy (NumPy only; floor 2).
 
 symbol           meaning                                                       shape, unit, frame
 camera_to_world  rigid; the camera looks along −z, y up                        (4, 4), canonical (the unit box) / camera
@@ -18,13 +19,13 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float16, Float32, Float64
 
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr
@@ -49,10 +50,14 @@ _NUMBERS: dict[str, tuple[tuple[int, ...], str, Callable[[np.ndarray], Any]]] = 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One image and how it was made. file is the image's path; parameters are in their units, not normalised."""
+    """One image and how it was made. Parameters are in their units, not normalised.
+
+    file is the image's path; or, where row is not None, that of the array (n, H, W, 4) whose row it is.
+    """
 
     index: int
     file: Path
+    row: int | None
     sha256: str
     parameters: dict[str, float]
     camera_to_world: Float64[np.ndarray, "4 4"]
@@ -65,37 +70,44 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A dataset folder; samples by rising index, all of one size."""
+    """A dataset folder; samples by rising index, all of one size. rows: what samples.jsonl says of each index."""
 
     folder: Path
     recipe: str
     manifest: dict[str, Any]
     samples: tuple[Sample, ...]
+    rows: dict[int, dict[str, Any]] = field(default_factory=dict)
 
 
 def read_dataset(folder: str | PathLike[str]) -> Dataset:
     """Manifest and rows, checked; no image is opened. Raises InputError that names the file, and the line, at fault."""
     folder = Path(folder)
     manifest = _read_manifest(folder)
-    samples = []
+    rows = {}
     for entry in _entries(folder, manifest):
         if isinstance(entry, InputError):
             raise entry
-        samples.append(entry)
-    if not samples:
+        rows[int(entry["index"])] = entry
+    if not rows:
         raise InputError(folder / "samples.jsonl", "has no samples")
-    return Dataset(folder, manifest["recipe"], manifest, tuple(sorted(samples, key=lambda sample: sample.index)))
+    samples = tuple(_sample(folder, row) for _, row in sorted(rows.items()))
+    return Dataset(folder, manifest["recipe"], manifest, samples, rows)
+
+
+def load_image(sample: Sample) -> Float32[np.ndarray, "H W 4"]:
+    """One image. Raises InputError that names its file if it is unreadable, mis-sized or holds NaN."""
+    image = _pixels(sample).astype(np.float32)
+    for fault in _pixel_faults(sample, image):
+        raise InputError(sample.file, fault)
+    return image
 
 
 def load_images(dataset: Dataset) -> Float32[np.ndarray, "N H W 4"]:
-    """All images, in the order of the samples. Raises InputError that names an unreadable, mis-sized or NaN image."""
+    """All images, in the order of the samples. Raises InputError as load_image does."""
     width, height = dataset.samples[0].size
     images = np.empty((len(dataset.samples), height, width, 4), np.float32)
     for row, sample in zip(images, dataset.samples, strict=True):
-        image = read_exr(sample.file)
-        for fault in _pixel_faults(sample, image):
-            raise InputError(sample.file, fault)
-        row[:] = image
+        row[:] = load_image(sample)
     return images
 
 
@@ -108,11 +120,12 @@ def check_dataset(folder: str | PathLike[str]) -> list[str]:
     except InputError as error:
         return [str(error)]
     faults = [str(entry) for entry in entries if isinstance(entry, InputError)]
-    samples = [entry for entry in entries if isinstance(entry, Sample)]
+    samples = [_sample(folder, entry) for entry in entries if not isinstance(entry, InputError)]
     if len(samples) != manifest["count"]:
         faults.append(f"{folder / 'samples.jsonl'}: has {len(samples)} of {manifest['count']} samples")
     faults += [fault for sample in samples for fault in _image_faults(sample)]
-    left_over = sorted(set((folder / "images").glob("*")) - {sample.file for sample in samples})
+    found = {path for name in ("images", "shards") for path in (folder / name).glob("*")}
+    left_over = sorted(found - {sample.file for sample in samples})
     return faults + [f"{path}: has no row in samples.jsonl" for path in left_over]
 
 
@@ -143,10 +156,10 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def _entries(folder: Path, manifest: dict[str, Any]) -> Iterator[Sample | InputError]:
-    """Each row in turn, as a sample or as its fault."""
+def _entries(folder: Path, manifest: dict[str, Any]) -> Iterator[dict[str, Any] | InputError]:
+    """Each row in turn, or its fault."""
     path = folder / "samples.jsonl"
-    seen: set[int | str] = set()
+    seen: set[Any] = set()
     for number, line in enumerate(_text(path).split("\n"), start=1):
         if not line.strip():
             continue
@@ -156,14 +169,19 @@ def _entries(folder: Path, manifest: dict[str, Any]) -> Iterator[Sample | InputE
             row, fault = {}, f"not JSON: {getattr(error, 'msg', error)}"
         else:
             fault = _row_fault(manifest, row)
-        for name in ("index", "file"):
-            if not fault and row[name] in seen:
-                fault = f"{name} {row[name]} occurs twice"
+        if not fault and row["index"] in seen:
+            fault = f"index {row['index']} occurs twice"
+        if not fault and _place(row) in seen:
+            fault = f"file {row['file']} occurs twice"
         if fault:
             yield InputError(path, f"line {number}: {fault}")
         else:
-            seen |= {row["index"], row["file"]}
-            yield _sample(folder, row)
+            seen |= {row["index"], _place(row)}
+            yield row
+
+
+def _place(row: dict[str, Any]) -> tuple[str, int | None]:
+    return row["file"], row.get("row")
 
 
 def _row_fault(manifest: dict[str, Any], row: Any) -> str | None:
@@ -179,11 +197,13 @@ def _row_fault(manifest: dict[str, Any], row: Any) -> str | None:
     if row["size"] != manifest["size"]:
         return f"size is {row['size']!r}; the manifest says {manifest['size']!r}"
     for name, pattern, expected in (
-        ("file", r"images/[^/]+", "images/NAME"),
+        ("file", r"images/[^/]+", "images/NAME") if "row" not in row else ("file", r"shards/[^/]+", "shards/NAME"),
         ("sha256", "[0-9a-f]{64}", "64 hex digits"),
     ):
         if not isinstance(row[name], str) or not re.fullmatch(pattern, row[name]):
             return f"{name} is {row[name]!r}; expected {expected}"
+    if "row" in row and not (isinstance(row["row"], int) and row["row"] >= 0):
+        return f"row is {row['row']!r}; expected a whole number, 0 or more"
     if not isinstance(row["parameters"], dict) or row["parameters"].keys() != manifest["parameters"].keys():
         return f"parameters are {row['parameters']!r}; the manifest declares {sorted(manifest['parameters'])!r}"
     for name, value in row["parameters"].items():
@@ -197,6 +217,7 @@ def _sample(folder: Path, row: dict[str, Any]) -> Sample:
     return Sample(
         index=int(row["index"]),
         file=folder / row["file"],
+        row=row.get("row"),
         sha256=row["sha256"],
         parameters={name: float(value) for name, value in row["parameters"].items()},
         camera_to_world=np.asarray(row["camera_to_world"], np.float64),
@@ -211,14 +232,39 @@ def _sample(folder: Path, row: dict[str, Any]) -> Sample:
 def _image_faults(sample: Sample) -> list[str]:
     """Faults of a sample's file, each as a whole line."""
     faults = []
+    where = str(sample.file) if sample.row is None else f"{sample.file}[{sample.row}]"
     try:
-        if hashlib.sha256(read_file(sample.file)).hexdigest() != sample.sha256:
-            faults.append(f"{sample.file}: its SHA-256 is not its row's")
-        image = read_exr(sample.file)
+        bytes_of = read_file(sample.file) if sample.row is None else _pixels(sample).tobytes()
+        if hashlib.sha256(bytes_of).hexdigest() != sample.sha256:
+            faults.append(f"{where}: its SHA-256 is not its row's")
+        image = _pixels(sample).astype(np.float32)
     except InputError as error:
         return [*faults, str(error)]
     black = [] if image[..., :3].any() else ["is all black"]
-    return faults + [f"{sample.file}: {fault}" for fault in _pixel_faults(sample, image) + black]
+    return faults + [f"{where}: {fault}" for fault in _pixel_faults(sample, image) + black]
+
+
+def _pixels(sample: Sample) -> np.ndarray:
+    """The image as it lies on disk, (H, W, C), half or float."""
+    if sample.row is None:
+        return read_exr(sample.file)
+    shard = shard_array(sample.file)
+    if sample.row >= len(shard):
+        raise InputError(sample.file, f"has no row {sample.row}")
+    return shard[sample.row]
+
+
+def shard_array(path: Path) -> Float16[np.ndarray, "n H W C"]:
+    """A shard of a packed dataset, memory-mapped. Raises InputError if it is not one."""
+    try:
+        array = np.load(path, mmap_mode="r")
+    except FileNotFoundError:
+        raise InputError(path, "no such file") from None
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(path, "not a NumPy array, or a truncated one") from error
+    if array.dtype != np.float16 or array.ndim != 4:
+        raise InputError(path, f"holds {array.dtype} of shape {array.shape}; expected half images")
+    return array
 
 
 def _pixel_faults(sample: Sample, image: Float32[np.ndarray, "H W C"]) -> list[str]:

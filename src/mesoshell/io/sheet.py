@@ -28,7 +28,16 @@ def contact_sheet(
         raise InputError(dataset.folder, "has no samples")
     some = [ordered[i] for i in np.linspace(0, len(ordered) - 1, min(count, len(ordered))).round().astype(int)]
     images = load_images(Dataset(dataset.folder, dataset.recipe, dataset.manifest, tuple(some)))
-    y = tonemap(np.maximum(images[..., :3], 0)) + _GREY * (1 - images[..., 3:])
+    return tiled(shown(images), columns)
+
+
+def shown(image: Float32[np.ndarray, "*N H W 4"]) -> Float32[np.ndarray, "*N H W 3"]:
+    """Premultiplied linear RGBA as x / (1 + x) over grey."""
+    return tonemap(np.maximum(image[..., :3], 0)) + np.float32(_GREY) * (1 - image[..., 3:])
+
+
+def tiled(y: Float32[np.ndarray, "N H W 3"], columns: int) -> Float32[np.ndarray, "h w 3"]:
+    """Pictures row by row, `columns` a row, with a gap about each."""
     n, height, width = y.shape[:3]
     columns = min(columns, n)
     rows = math.ceil(n / columns)

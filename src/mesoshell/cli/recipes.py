@@ -1,0 +1,162 @@
+"""The work of `mesoshell dataset render`, `vary` and `cost`: what Blender makes."""
+
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+
+from mesoshell.cli.dataset import Cost, Recipe, Render, Vary
+from mesoshell.errors import InputError
+from mesoshell.farm.blender import Blender, Crash
+from mesoshell.farm.cost import SPP, Cell, measure_cost, reference_image
+from mesoshell.farm.render import Farm, Report, render_dataset
+from mesoshell.farm.shard import Fault
+from mesoshell.farm.vary import vary_sheet
+from mesoshell.io.image import write_png
+from mesoshell.io.whole import replace_file
+
+#: Seconds between two lines of progress where there is no terminal to draw a bar on.
+_SILENCE_S = 30.0
+
+
+def render(command: Render) -> None:
+    _at_least(command, count=1, size=1, seed=0, spp=1, patch=0, workers=1)
+    settings = _settings(command, command.spp, command.denoise, command.coverage, command.patch)
+    cores = len(os.sched_getaffinity(0))
+    workers = min(command.workers or cores, command.count)
+    farm = Farm(workers, max(2, cores // workers), command.scheduler)
+    report, seconds = _rendered(settings, command, farm)
+    print(_summary(command, report, seconds))
+    sys.exit(1 if report.faults else 0)
+
+
+def _rendered(settings: dict[str, Any], command: Render, farm: Farm) -> tuple[Report, float]:
+    console = Console(stderr=True, highlight=False)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
+    start = said = time.monotonic()
+    with _progress(console, *columns, TextColumn("left"), TimeRemainingColumn()) as bar:
+        task = bar.add_task(command.recipe, total=None, rate="")
+
+        def show(finished: int, missing: int, fault: Fault | None) -> None:
+            nonlocal said
+            now = time.monotonic()
+            rate = 60.0 * finished / max(now - start, 1e-9)
+            bar.update(task, completed=finished, total=missing, rate=f"{rate:.0f} images/min")
+            if fault:
+                console.print(f"sample {fault.index}: {fault.reason}", markup=False)
+            if not console.is_terminal and finished and now - said > _SILENCE_S:
+                said = now
+                left = (missing - finished) / rate
+                console.print(f"{finished}/{missing} images, {rate:.0f} images/min, {left:.1f} min left")
+
+        report = render_dataset(settings, command.count, command.out, farm, show)
+    return report, time.monotonic() - start
+
+
+def _progress(console: Console, *columns: ProgressColumn) -> Progress:
+    """A bar that leaves nothing behind, and is not there where nobody looks."""
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def _summary(command: Render, report: Report, seconds: float) -> str:
+    finished = report.missing - len(report.faults)
+    lines = [f"{command.out}: {command.count - report.missing} samples were there, {finished} are new"]
+    if report.faults:
+        lines[0] += f", {len(report.faults)} failed; the same command tries them again"
+    if report.logs:
+        stages = {stage: np.mean([log["seconds"][stage] for log in report.logs]) for stage in report.logs[0]["seconds"]}
+        lines.append(f"{60.0 * finished / seconds:.0f} images a minute; seconds a sample: ")
+        lines[-1] += ", ".join(f"{stage} {mean:.3f}" for stage, mean in stages.items())
+        sizes = [(command.out / f"images/{log['index']:06d}.exr").stat().st_size for log in report.logs]
+        lines.append(f"{np.mean(sizes):.0f} bytes a sample; ")
+        lines[-1] += f"at most {max(log['memory_mib'] for log in report.logs):.0f} MiB a process"
+    return "\n".join(lines)
+
+
+def vary(command: Vary) -> None:
+    _at_least(command, size=1, seed=0, spp=1, steps=2, index=0)
+    settings = _settings(command, command.spp, False, (0.85, 0.85), None)
+    console = Console(stderr=True)
+    try:
+        with Blender(settings, _cores()) as blender, _progress(console) as bar:
+            task = bar.add_task(command.recipe, total=None)
+            picture = vary_sheet(
+                blender, command.steps, command.index, lambda done, of: bar.update(task, completed=done, total=of)
+            )
+    except Crash as crash:
+        raise InputError(command.recipe, str(crash)) from None
+    write_png(command.out, picture)
+    print(f"{command.out}: rows are {', '.join(blender.manifest['parameters'])}; columns from least to greatest")
+
+
+def cost(command: Cost) -> None:
+    _at_least(command, size=1, seed=0, index=0)
+    settings = _settings(command, None, False, (command.coverage, command.coverage), None)
+    cells: list[Cell] = []
+    try:
+        with (
+            Blender(settings, _cores()) as blender,
+            _progress(Console(stderr=True)) as bar,
+            tempfile.TemporaryDirectory() as scratch,
+        ):
+            work = 4096 + 2 * sum(SPP)
+            task = bar.add_task(f"{command.recipe} at 4096", total=work)
+            reference, seconds = reference_image(blender, command.index, Path(scratch))
+            bar.update(task, advance=4096)
+            print(
+                f"{command.recipe}, sample {command.index}, {command.size}², against 4096 paths a pixel ({seconds:.1f} s)"
+            )
+            print(f"{'paths':>6}  {'plain':>9}  {'seconds':>8}  {'denoised':>9}  {'seconds':>8}")
+            for spp in SPP:
+                row = [measure_cost(blender, command.index, Path(scratch), spp, d, reference) for d in (False, True)]
+                bar.update(task, advance=2 * spp, description=f"{command.recipe} at {spp}")
+                print(f"{spp:>6}  " + "  ".join(f"{cell.psnr:6.1f} dB  {cell.seconds:8.2f}" for cell in row))
+                cells += row
+    except Crash as crash:
+        raise InputError(command.recipe, str(crash)) from None
+    print("error: foreground PSNR of x / (1 + x); seconds: geometry kept, one image, all cores")
+    if command.out:
+        replace_file(command.out, (json.dumps([cell._asdict() for cell in cells], indent=1) + "\n").encode())
+
+
+def _settings(
+    command: Recipe, spp: int | None, denoise: bool, coverage: tuple[float, float] | None, patch: int | None
+) -> dict[str, Any]:
+    return {
+        "recipe": command.recipe,
+        "seed": command.seed,
+        "size": command.size,
+        "samples_per_pixel": spp,
+        "denoise": denoise,
+        "coverage": coverage,
+        "fixed": dict(_assigned(pair) for pair in command.param),
+        "patch": patch,
+    }
+
+
+def _assigned(pair: str) -> tuple[str, float]:
+    name, equals, text = pair.partition("=")
+    try:
+        if equals:
+            return name, float(text)
+    except ValueError:
+        pass
+    raise InputError("--param", f"{pair} is not NAME=NUMBER")
+
+
+def _at_least(command: object, **least: int) -> None:
+    for name, low in least.items():
+        value = getattr(command, name)
+        if value is not None and value < low:
+            raise InputError(f"--{name}", f"must be at least {low}, not {value}")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))

@@ -1,0 +1,92 @@
+"""A Blender process that renders samples on request: the other end of `data_gen/worker.py` (standard library; floor 5).
+
+symbol    meaning
+settings  what all samples of a dataset share: recipe, seed, size, samples_per_pixel, denoise, coverage, fixed, patch
+request   one line of JSON to the process; answer: one line back
+command   the program and its arguments; the settings are appended, as JSON
+
+The process lives in an environment of its own, so the two talk through pipes and files alone. It ends when its input
+does: an orphan finishes at most the image in hand.
+"""
+
+import json
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mesoshell.errors import InputError
+
+#: The checkout that holds data_gen/, relative to the current folder or to this file.
+_PYTHON = Path("data_gen/.venv/bin/python")
+
+
+class Crash(Exception):
+    """The process ended without an answer; the message is one line."""
+
+
+def blender_command() -> tuple[list[str], Path]:
+    """The worker's command, and the folder to run it in. Raises InputError if the Blender environment is missing."""
+    for root in (Path.cwd(), Path(__file__).resolve().parents[3]):
+        if (root / _PYTHON).exists():
+            return [str(root / _PYTHON), "-m", "data_gen.worker"], root
+    raise InputError(_PYTHON, "no Blender environment; make it with: make blender")
+
+
+class Blender:
+    """A context manager. Raises InputError, on entry, for settings that cannot be used."""
+
+    def __init__(self, settings: Mapping[str, Any], threads: int, command: Sequence[str] | None = None):
+        self._settings, self._threads, self._command = settings, threads, command
+        self.manifest: dict[str, Any] = {}
+
+    def __enter__(self) -> "Blender":
+        words, root = (list(self._command), None) if self._command else blender_command()
+        self._errors = tempfile.TemporaryFile("w+")
+        self._process = subprocess.Popen(
+            [*words, json.dumps({**self._settings, "threads": self._threads})],
+            cwd=root,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            text=True,
+            start_new_session=True,
+        )
+        first = self._answer()
+        if "unusable" in first:
+            self.__exit__()
+            raise InputError("dataset", first["unusable"])
+        self.manifest = first["manifest"]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        assert self._process.stdin and self._process.stdout
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout, self._errors):
+            stream.close()
+
+    def render(self, index: int, file: Path | None, **own: Any) -> dict[str, Any]:
+        """The worker's answer about a sample, whose image is then at `file`. Raises Crash if the process ended."""
+        assert self._process.stdin
+        try:
+            self._process.stdin.write(json.dumps({"index": index, "file": file and str(file), **own}) + "\n")
+            self._process.stdin.flush()
+        except OSError:
+            raise Crash(self._last_words()) from None
+        return self._answer()
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout
+        line = self._process.stdout.readline()
+        if not line:
+            raise Crash(self._last_words())
+        return json.loads(line)
+
+    def _last_words(self) -> str:
+        status = self._process.wait()
+        self._errors.seek(0)
+        said = [line.strip() for line in self._errors.read().splitlines() if line.strip()]
+        how = f"Blender was ended by signal {-status}" if status < 0 else f"Blender ended with exit status {status}"
+        return f"{how}: {said[-1]}" if said else how

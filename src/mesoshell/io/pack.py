@@ -1,0 +1,77 @@
+"""A dataset as arrays to be memory-mapped: OUT/manifest.json, samples.jsonl and shards/NNNN.npy (NumPy only; floor 2).
+
+symbol   meaning                                                       shape
+shard    half-precision premultiplied linear RGBA, rows from the top   (n, H, W, 4)
+k        pixels of the dataset whose mean is a packed pixel            a side
+
+The dataset's pixel filter is a box one pixel wide, so a mean over k × k pixels is what a render of that size would be,
+with k² times its light paths. Rows are the dataset's own, with `file` and `row` for the place in a shard and `sha256`
+of the image's bytes there. The folder gets its name when it is whole.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float16, Float32
+
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset, load_image
+
+#: Bytes of a shard, at most.
+_SHARD_BYTES = 2**26
+
+
+def pack_dataset(dataset: Dataset, out: Path, size: int | None = None) -> int:
+    """Write `out` and return the bytes of its images. Raises InputError if it exists or cannot be written, the size does
+    not divide the images', or an image is unusable; then nothing is left."""
+    width, height = dataset.samples[0].size
+    size = width if size is None else size
+    if size < 1 or width % size or height % (width // size):
+        raise InputError("--size", f"{size} does not divide the images' {width} × {height} pixels")
+    if out.exists():
+        raise InputError(out, "exists already")
+    partial = out.with_name(out.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        (partial / "shards").mkdir(parents=True)
+        written = _write(dataset, partial, width // size)
+        os.replace(partial, out)
+    except OSError as error:
+        raise InputError(out, f"cannot be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return written
+
+
+def _write(dataset: Dataset, folder: Path, k: int) -> int:
+    rows, samples = [], dataset.samples
+    width, height = (side // k for side in samples[0].size)
+    a_shard = max(1, _SHARD_BYTES // (width * height * 8))
+    for number, start in enumerate(range(0, len(samples), a_shard)):
+        some = samples[start : start + a_shard]
+        name = f"shards/{number:04d}.npy"
+        shape = (len(some), height, width, 4)
+        shard = np.lib.format.open_memmap(folder / name, mode="w+", dtype=np.float16, shape=shape)
+        for i, sample in enumerate(some):
+            shard[i] = image = _means(load_image(sample), k)
+            place = {
+                "file": name,
+                "row": i,
+                "sha256": hashlib.sha256(image.tobytes()).hexdigest(),
+                "size": [width, height],
+            }
+            rows.append(json.dumps({**dataset.rows[sample.index], **place}) + "\n")
+        shard.flush()
+    (folder / "samples.jsonl").write_text("".join(rows))
+    manifest = {**dataset.manifest, "size": [width, height], "packed": "half", "count": len(samples)}
+    (folder / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
+    return len(samples) * width * height * 8
+
+
+def _means(image: Float32[np.ndarray, "H W 4"], k: int) -> Float16[np.ndarray, "h w 4"]:
+    h, w = image.shape[0] // k, image.shape[1] // k
+    return image.reshape(h, k, w, k, 4).mean(axis=(1, 3)).astype(np.float16)

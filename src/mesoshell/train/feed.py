@@ -1,0 +1,88 @@
+"""Batches of a packed dataset: shuffled, split over hosts, restartable at any step (floor 5).
+
+symbol    meaning                                                  shape, unit
+B         samples a batch, on this host
+step      batches taken so far; batch `step` is the same whatever was read before it
+α, β      parameters of appearance and geometry, each mapped to [0, 1] by its range
+
+Pixels come from memory-mapped shards, so that a dataset may exceed the memory; all else is small and lies in arrays. Order
+is grain's: every pass over the data is a new permutation of the seed, hosts take every n-th element of it, and a batch may
+straddle two passes.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple, cast
+
+import grain
+import numpy as np
+from jaxtyping import Float16, Float32, Int32, Integer
+
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset, shard_array
+
+
+class Batch(NamedTuple):
+    """B samples. image is premultiplied linear RGBA; index is the samples' own."""
+
+    image: Float16[np.ndarray, "B H W 4"]
+    alpha: Float32[np.ndarray, "B A"]
+    beta: Float32[np.ndarray, "B G"]
+    camera_to_world: Float32[np.ndarray, "B 4 4"]
+    light: Float32[np.ndarray, "B 3"]
+    irradiance: Float32[np.ndarray, "B 3"]
+    index: Int32[np.ndarray, "B"]
+
+
+class Feed:
+    """An endless sequence of batches: `feed[step]`, or `feed.after(step)` to iterate with reading ahead."""
+
+    def __init__(self, dataset: Dataset, batch: int, seed: int = 0, host: int = 0, hosts: int = 1):
+        """Raises InputError if the dataset is not packed, or too small for a batch a host."""
+        if any(sample.row is None for sample in dataset.samples):
+            raise InputError(dataset.folder, "is not packed; pack it with: mesoshell dataset pack")
+        if not 0 <= host < hosts or batch < 1:
+            raise ValueError(f"host {host} of {hosts}, batch {batch}")
+        if len(dataset.samples) < hosts:
+            raise InputError(dataset.folder, f"has {len(dataset.samples)} samples for {hosts} hosts")
+        order = grain.MapDataset.range(len(dataset.samples)).seed(seed).shuffle().repeat()
+        self._batches = order[host::hosts].batch(batch).map(_Table(dataset).take)
+
+    def __getitem__(self, step: int) -> Batch:
+        return cast(Batch, self._batches[step])
+
+    def after(self, step: int, ahead: int = 4) -> Iterator[Batch]:
+        """Batches from `step` on, up to `ahead` of them read before they are asked for."""
+        options = grain.ReadOptions(num_threads=min(ahead, 4), prefetch_buffer_size=ahead)
+        iterator = iter(self._batches.to_iter_dataset(options))
+        iterator.set_state({"next_index": step})
+        return iterator
+
+
+class _Table:
+    """Samples by position: small columns in memory, images in their shards."""
+
+    def __init__(self, dataset: Dataset):
+        samples = dataset.samples
+        shards = {file: shard_array(file) for file in {sample.file for sample in samples}}
+        self._images = [shards[sample.file][sample.row] for sample in samples]
+        self._alpha = _normalised(dataset, "alpha")
+        self._beta = _normalised(dataset, "beta")
+        self._camera = np.array([sample.camera_to_world for sample in samples], np.float32)
+        self._light = np.array([sample.light for sample in samples], np.float32)
+        self._irradiance = np.array([sample.irradiance for sample in samples], np.float32)
+        self._index = np.array([sample.index for sample in samples], np.int32)
+
+    def take(self, positions: Integer[np.ndarray, "B"]) -> Batch:
+        columns = (self._alpha, self._beta, self._camera, self._light, self._irradiance, self._index)
+        image = np.stack([np.asarray(self._images[i]) for i in positions])
+        return Batch(image, *(column[positions] for column in columns))
+
+
+def _normalised(dataset: Dataset, role: str) -> Float32[np.ndarray, "N P"]:
+    columns = [
+        (np.array([sample.parameters[name] for sample in dataset.samples]) - entry["range"][0])
+        / (entry["range"][1] - entry["range"][0])
+        for name, entry in dataset.manifest["parameters"].items()
+        if entry["role"] == role
+    ]
+    return np.asarray(columns, np.float32).reshape(len(columns), len(dataset.samples)).T

@@ -31,7 +31,7 @@ def render(command: Render) -> None:
     settings = _settings(command, command.spp, command.denoise, command.coverage, command.patch)
     cores = len(os.sched_getaffinity(0))
     workers = min(command.workers or cores, command.count)
-    farm = Farm(workers, max(2, cores // workers), command.scheduler)
+    farm = Farm(workers, 2 if command.scheduler else max(2, cores // workers), command.scheduler)
     report, seconds = _rendered(settings, command, farm)
     print(_summary(command, report, seconds))
     sys.exit(1 if report.faults else 0)

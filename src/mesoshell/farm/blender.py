@@ -35,7 +35,7 @@ def blender_command() -> tuple[list[str], Path]:
 
 
 class Blender:
-    """A context manager. Raises InputError, on entry, for settings that cannot be used."""
+    """A context manager. Raises InputError, on entry, for settings that cannot be used, or if it does not start."""
 
     def __init__(self, settings: Mapping[str, Any], threads: int, command: Sequence[str] | None = None):
         self._settings, self._threads, self._command = settings, threads, command
@@ -53,7 +53,10 @@ class Blender:
             text=True,
             start_new_session=True,
         )
-        first = self._answer()
+        try:
+            first = self._answer()
+        except Crash as crash:
+            first = {"unusable": str(crash)}
         if "unusable" in first:
             self.__exit__()
             raise InputError("dataset", first["unusable"])

@@ -4,7 +4,7 @@ The scheduler gives the shard of a worker that died to another one, which keeps 
 rows come back when it ends.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from typing import Any
 
 from mesoshell.errors import InputError
@@ -26,7 +26,7 @@ def connect(address: str) -> Any:
         raise InputError("--scheduler", f"{address} does not answer: {str(error).splitlines()[0]}") from None
 
 
-def run_on_cluster(shards: Sequence[Shard], client: Any) -> Iterator[Done | Fault]:
+def run_on_cluster(shards: Sequence[Shard], client: Any) -> Generator[Done | Fault, None, None]:
     """What happened, shard by shard. The client is closed at the end."""
     from distributed import as_completed
 

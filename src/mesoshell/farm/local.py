@@ -6,12 +6,12 @@ whoever iterates is the only one who writes the dataset's lists.
 
 import queue
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 
 from mesoshell.farm.shard import Done, Fault, Shard, render_shard
 
 
-def run_here(shards: Sequence[Shard], workers: int) -> Iterator[Done | Fault]:
+def run_here(shards: Sequence[Shard], workers: int) -> Generator[Done | Fault, None, None]:
     """What happens, as it happens. When the iteration ends early, every worker ends with the image in hand."""
     waiting: queue.SimpleQueue[Shard] = queue.SimpleQueue()
     events: queue.SimpleQueue[Done | Fault | BaseException | None] = queue.SimpleQueue()

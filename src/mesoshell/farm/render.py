@@ -1,5 +1,6 @@
 """A dataset from its settings: what is missing, in shards, rendered here or on a cluster (floor 5)."""
 
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,8 @@ SHARD = 25
 
 @dataclass(frozen=True)
 class Farm:
-    """Who renders. workers: processes on this machine, `threads` each; or the address of a Dask scheduler."""
+    """Who renders. workers: processes on this machine, or the address of a Dask scheduler; threads: of a process, at
+    least 2, since Cycles' one thread alone is waited for by spinning. command: stands in for Blender's (see Blender)."""
 
     workers: int
     threads: int
@@ -49,13 +51,14 @@ def render_dataset(
         shards = _shards(settings, folder.resolve(), missing, farm)
         happening = run_on_cluster(shards, client) if client else run_here(shards, farm.workers)
         logs, faults = [], []
-        for finished, event in enumerate(happening, start=1):
-            fault = event if isinstance(event, Fault) else _add(collector, event)
-            if fault:
-                faults.append(fault)
-            elif isinstance(event, Done) and event.log:
-                logs.append(event.log)
-            show(finished, len(missing), fault)
+        with contextlib.closing(happening):
+            for finished, event in enumerate(happening, start=1):
+                fault = event if isinstance(event, Fault) else _add(collector, event)
+                if fault:
+                    faults.append(fault)
+                elif isinstance(event, Done) and event.log:
+                    logs.append(event.log)
+                show(finished, len(missing), fault)
         collector.sort()
     return Report(len(missing), logs, faults)
 

@@ -38,14 +38,17 @@ class Collector:
 
     def add(self, row: Mapping[str, Any], log: Mapping[str, Any] | None) -> None:
         """Append a row whose image has its name. Raises OSError if the disk is full; then no part of it is left."""
-        self._rows[row["index"]] = line = json.dumps(row) + "\n"
+        line = json.dumps(row) + "\n"
         _append(self._rows_file, line)
+        self._rows[row["index"]] = line
         if log is not None:
-            _append(self._log_file, json.dumps(log) + "\n")
+            with contextlib.suppress(OSError):  # a dataset is whole without its log
+                _append(self._log_file, json.dumps(log) + "\n")
 
     def sort(self) -> None:
-        """Put the rows in order."""
-        replace_file(self._rows_file, "".join(line for _, line in sorted(self._rows.items())).encode())
+        """Put the rows in order; on a full disk they stay as they came, which every reader takes too."""
+        with contextlib.suppress(InputError):
+            replace_file(self._rows_file, "".join(line for _, line in sorted(self._rows.items())).encode())
 
     def _manifest(self, settings: dict[str, Any], count: int) -> None:
         path = self.folder / "manifest.json"

@@ -146,6 +146,16 @@ def test_two_runs_do_not_write_into_one_folder(farm, tmp_path):
         farm(tmp_path / "d", 1)
 
 
+def test_a_process_that_does_not_start_is_one_line(tmp_path):
+    broken = Farm(1, 1, None, (sys.executable, "-c", "import nowhere"))
+    with pytest.raises(InputError) as caught:
+        render_dataset(settings(), 1, tmp_path / "d", broken, ignore)
+    assert (
+        str(caught.value) == "dataset: Blender ended with exit status 1: ModuleNotFoundError: No module named 'nowhere'"
+    )
+    assert not (tmp_path / "d").exists()
+
+
 def test_unusable_settings_write_nothing(farm, tmp_path):
     with pytest.raises(InputError, match="no recipe named unknown; there are: grass"):
         farm(tmp_path / "d", 1, "unknown")

@@ -50,7 +50,7 @@ def _rendered(settings: dict[str, Any], command: Render, farm: Farm) -> tuple[Re
             rate = 60.0 * finished / max(now - start, 1e-9)
             bar.update(task, completed=finished, total=missing, rate=f"{rate:.0f} images/min")
             if fault:
-                console.print(f"sample {fault.index}: {fault.reason}", markup=False)
+                console.print(f"sample {fault.index}: {fault.reason}", markup=False, soft_wrap=True)
             if not console.is_terminal and finished and now - said > _SILENCE_S:
                 said = now
                 left = (missing - finished) / rate

@@ -56,7 +56,8 @@ class Blender:
         try:
             first = self._answer()
         except Crash as crash:
-            first = {"unusable": str(crash)}
+            self.__exit__()
+            raise InputError("dataset", str(crash)) from None
         if "unusable" in first:
             self.__exit__()
             raise InputError("dataset", first["unusable"])

@@ -12,7 +12,7 @@ from mesoshell.farm.local import run_here
 from mesoshell.farm.shard import Done, Fault, Shard
 from mesoshell.io.collect import Collector, collecting
 
-#: Most samples a process renders: see docs/datasets.md for what a process grows by.
+#: Most samples a process renders: what a process that dies, or a cluster's worker that leaves, can have in hand.
 SHARD = 25
 
 

@@ -4,7 +4,7 @@ symbol   meaning
 done     index, row of samples.jsonl, and what it cost (a line of log.jsonl)
 fault    index and one line; the sample is not in the dataset, and the next run tries it again
 
-One process a shard, since a process that renders many changing scenes grows. Blender renders into a scratch folder; the
+One process a shard: whatever Blender leaks or breaks, it costs a shard. Blender renders into a scratch folder; the
 image is written again from its pixels, because Cycles notes its render time in the header and a sample's bytes must not
 depend on the machine's mood. The image gets its name by a rename, so an image that has its name is whole: a shard that
 is rendered again keeps it and makes its row anew.

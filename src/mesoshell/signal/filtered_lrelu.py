@@ -1,0 +1,81 @@
+"""A leaky ReLU at a higher rate, so that what it adds above the cutoff is filtered away (Alias-Free GAN, figure 4; floor 2).
+
+Alphabet
+x, y         samples before and after                                          (B, H, W, C)
+u, d         factors up and down
+g_u, g_d     filters at the temporary rate: g_u separable, g_d separable or radial
+
+y = down_d(g_d ∗ min(max(gain · lrelu(u² · g_u ∗ up_u(x)), −clamp), clamp)). A radial filter is no product of one along x and one along y but,
+being symmetric, the sum of a few such products: Σ λ_k e_k e_kᵀ over its eigenvectors, six for twelve taps.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.signal.schedule import LayerRow
+from mesoshell.signal.upfirdn import Resampling, resample, upfirdn_plain
+from mesoshell.typing import Array
+
+#: Eigenvalues below this part of the largest are rounding of the filter's design.
+_NEGLIGIBLE = 1e-12
+GAIN, CLAMP = 2**0.5, 256.0
+
+
+@dataclass(frozen=True, eq=False)
+class Activation:
+    """A row's factors and filters, with the padding to use: (x before, x after, y before, y after) at the temporary rate."""
+
+    row: LayerRow
+    pad: tuple[int, int, int, int]
+
+    @property
+    def slope(self) -> float:
+        return 1.0 if self.row.is_torgb else 0.2
+
+    @property
+    def gain(self) -> float:
+        return 1.0 if self.row.is_torgb else GAIN
+
+
+def filtered_lrelu_plain(x: Float[Array, "B H W C"], how: Activation) -> Array:
+    """The definition, by depthwise convolutions."""
+    row = how.row
+    one = np.ones(1)
+    up = one if row.up_filter is None else row.up_filter
+    down = one if row.down_filter is None else row.down_filter
+    x = upfirdn_plain(x, row.up_factor**2 * np.outer(up, up), row.up_factor, 1, list(how.pad))
+    x = _bent(x, how)
+    return upfirdn_plain(x, down if down.ndim == 2 else np.outer(down, down), 1, row.down_factor, [0] * 4)
+
+
+def filtered_lrelu(x: Float[Array, "B H W C"], how: Activation) -> Array:
+    """The same, by banded matrices."""
+    row = how.row
+    if row.up_filter is not None:
+        up = [Resampling(row.up_factor * row.up_filter, row.up_factor, 1, pad) for pad in (how.pad[:2], how.pad[2:])]
+        x = resample(resample(x, up[1], 1), up[0], 2)
+    elif any(how.pad):
+        x = jax.lax.pad(x, jnp.zeros((), x.dtype), [(0, 0, 0), (*how.pad[2:], 0), (*how.pad[:2], 0), (0, 0, 0)])
+    x = _bent(x, how)
+    if row.down_filter is None:
+        return x
+    parts = separable(row.down_filter)
+    down = [(Resampling(g, 1, row.down_factor, (0, 0)), Resampling(h, 1, row.down_factor, (0, 0))) for g, h in parts]
+    return sum((resample(resample(x, g, 2), h, 1) for g, h in down[1:]), resample(resample(x, down[0][0], 2), down[0][1], 1))
+
+
+def separable(filter_: np.ndarray) -> list[tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]]:
+    """Pairs (along x, along y) of filters, whose products sum to the symmetric 2D filter; a 1D filter is its own pair."""
+    if filter_.ndim == 1:
+        return [(filter_, filter_)]
+    values, vectors = np.linalg.eigh(filter_)
+    kept = np.abs(values) > _NEGLIGIBLE * np.abs(values).max()
+    return [(vectors[:, k], values[k] * vectors[:, k]) for k in np.flatnonzero(kept)]
+
+
+def _bent(x: Array, how: Activation) -> Array:
+    return jnp.clip(how.gain * jnp.where(x < 0, how.slope * x, x), -CLAMP, CLAMP)

@@ -5,8 +5,8 @@ x, y         samples before and after                                          (
 u, d         factors up and down
 g_u, g_d     filters at the temporary rate: g_u separable, g_d separable or radial
 
-y = down_d(g_d ∗ min(max(gain · lrelu(u² · g_u ∗ up_u(x)), −clamp), clamp)). A radial filter is no product of one along x and one along y but,
-being symmetric, the sum of a few such products: Σ λ_k e_k e_kᵀ over its eigenvectors, six for twelve taps.
+y = down_d(g_d ∗ bend(u² g_u ∗ up_u(x))), where bend(x) = gain · lrelu(x), held within ±clamp. A radial filter is no product of
+one along x and one along y but, being symmetric, the sum of a few: Σ λ_k e_k e_kᵀ over its eigenvectors, six for twelve taps.
 """
 
 from dataclasses import dataclass
@@ -65,7 +65,9 @@ def filtered_lrelu(x: Float[Array, "B H W C"], how: Activation) -> Array:
         return x
     parts = separable(row.down_filter)
     down = [(Resampling(g, 1, row.down_factor, (0, 0)), Resampling(h, 1, row.down_factor, (0, 0))) for g, h in parts]
-    return sum((resample(resample(x, g, 2), h, 1) for g, h in down[1:]), resample(resample(x, down[0][0], 2), down[0][1], 1))
+    return sum(
+        (resample(resample(x, g, 2), h, 1) for g, h in down[1:]), resample(resample(x, down[0][0], 2), down[0][1], 1)
+    )
 
 
 def separable(filter_: np.ndarray) -> list[tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]]:

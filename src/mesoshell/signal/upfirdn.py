@@ -38,7 +38,9 @@ class Resampling(NamedTuple):
         return (inputs * self.up + sum(self.pad) - len(self.filter)) // self.down + 1
 
 
-def upfirdn_plain(x: Float[Array, "B H W C"], filter_2d: Float[np.ndarray, "n m"], up: int, down: int, pad: list[int]) -> Array:
+def upfirdn_plain(
+    x: Float[Array, "B H W C"], filter_2d: Float[np.ndarray, "n m"], up: int, down: int, pad: list[int]
+) -> Array:
     """The definition, both axes at once, by one depthwise convolution. pad: x before, x after, y before, y after."""
     kernel = jnp.asarray(np.ascontiguousarray(filter_2d[::-1, ::-1, None, None]), x.dtype)
     # the convolution puts no zeros after the last sample: u − 1 of them come from the padding

@@ -1,0 +1,53 @@
+"""Fourier maps: one sinusoid a channel, exact at any distance from the origin (MesoGAN, section 4.1; floor 2).
+
+Alphabet
+f        frequency of a channel, (f_v, f_u), in steps of 2⁻¹⁶ cycles a patch: integers           (C, 2), int32
+φ        phase of a channel                                                                       cycles, (B, C)
+s = 2ᵇ   samples a patch; sample i lies at x = (i + ½)/s
+i₀       index of the first sample along v and u: any integers, a tile's place in the plane       (2,), int32
+
+Γ = sin(2π(f·x + φ)). f·x = m(2i + 1)/2^(17 + b) with integers m, so its fractional part is exact in integer arithmetic that wraps around,
+at any i; in float32 f·x at 4096 patches is wrong by 0.4 in Γ. And sin(a + b) = sin a cos b + cos a sin b: sines are taken on
+the two axes and not on the plane. Every tile that asks for a sample gets the same value.
+"""
+
+import numpy as np
+from jax import numpy as jnp
+
+from mesoshell.typing import Array, Float, Int
+
+#: Frequencies are multiples of 2^−_BITS cycles a patch.
+_BITS = 16
+
+
+def draw_frequencies(rng: np.random.Generator, channels: int, low: float, high: float) -> Int[np.ndarray, "C 2"]:
+    """Uniform in the annulus low ≤ |f| < high, in cycles a patch; as integers in steps of 2⁻¹⁶."""
+    radius = np.sqrt(rng.uniform(low**2, high**2, channels))
+    angle = rng.uniform(0, 2 * np.pi, channels)
+    f = radius[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    return np.rint(f * 2**_BITS).astype(np.int32)
+
+
+def fourier_map(
+    f: Int[Array, "C 2"], phase: Float[Array, "B C"], start: Int[Array, "2"], size: tuple[int, int], rate: int
+) -> Float[Array, "B {size[0]} {size[1]} C"]:
+    """Γ on `size` (along v, u) samples of the grid of `rate` samples a patch, from sample `start` on."""
+    v, u = (_angles(f[:, axis], start[axis], size[axis], rate, phase.dtype) for axis in (0, 1))
+    v = v[None] + 2 * jnp.pi * phase[:, None]
+    sin_v, cos_v = jnp.sin(v)[:, :, None], jnp.cos(v)[:, :, None]
+    sin_u, cos_u = jnp.sin(u)[None, None], jnp.cos(u)[None, None]
+    return sin_v * cos_u + cos_v * sin_u
+
+
+def shifted_phase(f: Int[Array, "C 2"], phase: Float[Array, "B C"], shift: Float[Array, "2"]) -> Float[Array, "B C"]:
+    """Phases of the map moved by `shift` patches along (v, u): Γ′(x) = Γ(x − shift)."""
+    cycles = (f.astype(phase.dtype) * 2.0**-_BITS) @ shift.astype(phase.dtype)
+    return phase - cycles[None]
+
+
+def _angles(m: Int[Array, "C"], start: Int[Array, ""], size: int, rate: int, dtype) -> Float[Array, "n C"]:
+    """2π times the fractional part of f·x along one axis."""
+    bits = _BITS + rate.bit_length()  # 17 + b
+    i = start + jnp.arange(size, dtype=jnp.int32)
+    wrapped = (m[None] * (2 * i + 1)[:, None]) & (2**bits - 1)
+    return wrapped.astype(dtype) * jnp.asarray(2 * np.pi / 2**bits, dtype)

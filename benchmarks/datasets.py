@@ -2,7 +2,7 @@
 
 stages   seconds a sample by stage, bytes and memory, from the logs of dataset folders
 memory   most memory of one Blender process after some tens and after 500 changing scenes (small images), a recipe
-reader   images a second of the feed over packed folders, against copying the same bytes, and against training steps
+reader   images a second of the feed over packed folders, against copying the same bytes
 """
 
 import argparse
@@ -21,8 +21,6 @@ from mesoshell.train.feed import Feed
 
 SCENES = 500
 BATCH, BATCHES = 8, 500
-#: Images a second of a prototype's GAN step on two cores: batches of 8 images of 64², 1.76 s each.
-STEP_RATE = 8 / 1.76
 
 
 def stages(folders: list[str]) -> None:
@@ -46,7 +44,7 @@ def memory(recipes: list[str]) -> None:
 
 
 def reader(folders: list[str]) -> None:
-    print("| packed | size | images/s | time over copying | images/s over a training step's |\n|---|---|---|---|---|")
+    print("| packed | size | images/s | time over copying |\n|---|---|---|---|")
     for folder in folders:
         dataset = read_dataset(folder)
         batches = Feed(dataset, BATCH).after(0)
@@ -62,7 +60,7 @@ def reader(folders: list[str]) -> None:
         copying = time.perf_counter() - start
         rate = BATCH * BATCHES / seconds
         size = dataset.samples[0].size[0]
-        print(f"| {folder} | {size}² | {rate:.0f} | {seconds / copying:.1f} | {rate / STEP_RATE:.0f} |")
+        print(f"| {folder} | {size}² | {rate:.0f} | {seconds / copying:.1f} |")
 
 
 def main() -> None:

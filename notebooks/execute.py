@@ -17,7 +17,7 @@ NEEDS_BLENDER = {"datasets.py"}
 def main() -> None:
     names = sys.argv[1:] or sorted(p.name for p in FOLDER.glob("*.py") if p.name != Path(__file__).name)
     for name in names:
-        if name in NEEDS_BLENDER and not (FOLDER.parent / "data_gen/.venv/bin/python").exists():
+        if name in NEEDS_BLENDER and not (FOLDER.parent / "data_gen/.venv/installed").exists():
             print(f"{name}: skipped, no Blender environment (Python 3.11): make blender")
             continue
         notebook = jupytext.read(FOLDER / name)

@@ -12,7 +12,7 @@ from mesoshell.io.image import read_png
 
 ROOT = Path(__file__).parents[2]
 needs_blender = pytest.mark.skipif(
-    not (ROOT / "data_gen/.venv/bin/python").exists(), reason="no Blender environment (Python 3.11): make blender"
+    not (ROOT / "data_gen/.venv/installed").exists(), reason="no Blender environment (Python 3.11): make blender"
 )
 
 
@@ -98,7 +98,7 @@ def test_an_unknown_recipe_lists_those_there_are(tmp_path, capsys):
 
 
 def test_a_missing_blender_environment_names_the_command_that_makes_it(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(blender, "_PYTHON", Path("nowhere/python"))
+    monkeypatch.setattr(blender, "_ENVIRONMENT", Path("nowhere"))
     status, _, err = said(capsys, "render", "grass", "--count", 1, "--out", tmp_path / "d")
-    assert (status, err) == (2, "mesoshell: nowhere/python: no Blender environment; make it with: make blender\n")
+    assert (status, err) == (2, "mesoshell: nowhere: no Blender environment; make it with: make blender\n")
     assert list(tmp_path.iterdir()) == []

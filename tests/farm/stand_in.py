@@ -1,7 +1,8 @@
 """Speaks the worker's protocol without Blender: an image is a constant that tells its index.
 
-settings["recipe"] says what goes wrong, in words: "crash=3" dies at sample 3, "fault=2" cannot render it, "slow=0.2" takes
-that many seconds a sample, "trace=PATH" appends each index that it renders to a file.
+settings["recipe"] says what goes wrong, in words: "crash=3" dies at sample 3, "leave=3" after it, "fault=2" cannot render it,
+"slow=0.2" takes that many seconds a sample, "trace=PATH" appends each index that it renders to a file, "starts=PATH" starts
+twice only (PATH counts).
 """
 
 import json
@@ -21,6 +22,12 @@ def main() -> None:
     if "unknown" in settings["recipe"]:
         print(json.dumps({"unusable": "no recipe named unknown; there are: grass"}), flush=True)
         sys.exit(2)
+    if "starts" in words:
+        with open(words["starts"], "a+") as starts:
+            starts.write("x")
+            starts.seek(0)
+            if len(starts.read()) > 2:
+                sys.exit("no more")
     size = settings["size"]
     shared = {"schema": 1, "alpha": "premultiplied", "recipe": settings["recipe"], "version": 1, "field_of_view": 0.4}
     shared |= {"parameters": {}, "radius_range": [1.0, 2.0], "size": [size, size], "seed": settings["seed"]}
@@ -44,6 +51,8 @@ def main() -> None:
         row |= {"fov": 0.4, "radius": 1.5, "light": [0.0, 0.0, 1.0], "irradiance": [1.0] * 3}
         seconds = {"geometry": 0.0, "blender": 0.0}
         print(json.dumps({"index": index, "row": row, "seconds": seconds, "memory": 1.0}), flush=True)
+        if str(index) == words.get("leave"):
+            sys.exit("had enough")
 
 
 if __name__ == "__main__":

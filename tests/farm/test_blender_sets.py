@@ -17,7 +17,7 @@ from mesoshell.io.image import read_exr
 ROOT = Path(__file__).parents[2]
 COUNT, SIZE = 24, 32
 pytestmark = pytest.mark.skipif(
-    not (ROOT / "data_gen/.venv/bin/python").exists(), reason="no Blender environment (Python 3.11): make blender"
+    not (ROOT / "data_gen/.venv/installed").exists(), reason="no Blender environment (Python 3.11): make blender"
 )
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -62,7 +63,41 @@ def test_a_crash_and_a_fault_name_their_sample_and_the_rest_goes_on(farm, tmp_pa
     ]
     assert [fault for fault in said if fault] == report.faults and len(said) == 8
     assert [sample.index for sample in read_dataset(tmp_path / "d").samples] == [0, 1, 3, 5, 6]
-    assert check_dataset(tmp_path / "d") == [f"{tmp_path / 'd' / 'samples.jsonl'}: has 5 of 7 samples"]
+    assert check_dataset(tmp_path / "d") == [f"{tmp_path / 'd' / 'samples.jsonl'}: has no row for samples 2, 4"]
+
+
+def test_a_process_that_leaves_between_two_samples_costs_one(farm, tmp_path):
+    report = farm(tmp_path / "d", 4, "leave=1")
+    assert [(fault.index, fault.reason) for fault in report.faults] == [
+        (2, "Blender ended with exit status 1: had enough")
+    ]
+    assert farm(tmp_path / "d", 4, "leave=1").missing == 1
+    assert check_dataset(tmp_path / "d") == []
+
+
+def test_a_process_that_cannot_start_again_names_its_samples(farm, tmp_path):
+    report = farm(tmp_path / "d", 4, f"crash=1 starts={tmp_path / 'starts'}")
+    assert [fault.index for fault in report.faults] == [1, 2, 3]
+    assert report.faults[2].reason == "Blender ended with exit status 1: no more"
+
+
+def test_a_damaged_image_without_a_row_is_rendered_again(farm, tmp_path):
+    farm(tmp_path / "d", 2)
+    whole = contents(tmp_path / "d")
+    (tmp_path / "d" / "samples.jsonl").unlink()
+    (tmp_path / "d" / "images" / "000001.exr").write_bytes(b"")
+    assert len(farm(tmp_path / "d", 2).logs) == 1
+    assert contents(tmp_path / "d") == whole
+
+
+def test_images_without_a_manifest_are_not_taken_for_ones_own(farm, tmp_path):
+    farm(tmp_path / "d", 2)
+    (tmp_path / "d" / "manifest.json").unlink()
+    (tmp_path / "d" / "samples.jsonl").unlink()
+    before = contents(tmp_path / "d")
+    with pytest.raises(InputError, match=r"has samples but no manifest\.json"):
+        farm(tmp_path / "d", 2, "fur")
+    assert contents(tmp_path / "d") == before
 
 
 def test_a_full_disk_names_the_sample_and_leaves_nothing_half_written(farm, tmp_path, monkeypatch):
@@ -86,7 +121,7 @@ def test_a_full_disk_names_the_sample_and_leaves_nothing_half_written(farm, tmp_
     assert check_dataset(tmp_path / "d") == []
 
 
-def test_a_row_that_does_not_fit_on_the_disk_leaves_no_part_of_it(farm, tmp_path, monkeypatch):
+def test_a_row_that_cannot_be_written_is_its_samples_fault(farm, tmp_path, monkeypatch):
     real = Collector.add
 
     def full(self, row, log):
@@ -100,6 +135,21 @@ def test_a_row_that_does_not_fit_on_the_disk_leaves_no_part_of_it(farm, tmp_path
     monkeypatch.undo()
     farm(tmp_path / "d", 3)
     assert check_dataset(tmp_path / "d") == []
+
+
+def test_a_row_that_does_not_fit_on_the_disk_leaves_no_part_of_it(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with collecting(tmp_path / "d", {"recipe": "grass"}, 3) as collector:
+        collector.add({"index": 0, "file": "images/000000.exr"}, None)
+        rows = (tmp_path / "d" / "samples.jsonl").read_text()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(rows) + 20, hard))  # Python ignores the signal that goes with it
+        try:
+            with pytest.raises(OSError):
+                collector.add({"index": 1, "file": "images/000001.exr"}, None)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert (tmp_path / "d" / "samples.jsonl").read_text() == rows
+        assert collector.missing(3) == [1, 2]
 
 
 def test_killed_midway_the_next_run_redoes_at_most_an_image_a_worker(tmp_path):

@@ -61,7 +61,7 @@ def test_images_without_a_row_and_rows_that_are_still_to_come(folder):
     folder.write(folder.read_rows()[:2])
     (folder.path / "images/000009.exr.partial").write_bytes(b"")
     assert check_dataset(folder.path) == [
-        f"{folder.rows}: has 2 of 3 samples",
+        f"{folder.rows}: has no row for sample 2",
         f"{folder.image(2)}: has no row in samples.jsonl",
         f"{folder.path / 'images/000009.exr.partial'}: has no row in samples.jsonl",
     ]
@@ -72,7 +72,7 @@ def test_no_samples(folder):
     with pytest.raises(InputError) as caught:
         read_dataset(folder.path)
     assert str(caught.value) == f"{folder.rows}: has no samples"
-    assert check_dataset(folder.path)[0] == f"{folder.rows}: has 0 of 3 samples"
+    assert check_dataset(folder.path)[0] == f"{folder.rows}: has no row for samples 0, 1, 2"
 
 
 def test_every_fault_is_listed(folder):
@@ -83,7 +83,7 @@ def test_every_fault_is_listed(folder):
     assert faults == [
         f"{folder.rows}: line 2: fov is 0; expected an angle between 0 and π",
         f"{folder.rows}: line 3: radius is -1; expected a number above 0",
-        f"{folder.rows}: has 1 of 3 samples",
+        f"{folder.rows}: has no row for samples 1, 2",
         f"{folder.image(0)}: is 6 × 2 pixels; its row says 6 × 4",
         f"{folder.image(0)}: has NaN or infinite pixels",
         f"{folder.image(0)}: is all black",

@@ -163,10 +163,10 @@ def test_full_disk_leaves_the_old_file(tmp_path: Path, write):
 def test_unwritable_folder(tmp_path: Path, write, monkeypatch: pytest.MonkeyPatch):
     """Simulated: nothing is forbidden to root, who runs tests in a container."""
 
-    def refuse(path: Path, data: bytes):
+    def refuse(path: Path, mode: str):
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
-    monkeypatch.setattr(Path, "write_bytes", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
     assert fault_of(write, tmp_path / "a.img", image()) == f"{tmp_path / 'a.img'}: cannot be written: Permission denied"
 
 

@@ -1,6 +1,7 @@
 """Packed datasets hold what the images held, say where each lies, and every fault of theirs is found."""
 
 import json
+import resource
 
 import numpy as np
 import pytest
@@ -38,8 +39,32 @@ def test_smaller_images_are_means_over_whole_pixels(folder, tmp_path):
 
 def test_a_part_of_a_dataset_is_packed_as_a_whole_one(folder, tmp_path):
     folder.manifest(folder.settings | {"count": 9})
+    rows = folder.rows.read_text().splitlines(keepends=True)
+    folder.rows.write_text(rows[0] + rows[2])
     pack_dataset(read_dataset(folder.path), tmp_path / "packed")
     assert check_dataset(tmp_path / "packed") == []
+    assert [sample.index for sample in read_dataset(tmp_path / "packed").samples] == [0, 2]
+
+
+def test_a_full_disk_leaves_nothing(folder, tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200, hard))
+    try:
+        with pytest.raises(InputError, match=r"0000\.npy: cannot be written: File too large"):
+            pack_dataset(read_dataset(folder.path), tmp_path / "packed")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert [p.name for p in tmp_path.iterdir()] == ["set"]
+
+
+@pytest.mark.parametrize("byte", range(0, 128, 3))
+def test_a_shard_with_a_wrong_byte_in_its_header_is_a_fault(folder, tmp_path, byte: int):
+    pack_dataset(read_dataset(folder.path), tmp_path / "packed")
+    shard = tmp_path / "packed/shards/0000.npy"
+    data = bytearray(shard.read_bytes())
+    data[byte] ^= 0x5B
+    shard.write_bytes(data)
+    assert isinstance(check_dataset(tmp_path / "packed"), list)
 
 
 @pytest.mark.parametrize("size", [0, 4, 5, 12])

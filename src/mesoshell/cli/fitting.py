@@ -74,10 +74,28 @@ def _same_run(options: Options, config: FitConfig) -> None:
 
 
 def _one_patch(datasets: list[Dataset]) -> None:
-    """A fit needs the same geometry in every image; a dataset of random geometry says so (`patch` is null)."""
+    """A fit needs the same geometry in every image: one patch, and no geometry parameter that varies."""
     for dataset in datasets:
         if dataset.manifest.get("patch", 0) is None:
             raise InputError(dataset.folder, "every image shows another geometry; render it with --patch 0 for a fit")
+        if _geometry(dataset) != _geometry(datasets[0]):
+            raise InputError(dataset.folder, "shows another geometry than the first dataset")
+        free = [
+            n for n, p in dataset.manifest["parameters"].items() if p["role"] == "beta" and n not in _fixed(dataset)
+        ]
+        if free:
+            raise InputError(
+                dataset.folder, f"its geometry varies with {', '.join(free)}; fix it with --param {free[0]}=VALUE"
+            )
+
+
+def _fixed(dataset: Dataset) -> dict[str, float]:
+    return dataset.manifest.get("fixed_parameters", {})
+
+
+def _geometry(dataset: Dataset) -> tuple[object, dict[str, float]]:
+    beta = {n for n, p in dataset.manifest["parameters"].items() if p["role"] == "beta"}
+    return dataset.manifest.get("patch", 0), {n: v for n, v in _fixed(dataset).items() if n in beta}
 
 
 def _parameters(datasets: list[Dataset]) -> tuple[Parameter, ...]:

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 
 from mesoshell.cli.dataset import Cost, Recipe, Render, Vary
 from mesoshell.errors import InputError
+from mesoshell.farm import cost as table
 from mesoshell.farm.blender import Blender, Crash
 from mesoshell.farm.cost import SPP, Cell, measure_cost, reference_image
 from mesoshell.farm.render import Farm, Report, render_dataset
@@ -66,13 +67,14 @@ def _progress(console: Console, *columns: ProgressColumn) -> Progress:
 
 
 def _summary(command: Render, report: Report, seconds: float) -> str:
-    finished = report.missing - len(report.faults)
-    lines = [f"{command.out}: {command.count - report.missing} samples were there, {finished} are new"]
+    new = len(report.logs)
+    kept = command.count - new - len(report.faults)
+    lines = [f"{command.out}: {kept} samples were there, {new} are new"]
     if report.faults:
         lines[0] += f", {len(report.faults)} failed; the same command tries them again"
     if report.logs:
         stages = {stage: np.mean([log["seconds"][stage] for log in report.logs]) for stage in report.logs[0]["seconds"]}
-        lines.append(f"{60.0 * finished / seconds:.0f} images a minute; seconds a sample: ")
+        lines.append(f"{60.0 * new / seconds:.0f} images a minute; seconds a sample: ")
         lines[-1] += ", ".join(f"{stage} {mean:.3f}" for stage, mean in stages.items())
         sizes = [(command.out / f"images/{log['index']:06d}.exr").stat().st_size for log in report.logs]
         lines.append(f"{np.mean(sizes):.0f} bytes a sample; ")
@@ -106,12 +108,13 @@ def cost(command: Cost) -> None:
             _progress(Console(stderr=True)) as bar,
             tempfile.TemporaryDirectory() as scratch,
         ):
-            work = 4096 + 2 * sum(SPP)
-            task = bar.add_task(f"{command.recipe} at 4096", total=work)
+            work = table.REFERENCE + 2 * sum(SPP)
+            task = bar.add_task(f"{command.recipe} at {table.REFERENCE}", total=work)
             reference, seconds = reference_image(blender, command.index, Path(scratch))
-            bar.update(task, advance=4096)
+            bar.update(task, advance=table.REFERENCE)
             print(
-                f"{command.recipe}, sample {command.index}, {command.size}², against 4096 paths a pixel ({seconds:.1f} s)"
+                f"{command.recipe}, sample {command.index}, {command.size}², against {table.REFERENCE} paths a pixel "
+                f"({seconds:.1f} s)"
             )
             print(f"{'paths':>6}  {'plain':>9}  {'seconds':>8}  {'denoised':>9}  {'seconds':>8}")
             for spp in SPP:

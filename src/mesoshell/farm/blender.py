@@ -9,6 +9,7 @@ The process lives in an environment of its own, so the two talk through pipes an
 does: an orphan finishes at most the image in hand.
 """
 
+import contextlib
 import json
 import subprocess
 import tempfile
@@ -18,8 +19,8 @@ from typing import Any
 
 from mesoshell.errors import InputError
 
-#: The checkout that holds data_gen/, relative to the current folder or to this file.
-_PYTHON = Path("data_gen/.venv/bin/python")
+#: In the checkout that holds data_gen/, which is the current folder or this file's. `make blender` writes the stamp last.
+_ENVIRONMENT = Path("data_gen/.venv")
 
 
 class Crash(Exception):
@@ -29,13 +30,13 @@ class Crash(Exception):
 def blender_command() -> tuple[list[str], Path]:
     """The worker's command, and the folder to run it in. Raises InputError if the Blender environment is missing."""
     for root in (Path.cwd(), Path(__file__).resolve().parents[3]):
-        if (root / _PYTHON).exists():
-            return [str(root / _PYTHON), "-m", "data_gen.worker"], root
-    raise InputError(_PYTHON, "no Blender environment; make it with: make blender")
+        if (root / _ENVIRONMENT / "installed").exists():
+            return [str(root / _ENVIRONMENT / "bin/python"), "-m", "data_gen.worker"], root
+    raise InputError(_ENVIRONMENT, "no Blender environment; make it with: make blender")
 
 
 class Blender:
-    """A context manager. Raises InputError, on entry, for settings that cannot be used, or if it does not start."""
+    """A context manager. Raises, on entry, InputError for settings that cannot be used, and Crash if it does not start."""
 
     def __init__(self, settings: Mapping[str, Any], threads: int, command: Sequence[str] | None = None):
         self._settings, self._threads, self._command = settings, threads, command
@@ -43,21 +44,25 @@ class Blender:
 
     def __enter__(self) -> "Blender":
         words, root = (list(self._command), None) if self._command else blender_command()
-        self._errors = tempfile.TemporaryFile("w+")
-        self._process = subprocess.Popen(
-            [*words, json.dumps({**self._settings, "threads": self._threads})],
-            cwd=root,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            text=True,
-            start_new_session=True,
-        )
+        self._errors = tempfile.TemporaryFile("w+", errors="replace")
+        try:
+            self._process = subprocess.Popen(
+                [*words, json.dumps({**self._settings, "threads": self._threads})],
+                cwd=root,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                text=True,
+                start_new_session=True,
+            )
+        except OSError as error:
+            self._errors.close()
+            raise Crash(f"Blender does not start: {error.strerror}") from None
         try:
             first = self._answer()
-        except Crash as crash:
+        except Crash:
             self.__exit__()
-            raise InputError("dataset", str(crash)) from None
+            raise
         if "unusable" in first:
             self.__exit__()
             raise InputError("dataset", first["unusable"])
@@ -69,7 +74,8 @@ class Blender:
         self._process.kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout, self._errors):
-            stream.close()
+            with contextlib.suppress(OSError):  # a request that the process did not live to read
+                stream.close()
 
     def render(self, index: int, file: Path | None, **own: Any) -> dict[str, Any]:
         """The worker's answer about a sample, whose image is then at `file`. Raises Crash if the process ended."""

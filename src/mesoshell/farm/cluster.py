@@ -1,7 +1,7 @@
 """Shards on a Dask cluster whose machines share the dataset's folder (floor 5; the extra `cluster`).
 
 The scheduler gives the shard of a worker that died to another one, which keeps the images that are there. A shard's
-rows come back when it ends.
+rows come back when it ends. If the run that asked is killed, the shards in hand are rendered to their ends.
 """
 
 from collections.abc import Generator, Sequence
@@ -27,17 +27,17 @@ def connect(address: str) -> Any:
 
 
 def run_on_cluster(shards: Sequence[Shard], client: Any) -> Generator[Done | Fault, None, None]:
-    """What happened, shard by shard. The client is closed at the end."""
+    """What happened, shard by shard."""
     from distributed import as_completed
 
-    with client:
-        futures = {client.submit(_whole, shard, pure=False): shard for shard in shards}
-        for future in as_completed(futures):
-            if future.status == "finished":
-                yield from future.result()
-            else:
-                reason = f"its worker failed: {str(future.exception()).splitlines()[0]}"
-                yield from (Fault(index, reason) for index in futures[future].indices)
+    futures = {client.submit(_whole, shard, pure=False): shard for shard in shards}
+    for future in as_completed(futures):
+        if future.status == "finished":
+            yield from future.result()
+        else:
+            said = str(future.exception()).splitlines() or [type(future.exception()).__name__]
+            reason = f"its worker failed: {said[0]}"
+            yield from (Fault(index, reason) for index in futures[future].indices)
 
 
 def _whole(shard: Shard) -> list[Done | Fault]:

@@ -32,7 +32,7 @@ class Cell(NamedTuple):
 
 
 def reference_image(blender: Blender, index: int, scratch: Path) -> tuple[Float32[np.ndarray, "H W 4"], float]:
-    """The image at 4096 paths a pixel, with y for colour, and its seconds. What is slow only once is done before."""
+    """The image at REFERENCE paths a pixel, with y for colour, and its seconds. What is slow only once is done before."""
     _render(blender, index, scratch, 1, False)
     return _render(blender, index, scratch, REFERENCE, False, cycles_seed=_OTHER_SEED)
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mesoshell.farm.blender import Blender
+from mesoshell.errors import InputError
+from mesoshell.farm.blender import Blender, Crash
 from mesoshell.farm.cluster import connect, run_on_cluster
 from mesoshell.farm.local import run_here
 from mesoshell.farm.shard import Done, Fault, Shard
@@ -42,10 +43,14 @@ def render_dataset(
     """Have samples 0 … count − 1 in the folder. show(finished, missing, fault or None) is called at the start and after
     each sample. Raises InputError for settings, a folder or a scheduler that cannot be used; then nothing is written.
     """
-    with Blender(settings, 1, farm.command) as blender:
-        manifest = blender.manifest
-    client = connect(farm.scheduler) if farm.scheduler else None
-    with collecting(folder, manifest, count) as collector:
+    try:
+        with Blender(settings, 1, farm.command) as blender:
+            manifest = blender.manifest
+    except Crash as crash:
+        raise InputError("dataset", str(crash)) from None
+    with contextlib.ExitStack() as stack:
+        client = stack.enter_context(connect(farm.scheduler)) if farm.scheduler else None
+        collector = stack.enter_context(collecting(folder, manifest, count))
         missing = collector.missing(count)
         show(0, len(missing), None)
         shards = _shards(settings, folder.resolve(), missing, farm)

@@ -7,7 +7,7 @@ fault    index and one line; the sample is not in the dataset, and the next run 
 One process a shard: whatever Blender leaks or breaks, it costs a shard. Blender renders into a scratch folder; the
 image is written again from its pixels, because Cycles notes its render time in the header and a sample's bytes must not
 depend on the machine's mood. The image gets its name by a rename, so an image that has its name is whole: a shard that
-is rendered again keeps it and makes its row anew.
+is rendered again keeps it and makes its row anew. One that is not readable all the same is rendered again.
 """
 
 import hashlib
@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import OpenEXR
 
 from mesoshell.errors import InputError
@@ -66,14 +67,14 @@ def render_shard(shard: Shard) -> Iterator[Done | Fault]:
                     while left:
                         yield _sample(shard, blender, left[0], Path(scratch) / "image.exr")
                         left.pop(0)
-            except Crash as crash:
-                yield Fault(left.pop(0), str(crash))
+            except (Crash, InputError, OSError) as fault:
+                yield Fault(left.pop(0), str(fault))
 
 
 def _sample(shard: Shard, blender: Blender, index: int, scratch: Path) -> Done | Fault:
     name = f"images/{index:06d}.exr"
     image = shard.folder / name
-    there = image.exists()
+    there = image.exists() and _is_readable(image)
     start = time.perf_counter()
     answer = blender.render(index, None if there else scratch)
     if "fault" in answer:
@@ -88,14 +89,23 @@ def _sample(shard: Shard, blender: Blender, index: int, scratch: Path) -> Done |
     return Done(index, {"index": index, "file": name, "sha256": digest, **answer["row"]}, log)
 
 
+def _is_readable(image: Path) -> bool:
+    try:
+        read_exr(image)
+    except InputError:
+        return False
+    return True
+
+
 def _finish(scratch: Path, image: Path, answer: dict[str, Any], start: float) -> dict[str, Any]:
     """Move the scratch image to its name, and say what the sample cost."""
     rendered = time.perf_counter()
     partial = image.with_name(f"{image.name}.{socket.gethostname()}-{os.getpid()}.partial")
-    write_exr(partial, read_exr(scratch))
+    with OpenEXR.File(str(scratch)) as file:  # read_exr holds its tongue, and so, for a moment, the whole process's
+        write_exr(partial, file.channels()["RGBA"].pixels.astype(np.float32))
+        cycles = _cycles_seconds(file.header())
     os.replace(partial, image)
     seconds = answer["seconds"]
-    cycles = _cycles_seconds(scratch)
     stages = {"geometry": seconds["geometry"], "sync": max(0.0, seconds["blender"] - cycles), "cycles": cycles}
     stages["writing"] = time.perf_counter() - rendered
     stages["total"] = time.perf_counter() - start
@@ -108,10 +118,9 @@ def _finish(scratch: Path, image: Path, answer: dict[str, Any], start: float) ->
     }
 
 
-def _cycles_seconds(path: Path) -> float:
-    """Cycles' own time in the file's header, as (hours:)minutes:seconds; 0 if it does not say."""
-    said = OpenEXR.File(str(path), header_only=True).header().get("cycles.ViewLayer.render_time", "0")
+def _cycles_seconds(header: Mapping[str, Any]) -> float:
+    """Cycles' own time in a file's header, as (hours:)minutes:seconds; 0 if it does not say."""
     seconds = 0.0
-    for part in str(said).split(":"):
+    for part in str(header.get("cycles.ViewLayer.render_time", "0")).split(":"):
         seconds = 60.0 * seconds + float(part)
     return seconds

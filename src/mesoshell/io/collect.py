@@ -28,8 +28,9 @@ class Collector:
         self.folder = folder
         self._rows_file, self._log_file = folder / "samples.jsonl", folder / "log.jsonl"
         self._manifest(json.loads(json.dumps(settings)), count)
+        (folder / "images").mkdir(exist_ok=True)
         for partial in (folder / "images").glob("*.partial"):
-            partial.unlink()
+            partial.unlink(missing_ok=True)
         self._rows = self._whole_rows()
 
     def missing(self, count: int) -> list[int]:
@@ -52,6 +53,8 @@ class Collector:
 
     def _manifest(self, settings: dict[str, Any], count: int) -> None:
         path = self.folder / "manifest.json"
+        if not path.exists() and (self._rows_file.exists() or any((self.folder / "images").glob("*.exr"))):
+            raise InputError(self.folder, "has samples but no manifest.json: not a dataset's folder")
         if path.exists():
             try:
                 found = json.loads(path.read_text())
@@ -86,7 +89,7 @@ def collecting(folder: Path, settings: Mapping[str, Any], count: int) -> Iterato
     """Open a folder, made if missing, for this run alone. Raises InputError if it holds a dataset of other settings, or
     another run is writing into it."""
     try:
-        (folder / "images").mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
     except OSError as error:
         raise InputError(folder, f"cannot be made: {error.strerror}") from None

@@ -121,12 +121,28 @@ def check_dataset(folder: str | PathLike[str]) -> list[str]:
         return [str(error)]
     faults = [str(entry) for entry in entries if isinstance(entry, InputError)]
     samples = [_sample(folder, entry) for entry in entries if not isinstance(entry, InputError)]
-    if len(samples) != manifest["count"]:
-        faults.append(f"{folder / 'samples.jsonl'}: has {len(samples)} of {manifest['count']} samples")
+    faults += [f"{folder / 'samples.jsonl'}: {fault}" for fault in _count_faults(manifest, samples)]
     faults += [fault for sample in samples for fault in _image_faults(sample)]
     found = {path for name in ("images", "shards") for path in (folder / name).glob("*")}
     left_over = sorted(found - {sample.file for sample in samples})
     return faults + [f"{path}: has no row in samples.jsonl" for path in left_over]
+
+
+def _count_faults(manifest: dict[str, Any], samples: list[Sample]) -> list[str]:
+    """Samples missing, or too many. A packed dataset may be of a part of the samples, so that it has a number only."""
+    count, there = manifest["count"], {sample.index for sample in samples}
+    if "packed" in manifest:
+        return [f"has {len(there)} of {count} samples"] if len(there) != count else []
+    found = (
+        ("has no row for", set(range(count)) - there),
+        ("has more than the manifest's count:", there - set(range(count))),
+    )
+    return [f"{what} {_some(indices)}" for what, indices in found if indices]
+
+
+def _some(indices: set[int]) -> str:
+    first = ", ".join(map(str, sorted(indices)[:8]))
+    return f"sample{'s' * (len(indices) > 1)} {first}{f' and {len(indices) - 8} more' * (len(indices) > 8)}"
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -260,8 +276,10 @@ def shard_array(path: Path) -> Float16[np.ndarray, "n H W C"]:
         array = np.load(path, mmap_mode="r")
     except FileNotFoundError:
         raise InputError(path, "no such file") from None
-    except (OSError, ValueError, EOFError) as error:
+    except Exception as error:  # OSError, ValueError, EOFError, TokenError, UnicodeDecodeError, … by the bad byte
         raise InputError(path, "not a NumPy array, or a truncated one") from error
+    if not isinstance(array, np.ndarray):
+        raise InputError(path, "an archive, not a NumPy array")
     if array.dtype != np.float16 or array.ndim != 4:
         raise InputError(path, f"holds {array.dtype} of shape {array.shape}; expected half images")
     return array

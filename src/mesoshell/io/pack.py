@@ -10,6 +10,7 @@ of the image's bytes there. The folder gets its name when it is whole.
 """
 
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -20,6 +21,7 @@ from jaxtyping import Float16, Float32
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, load_image
+from mesoshell.io.whole import replace_file
 
 #: Bytes of a shard, at most.
 _SHARD_BYTES = 2**26
@@ -54,8 +56,7 @@ def _write(dataset: Dataset, folder: Path, k: int) -> int:
     for number, start in enumerate(range(0, len(samples), a_shard)):
         some = samples[start : start + a_shard]
         name = f"shards/{number:04d}.npy"
-        shape = (len(some), height, width, 4)
-        shard = np.lib.format.open_memmap(folder / name, mode="w+", dtype=np.float16, shape=shape)
+        shard = np.empty((len(some), height, width, 4), np.float16)
         for i, sample in enumerate(some):
             shard[i] = image = _means(load_image(sample), k)
             place = {
@@ -65,11 +66,18 @@ def _write(dataset: Dataset, folder: Path, k: int) -> int:
                 "size": [width, height],
             }
             rows.append(json.dumps({**dataset.rows[sample.index], **place}) + "\n")
-        shard.flush()
+        replace_file(folder / name, _npy(shard))
     (folder / "samples.jsonl").write_text("".join(rows))
-    manifest = {**dataset.manifest, "size": [width, height], "packed": "half", "count": len(samples)}
+    manifest = {**dataset.manifest, "size": [width, height], "packed": "half", "mean_of": [k, k], "count": len(samples)}
     (folder / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
     return len(samples) * width * height * 8
+
+
+def _npy(array: np.ndarray) -> bytes:
+    """The array as a file's bytes: numpy.save to a path hides why a write failed, a memory map of a full disk kills."""
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
 
 
 def _means(image: Float32[np.ndarray, "H W 4"], k: int) -> Float16[np.ndarray, "h w 4"]:

@@ -26,7 +26,10 @@ def replace_file(path: str | PathLike[str], data: bytes) -> None:
     """Make `data` the file at `path`. Raises InputError if it cannot be written; then no PATH.partial is left."""
     partial = Path(f"{os.fspath(path)}.partial")
     try:
-        partial.write_bytes(data)
+        with partial.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())  # or a power cut may leave the name on an empty file
         os.replace(partial, path)
     except OSError as error:
         with contextlib.suppress(OSError):

@@ -53,21 +53,22 @@ def filtered_lrelu_plain(x: Float[Array, "B H W C"], how: Activation) -> Array:
 
 
 def filtered_lrelu(x: Float[Array, "B H W C"], how: Activation) -> Array:
-    """The same, by banded matrices."""
+    """The same, one axis after the other."""
     row = how.row
     if row.up_filter is not None:
-        up = [Resampling(row.up_factor * row.up_filter, row.up_factor, 1, pad) for pad in (how.pad[:2], how.pad[2:])]
-        x = resample(resample(x, up[1], 1), up[0], 2)
+        taps = tuple((row.up_factor * row.up_filter).tolist())
+        along_x, along_y = (Resampling(taps, row.up_factor, 1, pad) for pad in (how.pad[:2], how.pad[2:]))
+        x = resample(resample(x, along_y, 1), along_x, 2)
     elif any(how.pad):
         x = jax.lax.pad(x, jnp.zeros((), x.dtype), [(0, 0, 0), (*how.pad[2:], 0), (*how.pad[:2], 0), (0, 0, 0)])
     x = _bent(x, how)
     if row.down_filter is None:
         return x
-    parts = separable(row.down_filter)
-    down = [(Resampling(g, 1, row.down_factor, (0, 0)), Resampling(h, 1, row.down_factor, (0, 0))) for g, h in parts]
-    return sum(
-        (resample(resample(x, g, 2), h, 1) for g, h in down[1:]), resample(resample(x, down[0][0], 2), down[0][1], 1)
-    )
+    products = [
+        [Resampling(tuple(g.tolist()), 1, row.down_factor, (0, 0)) for g in pair] for pair in separable(row.down_filter)
+    ]
+    parts = [resample(resample(x, along_x, 2), along_y, 1) for along_x, along_y in products]
+    return sum(parts[1:], parts[0])
 
 
 def separable(filter_: np.ndarray) -> list[tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]]:

@@ -1,4 +1,4 @@
-"""Up-sample, filter, down-sample: plainly, and as products with banded matrices (floor 2).
+"""Up-sample, filter, down-sample: by its definition, and phase by phase (floor 2).
 
 Alphabet
 x, y         samples before and after                                          (B, H, W, C)
@@ -6,29 +6,28 @@ g            filter, odd or even; 1D for one axis                               
 u, d         factors: u − 1 zeros after each sample; every d-th sample is kept
 a, b         samples added (negative: taken away) before and after at the rate u
 
-y[i] = Σ_k g[n − 1 − k] z[d·i + k], z being x with zeros between, and a and b around. One axis of that is a product with a
-matrix whose band is `n` wide and which repeats itself every few rows; blocks of rows share one small dense matrix, so that
-a filter runs at the rate of matrix products. `docs/performance.md` compares the two.
+y[i] = Σ_j g[n − 1 − k] x[j], k = uj + a − di in [0, n). The outputs i = p + mP, P = u/gcd(u, d), use the same taps: with
+Q = d/gcd(u, d), y[p + mP] = Σ_t g[n − 1 − (ut + a − dp)] x[mQ + t], a sum of few shifted copies that a compiler makes in one
+pass over memory. Its transpose has the same form, with u and d exchanged and g reversed; what automatic differentiation
+makes of slices is 20 times slower. `docs/performance.md` compares both with the definition.
 """
 
 from math import ceil, gcd
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from mesoshell.typing import Array
 
-#: Output samples that share one product: fewer add overlap, more add multiplications with zero.
-BLOCK = 16
-
 
 class Resampling(NamedTuple):
-    """One axis of an operation; everything is static."""
+    """One axis of an operation; everything is static. filter: a tuple, so that it can be."""
 
-    filter: Float[np.ndarray, "n"]
+    filter: tuple[float, ...]
     up: int
     down: int
     pad: tuple[int, int]
@@ -36,6 +35,12 @@ class Resampling(NamedTuple):
     def outputs(self, inputs: int) -> int:
         """Number of samples after, from the number before."""
         return (inputs * self.up + sum(self.pad) - len(self.filter)) // self.down + 1
+
+    def transposed(self, inputs: int) -> "Resampling":
+        """The transposed operation, from this one's outputs to its `inputs`."""
+        n, before = len(self.filter), len(self.filter) - 1 - self.pad[0]
+        after = (inputs - 1) * self.up + n - self.outputs(inputs) * self.down - before
+        return Resampling(self.filter[::-1], self.down, self.up, (before, after))
 
 
 def upfirdn_plain(
@@ -58,38 +63,48 @@ def upfirdn_plain(
 
 
 def resample(x: Float[Array, "B H W C"], how: Resampling, axis: int) -> Array:
-    """One axis (1 or 2) of the same, by blocks of rows of the banded matrix."""
-    outputs = how.outputs(x.shape[axis])
-    period = how.up // gcd(how.up, how.down)
-    block = min(ceil(outputs / period), max(1, BLOCK // period)) * period
-    step = block * how.down // how.up
-    matrix, reach = _block_matrix(how, block)
-    count = ceil(outputs / block)
-    first = -(how.pad[0] // how.up)  # the first block's first input sample
-    before, after = -first, first + step * (count - 1) + reach - x.shape[axis]
-    windows = _pad(x, axis, before, after)
-    parts = [jax.lax.slice_in_dim(windows, k * step, k * step + reach, axis=axis) for k in range(count)]
-    stacked = jnp.stack(parts, axis=axis)
-    band = jnp.asarray(matrix, x.dtype)
-    spec = "oi,bkiwc->bkowc" if axis == 1 else "oi,bhkic->bhkoc"
-    y = jnp.einsum(spec, band, stacked, precision=jax.lax.Precision.HIGHEST)
-    y = y.reshape(*y.shape[:axis], count * block, *y.shape[axis + 2 :])
+    """One axis (1 or 2) of the same, phase by phase."""
+    return _linear(x, how, axis)
+
+
+def _phases(x: Array, how: Resampling, axis: int) -> Array:
+    outputs, inputs = how.outputs(x.shape[axis]), x.shape[axis]
+    common = gcd(how.up, how.down)
+    period, stride = how.up // common, how.down // common
+    count = ceil(outputs / period)
+    spans = [_taps(how, phase) for phase in range(period)]
+    first = min(t for t, _ in spans)
+    last = max(t + len(g) for t, g in spans) + stride * (count - 1)  # one past the last sample that is asked for
+    config = [(0, 0, 0)] * x.ndim
+    config[axis] = (max(0, -first), max(0, last - inputs), 0)
+    x = jax.lax.pad(x, jnp.zeros((), x.dtype), config)
+    shift = max(0, -first)
+
+    def shifted(t: int) -> Array:
+        begin = t + shift
+        return jax.lax.slice_in_dim(x, begin, begin + stride * (count - 1) + 1, stride=stride, axis=axis)
+
+    phases = [sum((shifted(t + k) * g[k] for k in range(1, len(g))), shifted(t) * g[0]) for t, g in spans]
+    y = phases[0] if period == 1 else jnp.stack(phases, axis=axis + 1)
+    y = y.reshape(*x.shape[:axis], count * period, *x.shape[axis + 1 :])
     return jax.lax.slice_in_dim(y, 0, outputs, axis=axis)
 
 
-def _pad(x: Array, axis: int, before: int, after: int) -> Array:
-    """Zeros around, or samples taken away, along one axis."""
-    config = [(0, 0, 0)] * x.ndim
-    config[axis] = (before, after, 0)
-    return jax.lax.pad(x, jnp.zeros((), x.dtype), config)
+def _taps(how: Resampling, phase: int) -> tuple[int, tuple[float, ...]]:
+    """First t of a phase, and the taps from there on; a phase without taps has a zero one."""
+    k0 = how.pad[0] - how.down * phase  # k at t = 0
+    t = -(k0 // how.up)
+    taps = how.filter[::-1][k0 + how.up * t :: how.up]
+    return (t, taps) if taps else (0, (0.0,))
 
 
-def _block_matrix(how: Resampling, block: int) -> tuple[Float[np.ndarray, "o i"], int]:
-    """Matrix of `block` outputs from the input samples that they reach, the first of which is −⌊a/u⌋ (before padding)."""
-    taps, up = how.filter[::-1], how.up
-    shift = how.pad[0] % up  # where the first input sample lies
-    last = (block - 1) * how.down + len(taps) - 1
-    reach = (last - shift) // up + 1 if last >= shift else 1
-    k = up * np.arange(reach)[None] + shift - how.down * np.arange(block)[:, None]
-    inside = (k >= 0) & (k < len(taps))
-    return np.where(inside, taps[np.clip(k, 0, len(taps) - 1)], 0.0), reach
+def _forward(x: Array, how: Resampling, axis: int) -> tuple[Array, int]:
+    return _linear(x, how, axis), x.shape[axis]
+
+
+def _backward(how: Resampling, axis: int, inputs: int, y: ArrayLike) -> tuple[Array]:
+    return (_linear(jnp.asarray(y), how.transposed(inputs), axis),)
+
+
+_linear: Any = jax.custom_vjp(_phases, nondiff_argnums=(1, 2))
+_linear.defvjp(_forward, _backward)

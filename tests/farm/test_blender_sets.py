@@ -58,6 +58,17 @@ def test_a_sample_is_the_same_bytes_alone_and_on_one_thread(made, tmp_path):
     assert (tmp_path / "images/000007.exr").read_bytes() == (folder / "images/000007.exr").read_bytes()
 
 
+def test_a_denoised_sample_is_the_same_bytes_on_any_threads(tmp_path):
+    images = []
+    for threads in (1, 2):
+        folder = tmp_path / str(threads)
+        (folder / "images").mkdir(parents=True)
+        ((done),) = render_shard(Shard(settings("grass", denoise=True), folder, (7,), threads=threads))
+        assert isinstance(done, Done)
+        images.append((folder / "images/000007.exr").read_bytes())
+    assert images[0] == images[1]
+
+
 @pytest.mark.parametrize("name", ["grass", "fur", "carpet8"])
 def test_appearance_keeps_the_outline_and_geometry_changes_it(name, tmp_path):
     parameters = RECIPES[name].parameters

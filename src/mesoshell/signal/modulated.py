@@ -17,6 +17,8 @@ import jax.numpy as jnp
 from mesoshell.typing import Array, Float
 
 EPSILON = 1e-8
+#: Numbers in a block of by_rows: 2 MiB of float32.
+_BLOCK = 2**19
 
 
 def modulated_conv_plain(
@@ -59,12 +61,35 @@ def modulated_conv(
 
 
 def convolve(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"], pad: int) -> Array:
-    """Correlation, as networks have it: y[p] = Σ_q w[q] x[p + q]."""
-    return jax.lax.conv_general_dilated(
-        x,
-        w.astype(x.dtype),
-        (1, 1),
-        [(pad, pad)] * 2,
-        dimension_numbers=("NHWC", "HWIO", "NHWC"),
-        precision=jax.lax.Precision.HIGHEST,
-    )
+    """Correlation, as networks have it: y[p] = Σ_q w[q] x[p + q]. The way that is fastest on the backend: see by_rows."""
+    x = jnp.pad(x, ((0, 0), (pad, pad), (pad, pad), (0, 0)))
+    w = w.astype(x.dtype)
+    if w.shape[0] == 1:
+        return jnp.matmul(x, w[0, 0], precision=jax.lax.Precision.HIGHEST)
+    return jax.lax.platform_dependent(x, w, cpu=by_rows, default=by_library)
+
+
+def by_library(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"]) -> Array:
+    """XLA's convolution, of what is inside."""
+    precision = None if x.dtype == jnp.bfloat16 else jax.lax.Precision.HIGHEST
+    dimensions = ("NHWC", "HWIO", "NHWC")
+    return jax.lax.conv_general_dilated(x, w, (1, 1), "VALID", dimension_numbers=dimensions, precision=precision)
+
+
+def by_rows(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"]) -> Array:
+    """The same as k matrix products a block of rows: neighbours along a row side by side, a block in the cache."""
+    k, (batch, height, width, channels) = w.shape[0], x.shape
+    h, wide = height - k + 1, width - k + 1
+    rows = min(h, max(2, _BLOCK // (wide * k * channels)))
+    blocks = -(-h // rows)
+    x = jnp.pad(x, ((0, 0), (0, blocks * rows - h), (0, 0), (0, 0)))
+    parts = jnp.stack([x[:, i * rows : (i + 1) * rows + k - 1] for i in range(blocks)], axis=1)
+
+    @jax.checkpoint
+    def block(part: Array) -> Array:
+        beside = jnp.concatenate([part[:, j : j + wide] for j in range(k)], axis=-1)
+        products = (beside[i : i + rows] @ w[i].reshape(k * channels, -1) for i in range(k))
+        return sum(products, jnp.zeros((), x.dtype))
+
+    y = jax.lax.map(block, parts.reshape(-1, *parts.shape[2:]))
+    return y.reshape(batch, blocks * rows, wide, -1)[:, :h]

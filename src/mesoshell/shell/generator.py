@@ -1,0 +1,265 @@
+"""The generator of feature textures (MesoGAN, section 4.1, on Alias-Free GAN's layers).
+
+Alphabet
+z, β        what is drawn, and geometry parameters in [0, 1]                     (B, Z), (B, G)
+w           what a layer's styles come from: mapping(z, β)                        (B, W)
+Γ_l         Fourier map added to the input of layer l; its phases φ_l             cycles, (B, C_l)
+F           feature texture                                                       (B, v, u, C)
+F(h)        height feature                                                        (B, R, C)
+texels      of F a patch; the plane's grid of rate s has its sample i at (i + ½)/s patches
+tile        a place in the plane, counted in CELL = 1/16 patches along v and u: the coarsest layers' samples
+
+The plane has no edge: a layer is evaluated where the next one asks for it, without padding, so a tile computes a halo of two
+to three patches that its neighbours compute too, and a tile of a large texture is what a training patch is. What the layer
+before the first would give is the Fourier map of the input, mixed by a matrix. Frequencies belong to the generator, phases to
+a texture.
+
+Magnitudes (running mean squares of the layers' inputs, Alias-Free GAN's equation in appendix C) are state: they come in as
+arguments, and what was seen comes out.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, floor
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mesoshell.nets.mlp import Dense, apply_dense
+from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu
+from mesoshell.signal.fourier import draw_frequencies, fourier_map
+from mesoshell.signal.modulated import modulated_conv
+from mesoshell.signal.schedule import Config, LayerRow, layer_schedule
+from mesoshell.typing import Array, Float, Int, Key
+
+#: Cells a patch: the rate of the coarsest layer. Tiles begin at whole cells.
+CELL = 16
+#: F is this times the last layer's output.
+OUTPUT_SCALE = 0.25
+_MAPPING_RATE = 0.01
+
+
+@dataclass(frozen=True)
+class GeneratorConfig:
+    """texels a patch, a power of two; fourier: maps in every layer with phases drawn a texture ("random"), always the same
+    ("frozen"), or none beyond the input ("off")."""
+
+    texels: int = 64
+    config: Config = "T"
+    channel_base: int = 4096
+    channel_max: int = 64
+    channels: int = 32
+    z: int = 64
+    w: int = 64
+    betas: int = 0
+    height_rows: int = 64
+    height_octaves: int = 5
+    height_width: int = 64
+    fourier: Literal["random", "frozen", "off"] = "random"
+    seed: int = 0
+
+
+class Styled(NamedTuple):
+    """A modulated layer: weights (k, k, I, O), bias (O,), and the affine map from w to the styles of its inputs."""
+
+    weight: Float[Array, "k k I O"]
+    bias: Float[Array, "O"]
+    affine: Dense
+
+
+class Generator(NamedTuple):
+    """What is learned. mix: (C0, C0) of the input's Fourier map; height: modulated layers along h."""
+
+    mapping: list[Dense]
+    mix: Float[Array, "C C"]
+    layers: list[Styled]
+    height: list[Styled]
+
+
+class Averages(NamedTuple):
+    """State that is not learned: mean squares of the layers' inputs, and the mean of w."""
+
+    magnitude: list[Float[Array, ""]]
+    w: Float[Array, "W"]
+
+
+class Phases(NamedTuple):
+    """φ of the input's map and of each layer's; a layer without a map has none of its channels."""
+
+    input: Float[Array, "B C"]
+    layers: list[Float[Array, "B _c"]]
+
+
+@lru_cache
+def rows_of(config: GeneratorConfig) -> tuple[LayerRow, ...]:
+    rows = layer_schedule(config.texels, config.config, config.channel_base, config.channel_max, config.channels)
+    return tuple(rows)
+
+
+@lru_cache
+def frequencies_of(config: GeneratorConfig) -> tuple[Int[np.ndarray, "C 2"], list[Int[np.ndarray, "_c 2"]]]:
+    """Frequencies of the input's map and of each layer's, which lie between the cutoffs of the layer's input and output."""
+    rng = np.random.default_rng(config.seed)
+    rows = rows_of(config)
+    first = draw_frequencies(rng, rows[0].in_channels, 0.0, rows[0].in_cutoff)
+    layers = []
+    for i, row in enumerate(rows):
+        low = 0.0 if i == 0 else row.in_cutoff
+        empty = low >= row.out_cutoff or config.fourier == "off"
+        layers.append(draw_frequencies(rng, 0 if empty else row.in_channels, low, row.out_cutoff))
+    return first, layers
+
+
+def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
+    """Unit normal weights throughout, scaled when they are used: then all learn at one rate."""
+    keys = iter(jax.random.split(key, 64))
+    rows = rows_of(config)
+
+    def dense(inputs: int, outputs: int, bias: float, scale: float = 1.0) -> Dense:
+        kernel = jax.random.normal(next(keys), (inputs, outputs), jnp.float32) * scale
+        return Dense(kernel, jnp.full(outputs, bias, jnp.float32))
+
+    def styled(k: int, inputs: int, outputs: int) -> Styled:
+        weight = jax.random.normal(next(keys), (k, k, inputs, outputs), jnp.float32)
+        return Styled(weight, jnp.zeros(outputs, jnp.float32), dense(config.w, inputs, 1.0))
+
+    c0, encoded, wide = rows[0].in_channels, 1 + 2 * config.height_octaves, config.height_width
+    embed = [dense(config.betas, config.w, 0.0)] if config.betas else []
+    hidden = [config.z + config.w * bool(config.betas), config.w]
+    return Generator(
+        mapping=[*embed, *(dense(n, config.w, 0.0, 1 / _MAPPING_RATE) for n in hidden)],
+        mix=jax.random.normal(next(keys), (c0, c0), jnp.float32),
+        layers=[styled(row.conv_kernel, row.in_channels, row.out_channels) for row in rows],
+        height=[styled(1, encoded, wide), styled(1, wide, wide), styled(1, wide, config.channels)],
+    )
+
+
+def init_averages(config: GeneratorConfig) -> Averages:
+    return Averages([jnp.ones((), jnp.float32) for _ in rows_of(config)], jnp.zeros(config.w, jnp.float32))
+
+
+def draw_phases(config: GeneratorConfig, key: Key[Array, ""], batch: int) -> Phases:
+    """φ ~ U(0, 1), for each texture of the batch; the same for all calls if they are frozen."""
+    key = jax.random.key(config.seed) if config.fourier == "frozen" else key
+    first, layers = frequencies_of(config)
+    keys = jax.random.split(key, 1 + len(layers))
+    drawn = [
+        _uniform(k, len(f), batch, config.fourier == "frozen") for k, f in zip(keys, (first, *layers), strict=True)
+    ]
+    return Phases(drawn[0], drawn[1:])
+
+
+def _uniform(key: Key[Array, ""], channels: int, batch: int, same: bool) -> Float[Array, "B C"]:
+    drawn = jax.random.uniform(key, (1 if same else batch, channels), jnp.float32)
+    return jnp.broadcast_to(drawn, (batch, channels))
+
+
+def map_latent(generator: Generator, z: Float[Array, "B Z"], beta: Float[Array, "B G"]) -> Float[Array, "B W"]:
+    """w from z and β: both brought to unit mean square, then two layers that learn a hundred times slower."""
+    layers, x = generator.mapping, _unit(z)
+    if beta.shape[1]:
+        x = jnp.concatenate([x, _unit(_equal(layers[0], 2 * beta - 1))], axis=1)
+        layers = layers[1:]
+    for layer in layers:
+        x = jax.nn.leaky_relu(_equal(layer, x, _MAPPING_RATE), 0.2) * 2**0.5
+    return x
+
+
+def _unit(x: Float[Array, "B N"]) -> Float[Array, "B N"]:
+    return x * jax.lax.rsqrt(jnp.mean(x**2, axis=1, keepdims=True) + 1e-8)
+
+
+def _equal(layer: Dense, x: Float[Array, "B I"], rate: float = 1.0) -> Float[Array, "B O"]:
+    """A dense layer whose weights are scaled here: kernel by rate/√I, bias by the rate."""
+    return apply_dense(Dense(layer.kernel * (rate / layer.kernel.shape[0] ** 0.5), layer.bias * rate), x)
+
+
+class Span(NamedTuple):
+    """Where a layer is evaluated, along one axis: its input's first sample and size, and its activation's padding."""
+
+    first: int
+    size: int
+    pad: tuple[int, int]
+
+
+def spans(rows: tuple[LayerRow, ...], texels: int) -> list[Span]:
+    """For `texels` outputs from 0 on: what each layer must see, from the last to the first (derived in docs/generator.md).
+
+    Sample j of a grid lies in the middle of u samples of one u times finer. With taps centred on such middles, output i of
+    a down-sampling sees fine samples di − (n − d)/2 … di + (n + d)/2 − 1, and a fine sample f sees the j for which
+    0 ≤ uj − f + (u + n)/2 − 1 < n.
+    """
+    a, b = 0, texels
+    found = []
+    for row in reversed(rows):
+        u, d, up, down = row.up_factor, row.down_factor, row.up_taps, row.down_taps
+        f0, f1 = d * a - (down - d) // 2, d * (b - 1) + (down + d) // 2
+        shift = (u + up) // 2 - 1
+        j0, j1 = ceil((f0 - shift) / u), floor((f1 - 1 - shift + up - 1) / u) + 1
+        before = u * j0 - f0 + shift
+        after = (f1 - f0) + up - 1 - u * (j1 - j0) - before
+        reach = row.conv_kernel // 2
+        a, b = j0 - reach, j1 + reach
+        found.append(Span(a, b - a, (before, after)))
+    return found[::-1]
+
+
+class Texture(NamedTuple):
+    """A tile and what was seen on the way: mean squares of the layers' inputs."""
+
+    feature: Float[Array, "B V U C"]
+    magnitude: list[Float[Array, ""]]
+
+
+def synthesise(
+    config: GeneratorConfig,
+    generator: Generator,
+    averages: Averages,
+    w: Float[Array, "B W"],
+    phases: Phases,
+    tile: Int[Array, "2"],
+    size: tuple[int, int],
+) -> Texture:
+    """F on `size` texels along (v, u) from the tile's corner on."""
+    rows = rows_of(config)
+    first, layers = frequencies_of(config)
+    along = list(zip(spans(rows, size[0]), spans(rows, size[1]), strict=True))
+
+    def wave(f: np.ndarray, phase: Array, row: LayerRow, at: tuple[Span, Span]) -> Array:
+        rate = int(row.in_sampling_rate)
+        start = tile * (rate // CELL) + jnp.array([at[0].first, at[1].first], jnp.int32)
+        return fourier_map(jnp.asarray(f), phase, start, (at[0].size, at[1].size), rate)
+
+    x = wave(first, phases.input, rows[0], along[0]) @ (generator.mix / generator.mix.shape[0] ** 0.5)
+    seen = []
+    for i, (row, layer, at) in enumerate(zip(rows, generator.layers, along, strict=True)):
+        if len(layers[i]):
+            x = x + wave(layers[i], phases.layers[i], row, at)
+        seen.append(jax.lax.stop_gradient(jnp.mean(x.astype(jnp.float32) ** 2)))
+        how = Activation(row, (*at[1].pad, *at[0].pad))
+        x = filtered_lrelu(_modulated(layer, x, w, averages.magnitude[i], row.is_torgb), how)
+    return Texture(OUTPUT_SCALE * x, seen)
+
+
+def synthesise_height(config: GeneratorConfig, generator: Generator, w: Float[Array, "B W"]) -> Float[Array, "B R C"]:
+    """F(h) at the middles of `height_rows` equal parts of [0, 1]: sines of h through modulated layers."""
+    rows = config.height_rows
+    h = (jnp.arange(rows, dtype=w.dtype) + 0.5) / rows
+    angle = jnp.pi * h[:, None] * 2.0 ** jnp.arange(config.height_octaves, dtype=w.dtype)[None]
+    x = jnp.concatenate([2 * h[:, None] - 1, jnp.sin(angle), jnp.cos(angle)], axis=1)
+    x = jnp.broadcast_to(x[None, :, None], (w.shape[0], rows, 1, x.shape[1]))
+    one = jnp.ones((), w.dtype)
+    for layer in generator.height[:-1]:
+        x = jax.nn.leaky_relu(_modulated(layer, x, w, one, False), 0.2) * 2**0.5
+    return OUTPUT_SCALE * _modulated(generator.height[-1], x, w, one, True)[:, :, 0]
+
+
+def _modulated(layer: Styled, x: Array, w: Float[Array, "B W"], magnitude: Float[Array, ""], last: bool) -> Array:
+    style = _equal(layer.affine, w)
+    if last:
+        style = style / x.shape[-1] ** 0.5
+    gain = jax.lax.rsqrt(magnitude).astype(x.dtype)
+    y = modulated_conv(x, layer.weight.astype(x.dtype), style.astype(x.dtype), gain, not last, 0)
+    return y + layer.bias.astype(x.dtype)[None, None, None]

@@ -26,12 +26,14 @@ from mesoshell.typing import Array, Float, Scalar, Vec3
 
 @dataclass(frozen=True)
 class Layout:
-    """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves."""
+    """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves, and whether
+    the texture has edges or is one patch that wraps around."""
 
     sizes: Sizes
     height_sizes: Sizes
     texel_density: float
     octaves: int
+    open: bool = False
 
 
 class Material(NamedTuple):
@@ -63,7 +65,8 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
     rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
-    plane = mip.lookup(material.texture, layout.sizes, point.xi[:2], level)
+    density = layout.texel_density if layout.open else None
+    plane = mip.lookup(material.texture, layout.sizes, point.xi[:2], level, density)
     profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
     return jnp.concatenate([plane + profile, net.encode_height(point.xi[2], layout.octaves), point.alpha])
 

@@ -2,7 +2,8 @@
 
 Alphabet
 F           features, level 0 first; each level the box average of 2 × 2 texels (2 in 1D) of the one before
-(u, v)      texture coordinates in patches; the texture covers one patch and wraps around; v grows along axis 0
+(u, v)      texture coordinates in patches; the texture covers one patch and wraps around, or it has `density` texels a
+            patch, begins at (0, 0) and repeats its last texels beyond its edges; v grows along axis 0
 h           height in [0, 1]; the height feature is clamped at its ends
 λ           level, 0 = finest; level = max(0, log2(2r · texel_density)), r one standard deviation of the footprint in patches
 C           channels
@@ -12,6 +13,7 @@ once: rows that hold a texel's 2 × 2 neighbourhood side by side, two wide gathe
 times as long in a render, because the table is then too large for the cache. Values lie at texel centres.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -48,6 +50,16 @@ def build(feature: Float[Array, "H W C"]) -> list[Float[Array, "_h _w C"]]:
     return levels
 
 
+def build_open(feature: Float[Array, "H W C"], last: int) -> list[Float[Array, "_h _w C"]]:
+    """Levels 0 to `last` of a texture with edges, of any size: sides halve upward, an odd one repeats its last texel."""
+    levels = [feature]
+    for _ in range(last):
+        x = levels[-1]
+        x = jnp.pad(x, ((0, x.shape[0] % 2), (0, x.shape[1] % 2), (0, 0)), mode="edge")
+        levels.append(x.reshape(x.shape[0] // 2, 2, x.shape[1] // 2, 2, -1).mean(axis=(1, 3)))
+    return levels
+
+
 def pack(levels: list[Float[Array, "_h _w C"]]) -> Pyramid:
     """A pyramid's levels, in 2D or 1D, as one table."""
     return Pyramid(jnp.concatenate([level.reshape(-1, level.shape[-1]) for level in levels]))
@@ -67,13 +79,13 @@ def _split(level: Scalar, last: int) -> tuple[Array, Scalar]:
     return lower.astype(jnp.int32), level - lower
 
 
-def lookup(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar) -> Float[Array, "C"]:
-    """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32."""
+def lookup(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar, density: float | None = None) -> Float[Array, "C"]:
+    """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32. density: of a texture with edges."""
     last = len(sizes) - 1
     lower, fraction = _split(level, last)
-    return (1 - fraction) * _bilinear(pyramid, sizes, uv, lower) + fraction * _bilinear(
-        pyramid, sizes, uv, jnp.minimum(lower + 1, last)
-    )
+    bilinear = _bilinear if density is None else partial(_bilinear_open, density=density)
+    low, high = (bilinear(pyramid, sizes, uv, l) for l in (lower, jnp.minimum(lower + 1, last)))
+    return (1 - fraction) * low + fraction * high
 
 
 def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[Array, "C"]:
@@ -85,8 +97,23 @@ def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[A
     fx, fy = x - xi, y - yi
     column, line = xi.astype(jnp.int32), yi.astype(jnp.int32)
     columns, lines = jnp.mod(column + jnp.array([0, 1, 0, 1]), w), jnp.mod(line + jnp.array([0, 0, 1, 1]), h)
-    weights = jnp.stack([1 - fx, fx, 1 - fx, fx]) * jnp.stack([1 - fy, 1 - fy, fy, fy])
-    return weights @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
+    return _corner_weights(fx, fy) @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
+
+
+def _bilinear_open(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array, density: float) -> Float[Array, "C"]:
+    offsets, shapes = _tables(sizes)
+    h, w = shapes[level]
+    scale = jnp.exp2(-level.astype(uv.dtype)) * density
+    x = jnp.clip(uv[0] * scale - 0.5, 0, (w - 1).astype(uv.dtype))
+    y = jnp.clip(uv[1] * scale - 0.5, 0, (h - 1).astype(uv.dtype))
+    xi, yi = jnp.floor(x), jnp.floor(y)
+    columns = jnp.minimum(xi.astype(jnp.int32) + jnp.array([0, 1, 0, 1]), w - 1)
+    lines = jnp.minimum(yi.astype(jnp.int32) + jnp.array([0, 0, 1, 1]), h - 1)
+    return _corner_weights(x - xi, y - yi) @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
+
+
+def _corner_weights(fx: Scalar, fy: Scalar) -> Float[Array, "4"]:
+    return jnp.stack([1 - fx, fx, 1 - fx, fx]) * jnp.stack([1 - fy, 1 - fy, fy, fy])
 
 
 def lookup_height(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Scalar) -> Float[Array, "C"]:

@@ -1,0 +1,159 @@
+"""The discriminator: is a picture a render, and one of what its label says? (StyleGAN2's residual network; MesoGAN, 5.1)
+
+Alphabet
+y        picture, 2x/(1 + x) − 1 of linear radiance x over black                 (B, S, S, 3)
+c        label: α, β, direction to the camera, log of its distance, direction to the light    (B, L)
+S        side of the picture, a power of two; blocks halve it down to 4
+D        logit: greater for renders                                               (B,)
+
+The label enters by projection: D = ⟨features(y), embedding(c)⟩/√width. Minibatch deviation is taken over groups of samples that
+lie apart in the whole batch, so that it does not depend on how a batch is spread over devices.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+
+from mesoshell.nets.mlp import Dense
+from mesoshell.numerics import safe_sqrt
+from mesoshell.signal.modulated import convolve
+from mesoshell.signal.upfirdn import Resampling, resample
+from mesoshell.typing import Array, Float, Key
+
+_BLUR = (1 / 8, 3 / 8, 3 / 8, 1 / 8)
+GROUP = 4
+
+
+@dataclass(frozen=True)
+class DiscriminatorConfig:
+    """size of the pictures; channels at a side s are min(channel_base / s, channel_max)."""
+
+    size: int = 64
+    channel_base: int = 4096
+    channel_max: int = 128
+    labels: int = 7
+    embedding: int = 64
+
+
+class Conv(NamedTuple):
+    """weight (k, k, I, O), scaled by 1/√(k²I) where it is used; bias (O,)."""
+
+    weight: Float[Array, "k k I O"]
+    bias: Float[Array, "O"]
+
+
+class Block(NamedTuple):
+    """From side s to s/2: two convolutions, and a skip that is a matrix."""
+
+    first: Conv
+    second: Conv
+    skip: Float[Array, "1 1 I O"]
+
+
+class Discriminator(NamedTuple):
+    """What is learned."""
+
+    colour: Conv
+    blocks: list[Block]
+    last: Conv
+    hidden: Dense
+    out: Dense
+    embed: list[Dense]
+
+
+def init_discriminator(config: DiscriminatorConfig, key: Key[Array, ""]) -> Discriminator:
+    """Unit normal weights, zero biases. Raises ValueError if the size is no power of two ≥ 8."""
+    if config.size < 8 or config.size & (config.size - 1):
+        raise ValueError(f"pictures must be a power of two wide and at least 8, not {config.size}")
+    keys = iter(jax.random.split(key, 64))
+
+    def width(side: int) -> int:
+        return min(config.channel_base // side, config.channel_max)
+
+    def conv(k: int, inputs: int, outputs: int) -> Conv:
+        weight = jax.random.normal(next(keys), (k, k, inputs, outputs), jnp.float32)
+        return Conv(weight, jnp.zeros(outputs, jnp.float32))
+
+    def dense(inputs: int, outputs: int) -> Dense:
+        return Dense(jax.random.normal(next(keys), (inputs, outputs), jnp.float32), jnp.zeros(outputs, jnp.float32))
+
+    sides = [config.size >> i for i in range(config.size.bit_length() - 3)]  # … 16, 8
+    blocks = [
+        Block(conv(3, width(s), width(s)), conv(3, width(s), width(s // 2)), conv(1, width(s), width(s // 2)).weight)
+        for s in sides
+    ]
+    return Discriminator(
+        colour=conv(1, 3, width(config.size)),
+        blocks=blocks,
+        last=conv(3, width(4) + 1, width(4)),
+        hidden=dense(16 * width(4), width(4)),
+        out=dense(width(4), config.embedding),
+        embed=[dense(config.labels, config.embedding), dense(config.embedding, config.embedding)],
+    )
+
+
+def discriminate(
+    discriminator: Discriminator,
+    y: Float[Array, "B S S 3"],
+    c: Float[Array, "B L"],
+    everyone: Callable[[Array], tuple[Array, Array]] | None = None,
+    dtype: DTypeLike = jnp.float32,
+) -> Float[Array, "B"]:
+    """D. everyone: from this device's rows to all devices' and the indices of its own among them, if they are spread by
+    hand. dtype: of the convolutions of sides above 4; labels, deviation and what follows are as precise as the weights."""
+    d = discriminator
+    x = _lrelu(_apply(d.colour, y.astype(dtype)))
+    for block in d.blocks:
+        skip = _scaled(block.skip, _halved(x))
+        inner = _lrelu(_apply(block.first, x))
+        x = (_lrelu(_apply(block.second, _halved(inner))) + skip) * jnp.asarray(0.5**0.5, dtype)
+    x = x.astype(d.last.weight.dtype)
+    x = jnp.concatenate([x, _deviation(x, everyone)], axis=-1)
+    x = _lrelu(_apply(d.last, x)).reshape(x.shape[0], -1)
+    x = _dense(d.out, _lrelu(_dense(d.hidden, x)))
+    embedding = _lrelu(_dense(d.embed[0], c))
+    embedding = _dense(d.embed[1], embedding)
+    embedding = embedding * jax.lax.rsqrt(jnp.mean(embedding**2, axis=1, keepdims=True) + 1e-8)
+    return jnp.sum(x * embedding, axis=1) / x.shape[1] ** 0.5
+
+
+def _deviation(x: Float[Array, "B H W C"], everyone: Callable | None) -> Float[Array, "B H W 1"]:
+    """Mean over channels and pixels of the standard deviation in each sample's group; 0 for a batch of one.
+
+    Groups are of GROUP samples, or of the whole batch if that is no multiple. Sample i is in group i mod (B / GROUP).
+    """
+    rows, own = (x, jnp.arange(x.shape[0])) if everyone is None else everyone(x)
+    batch = rows.shape[0]
+    size = GROUP if batch % GROUP == 0 else batch
+    grouped = rows.reshape(size, batch // size, *x.shape[1:])
+    variance = jnp.mean(jnp.square(grouped - jnp.mean(grouped, axis=0, keepdims=True)), axis=0)
+    found = jnp.mean(safe_sqrt(variance + (1e-8 if size > 1 else 0.0)), axis=(1, 2, 3))
+    mine = jnp.tile(found, size)[own]
+    return jnp.broadcast_to(mine[:, None, None, None], (*x.shape[:3], 1))
+
+
+def _apply(layer: Conv, x: Float[Array, "B H W I"]) -> Float[Array, "B H W O"]:
+    return _scaled(layer.weight, x) + layer.bias.astype(x.dtype)[None, None, None]
+
+
+def _scaled(weight: Float[Array, "k k I O"], x: Float[Array, "B H W I"]) -> Float[Array, "B H W O"]:
+    k, _, inputs, _ = weight.shape
+    return convolve(x, (weight / (k * k * inputs) ** 0.5).astype(x.dtype), k // 2)
+
+
+def _dense(layer: Dense, x: Float[Array, "B I"]) -> Float[Array, "B O"]:
+    return x @ (layer.kernel / layer.kernel.shape[0] ** 0.5) + layer.bias[None]
+
+
+def _lrelu(x: Array) -> Array:
+    return jax.nn.leaky_relu(x, 0.2) * jnp.asarray(2**0.5, x.dtype)
+
+
+def _halved(x: Float[Array, "B H W C"]) -> Float[Array, "B h w C"]:
+    """Half the side: a blur of four taps, every second sample; the border is black."""
+    how = Resampling(_BLUR, 1, 2, (1, 1))
+    return resample(resample(x, how, 1), how, 2)

@@ -1,0 +1,135 @@
+"""Pictures of the unit box from generated features: what a training step shows to the discriminator.
+
+Alphabet
+S, N         side of the picture in pixels; samples a ray
+o, d         ray origin and unit direction; world and canonical frame are the same in the unit box (J = 1)
+t0, t1       where a ray enters and leaves the box; t1 = t0 if it misses
+y            2x/(1 + x) − 1 of the radiance x over black                        (S, S, 3)
+
+A pixel's model is the renderer's: samples at equal canonical spacing, each filtered by its piece of the pixel's cone, decoded,
+depths summed, composited. A flat box needs no march: `box_span` is tested against the shell's boundary.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from mesoshell.numerics import normalise, optical_depth
+from mesoshell.render.composite import tonemap, weights
+from mesoshell.render.cone import cone_gaussian, pixel_radius
+from mesoshell.shell import decoder as net
+from mesoshell.shell.decoder import Decoder
+from mesoshell.shell.field import Layout, Material, Point, inputs
+from mesoshell.texture import mip
+from mesoshell.texture.footprint import footprint
+from mesoshell.typing import Array, Float, Scalar, Vec3
+
+#: Samples a tile of the network: see fit.
+_TILE = 1024
+
+
+@dataclass(frozen=True)
+class PictureConfig:
+    """size: S; samples: N; fov: of the camera, radians; texels a patch; rows of the height feature; octaves of the decoder's
+    height encoding; filtering: mip levels by the cone, or always the finest (an ablation)."""
+
+    size: int = 64
+    samples: int = 32
+    fov: float = 0.4
+    texels: int = 64
+    height_rows: int = 64
+    octaves: int = 4
+    filtering: bool = True
+
+    @property
+    def layout(self) -> Layout:
+        last = self.texels.bit_length() - 1
+        sizes = tuple((self.texels >> i, self.texels >> i) for i in range(last + 1))
+        return Layout(sizes, mip.level_sizes(self.height_rows, 1), float(self.texels), self.octaves, open=True)
+
+
+class View(NamedTuple):
+    """One picture's camera, light and appearance parameters."""
+
+    camera_to_world: Float[Array, "4 4"]
+    light: Vec3
+    irradiance: Vec3
+    alpha: Float[Array, "A"]
+
+
+def material_of(config: PictureConfig, feature: Array, height: Array, decoder: Decoder) -> Material:
+    """Pyramids of one texture (V, U, C) and one height feature (R, C)."""
+    texture = mip.pack(mip.build_open(feature, len(config.layout.sizes) - 1))
+    return Material(texture, mip.pack(mip.build(height[:, None])), decoder)
+
+
+def take_picture(
+    config: PictureConfig, material: Material, view: View, jitter: Float[Array, "R N"]
+) -> Float[Array, "S S 4"]:
+    """Radiance over black, and alpha. jitter: where in its share of the ray each sample lies, in [0, 1)."""
+    origin, directions = pixel_rays(config, view.camera_to_world)
+    radius = pixel_radius(2 * math.tan(config.fov / 2) / config.size)
+    count = jitter.shape[0] * config.samples
+    points, length = jax.vmap(lambda d, j: along(config, origin, d, jnp.asarray(radius, d.dtype), j))(
+        directions, jitter
+    )
+    flat = jax.tree.map(lambda x: x.reshape(count, *x.shape[2:]), points)
+    alphas = jnp.broadcast_to(view.alpha[None], (count, view.alpha.shape[0]))
+
+    def tile(part: tuple[Point, Array]) -> tuple[Array, Array]:
+        point, w = part
+        x = jax.vmap(inputs, in_axes=(None, None, 0))(material, config.layout, point)
+        sigma, found = net.trunk(material.decoder, x)
+        light = jnp.broadcast_to(view.light[None], w.shape)
+        return sigma, net.head(material.decoder, net.toward_viewer(material.decoder, found, w), light)
+
+    toward = jnp.repeat(-directions, config.samples, axis=0)
+    rows, size = (flat._replace(alpha=alphas), toward), min(_TILE, count)
+    parts = jax.tree.map(lambda x: x.reshape(count // size, size, *x.shape[1:]), rows)
+    sigma, rho = jax.lax.map(jax.checkpoint(tile), parts)
+    tau = optical_depth(sigma.reshape(jitter.shape), jnp.broadcast_to(length[:, None], jitter.shape))
+    share, through = jax.vmap(weights)(tau)
+    radiance = jnp.einsum("rn,rnc->rc", share, rho.reshape(*jitter.shape, 3)) * view.irradiance[None]
+    return jnp.concatenate([radiance, 1 - through[:, None]], axis=1).reshape(config.size, config.size, 4)
+
+
+def shown(radiance: Float[Array, "*b S S 3"]) -> Float[Array, "*b S S 3"]:
+    """y, what the discriminator sees of radiance over black."""
+    return 2 * tonemap(radiance) - 1
+
+
+def pixel_rays(config: PictureConfig, camera_to_world: Float[Array, "4 4"]) -> tuple[Vec3, Float[Array, "R 3"]]:
+    """The camera's place, and unit directions through the pixels' centres, row by row from the top."""
+    half = math.tan(config.fov / 2)
+    at = ((jnp.arange(config.size, dtype=camera_to_world.dtype) + 0.5) / config.size * 2 - 1) * half
+    x, y = jnp.meshgrid(at, -at, indexing="xy")
+    local = jnp.stack([x, y, -jnp.ones_like(x)], axis=-1).reshape(-1, 3)
+    return camera_to_world[:3, 3], normalise(local @ camera_to_world[:3, :3].T)
+
+
+def box_span(o: Vec3, d: Vec3) -> tuple[Scalar, Scalar]:
+    """t0 ≤ t1 of the unit box, both 0 if the ray misses it. A ray in the plane of a side meets it if it lies in the box."""
+    parallel = jnp.abs(d) < 1e-12
+    safe = jnp.where(parallel, 1.0, d)
+    low, high = -o / safe, (1 - o) / safe
+    inside = (o >= 0) & (o <= 1)
+    near = jnp.where(parallel, jnp.where(inside, -jnp.inf, jnp.inf), jnp.minimum(low, high))
+    far = jnp.where(parallel, jnp.where(inside, jnp.inf, -jnp.inf), jnp.maximum(low, high))
+    t0, t1 = jnp.maximum(jnp.max(near), 0.0), jnp.min(far)
+    hit = t1 > t0
+    return jnp.where(hit, t0, 0.0), jnp.where(hit, t1, 0.0)
+
+
+def along(config: PictureConfig, o: Vec3, d: Vec3, radius: Scalar, jitter: Float[Array, "N"]) -> tuple[Point, Scalar]:
+    """Samples of one ray (with no α yet), and the length that each stands for."""
+    t0, t1 = box_span(o, d)
+    length = (t1 - t0) / config.samples
+    t = t0 + length * (jnp.arange(config.samples, dtype=d.dtype) + jitter)
+    g = jax.vmap(cone_gaussian, in_axes=(0, 0, None))(jnp.maximum(t - length / 2, 0), t + length / 2, radius)
+    f = jax.vmap(footprint, in_axes=(None, None, 0, 0))(jnp.eye(3, dtype=d.dtype), d, g.along, g.across)
+    keep = jnp.asarray(config.filtering, d.dtype)
+    xi = jnp.clip(o[None] + t[:, None] * d[None], 0, 1)
+    return Point(xi, f.minor * keep, f.height * keep, jnp.zeros((config.samples, 0), d.dtype)), length

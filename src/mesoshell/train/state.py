@@ -1,0 +1,106 @@
+"""What a training run is made of: its configuration, its state, and how both begin.
+
+Alphabet
+kimg       thousands of renders shown to the discriminator
+A, G       number of appearance and of geometry parameters of the dataset
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from mesoshell.shell.decoder import Decoder, init_decoder
+from mesoshell.shell.discriminator import Discriminator, DiscriminatorConfig, init_discriminator
+from mesoshell.shell.generator import Averages, Generator, GeneratorConfig, init_averages, init_generator
+from mesoshell.train.picture import PictureConfig
+from mesoshell.typing import Array, Int, Key
+
+#: Label entries beside α and β: direction to the camera, log of its distance, direction to the light.
+POSE = 7
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything that a run depends on beside the data.
+
+    gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: until when the nearest camera comes closer,
+    from the far end of the dataset's distances to their near end; precision: of convolutions; R1 is float32 always.
+    """
+
+    generator: GeneratorConfig = field(default_factory=GeneratorConfig)
+    discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
+    picture: PictureConfig = field(default_factory=PictureConfig)
+    trunk: tuple[int, ...] = (64, 64)
+    head: tuple[int, ...] = (64, 64)
+    appearance: int = 0
+    batch: int = 8
+    kimg: float = 200.0
+    near_kimg: float = 20.0
+    generator_rate: float = 2.5e-3
+    discriminator_rate: float = 2e-3
+    gamma: float = 0.5
+    r1_every: int = 16
+    precision: Literal["float32", "bfloat16"] = "float32"
+    seed: int = 0
+
+
+class Learner(NamedTuple):
+    """What makes materials: the generator of features and the decoder."""
+
+    generator: Generator
+    decoder: Decoder
+
+
+class TrainState(NamedTuple):
+    """A run under way; a pytree of arrays. smooth: weight average of the learner; images: renders seen."""
+
+    learner: Learner
+    smooth: Learner
+    averages: Averages
+    discriminator: Discriminator
+    learner_adam: optax.OptState
+    discriminator_adam: optax.OptState
+    step: Int[Array, ""]
+    images: Int[Array, ""]
+
+
+def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
+    """The configuration for a dataset with so many parameters: labels, decoder's and mapping's inputs follow from it."""
+    return replace(
+        config,
+        appearance=appearance,
+        generator=replace(config.generator, betas=geometry),
+        discriminator=replace(config.discriminator, labels=appearance + geometry + POSE),
+    )
+
+
+def optimisers(config: TrainConfig) -> tuple[optax.GradientTransformation, optax.GradientTransformation]:
+    """Adam (0, 0.99, 1e-8). The discriminator's takes r1_every + 1 updates where the generator's takes r1_every: its rate is
+    lowered, and its memory lengthened, in that proportion (StyleGAN2, appendix B)."""
+    lazy = config.r1_every / (config.r1_every + 1)
+    return (
+        optax.adam(config.generator_rate, 0.0, 0.99, 1e-8),
+        optax.adam(config.discriminator_rate * lazy, 0.0, 0.99**lazy, 1e-8),
+    )
+
+
+def start(config: TrainConfig, key: Key[Array, ""]) -> TrainState:
+    k = jax.random.split(key, 3)
+    encoded = config.generator.channels + 1 + 2 * config.picture.octaves + config.appearance
+    learner = Learner(init_generator(config.generator, k[0]), init_decoder(k[1], encoded, config.trunk, config.head))
+    discriminator = init_discriminator(config.discriminator, k[2])
+    for_learner, for_discriminator = optimisers(config)
+    zero = jnp.zeros((), jnp.int32)
+    return TrainState(
+        learner,
+        jax.tree.map(jnp.copy, learner),
+        init_averages(config.generator),
+        discriminator,
+        for_learner.init(learner),
+        for_discriminator.init(discriminator),
+        zero,
+        zero,
+    )

@@ -1,0 +1,189 @@
+"""One training step: pictures of random textures, and both players' updates (MesoGAN, section 5.1).
+
+Alphabet
+B            pictures, and renders, a step
+keys         one random key for each sample of the batch, so that a sample's numbers do not depend on where it is computed
+y            what the discriminator sees: 2x/(1 + x) − 1                         (B, S, S, 3)
+across       how to take a mean over devices, and all devices' rows: nothing to do where arrays are global already
+
+Both players learn from one forward pass of the generator: its pictures are judged once for its own gradient, and, held fixed,
+once for the discriminator's. R1 is an update of its own every `r1_every` steps, in float32 whatever the precision is.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from mesoshell.shell.discriminator import discriminate
+from mesoshell.shell.generator import Averages, Phases, draw_phases, map_latent, synthesise, synthesise_height
+from mesoshell.train.losses import discriminator_loss, generator_loss, r1
+from mesoshell.train.picture import View, material_of, shown, take_picture
+from mesoshell.train.state import Learner, TrainConfig, TrainState, optimisers
+from mesoshell.typing import Array, Bool, Float, Key, Scalar
+
+#: Images after which half of the old magnitude is left, and how much of the mean of w each step keeps.
+MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
+#: Half-life of the weight average: this many images, or this share of those seen if that is fewer.
+AVERAGE_IMAGES, AVERAGE_SHARE = 10_000.0, 0.05
+
+
+class Shown(NamedTuple):
+    """Renders of a step with their labels, and the keys of as many generated pictures. image: linear RGBA."""
+
+    image: Float[Array, "B S S 4"]
+    alpha: Float[Array, "B A"]
+    beta: Float[Array, "B G"]
+    camera_to_world: Float[Array, "B 4 4"]
+    light: Float[Array, "B 3"]
+    irradiance: Float[Array, "B 3"]
+    key: Key[Array, "B"]
+
+
+class Across(NamedTuple):
+    """What devices share when each holds rows of its own."""
+
+    mean: Callable[[Any], Any] = lambda tree: tree
+    everyone: Callable[[Array], tuple[Array, Array]] | None = None
+
+
+#: Arrays are global: one device, or several that the compiler spreads them over.
+HERE = Across()
+
+
+class Report(NamedTuple):
+    """Losses, mean logits, and which leaves of the gradients (learner's, then discriminator's) are not finite."""
+
+    generator: Scalar
+    discriminator: Scalar
+    r1: Scalar
+    real: Scalar
+    fake: Scalar
+    bad: Bool[Array, "_leaves"]
+
+
+def label(batch: Shown) -> Float[Array, "B L"]:
+    """c: α, β, direction to the camera from the box's centre, log of its distance, direction to the light."""
+    toward = batch.camera_to_world[:, :3, 3] - 0.5
+    distance = jnp.sqrt(jnp.sum(toward**2, axis=1, keepdims=True))
+    return jnp.concatenate([batch.alpha, batch.beta, toward / distance, jnp.log(distance), batch.light], axis=1)
+
+
+class Seen(NamedTuple):
+    """What the generator's state averages: mean squares of its layers' inputs, mean of w."""
+
+    magnitude: list[Scalar]
+    w: Float[Array, "W"]
+
+
+def generate(
+    config: TrainConfig, learner: Learner, averages: Averages, batch: Shown
+) -> tuple[Float[Array, "B S S 4"], Seen]:
+    """Pictures of fresh textures from the batch's cameras, lights and parameters."""
+    keys = jax.vmap(lambda k: jax.random.split(k, 3))(batch.key)
+    dtype = batch.alpha.dtype
+    z = jax.vmap(lambda k: jax.random.normal(k, (config.generator.z,), jnp.float32))(keys[:, 0]).astype(dtype)
+    phases = jax.vmap(lambda k: draw_phases(config.generator, k, 1))(keys[:, 1])
+    phases = Phases(*jax.tree.map(lambda p: p[:, 0].astype(dtype), (phases.input, phases.layers)))
+    w = map_latent(learner.generator, z, batch.beta)
+    side = config.generator.texels
+    texture = synthesise(
+        config.generator, learner.generator, averages, w, phases, jnp.zeros(2, jnp.int32), (side, side)
+    )
+    height = synthesise_height(config.generator, learner.generator, w)
+    rays = config.picture.size**2
+
+    def one(feature: Array, height: Array, view: View, key: Array) -> Array:
+        jitter = jax.random.uniform(key, (rays, config.picture.samples), jnp.float32).astype(dtype)
+        material = material_of(config.picture, feature, height, learner.decoder)
+        return take_picture(config.picture, material, view, jitter)
+
+    views = View(batch.camera_to_world, batch.light, batch.irradiance, batch.alpha)
+    pictures = jax.vmap(one)(texture.feature, height, views, keys[:, 2])
+    return pictures, Seen(texture.magnitude, jax.lax.stop_gradient(jnp.mean(w, axis=0)))
+
+
+def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = HERE) -> tuple[TrainState, Report]:
+    """Both updates, R1 if it is due, and the averages. Pure."""
+    c, real = label(batch), shown(batch.image[..., :3])
+    for_learner, for_discriminator = optimisers(config)
+
+    def judged(discriminator: Any, y: Array) -> Array:
+        return discriminate(discriminator, y, c, across.everyone, config.precision)
+
+    def make(learner: Learner) -> tuple[Array, Seen]:
+        pictures, seen = generate(config, learner, state.averages, batch)
+        return shown(pictures[..., :3]), seen
+
+    fake, back, seen = jax.vjp(make, state.learner, has_aux=True)
+
+    def fooled(y: Array) -> tuple[Scalar, Scalar]:
+        logits = judged(state.discriminator, y)
+        return generator_loss(logits), jnp.mean(logits)
+
+    def told_apart(discriminator: Any) -> tuple[Scalar, Scalar]:
+        logits = judged(discriminator, real)
+        return discriminator_loss(logits, judged(discriminator, fake)), jnp.mean(logits)
+
+    (g_loss, fake_logit), by_picture = jax.value_and_grad(fooled, has_aux=True)(fake)
+    (d_loss, real_logit), d_gradient = jax.value_and_grad(told_apart, has_aux=True)(state.discriminator)
+    (g_gradient,) = back(by_picture)
+    g_gradient, d_gradient, seen = across.mean((g_gradient, d_gradient, seen))
+    learner, learner_adam = _updated(for_learner, state.learner, state.learner_adam, g_gradient)
+    judge, judge_adam = _updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
+
+    def regularised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
+        def penalty(judge: Any) -> Scalar:
+            return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone), real, config.gamma)
+
+        value, gradient = jax.value_and_grad(penalty)(judge)
+        value, gradient = across.mean((value, gradient))
+        return *_updated(for_discriminator, judge, adam, gradient), value / config.r1_every, _not_finite(gradient)
+
+    def passed(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
+        return judge, adam, jnp.zeros((), real.dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
+
+    due = state.step % config.r1_every == 0
+    judge, judge_adam, penalty, bad_penalty = jax.lax.cond(due, regularised, passed, judge, judge_adam)
+    rows = batch.image.shape[0] if across.everyone is None else across.everyone(batch.alpha)[0].shape[0]
+    images = state.images + rows
+    losses = across.mean((g_loss, d_loss, real_logit, fake_logit))
+    bad = jnp.concatenate([_not_finite(g_gradient), _not_finite(d_gradient) | bad_penalty])
+    new = TrainState(
+        learner,
+        _smoothed(state.smooth, learner, rows, images),
+        _averaged(state.averages, seen, rows),
+        judge,
+        learner_adam,
+        judge_adam,
+        state.step + 1,
+        images,
+    )
+    return new, Report(losses[0], losses[1], penalty, losses[2], losses[3], bad)
+
+
+def _updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, memory = adam.update(gradient, memory, tree)
+    return optax.apply_updates(tree, updates), memory
+
+
+def _smoothed(smooth: Learner, learner: Learner, rows: int, images: Array) -> Learner:
+    half_life = jnp.minimum(AVERAGE_IMAGES, AVERAGE_SHARE * images.astype(jnp.float32))
+    keep = 0.5 ** (rows / jnp.maximum(half_life, 1e-8))
+    return jax.tree.map(lambda old, new: new + (old - new) * keep.astype(new.dtype), smooth, learner)
+
+
+def _averaged(averages: Averages, seen: Seen, rows: int) -> Averages:
+    keep = 0.5 ** (rows / MAGNITUDE_HALF_LIFE)
+    magnitude = [
+        new.astype(old.dtype) + (old - new.astype(old.dtype)) * keep
+        for old, new in zip(averages.magnitude, seen.magnitude, strict=True)
+    ]
+    return Averages(magnitude, seen.w + (averages.w - seen.w) * W_KEEP)
+
+
+def _not_finite(tree: Any) -> Bool[Array, "_leaves"]:
+    return jnp.stack([~jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(tree)])

@@ -6,13 +6,14 @@ from collections.abc import Callable
 import tyro
 
 from mesoshell import __version__
-from mesoshell.cli import dataset, doctor, fit, render
+from mesoshell.cli import dataset, doctor, fit, render, train
 from mesoshell.errors import InputError
 
 VERBS: dict[str, Callable] = {
     "render": render.run,
     "fit": fit.run,
     "dataset": dataset.run,
+    "train": train.run,
     "doctor": doctor.run,
 }
 

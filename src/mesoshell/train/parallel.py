@@ -1,7 +1,7 @@
 """How many devices there are, and how a step is spread over them. No other file knows.
 
 Alphabet
-D           devices; each takes an equal share of a step's rays, and all hold the same parameters
+D           devices; each takes an equal share of a step's rows (rays, pictures), and all hold the same parameters
 g           gradient; the step's is the mean over devices of each device's own: pmean(grad(loss)), since grad(pmean(loss))
             inside a mapped function counts every device's cotangent again
 
@@ -10,13 +10,18 @@ One CPU is split into as many devices as it has cores: within one device the loo
 
 import os
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-AXIS = "rays"
+from mesoshell.errors import InputError
+from mesoshell.train.step import HERE, Across
+
+AXIS = "rows"
 
 
 def split_cpu() -> None:
@@ -50,6 +55,62 @@ def mean_gradient(loss: Callable) -> Callable:
         return jax.lax.pmean(found, AXIS)
 
     return jax.shard_map(local, mesh=_mesh(), in_specs=(P(), P(), P(AXIS)), out_specs=P(), check_vma=False)
+
+
+class Spread(NamedTuple):
+    """A step on all devices of all hosts. place: a state, to every device; share: this host's rows of a batch, to its devices;
+    whole: a placed state as arrays that any host can save."""
+
+    step: Callable[[Any, Any], tuple[Any, Any]]
+    place: Callable[[Any], Any]
+    share: Callable[[Any], Any]
+    whole: Callable[[Any], Any]
+
+
+def spread_step(step: Callable[[Any, Any, Across], tuple[Any, Any]], batch: int, how: str = "jit") -> Spread:
+    """`step` under `jit` with a sharded batch, or under `pmap`. batch: rows of all hosts. Raises InputError if the devices
+    cannot share them evenly."""
+    if batch % device_count():
+        raise InputError("batch", f"{batch} is no multiple of the {device_count()} devices")
+    return _by_pmap(step) if how == "pmap" else _by_jit(step)
+
+
+def _by_jit(step: Callable) -> Spread:
+    """Arrays are global: the compiler spreads what follows from the batch, and means are over all of it."""
+    rows, all_of_it = NamedSharding(_mesh(), P(AXIS)), NamedSharding(_mesh(), P())
+    compiled = jax.jit(lambda state, batch: step(state, batch, HERE), out_shardings=all_of_it, donate_argnums=0)
+
+    def share(batch: Any) -> Any:
+        return jax.tree.map(lambda x: jax.make_array_from_process_local_data(rows, np.asarray(x)), batch)
+
+    return Spread(compiled, replicate, share, lambda state: state)
+
+
+def _by_pmap(step: Callable) -> Spread:
+    """Each device has rows of its own: means and groups are made over all of them by hand."""
+    devices = jax.local_device_count()
+
+    def everyone(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        rows = jax.lax.all_gather(x, AXIS, tiled=True)
+        return rows, jax.lax.axis_index(AXIS) * x.shape[0] + jnp.arange(x.shape[0])
+
+    across = Across(lambda tree: jax.lax.pmean(tree, AXIS), everyone)
+    compiled = jax.pmap(lambda state, batch: step(state, batch, across), AXIS, donate_argnums=0)
+
+    def place(state: Any) -> Any:
+        return jax.device_put_replicated(state, jax.local_devices())
+
+    def share(batch: Any) -> Any:
+        return jax.tree.map(lambda x: np.asarray(x).reshape(devices, -1, *np.shape(x)[1:]), batch)
+
+    def first(tree: Any) -> Any:
+        return jax.tree.map(lambda x: x[0], tree)
+
+    def run(state: Any, batch: Any) -> tuple[Any, Any]:
+        state, report = compiled(state, batch)
+        return state, first(report)
+
+    return Spread(run, place, share, first)
 
 
 def _mesh() -> Mesh:

@@ -93,7 +93,6 @@ def start(config: TrainConfig, key: Key[Array, ""]) -> TrainState:
     learner = Learner(init_generator(config.generator, k[0]), init_decoder(k[1], encoded, config.trunk, config.head))
     discriminator = init_discriminator(config.discriminator, k[2])
     for_learner, for_discriminator = optimisers(config)
-    zero = jnp.zeros((), jnp.int32)
     return TrainState(
         learner,
         jax.tree.map(jnp.copy, learner),
@@ -101,6 +100,6 @@ def start(config: TrainConfig, key: Key[Array, ""]) -> TrainState:
         discriminator,
         for_learner.init(learner),
         for_discriminator.init(discriminator),
-        zero,
-        zero,
+        jnp.zeros((), jnp.int32),
+        jnp.zeros((), jnp.int32),
     )

@@ -2,7 +2,7 @@
 
 Alphabet
 B            pictures, and renders, a step
-keys         one random key for each sample of the batch, so that a sample's numbers do not depend on where it is computed
+key          one random key for each sample of the batch, so that a sample's numbers do not depend on where it is computed
 y            what the discriminator sees: 2x/(1 + x) − 1                         (B, S, S, 3)
 across       how to take a mean over devices, and all devices' rows: nothing to do where arrays are global already
 
@@ -22,7 +22,7 @@ from mesoshell.shell.generator import Averages, Phases, draw_phases, map_latent,
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
 from mesoshell.train.picture import View, material_of, shown, take_picture
 from mesoshell.train.state import Learner, TrainConfig, TrainState, optimisers
-from mesoshell.typing import Array, Bool, Float, Key, Scalar
+from mesoshell.typing import Array, Bool, Float, Scalar
 
 #: Images after which half of the old magnitude is left, and how much of the mean of w each step keeps.
 MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
@@ -31,15 +31,17 @@ AVERAGE_IMAGES, AVERAGE_SHARE = 10_000.0, 0.05
 
 
 class Shown(NamedTuple):
-    """Renders of a step with their labels, and the keys of as many generated pictures. image: linear RGBA."""
+    """Renders of a step with their labels, and the keys of as many generated pictures. image: linear RGBA.
 
-    image: Float[Array, "B S S 4"]
-    alpha: Float[Array, "B A"]
-    beta: Float[Array, "B G"]
-    camera_to_world: Float[Array, "B 4 4"]
-    light: Float[Array, "B 3"]
-    irradiance: Float[Array, "B 3"]
-    key: Key[Array, "B"]
+    NumPy arrays on the host, JAX arrays in a step."""
+
+    image: Any  # (B, S, S, 4)
+    alpha: Any  # (B, A)
+    beta: Any  # (B, G)
+    camera_to_world: Any  # (B, 4, 4)
+    light: Any  # (B, 3)
+    irradiance: Any  # (B, 3)
+    key: Any  # (B, 2), uint32
 
 
 class Across(NamedTuple):
@@ -82,7 +84,7 @@ def generate(
     config: TrainConfig, learner: Learner, averages: Averages, batch: Shown
 ) -> tuple[Float[Array, "B S S 4"], Seen]:
     """Pictures of fresh textures from the batch's cameras, lights and parameters."""
-    keys = jax.vmap(lambda k: jax.random.split(k, 3))(batch.key)
+    keys = jax.vmap(lambda k: jax.random.split(k, 3))(jax.random.wrap_key_data(batch.key))
     dtype = batch.alpha.dtype
     z = jax.vmap(lambda k: jax.random.normal(k, (config.generator.z,), jnp.float32))(keys[:, 0]).astype(dtype)
     phases = jax.vmap(lambda k: draw_phases(config.generator, k, 1))(keys[:, 1])

@@ -1,0 +1,36 @@
+"""`mesoshell train`: a generator of materials from a dataset."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Options:
+    """Train a generator on a packed dataset; a run that was stopped goes on."""
+
+    #: The experiment: a Python file that defines `config`, a mesoshell.train.state.TrainConfig.
+    experiment: tyro.conf.Positional[Path]
+    #: Packed dataset folder (mesoshell dataset pack).
+    data: Path
+    #: Folder of checkpoints and log; if it holds some, the training goes on from there.
+    run: Path
+    #: Length of the run in thousands of images; the experiment's if not given.
+    kimg: float | None = None
+    #: How a step is spread over devices.
+    parallel: Literal["jit", "pmap"] = "jit"
+    #: Train on many hosts: "auto" to find them in the cluster's environment, or the first host's HOST:PORT.
+    coordinator: str | None = None
+    #: Number of hosts, and this host's number from 0, where the environment does not tell.
+    hosts: tuple[int, int] | None = None
+    #: Print parameters, memory by part and steps a second expected; train nothing.
+    dry_run: bool = False
+
+
+def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
+    """Train a generator on a packed dataset; a run that was stopped goes on."""
+    from mesoshell.cli import training
+
+    training.train_from(options)

@@ -1,0 +1,125 @@
+"""The work of `mesoshell train`. Imports JAX, so it is loaded only when it runs."""
+
+import json
+import runpy
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mesoshell.cli.train import Options
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.train.run import Diverged, train
+from mesoshell.train.state import TrainConfig, start
+from mesoshell.train.step import step
+from mesoshell.train.stream import fitted, renders
+
+
+def train_from(options: Options) -> None:
+    """All of `mesoshell train`."""
+    config = read_experiment(options.experiment)
+    if options.kimg is not None:
+        if not options.kimg > 0:
+            raise InputError("--kimg", f"must be above 0, not {options.kimg}")
+        config = replace(config, kimg=options.kimg)
+    dataset = read_dataset(options.data)
+    if options.coordinator:
+        _join(options)
+    if options.dry_run:
+        print(_plan(config, dataset))
+        return
+    console = Console(stderr=True, highlight=False)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("compiling", total=config.kimg)
+
+        def show(row: dict[str, float]) -> None:
+            said = " ".join(f"{k} {row[k]:.3f}" for k in ("generator", "discriminator", "r1"))
+            line = f"{row['kimg']:.3f} kimg, {row['images_per_s']:.2f} images/s, losses {said}"
+            bar.update(task, completed=row["kimg"], description=line)
+            if not console.is_terminal:
+                console.print(line, soft_wrap=True)
+
+        try:
+            state = train(config, dataset, options.run, options.parallel, show)
+        except Diverged as fault:
+            console.print(f"mesoshell: {options.run}: {fault}", soft_wrap=True, markup=False)
+            sys.exit(1)
+    print(f"{options.run}: {int(state.images) / 1000:.3f} kimg")
+
+
+def read_experiment(path: Path) -> TrainConfig:
+    """The `config` of an experiment file. Raises InputError if it does not run or defines none."""
+    if not path.is_file():
+        raise InputError(path, "no such file")
+    try:
+        config = runpy.run_path(str(path)).get("config")
+    except Exception as error:
+        raise InputError(path, f"{type(error).__name__}: {error}") from error
+    if not isinstance(config, TrainConfig):
+        raise InputError(path, "defines no `config` that is a mesoshell.train.state.TrainConfig")
+    return config
+
+
+def _join(options: Options) -> None:
+    if options.coordinator == "auto":
+        jax.distributed.initialize()
+    elif options.hosts is None:
+        raise InputError("--hosts", "needs the number of hosts and this host's number beside --coordinator HOST:PORT")
+    else:
+        count, mine = options.hosts
+        jax.distributed.initialize(options.coordinator, count, mine)
+
+
+def _plan(config: TrainConfig, dataset: Dataset) -> str:
+    """What a run would be: parameters, memory, and time by operations over this machine's matrix rate."""
+    config = fitted(config, dataset)
+    state = jax.eval_shape(lambda: start(config, jax.random.key(0)))
+    batch = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), renders(config, dataset)(0))
+    compiled = jax.jit(lambda s, b: step(config, s, b)).lower(state, batch).compile()
+    memory, cost = compiled.memory_analysis(), compiled.cost_analysis()
+    parts = {
+        "generator": state.learner.generator,
+        "decoder": state.learner.decoder,
+        "discriminator": state.discriminator,
+    }
+    lines = [json.dumps({"batch": config.batch, "kimg": config.kimg, "precision": config.precision})]
+    lines += [f"{name}: {_numbers(tree):,} parameters, {_bytes(tree) / 2**20:.1f} MiB" for name, tree in parts.items()]
+    lines.append(f"state (with both optimisers and the average): {_bytes(state) / 2**20:.1f} MiB")
+    if memory is not None:
+        lines.append(f"a step's activations: {memory.temp_size_in_bytes / 2**20:.0f} MiB")
+    work, rate = (cost or {}).get("flops", 0.0), _matrix_rate()
+    steps = config.kimg * 1000 / config.batch
+    lines.append(
+        f"a step is {work / 1e9:.0f} GFLOP; at this machine's matrix rate, {rate / 1e9:.0f} GFLOP/s, at least "
+        f"{work / rate:.2f} s: {rate / max(work, 1):.2f} steps a second at most, {steps * work / rate / 3600:.1f} hours in all"
+    )
+    return "\n".join(lines)
+
+
+def _numbers(tree: object) -> int:
+    return sum(int(np.prod(x.shape)) for x in jax.tree.leaves(tree))
+
+
+def _bytes(tree: object) -> int:
+    return sum(int(np.prod(x.shape)) * x.dtype.itemsize for x in jax.tree.leaves(tree))
+
+
+def _matrix_rate() -> float:
+    """Operations a second of a float32 product of 2048² matrices: the best of three."""
+    a = jnp.ones((2048, 2048), jnp.float32)
+    product = jax.jit(jnp.matmul)
+    product(a, a).block_until_ready()
+    best = 1e9
+    for _ in range(3):
+        begin = time.perf_counter()
+        product(a, a).block_until_ready()
+        best = min(best, time.perf_counter() - begin)
+    return 2 * 2048**3 / best

@@ -1,0 +1,152 @@
+"""A training run: steps, a log, checkpoints, resumption, and a stop when something is not finite.
+
+Alphabet
+folder       config.json (what the run was begun with), log.jsonl, checkpoints/
+log          a row every LOG_EVERY steps: kimg, images a second since the last row, and the step's Report
+stop         asked for by SIGTERM: the step in hand is finished and saved
+
+A killed run loses what came after its newest checkpoint, SAVE_EVERY seconds at most. A resumed run takes the same steps, bit
+for bit on a CPU, as one that was never stopped: batches and keys depend on the step alone.
+"""
+
+import json
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset
+from mesoshell.io.whole import replace_file
+from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.parallel import spread_step
+from mesoshell.train.state import TrainConfig, TrainState, start
+from mesoshell.train.step import Report, step
+from mesoshell.train.stream import fitted, renders
+
+LOG_EVERY = 16
+SAVE_EVERY = 120.0
+
+
+class Diverged(RuntimeError):
+    """A loss or gradient is NaN or infinite; the text says which, when, and where the last good checkpoint is."""
+
+
+def train(
+    config: TrainConfig,
+    dataset: Dataset,
+    folder: Path,
+    how: str = "jit",
+    show: Callable[[dict[str, float]], None] = lambda row: None,
+) -> TrainState:
+    """Train to config.kimg from the newest checkpoint in `folder`, or from the start. show: sees each log row.
+
+    Raises InputError if the folder holds a run of another configuration, Diverged if something is not finite.
+    """
+    config = fitted(config, dataset)
+    keep_record(config, dataset, folder)
+    batch_of = renders(config, dataset, jax.process_index(), jax.process_count())
+    spread = spread_step(lambda state, batch, across: step(config, state, batch, across), config.batch, how)
+    begin = start(config, jax.random.key(config.seed))
+    steps = int(np.ceil(config.kimg * 1000 / config.batch))
+    with Checkpoints(folder / "checkpoints") as checkpoints, _Stop() as stop:
+        found = checkpoints.newest(begin)
+        done, begin = found if found else (0, begin)
+        names = leaf_names(begin)
+        state = spread.place(begin)
+        logged = saved = time.perf_counter()
+        since = done
+        for i in range(done, steps):
+            state, report = spread.step(state, spread.share(batch_of(i)))
+            if (
+                np.asarray(report.bad).any()
+                or not np.isfinite([float(report.generator), float(report.discriminator)]).all()
+            ):
+                raise Diverged(_said(i, report, names, folder, checkpoints.manager.latest_step()))
+            now, last = time.perf_counter(), i + 1 == steps
+            if (i + 1) % LOG_EVERY == 0 or last or stop.asked:
+                row = _row(config, i + 1, (i + 1 - since) * config.batch / (now - logged), report)
+                _append(folder / "log.jsonl", row)
+                show(row)
+                logged, since = now, i + 1
+            if now - saved > SAVE_EVERY or last or stop.asked:
+                checkpoints.save(i + 1, spread.whole(state))
+                saved = time.perf_counter()
+            if stop.asked:
+                break
+        return spread.whole(state)
+
+
+def keep_record(config: TrainConfig, dataset: Dataset, folder: Path) -> None:
+    """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data. A run's length
+    may change. Raises InputError that names the fields that differ."""
+    kept = ("recipe", "version", "size", "seed")
+    record = {"config": asdict(config), "data": {k: dataset.manifest[k] for k in kept}}
+    record = json.loads(json.dumps(record))
+    path = folder / "config.json"
+    if path.exists():
+        try:
+            found = json.loads(path.read_text())
+        except ValueError:
+            raise InputError(path, "not JSON") from None
+        old, new = _flat(found), _flat(record)
+        differ = [k for k in sorted(old.keys() | new.keys()) if old.get(k) != new.get(k) and k != "config.kimg"]
+        if differ:
+            said = ", ".join(f"{k} is {old.get(k)}, asked for {new.get(k)}" for k in differ)
+            raise InputError(path, f"the run was begun with another configuration: {said}")
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_file(path, (json.dumps(record, indent=1) + "\n").encode())
+
+
+def leaf_names(state: TrainState) -> list[str]:
+    """Names of the leaves that `Report.bad` speaks of."""
+    trees = {"learner": state.learner, "discriminator": state.discriminator}
+    return [
+        name + jax.tree_util.keystr(path)
+        for name, tree in trees.items()
+        for path, _ in jax.tree_util.tree_leaves_with_path(tree)
+    ]
+
+
+def _said(i: int, report: Report, names: list[str], folder: Path, good: int | None) -> str:
+    bad = np.flatnonzero(np.asarray(report.bad))
+    what = f"the gradient of {names[bad[0]]} is" if len(bad) else "a loss is"
+    last = f"the last good checkpoint is {folder / 'checkpoints' / str(good)}" if good else "there is no checkpoint yet"
+    return f"step {i + 1}: {what} not finite; {last}"
+
+
+def _row(config: TrainConfig, steps: int, rate: float, report: Report) -> dict[str, float]:
+    row = {"kimg": steps * config.batch / 1000, "images_per_s": round(rate, 3)}
+    return row | {k: round(float(v), 5) for k, v in report._asdict().items() if k != "bad"}
+
+
+def _append(path: Path, row: dict[str, float]) -> None:
+    if jax.process_index() == 0:
+        with path.open("a") as log:
+            log.write(json.dumps(row) + "\n")
+
+
+def _flat(tree: Any, name: str = "") -> dict[str, Any]:
+    if not isinstance(tree, dict):
+        return {name: tree}
+    return {k: v for key, value in tree.items() for k, v in _flat(value, f"{name}.{key}" if name else key).items()}
+
+
+class _Stop:
+    """Whether SIGTERM has come since the context was entered."""
+
+    def __enter__(self) -> "_Stop":
+        self.asked = False
+        self._before = signal.signal(signal.SIGTERM, self._heard)
+        return self
+
+    def _heard(self, *_: object) -> None:
+        self.asked = True
+
+    def __exit__(self, *_: object) -> None:
+        signal.signal(signal.SIGTERM, self._before)

@@ -26,29 +26,29 @@ def through_box(o: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return near, np.maximum(far, near)
 
 
-def write(folder: Path, cameras: list[tuple[float, float, float]]) -> Dataset:
+def write(folder: Path, cameras: list[tuple[float, float, float]], size: int = SIZE) -> Dataset:
     (folder / "images").mkdir(parents=True)
     rows = []
     for k, eye in enumerate(cameras):
         pose = look_at(eye, (0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
-        camera = Camera(pose, FOV, SIZE, SIZE)
+        camera = Camera(pose, FOV, size, size)
         o, d = rays(camera, pixel_grid(camera, 1, 0))
         near, far = through_box(o, d)
         alpha = -np.expm1(-SIGMA * (far - near))[:, None]
         path = folder / f"images/{k:06d}.exr"
         image = np.concatenate([RHO * IRRADIANCE * alpha, alpha], axis=1).astype(np.float32)
-        write_exr(path, image.reshape(SIZE, SIZE, 4))
+        write_exr(path, image.reshape(size, size, 4))
         rows.append(
             {
                 "index": k,
                 "file": f"images/{k:06d}.exr",
                 "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
                 "seed": k,
-                "size": [SIZE, SIZE],
-                "parameters": {"age": 0.5 + k},
+                "size": [size, size],
+                "parameters": {"age": 0.5 + k % 9},
                 "camera_to_world": pose.tolist(),
                 "fov": FOV,
-                "radius": 3.0,
+                "radius": float(np.linalg.norm(np.subtract(eye, 0.5))),
                 "light": [0.6, 0.0, 0.8],
                 "irradiance": IRRADIANCE.tolist(),
             }
@@ -61,7 +61,7 @@ def write(folder: Path, cameras: list[tuple[float, float, float]]) -> Dataset:
         "field_of_view": FOV,
         "parameters": {"age": {"role": "alpha", "range": [0, 10], "default": 0.5, "unit": "", "meaning": "nothing"}},
         "radius_range": [1.0, 4.0],
-        "size": [SIZE, SIZE],
+        "size": [size, size],
         "samples_per_pixel": 1,
         "seed": 0,
         "count": len(rows),

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.measure.operations import count_operations
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.state import TrainConfig, start
 from mesoshell.train.step import step
@@ -83,8 +84,7 @@ def _plan(config: TrainConfig, dataset: Dataset) -> str:
     config = fitted(config, dataset)
     state = jax.eval_shape(lambda: start(config, jax.random.key(0)))
     batch = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), renders(config, dataset)(0))
-    compiled = jax.jit(lambda s, b: step(config, s, b)).lower(state, batch).compile()
-    memory, cost = compiled.memory_analysis(), compiled.cost_analysis()
+    memory = jax.jit(lambda s, b: step(config, s, b)).lower(state, batch).compile().memory_analysis()
     parts = {
         "generator": state.learner.generator,
         "decoder": state.learner.decoder,
@@ -95,11 +95,11 @@ def _plan(config: TrainConfig, dataset: Dataset) -> str:
     lines.append(f"state (with both optimisers and the average): {_bytes(state) / 2**20:.1f} MiB")
     if memory is not None:
         lines.append(f"a step's activations: {memory.temp_size_in_bytes / 2**20:.0f} MiB")
-    work, rate = (cost or {}).get("flops", 0.0), _matrix_rate()
+    work, rate = count_operations(lambda s, b: step(config, s, b), state, batch), _matrix_rate()
     steps = config.kimg * 1000 / config.batch
     lines.append(
-        f"a step is {work / 1e9:.0f} GFLOP; at this machine's matrix rate, {rate / 1e9:.0f} GFLOP/s, at least "
-        f"{work / rate:.2f} s: {rate / max(work, 1):.2f} steps a second at most, {steps * work / rate / 3600:.1f} hours in all"
+        f"a step with R1 is {work / 1e9:.0f} GFLOP; at this machine's matrix rate, {rate / 1e9:.0f} GFLOP/s, at least "
+        f"{work / rate:.2f} s: {rate / work:.2f} steps a second at most, {steps * work / rate / 3600:.1f} hours in all"
     )
     return "\n".join(lines)
 

@@ -98,7 +98,7 @@ def _by_pmap(step: Callable) -> Spread:
     compiled = jax.pmap(lambda state, batch: step(state, batch, across), AXIS, donate_argnums=0)
 
     def place(state: Any) -> Any:
-        return jax.device_put_replicated(state, jax.local_devices())
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (devices, *x.shape)), state)
 
     def share(batch: Any) -> Any:
         return jax.tree.map(lambda x: np.asarray(x).reshape(devices, -1, *np.shape(x)[1:]), batch)

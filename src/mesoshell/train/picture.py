@@ -111,7 +111,9 @@ def pixel_rays(config: PictureConfig, camera_to_world: Float[Array, "4 4"]) -> t
 
 
 def box_span(o: Vec3, d: Vec3) -> tuple[Scalar, Scalar]:
-    """t0 ≤ t1 of the unit box, both 0 if the ray misses it. A ray in the plane of a side meets it if it lies in the box."""
+    """t0 ≤ t1 of the unit box, both 0 if the ray misses it or is no ray. One in the plane of a side meets it in the box."""
+    usable = jnp.isfinite(o).all() & jnp.isfinite(d).all()
+    o, d = jnp.where(usable, o, 0.0), jnp.where(usable, d, 0.0)
     parallel = jnp.abs(d) < 1e-12
     safe = jnp.where(parallel, 1.0, d)
     low, high = -o / safe, (1 - o) / safe
@@ -119,7 +121,7 @@ def box_span(o: Vec3, d: Vec3) -> tuple[Scalar, Scalar]:
     near = jnp.where(parallel, jnp.where(inside, -jnp.inf, jnp.inf), jnp.minimum(low, high))
     far = jnp.where(parallel, jnp.where(inside, jnp.inf, -jnp.inf), jnp.maximum(low, high))
     t0, t1 = jnp.maximum(jnp.max(near), 0.0), jnp.min(far)
-    hit = t1 > t0
+    hit = usable & (t1 > t0) & jnp.isfinite(t1)
     return jnp.where(hit, t0, 0.0), jnp.where(hit, t1, 0.0)
 
 

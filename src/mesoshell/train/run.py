@@ -99,8 +99,9 @@ def keep_record(config: TrainConfig, dataset: Dataset, folder: Path) -> None:
         if differ:
             said = ", ".join(f"{k} is {old.get(k)}, asked for {new.get(k)}" for k in differ)
             raise InputError(path, f"the run was begun with another configuration: {said}")
-    folder.mkdir(parents=True, exist_ok=True)
-    replace_file(path, (json.dumps(record, indent=1) + "\n").encode())
+    if jax.process_index() == 0:
+        folder.mkdir(parents=True, exist_ok=True)
+        replace_file(path, (json.dumps(record, indent=1) + "\n").encode())
 
 
 def leaf_names(state: TrainState) -> list[str]:

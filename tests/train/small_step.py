@@ -1,0 +1,33 @@
+"""A configuration that a test can compile, and a batch of random numbers for it."""
+
+import jax
+import numpy as np
+
+from mesoshell.shell.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator import GeneratorConfig
+from mesoshell.train.picture import PictureConfig
+from mesoshell.train.state import TrainConfig, sized
+from mesoshell.train.step import Shown
+
+CONFIG = sized(
+    TrainConfig(
+        GeneratorConfig(texels=16, channel_base=32, channel_max=4, channels=4, z=4, w=4, height_rows=8, height_width=4),
+        DiscriminatorConfig(8, 64, 4, embedding=4),
+        PictureConfig(8, 4, texels=16, height_rows=8, octaves=1),
+        trunk=(4,),
+        head=(4,),
+        batch=8,
+    ),
+    appearance=1,
+    geometry=1,
+)
+
+
+def batch() -> Shown:
+    rng = np.random.default_rng(0)
+    eye = np.eye(4)[None].repeat(8, 0)
+    eye[:, :3, 3] = [0.5, 0.5, 3.0] + 0.3 * rng.normal(size=(8, 3))
+    light = np.array([[0.6, 0.0, 0.8]]).repeat(8, 0)
+    image = rng.uniform(size=(8, 8, 8, 4))
+    keys = np.asarray(jax.random.key_data(jax.random.split(jax.random.key(1), 8)))
+    return Shown(image, rng.uniform(size=(8, 1)), rng.uniform(size=(8, 1)), eye, light, np.full((8, 3), 5.0), keys)

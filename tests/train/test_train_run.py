@@ -1,0 +1,134 @@
+"""Runs go on where they stopped, bit for bit; refuse what is not theirs; stop when something is not finite."""
+
+import json
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import fog
+import jax
+import numpy as np
+import pytest
+import small_step
+
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.io.pack import pack_dataset
+from mesoshell.train import run
+from mesoshell.train.run import Diverged, train
+from mesoshell.train.state import TrainConfig, TrainState
+from mesoshell.train.stream import fitted, renders
+
+CONFIG = replace(
+    small_step.CONFIG,
+    picture=replace(small_step.CONFIG.picture, size=8),
+    batch=4,
+    kimg=0.016,
+    near_kimg=0.01,
+)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Dataset:
+    """Fog seen from sixteen distances, packed at 8²."""
+    folder = tmp_path_factory.mktemp("data")
+    fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(16)], size=8)
+    pack_dataset(read_dataset(folder / "fog"), folder / "packed")
+    return read_dataset(folder / "packed")
+
+
+def leaves(state: TrainState) -> list[np.ndarray]:
+    return [np.asarray(x) for x in jax.tree.leaves(state)]
+
+
+@pytest.fixture(scope="module")
+def whole(data, tmp_path_factory) -> tuple[TrainState, Path]:
+    folder = tmp_path_factory.mktemp("run")
+    return train(CONFIG, data, folder / "whole"), folder / "whole"
+
+
+def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
+    state, folder = whole
+    assert int(state.step) == 4 and int(state.images) == 16
+    row = json.loads((folder / "log.jsonl").read_text().splitlines()[-1])
+    assert row["kimg"] == 0.016 and np.isfinite(list(row.values())).all()
+    assert json.loads((folder / "config.json").read_text())["config"]["batch"] == 4
+    assert [p.name for p in (folder / "checkpoints").iterdir() if p.name.isdigit()] == ["4"]
+
+
+def test_a_run_that_was_stopped_and_resumed_is_the_same_bits(data, whole, tmp_path) -> None:
+    train(replace(CONFIG, kimg=0.008), data, tmp_path / "cut")
+    resumed = train(CONFIG, data, tmp_path / "cut")
+    for a, b in zip(leaves(whole[0]), leaves(resumed), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_term_signal_saves_and_returns(data, whole, tmp_path, monkeypatch) -> None:
+    real = run.renders
+
+    def terminated(*arguments):
+        at = real(*arguments)
+
+        def batch(i: int):
+            if i == 1:
+                os.kill(os.getpid(), signal.SIGTERM)
+            return at(i)
+
+        return batch
+
+    monkeypatch.setattr(run, "renders", terminated)
+    before = signal.getsignal(signal.SIGTERM)
+    assert int(train(CONFIG, data, tmp_path / "cut").step) == 2
+    assert signal.getsignal(signal.SIGTERM) is before
+    monkeypatch.undo()
+    for a, b in zip(leaves(whole[0]), leaves(train(CONFIG, data, tmp_path / "cut")), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_another_configuration_is_refused_before_anything_compiles(data, whole, monkeypatch) -> None:
+    monkeypatch.setattr(run, "spread_step", None)
+    with pytest.raises(InputError) as caught:
+        train(replace(CONFIG, gamma=7.0, trunk=(9,)), data, whole[1])
+    assert str(caught.value).endswith(
+        "the run was begun with another configuration: config.gamma is 0.5, asked for 7.0, config.trunk is [4], asked for [9]"
+    )
+
+
+def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeypatch) -> None:
+    train(replace(CONFIG, kimg=0.008), data, tmp_path / "bad")
+    real = run.renders
+
+    def poisoned(*arguments):
+        at = real(*arguments)
+        return lambda i: at(i)._replace(image=np.full_like(at(i).image, np.nan))
+
+    monkeypatch.setattr(run, "renders", poisoned)
+    with pytest.raises(Diverged) as caught:
+        train(CONFIG, data, tmp_path / "bad")
+    said = str(caught.value)
+    assert said.startswith("step 3: the gradient of discriminator.colour.weight is not finite")
+    assert said.endswith(f"the last good checkpoint is {tmp_path / 'bad/checkpoints/2'}")
+
+
+def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:
+    config = fitted(CONFIG, data)
+    at = renders(config, data)
+
+    def distance(i: int) -> np.ndarray:
+        return np.linalg.norm(at(i).camera_to_world[:, :3, 3] - 0.5, axis=1)
+
+    far = sorted(float(np.linalg.norm(s.camera_to_world[:3, 3] - 0.5)) for s in data.samples)[-4:]
+    assert (distance(0) >= far[0] - 1e-5).all()
+    assert min(distance(i).min() for i in range(4, 20)) < far[0]
+    halves = [renders(config, data, host, 2)(5) for host in (0, 1)]
+    np.testing.assert_array_equal(np.concatenate([h.key for h in halves]), at(5).key)
+    assert [len(h.image) for h in halves] == [2, 2]
+
+
+def test_images_of_another_size_are_refused(data) -> None:
+    config: TrainConfig = replace(CONFIG, picture=replace(CONFIG.picture, size=16))
+    with pytest.raises(
+        InputError, match=r"has images of 8 × 8 pixels; the experiment wants 16 × 16: mesoshell dataset pack"
+    ):
+        fitted(config, data)

@@ -1,0 +1,74 @@
+"""A training step: the same on any number of devices however it is spread, and R1 in float32 always."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import small_step
+
+from mesoshell.train.state import start
+from mesoshell.train.step import label, step
+
+
+def test_one_device_sharded_and_pmap_agree() -> None:
+    """Losses, gradients of both players and averages to 1e-6, eight devices with one row each: groups and means are global."""
+    here = Path(__file__).parent
+    done = subprocess.run([sys.executable, "three_ways.py"], cwd=here, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert len(said) == 10
+    for name, value in said.items():
+        assert value == 8 if name.endswith("images") else value < 1e-6, name
+
+
+@pytest.fixture(scope="module")
+def stepped() -> dict:
+    """The state after one step in float32, and after one with bfloat16 convolutions."""
+    found = {}
+    for precision in ("float32", "bfloat16"):
+        config = replace(small_step.CONFIG, precision=precision)
+        batch = jax.tree.map(
+            lambda x: jnp.asarray(x) if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), small_step.batch()
+        )
+        state = start(config, jax.random.key(0))
+        found[precision] = jax.jit(lambda s, b, config=config: step(config, s, b))(state, batch)
+    return found
+
+
+def test_everything_moves_and_nothing_is_bad(stepped) -> None:
+    state, report = stepped["float32"]
+    before = start(small_step.CONFIG, jax.random.key(0))
+    assert not report.bad.any() and int(state.step) == 1 and int(state.images) == 8
+    still = [
+        jax.tree_util.keystr(path)
+        for (path, a), b in zip(
+            jax.tree_util.tree_leaves_with_path((before.learner.generator, before.discriminator)),
+            jax.tree.leaves((state.learner.generator, state.discriminator)),
+            strict=True,
+        )
+        if jnp.array_equal(a, b)
+    ]
+    assert still == []
+
+
+def test_bfloat16_convolutions_agree_and_r1_stays_float32(stepped) -> None:
+    (_, exact), (_, short) = stepped["float32"], stepped["bfloat16"]
+    np.testing.assert_allclose(short.generator, exact.generator, rtol=0.02)
+    np.testing.assert_allclose(short.discriminator, exact.discriminator, rtol=0.02)
+    assert short.r1.dtype == jnp.float32
+
+
+def test_labels_say_where_the_camera_and_the_light_are() -> None:
+    batch = small_step.batch()
+    c = label(jax.tree.map(jnp.asarray, batch))
+    eye = batch.camera_to_world[:, :3, 3] - 0.5
+    np.testing.assert_allclose(c[:, :2], np.concatenate([batch.alpha, batch.beta], axis=1), rtol=1e-6)
+    np.testing.assert_allclose(c[:, 2:5], eye / np.linalg.norm(eye, axis=1, keepdims=True), rtol=1e-5)
+    np.testing.assert_allclose(c[:, 5], np.log(np.linalg.norm(eye, axis=1)), rtol=1e-5)
+    np.testing.assert_allclose(c[:, 6:], batch.light, rtol=1e-6)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -57,14 +58,7 @@ def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
     assert [p.name for p in (folder / "checkpoints").iterdir() if p.name.isdigit()] == ["4"]
 
 
-def test_a_run_that_was_stopped_and_resumed_is_the_same_bits(data, whole, tmp_path) -> None:
-    train(replace(CONFIG, kimg=0.008), data, tmp_path / "cut")
-    resumed = train(CONFIG, data, tmp_path / "cut")
-    for a, b in zip(leaves(whole[0]), leaves(resumed), strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
-def test_a_term_signal_saves_and_returns(data, whole, tmp_path, monkeypatch) -> None:
+def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, tmp_path, monkeypatch) -> None:
     real = run.renders
 
     def terminated(*arguments):
@@ -96,7 +90,6 @@ def test_another_configuration_is_refused_before_anything_compiles(data, whole, 
 
 
 def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeypatch) -> None:
-    train(replace(CONFIG, kimg=0.008), data, tmp_path / "bad")
     real = run.renders
 
     def poisoned(*arguments):
@@ -104,11 +97,12 @@ def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeyp
         return lambda i: at(i)._replace(image=np.full_like(at(i).image, np.nan))
 
     monkeypatch.setattr(run, "renders", poisoned)
+    shutil.copytree(whole[1], tmp_path / "bad")
     with pytest.raises(Diverged) as caught:
-        train(CONFIG, data, tmp_path / "bad")
+        train(replace(CONFIG, kimg=0.02), data, tmp_path / "bad")
     said = str(caught.value)
-    assert said.startswith("step 3: the gradient of discriminator.colour.weight is not finite")
-    assert said.endswith(f"the last good checkpoint is {tmp_path / 'bad/checkpoints/2'}")
+    assert said.startswith("step 5: the gradient of discriminator.colour.weight is not finite")
+    assert said.endswith(f"the last good checkpoint is {tmp_path / 'bad/checkpoints/4'}")
 
 
 def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:

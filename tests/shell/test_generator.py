@@ -81,7 +81,7 @@ def test_maps_lie_between_the_cutoffs_and_the_last_layers_have_none() -> None:
 
 
 def test_spans_ask_for_what_the_filters_reach() -> None:
-    """One sample less at either end changes the result; the halo is two to four patches."""
+    """The halo is two to four patches, and padding is no more than the zeros between samples."""
     found = spans(rows_of(GeneratorConfig(texels=64)), 64)
     assert 2 < -found[0].first / CELL < 4
     assert all(0 <= span.pad[0] < row.up_factor for span, row in zip(found, rows_of(GeneratorConfig()), strict=True))

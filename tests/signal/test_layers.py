@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
+from mesoshell.signal import modulated
 from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu, filtered_lrelu_plain, separable
 from mesoshell.signal.modulated import modulated_conv, modulated_conv_plain
 from mesoshell.signal.schedule import LayerRow, layer_schedule
@@ -81,6 +82,20 @@ def test_convolution_against_finite_differences(convolution, demodulate: bool) -
             atol=1e-6,
             rtol=1e-6,
         )
+
+
+@pytest.mark.parametrize("size", [(3, 3), (5, 40), (70, 33)])
+def test_convolution_by_rows_is_the_librarys_in_value_and_gradient(size: tuple[int, int], monkeypatch) -> None:
+    monkeypatch.setattr(modulated, "_BLOCK", 2000)  # several blocks, the last of them cut short
+    rng = np.random.default_rng(6)
+    with jax.enable_x64(True):
+        x, w = jnp.asarray(rng.normal(size=(2, *size, 4))), jnp.asarray(rng.normal(size=(3, 3, 4, 5)))
+        a, back_a = jax.vjp(modulated.by_rows, x, w)
+        b, back_b = jax.vjp(modulated.by_library, x, w)
+        seed = jnp.asarray(rng.normal(size=a.shape))
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
+        for found, expected in zip(back_a(seed), back_b(seed), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
 
 
 def test_demodulated_output_has_unit_size_for_noise() -> None:

@@ -7,7 +7,7 @@ s = 2ᵇ   samples a patch; sample i lies at x = (i + ½)/s
 i₀       index of the first sample along v and u: any integers, a tile's place in the plane       (2,), int32
 
 Γ = sin(2π(f·x + φ)). f·x = m(2i + 1)/2^(17 + b) with integers m, so its fractional part is exact in integer arithmetic that
-wraps around, at any i; in float32 f·x at 4096 patches is wrong by 0.4 in Γ. And sin(a + b) = sin a cos b + cos a sin b:
+wraps around, at any i; in float32, Γ at 4096 patches was wrong by 0.08 in a test. And sin(a + b) = sin a cos b + cos a sin b:
 sines are taken on the two axes and not on the plane. Every tile that asks for a sample gets the same value.
 """
 

@@ -31,14 +31,13 @@ def modulated_conv_plain(
 ) -> Array:
     """The definition: the weights of each sample, one convolution a sample."""
     if demodulate:
-        w = w * jax.lax.rsqrt(jnp.mean(w**2, axis=(0, 1, 2), keepdims=True))
-        s = s * jax.lax.rsqrt(jnp.mean(s**2, axis=1, keepdims=True))
+        w, s = _unit(w, s)
 
     def one(x: Array, s: Array) -> Array:
         ws = w * s[None, None, :, None]
         if demodulate:
             ws = ws * jax.lax.rsqrt(jnp.sum(ws**2, axis=(0, 1, 2), keepdims=True) + EPSILON)
-        return convolve(x[None], g * ws, pad)[0]
+        return by_library(jnp.pad(x[None], ((0, 0), (pad, pad), (pad, pad), (0, 0))), g * ws)[0]
 
     return jax.vmap(one)(x, s)
 
@@ -54,10 +53,15 @@ def modulated_conv(
     """The same, as one convolution. pad: zeros around, k − 1 or 0 (valid)."""
     if not demodulate:
         return convolve(x * (g * s)[:, None, None], w, pad)
-    w = w * jax.lax.rsqrt(jnp.mean(w**2, axis=(0, 1, 2), keepdims=True))
-    s = s * jax.lax.rsqrt(jnp.mean(s**2, axis=1, keepdims=True))
+    w, s = _unit(w, s)
     d = jax.lax.rsqrt(s**2 @ jnp.sum(w**2, axis=(0, 1)) + EPSILON)
     return d[:, None, None] * convolve(x * (g * s)[:, None, None], w, pad)
+
+
+def _unit(w: Array, s: Array) -> tuple[Array, Array]:
+    """Weights of unit mean square an output channel, styles of unit mean square a sample."""
+    w = w * jax.lax.rsqrt(jnp.mean(w**2, axis=(0, 1, 2), keepdims=True))
+    return w, s * jax.lax.rsqrt(jnp.mean(s**2, axis=1, keepdims=True))
 
 
 def convolve(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"], pad: int) -> Array:

@@ -27,7 +27,8 @@ class TrainConfig:
     """Everything that a run depends on beside the data.
 
     gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: until when the nearest camera comes closer,
-    from the far end of the dataset's distances to their near end; precision: of convolutions; R1 is float32 always.
+    from the far end of the dataset's distances to their near end; precision: of the discriminator's
+    convolutions; the generator and R1 are float32 always.
     """
 
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)

@@ -5,9 +5,9 @@ import numpy as np
 
 from mesoshell.shell.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator import GeneratorConfig
+from mesoshell.train.generate import Shown
 from mesoshell.train.picture import PictureConfig
 from mesoshell.train.state import TrainConfig, sized
-from mesoshell.train.step import Shown
 
 CONFIG = sized(
     TrainConfig(

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 import small_step
 
+from mesoshell.train.generate import label
 from mesoshell.train.state import start
-from mesoshell.train.step import label, step
+from mesoshell.train.step import step
 
 
 def test_one_device_sharded_and_pmap_agree() -> None:

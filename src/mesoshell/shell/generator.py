@@ -44,7 +44,7 @@ _MAPPING_RATE = 0.01
 @dataclass(frozen=True)
 class GeneratorConfig:
     """texels a patch, a power of two; fourier: maps in every layer with phases drawn a texture ("random"), always the same
-    ("frozen"), or none beyond the input ("off")."""
+    ("frozen"), or none beyond the input ("off"). precision: of the convolutions."""
 
     texels: int = 64
     config: Config = "T"
@@ -58,6 +58,7 @@ class GeneratorConfig:
     height_octaves: int = 5
     height_width: int = 64
     fourier: Literal["random", "frozen", "off"] = "random"
+    precision: Literal["float32", "bfloat16"] = "float32"
     seed: int = 0
 
 
@@ -232,6 +233,7 @@ def synthesise(
         start = tile * (rate // CELL) + jnp.array([at[0].first, at[1].first], jnp.int32)
         return fourier_map(jnp.asarray(f), phase, start, (at[0].size, at[1].size), rate)
 
+    short = jnp.bfloat16 if config.precision == "bfloat16" else w.dtype
     x = wave(first, phases.input, rows[0], along[0]) @ (generator.mix / generator.mix.shape[0] ** 0.5)
     seen = []
     for i, (row, layer, at) in enumerate(zip(rows, generator.layers, along, strict=True)):
@@ -239,6 +241,7 @@ def synthesise(
             x = x + wave(layers[i], phases.layers[i], row, at)
         seen.append(jax.lax.stop_gradient(jnp.mean(x.astype(jnp.float32) ** 2)))
         how = Activation(row, (*at[1].pad, *at[0].pad))
+        layer = layer._replace(weight=layer.weight.astype(short))
         x = filtered_lrelu(_modulated(layer, x, w, averages.magnitude[i], row.is_torgb), how)
     return Texture(OUTPUT_SCALE * x, seen)
 
@@ -261,5 +264,5 @@ def _modulated(layer: Styled, x: Array, w: Float[Array, "B W"], magnitude: Float
     if last:
         style = style / x.shape[-1] ** 0.5
     gain = jax.lax.rsqrt(magnitude).astype(x.dtype)
-    y = modulated_conv(x, layer.weight.astype(x.dtype), style.astype(x.dtype), gain, not last, 0)
+    y = modulated_conv(x, layer.weight, style.astype(x.dtype), gain, not last, 0)
     return y + layer.bias.astype(x.dtype)[None, None, None]

@@ -50,12 +50,17 @@ def modulated_conv(
     demodulate: bool,
     pad: int,
 ) -> Array:
-    """The same, as one convolution. pad: zeros around, k − 1 or 0 (valid)."""
+    """The same, as one convolution, in w's type; the rest in x's. pad: zeros around, k − 1 or 0 (valid)."""
+    short, w = w.dtype, w.astype(x.dtype)
+
+    def convolved(s: Array, w: Array) -> Array:
+        return convolve((x * (g * s)[:, None, None]).astype(short), w.astype(short), pad).astype(x.dtype)
+
     if not demodulate:
-        return convolve(x * (g * s)[:, None, None], w, pad)
+        return convolved(s, w)
     w, s = _unit(w, s)
     d = jax.lax.rsqrt(s**2 @ jnp.sum(w**2, axis=(0, 1)) + EPSILON)
-    return d[:, None, None] * convolve(x * (g * s)[:, None, None], w, pad)
+    return d[:, None, None] * convolved(s, w)
 
 
 def _unit(w: Array, s: Array) -> tuple[Array, Array]:

@@ -27,8 +27,8 @@ from mesoshell.texture import mip
 from mesoshell.texture.footprint import footprint
 from mesoshell.typing import Array, Float, Scalar, Vec3
 
-#: Samples a tile of the network: see fit.
-_TILE = 1024
+#: Samples a tile of the network: 4096 take two thirds of the time of 1024 on a CPU.
+_TILE = 4096
 
 
 @dataclass(frozen=True)
@@ -71,29 +71,35 @@ def take_picture(
 ) -> Float[Array, "S S 4"]:
     """Radiance over black, and alpha. jitter: where in its share of the ray each sample lies, in [0, 1)."""
     origin, directions = pixel_rays(config, view.camera_to_world)
-    radius = pixel_radius(2 * math.tan(config.fov / 2) / config.size)
-    count = jitter.shape[0] * config.samples
-    points, length = jax.vmap(lambda d, j: along(config, origin, d, jnp.asarray(radius, d.dtype), j))(
-        directions, jitter
-    )
-    flat = jax.tree.map(lambda x: x.reshape(count, *x.shape[2:]), points)
-    alphas = jnp.broadcast_to(view.alpha[None], (count, view.alpha.shape[0]))
+    radius = jnp.asarray(pixel_radius(2 * math.tan(config.fov / 2) / config.size), directions.dtype)
+    rays = jitter.shape[0]
+    size = math.gcd(rays, max(1, _TILE // config.samples))
+    missed = jax.vmap(lambda d: jnp.diff(jnp.stack(box_span(origin, d)))[0] <= 0)(directions)
+    order = jnp.argsort(missed)  # rays that hit come first: whole tiles of misses are skipped
 
-    def tile(part: tuple[Point, Array]) -> tuple[Array, Array]:
-        point, w = part
+    def tile(d: Array, j: Array) -> Array:
+        points, length = jax.vmap(lambda d, j: along(config, origin, d, radius, j))(d, j)
+        point = jax.tree.map(lambda x: x.reshape(size * config.samples, *x.shape[2:]), points)
+        point = point._replace(alpha=jnp.broadcast_to(view.alpha[None], (len(point.radius), len(view.alpha))))
         x = jax.vmap(inputs, in_axes=(None, None, 0))(material, config.layout, point)
         sigma, found = net.trunk(material.decoder, x)
-        light = jnp.broadcast_to(view.light[None], w.shape)
-        return sigma, net.head(material.decoder, net.toward_viewer(material.decoder, found, w), light)
+        toward = jnp.repeat(-d, config.samples, axis=0)
+        light = jnp.broadcast_to(view.light[None], toward.shape)
+        rho = net.head(material.decoder, net.toward_viewer(material.decoder, found, toward), light)
+        tau = optical_depth(sigma.reshape(j.shape), jnp.broadcast_to(length[:, None], j.shape))
+        share, through = jax.vmap(weights)(tau)
+        radiance = jnp.einsum("rn,rnc->rc", share, rho.reshape(*j.shape, 3)) * view.irradiance[None]
+        return jnp.concatenate([radiance, 1 - through[:, None]], axis=1)
 
-    toward = jnp.repeat(-directions, config.samples, axis=0)
-    rows, size = (flat._replace(alpha=alphas), toward), min(_TILE, count)
-    parts = jax.tree.map(lambda x: x.reshape(count // size, size, *x.shape[1:]), rows)
-    sigma, rho = jax.lax.map(jax.checkpoint(tile), parts)
-    tau = optical_depth(sigma.reshape(jitter.shape), jnp.broadcast_to(length[:, None], jitter.shape))
-    share, through = jax.vmap(weights)(tau)
-    radiance = jnp.einsum("rn,rnc->rc", share, rho.reshape(*jitter.shape, 3)) * view.irradiance[None]
-    return jnp.concatenate([radiance, 1 - through[:, None]], axis=1).reshape(config.size, config.size, 4)
+    def unless_missed(part: tuple[Array, Array, Array]) -> Array:
+        d, j, missed = part
+        nothing = jnp.zeros((size, 4), directions.dtype)
+        return jax.lax.cond(missed.all(), lambda d, j: nothing, jax.checkpoint(tile), d, j)
+
+    rows = (directions[order], jitter[order], missed[order])
+    parts = jax.tree.map(lambda x: x.reshape(rays // size, size, *x.shape[1:]), rows)
+    rgba = jax.lax.map(unless_missed, parts).reshape(rays, 4)
+    return jnp.zeros_like(rgba).at[order].set(rgba, unique_indices=True).reshape(config.size, config.size, 4)
 
 
 def shown(radiance: Float[Array, "*b S S 3"]) -> Float[Array, "*b S S 3"]:

@@ -27,8 +27,9 @@ class TrainConfig:
     """Everything that a run depends on beside the data.
 
     gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: until when the nearest camera comes closer,
-    from the far end of the dataset's distances to their near end; precision: of the discriminator's
-    convolutions; the generator and R1 are float32 always.
+    from the far end of the dataset's distances to their near end; views: pictures of each texture; blur: deviation in
+    pixels of what the discriminator sees at first, gone at blur_kimg; density: weight of the density's roughness;
+    precision: of convolutions, but R1 is float32 always.
     """
 
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
@@ -44,6 +45,10 @@ class TrainConfig:
     discriminator_rate: float = 2e-3
     gamma: float = 0.5
     r1_every: int = 16
+    views: int = 1
+    blur: float = 0.0
+    blur_kimg: float = 20.0
+    density: float = 0.0
     precision: Literal["float32", "bfloat16"] = "float32"
     seed: int = 0
 
@@ -73,7 +78,7 @@ def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
     return replace(
         config,
         appearance=appearance,
-        generator=replace(config.generator, betas=geometry),
+        generator=replace(config.generator, betas=geometry, precision=config.precision),
         discriminator=replace(config.discriminator, labels=appearance + geometry + POSE),
     )
 

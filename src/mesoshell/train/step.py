@@ -2,8 +2,8 @@
 
 Alphabet
 B            pictures, and renders, a step
-key          one random key for each sample of the batch, so that a sample's numbers do not depend on where it is computed
 y            what the discriminator sees: 2x/(1 + x) − 1                         (B, S, S, 3)
+c, c′        labels of the renders, and of the pictures                           (B, L)
 across       how to take a mean over devices, and all devices' rows: nothing to do where arrays are global already
 
 Both players learn from one forward pass of the generator: its pictures are judged once for its own gradient, and, held fixed,
@@ -18,11 +18,13 @@ import jax.numpy as jnp
 import optax
 
 from mesoshell.shell.discriminator import discriminate
-from mesoshell.shell.generator import Averages, Phases, draw_phases, map_latent, synthesise, synthesise_height
+from mesoshell.shell.generator import Averages
+from mesoshell.train.generate import Seen, Shown, asked, generate, label
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
-from mesoshell.train.picture import View, material_of, shown, take_picture
+from mesoshell.train.picture import shown
+from mesoshell.train.regularise import blurred
 from mesoshell.train.state import Learner, TrainConfig, TrainState, optimisers
-from mesoshell.typing import Array, Bool, Float, Scalar
+from mesoshell.typing import Array, Bool, Scalar
 
 #: Images after which half of the old magnitude is left, and how much of the mean of w each step keeps.
 MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
@@ -30,25 +32,12 @@ MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
 AVERAGE_IMAGES, AVERAGE_SHARE = 10_000.0, 0.05
 
 
-class Shown(NamedTuple):
-    """Renders of a step with their labels, and the keys of as many generated pictures. image: linear RGBA.
-
-    NumPy arrays on the host, JAX arrays in a step."""
-
-    image: Any  # (B, S, S, 4)
-    alpha: Any  # (B, A)
-    beta: Any  # (B, G)
-    camera_to_world: Any  # (B, 4, 4)
-    light: Any  # (B, 3)
-    irradiance: Any  # (B, 3)
-    key: Any  # (B, 2), uint32
-
-
 class Across(NamedTuple):
-    """What devices share when each holds rows of its own."""
+    """What devices share when each holds rows of its own, and whether a device sees its pictures at once or in turn."""
 
     mean: Callable[[Any], Any] = lambda tree: tree
     everyone: Callable[[Array], tuple[Array, Array]] | None = None
+    each: Callable[[Callable], Callable] = jax.vmap
 
 
 #: Arrays are global: one device, or several that the compiler spreads them over.
@@ -66,72 +55,38 @@ class Report(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def label(batch: Shown) -> Float[Array, "B L"]:
-    """c: α, β, direction to the camera from the box's centre, log of its distance, direction to the light."""
-    toward = batch.camera_to_world[:, :3, 3] - 0.5
-    distance = jnp.sqrt(jnp.sum(toward**2, axis=1, keepdims=True))
-    return jnp.concatenate([batch.alpha, batch.beta, toward / distance, jnp.log(distance), batch.light], axis=1)
-
-
-class Seen(NamedTuple):
-    """What the generator's state averages: mean squares of its layers' inputs, mean of w."""
-
-    magnitude: list[Scalar]
-    w: Float[Array, "W"]
-
-
-def generate(
-    config: TrainConfig, learner: Learner, averages: Averages, batch: Shown
-) -> tuple[Float[Array, "B S S 4"], Seen]:
-    """Pictures of fresh textures from the batch's cameras, lights and parameters."""
-    keys = jax.vmap(lambda k: jax.random.split(k, 3))(jax.random.wrap_key_data(batch.key))
-    dtype = batch.alpha.dtype
-    z = jax.vmap(lambda k: jax.random.normal(k, (config.generator.z,), jnp.float32))(keys[:, 0]).astype(dtype)
-    phases = jax.vmap(lambda k: draw_phases(config.generator, k, 1))(keys[:, 1])
-    phases = Phases(*jax.tree.map(lambda p: p[:, 0].astype(dtype), (phases.input, phases.layers)))
-    w = map_latent(learner.generator, z, batch.beta)
-    side = config.generator.texels
-    texture = synthesise(
-        config.generator, learner.generator, averages, w, phases, jnp.zeros(2, jnp.int32), (side, side)
-    )
-    height = synthesise_height(config.generator, learner.generator, w)
-    rays = config.picture.size**2
-
-    def one(feature: Array, height: Array, view: View, key: Array) -> Array:
-        jitter = jax.random.uniform(key, (rays, config.picture.samples), jnp.float32).astype(dtype)
-        material = material_of(config.picture, feature, height, learner.decoder)
-        return take_picture(config.picture, material, view, jitter)
-
-    views = View(batch.camera_to_world, batch.light, batch.irradiance, batch.alpha)
-    pictures = jax.vmap(one)(texture.feature, height, views, keys[:, 2])
-    return pictures, Seen(texture.magnitude, jax.lax.stop_gradient(jnp.mean(w, axis=0)))
-
-
 def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = HERE) -> tuple[TrainState, Report]:
     """Both updates, R1 if it is due, and the averages. Pure."""
-    c, real = label(batch), shown(batch.image[..., :3])
+    wanted = asked(config, batch)
+    c, c_fake, sharp = label(batch), label(wanted), shown(batch.image[..., :3])
     for_learner, for_discriminator = optimisers(config)
+    s = config.blur * jnp.maximum(1 - state.images.astype(sharp.dtype) / (1000 * config.blur_kimg), 0)
 
-    def judged(discriminator: Any, y: Array) -> Array:
+    def softened(y: Array) -> Array:
+        return blurred(y, s, config.blur) if config.blur else y
+
+    real = softened(sharp)
+
+    def judged(discriminator: Any, y: Array, c: Array) -> Array:
         return discriminate(discriminator, y, c, across.everyone, config.precision)
 
-    def make(learner: Learner) -> tuple[Array, Seen]:
-        pictures, seen = generate(config, learner, state.averages, batch)
-        return shown(pictures[..., :3]), seen
+    def make(learner: Learner) -> tuple[tuple[Array, Scalar], Seen]:
+        pictures, seen = generate(config, learner, state.averages, wanted, across.each)
+        return (softened(shown(pictures[..., :3])), seen.roughness), seen
 
-    fake, back, seen = jax.vjp(make, state.learner, has_aux=True)
+    (fake, _), back, seen = jax.vjp(make, state.learner, has_aux=True)
 
     def fooled(y: Array) -> tuple[Scalar, Scalar]:
-        logits = judged(state.discriminator, y)
+        logits = judged(state.discriminator, y, c_fake)
         return generator_loss(logits), jnp.mean(logits)
 
     def told_apart(discriminator: Any) -> tuple[Scalar, Scalar]:
-        logits = judged(discriminator, real)
-        return discriminator_loss(logits, judged(discriminator, fake)), jnp.mean(logits)
+        logits = judged(discriminator, real, c)
+        return discriminator_loss(logits, judged(discriminator, fake, c_fake)), jnp.mean(logits)
 
     (g_loss, fake_logit), by_picture = jax.value_and_grad(fooled, has_aux=True)(fake)
     (d_loss, real_logit), d_gradient = jax.value_and_grad(told_apart, has_aux=True)(state.discriminator)
-    (g_gradient,) = back(by_picture)
+    (g_gradient,) = back((by_picture, jnp.asarray(config.density, real.dtype)))
     g_gradient, d_gradient, seen = across.mean((g_gradient, d_gradient, seen))
     learner, learner_adam = _updated(for_learner, state.learner, state.learner_adam, g_gradient)
     judge, judge_adam = _updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)

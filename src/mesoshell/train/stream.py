@@ -15,8 +15,8 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.train.feed import Feed
+from mesoshell.train.generate import Shown
 from mesoshell.train.state import TrainConfig, sized
-from mesoshell.train.step import Shown
 
 #: The farthest quarter at first, then one eighth of the way at a time.
 FIRST, STAGES = 0.25, 8

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mesoshell.errors import InputError
 from mesoshell.io.archive import read_arrays, read_heads, write_arrays
 from mesoshell.io.whole import replace_file
 
@@ -55,7 +56,13 @@ def test_only_the_arrays_asked_for_are_read(tmp_path: Path):
 
 def test_missing_file_and_folder(tmp_path: Path, fault_of: Callable):
     assert fault_of(read_heads, tmp_path / "a.npz") == "no such file"
-    assert fault_of(read_heads, tmp_path) == "cannot be read: Is a directory"
+    assert read_heads(tmp_path) == {}
+    np.save(tmp_path / "a.npy", np.arange(3.0))
+    assert read_heads(tmp_path) == {"a": ((3,), np.dtype(np.float64))}
+    assert isinstance(read_arrays(tmp_path, ["a"])["a"], np.memmap)
+    (tmp_path / "b.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:-1])
+    with pytest.raises(InputError, match=r"b\.npy: not an array"):
+        read_heads(tmp_path)
 
 
 @pytest.mark.parametrize("data", [b"", b"PK", b"text" * 50, npy(np.zeros(3))])

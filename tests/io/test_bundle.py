@@ -81,7 +81,7 @@ def test_numpy_alone_reads_it(tmp_path: Path, bundle: Bundle):
         manifest = json.loads(file["manifest.json"].tobytes())
         for key, array in bundle.arrays.items():
             np.testing.assert_array_equal(file[key], array)
-    assert manifest["schema"] == 1 and manifest["channels"] == 3 and manifest["height_octaves"] == 2
+    assert manifest["schema"] == 2 and manifest["channels"] == 3 and manifest["height_octaves"] == 2
     length = {"name": "length", "role": "beta", "range": [1.0, 3.0], "default": 2.0, "unit": "cm"}
     assert manifest["parameters"][1] == length | {"meaning": "length of a blade"}
 

@@ -16,7 +16,7 @@ AGE = Parameter("age", "alpha", (0.0, 1.0), 0.25, "", "from fresh to dry")
 #: fields that are put in place of the good ones, and the beginning of the fault
 FIELDS: list[tuple[dict[str, Any], str]] = [
     ({"extra": 1}, "unexpected field 'extra'"),
-    ({"schema": 2}, "schema is 2; expected 1"),
+    ({"schema": 1}, "schema is 1; expected 2"),
     ({"kind": "hair"}, "kind is 'hair'; expected 'shell'"),
     ({"texel_density": 0}, "texel_density is 0; expected a number above 0"),
     ({"texel_density": float("nan")}, "texel_density is nan; expected a number above 0"),

@@ -1,7 +1,6 @@
 """The work of `mesoshell fit`. Imports JAX, so it is loaded only when it runs."""
 
 import json
-import subprocess
 from dataclasses import asdict
 
 import numpy as np
@@ -13,11 +12,12 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Parameter, write_bundle
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.image import write_png
-from mesoshell.train.export import to_bundle
+from mesoshell.train.export import declared, to_bundle
 from mesoshell.train.fit import FitConfig, State
 from mesoshell.train.holdout import score
 from mesoshell.train.loop import fit
 from mesoshell.train.rays import image_table, join, ray_table
+from mesoshell.train.snapshot import commit, origin
 
 
 def fit_to_bundle(options: Options) -> None:
@@ -26,7 +26,7 @@ def fit_to_bundle(options: Options) -> None:
     config = _config(options)
     datasets = [read_dataset(d) for d in options.datasets]
     tests = [read_dataset(d) for d in options.test]
-    declared = _parameters(datasets)
+    parameters = _parameters(datasets)
     _one_patch(datasets + tests)
     options.run.mkdir(parents=True, exist_ok=True)
     _same_run(options, config)
@@ -41,14 +41,14 @@ def fit_to_bundle(options: Options) -> None:
             bar.update(task, completed=row["step"], description=f"fitting, loss {row['loss']:.5f}")
 
         state = fit(config, table, images, options.steps, options.run, show)
-    provenance = {"config": asdict(config), "steps": options.steps, "commit": _commit(), "test": {}}
-    provenance["datasets"] = [_origin(d) for d in datasets]
+    provenance = {"config": asdict(config), "steps": options.steps, "commit": commit(), "test": {}}
+    provenance["datasets"] = [origin(d) for d in datasets]
     for dataset in tests:
         scores, pictures = score(config, state, dataset)
         provenance["test"][dataset.folder.name] = {k: round(v, 3) for k, v in scores._asdict().items()}
         console.print(f"{dataset.folder}: {_said(scores._asdict())}", highlight=False)
         write_png(options.run / f"{dataset.folder.name}.png", _sheet(pictures))
-    bundle = to_bundle(config, state.parameters, declared, provenance)
+    bundle = to_bundle(config, state.parameters, parameters, provenance)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write_bundle(options.out, bundle)
     print(options.out)
@@ -104,22 +104,7 @@ def _parameters(datasets: list[Dataset]) -> tuple[Parameter, ...]:
         raise InputError("fit", "no dataset given")
     if any(k != kinds[0] for k in kinds):
         raise InputError(datasets[-1].folder, "has other parameters than the first dataset")
-    return tuple(
-        Parameter(
-            n, p["role"], (float(p["range"][0]), float(p["range"][1])), float(p["default"]), p["unit"], p["meaning"]
-        )
-        for n, p in kinds[0].items()
-    )
-
-
-def _origin(dataset: Dataset) -> dict:
-    kept = ("recipe", "version", "size", "samples_per_pixel", "seed")
-    return {k: dataset.manifest[k] for k in kept} | {"images": len(dataset.samples)}
-
-
-def _commit() -> str:
-    done = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True)
-    return done.stdout.strip() if done.returncode == 0 else "unknown"
+    return declared(datasets[0].manifest)
 
 
 def _said(scores: dict[str, float]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import tyro
 
 from mesoshell import __version__
-from mesoshell.cli import dataset, doctor, fit, render, train
+from mesoshell.cli import dataset, doctor, evaluate, export, fit, render, texture, train
 from mesoshell.errors import InputError
 
 VERBS: dict[str, Callable] = {
@@ -14,6 +14,9 @@ VERBS: dict[str, Callable] = {
     "fit": fit.run,
     "dataset": dataset.run,
     "train": train.run,
+    "evaluate": evaluate.run,
+    "export": export.run,
+    "texture": texture.run,
     "doctor": doctor.run,
 }
 

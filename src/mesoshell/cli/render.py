@@ -22,6 +22,8 @@ class Options:
     material: str = "grass"
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    #: Which of a generator's textures grows on the mesh; a material that is one texture has no other. Default: 0.
+    seed: int | None = None
     #: Height of the shell in the mesh's unit; default: 1/25 of the bounding box's diagonal.
     thickness: float | None = None
     #: World length of one texture patch in the mesh's unit; default: twice the thickness.

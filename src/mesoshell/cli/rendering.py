@@ -9,6 +9,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -30,6 +31,7 @@ from mesoshell.render.effects import Effects, Facts, plan_effects
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.extrude import extrude
+from mesoshell.shell.grow import grow, patches_of
 from mesoshell.shell.renderer import Report, render
 from mesoshell.shell.scene import Scene, normalised, ready
 
@@ -45,7 +47,9 @@ def render_to_files(options: Options) -> None:
     console = Console(stderr=True)
     quality = PRESETS[options.quality]
     bundle = read_bundle(find(options.material))
-    scene, notes = build_scene(options, bundle)
+    with Progress(TextColumn("growing"), BarColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        scene, notes = build_scene(options, bundle, lambda share: bar.update(task, completed=share))
     for note in notes:
         console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
     effects = plan_effects(facts(scene, quality), quality)
@@ -70,8 +74,10 @@ def render_to_files(options: Options) -> None:
     print(out, file=sys.stdout)
 
 
-def build_scene(options: Options, bundle: Bundle) -> tuple[Scene, list[str]]:
-    """The scene that the options describe, and what the user should know about it."""
+def build_scene(
+    options: Options, bundle: Bundle, progress: Callable[[float], None] = lambda share: None
+) -> tuple[Scene, list[str]]:
+    """The scene that the options describe, and what the user should know about it. progress: of growing a texture."""
     for name, values in (("--irradiance", (options.irradiance,)), ("--base", options.base)):
         if not all(np.isfinite(v) and v >= 0 for v in values):
             raise InputError(name, "must be finite and not negative")
@@ -87,6 +93,8 @@ def build_scene(options: Options, bundle: Bundle) -> tuple[Scene, list[str]]:
             values[name] = float(text)
         except ValueError:
             maps[name] = _map(bundle, name, Path(text))
+    normalised(bundle, values)
+    material, origin, said = _grown(options, bundle, shell.uv, values, progress)
     camera = _camera(options, box, thickness, up)
     lights = tuple(_light(v, options.irradiance) for v in options.light)
     sky = _environment(options, up)
@@ -95,7 +103,7 @@ def build_scene(options: Options, bundle: Bundle) -> tuple[Scene, list[str]]:
     scene = Scene(
         mesh=mesh,
         shell=shell,
-        ready=ready(bundle),
+        ready=ready(material, origin),
         camera=camera,
         lights=lights,
         environment=sky,
@@ -106,7 +114,28 @@ def build_scene(options: Options, bundle: Bundle) -> tuple[Scene, list[str]]:
         objects=tuple(load_mesh(p) for p in options.object),
         transparent=options.transparent,
     )
-    return scene, [*mesh.notes, *shell.notes]
+    return scene, [*mesh.notes, *shell.notes, *said]
+
+
+def _grown(
+    options: Options, bundle: Bundle, uv: np.ndarray, values: dict[str, float], progress: Callable[[float], None]
+) -> tuple[Bundle, tuple[int, int], list[str]]:
+    """The material with a texture for this surface, where the texture begins, and what the user should know."""
+    fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values]
+    if bundle.generator is not None and (not bundle.baked or options.seed is not None or fixed):
+        return *grow(bundle, options.material, uv.reshape(-1, 3, 2), options.seed or 0, values, progress), []
+    if options.seed is not None:
+        raise InputError("--seed", f"{options.material} is one texture and has no generator")
+    if fixed:
+        raise InputError("--param", f"{fixed[0]} is baked into {options.material}, which has no generator")
+    if bundle.wraps:
+        return bundle, (0, 0), []
+    (u, v), needed = patches_of(uv.reshape(-1, 3, 2))
+    texels = bundle.texel_density
+    height, width = (n / texels for n in bundle.arrays["features/0"].shape[:2])
+    small = needed.shape[1] > width + 2 or needed.shape[0] > height + 2
+    said = f"the mesh spans about {needed.shape[1]} × {needed.shape[0]} patches, the texture {width:g} × {height:g}: "
+    return bundle, (u, v), [said + "its last texels repeat beyond its edges"] if small else []
 
 
 def patches_per_uv(mesh: Mesh, patches: np.ndarray) -> float:

@@ -1,7 +1,8 @@
-"""Arrays in a zip, numpy.savez_compressed's layout, read without trust (standard library and NumPy only; floor 2).
+"""Arrays in a zip, numpy.savez_compressed's layout, or in a folder, read without trust (standard library, NumPy; floor 2).
 
 Member KEY.npy holds array KEY in npy format 1.0. A head is an array's shape and type: what can be checked before data
 are unpacked. Memory follows the bytes that are in the file and not the sizes that it claims; pickles are refused.
+A folder holds KEY.npy, which are mapped and not read, and text files, which count as arrays of bytes.
 Equal arrays make equal files: order, time stamps and flags are fixed (the bytes may differ between versions of zlib).
 """
 
@@ -11,11 +12,12 @@ import math
 import zipfile
 from collections.abc import Iterable, Iterator
 from os import PathLike
+from pathlib import Path
 
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.whole import replace_file
+from mesoshell.io.whole import read_file, replace_file
 
 Head = tuple[tuple[int, ...], np.dtype]
 
@@ -24,6 +26,8 @@ _NPY = b"\x93NUMPY\x01\x00"
 
 def read_heads(path: str | PathLike[str]) -> dict[str, Head]:
     """Shape and type of every array. Raises InputError if the file is missing, not a zip, truncated or damaged."""
+    if Path(path).is_dir():
+        return {key: (array.shape, array.dtype) for key, array in _mapped(Path(path)).items()}
     with _opened(path) as file:
         heads = {info.filename.removesuffix(".npy"): _head(path, file, info) for info in file.infolist()}
         if len(heads) < len(file.infolist()):
@@ -33,6 +37,9 @@ def read_heads(path: str | PathLike[str]) -> dict[str, Head]:
 
 def read_arrays(path: str | PathLike[str], keys: Iterable[str]) -> dict[str, np.ndarray]:
     """The arrays of these keys, new and writable. Raises InputError as `read_heads`, or if a checksum is wrong."""
+    if Path(path).is_dir():
+        found = _mapped(Path(path))
+        return {key: found[key] for key in keys}
     with _opened(path) as file:
         return {key: _unpacked(file, f"{key}.npy") for key in keys}
 
@@ -48,6 +55,21 @@ def write_arrays(path: str | PathLike[str], arrays: dict[str, np.ndarray]) -> No
             info.compress_type, info.create_system, info.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
             file.writestr(info, member.getvalue())
     replace_file(path, stream.getvalue())
+
+
+def _mapped(folder: Path) -> dict[str, np.ndarray]:
+    """The folder's arrays, not to be written to. Raises InputError at the first file that is none."""
+    arrays = {}
+    for file in sorted(p for p in folder.rglob("*") if p.is_file()):
+        key = file.relative_to(folder).as_posix()
+        if file.suffix != ".npy":
+            arrays[key] = np.frombuffer(read_file(file), np.uint8)
+            continue
+        try:
+            arrays[key.removesuffix(".npy")] = np.load(file, mmap_mode="r", allow_pickle=False)
+        except (OSError, ValueError, EOFError) as error:
+            raise InputError(file, "not an array (.npy), or a truncated or damaged one") from error
+    return arrays
 
 
 @contextlib.contextmanager

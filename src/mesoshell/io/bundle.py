@@ -1,8 +1,8 @@
-"""The bundle: a material in one NAME.npz (standard library and NumPy only; floor 2).
+"""The bundle: a material in one NAME.npz, or in a folder (standard library and NumPy only; floor 2).
 
 symbol   meaning                                                                   shape, unit
 C        channels of the features
-H, W     texels of a feature level along v (axis 0) and u (axis 1); it wraps       H0 and W0 powers of two
+H, W     texels of a feature level along v (axis 0) and u (axis 1)                 any; wrapping: powers of two
 R        rows of a height feature level along h; clamped at both ends              any R0 ≥ 1
 E        height encoding h, sin(π 2ᵏ h) …, cos(π 2ᵏ h) …, k < height_octaves       E = 1 + 2 · height_octaves
 A        number of α parameters
@@ -15,20 +15,27 @@ A zip file of `.npy` members, what numpy.savez_compressed writes: member KEY.npy
         manifest = json.loads(file["manifest.json"].tobytes())
         arrays = {key: file[key] for key in file.files if key != "manifest.json"}
 
+A folder holds the same: KEY.npy, and manifest.json as plain text. Its arrays are mapped, not read.
+
 manifest.json (a uint8 array: UTF-8 text of one JSON object), every field required, no other allowed:
 
-    schema         1
+    schema         2
     kind           "shell"
     texel_density  texels a patch at level 0                                        > 0
     channels       C                                                                integer ≥ 1
     height_octaves sines (and cosines) that encode h                                integer ≥ 0
     parameters     list of {name, role, range: [lo, hi], default, unit, meaning}    role "alpha" or "beta", lo < hi
     thickness      height of the unit box over the side of a patch: 1 is a cube     > 0, patches
+    wraps          whether the texture is one patch that repeats, or has edges      true or false
+    generator      null, or the configuration of the generator whose weights these are   numbers and text
     colour_space   "linear Rec. 709"
     provenance     an object about the origin: config, dataset, commit, metrics     free; it may be empty
 
-Arrays: the table `SHELL` below; i counts 0, 1, 2, … without a gap and j = i + 1. A feature level has half the texels
-of the one before along each axis (max(1, n // 2)), down to 1, and there is a grid for each level of the texture. Layers
+Arrays: the table `SHELL` below; i counts 0, 1, 2, … without a gap and j = i + 1. Without a generator, features, height and
+grid are required; with one they are all there or all missing, and generator/… holds its weights, whose shapes follow from its
+configuration (`shell/generated` checks them). A feature level has half the texels of the one before along each axis: of a
+texture that wraps max(1, n // 2), down to 1; of one with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a
+power of two). There is a grid for each level: its cells span the patch, or are min(16, texels a patch) a patch. Layers
 are y = x · kernel + bias, hidden ones (trunk, head; one or more) followed by ReLU. The trunk sees F(u, v) + F(h), the
 encoded h and α (manifest order, mapped from its range to [0, 1]); σ = sigma_scale · softplus(x − 3), x from its last
 layer. The head sees that layer, ω and ω′ (3 numbers each).
@@ -49,7 +56,7 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
 
-SCHEMA = 1
+SCHEMA = 2
 MANIFEST = "manifest.json"
 _EITHER = ("float16", "float32")
 
@@ -69,7 +76,11 @@ SHELL: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "grid/{i}": (("any", "any", "any"), _EITHER),
 }
 
+#: What is there if the texture is baked.
+_BAKED = ("features/", "height/", "grid/")
 _NON_NEGATIVE = ("sigma_scale", "grid/")
+#: Numbers that are looked at at a time: a folder's arrays may be larger than memory.
+_BLOCK = 2**24
 
 
 @dataclass(frozen=True)
@@ -97,6 +108,12 @@ class Bundle:
     colour_space: str
     provenance: dict[str, Any]
     arrays: dict[str, np.ndarray]
+    wraps: bool = True
+    generator: dict[str, Any] | None = None
+
+    @property
+    def baked(self) -> bool:
+        return "features/0" in self.arrays
 
 
 def _is_number(x: Any) -> bool:
@@ -119,6 +136,8 @@ _MANIFEST_RULES: Rules = {
     "thickness": ("a number above 0", lambda x: _is_number(x) and x > 0),
     "colour_space": ("'linear Rec. 709'", lambda x: x == "linear Rec. 709"),
     "provenance": ("an object", lambda x: isinstance(x, dict)),
+    "wraps": ("true or false", lambda x: type(x) is bool),
+    "generator": ("null or an object", lambda x: x is None or isinstance(x, dict)),
 }
 _PARAMETER_RULES: Rules = {
     "name": ("text", lambda x: isinstance(x, str)),
@@ -144,6 +163,12 @@ def read_bundle(path: str | PathLike[str]) -> Bundle:
 
 def write_bundle(path: str | PathLike[str], bundle: Bundle) -> None:
     """Check a bundle as reading does, then write it. Raises InputError; what was at `path` is then as it was."""
+    text = checked_manifest(path, bundle)
+    write_arrays(path, {MANIFEST: np.frombuffer(text, np.uint8)} | dict(sorted(bundle.arrays.items())))
+
+
+def checked_manifest(path: str | PathLike[str], bundle: Bundle) -> bytes:
+    """The manifest's text, of a bundle that is checked as reading does."""
     manifest = {name: getattr(bundle, name) for name in _MANIFEST_RULES if name != "schema"} | {"schema": SCHEMA}
     manifest["parameters"] = [dataclasses.asdict(parameter) for parameter in bundle.parameters]
     try:
@@ -153,7 +178,7 @@ def write_bundle(path: str | PathLike[str], bundle: Bundle) -> None:
     fields = _parsed(path, text)
     _check_heads(path, fields, {key: (array.shape, array.dtype) for key, array in bundle.arrays.items()})
     _check_values(path, bundle.arrays)
-    write_arrays(path, {MANIFEST: np.frombuffer(text, np.uint8)} | dict(sorted(bundle.arrays.items())))
+    return text
 
 
 def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
@@ -198,8 +223,13 @@ def _sizes(fields: dict[str, Any], heads: dict[str, Head]) -> tuple[dict[str, in
         return max(1, shape[k]) if k < len(shape) else 1
 
     first = {"H": axis("features/0", 0), "W": axis("features/0", 1), "R": axis("height/0", 0)}
-    levels, rows = max(first["H"], first["W"]).bit_length(), first["R"].bit_length()
-    sizes = {f"{letter}{i}": max(1, n >> i) for letter, n in first.items() for i in range(max(levels, rows))}
+    across = max(first["H"], first["W"]) if fields["wraps"] else int(fields["texel_density"])
+    levels = across.bit_length()
+    rows = first["R"].bit_length()
+    sizes = {}
+    for letter, n in first.items():
+        up = letter != "R" and not fields["wraps"]
+        sizes |= {f"{letter}{i}": -(-n >> i) if up else max(1, n >> i) for i in range(max(levels, rows))}
     sizes |= {"C": fields["channels"], "1": 1, "3": 3}
     counts = {"features": levels, "height": rows, "grid": levels}
     alpha = sum(parameter.role == "alpha" for parameter in fields["parameters"])
@@ -222,10 +252,17 @@ def _check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[
         for pattern, (symbols, types) in SHELL.items()
         for i in range(counts.get(pattern.partition("/{i}")[0], 1))
     }
+    made = fields["generator"] is not None
+    if made and not any(key.startswith(_BAKED) for key in heads):
+        expected = {key: entry for key, entry in expected.items() if not key.startswith(_BAKED)}
+    weights = {key for key in heads if made and key.startswith("generator/")}
     for key in sorted(expected.keys() - heads.keys()):
         raise InputError(path, f"array {key} is missing")
-    for key in sorted(heads.keys() - expected.keys()):
+    for key in sorted(heads.keys() - expected.keys() - weights):
         raise InputError(path, f"unexpected array {key!r}")
+    for key in weights:
+        if str(heads[key][1]) not in _EITHER:
+            raise InputError(path, f"array {key} holds {heads[key][1]}; expected {' or '.join(_EITHER)}")
     for key, (symbols, types) in expected.items():
         shape, dtype = heads[key]
         sides = [sizes.get(symbol, "any") for symbol in symbols]
@@ -233,9 +270,17 @@ def _check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[
             raise InputError(path, f"array {key} has shape {_row(shape)}; expected {_row(symbols)} = {_row(sides)}")
         if str(dtype) not in types:
             raise InputError(path, f"array {key} holds {dtype}; expected {' or '.join(types)}")
-    height, width, _ = heads["features/0"][0]
-    if height & (height - 1) or width & (width - 1):
+    if "features/0" in expected:
+        _check_texture(path, fields, heads["features/0"][0])
+
+
+def _check_texture(path: str | PathLike[str], fields: dict[str, Any], shape: tuple[int, ...]) -> None:
+    height, width, _ = shape
+    density = fields["texel_density"]
+    if fields["wraps"] and (height & (height - 1) or width & (width - 1)):
         raise InputError(path, f"features/0 is {height} × {width} texels; expected powers of two")
+    if not fields["wraps"] and (density != int(density) or int(density) & (int(density) - 1)):
+        raise InputError(path, f"texel_density is {density:g}; expected a power of two where the texture has edges")
 
 
 def _row(sides: Sequence[int | str]) -> str:
@@ -244,7 +289,9 @@ def _row(sides: Sequence[int | str]) -> str:
 
 def _check_values(path: str | PathLike[str], arrays: dict[str, np.ndarray]) -> None:
     for key, array in arrays.items():
-        if not np.isfinite(array).all():
-            raise InputError(path, f"array {key} has NaN or infinite values")
-        if key.startswith(_NON_NEGATIVE) and array.min() < 0:
-            raise InputError(path, f"array {key} has negative values")
+        rows = max(1, _BLOCK * max(1, len(array)) // max(1, array.size)) if array.ndim else 1
+        for block in (array[i : i + rows] for i in range(0, len(array), rows)) if array.ndim else [array]:
+            if not np.isfinite(block).all():
+                raise InputError(path, f"array {key} has NaN or infinite values")
+            if key.startswith(_NON_NEGATIVE) and block.min() < 0:
+                raise InputError(path, f"array {key} has negative values")

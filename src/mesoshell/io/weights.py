@@ -24,7 +24,13 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.whole import read_file
 
-_TYPES = {"FloatStorage": "<f4", "HalfStorage": "<f2", "DoubleStorage": "<f8", "LongStorage": "<i8", "IntStorage": "<i4"}
+_TYPES = {
+    "FloatStorage": "<f4",
+    "HalfStorage": "<f2",
+    "DoubleStorage": "<f8",
+    "LongStorage": "<i8",
+    "IntStorage": "<i4",
+}
 _MAGIC = 0x1950A86A20F9469CFC6C
 
 
@@ -38,12 +44,16 @@ class _Tensor(NamedTuple):
     strides: tuple[int, ...]
 
 
+def _view(storage: tuple[str, str], offset: int, shape: tuple, strides: tuple, *_: Any) -> _Tensor:
+    return _Tensor(*storage, offset, tuple(shape), tuple(strides))
+
+
 class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) == ("collections", "OrderedDict"):
             return OrderedDict
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
-            return lambda storage, offset, shape, strides, *_: _Tensor(*storage, offset, tuple(shape), tuple(strides))
+            return _view
         if module == "torch" and name in _TYPES:
             return name
         raise pickle.UnpicklingError(f"names {module}.{name}, which is no part of a state dict")

@@ -26,14 +26,15 @@ from mesoshell.typing import Array, Float, Scalar, Vec3
 
 @dataclass(frozen=True)
 class Layout:
-    """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves, and whether
-    the texture has edges or is one patch that wraps around."""
+    """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves, whether the
+    texture has edges or is one patch that wraps around, and the (u, v) at which one with edges begins, in whole patches."""
 
     sizes: Sizes
     height_sizes: Sizes
     texel_density: float
     octaves: int
     open: bool = False
+    origin: tuple[int, int] = (0, 0)
 
 
 class Material(NamedTuple):
@@ -66,7 +67,8 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
     density = layout.texel_density if layout.open else None
-    plane = mip.lookup(material.texture, layout.sizes, point.xi[:2], level, density)
+    uv = point.xi[:2] - jnp.array(layout.origin, point.xi.dtype) if layout.open else point.xi[:2]
+    plane = mip.lookup(material.texture, layout.sizes, uv, level, density)
     profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
     return jnp.concatenate([plane + profile, net.encode_height(point.xi[2], layout.octaves), point.alpha])
 

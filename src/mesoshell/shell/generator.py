@@ -207,6 +207,15 @@ def spans(rows: tuple[LayerRow, ...], texels: int) -> list[Span]:
     return found[::-1]
 
 
+def halo_cost(config: GeneratorConfig, side: int) -> float:
+    """Multiplications of a square tile of `side` texels, halo included, over those of its own samples alone."""
+    rows = rows_of(config)
+    work = [row.conv_kernel**2 * row.in_channels * row.out_channels for row in rows]
+    spent = [(span.size - row.conv_kernel + 1) ** 2 for row, span in zip(rows, spans(rows, side), strict=True)]
+    own = [(side * row.in_sampling_rate / config.texels) ** 2 for row in rows]
+    return float(np.dot(work, spent) / np.dot(work, own))
+
+
 class Texture(NamedTuple):
     """A tile and what was seen on the way: mean squares of the layers' inputs."""
 

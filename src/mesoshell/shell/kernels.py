@@ -21,7 +21,7 @@ from mesoshell.numerics import optical_depth, safe_div, safe_sqrt
 from mesoshell.shell import decoder as net
 from mesoshell.shell.field import Layout, Material, Point, inputs
 from mesoshell.shell.sampling import Chart, Frame, Piece, frame, place, place_exact
-from mesoshell.shell.scene import Grid
+from mesoshell.shell.scene import GRID_CELLS, Grid
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import Footprint
 from mesoshell.typing import Array, Float, Scalar, Vec3
@@ -92,10 +92,19 @@ def bound(program: Program, grid: Grid, xi: Vec3, level: Scalar) -> Scalar:
     sizes = [a * b * c for a, b, c in program.grid_shapes]
     offsets = jnp.array([sum(sizes[:i]) for i in range(len(sizes))], jnp.int32)
     l = jnp.floor(level).astype(jnp.int32)
-    uv = xi[:2] - jnp.floor(xi[:2])
-    where = jnp.stack([xi[2], uv[1], uv[0]]) * shapes[l].astype(xi.dtype)
+    if program.layout.open:
+        uv, patches = xi[:2] - jnp.array(program.layout.origin, xi.dtype), jnp.array(_cells(program.layout), xi.dtype)
+        where = jnp.stack([xi[2] * shapes[l, 0].astype(xi.dtype), uv[1] * patches[l], uv[0] * patches[l]])
+    else:
+        uv = xi[:2] - jnp.floor(xi[:2])
+        where = jnp.stack([xi[2], uv[1], uv[0]]) * shapes[l].astype(xi.dtype)
     cell = jnp.clip(where.astype(jnp.int32), 0, shapes[l] - 1)
     return grid.values[offsets[l] + (cell[0] * shapes[l, 1] + cell[1]) * shapes[l, 2] + cell[2]]
+
+
+def _cells(layout: Layout) -> tuple[int, ...]:
+    """Cells a patch of each level's grid, of a texture with edges."""
+    return tuple(min(GRID_CELLS, max(1, int(layout.texel_density) >> i)) for i in range(len(layout.sizes)))
 
 
 @partial(jax.jit, static_argnums=0)

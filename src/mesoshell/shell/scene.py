@@ -24,6 +24,9 @@ from mesoshell.shell.field import Layout, Material
 from mesoshell.texture import mip
 from mesoshell.typing import Array
 
+#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges.
+GRID_CELLS = 16
+
 
 class Grid(NamedTuple):
     """The σ bounds of all levels, flattened."""
@@ -64,8 +67,11 @@ class Scene:
     transparent: bool = True
 
 
-def ready(bundle: Bundle) -> Ready:
-    """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather."""
+def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> Ready:
+    """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather.
+
+    origin: (u, v), in whole patches, at which a texture with edges begins.
+    """
     a = bundle.arrays
     levels = [a[f"features/{i}"] for i in range(_count(a, "features/{}"))]
     heights = [a[f"height/{i}"][:, None] for i in range(_count(a, "height/{}"))]
@@ -75,11 +81,13 @@ def ready(bundle: Bundle) -> Ready:
         tuple(x.shape[:2] for x in heights),
         float(bundle.texel_density),
         bundle.height_octaves,
+        not bundle.wraps,
+        origin,
     )
     material = Material(
         mip.pack([jnp.asarray(x) for x in levels]),
         mip.pack([jnp.asarray(x) for x in heights]),
-        _decoder(a),
+        decoder_of(a),
     )
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
     names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
@@ -93,7 +101,9 @@ def _count(arrays: dict[str, np.ndarray], key: str) -> int:
     return n
 
 
-def _decoder(a: dict[str, np.ndarray]) -> Decoder:
+def decoder_of(a: dict[str, np.ndarray]) -> Decoder:
+    """The decoder of a bundle's arrays."""
+
     def dense(name: str) -> Dense:
         return Dense(jnp.asarray(a[f"{name}/kernel"], jnp.float32), jnp.asarray(a[f"{name}/bias"], jnp.float32))
 
@@ -104,16 +114,17 @@ def _decoder(a: dict[str, np.ndarray]) -> Decoder:
     return Decoder(layers("decoder/trunk"), dense("decoder/sigma"), layers("decoder/head"), dense("decoder/rho"), scale)
 
 
-def normalised(bundle: Bundle, values: dict[str, float]) -> Float[np.ndarray, "A"]:
-    """α of a set of parameter values; defaults where none is given. Raises InputError for an unknown name or a value
+def normalised(bundle: Bundle, values: dict[str, float], role: str = "alpha") -> Float[np.ndarray, "A"]:
+    """α, or β, of a set of parameter values; defaults where none is given. Raises InputError for an unknown name or a value
     outside its range."""
-    known = {p.name: p for p in bundle.parameters if p.role == "alpha"}
+    known = {p.name: p for p in bundle.parameters}
     for name, value in values.items():
         if name not in known:
             raise InputError("--param", f"no parameter '{name}'; this material has {', '.join(known) or 'none'}")
         low, high = known[name].range
         if not low <= value <= high:
             raise InputError("--param", f"{name}={value:g} lies outside [{low:g}, {high:g}]")
+    mine = [p for p in bundle.parameters if p.role == role]
     return np.array(
-        [(values.get(n, p.default) - p.range[0]) / (p.range[1] - p.range[0]) for n, p in known.items()], np.float32
+        [(values.get(p.name, p.default) - p.range[0]) / (p.range[1] - p.range[0]) for p in mine], np.float32
     )

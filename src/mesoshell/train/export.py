@@ -1,29 +1,27 @@
-"""From fitted parameters to a bundle: half-precision pyramids, decoder, and the σ bounds that skip empty space.
+"""From what was trained to a bundle: a fitted patch with its pyramids and σ grid, or a generator's weights.
 
-Alphabet
-grid l      (G, G, G_uv) cells of (h, v, u); holds the largest σ seen in the cell for filter levels in [l, l + 1)
-margin      what each cell's maximum is multiplied by
-excess      share of random points whose σ exceeds their cell's bound, measured on points that the grid has not seen
-
-The bound is a measured one. Each cell's σ is looked at in PROBES random places, a tenth of a cell beyond its walls
-included, at random levels, heights' filters and parameters. The share of unseen points above it, and the largest optical
-depth that such a point can hide, go into the bundle's provenance as `grid_excess_share` and `grid_excess_sigma`.
+The share of unseen points above the σ grid, and the largest σ above it, go into the bundle's provenance as
+`grid_excess_share` and `grid_excess_sigma`.
 """
 
-from collections.abc import Iterator
-from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from mesoshell.io.bundle import Bundle, Parameter
-from mesoshell.shell.field import Layout, Material, Point, neural_field
+from mesoshell.shell.bound import bounds, new_points
+from mesoshell.shell.decoder import Decoder
+from mesoshell.shell.field import Layout, Material
+from mesoshell.shell.generated import generator_arrays, generator_fields
+from mesoshell.shell.generator import Averages
 from mesoshell.texture import mip
 from mesoshell.train.fit import FitConfig, Parameters, layout_of, material_of
-from mesoshell.typing import Array
+from mesoshell.train.state import Learner, TrainConfig
 
-CELLS_UV, CELLS_H, PROBES, MARGIN = 64, 32, 256, 1.5
+CELLS_UV, CELLS_H, PROBES = 64, 32, 256
+_PATCH = np.array([[0.0, 0.0], [1.0, 1.0]])
 
 
 def to_bundle(
@@ -35,17 +33,16 @@ def to_bundle(
     """A bundle of kind `shell`. declared: the dataset's parameters; provenance: config, dataset, commit, metrics."""
     layout = layout_of(config)
     material = half(material_of(parameters))
-    appearance = sum(p.role == "alpha" for p in declared)
-    grids = [g.astype(np.float16) for g in _grids(layout, material, appearance)]
-    excess = _excess(layout, material, appearance, grids)
-    arrays: dict[str, np.ndarray] = {"sigma_scale": np.asarray(parameters.decoder.scale, np.float32)}
+    grids = _grids(layout, material)
+    excess = _excess(layout, material, grids)
+    arrays: dict[str, np.ndarray] = {}
     for i, level in enumerate(mip.build(parameters.feature)):
         arrays[f"features/{i}"] = np.asarray(level, np.float16)
     for i, level in enumerate(mip.build(parameters.height)):
         arrays[f"height/{i}"] = np.asarray(level[:, 0], np.float16)
     for i, grid in enumerate(grids):
         arrays[f"grid/{i}"] = grid
-    arrays |= _decoder_arrays(parameters)
+    arrays |= _decoder_arrays(parameters.decoder)
     return Bundle(
         kind="shell",
         texel_density=float(config.texels),
@@ -59,65 +56,67 @@ def to_bundle(
     )
 
 
+def declared(manifest: dict[str, Any]) -> tuple[Parameter, ...]:
+    """A dataset's parameters, as a bundle declares them."""
+    return tuple(
+        Parameter(
+            n, p["role"], (float(p["range"][0]), float(p["range"][1])), float(p["default"]), p["unit"], p["meaning"]
+        )
+        for n, p in manifest["parameters"].items()
+    )
+
+
 def half(material: Material) -> Material:
     """The material with its features in half precision: what a bundle holds."""
     texture, height = jax.tree.map(lambda x: x.astype(jnp.float16), (material.texture, material.height))
     return material._replace(texture=texture, height=height)
 
 
-def _decoder_arrays(parameters: Parameters) -> dict[str, np.ndarray]:
-    d = parameters.decoder
+def generator_bundle(
+    config: TrainConfig,
+    learner: Learner,
+    averages: Averages,
+    declared: tuple[Parameter, ...],
+    provenance: dict,
+) -> Bundle:
+    """A bundle that makes textures: the generator's and the decoder's weights, and no texture."""
+    return Bundle(
+        kind="shell",
+        texel_density=float(config.generator.texels),
+        channels=config.generator.channels,
+        height_octaves=config.picture.octaves,
+        parameters=declared,
+        thickness=1.0,
+        colour_space="linear Rec. 709",
+        provenance=provenance,
+        arrays=_decoder_arrays(learner.decoder) | generator_arrays(learner.generator, averages),
+        wraps=False,
+        generator=generator_fields(config.generator),
+    )
+
+
+def _decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:
     named = {f"trunk/{i}": x for i, x in enumerate(d.trunk)} | {f"head/{i}": x for i, x in enumerate(d.head)}
     named |= {"sigma": d.sigma, "rho": d.rho}
     kernels = {f"decoder/{k}/kernel": np.asarray(v.kernel, np.float32) for k, v in named.items()}
-    return kernels | {f"decoder/{k}/bias": np.asarray(v.bias, np.float32) for k, v in named.items()}
+    biases = {f"decoder/{k}/bias": np.asarray(v.bias, np.float32) for k, v in named.items()}
+    return kernels | biases | {"sigma_scale": np.asarray(d.scale, np.float32)}
 
 
-def _grids(layout: Layout, material: Material, appearance: int) -> list[np.ndarray]:
-    """Largest σ of every cell of every level, with the margin."""
-    grids = []
-    for level, (rows, columns) in enumerate(layout.sizes):
-        shape = (CELLS_H, min(CELLS_UV, rows), min(CELLS_UV, columns))
-        largest = jnp.zeros(shape)
-        for key in _keys(level):
-            corner = jnp.stack(jnp.meshgrid(*(jnp.arange(n, dtype=jnp.float32) for n in shape), indexing="ij"), -1)
-            inside = corner + jax.random.uniform(key, corner.shape, minval=-0.1, maxval=1.1)
-            xi = (inside.reshape(-1, 3) / jnp.array([shape], jnp.float32))[:, ::-1]
-            sigma = _sigma(layout, material, xi, np.float32(level), appearance, key)
-            largest = jnp.maximum(largest, sigma.reshape(shape))
-        grids.append(np.minimum(np.asarray(largest) * MARGIN, np.finfo(np.float16).max))
-    return grids
+def _grids(layout: Layout, material: Material) -> list[np.ndarray]:
+    """Bounds of every cell of every level."""
+    shapes = [(CELLS_H, min(CELLS_UV, rows), min(CELLS_UV, columns)) for rows, columns in layout.sizes]
+    return [bounds(layout, material, level, shape, _PATCH, PROBES) for level, shape in enumerate(shapes)]
 
 
-def _keys(level: int) -> Iterator[Array]:
-    return iter(jax.random.split(jax.random.key(level), PROBES))
-
-
-@partial(jax.jit, static_argnums=(0, 4))
-def _sigma(layout: Layout, material: Material, xi: Array, level: Array, appearance: int, key: Array) -> Array:
-    """σ at points of a level, with random heights' filters and parameters, and fractions of a level: half of them 0.
-
-    Unfiltered features have the greatest extremes, and all of a close view is unfiltered.
-    """
-    k = jax.random.split(key, 3)
-    n = xi.shape[0]
-    at = level + jnp.maximum(jax.random.uniform(k[0], (n,), minval=-1.0), 0)
-    radius = jnp.where(at == 0, 0.0, 2.0**at / (2 * layout.texel_density))
-    deviation = radius * jax.random.uniform(k[1], (n,), maxval=2.0)
-    alpha = jax.random.uniform(k[2], (n, appearance))
-    points = Point(xi.at[:, 2].set(jnp.clip(xi[:, 2], 0, 1)), radius, deviation, alpha)
-    return jax.lax.map(lambda p: neural_field(material, layout).density(p)[0], points, batch_size=4096)
-
-
-def _excess(layout: Layout, material: Material, appearance: int, grids: list[np.ndarray]) -> dict[str, float]:
+def _excess(layout: Layout, material: Material, grids: list[np.ndarray]) -> dict[str, float]:
     """How often, and by how much, σ exceeds the bound at 200 000 new points of each of the finest three levels."""
     above, most, total = 0, 0.0, 0
     for level in range(min(3, len(grids))):
-        key = jax.random.key(1000 + level)
-        xi = jax.random.uniform(key, (200_000, 3))
-        sigma = np.asarray(_sigma(layout, material, xi, np.float32(level), appearance, jax.random.fold_in(key, 1)))
+        place = (jnp.zeros(2), jnp.ones(2))
+        xi, sigma = new_points(layout, material, np.float32(level), 200_000, place, jax.random.key(1000 + level))
         shape = np.array(grids[level].shape)
         cell = np.minimum((np.asarray(xi)[:, ::-1] * shape).astype(int), shape - 1)
-        over = sigma - grids[level].astype(np.float32)[tuple(cell.T)]
+        over = np.asarray(sigma) - grids[level].astype(np.float32)[tuple(cell.T)]
         above, most, total = above + int((over > 0).sum()), max(most, float(over.max())), total + len(over)
     return {"grid_excess_share": above / total, "grid_excess_sigma": most}

@@ -11,6 +11,7 @@ straddle two passes.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple, cast
 
 import grain
@@ -76,6 +77,13 @@ class _Table:
         columns = (self._alpha, self._beta, self._camera, self._light, self._irradiance, self._index)
         image = np.stack([np.asarray(self._images[i]) for i in positions])
         return Batch(image, *(column[positions] for column in columns))
+
+
+def take(dataset: Dataset, positions: Integer[np.ndarray, "B"]) -> Batch:
+    """Samples of a packed dataset by position."""
+    return _Table(replace(dataset, samples=tuple(dataset.samples[i] for i in positions))).take(
+        np.arange(len(positions))
+    )
 
 
 def _normalised(dataset: Dataset, role: str) -> Float32[np.ndarray, "N P"]:

@@ -25,6 +25,7 @@ TINY = TrainConfig(
     batch=4,
     kimg=0.24,
     near_kimg=0.1,
+    snapshot_kimg=0.12,
     gamma=0.06,
 )
 SMALL = TrainConfig(views=2)
@@ -37,6 +38,7 @@ BASE = TrainConfig(
     batch=16,
     kimg=5000.0,
     near_kimg=500.0,
+    snapshot_kimg=50.0,
     gamma=1.0,
 )
 PAPER = TrainConfig(
@@ -48,5 +50,6 @@ PAPER = TrainConfig(
     batch=32,
     kimg=25_000.0,
     near_kimg=2000.0,
+    snapshot_kimg=200.0,
     gamma=0.5,
 )

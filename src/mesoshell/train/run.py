@@ -1,7 +1,7 @@
 """A training run: steps, a log, checkpoints, resumption, and a stop when something is not finite.
 
 Alphabet
-folder       config.json (what the run was begun with), log.jsonl, checkpoints/
+folder       config.json (what the run was begun with), log.jsonl, checkpoints/, snapshots/, sheets/
 log          a row every LOG_EVERY steps: kimg, images a second since the last row, and the step's Report
 stop         asked for by SIGTERM: the step in hand is finished and saved
 
@@ -13,18 +13,17 @@ import json
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
 
-from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
-from mesoshell.io.whole import replace_file
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.parallel import spread_step
+from mesoshell.train.record import keep_record
+from mesoshell.train.report import write_report
+from mesoshell.train.snapshot import keep_snapshot
 from mesoshell.train.state import TrainConfig, TrainState, start
 from mesoshell.train.step import Report, step
 from mesoshell.train.stream import fitted, renders
@@ -54,6 +53,7 @@ def train(
     spread = spread_step(lambda state, batch, across: step(config, state, batch, across), config.batch, how)
     begin = start(config, jax.random.key(config.seed))
     steps = int(np.ceil(config.kimg * 1000 / config.batch))
+    snapshot = max(1, round(config.snapshot_kimg * 1000 / config.batch))
     with Checkpoints(folder / "checkpoints") as checkpoints, _Stop() as stop:
         found = checkpoints.newest(begin)
         done, begin = found if found else (0, begin)
@@ -77,31 +77,13 @@ def train(
             if now - saved > SAVE_EVERY or last or stop.asked:
                 checkpoints.save(i + 1, spread.whole(state))
                 saved = time.perf_counter()
+            if (i + 1) % snapshot == 0 or last or stop.asked:
+                keep_snapshot(config, dataset, spread.whole(state), folder)
             if stop.asked:
                 break
+        if jax.process_index() == 0:
+            write_report(folder)
         return spread.whole(state)
-
-
-def keep_record(config: TrainConfig, dataset: Dataset, folder: Path) -> None:
-    """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data. A run's length
-    may change. Raises InputError that names the fields that differ."""
-    kept = ("recipe", "version", "size", "seed")
-    record = {"config": asdict(config), "data": {k: dataset.manifest[k] for k in kept}}
-    record = json.loads(json.dumps(record))
-    path = folder / "config.json"
-    if path.exists():
-        try:
-            found = json.loads(path.read_text())
-        except ValueError:
-            raise InputError(path, "not JSON") from None
-        old, new = _flat(found), _flat(record)
-        differ = [k for k in sorted(old.keys() | new.keys()) if old.get(k) != new.get(k) and k != "config.kimg"]
-        if differ:
-            said = ", ".join(f"{k} is {old.get(k)}, asked for {new.get(k)}" for k in differ)
-            raise InputError(path, f"the run was begun with another configuration: {said}")
-    if jax.process_index() == 0:
-        folder.mkdir(parents=True, exist_ok=True)
-        replace_file(path, (json.dumps(record, indent=1) + "\n").encode())
 
 
 def leaf_names(state: TrainState) -> list[str]:
@@ -130,12 +112,6 @@ def _append(path: Path, row: dict[str, float]) -> None:
     if jax.process_index() == 0:
         with path.open("a") as log:
             log.write(json.dumps(row) + "\n")
-
-
-def _flat(tree: Any, name: str = "") -> dict[str, Any]:
-    if not isinstance(tree, dict):
-        return {name: tree}
-    return {k: v for key, value in tree.items() for k, v in _flat(value, f"{name}.{key}" if name else key).items()}
 
 
 class _Stop:

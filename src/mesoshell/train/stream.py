@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import jax
 import numpy as np
+from jaxtyping import Int
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
-from mesoshell.train.feed import Feed
+from mesoshell.train.feed import Feed, take
 from mesoshell.train.generate import Shown
 from mesoshell.train.state import TrainConfig, sized
 
@@ -58,3 +59,12 @@ def renders(config: TrainConfig, dataset: Dataset, host: int = 0, hosts: int = 1
         return Shown(b.image.astype(np.float32), b.alpha, b.beta, b.camera_to_world, b.light, b.irradiance, mine)
 
     return at
+
+
+def views_of(config: TrainConfig, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]) -> Shown:
+    """The samples at these positions, with keys of their own: the same whenever they are asked for."""
+    b = take(dataset, np.asarray(positions))
+    keys = np.stack(
+        [jax.random.key_data(jax.random.fold_in(jax.random.key(config.seed), i)) for i in range(len(positions))]
+    )
+    return Shown(b.image.astype(np.float32), b.alpha, b.beta, b.camera_to_world, b.light, b.irradiance, keys)

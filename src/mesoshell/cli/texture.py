@@ -1,0 +1,30 @@
+"""`mesoshell texture`: a generator in, a texture of any extent out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Options:
+    """Make one texture with a material's generator. Rendering it needs no generator, and looks the same every time."""
+
+    #: A bundled material's name, or a .npz file, with a generator in it.
+    material: tyro.conf.Positional[str]
+    #: A file NAME.npz; or a folder NAME, for textures larger than memory: its arrays are memory-mapped .npy files.
+    out: Path
+    #: Patches along u and v, whole or not.
+    extent: tuple[float, float] = (4.0, 4.0)
+    #: Another seed, another texture.
+    seed: int = 0
+    #: NAME=VALUE; may be repeated. Geometry is baked; appearance becomes the default that a render can still change.
+    param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+
+
+def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
+    """Make one texture with a material's generator. Rendering it needs no generator, and looks the same every time."""
+    from mesoshell.cli import texturing
+
+    texturing.texture_to_files(options)

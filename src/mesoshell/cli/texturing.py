@@ -1,0 +1,95 @@
+"""The work of `mesoshell texture`. Imports JAX, so it is loaded only when it runs."""
+
+import os
+import shutil
+import time
+from dataclasses import replace
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mesoshell.cli.material import find
+from mesoshell.cli.render import parse_params
+from mesoshell.cli.texture import Options
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
+from mesoshell.shell.bake import patches_a_tile
+from mesoshell.shell.generated import maker_of
+from mesoshell.shell.generator import halo_cost
+from mesoshell.shell.grow import baked
+from mesoshell.shell.scene import normalised
+
+
+def texture_to_files(options: Options) -> None:
+    """All of `mesoshell texture`."""
+    begin = time.perf_counter()
+    bundle = read_bundle(find(options.material))
+    config = maker_of(bundle, options.material).config
+    size = _size(options, config.texels)
+    values = {name: _number(name, text) for name, text in parse_params(options.param).items()}
+    for role in ("alpha", "beta"):
+        normalised(bundle, values, role)
+    console = Console(stderr=True, highlight=False)
+    columns = (TextColumn("texture"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        progress = lambda share: bar.update(task, completed=share)  # noqa: E731
+        if options.out.suffix == ".npz":
+            made, share = baked(bundle, options.material, size, options.seed, values, None, progress)
+            options.out.parent.mkdir(parents=True, exist_ok=True)
+            write_bundle(options.out, _with(made, share))
+        else:
+            _to_folder(options, bundle, size, values, progress)
+    seconds, side = time.perf_counter() - begin, patches_a_tile(config.texels) * config.texels
+    console.print(
+        f"{size[1]} × {size[0]} texels in {seconds:.1f} s, {size[0] * size[1] / seconds:,.0f} a second; tiles of "
+        f"{side}² cost {halo_cost(config, side):.2f} times what they would without their halo"
+    )
+    print(options.out)
+
+
+def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], values: dict, progress) -> None:
+    if options.out.exists():
+        raise InputError(options.out, "exists already")
+    partial = options.out.with_name(options.out.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+
+    def allocate(key: str, shape: tuple[int, ...]) -> np.ndarray:
+        path = partial / f"{key}.npy"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return np.lib.format.open_memmap(path, "w+", np.float16, shape)
+
+    try:
+        partial.mkdir(parents=True)
+        made, share = baked(bundle, options.material, size, options.seed, values, None, progress, allocate)
+        for key, array in made.arrays.items():
+            path = partial / f"{key}.npy"
+            if not path.exists():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                np.save(path, array)
+        (partial / "manifest.json").write_bytes(checked_manifest(options.out, _with(made, share)))
+        os.replace(partial, options.out)
+    except OSError as error:
+        raise InputError(options.out, f"cannot be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _with(bundle: Bundle, share) -> Bundle:
+    return replace(bundle, provenance=bundle.provenance | share._asdict())
+
+
+def _size(options: Options, texels: int) -> tuple[int, int]:
+    """Texels (V, U) of the extent."""
+    u, v = options.extent
+    if not all(np.isfinite(x) and x * texels >= 1 for x in (u, v)):
+        raise InputError("--extent", f"{u:g} {v:g}: must be two numbers of patches, at least a texel each")
+    return round(v * texels), round(u * texels)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError("--param", f"{name}={text}: a texture takes numbers; images vary a render") from None

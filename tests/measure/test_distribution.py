@@ -41,7 +41,7 @@ def test_kid_is_the_definition_by_loops() -> None:
     x, y = gaussian(5, 3, 4), gaussian(7, 3, 5, 0.5)
 
     def k(a: np.ndarray, b: np.ndarray) -> float:
-        return (a @ b / 3 + 1) ** 3
+        return float((a @ b / 3 + 1) ** 3)
 
     def within(s: np.ndarray) -> float:
         return float(np.mean([k(s[i], s[j]) for i in range(len(s)) for j in range(len(s)) if i != j]))

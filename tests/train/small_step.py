@@ -11,7 +11,7 @@ from mesoshell.train.state import TrainConfig, sized
 
 CONFIG = sized(
     TrainConfig(
-        GeneratorConfig(texels=16, channel_base=32, channel_max=4, channels=4, z=4, w=4, height_rows=8, height_width=4),
+        GeneratorConfig(16, "T", 32, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4),
         DiscriminatorConfig(8, 64, 4, embedding=4),
         PictureConfig(8, 4, texels=16, height_rows=8, octaves=1),
         trunk=(4,),

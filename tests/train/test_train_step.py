@@ -30,15 +30,16 @@ def test_one_device_sharded_and_pmap_agree() -> None:
 
 @pytest.fixture(scope="module")
 def stepped() -> dict:
-    """The state after one step in float32, and after one with bfloat16 convolutions."""
+    """The state after one step in float32, after one with bfloat16 convolutions, and after one with blur and density."""
     found = {}
-    for precision in ("float32", "bfloat16"):
-        config = replace(small_step.CONFIG, precision=precision)
+    changes = {"float32": {}, "bfloat16": {"precision": "bfloat16"}, "helped": {"blur": 2.0, "density": 0.25}}
+    for name, change in changes.items():
+        config = replace(small_step.CONFIG, **change)
         batch = jax.tree.map(
             lambda x: jnp.asarray(x) if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), small_step.batch()
         )
         state = start(config, jax.random.key(0))
-        found[precision] = jax.jit(lambda s, b, config=config: step(config, s, b))(state, batch)
+        found[name] = jax.jit(lambda s, b, config=config: step(config, s, b))(state, batch)
     return found
 
 
@@ -56,6 +57,15 @@ def test_everything_moves_and_nothing_is_bad(stepped) -> None:
         if jnp.array_equal(a, b)
     ]
     assert still == []
+
+
+def test_helps_change_what_they_are_asked_to_change(stepped) -> None:
+    """First moments are gradients. A blur reaches both players; both report nothing bad."""
+    (plain, _), (helped, report) = stepped["float32"], stepped["helped"]
+    assert not report.bad.any()
+    for pick in (lambda s: s.learner_adam[0].mu.decoder, lambda s: s.discriminator_adam[0].mu):
+        pairs = zip(jax.tree.leaves(pick(plain)), jax.tree.leaves(pick(helped)), strict=True)
+        assert any(np.abs(x - y).max() > 1e-2 * np.abs(x).max() for x, y in pairs)
 
 
 def test_r1_is_float32_where_convolutions_are_not() -> None:

@@ -47,7 +47,8 @@ def render_to_files(options: Options) -> None:
     console = Console(stderr=True)
     quality = PRESETS[options.quality]
     bundle = read_bundle(find(options.material))
-    with Progress(TextColumn("growing"), BarColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
+    columns = (TextColumn("growing"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
         scene, notes = build_scene(options, bundle, lambda share: bar.update(task, completed=share))
     for note in notes:

@@ -32,7 +32,7 @@ def texture_to_files(options: Options) -> None:
         normalised(bundle, values, role)
     console = Console(stderr=True, highlight=False)
     columns = (TextColumn("texture"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
         progress = lambda share: bar.update(task, completed=share)  # noqa: E731
         if options.out.suffix == ".npz":
@@ -44,7 +44,8 @@ def texture_to_files(options: Options) -> None:
     seconds, side = time.perf_counter() - begin, patches_a_tile(config.texels) * config.texels
     console.print(
         f"{size[1]} × {size[0]} texels in {seconds:.1f} s, {size[0] * size[1] / seconds:,.0f} a second; tiles of "
-        f"{side}² cost {halo_cost(config, side):.2f} times what they would without their halo"
+        f"{side}² cost {halo_cost(config, side):.2f} times what they would without their halo",
+        soft_wrap=True,
     )
     print(options.out)
 

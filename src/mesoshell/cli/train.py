@@ -19,6 +19,8 @@ class Options:
     run: Path
     #: Length of the run in thousands of images; the experiment's if not given.
     kimg: float | None = None
+    #: The same experiment at another size: its pictures', networks' and batch's, and its length.
+    preset: Literal["tiny", "small", "base", "paper"] | None = None
     #: How a step is spread over devices.
     parallel: Literal["jit", "pmap"] = "jit"
     #: Train on many hosts: "auto" to find them in the cluster's environment, or the first host's HOST:PORT.

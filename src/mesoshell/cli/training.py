@@ -17,6 +17,7 @@ from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.measure.operations import count_operations
+from mesoshell.train.presets import PRESETS
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.state import TrainConfig, start
 from mesoshell.train.step import step
@@ -25,7 +26,7 @@ from mesoshell.train.stream import fitted, renders
 
 def train_from(options: Options) -> None:
     """All of `mesoshell train`."""
-    config = read_experiment(options.experiment)
+    config = read_experiment(options.experiment, options.preset)
     if options.kimg is not None:
         if not options.kimg > 0:
             raise InputError("--kimg", f"must be above 0, not {options.kimg}")
@@ -56,16 +57,19 @@ def train_from(options: Options) -> None:
     print(f"{options.run}: {int(state.images) / 1000:.3f} kimg")
 
 
-def read_experiment(path: Path) -> TrainConfig:
-    """The `config` of an experiment file. Raises InputError if it does not run or defines none."""
+def read_experiment(path: Path, preset: str | None = None) -> TrainConfig:
+    """The `config` of an experiment file, or its `variant` of a preset. Raises InputError if it does not run or lacks it."""
     if not path.is_file():
         raise InputError(path, "no such file")
+    wanted = "config" if preset is None else "variant"
     try:
-        config = runpy.run_path(str(path)).get("config")
+        found = runpy.run_path(str(path)).get(wanted)
+        config = found(PRESETS[preset]) if preset is not None and callable(found) else found
     except Exception as error:
         raise InputError(path, f"{type(error).__name__}: {error}") from error
     if not isinstance(config, TrainConfig):
-        raise InputError(path, "defines no `config` that is a mesoshell.train.state.TrainConfig")
+        kind = {"config": "that is a TrainConfig", "variant": "that makes one TrainConfig of another"}[wanted]
+        raise InputError(path, f"defines no `{wanted}` {kind} (mesoshell.train.state)")
     return config
 
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from mesoshell.nets.mlp import Dense, apply_dense
 from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu
-from mesoshell.signal.fourier import draw_frequencies, fourier_map
+from mesoshell.signal.fourier import draw_frequencies, fourier_map, turned
 from mesoshell.signal.modulated import modulated_conv
 from mesoshell.signal.schedule import Config, LayerRow, layer_schedule
 from mesoshell.typing import Array, Float, Int, Key
@@ -43,14 +43,16 @@ _MAPPING_RATE = 0.01
 
 @dataclass(frozen=True)
 class GeneratorConfig:
-    """texels a patch, a power of two; fourier: maps in every layer with phases drawn a texture ("random"), always the same
-    ("frozen"), or none beyond the input ("off"). precision: of the convolutions."""
+    """texels a patch, a power of two; layers before the output; fourier: maps in every layer with phases drawn a texture
+    ("random"), always the same ("frozen"), or none beyond the input ("off"); turn: of the maps about the origin, degrees
+    from v toward u; precision: of the convolutions."""
 
     texels: int = 64
     config: Config = "T"
     channel_base: int = 4096
     channel_max: int = 64
     channels: int = 32
+    layers: int = 14
     z: int = 64
     w: int = 64
     betas: int = 0
@@ -58,6 +60,7 @@ class GeneratorConfig:
     height_octaves: int = 5
     height_width: int = 64
     fourier: Literal["random", "frozen", "off"] = "random"
+    turn: float = 0.0
     precision: Literal["float32", "bfloat16"] = "float32"
     seed: int = 0
 
@@ -95,8 +98,8 @@ class Phases(NamedTuple):
 
 @lru_cache
 def rows_of(config: GeneratorConfig) -> tuple[LayerRow, ...]:
-    rows = layer_schedule(config.texels, config.config, config.channel_base, config.channel_max, config.channels)
-    return tuple(rows)
+    sizes = config.channel_base, config.channel_max, config.channels, config.layers
+    return tuple(layer_schedule(config.texels, config.config, *sizes))
 
 
 @lru_cache
@@ -104,12 +107,13 @@ def frequencies_of(config: GeneratorConfig) -> tuple[Int[np.ndarray, "C 2"], lis
     """Frequencies of the input's map and of each layer's, which lie between the cutoffs of the layer's input and output."""
     rng = np.random.default_rng(config.seed)
     rows = rows_of(config)
-    first = draw_frequencies(rng, rows[0].in_channels, 0.0, rows[0].in_cutoff)
+    first = turned(draw_frequencies(rng, rows[0].in_channels, 0.0, rows[0].in_cutoff), config.turn)
     layers = []
     for i, row in enumerate(rows):
         low = 0.0 if i == 0 else row.in_cutoff
         empty = low >= row.out_cutoff or config.fourier == "off"
-        layers.append(draw_frequencies(rng, 0 if empty else row.in_channels, low, row.out_cutoff))
+        drawn = draw_frequencies(rng, 0 if empty else row.in_channels, low, row.out_cutoff)
+        layers.append(turned(drawn, config.turn))
     return first, layers
 
 

@@ -35,13 +35,13 @@ def grow(
 
     Raises InputError, about `name`, if there is no generator, or the texture would not fit in memory.
     """
+    texels = int(bundle.texel_density)
+    low, high = _cells(uv)
+    across, along = (int(n) for n in high.max(axis=0) - low.min(axis=0) + 1)
+    if across * along * texels**2 * bundle.channels * 2 * 4 / 3 > MOST_BYTES:
+        raise InputError("--scale", f"the mesh would carry {across} × {along} patches: give larger ones")
     origin, needed = patches_of(uv)
-    texels, channels = int(bundle.texel_density), bundle.channels
     size = needed.shape[0] * texels, needed.shape[1] * texels
-    if size[0] * size[1] * channels * 2 * 4 / 3 > MOST_BYTES:
-        raise InputError(
-            "--scale", f"the mesh would carry {needed.shape[1]} × {needed.shape[0]} patches: give larger ones"
-        )
     found, share = baked(bundle, name, size, seed, values, needed, progress)
     return replace(found, provenance=found.provenance | share._asdict()), origin
 
@@ -76,10 +76,14 @@ def baked(
 
 def patches_of(uv: Float[np.ndarray, "P 3 2"]) -> tuple[tuple[int, int], Bool[np.ndarray, "V U"]]:
     """Origin (u, v), and which patches from there on are needed, by the triangles' bounding boxes."""
-    low = np.floor(uv.min(axis=1) - REACH).astype(int)
-    high = np.floor(uv.max(axis=1) + REACH).astype(int)
+    low, high = _cells(uv)
     first = low.min(axis=0)
     needed = np.zeros((high.max(axis=0) - first + 1)[::-1], bool)
     for (u0, v0), (u1, v1) in zip(low - first, high - first, strict=True):
         needed[v0 : v1 + 1, u0 : u1 + 1] = True
     return (int(first[0]), int(first[1])), needed
+
+
+def _cells(uv: Float[np.ndarray, "P 3 2"]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest patch (u, v) that each triangle needs."""
+    return tuple(np.floor(x).astype(int) for x in (uv.min(axis=1) - REACH, uv.max(axis=1) + REACH))

@@ -28,6 +28,12 @@ def draw_frequencies(rng: np.random.Generator, channels: int, low: float, high: 
     return np.rint(f * 2**_BITS).astype(np.int32)
 
 
+def turned(f: Int[np.ndarray, "C 2"], degrees: float) -> Int[np.ndarray, "C 2"]:
+    """Frequencies of maps turned about the origin, from v toward u."""
+    sin, cos = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    return np.rint(f @ np.array([[cos, sin], [-sin, cos]])).astype(np.int32)
+
+
 def fourier_map(
     f: Int[Array, "C 2"], phase: Float[Array, "B C"], start: Int[Array, "2"], size: tuple[int, int], rate: int
 ) -> Float[Array, "B {size[0]} {size[1]} C"]:

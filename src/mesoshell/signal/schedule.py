@@ -1,7 +1,7 @@
 """The layers of an alias-free generator: rates, cutoffs, sizes, channels and filters (Alias-Free GAN, section 3.2).
 
 Alphabet
-i            layer, 0 … N; N = 14 is the output, the two layers before it are critically sampled
+i            layer, 0 … N; N (14 in the papers) is the output, the two layers before it are critically sampled
 f_c, f_t     cutoff and stopband of a layer's output, geometric from 2 and 2^2.1 to res/2 and 2^0.3·res/2     cycles a patch
 s            sampling rate: the least power of two ≥ 2f_t, at most res                                        samples a patch
 half-width   of the transition band: max(f_t, s/2) − f_c                                                      cycles a patch
@@ -21,7 +21,7 @@ from mesoshell.signal.kaiser import lowpass, radial_lowpass
 
 Config = Literal["T", "R"]
 
-LAYERS, CRITICAL, MARGIN, FILTER_SIZE = 14, 2, 10, 6
+CRITICAL, MARGIN, FILTER_SIZE = 2, 10, 6
 FIRST_CUTOFF, FIRST_STOPBAND, LAST_STOPBAND = 2.0, 2**2.1, 2**0.3
 
 
@@ -63,11 +63,15 @@ def layer_schedule(
     channel_base: int = 32768,
     channel_max: int = 512,
     out_channels: int = 3,
+    layers: int = 14,
 ) -> list[LayerRow]:
-    """Rows 0 … 14 for `resolution` samples a patch at the output. Raises ValueError if it is no power of two ≥ 16."""
+    """Rows 0 … N = layers for `resolution` samples a patch at the output. Raises ValueError if it is no power of two ≥ 16,
+    or there are fewer than 4 layers."""
     if resolution < 16 or resolution & (resolution - 1):
         raise ValueError(f"resolution must be a power of two and at least 16, not {resolution}")
-    e = np.minimum(np.arange(LAYERS + 1) / (LAYERS - CRITICAL), 1)
+    if layers < 4:
+        raise ValueError(f"layers must be at least 4, not {layers}")
+    e = np.minimum(np.arange(layers + 1) / (layers - CRITICAL), 1)
     last = resolution / 2
     cutoff = FIRST_CUTOFF * (last / FIRST_CUTOFF) ** e
     stopband = FIRST_STOPBAND * (last * LAST_STOPBAND / FIRST_STOPBAND) ** e
@@ -79,7 +83,7 @@ def layer_schedule(
     channels = np.rint(np.minimum(wide * channel_base / 2 / cutoff, wide * channel_max))
     channels[-1] = out_channels
     sides = [_Side(*map(float, column)) for column in zip(cutoff, half_width, rate, size, channels, strict=True)]
-    return [_row(i, config, sides[max(i - 1, 0)], sides[i]) for i in range(LAYERS + 1)]
+    return [_row(i, layers, config, sides[max(i - 1, 0)], sides[i]) for i in range(layers + 1)]
 
 
 class _Side(NamedTuple):
@@ -92,8 +96,8 @@ class _Side(NamedTuple):
     channels: float
 
 
-def _row(i: int, config: Config, before: _Side, after: _Side) -> LayerRow:
-    output, critical = i == LAYERS, i >= LAYERS - CRITICAL
+def _row(i: int, layers: int, config: Config, before: _Side, after: _Side) -> LayerRow:
+    output, critical = i == layers, i >= layers - CRITICAL
     tmp = max(before.rate, after.rate) * (1 if output else 2)
     up, down = (1, 1) if output else (int(tmp // before.rate), int(tmp // after.rate))
     up_taps, down_taps = (FILTER_SIZE * n if n > 1 else 1 for n in (up, down))

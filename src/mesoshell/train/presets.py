@@ -16,7 +16,7 @@ from mesoshell.train.state import TrainConfig
 
 TINY = TrainConfig(
     generator=GeneratorConfig(
-        texels=16, channel_base=256, channel_max=16, channels=8, z=16, w=16, height_rows=16, height_width=16
+        texels=16, channel_base=256, channel_max=16, channels=8, layers=6, z=16, w=16, height_rows=16, height_width=16
     ),
     discriminator=DiscriminatorConfig(size=16, channel_base=256, channel_max=16, embedding=16),
     picture=PictureConfig(size=16, samples=8, texels=16, height_rows=16),
@@ -53,3 +53,4 @@ PAPER = TrainConfig(
     snapshot_kimg=200.0,
     gamma=0.5,
 )
+PRESETS = {"tiny": TINY, "small": SMALL, "base": BASE, "paper": PAPER}

@@ -68,8 +68,9 @@ def snapshots(folder: Path) -> list[tuple[int, Path]]:
 
 
 def _parsed(path: Path) -> Any:
+    text = read_file(path)
     try:
-        return json.loads(read_file(path))
+        return json.loads(text)
     except ValueError:
         raise InputError(path, "not JSON") from None
 

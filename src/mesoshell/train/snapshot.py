@@ -2,8 +2,8 @@
 
 Alphabet
 folder      snapshots/IMAGES.npz, a bundle that `mesoshell render` takes; sheets/IMAGES.png, linear grey between pictures
-sheet       rows of six: renders; generated pictures with their labels, far, then near; features of the same
-            textures; and the features of a texture of four patches
+sheet       rows of six: near renders, pictures from far cameras, and from the near renders' cameras, one texture a column; and
+            beside them the first three features of 4 × 4 patches
 """
 
 import subprocess

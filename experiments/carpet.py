@@ -1,0 +1,11 @@
+"""Carpet: length, lean, lean angle, roughness and braiding are geometry; hue and saturation are appearance."""
+
+from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
+
+
+def variant(preset: TrainConfig) -> TrainConfig:
+    return preset
+
+
+config = variant(SMALL)

@@ -1,0 +1,13 @@
+"""Ablation: the maps' phases are the same for all textures: nothing is seen beyond one patch (MesoGAN, figure 14)."""
+
+from dataclasses import replace
+
+from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
+
+
+def variant(preset: TrainConfig) -> TrainConfig:
+    return replace(preset, generator=replace(preset.generator, fourier="frozen"))
+
+
+config = variant(SMALL)

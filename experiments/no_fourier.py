@@ -1,0 +1,16 @@
+"""Ablation: no Fourier maps but the input's. A layer has no waves of its own band to shape (MesoGAN, table 3).
+
+Its data are those of what it is compared with: the paper's is the carpet of 8 parameters.
+"""
+
+from dataclasses import replace
+
+from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
+
+
+def variant(preset: TrainConfig) -> TrainConfig:
+    return replace(preset, generator=replace(preset.generator, fourier="off"))
+
+
+config = variant(SMALL)

@@ -1,0 +1,13 @@
+"""Ablation: features are looked up at their finest level from everywhere. Far views alias (MesoGAN, figure 9 and table 3)."""
+
+from dataclasses import replace
+
+from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
+
+
+def variant(preset: TrainConfig) -> TrainConfig:
+    return replace(preset, picture=replace(preset.picture, filtering=False))
+
+
+config = variant(SMALL)

@@ -1,0 +1,14 @@
+"""The two helps of public 3D-aware GANs: early pictures are blurred, and density must not jump. Do they help here?"""
+
+from dataclasses import replace
+
+from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
+
+
+def variant(preset: TrainConfig) -> TrainConfig:
+    blur = 10 * preset.picture.size / 512
+    return replace(preset, blur=blur, blur_kimg=preset.near_kimg, density=0.25)
+
+
+config = variant(SMALL)

@@ -1,0 +1,163 @@
+"""From an experiment to a render, by the five commands a user calls; and one line for each fault."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mesoshell.cli.main import main
+from mesoshell.io.bundle import read_bundle
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.image import read_png
+from mesoshell.io.pack import pack_dataset
+from tests.train import fog
+
+MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
+EXPERIMENT = """
+from dataclasses import replace
+from mesoshell.train.presets import TINY
+config = replace(
+    TINY,
+    generator=replace(TINY.generator, channel_base=64, channel_max=4, channels=4, layers=4),
+    discriminator=replace(TINY.discriminator, size=8),
+    picture=replace(TINY.picture, size=8),
+    snapshot_kimg=0.008,
+    kimg=0.016,
+)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _no_cache_at_home(monkeypatch, tmp_path_factory):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(16)], size=8)
+    pack_dataset(read_dataset(folder / "fog"), folder / "packed")
+    (folder / "experiment.py").write_text(EXPERIMENT)
+    main(["train", str(folder / "experiment.py"), "--data", str(folder / "packed"), "--run", str(folder / "run")])
+    return folder / "run"
+
+
+@pytest.fixture(scope="module")
+def material(run, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("material") / "new" / "fog.npz"
+    main(["export", str(run), "--out", str(out)])
+    return out
+
+
+def fault(capsys, *arguments: object) -> str:
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as caught:
+        main([str(a) for a in arguments])
+    assert caught.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1, said
+    return said
+
+
+def test_a_run_shows_itself(run) -> None:
+    assert [p.name for p in sorted((run / "snapshots").iterdir())] == ["000000008.npz", "000000016.npz"]
+    sheet = read_png(run / "sheets" / "000000016.png")
+    assert sheet.shape[1] > 4 * 16 and sheet[..., :3].std() > 0.01
+    page = (run / "report.html").read_text()
+    assert page.count("<img") == 3 and "0.016 kimg" in page
+
+
+def test_scores_are_kept_and_not_made_twice(run, capsys) -> None:
+    main(["evaluate", str(run), "--images", "8", "--snapshots", "2"])
+    said = capsys.readouterr().out
+    rows = [json.loads(line) for line in (run / "evaluation.jsonl").read_text().splitlines()]
+    assert [(r["name"], r["kimg"], r["images"]) for r in rows] == [
+        (name, kimg, 8) for name in ("FID-EffLite0", "KID-EffLite0") for kimg in (0.008, 0.016)
+    ]
+    assert all(r["low"] <= r["value"] <= r["high"] for r in rows)
+    assert f"{rows[-1]['value']:.4g}" in said and "KID-EffLite0" in (run / "report.html").read_text()
+    main(["evaluate", str(run), "--images", "8", "--snapshots", "2"])
+    assert capsys.readouterr().out == f"{run / 'report.html'}\n"
+
+
+def test_an_export_is_the_newest_snapshot_or_the_one_asked_for(run, material, tmp_path, capsys) -> None:
+    newest = read_bundle(material)
+    assert newest.provenance["images"] == 16 and newest.generator is not None and not newest.baked
+    main(["export", str(run), "--out", str(tmp_path / "a.npz"), "--kimg", "0.008"])
+    assert read_bundle(tmp_path / "a.npz").provenance["images"] == 8
+    assert "there are snapshots at 0.008, 0.016" in fault(capsys, "export", run, "--out", "b.npz", "--kimg", "3")
+    assert "config.json: no such file" in fault(capsys, "export", tmp_path, "--out", "b.npz")
+
+
+def test_a_texture_is_a_material_of_its_own(material, tmp_path, capsys) -> None:
+    main(
+        [
+            "texture",
+            str(material),
+            "--extent",
+            "3",
+            "1.5",
+            "--seed",
+            "3",
+            "--param",
+            "age=4",
+            "--out",
+            str(tmp_path / "f.npz"),
+        ]
+    )
+    said = capsys.readouterr()
+    assert said.out == f"{tmp_path / 'f.npz'}\n" and "48 × 24 texels" in said.err
+    field = read_bundle(tmp_path / "f.npz")
+    assert field.arrays["features/0"].shape == (24, 48, 4) and field.parameters[0].default == 4
+    main(
+        [
+            "texture",
+            str(material),
+            "--extent",
+            "3",
+            "1.5",
+            "--seed",
+            "3",
+            "--param",
+            "age=4",
+            "--out",
+            str(tmp_path / "f"),
+        ]
+    )
+    mapped = read_bundle(tmp_path / "f")
+    assert isinstance(mapped.arrays["features/0"], np.memmap)
+    for key, array in field.arrays.items():
+        np.testing.assert_array_equal(mapped.arrays[key], array)
+    assert "exists already" in fault(capsys, "texture", material, "--out", tmp_path / "f")
+    assert "at least a texel" in fault(capsys, "texture", material, "--extent", "0", "1", "--out", tmp_path / "g.npz")
+    assert "no parameter 'x'" in fault(capsys, "texture", material, "--param", "x=1", "--out", tmp_path / "g.npz")
+    assert "holds one texture and no generator" in fault(
+        capsys, "texture", tmp_path / "f.npz", "--out", tmp_path / "g.npz"
+    )
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["f", "f.npz"]
+
+
+def test_seeds_grow_on_a_mesh(material, tmp_path) -> None:
+    def image(name: str, *more: object) -> np.ndarray:
+        out = tmp_path / f"{name}.png"
+        given = ["render", MESH, "--material", material, "--size", 32, 32, "--quality", "draft", "--out", out, *more]
+        main([str(x) for x in given])
+        return read_png(out)
+
+    a, b, c = image("a"), image("b", "--seed", 0), image("c", "--seed", 1, "--param", "age=5")
+    np.testing.assert_array_equal(a, b)
+    assert np.abs(a - c).max() > 0.01 and np.isfinite(a).all()
+
+
+def test_seeds_need_a_generator(tmp_path, capsys) -> None:
+    assert "grass is one texture and has no generator" in fault(capsys, "render", MESH, "--seed", "3")
+
+
+def test_a_run_without_snapshots_says_so(run, tmp_path, capsys) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    shutil.rmtree(tmp_path / "run" / "snapshots")
+    assert "has no snapshots yet" in fault(capsys, "evaluate", tmp_path / "run")
+    (tmp_path / "run" / "config.json").write_text("{}")
+    assert "is no record of a training run" in fault(capsys, "evaluate", tmp_path / "run")

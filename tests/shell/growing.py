@@ -1,0 +1,32 @@
+"""A generator small enough to bake in a second, in a bundle with an appearance and a geometry parameter."""
+
+import jax
+
+from mesoshell.io.bundle import Bundle, Parameter
+from mesoshell.shell.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator import GeneratorConfig, init_averages
+from mesoshell.train.export import generator_bundle
+from mesoshell.train.picture import PictureConfig
+from mesoshell.train.state import TrainConfig, sized, start
+
+TEXELS = 16
+PARAMETERS = (
+    Parameter("age", "alpha", (0.0, 10.0), 2.0, "days", "how dry"),
+    Parameter("length", "beta", (1.0, 3.0), 2.0, "cm", "length of a blade"),
+)
+
+
+def bundle() -> Bundle:
+    config = sized(
+        TrainConfig(
+            GeneratorConfig(TEXELS, "T", 64, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4),
+            DiscriminatorConfig(8, 64, 4, embedding=4),
+            PictureConfig(8, 4, texels=TEXELS, height_rows=8, octaves=1),
+            trunk=(8,),
+            head=(8,),
+        ),
+        appearance=1,
+        geometry=1,
+    )
+    learner = start(config, jax.random.key(3)).learner
+    return generator_bundle(config, learner, init_averages(config.generator), PARAMETERS, {"images": 0})

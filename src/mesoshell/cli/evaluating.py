@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.evaluate import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import read_bundle
@@ -26,6 +27,7 @@ def evaluate(options: Options) -> None:
     """All of `mesoshell evaluate`."""
     if options.images < 4 or options.snapshots < 1:
         raise InputError("--images, --snapshots", "must be at least 4 and 1")
+    keep_compiled()
     config, data = read_record(options.run)
     found = snapshots(options.run)
     dataset = read_dataset(options.data or data["folder"])

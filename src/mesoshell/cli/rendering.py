@@ -6,18 +6,17 @@ stretch     world length of one UV unit, averaged over the surface
 """
 
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-import jax
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from mesoshell import __version__
+from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.material import find
 from mesoshell.cli.render import Options, parse_params
 from mesoshell.errors import InputError
@@ -43,7 +42,7 @@ def render_to_files(options: Options) -> None:
     """All of `mesoshell render`."""
     begin = time.perf_counter()
     out = options.out if options.out.suffix == ".png" else options.out.with_suffix(".png")
-    compiled = _use_compilation_cache()
+    compiled = keep_compiled()
     console = Console(stderr=True)
     quality = PRESETS[options.quality]
     bundle = read_bundle(find(options.material))
@@ -244,18 +243,3 @@ def as_json(options: Options, bundle: Bundle, report: Report, effects: Effects, 
         "quality": quality.as_dict(),
         "material": {"name": options.material, "parameters": parse_params(options.param), **bundle.provenance},
     }
-
-
-def _use_compilation_cache() -> list[float]:
-    """Keep compiled programs between runs; returns a list that collects the seconds spent compiling."""
-    root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    jax.config.update("jax_compilation_cache_dir", str(root / "mesoshell" / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    seconds: list[float] = []
-
-    def note(event: str, duration_secs: float, **_: str | int) -> None:
-        if event.endswith("backend_compile_duration"):
-            seconds.append(duration_secs)
-
-    jax.monitoring.register_event_duration_secs_listener(note)
-    return seconds

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.material import find
 from mesoshell.cli.render import parse_params
 from mesoshell.cli.texture import Options
@@ -24,6 +25,7 @@ from mesoshell.shell.scene import normalised
 def texture_to_files(options: Options) -> None:
     """All of `mesoshell texture`."""
     begin = time.perf_counter()
+    keep_compiled()
     bundle = read_bundle(find(options.material))
     config = maker_of(bundle, options.material).config
     size = _size(options, config.texels)

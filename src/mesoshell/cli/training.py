@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
@@ -26,6 +27,7 @@ from mesoshell.train.stream import fitted, renders
 
 def train_from(options: Options) -> None:
     """All of `mesoshell train`."""
+    keep_compiled()
     config = read_experiment(options.experiment, options.preset)
     if options.kimg is not None:
         if not options.kimg > 0:

@@ -35,7 +35,7 @@ Arrays: the table `SHELL` below; i counts 0, 1, 2, … without a gap and j = i +
 grid are required; with one they are all there or all missing, and generator/… holds its weights, whose shapes follow from its
 configuration (`shell/generated` checks them). A feature level has half the texels of the one before along each axis: of a
 texture that wraps max(1, n // 2), down to 1; of one with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a
-power of two). There is a grid for each level: its cells span the patch, or are min(16, texels a patch) a patch. Layers
+power of two). There is a grid for each level: its cells span the patch, or are min(8, texels a patch) a patch. Layers
 are y = x · kernel + bias, hidden ones (trunk, head; one or more) followed by ReLU. The trunk sees F(u, v) + F(h), the
 encoded h and α (manifest order, mapped from its range to [0, 1]); σ = sigma_scale · softplus(x − 3), x from its last
 layer. The head sees that layer, ω and ω′ (3 numbers each).

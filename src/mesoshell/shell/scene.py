@@ -25,7 +25,7 @@ from mesoshell.texture import mip
 from mesoshell.typing import Array
 
 #: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges.
-GRID_CELLS = 16
+GRID_CELLS = 8
 
 
 class Grid(NamedTuple):

@@ -92,40 +92,13 @@ def test_an_export_is_the_newest_snapshot_or_the_one_asked_for(run, material, tm
 
 
 def test_a_texture_is_a_material_of_its_own(material, tmp_path, capsys) -> None:
-    main(
-        [
-            "texture",
-            str(material),
-            "--extent",
-            "3",
-            "1.5",
-            "--seed",
-            "3",
-            "--param",
-            "age=4",
-            "--out",
-            str(tmp_path / "f.npz"),
-        ]
-    )
+    given = ["texture", str(material), "--extent", "3", "1.5", "--seed", "3", "--param", "age=4", "--out"]
+    main([*given, str(tmp_path / "f.npz")])
     said = capsys.readouterr()
     assert said.out == f"{tmp_path / 'f.npz'}\n" and "48 × 24 texels" in said.err
     field = read_bundle(tmp_path / "f.npz")
     assert field.arrays["features/0"].shape == (24, 48, 4) and field.parameters[0].default == 4
-    main(
-        [
-            "texture",
-            str(material),
-            "--extent",
-            "3",
-            "1.5",
-            "--seed",
-            "3",
-            "--param",
-            "age=4",
-            "--out",
-            str(tmp_path / "f"),
-        ]
-    )
+    main([*given, str(tmp_path / "f")])
     mapped = read_bundle(tmp_path / "f")
     assert isinstance(mapped.arrays["features/0"], np.memmap)
     for key, array in field.arrays.items():

@@ -126,3 +126,8 @@ def test_images_of_another_size_are_refused(data) -> None:
         InputError, match=r"has images of 8 × 8 pixels; the experiment wants 16 × 16: mesoshell dataset pack"
     ):
         fitted(config, data)
+
+
+def test_a_batch_that_parts_the_views_of_a_texture_is_refused(data, tmp_path) -> None:
+    with pytest.raises(InputError, match="batch: 4 is no multiple of the 1 devices and the 3 views"):
+        train(replace(CONFIG, views=3), data, tmp_path / "run")

@@ -67,11 +67,15 @@ class Spread(NamedTuple):
     whole: Callable[[Any], Any]
 
 
-def spread_step(step: Callable[[Any, Any, Across], tuple[Any, Any]], batch: int, how: str = "jit") -> Spread:
-    """`step` under `jit` with a sharded batch, or under `pmap`. batch: rows of all hosts. Raises InputError if the devices
-    cannot share them evenly."""
-    if batch % device_count():
-        raise InputError("batch", f"{batch} is no multiple of the {device_count()} devices")
+def spread_step(
+    step: Callable[[Any, Any, Across], tuple[Any, Any]], batch: int, how: str = "jit", together: int = 1
+) -> Spread:
+    """`step` under `jit` with a sharded batch, or under `pmap`. batch: rows of all hosts; together: neighbours that belong
+    to each other. Raises InputError if the devices cannot share the rows evenly, or pmap would part neighbours."""
+    if batch % device_count() or batch % together:
+        raise InputError("batch", f"{batch} is no multiple of the {device_count()} devices and the {together} views")
+    if how == "pmap" and batch // device_count() % together:
+        raise InputError("batch", f"{batch} leaves {batch // device_count()} to a device, which parts {together} views")
     return _by_pmap(step) if how == "pmap" else _by_jit(step)
 
 

@@ -50,7 +50,9 @@ def train(
     config = fitted(config, dataset)
     keep_record(config, dataset, folder)
     batch_of = renders(config, dataset, jax.process_index(), jax.process_count())
-    spread = spread_step(lambda state, batch, across: step(config, state, batch, across), config.batch, how)
+    spread = spread_step(
+        lambda state, batch, across: step(config, state, batch, across), config.batch, how, config.views
+    )
     begin = start(config, jax.random.key(config.seed))
     steps = int(np.ceil(config.kimg * 1000 / config.batch))
     snapshot = max(1, round(config.snapshot_kimg * 1000 / config.batch))

@@ -23,6 +23,7 @@ from mesoshell.io.sheet import tiled
 from mesoshell.shell.generator import Averages, draw_phases, map_latent, synthesise
 from mesoshell.train.export import declared, generator_bundle
 from mesoshell.train.generate import Shown, generate
+from mesoshell.train.parallel import in_turn
 from mesoshell.train.state import Learner, TrainConfig, TrainState
 from mesoshell.train.stream import views_of
 from mesoshell.typing import Array
@@ -87,10 +88,7 @@ def pictures(config: TrainConfig, learner: Learner, averages: Averages, batch: S
 
 @partial(jax.jit, static_argnums=0)
 def _pictures(config: TrainConfig, learner: Learner, averages: Averages, batch: Shown) -> Array:
-    def each(f):
-        return lambda *rows: jax.lax.map(lambda row: f(*row), rows)
-
-    return generate(config, learner, averages, batch, each)[0]
+    return generate(config, learner, averages, batch, in_turn)[0]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -104,5 +102,5 @@ def _feature(config: TrainConfig, side: int, learner: Learner, averages: Average
 
 
 def _far_first(dataset: Dataset) -> list[int]:
-    """Positions of samples, the farthest first; only every so many, so that near and far ones are not extremes."""
+    """Positions of samples, the farthest first."""
     return sorted(range(len(dataset.samples)), key=lambda i: -dataset.samples[i].radius)

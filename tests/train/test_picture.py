@@ -1,5 +1,7 @@
 """Pictures of the unit box agree with the shell's boundary, and with fog's closed form."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,7 @@ from fog import CAMERAS, FOV, through_box
 from mesoshell.render.camera import Camera, look_at, pixel_grid, rays
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.decoder import init_decoder
+from mesoshell.shell.field import inputs
 from mesoshell.train.picture import PictureConfig, View, box_span, material_of, pixel_rays, shown, take_picture
 from mesoshell.train.rays import box_intervals, unit_box
 
@@ -55,7 +58,7 @@ def fog_picture(samples_scale: float, eye: tuple[float, float, float]) -> tuple[
     view = View(
         jnp.asarray(pose(eye), jnp.float32), jnp.array([0.6, 0.0, 0.8]), jnp.array([10.0, 8.0, 6.0]), jnp.zeros(1)
     )
-    found = take_picture(CONFIG, material, view, jnp.full((256, 64), 0.5))
+    found = take_picture(CONFIG, decoder, partial(inputs, material, CONFIG.layout), view, jnp.full((256, 64), 0.5))
     camera = Camera(pose(eye), FOV, 16, 16)
     near, far = through_box(*rays(camera, pixel_grid(camera, 1, 0)))
     alpha = -np.expm1(-samples_scale * np.log1p(np.exp(-3.0)) * (far - near)).reshape(16, 16)
@@ -85,7 +88,8 @@ def test_filtering_chooses_coarser_features_far_away() -> None:
     jitter = jnp.full((256, 64), 0.5)
 
     def picture(config: PictureConfig, feature) -> np.ndarray:
-        return np.asarray(take_picture(config, material_of(config, feature, jnp.zeros((8, 4)), decoder), view, jitter))
+        see = partial(inputs, material_of(config, feature, jnp.zeros((8, 4)), decoder), config.layout)
+        return np.asarray(take_picture(config, decoder, see, view, jitter))
 
     filtered, mean = picture(CONFIG, feature), picture(CONFIG, jnp.zeros((8, 8, 4)))
     sharp = picture(PictureConfig(16, 64, FOV, 8, 8, 2, filtering=False), feature)

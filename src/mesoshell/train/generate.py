@@ -10,11 +10,13 @@ A texture costs four times what a picture of it costs, so that a second camera o
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
+from mesoshell.shell.field import inputs
 from mesoshell.shell.generator import Averages, Phases, draw_phases, map_latent, synthesise, synthesise_height
 from mesoshell.train.picture import View, material_of, take_picture
 from mesoshell.train.regularise import roughness
@@ -82,7 +84,8 @@ def generate(
         jitter = jax.random.uniform(key, (rays, config.picture.samples), jnp.float32).astype(dtype)
         material = material_of(config.picture, feature, height, learner.decoder)
         rough = roughness(config.picture, material, view.alpha, key) if config.density else jnp.zeros((), dtype)
-        return take_picture(config.picture, material, view, jitter), rough
+        see = partial(inputs, material, config.picture.layout)
+        return take_picture(config.picture, learner.decoder, see, view, jitter), rough
 
     views = View(batch.camera_to_world, batch.light, batch.irradiance, batch.alpha)
     feature, height = (jnp.repeat(x, config.views, axis=0) for x in (texture.feature, height))

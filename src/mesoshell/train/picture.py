@@ -11,6 +11,7 @@ depths summed, composited. A flat box needs no march: `box_span` is tested again
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from mesoshell.render.composite import tonemap, weights
 from mesoshell.render.cone import cone_gaussian, pixel_radius
 from mesoshell.shell import decoder as net
 from mesoshell.shell.decoder import Decoder
-from mesoshell.shell.field import Layout, Material, Point, inputs
+from mesoshell.shell.field import Layout, Material, Point
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import footprint
 from mesoshell.typing import Array, Float, Scalar, Vec3
@@ -67,9 +68,14 @@ def material_of(config: PictureConfig, feature: Array, height: Array, decoder: D
 
 
 def take_picture(
-    config: PictureConfig, material: Material, view: View, jitter: Float[Array, "R N"]
+    config: PictureConfig,
+    decoder: Decoder,
+    see: Callable[[Point], Float[Array, "I"]],
+    view: View,
+    jitter: Float[Array, "R N"],
 ) -> Float[Array, "S S 4"]:
-    """Radiance over black, and alpha. jitter: where in its share of the ray each sample lies, in [0, 1)."""
+    """Radiance over black, and alpha. see: what the decoder is told of a point; jitter: where in its share of the ray each
+    sample lies, in [0, 1)."""
     origin, directions = pixel_rays(config, view.camera_to_world)
     radius = jnp.asarray(pixel_radius(2 * math.tan(config.fov / 2) / config.size), directions.dtype)
     rays = jitter.shape[0]
@@ -81,11 +87,10 @@ def take_picture(
         points, length = jax.vmap(lambda d, j: along(config, origin, d, radius, j))(d, j)
         point = jax.tree.map(lambda x: x.reshape(size * config.samples, *x.shape[2:]), points)
         point = point._replace(alpha=jnp.broadcast_to(view.alpha[None], (len(point.radius), len(view.alpha))))
-        x = jax.vmap(inputs, in_axes=(None, None, 0))(material, config.layout, point)
-        sigma, found = net.trunk(material.decoder, x)
+        sigma, found = net.trunk(decoder, jax.vmap(see)(point))
         toward = jnp.repeat(-d, config.samples, axis=0)
         light = jnp.broadcast_to(view.light[None], toward.shape)
-        rho = net.head(material.decoder, net.toward_viewer(material.decoder, found, toward), light)
+        rho = net.head(decoder, net.toward_viewer(decoder, found, toward), light)
         tau = optical_depth(sigma.reshape(j.shape), jnp.broadcast_to(length[:, None], j.shape))
         share, through = jax.vmap(weights)(tau)
         radiance = jnp.einsum("rn,rnc->rc", share, rho.reshape(*j.shape, 3)) * view.irradiance[None]

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 
 from mesoshell.shell import decoder as net
 from mesoshell.shell.decoder import Decoder
+from mesoshell.shell.triplane import lookup_planes
 from mesoshell.texture import mip
 from mesoshell.texture.mip import Pyramid, Sizes
 from mesoshell.typing import Array, Float, Scalar, Vec3
@@ -27,7 +28,8 @@ from mesoshell.typing import Array, Float, Scalar, Vec3
 @dataclass(frozen=True)
 class Layout:
     """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves, whether the
-    texture has edges or is one patch that wraps around, and the (u, v) at which one with edges begins, in whole patches."""
+    texture has edges or is one patch that wraps around, the (u, v) at which one with edges begins, in whole patches, and how
+    many cells there are along (v, u) if each has three planes of its own (shell/triplane) in place of one texture."""
 
     sizes: Sizes
     height_sizes: Sizes
@@ -35,6 +37,7 @@ class Layout:
     octaves: int
     open: bool = False
     origin: tuple[int, int] = (0, 0)
+    cells: tuple[int, int] | None = None
 
 
 class Material(NamedTuple):
@@ -63,6 +66,12 @@ class Field(NamedTuple):
 
 def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"]:
     """What the decoder sees of a point: filtered F(u, v) + F(h), encoded height, α."""
+    encoded = net.encode_height(point.xi[2], layout.octaves)
+    if layout.cells is not None:
+        where = point.xi, point.radius, point.height_deviation
+        return jnp.concatenate(
+            [lookup_planes(material.texture, layout.sizes, layout.cells, *where), encoded, point.alpha]
+        )
     level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
     rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
@@ -70,7 +79,7 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     uv = point.xi[:2] - jnp.array(layout.origin, point.xi.dtype) if layout.open else point.xi[:2]
     plane = mip.lookup(material.texture, layout.sizes, uv, level, density)
     profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
-    return jnp.concatenate([plane + profile, net.encode_height(point.xi[2], layout.octaves), point.alpha])
+    return jnp.concatenate([plane + profile, encoded, point.alpha])
 
 
 def neural_field(material: Material, layout: Layout) -> Field:

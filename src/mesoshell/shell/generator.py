@@ -43,9 +43,9 @@ _MAPPING_RATE = 0.01
 
 @dataclass(frozen=True)
 class GeneratorConfig:
-    """texels a patch, a power of two; layers before the output; fourier: maps in every layer with phases drawn a texture
-    ("random"), always the same ("frozen"), or none beyond the input ("off"); turn: of the maps about the origin, degrees
-    from v toward u; precision: of the convolutions."""
+    """texels a patch, a power of two; layers before the output; planes: one and a height feature, or three (shell/triplane);
+    fourier: maps in every layer with phases drawn a texture ("random"), always the same ("frozen"), or none beyond the input
+    ("off"); turn: of the maps about the origin, degrees from v toward u; precision: of the convolutions."""
 
     texels: int = 64
     config: Config = "T"
@@ -53,6 +53,7 @@ class GeneratorConfig:
     channel_max: int = 64
     channels: int = 32
     layers: int = 14
+    planes: Literal[1, 3] = 1
     z: int = 64
     w: int = 64
     betas: int = 0
@@ -98,7 +99,7 @@ class Phases(NamedTuple):
 
 @lru_cache
 def rows_of(config: GeneratorConfig) -> tuple[LayerRow, ...]:
-    sizes = config.channel_base, config.channel_max, config.channels, config.layers
+    sizes = config.channel_base, config.channel_max, config.planes * config.channels, config.layers
     return tuple(layer_schedule(config.texels, config.config, *sizes))
 
 
@@ -137,7 +138,9 @@ def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
         mapping=[*embed, *(dense(n, config.w, 0.0, 1 / _MAPPING_RATE) for n in hidden)],
         mix=jax.random.normal(next(keys), (c0, c0), jnp.float32),
         layers=[styled(row.conv_kernel, row.in_channels, row.out_channels) for row in rows],
-        height=[styled(1, encoded, wide), styled(1, wide, wide), styled(1, wide, config.channels)],
+        height=[styled(1, encoded, wide), styled(1, wide, wide), styled(1, wide, config.channels)]
+        if config.planes == 1
+        else [],
     )
 
 
@@ -260,8 +263,10 @@ def synthesise(
 
 
 def synthesise_height(config: GeneratorConfig, generator: Generator, w: Float[Array, "B W"]) -> Float[Array, "B R C"]:
-    """F(h) at the middles of `height_rows` equal parts of [0, 1]: sines of h through modulated layers."""
+    """F(h) at the middles of `height_rows` equal parts of [0, 1]: sines of h through modulated layers. None of three planes."""
     rows = config.height_rows
+    if config.planes > 1:
+        return jnp.zeros((w.shape[0], rows, config.channels), w.dtype)
     h = (jnp.arange(rows, dtype=w.dtype) + 0.5) / rows
     angle = jnp.pi * h[:, None] * 2.0 ** jnp.arange(config.height_octaves, dtype=w.dtype)[None]
     x = jnp.concatenate([2 * h[:, None] - 1, jnp.sin(angle), jnp.cos(angle)], axis=1)

@@ -58,6 +58,8 @@ def baked(
 ) -> tuple[Bundle, Share]:
     """The bundle with a texture of `size` texels (V, U) in place of its generator; its defaults are the given values."""
     maker = maker_of(bundle, name)
+    if maker.config.planes > 1:
+        raise InputError(name, "has three planes a patch, which end at its sides: no texture can be made of them")
     beta = normalised(bundle, values, "beta")
     arrays = {key: array for key, array in bundle.arrays.items() if key.startswith(("decoder/", "sigma_scale"))}
 

@@ -79,11 +79,14 @@ def _split(level: Scalar, last: int) -> tuple[Array, Scalar]:
     return lower.astype(jnp.int32), level - lower
 
 
-def lookup(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar, density: float | None = None) -> Float[Array, "C"]:
-    """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32. density: of a texture with edges."""
+def lookup(
+    pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar, density: float | None = None, first: Array | int = 0
+) -> Float[Array, "C"]:
+    """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32. density: of a texture with edges; first: row at
+    which one of several such pyramids in a table begins."""
     last = len(sizes) - 1
     lower, fraction = _split(level, last)
-    bilinear = _bilinear if density is None else partial(_bilinear_open, density=density)
+    bilinear = _bilinear if density is None else partial(_bilinear_open, density=density, first=first)
     low, high = (bilinear(pyramid, sizes, uv, l) for l in (lower, jnp.minimum(lower + 1, last)))
     return (1 - fraction) * low + fraction * high
 
@@ -100,7 +103,9 @@ def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[A
     return _corner_weights(fx, fy) @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
 
 
-def _bilinear_open(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array, density: float) -> Float[Array, "C"]:
+def _bilinear_open(
+    pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array, density: float, first: Array | int
+) -> Float[Array, "C"]:
     offsets, shapes = _tables(sizes)
     h, w = shapes[level]
     scale = jnp.exp2(-level.astype(uv.dtype)) * density
@@ -109,7 +114,9 @@ def _bilinear_open(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array, densi
     xi, yi = jnp.floor(x), jnp.floor(y)
     columns = jnp.minimum(xi.astype(jnp.int32) + jnp.array([0, 1, 0, 1]), w - 1)
     lines = jnp.minimum(yi.astype(jnp.int32) + jnp.array([0, 0, 1, 1]), h - 1)
-    return _corner_weights(x - xi, y - yi) @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
+    return _corner_weights(x - xi, y - yi) @ pyramid.rows[first + offsets[level] + lines * w + columns].astype(
+        jnp.float32
+    )
 
 
 def _corner_weights(fx: Scalar, fy: Scalar) -> Float[Array, "4"]:

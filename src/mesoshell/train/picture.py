@@ -13,7 +13,7 @@ depths summed, composited. A flat box needs no march: `box_span` is tested again
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ from mesoshell.render.cone import cone_gaussian, pixel_radius
 from mesoshell.shell import decoder as net
 from mesoshell.shell.decoder import Decoder
 from mesoshell.shell.field import Layout, Material, Point
+from mesoshell.shell.triplane import pack_planes
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import footprint
 from mesoshell.typing import Array, Float, Scalar, Vec3
@@ -35,7 +36,7 @@ _TILE = 4096
 @dataclass(frozen=True)
 class PictureConfig:
     """size: S; samples: N; fov: of the camera, radians; texels a patch; rows of the height feature; octaves of the decoder's
-    height encoding; filtering: mip levels by the cone, or always the finest (an ablation)."""
+    height encoding; filtering: mip levels by the cone, or always the finest (an ablation); planes: as the generator's."""
 
     size: int = 64
     samples: int = 32
@@ -44,12 +45,15 @@ class PictureConfig:
     height_rows: int = 64
     octaves: int = 4
     filtering: bool = True
+    planes: Literal[1, 3] = 1
 
     @property
     def layout(self) -> Layout:
         last = self.texels.bit_length() - 1
         sizes = tuple((self.texels >> i, self.texels >> i) for i in range(last + 1))
-        return Layout(sizes, mip.level_sizes(self.height_rows, 1), float(self.texels), self.octaves, open=True)
+        cells = (1, 1) if self.planes > 1 else None
+        heights = mip.level_sizes(self.height_rows, 1)
+        return Layout(sizes, heights, float(self.texels), self.octaves, open=True, cells=cells)
 
 
 class View(NamedTuple):
@@ -62,8 +66,11 @@ class View(NamedTuple):
 
 
 def material_of(config: PictureConfig, feature: Array, height: Array, decoder: Decoder) -> Material:
-    """Pyramids of one texture (V, U, C) and one height feature (R, C)."""
-    texture = mip.pack(mip.build_open(feature, len(config.layout.sizes) - 1))
+    """Pyramids of one texture (V, U, C) and one height feature (R, C); or of three planes, side by side in the channels."""
+    if config.planes > 1:
+        texture = pack_planes(feature, config.texels)
+    else:
+        texture = mip.pack(mip.build_open(feature, len(config.layout.sizes) - 1))
     return Material(texture, mip.pack(mip.build(height[:, None])), decoder)
 
 

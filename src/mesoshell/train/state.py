@@ -80,6 +80,7 @@ def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
         config,
         appearance=appearance,
         generator=replace(config.generator, betas=geometry, precision=config.precision),
+        picture=replace(config.picture, planes=config.generator.planes),
         discriminator=replace(config.discriminator, labels=appearance + geometry + POSE),
     )
 

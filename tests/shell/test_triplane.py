@@ -1,5 +1,7 @@
 """Three planes a patch: what a lookup finds is the sum of three known functions, in the cell where it is asked."""
 
+from dataclasses import replace
+
 import growing
 import jax
 import jax.numpy as jnp
@@ -9,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.errors import InputError
-from mesoshell.shell.generated import generator_arrays, generator_fields
+from mesoshell.shell.generated import generator_arrays, generator_fields, maker_of
 from mesoshell.shell.generator import GeneratorConfig, init_averages, init_generator, rows_of, synthesise_height
 from mesoshell.shell.grow import baked
 from mesoshell.shell.triplane import PLANES, lookup_planes, pack_planes
@@ -75,11 +77,9 @@ def test_the_generator_makes_all_three_and_no_height_feature() -> None:
 
 def test_no_texture_can_be_made_of_them() -> None:
     bundle = growing.bundle()
-    config = GeneratorConfig(**bundle.generator | {"planes": 3})
+    config = replace(maker_of(bundle, "it").config, planes=3)
     made = generator_arrays(init_generator(config, jax.random.key(0)), init_averages(config))
     kept = {k: v for k, v in bundle.arrays.items() if not k.startswith("generator/")}
-    planes = type(bundle)(
-        **vars(bundle) | {"arrays": kept | made, "generator": generator_fields(config)},
-    )
+    planes = replace(bundle, arrays=kept | made, generator=generator_fields(config))
     with pytest.raises(InputError, match=r"^it: has three planes a patch, which end at its sides"):
         baked(planes, "it", (16, 16), 0, {})

@@ -30,7 +30,7 @@ from mesoshell.shell.extrude import extrude
 from mesoshell.shell.field import Layout, Material
 from mesoshell.shell.generated import Maker, grown, maker_of
 from mesoshell.shell.generator import synthesise
-from mesoshell.shell.grow import grow
+from mesoshell.shell.grow import Wanted, grow
 from mesoshell.shell.renderer import Report, render
 from mesoshell.shell.scene import GRID_CELLS, Grid, Ready, Scene, ready
 from mesoshell.shell.triplane import pack_planes
@@ -63,7 +63,7 @@ def hill(patches: int, rng: np.random.Generator | None, steps: int = 4) -> Mesh:
 
 
 def ours(bundle: Bundle, name: str, mesh: Mesh) -> Ready:
-    found, origin = grow(bundle, name, extrude(mesh, THICKNESS, 1.0).uv, 0, {})
+    found, origin = grow(bundle, name, extrude(mesh, THICKNESS, 1.0).uv, Wanted())
     return ready(found, origin)
 
 

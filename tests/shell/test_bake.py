@@ -13,7 +13,7 @@ from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.shell.field import Point, neural_field
 from mesoshell.shell.generated import grown, maker_of
 from mesoshell.shell.generator import halo_cost, synthesise
-from mesoshell.shell.grow import baked, grow, patches_of
+from mesoshell.shell.grow import Wanted, baked, grow, patches_of
 from mesoshell.shell.scene import ready
 from mesoshell.texture import mip
 
@@ -28,7 +28,7 @@ def bundle() -> Bundle:
 @pytest.fixture(scope="module")
 def field(bundle) -> Bundle:
     """5.3 × 4.6 patches: four tiles, three of them cut."""
-    return baked(bundle, "it", (74, 85), 7, {"length": 1.5, "age": 4.0})[0]
+    return baked(bundle, "it", (74, 85), Wanted(7, {"length": 1.5, "age": 4.0}))[0]
 
 
 def test_tiles_are_the_whole(bundle, field) -> None:
@@ -56,14 +56,14 @@ def test_what_is_made_is_a_bundle_that_needs_no_generator(bundle, field, tmp_pat
 
 
 def test_extent_does_not_change_what_is_there(bundle, field) -> None:
-    small = baked(bundle, "it", (20, 33), 7, {"length": 1.5})[0]
+    small = baked(bundle, "it", (20, 33), Wanted(7, {"length": 1.5}))[0]
     np.testing.assert_array_equal(small.arrays["features/0"], field.arrays["features/0"][:20, :33])
 
 
 def test_other_seeds_and_other_geometry_are_other_textures(bundle, field) -> None:
     f = field.arrays["features/0"][:16, :16].astype(np.float32)
     for seed, values in ((8, {"length": 1.5}), (7, {"length": 3.0})):
-        other = baked(bundle, "it", (16, 16), seed, values)[0].arrays["features/0"].astype(np.float32)
+        other = baked(bundle, "it", (16, 16), Wanted(seed, values))[0].arrays["features/0"].astype(np.float32)
         assert np.abs(other - f).max() > 0.05 * f.std()
 
 
@@ -86,7 +86,7 @@ def test_the_grid_bounds_what_no_probe_has_seen(field) -> None:
 def test_only_needed_patches_are_made(bundle, field) -> None:
     needed = np.zeros((5, 6), bool)
     needed[4, 5] = True
-    some = baked(bundle, "it", (74, 85), 7, {"length": 1.5}, needed)[0]
+    some = baked(bundle, "it", (74, 85), Wanted(7, {"length": 1.5}), needed)[0]
     np.testing.assert_array_equal(some.arrays["features/0"][64:, 64:], field.arrays["features/0"][64:, 64:])
     np.testing.assert_array_equal(some.arrays["grid/0"][:, 36:, 36:], field.arrays["grid/0"][:, 36:, 36:])
     assert not some.arrays["features/0"][:64].any() and not some.arrays["grid/1"][:, :32].any()
@@ -105,7 +105,7 @@ def test_patches_of_a_chart_that_lies_anywhere() -> None:
 def test_a_grown_surface_reads_its_own_texture(bundle) -> None:
     """At a chart far from the origin, the field is that of the texture at the chart's own coordinates."""
     uv = np.array([[[100.6, -40.4], [101.4, -40.4], [100.6, -39.6]]])
-    made, origin = grow(bundle, "it", uv, 7, {"length": 1.5})
+    made, origin = grow(bundle, "it", uv, Wanted(7, {"length": 1.5}))
     assert origin == (100, -41) and made.arrays["features/0"].shape == (32, 32, 4)
     far, near = ready(made, origin), ready(made)
     at = jnp.array([100.75, -40.25, 0.5])
@@ -116,7 +116,7 @@ def test_a_grown_surface_reads_its_own_texture(bundle) -> None:
 
     np.testing.assert_allclose(sigma(far, at), sigma(near, at - jnp.array([100.0, -41.0, 0.0])), rtol=1e-4)
     with pytest.raises(InputError, match="--scale: the mesh would carry 800002 × 800002 patches"):
-        grow(bundle, "it", uv * 1e6, 7, {})
+        grow(bundle, "it", uv * 1e6, Wanted(7))
 
 
 def test_halo_costs_less_the_larger_the_tile() -> None:
@@ -140,3 +140,9 @@ def test_a_generator_that_does_not_fit_its_weights_is_refused(bundle, change, fa
     with pytest.raises(InputError) as caught:
         maker_of(wrong, "it")
     assert fault in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_mean_square_of_nothing_is_refused(bundle) -> None:
+    arrays = bundle.arrays | {"generator/magnitude/2": np.zeros((), np.float32)}
+    with pytest.raises(InputError, match=r"^it: array generator/magnitude/2 is 0\.0; a mean square is above 0"):
+        maker_of(replace(bundle, arrays=arrays), "it")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mesoshell.errors import InputError
 from mesoshell.shell.generated import generator_arrays, generator_fields, maker_of
 from mesoshell.shell.generator import GeneratorConfig, init_averages, init_generator, rows_of, synthesise_height
-from mesoshell.shell.grow import baked
+from mesoshell.shell.grow import Wanted, baked
 from mesoshell.shell.triplane import PLANES, lookup_planes, pack_planes
 
 N, CELLS = 8, (2, 3)
@@ -82,4 +82,4 @@ def test_no_texture_can_be_made_of_them() -> None:
     kept = {k: v for k, v in bundle.arrays.items() if not k.startswith("generator/")}
     planes = replace(bundle, arrays=kept | made, generator=generator_fields(config))
     with pytest.raises(InputError, match=r"^it: has three planes a patch, which end at its sides"):
-        baked(planes, "it", (16, 16), 0, {})
+        baked(planes, "it", (16, 16), Wanted())

@@ -2,14 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from mesoshell.errors import InputError
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
@@ -20,7 +17,8 @@ class Options:
     mesh: tyro.conf.Positional[Path]
     #: A bundled material's name, or a .npz file.
     material: str = "grass"
-    #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated.
+    #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
+    #: generator also varies geometry: an image of a carpet's lean angle combs it.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: Which of a generator's textures grows on the mesh; a material that is one texture has no other. Default: 0.
     seed: int | None = None

@@ -9,7 +9,6 @@ import json
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -17,12 +16,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from mesoshell import __version__
 from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.material import find
+from mesoshell.cli.material import find, given
 from mesoshell.cli.render import Options, parse_params
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh, uv_stretch
 from mesoshell.io.bundle import Bundle, read_bundle
-from mesoshell.io.image import read_exr, read_png, write_exr, write_png
+from mesoshell.io.image import read_exr, write_exr, write_png
 from mesoshell.io.whole import replace_file
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.cone import pixel_radius
@@ -30,7 +29,7 @@ from mesoshell.render.effects import Effects, Facts, plan_effects
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.extrude import extrude
-from mesoshell.shell.grow import grow, patches_of
+from mesoshell.shell.grow import Wanted, field_of, grow, patches_of
 from mesoshell.shell.renderer import Report, render
 from mesoshell.shell.scene import Scene, normalised, ready
 
@@ -87,14 +86,13 @@ def build_scene(
     scale = 2 * thickness if options.scale is None else options.scale
     shell = extrude(mesh, thickness, scale)
     up = {"y": 1, "z": 2}[options.up or ("z" if options.mesh.suffix.lower() in (".ply", ".stl") else "y")]
-    values, maps = {}, {}
-    for name, text in parse_params(options.param).items():
-        try:
-            values[name] = float(text)
-        except ValueError:
-            maps[name] = _map(bundle, name, Path(text))
-    normalised(bundle, values)
-    material, origin, said = _grown(options, bundle, shell.uv, values, progress)
+    values, maps = given(bundle, options.param)
+    patches = patches_per_uv(mesh, shell.uv)
+    repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
+    geometry = {p.name for p in bundle.parameters if p.role == "beta"} & maps.keys()
+    fields = {name: field_of(maps.pop(name), (patches, patches), repeats) for name in geometry}
+    wanted = Wanted(options.seed or 0, values, fields)
+    material, origin, said = _grown(options, bundle, shell.uv, wanted, progress)
     camera = _camera(options, box, thickness, up)
     lights = tuple(_light(v, options.irradiance) for v in options.light)
     sky = _environment(options, up)
@@ -109,7 +107,7 @@ def build_scene(
         environment=sky,
         alpha=normalised(bundle, values),
         maps=maps,
-        patches_per_uv=patches_per_uv(mesh, shell.uv),
+        patches_per_uv=patches,
         base_colour=options.base,
         objects=tuple(load_mesh(p) for p in options.object),
         transparent=options.transparent,
@@ -118,12 +116,13 @@ def build_scene(
 
 
 def _grown(
-    options: Options, bundle: Bundle, uv: np.ndarray, values: dict[str, float], progress: Callable[[float], None]
+    options: Options, bundle: Bundle, uv: np.ndarray, wanted: Wanted, progress: Callable[[float], None]
 ) -> tuple[Bundle, tuple[int, int], list[str]]:
     """The material with a texture for this surface, where the texture begins, and what the user should know."""
-    fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values]
+    asked = wanted.values.keys() | wanted.fields.keys()
+    fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in asked]
     if bundle.generator is not None and (not bundle.baked or options.seed is not None or fixed):
-        return *grow(bundle, options.material, uv.reshape(-1, 3, 2), options.seed or 0, values, progress), []
+        return *grow(bundle, options.material, uv.reshape(-1, 3, 2), wanted, progress), []
     if options.seed is not None:
         raise InputError("--seed", f"{options.material} is one texture and has no generator")
     if fixed:
@@ -219,14 +218,6 @@ def _environment(options: Options, up: int) -> Environment | None:
     if not (np.isfinite(image).all() and image.min() >= 0 and image.max() > 0):
         raise InputError(options.environment, "holds negative, infinite or no light")
     return environment(image, up)
-
-
-def _map(bundle: Bundle, name: str, path: Path) -> np.ndarray:
-    if name not in (p.name for p in bundle.parameters if p.role == "alpha"):
-        normalised(bundle, {name: 0.0})  # raises with the names that there are
-    if not path.is_file():
-        raise InputError("--param", f"{name}={path} is neither a number nor an image file")
-    return read_png(path)[..., :3].mean(axis=-1).astype(np.float32)
 
 
 def as_json(options: Options, bundle: Bundle, report: Report, effects: Effects, quality: Quality) -> dict:

@@ -19,7 +19,8 @@ class Options:
     extent: tuple[float, float] = (4.0, 4.0)
     #: Another seed, another texture.
     seed: int = 0
-    #: NAME=VALUE; may be repeated. Geometry is baked; appearance becomes the default that a render can still change.
+    #: NAME=VALUE; may be repeated. Geometry is baked, and NAME=IMAGE varies it over the extent (grey; black to white spans
+    #: its range); appearance becomes the default that a render can still change.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
 
 

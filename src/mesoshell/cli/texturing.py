@@ -10,15 +10,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.material import find
-from mesoshell.cli.render import parse_params
+from mesoshell.cli.material import find, given
 from mesoshell.cli.texture import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.shell.bake import patches_a_tile
 from mesoshell.shell.generated import maker_of
 from mesoshell.shell.generator import halo_cost
-from mesoshell.shell.grow import baked
+from mesoshell.shell.grow import Wanted, baked, field_of
 from mesoshell.shell.scene import normalised
 
 
@@ -29,20 +28,18 @@ def texture_to_files(options: Options) -> None:
     bundle = read_bundle(find(options.material))
     config = maker_of(bundle, options.material).config
     size = _size(options, config.texels)
-    values = {name: _number(name, text) for name, text in parse_params(options.param).items()}
-    for role in ("alpha", "beta"):
-        normalised(bundle, values, role)
+    wanted = _wanted(options, bundle, (size[1] / config.texels, size[0] / config.texels))
     console = Console(stderr=True, highlight=False)
     columns = (TextColumn("texture"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
         progress = lambda share: bar.update(task, completed=share)  # noqa: E731
         if options.out.suffix == ".npz":
-            made, share = baked(bundle, options.material, size, options.seed, values, None, progress)
+            made, share = baked(bundle, options.material, size, wanted, None, progress)
             options.out.parent.mkdir(parents=True, exist_ok=True)
             write_bundle(options.out, _with(made, share))
         else:
-            _to_folder(options, bundle, size, values, progress)
+            _to_folder(options, bundle, size, wanted, progress)
     seconds, side = time.perf_counter() - begin, patches_a_tile(config.texels) * config.texels
     console.print(
         f"{size[1]} × {size[0]} texels in {seconds:.1f} s, {size[0] * size[1] / seconds:,.0f} a second; tiles of "
@@ -52,7 +49,7 @@ def texture_to_files(options: Options) -> None:
     print(options.out)
 
 
-def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], values: dict, progress) -> None:
+def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], wanted: Wanted, progress) -> None:
     if options.out.exists():
         raise InputError(options.out, "exists already")
     partial = options.out.with_name(options.out.name + ".partial")
@@ -65,7 +62,7 @@ def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], values: 
 
     try:
         partial.mkdir(parents=True)
-        made, share = baked(bundle, options.material, size, options.seed, values, None, progress, allocate)
+        made, share = baked(bundle, options.material, size, wanted, None, progress, allocate)
         for key, array in made.arrays.items():
             path = partial / f"{key}.npy"
             if not path.exists():
@@ -91,8 +88,13 @@ def _size(options: Options, texels: int) -> tuple[int, int]:
     return round(v * texels), round(u * texels)
 
 
-def _number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError("--param", f"{name}={text}: a texture takes numbers; images vary a render") from None
+def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> Wanted:
+    """Numbers, and images of geometry parameters, which lie once over the extent."""
+    values, maps = given(bundle, options.param)
+    for p in bundle.parameters:
+        if p.name in maps and p.role == "alpha":
+            raise InputError(
+                "--param", f"{p.name}: a texture holds no appearance that varies; an image varies it in a render"
+            )
+    normalised(bundle, values, "beta")
+    return Wanted(options.seed, values, {name: field_of(image, extent, False) for name, image in maps.items()})

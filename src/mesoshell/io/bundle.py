@@ -2,6 +2,7 @@
 
 symbol   meaning                                                                   shape, unit
 C        channels of the features
+P, Q     corners of patches of a texture with edges, along v and u: ⌈H / texel_density⌉ + 1
 H, W     texels of a feature level along v (axis 0) and u (axis 1)                 any; wrapping: powers of two
 R        rows of a height feature level along h; clamped at both ends              any R0 ≥ 1
 E        height encoding h, sin(π 2ᵏ h) …, cos(π 2ᵏ h) …, k < height_octaves       E = 1 + 2 · height_octaves
@@ -33,12 +34,14 @@ manifest.json (a uint8 array: UTF-8 text of one JSON object), every field requir
 
 Arrays: the table `SHELL` below; i counts 0, 1, 2, … without a gap and j = i + 1. Without a generator, features, height and
 grid are required; with one they are all there or all missing, and generator/… holds its weights, whose shapes follow from its
-configuration (`shell/generated` checks them). A feature level has half the texels of the one before along each axis: of a
-texture that wraps max(1, n // 2), down to 1; of one with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a
-power of two). There is a grid for each level: its cells span the patch, or are min(8, texels a patch) a patch. Layers
-are y = x · kernel + bias, hidden ones (trunk, head; one or more) followed by ReLU. The trunk sees F(u, v) + F(h), the
-encoded h and α (manifest order, mapped from its range to [0, 1]); σ = sigma_scale · softplus(x − 3), x from its last
-layer. The head sees that layer, ω and ω′ (3 numbers each).
+configuration (`shell/generated` checks them). heights is there if geometry varies over the texture: F(h) at the corners of its
+patches, bilinear between them; height is then their mean.
+
+A feature level has half the texels of the one before along each axis: of a texture that wraps max(1, n // 2), down to 1; of one
+with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a power of two). There is a grid for each level: its cells
+span the patch, or are min(8, texels a patch) a patch. Layers are y = x · kernel + bias, hidden ones (trunk, head; one or more)
+followed by ReLU. The trunk sees F(u, v) + F(h), the encoded h and α (manifest order, mapped from its range to [0, 1]);
+σ = sigma_scale · softplus(x − 3), x from its last layer. The head sees that layer, ω and ω′ (3 numbers each).
 
 Reading takes nothing on trust: shapes and types are checked before data are unpacked, memory follows the bytes that are
 there and not the sizes they claim, NaN and infinity are refused. Writing checks the same; equal bundles, equal files.
@@ -64,6 +67,7 @@ _EITHER = ("float16", "float32")
 SHELL: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "features/{i}": (("H{i}", "W{i}", "C"), _EITHER),
     "height/{i}": (("R{i}", "C"), _EITHER),
+    "heights/{i}": (("P", "Q", "R{i}", "C"), _EITHER),
     "decoder/trunk/{i}/kernel": (("T{i}", "T{j}"), _EITHER),  # T0 = C + E + A
     "decoder/trunk/{i}/bias": (("T{j}",), _EITHER),
     "decoder/sigma/kernel": (("T", "1"), _EITHER),
@@ -77,7 +81,7 @@ SHELL: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 
 #: What is there if the texture is baked.
-_BAKED = ("features/", "height/", "grid/")
+_BAKED = ("features/", "height/", "heights/", "grid/")
 _NON_NEGATIVE = ("sigma_scale", "grid/")
 #: Numbers that are looked at at a time: a folder's arrays may be larger than memory.
 _BLOCK = 2**24
@@ -223,7 +227,8 @@ def _sizes(fields: dict[str, Any], heads: dict[str, Head]) -> tuple[dict[str, in
         return max(1, shape[k]) if k < len(shape) else 1
 
     first = {"H": axis("features/0", 0), "W": axis("features/0", 1), "R": axis("height/0", 0)}
-    across = max(first["H"], first["W"]) if fields["wraps"] else int(fields["texel_density"])
+    texels = max(1, int(fields["texel_density"]))
+    across = max(first["H"], first["W"]) if fields["wraps"] else texels
     levels = across.bit_length()
     rows = first["R"].bit_length()
     sizes = {}
@@ -231,7 +236,8 @@ def _sizes(fields: dict[str, Any], heads: dict[str, Head]) -> tuple[dict[str, in
         up = letter != "R" and not fields["wraps"]
         sizes |= {f"{letter}{i}": -(-n >> i) if up else max(1, n >> i) for i in range(max(levels, rows))}
     sizes |= {"C": fields["channels"], "1": 1, "3": 3}
-    counts = {"features": levels, "height": rows, "grid": levels}
+    sizes |= {"P": -(-first["H"] // texels) + 1, "Q": -(-first["W"] // texels) + 1}
+    counts = {"features": levels, "height": rows, "heights": rows if "heights/0" in heads else 0, "grid": levels}
     alpha = sum(parameter.role == "alpha" for parameter in fields["parameters"])
     width = fields["channels"] + 1 + 2 * fields["height_octaves"] + alpha
     for letter, family in (("T", "decoder/trunk"), ("S", "decoder/head")):

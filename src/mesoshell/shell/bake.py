@@ -6,6 +6,7 @@ tile        TILE texels a side at most, whole patches; tiles are computed with a
 n_l         texels a patch of level l; a tile is whole patches, so each texel of a level lies in one tile
 window      a tile with a patch about it: what a lookup in the tile can touch at any level
 needed      which patches are wanted, (patches along v, along u): the others stay 0
+nodes       of w, if geometry varies: then F(h) is made at each of them, as heights/…, and height/… is their mean
 
 Arrays are asked for by name and size from `allocate` and filled tile by tile. They may lie on a disk, mapped: what is held in
 memory is a tile with its halo, whatever the extent.
@@ -18,17 +19,20 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from mesoshell.shell.bound import bounds, new_points
 from mesoshell.shell.field import Layout, Material
 from mesoshell.shell.generated import Grown, Maker
-from mesoshell.shell.generator import CELL, Averages, Generator, GeneratorConfig, synthesise, synthesise_height
-from mesoshell.shell.scene import GRID_CELLS
+from mesoshell.shell.generator import CELL, Averages, Generator, GeneratorConfig, reach, synthesise, synthesise_height
+from mesoshell.shell.nodes import window
+from mesoshell.shell.scene import GRID_CELLS, pack_heights
 from mesoshell.texture import mip
 from mesoshell.typing import Array
 
 TILE, MOST_PATCHES = 512, 4
+#: Nodes whose height features are made at a time.
+NODES = 1024
 GRID_HEIGHT, PROBES, CHECKED = 16, 24, 2048
 Allocate = Callable[[str, tuple[int, ...]], np.ndarray]
 
@@ -52,7 +56,7 @@ def bake(
     needed: Bool[np.ndarray, "P Q"] | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Share:
-    """Fill features/…, height/… and grid/… of a texture of `size` texels (V, U)."""
+    """Fill features/…, height/…, heights/… if geometry varies, and grid/… of a texture of `size` texels (V, U)."""
     texels = maker.config.texels
     features = [
         allocate(f"features/{i}", (-(-size[0] >> i), -(-size[1] >> i), maker.config.channels))
@@ -62,11 +66,28 @@ def bake(
     for done, place in enumerate(places):
         _fill(maker, grown, place, features)
         progress(0.8 * (done + 1) / len(places))
-    height = synthesise_height(maker.config, maker.generator, grown.w)[0]
-    heights = [level[:, 0] for level in mip.build(height[:, None])]
+    heights = _heights(maker, grown)
     for i, level in enumerate(heights):
-        allocate(f"height/{i}", level.shape)[:] = np.asarray(level, np.float16)
+        mean = level.mean(axis=(0, 1))
+        allocate(f"height/{i}", mean.shape)[:] = mean
+        if grown.w.ndim > 2:
+            allocate(f"heights/{i}", level.shape)[:] = level
     return _grids(maker, features, heights, (places, size), allocate, progress)
+
+
+def _heights(maker: Maker, grown: Grown) -> list[Float[np.ndarray, "P Q _r C"]]:
+    """Levels of F(h) at each node, of which there is one if geometry does not vary."""
+    w = grown.w.reshape(-1, grown.w.shape[-1])
+    made = [np.asarray(_height(maker.config, maker.generator, x)) for x in jnp.array_split(w, -(-len(w) // NODES))]
+    rows = np.concatenate(made).swapaxes(0, 1)
+    nodes = grown.w.shape[1:-1] or (1, 1)
+    levels = mip.build(jnp.asarray(rows.reshape(len(rows), 1, -1)))
+    return [np.asarray(x, np.float32).reshape(len(x), *nodes, -1).transpose(1, 2, 0, 3) for x in levels]
+
+
+@partial(jax.jit, static_argnums=0)
+def _height(config: GeneratorConfig, generator: Generator, w: Array) -> Array:
+    return synthesise_height(config, generator, w)
 
 
 def _places(size: tuple[int, int], texels: int, needed: np.ndarray | None) -> Iterator[tuple[int, int]]:
@@ -83,6 +104,10 @@ def _fill(maker: Maker, grown: Grown, place: tuple[int, int], features: list[np.
     side = patches_a_tile(texels) * texels
     first = place[0] * texels, place[1] * texels
     tile = jnp.array(place, jnp.int32) * CELL
+    if grown.w.ndim > 2:
+        before = reach(maker.config, (side, side))
+        count = side // texels + 2 * before + 1
+        grown = grown._replace(w=window(grown.w, (place[0] - before, place[1] - before), count))
     found = _tile(maker.config, side, maker.generator, maker.averages, grown, tile)
     rows, columns = (min(side, n - at) for n, at in zip(features[0].shape[:2], first, strict=True))
     for i, level in enumerate(mip.build_open(found[:rows, :columns], len(features) - 1)):
@@ -100,7 +125,7 @@ def _tile(
 def _grids(
     maker: Maker,
     features: list[np.ndarray],
-    heights: list[Array],
+    heights: list[Float[np.ndarray, "P Q _r C"]],
     where: tuple[list[tuple[int, int]], tuple[int, int]],
     allocate: Allocate,
     progress: Callable[[float], None],
@@ -110,13 +135,17 @@ def _grids(
     cells = [min(GRID_CELLS, texels >> i) for i in range(len(features))]
     shapes = [(GRID_HEIGHT, -(-size[0] * c // texels), -(-size[1] * c // texels)) for c in cells]
     grids = [allocate(f"grid/{i}", shape) for i, shape in enumerate(shapes)]
-    height = mip.pack([level[:, None].astype(jnp.float16) for level in heights])
+    packed = jnp.asarray(pack_heights(heights), jnp.float16)
+    varies = packed.shape[0] > 1
     sizes = tuple(((step + 2) * (texels >> i), (step + 2) * (texels >> i)) for i in range(len(features)))
-    layout = Layout(sizes, tuple((len(h), 1) for h in heights), float(texels), maker.octaves, open=True)
+    rows, nodes = tuple((h.shape[2], 1) for h in heights), (step + 3, step + 3) if varies else None
+    layout = Layout(sizes, rows, float(texels), maker.octaves, open=True, nodes=nodes)
     corner = np.array([[1.0, 1.0], [step + 1.0, step + 1.0]])
     above, most, points = 0, 0.0, 0
     for done, place in enumerate(places):
         levels = [_window(f, place, step, texels >> i) for i, f in enumerate(features)]
+        some = window(packed[None], (place[0] - 1, place[1] - 1), step + 3) if varies else packed
+        height = mip.Pyramid(some.reshape(-1, packed.shape[-1]))
         material = Material(mip.pack([jnp.asarray(x) for x in levels]), height, maker.decoder)
         for i, (grid, c) in enumerate(zip(grids, cells, strict=True)):
             found = bounds(layout, material, i, (GRID_HEIGHT, step * c, step * c), corner, PROBES)

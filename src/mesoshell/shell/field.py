@@ -22,14 +22,15 @@ from mesoshell.shell.decoder import Decoder
 from mesoshell.shell.triplane import lookup_planes
 from mesoshell.texture import mip
 from mesoshell.texture.mip import Pyramid, Sizes
-from mesoshell.typing import Array, Float, Scalar, Vec3
+from mesoshell.typing import Array, Float, Scalar, Vec2, Vec3
 
 
 @dataclass(frozen=True)
 class Layout:
     """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves, whether the
     texture has edges or is one patch that wraps around, the (u, v) at which one with edges begins, in whole patches, and how
-    many cells there are along (v, u) if each has three planes of its own (shell/triplane) in place of one texture."""
+    many cells there are along (v, u) if each has three planes of its own (shell/triplane) in place of one texture. nodes:
+    how many there are along (v, u) if F(h) varies over the texture (shell/nodes)."""
 
     sizes: Sizes
     height_sizes: Sizes
@@ -38,6 +39,7 @@ class Layout:
     open: bool = False
     origin: tuple[int, int] = (0, 0)
     cells: tuple[int, int] | None = None
+    nodes: tuple[int, int] | None = None
 
 
 class Material(NamedTuple):
@@ -78,8 +80,24 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     density = layout.texel_density if layout.open else None
     uv = point.xi[:2] - jnp.array(layout.origin, point.xi.dtype) if layout.open else point.xi[:2]
     plane = mip.lookup(material.texture, layout.sizes, uv, level, density)
-    profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
+    if layout.nodes is None:
+        profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
+    else:
+        profile = _between_nodes(material.height, layout, layout.nodes, uv, (point.xi[2], level_h))
     return jnp.concatenate([plane + profile, encoded, point.alpha])
+
+
+def _between_nodes(
+    pyramid: Pyramid, layout: Layout, nodes: tuple[int, int], uv: Vec2, at: tuple[Scalar, Scalar]
+) -> Float[Array, "C"]:
+    """F(h) at (u, v), from those of the four nodes around it. at: h and level."""
+    rows = sum(h for h, _ in layout.height_sizes)
+    first = jnp.clip(jnp.floor(uv), 0, jnp.array(nodes[::-1], uv.dtype) - 2)
+    fu, fv = jnp.clip(uv - first, 0, 1)
+    u, v = first.astype(jnp.int32)
+    corners = (((v + j) * nodes[1] + u + i) * rows for j in (0, 1) for i in (0, 1))
+    found = jnp.stack([mip.lookup_height(pyramid, layout.height_sizes, *at, first=row) for row in corners])
+    return jnp.stack([(1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu]) @ found
 
 
 def neural_field(material: Material, layout: Layout) -> Field:

@@ -2,12 +2,13 @@
 
 Alphabet
 seed        of a material: z, and the phases φ of all Fourier maps, follow from it
-β           geometry parameters, normalised to [0, 1]                             (G,)
-w           mapping(z, β)                                                          (1, W)
+β           geometry parameters, normalised to [0, 1]                             (G,), or (P, Q, G) on nodes
+w           mapping(z, β)                                                          (1, W), or (1, P, Q, W) on nodes
 
 The weights' names in a bundle are their places in the pytrees: generator/layers/0/weight is Generator.layers[0].weight.
 """
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -45,9 +46,9 @@ class Maker:
 
 
 class Grown(NamedTuple):
-    """A texture before it is synthesised: what its seed and parameters stand for."""
+    """A texture before it is synthesised: what its seed and parameters stand for. w: on nodes if geometry varies."""
 
-    w: Float[Array, "1 W"]
+    w: Float[Array, "1 *nodes W"]
     phases: Phases
 
 
@@ -79,6 +80,8 @@ def maker_of(bundle: Bundle, name: str) -> Maker:
     for key in bundle.arrays:
         if key.startswith("generator/") and key not in named:
             raise InputError(name, f"unexpected array {key!r}")
+        if key.startswith("generator/magnitude/") and not bundle.arrays[key] > 0:
+            raise InputError(name, f"array {key} is {bundle.arrays[key]}; a mean square is above 0")
     if (config.texels, config.channels) != (bundle.texel_density, bundle.channels):
         raise InputError(name, "manifest.json: the generator's texels or channels are not the material's")
     leaves = [jnp.asarray(bundle.arrays[key], jnp.float32) for key in named]
@@ -86,12 +89,13 @@ def maker_of(bundle: Bundle, name: str) -> Maker:
     return Maker(config, generator, averages, decoder_of(bundle.arrays), bundle.height_octaves)
 
 
-def grown(maker: Maker, seed: int, beta: Float[np.ndarray, "G"]) -> Grown:
+def grown(maker: Maker, seed: int, beta: Float[np.ndarray, "*nodes G"]) -> Grown:
     """The latent and the phases of a seed."""
     k = jax.random.split(jax.random.key(seed))
     z = jax.random.normal(k[0], (1, maker.config.z), jnp.float32)
-    w = map_latent(maker.generator, z, jnp.asarray(beta, jnp.float32)[None])
-    return Grown(w, draw_phases(maker.config, k[1], 1))
+    rows = jnp.asarray(beta, jnp.float32).reshape(math.prod(beta.shape[:-1]), beta.shape[-1])
+    w = map_latent(maker.generator, jnp.broadcast_to(z, (len(rows), maker.config.z)), rows)
+    return Grown(w.reshape(1, *beta.shape[:-1], w.shape[-1]), draw_phases(maker.config, k[1], 1))
 
 
 def _named(trees: tuple[Any, Any]) -> dict[str, Any]:

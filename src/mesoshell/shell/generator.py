@@ -2,8 +2,8 @@
 
 Alphabet
 z, β        what is drawn, and geometry parameters in [0, 1]                     (B, Z), (B, G)
-w           what a layer's styles come from: mapping(z, β)                        (B, W)
-Γ_l         Fourier map added to the input of layer l; its phases φ_l             cycles, (B, C_l)
+w           what a layer's styles come from: mapping(z, β)                        (B, W), or on nodes about a tile (shell/nodes)
+Γ_l         Fourier map added to the input of layer l, `waves` sinusoids a channel; their phases φ_l   cycles, (B, waves · C_l)
 F           feature texture                                                       (B, v, u, C)
 F(h)        height feature                                                        (B, R, C)
 texels      of F a patch; the plane's grid of rate s has its sample i at (i + ½)/s patches
@@ -28,6 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mesoshell.nets.mlp import Dense, apply_dense
+from mesoshell.shell.nodes import hat, spread_out
 from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu
 from mesoshell.signal.fourier import draw_frequencies, fourier_map, turned
 from mesoshell.signal.modulated import modulated_conv
@@ -44,8 +45,9 @@ _MAPPING_RATE = 0.01
 @dataclass(frozen=True)
 class GeneratorConfig:
     """texels a patch, a power of two; layers before the output; planes: one and a height feature, or three (shell/triplane);
-    fourier: maps in every layer with phases drawn a texture ("random"), always the same ("frozen"), or none beyond the input
-    ("off"); turn: of the maps about the origin, degrees from v toward u; precision: of the convolutions."""
+    waves: sinusoids a channel of a Fourier map (the paper: 1; docs/generator.md says why more); fourier: maps in every layer
+    with phases drawn a texture ("random"), always the same ("frozen"), or none beyond the input ("off"); turn: of the maps
+    about the origin, degrees from v toward u; precision: of the convolutions."""
 
     texels: int = 64
     config: Config = "T"
@@ -54,6 +56,7 @@ class GeneratorConfig:
     channels: int = 32
     layers: int = 14
     planes: Literal[1, 3] = 1
+    waves: int = 16
     z: int = 64
     w: int = 64
     betas: int = 0
@@ -108,12 +111,12 @@ def frequencies_of(config: GeneratorConfig) -> tuple[Int[np.ndarray, "C 2"], lis
     """Frequencies of the input's map and of each layer's, which lie between the cutoffs of the layer's input and output."""
     rng = np.random.default_rng(config.seed)
     rows = rows_of(config)
-    first = turned(draw_frequencies(rng, rows[0].in_channels, 0.0, rows[0].in_cutoff), config.turn)
+    first = turned(draw_frequencies(rng, config.waves * rows[0].in_channels, 0.0, rows[0].in_cutoff), config.turn)
     layers = []
     for i, row in enumerate(rows):
         low = 0.0 if i == 0 else row.in_cutoff
         empty = low >= row.out_cutoff or config.fourier == "off"
-        drawn = draw_frequencies(rng, 0 if empty else row.in_channels, low, row.out_cutoff)
+        drawn = draw_frequencies(rng, 0 if empty else config.waves * row.in_channels, low, row.out_cutoff)
         layers.append(turned(drawn, config.turn))
     return first, layers
 
@@ -179,7 +182,7 @@ def _unit(x: Float[Array, "B N"]) -> Float[Array, "B N"]:
     return x * jax.lax.rsqrt(jnp.mean(x**2, axis=1, keepdims=True) + 1e-8)
 
 
-def _equal(layer: Dense, x: Float[Array, "B I"], rate: float = 1.0) -> Float[Array, "B O"]:
+def _equal(layer: Dense, x: Float[Array, "B *nodes I"], rate: float = 1.0) -> Float[Array, "B *nodes O"]:
     """A dense layer whose weights are scaled here: kernel by rate/√I, bias by the rate."""
     return apply_dense(Dense(layer.kernel * (rate / layer.kernel.shape[0] ** 0.5), layer.bias * rate), x)
 
@@ -214,6 +217,16 @@ def spans(rows: tuple[LayerRow, ...], texels: int) -> list[Span]:
     return found[::-1]
 
 
+def reach(config: GeneratorConfig, size: tuple[int, int]) -> int:
+    """Patches, rounded up, that the layers of a tile of `size` texels see beyond it on any side."""
+    most = 0.0
+    for side in size:
+        for row, span in zip(rows_of(config), spans(rows_of(config), side), strict=True):
+            first, end = (x / row.in_sampling_rate for x in (span.first, span.first + span.size))
+            most = max(most, -first, end - side / config.texels)
+    return ceil(most)
+
+
 def halo_cost(config: GeneratorConfig, side: int) -> float:
     """Multiplications of a square tile of `side` texels, halo included, over those of its own samples alone."""
     rows = rows_of(config)
@@ -234,12 +247,12 @@ def synthesise(
     config: GeneratorConfig,
     generator: Generator,
     averages: Averages,
-    w: Float[Array, "B W"],
+    w: Float[Array, "B *nodes W"],
     phases: Phases,
     tile: Int[Array, "2"],
     size: tuple[int, int],
 ) -> Texture:
-    """F on `size` texels along (v, u) from the tile's corner on."""
+    """F on `size` texels along (v, u) from the tile's corner on. w on nodes: from `reach` patches before that corner on."""
     rows = rows_of(config)
     first, layers = frequencies_of(config)
     along = list(zip(spans(rows, size[0]), spans(rows, size[1]), strict=True))
@@ -247,7 +260,16 @@ def synthesise(
     def wave(f: np.ndarray, phase: Array, row: LayerRow, at: tuple[Span, Span]) -> Array:
         rate = int(row.in_sampling_rate)
         start = tile * (rate // CELL) + jnp.array([at[0].first, at[1].first], jnp.int32)
-        return fourier_map(jnp.asarray(f), phase, start, (at[0].size, at[1].size), rate)
+        return fourier_map(jnp.asarray(f), phase, start, (at[0].size, at[1].size), rate, config.waves)
+
+    def styled(layer: Styled, row: LayerRow, at: tuple[Span, Span]) -> Array:
+        style = _style(layer, w, row.is_torgb)
+        if style.ndim == 2:
+            return style
+        before = reach(config, size)
+        axes = zip(at, style.shape[1:3], strict=True)
+        v, u = (hat(a.first, a.size, row.in_sampling_rate, before, n) for a, n in axes)
+        return spread_out(style, (v, u))
 
     short = jnp.bfloat16 if config.precision == "bfloat16" else w.dtype
     x = wave(first, phases.input, rows[0], along[0]) @ (generator.mix / generator.mix.shape[0] ** 0.5)
@@ -258,7 +280,7 @@ def synthesise(
         seen.append(jax.lax.stop_gradient(jnp.mean(x.astype(jnp.float32) ** 2)))
         how = Activation(row, (*at[1].pad, *at[0].pad))
         layer = layer._replace(weight=layer.weight.astype(short))
-        x = filtered_lrelu(_modulated(layer, x, w, averages.magnitude[i], row.is_torgb), how)
+        x = filtered_lrelu(_modulated(layer, x, styled(layer, row, at), averages.magnitude[i], row.is_torgb), how)
     return Texture(OUTPUT_SCALE * x, seen)
 
 
@@ -273,14 +295,17 @@ def synthesise_height(config: GeneratorConfig, generator: Generator, w: Float[Ar
     x = jnp.broadcast_to(x[None, :, None], (w.shape[0], rows, 1, x.shape[1]))
     one = jnp.ones((), w.dtype)
     for layer in generator.height[:-1]:
-        x = jax.nn.leaky_relu(_modulated(layer, x, w, one, False), 0.2) * 2**0.5
-    return OUTPUT_SCALE * _modulated(generator.height[-1], x, w, one, True)[:, :, 0]
+        x = jax.nn.leaky_relu(_modulated(layer, x, _style(layer, w, False), one, False), 0.2) * 2**0.5
+    last = generator.height[-1]
+    return OUTPUT_SCALE * _modulated(last, x, _style(last, w, True), one, True)[:, :, 0]
 
 
-def _modulated(layer: Styled, x: Array, w: Float[Array, "B W"], magnitude: Float[Array, ""], last: bool) -> Array:
+def _style(layer: Styled, w: Float[Array, "B *nodes W"], last: bool) -> Array:
     style = _equal(layer.affine, w)
-    if last:
-        style = style / x.shape[-1] ** 0.5
+    return style / style.shape[-1] ** 0.5 if last else style
+
+
+def _modulated(layer: Styled, x: Array, style: Array, magnitude: Float[Array, ""], last: bool) -> Array:
     gain = jax.lax.rsqrt(magnitude).astype(x.dtype)
     y = modulated_conv(x, layer.weight, style.astype(x.dtype), gain, not last, 0)
     return y + layer.bias.astype(x.dtype)[None, None, None]

@@ -74,24 +74,31 @@ def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> Ready:
     """
     a = bundle.arrays
     levels = [a[f"features/{i}"] for i in range(_count(a, "features/{}"))]
-    heights = [a[f"height/{i}"][:, None] for i in range(_count(a, "height/{}"))]
+    varies = "heights/0" in a
+    heights = [a[f"heights/{i}"] if varies else a[f"height/{i}"][None, None] for i in range(_count(a, "height/{}"))]
     grids = [a[f"grid/{i}"] for i in range(len(levels))]
     layout = Layout(
         tuple(x.shape[:2] for x in levels),
-        tuple(x.shape[:2] for x in heights),
+        tuple((x.shape[2], 1) for x in heights),
         float(bundle.texel_density),
         bundle.height_octaves,
         not bundle.wraps,
         origin,
+        nodes=heights[0].shape[:2] if varies else None,
     )
     material = Material(
         mip.pack([jnp.asarray(x) for x in levels]),
-        mip.pack([jnp.asarray(x) for x in heights]),
+        mip.Pyramid(jnp.asarray(pack_heights(heights).reshape(-1, bundle.channels))),
         decoder_of(a),
     )
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
     names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
     return Ready(material, layout, Grid(jnp.asarray(flat)), tuple(g.shape for g in grids), names)
+
+
+def pack_heights(levels: list[Float[np.ndarray, "P Q _r C"]]) -> Float[np.ndarray, "P Q R C"]:
+    """Levels of F(h) at each node, one after the other."""
+    return np.concatenate(levels, axis=2)
 
 
 def _count(arrays: dict[str, np.ndarray], key: str) -> int:

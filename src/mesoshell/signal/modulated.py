@@ -3,12 +3,13 @@
 Alphabet
 x, y     samples before and after                                              (B, H, W, I), (B, H, W, O)
 w        weights, brought to unit mean square an output channel                (k, k, I, O)
-s        styles, brought to unit mean square a sample                          (B, I)
+s        styles, brought to unit mean square a sample                          (B, I), or (B, H, W, I): they vary over x
 g        gain of the input: 1/√(its mean square)                               scalar
 d        demodulation 1/√(Σ_{k,I} (w s)² + 1e-8)                               (B, O)
 
 y = d · ((g s · x) ∗ w): scaling the input and the output leaves one convolution for the batch, in place of one for each sample.
-The normalisation of w and s changes nothing but the weight of ε, and keeps half-precision products in range.
+Styles that vary must be nearly constant over a kernel. The normalisation of w and s changes nothing but the weight of ε, and
+keeps half-precision products in range.
 """
 
 import jax
@@ -17,6 +18,8 @@ import jax.numpy as jnp
 from mesoshell.typing import Array, Float
 
 EPSILON = 1e-8
+#: Keeps what is all 0 finite, in value and gradient; a mean square of 1e-24 is still brought to 1.
+_TINY = 1e-30
 #: Numbers in a block of by_rows: 2 MiB of float32.
 _BLOCK = 2**19
 
@@ -45,7 +48,7 @@ def modulated_conv_plain(
 def modulated_conv(
     x: Float[Array, "B H W I"],
     w: Float[Array, "k k I O"],
-    s: Float[Array, "B I"],
+    s: Float[Array, "B *place I"],
     g: Float[Array, ""],
     demodulate: bool,
     pad: int,
@@ -54,19 +57,21 @@ def modulated_conv(
     short, w = w.dtype, w.astype(x.dtype)
 
     def convolved(s: Array, w: Array) -> Array:
-        return convolve((x * (g * s)[:, None, None]).astype(short), w.astype(short), pad).astype(x.dtype)
+        return convolve((x * (g * s)).astype(short), w.astype(short), pad).astype(x.dtype)
 
+    s = s if s.ndim == x.ndim else s[:, None, None]
     if not demodulate:
         return convolved(s, w)
     w, s = _unit(w, s)
-    d = jax.lax.rsqrt(s**2 @ jnp.sum(w**2, axis=(0, 1)) + EPSILON)
-    return d[:, None, None] * convolved(s, w)
+    edge = w.shape[0] // 2 - pad if s.shape[1] > 1 else 0
+    inner = s[:, edge : s.shape[1] - edge, edge : s.shape[2] - edge]
+    return jax.lax.rsqrt(inner**2 @ jnp.sum(w**2, axis=(0, 1)) + EPSILON) * convolved(s, w)
 
 
 def _unit(w: Array, s: Array) -> tuple[Array, Array]:
-    """Weights of unit mean square an output channel, styles of unit mean square a sample."""
-    w = w * jax.lax.rsqrt(jnp.mean(w**2, axis=(0, 1, 2), keepdims=True))
-    return w, s * jax.lax.rsqrt(jnp.mean(s**2, axis=1, keepdims=True))
+    """Weights of unit mean square an output channel, styles of unit mean square a sample; those that are all 0 stay so."""
+    w = w * jax.lax.rsqrt(jnp.mean(w**2, axis=(0, 1, 2), keepdims=True) + _TINY)
+    return w, s * jax.lax.rsqrt(jnp.mean(s**2, axis=-1, keepdims=True) + _TINY)
 
 
 def convolve(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"], pad: int) -> Array:

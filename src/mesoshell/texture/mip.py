@@ -123,22 +123,23 @@ def _corner_weights(fx: Scalar, fy: Scalar) -> Float[Array, "4"]:
     return jnp.stack([1 - fx, fx, 1 - fx, fx]) * jnp.stack([1 - fy, 1 - fy, fy, fy])
 
 
-def lookup_height(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Scalar) -> Float[Array, "C"]:
-    """Bilinear F(h) in height and level, as float32. `sizes` has rows (R, 1)."""
+def lookup_height(
+    pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Scalar, first: Array | int = 0
+) -> Float[Array, "C"]:
+    """Bilinear F(h) in height and level, as float32. `sizes` has rows (R, 1); first: as in `lookup`."""
     last = len(sizes) - 1
     lower, fraction = _split(level, last)
-    return (1 - fraction) * _linear(pyramid, sizes, h, lower) + fraction * _linear(
-        pyramid, sizes, h, jnp.minimum(lower + 1, last)
-    )
+    low, high = (_linear(pyramid, sizes, h, l, first) for l in (lower, jnp.minimum(lower + 1, last)))
+    return (1 - fraction) * low + fraction * high
 
 
-def _linear(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Array) -> Float[Array, "C"]:
+def _linear(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Array, above: Array | int) -> Float[Array, "C"]:
     offsets, shapes = _tables(sizes)
     rows = shapes[level, 0]
     z = jnp.clip(h * rows.astype(h.dtype) - 0.5, 0, (rows - 1).astype(h.dtype))
     zi = jnp.floor(z)
     first, f = zi.astype(jnp.int32), z - zi
-    both = pyramid.rows[offsets[level] + jnp.minimum(first + jnp.array([0, 1]), rows - 1)]
+    both = pyramid.rows[above + offsets[level] + jnp.minimum(first + jnp.array([0, 1]), rows - 1)]
     return jnp.stack([1 - f, f]) @ both.astype(jnp.float32)
 
 

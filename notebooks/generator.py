@@ -1,0 +1,140 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # From random phases to endless textures
+#
+# The generator before any training: what its layers are, what a seed is, why a texture has no edge and does not repeat, and how
+# geometry varies over it. Training changes what the textures mean, and none of this.
+
+# %%
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+
+from mesoshell.measure.equivariance import eq_t
+from mesoshell.measure.repetition import autocorrelation, largest_repeat
+from mesoshell.shell.generator import (
+    CELL,
+    GeneratorConfig,
+    draw_phases,
+    frequencies_of,
+    halo_cost,
+    init_averages,
+    init_generator,
+    map_latent,
+    reach,
+    rows_of,
+    synthesise,
+)
+from mesoshell.train.snapshot import as_colours
+
+config = GeneratorConfig(texels=32, channel_base=512, channel_max=16, channels=8, z=16, w=16, betas=1)
+generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
+
+# %% [markdown]
+# ## Layers
+#
+# Cutoffs rise layer by layer, and with them the rate of the samples. Each layer's input gets a *Fourier map*: sinusoids between
+# the cutoffs of its input and output, so that there is something in the new band to shape.
+
+# %%
+print("layer  cutoff in → out   samples a patch   channels   waves")
+for i, (row, f) in enumerate(zip(rows_of(config), frequencies_of(config)[1], strict=True)):
+    print(
+        f"{i:5}  {row.in_cutoff:6.2f} → {row.out_cutoff:5.2f}   {row.in_sampling_rate:6.0f} → {row.out_sampling_rate:4.0f}"
+        f"   {row.in_channels:4} → {row.out_channels:3}   {len(f):5}"
+    )
+
+# %% [markdown]
+# ## A texture is a seed
+#
+# A latent z and the waves' phases. Both are drawn; nothing else is. Ask for any rectangle of the plane.
+
+
+# %%
+def texture(config, seed, size, corner=(0, 0), beta=0.5):
+    k = jax.random.split(jax.random.key(seed))
+    z = jax.random.normal(k[0], (1, config.z))
+    w = map_latent(generator, z, jnp.full((1, 1), beta))
+    phases = draw_phases(config, k[1], 1)
+    tile = jnp.array(corner, jnp.int32) * CELL
+    run = jax.jit(lambda g, w, p, t: synthesise(config, g, averages, w, p, t, size).feature[0])
+    return np.asarray(run(generator, w, phases, tile))
+
+
+figure, axes = plt.subplots(1, 3, figsize=(11, 4))
+for seed, axis in enumerate(axes):
+    axis.imshow(as_colours(texture(config, seed, (64, 128))) ** (1 / 2.2), origin="lower", extent=(0, 4, 0, 2))
+    axis.set_title(f"seed {seed}: 4 × 2 patches")
+# %% [markdown]
+# ## It has no edge
+#
+# No layer pads: it is evaluated where the next one asks for it. So a tile is a part of the plane, to rounding, at the price of
+# a halo.
+
+# %%
+whole, part = texture(config, 0, (96, 96)), texture(config, 0, (32, 32), corner=(1, 2))
+print(
+    f"largest difference: {np.abs(whole[32:64, 64:96] - part).max():.1e}, of a standard deviation of {whole.std():.2f}"
+)
+print(
+    f"multiplications over those without a halo: one patch {halo_cost(config, 32):.1f}, 4 × 4 {halo_cost(config, 128):.1f}"
+)
+assert np.abs(whole[32:64, 64:96] - part).max() < 1e-4 * whole.std()
+
+# %% [markdown]
+# ## It does not repeat
+#
+# One sinusoid a channel is what the paper has. Few sinusoids are nearly in step again somewhere, by chance. More of them cost
+# next to nothing, since sines are taken on the two axes alone.
+
+# %%
+figure, axes = plt.subplots(1, 3, figsize=(11, 4))
+for waves, axis in zip((1, 4, 16), axes, strict=True):
+    f = texture(replace(config, waves=waves), 0, (192, 192))
+    value, lag = largest_repeat(f, 32)
+    axis.imshow(autocorrelation(f)[96:287, :96], vmin=-0.5, vmax=0.5, cmap="RdBu_r", extent=(0, 3, -3, 3))
+    axis.set_title(f"{waves} a channel: {value:.2f} at {lag[1] / 32:.1f}, {lag[0] / 32:.1f} patches")
+# %% [markdown]
+# ## It follows its waves
+#
+# Moving the phases moves the texture. How exactly, in decibels: EQ-T, here by 5 and 9 texels, fractions of a sample in the
+# inner layers.
+
+# %%
+w = map_latent(generator, jax.random.normal(jax.random.key(1), (1, config.z)), jnp.full((1, 1), 0.5))
+print(f"EQ-T {eq_t(config, (generator, averages), w, draw_phases(config, jax.random.key(2), 1), (5.0, 9.0)):.1f} dB")
+
+# %% [markdown]
+# ## Geometry may vary over it
+#
+# A geometry parameter (a length, a direction in which pile is combed) goes through the mapping network into w, and w may lie on
+# the corners of patches, with what is between them interpolated. Left to right: 0, a ramp from 0 to 1, 1.
+
+# %%
+z, phases = jax.random.normal(jax.random.key(5), (1, config.z)), draw_phases(config, jax.random.key(6), 1)
+size, before = (64, 256), reach(config, (64, 256))
+nodes = 2 * before + 8 + 1, 2 * before + 2 + 1
+ramp = np.clip((np.arange(nodes[0]) - before - 1) / 6, 0, 1)
+figure, axes = plt.subplots(3, 1, figsize=(10, 8))
+for name, beta, axis in (("0", 0 * ramp, axes[0]), ("ramp", ramp, axes[1]), ("1", 0 * ramp + 1, axes[2])):
+    w = map_latent(generator, jnp.broadcast_to(z, (len(beta), config.z)), jnp.asarray(beta, jnp.float32)[:, None])
+    on_nodes = jnp.broadcast_to(w[None, None], (1, nodes[1], *w.shape))
+    run = jax.jit(lambda g, w: synthesise(config, g, averages, w, phases, jnp.zeros(2, jnp.int32), size).feature[0])
+    axis.imshow(as_colours(np.asarray(run(generator, on_nodes))) ** (1 / 2.2), origin="lower")
+    axis.set_title(f"parameter: {name}")
+# %% [markdown]
+# From here: `mesoshell train` teaches the generator what to grow, `mesoshell texture` writes a texture to disk, and
+# `mesoshell render mesh.obj --material grass.npz --seed 3` grows one on a mesh. See `docs/generator.md`.

@@ -29,6 +29,23 @@ config = replace(
 """
 
 
+#: The network that is compared with, at a size of its own.
+NETWORK = """
+from dataclasses import replace
+from mesoshell.train.parametric import sized_as
+from mesoshell.train.presets import TINY
+config = replace(
+    sized_as(TINY, seeded=True),
+    picture=replace(TINY.picture, size=8),
+    trunk=(8,),
+    head=(8,),
+    snapshot_kimg=0.008,
+    kimg=0.016,
+)
+recipe = "fog"
+"""
+
+
 @pytest.fixture(autouse=True)
 def _no_cache_at_home(monkeypatch, tmp_path_factory):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
@@ -61,6 +78,18 @@ def fault(capsys, *arguments: object) -> str:
     return said
 
 
+@pytest.fixture(scope="module")
+def network(run) -> Path:
+    """A run of the network on the same data."""
+    folder = run.parent
+    (folder / "network.py").write_text(NETWORK)
+    given = ["train", str(folder / "network.py"), "--data", str(folder / "packed"), "--run", str(folder / "network")]
+    main([*given, "--dry-run"])
+    assert not (folder / "network").exists()
+    main(given)
+    return folder / "network"
+
+
 def test_a_run_shows_itself(run) -> None:
     assert [p.name for p in sorted((run / "snapshots").iterdir())] == ["000000008.npz", "000000016.npz"]
     sheet = read_png(run / "sheets" / "000000016.png")
@@ -80,6 +109,35 @@ def test_scores_are_kept_and_not_made_twice(run, capsys) -> None:
     assert f"{rows[-1]['value']:.4g}" in said and "KID-EffLite0" in (run / "report.html").read_text()
     main(["evaluate", str(run), "--images", "8", "--snapshots", "2"])
     assert capsys.readouterr().out == f"{run / 'report.html'}\n"
+
+
+def test_a_network_that_is_compared_with_is_scored_like_any_run(network, capsys) -> None:
+    assert [p.name for p in sorted((network / "snapshots").iterdir())] == ["000000008.npz", "000000016.npz"]
+    sheet = read_png(network / "sheets" / "000000016.png")
+    assert sheet.shape[0] > 4 * 8 and sheet[..., :3].std() > 0.01
+    capsys.readouterr()
+    main(["evaluate", str(network), "--images", "8", "--snapshots", "1"])
+    assert capsys.readouterr().out.startswith("0.016 kimg: KID-EffLite0 ")
+    page = (network / "report.html").read_text()
+    assert page.count("<img") == 5 and "0.016 kimg" in page
+    row = json.loads((network / "log.jsonl").read_text().splitlines()[-1])
+    assert row.keys() == {"kimg", "images_per_s", "radiance", "transmittance"}
+
+
+def test_a_network_that_is_compared_with_is_no_material(network, run, tmp_path, capsys) -> None:
+    """Each fault is one line; nothing is written."""
+    snapshot = network / "snapshots" / "000000016.npz"
+    assert "network and no generator: it can be evaluated" in fault(
+        capsys, "export", network, "--out", tmp_path / "a.npz"
+    )
+    for verb in (["render", MESH, "--material", snapshot], ["texture", snapshot]):
+        assert "kind is 'nerf_tex'; expected 'shell'" in fault(capsys, *verb, "--out", tmp_path / "a.png")
+    given = ["--data", network.parent / "packed", "--run"]
+    said = fault(capsys, "train", network.parent / "network.py", *given, run)
+    assert "config.json: the run was begun by another method: gan, asked for nerf_tex" in said
+    (tmp_path / "e.py").write_text(NETWORK.replace('"fog"', '"carpet2"'))
+    assert "packed: its recipe is fog; e.py is about carpet2" in fault(capsys, "train", tmp_path / "e.py", *given, "x")
+    assert [p.name for p in tmp_path.iterdir()] == ["e.py"]
 
 
 def test_an_export_is_the_newest_snapshot_or_the_one_asked_for(run, material, tmp_path, capsys) -> None:

@@ -1,4 +1,5 @@
-"""Every experiment of the project takes two steps, at the smallest preset; at its own it is a configuration that fits."""
+"""Every experiment of the project takes two steps, at less than the smallest preset; a slow test runs through that preset; at
+its own it is a configuration that fits. Files that differ only in their data are one experiment here."""
 
 import json
 from dataclasses import replace
@@ -9,54 +10,114 @@ import jax
 import numpy as np
 import pytest
 
-from mesoshell.cli.training import read_experiment
+from mesoshell.cli.training import check_recipe, read_experiment
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
+from mesoshell.train.method import method_of
+from mesoshell.train.parametric import ParametricConfig
+from mesoshell.train.presets import PRESETS
+from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.run import train
-from mesoshell.train.state import start
+from mesoshell.train.stream import RunConfig, views_of
 
 FILES = sorted((Path(__file__).parents[2] / "experiments").glob("*.py"))
+#: A file for each configuration: one step differs from another by its configuration and its data alone.
+DISTINCT = list({read_experiment(file, "tiny"): file for file in reversed(FILES)}.values())
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Dataset:
-    folder = tmp_path_factory.mktemp("data")
-    fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.4 * k) for k in range(8)], size=8)
+def fog_at(size: int, folder: Path) -> Dataset:
+    fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.4 * k) for k in range(8)], size=size)
     pack_dataset(read_dataset(folder / "fog"), folder / "packed")
     return read_dataset(folder / "packed")
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda p: p.stem)
-def test_it_takes_two_steps(file: Path, data, tmp_path: Path) -> None:
-    tiny = read_experiment(file, "tiny")
-    config = replace(
-        tiny,
-        generator=replace(tiny.generator, channel_base=32, channel_max=4, channels=4, layers=4),
-        discriminator=replace(tiny.discriminator, size=8, channel_base=32, channel_max=4),
-        picture=replace(tiny.picture, size=8, samples=4),
-        kimg=0.008,
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Dataset:
+    return fog_at(8, tmp_path_factory.mktemp("data"))
+
+
+@pytest.fixture(scope="module")
+def larger(tmp_path_factory) -> Dataset:
+    return fog_at(16, tmp_path_factory.mktemp("larger"))
+
+
+def shrunk(config: RunConfig) -> RunConfig:
+    """Two steps of 8² pictures, networks of a few channels."""
+    config = replace(config, picture=replace(config.picture, size=8, samples=4), kimg=0.008)
+    if isinstance(config, ParametricConfig):
+        return config
+    return replace(
+        config,
+        generator=replace(config.generator, channel_base=32, channel_max=4, channels=4, layers=4),
+        discriminator=replace(config.discriminator, size=8, channel_base=32, channel_max=4),
     )
+
+
+@pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
+def test_it_takes_two_steps(file: Path, data, tmp_path: Path) -> None:
+    """Everything that learns has moved, is finite, and is kept as a snapshot with a sheet; the log has all losses."""
+    config = shrunk(read_experiment(file, "tiny"))
+    method = method_of(config)
     state = train(config, data, tmp_path / "run")
-    assert int(state.images) == 8
-    assert all(np.isfinite(x).all() for x in jax.tree.leaves(state.smooth))
+    assert int(state.images) == 8 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
+    begin = method.start(method.fitted(config, data)[0], jax.random.key(config.seed))
+    for name, part in method.parts(state).items():
+        pairs = zip(jax.tree.leaves(part), jax.tree.leaves(method.parts(begin)[name]), strict=True)
+        assert any((np.asarray(a) != np.asarray(b)).any() for a, b in pairs), name
     row = json.loads((tmp_path / "run" / "log.jsonl").read_text().splitlines()[-1])
-    assert row["kimg"] == 0.008
+    assert row["kimg"] == 0.008 and np.isfinite([row[name] for name in method.losses]).all()
+    assert sorted(p.name for p in (tmp_path / "run").glob("s*/*")) == ["000000008.npz", "000000008.png"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
+def test_it_runs_through_the_tiny_preset(file: Path, larger, tmp_path: Path) -> None:
+    config = read_experiment(file, "tiny")
+    state = train(config, larger, tmp_path / "run")
+    assert int(state.images) == 240 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
+    pictures = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
+    config, seen = method_of(config).fitted(config, larger)
+    made = pictures(views_of(config, seen, [0, 7]))
+    assert made.shape == (2, 16, 16, 4) and np.isfinite(made).all() and made.max() > 0
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda p: p.stem)
 def test_its_own_size_is_the_small_preset(file: Path) -> None:
     config = read_experiment(file)
     assert config.picture.size == 64 and config == read_experiment(file, "small")
-    jax.eval_shape(lambda: start(config, jax.random.key(0)))
+    jax.eval_shape(lambda: method_of(config).start(config, jax.random.key(0)))
     assert file.read_text().startswith('"""')
+
+
+def test_an_experiment_may_be_about_one_recipe(data) -> None:
+    for file in FILES:
+        named = file.stem.removeprefix("nerf_tex_")
+        if named.startswith("carpet") and named != "carpet":
+            check_recipe(file, replace(data, recipe=named))
+            with pytest.raises(InputError, match=rf"packed: its recipe is fog; {file.name} is about {named}"):
+                check_recipe(file, data)
+        else:
+            check_recipe(file, data)
+
+
+@pytest.mark.parametrize("preset", sorted(PRESETS))
+def test_comparisons_have_their_presets_pictures_and_length(preset: str) -> None:
+    """What is compared sees as many images of the same size, from as near as soon."""
+    for file in FILES:
+        if file.stem.startswith("nerf_tex"):
+            config, ours = read_experiment(file, preset), PRESETS[preset]
+            assert isinstance(config, ParametricConfig) and config.seeded == (file.stem == "nerf_tex_seed")
+            for name in ("picture", "batch", "kimg", "near_kimg", "snapshot_kimg"):
+                assert getattr(config, name) == getattr(ours, name)
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "e.py"
     for text, preset, fault in (
-        ("config = 3", None, "defines no `config` that is a TrainConfig"),
-        ("", "tiny", "defines no `variant` that makes one TrainConfig of another"),
+        ("config = 3", None, "defines no `config` that is a TrainConfig or a ParametricConfig"),
+        ("variant = 3", "small", "defines no `variant`"),
+        ("", "tiny", "defines no `variant` that makes of a TrainConfig a TrainConfig or a ParametricConfig"),
         ("def variant(c): return c.nothing", "tiny", "AttributeError"),
         ("import nothing_of_the_kind", None, "ModuleNotFoundError"),
     ):

@@ -17,6 +17,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
 from mesoshell.train import run
+from mesoshell.train.record import keep_record, read_record
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.state import TrainConfig, TrainState
 from mesoshell.train.stream import fitted, renders
@@ -55,7 +56,7 @@ def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
     row = json.loads((folder / "log.jsonl").read_text().splitlines()[-1])
     assert row["kimg"] == 0.016 and np.isfinite(list(row.values())).all()
     assert json.loads((folder / "config.json").read_text())["config"]["batch"] == 4
-    assert [p.name for p in (folder / "checkpoints").iterdir() if p.name.isdigit()] == ["4"]
+    assert max(int(p.name) for p in (folder / "checkpoints").iterdir() if p.name.isdigit()) == 4
 
 
 def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, tmp_path, monkeypatch) -> None:
@@ -87,6 +88,37 @@ def test_another_configuration_is_refused_before_anything_compiles(data, whole, 
     assert str(caught.value).endswith(
         "the run was begun with another configuration: config.gamma is 0.5, asked for 7.0, config.trunk is [4], asked for [9]"
     )
+
+
+def test_a_record_older_than_a_field_has_its_default(data, whole, tmp_path) -> None:
+    """So a run goes on after a version that can do more; a field or a method that is not ours is refused."""
+    config, path = fitted(CONFIG, data), tmp_path / "config.json"
+    kept = json.loads((whole[1] / "config.json").read_text())
+    assert list(kept) == ["config", "data"] and read_record(whole[1]) == (config, kept["data"])
+    old = json.loads(json.dumps(kept))
+    for part, name in ((old["config"], "density"), (old["config"]["picture"], "filtering")):
+        del part[name]
+    path.write_text(json.dumps(old))
+    assert read_record(tmp_path)[0] == config
+    with pytest.raises(InputError, match=r"configuration: config.density is 0.0, asked for 0.25$"):
+        keep_record(replace(config, density=0.25), data, tmp_path)
+    keep_record(config, data, tmp_path)
+    assert json.loads(path.read_text()) == kept
+    for strange in ({"config": kept["config"] | {"x": 1}}, {"method": "x"}, {"config": 3}):
+        path.write_text(json.dumps(kept | strange))
+        with pytest.raises(InputError, match=r"config\.json: is no record of a training run"):
+            read_record(tmp_path)
+
+
+def test_a_folder_is_known_by_any_path_to_it(data, whole, tmp_path) -> None:
+    """A path through a folder that is not there yet must not come by another run's record unseen."""
+    shutil.copytree(whole[1], tmp_path / "run")
+    kept = (tmp_path / "run" / "config.json").read_bytes()
+    with pytest.raises(
+        InputError, match=r"run/config\.json: the run was begun with another configuration: config.gamma"
+    ):
+        keep_record(replace(fitted(CONFIG, data), gamma=7.0), data, tmp_path / "nothing" / ".." / "run")
+    assert (tmp_path / "run" / "config.json").read_bytes() == kept and not (tmp_path / "nothing").exists()
 
 
 def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeypatch) -> None:

@@ -9,16 +9,13 @@ from rich.console import Console
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.evaluate import Options
 from mesoshell.errors import InputError
-from mesoshell.io.bundle import read_bundle
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.measure.distribution import fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
-from mesoshell.shell.generated import maker_of
+from mesoshell.train.method import method_of
 from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.report import write_report
-from mesoshell.train.snapshot import pictures
-from mesoshell.train.state import Learner, TrainConfig
-from mesoshell.train.stream import fitted, views_of
+from mesoshell.train.stream import RunConfig, views_of
 
 _BATCH = 20
 
@@ -30,8 +27,7 @@ def evaluate(options: Options) -> None:
     keep_compiled()
     config, data = read_record(options.run)
     found = snapshots(options.run)
-    dataset = read_dataset(options.data or data["folder"])
-    config = fitted(config, dataset)
+    config, dataset = method_of(config).fitted(config, read_dataset(options.data or data["folder"]))
     network = extractor(options.inception)
     count = min(options.images, len(dataset.samples))
     positions = np.random.default_rng(0).permutation(len(dataset.samples))[:count]
@@ -62,15 +58,11 @@ def evaluate(options: Options) -> None:
 
 
 def _features(
-    config: TrainConfig, snapshot: Path, dataset: Dataset, positions: np.ndarray, network: Extractor
+    config: RunConfig, snapshot: Path, dataset: Dataset, positions: np.ndarray, network: Extractor
 ) -> np.ndarray:
-    """Features of a picture for each of these samples: its camera, light and parameters, and a texture of its own."""
-    maker = maker_of(read_bundle(snapshot), str(snapshot))
-    learner = Learner(maker.generator, maker.decoder)
+    """Features of a picture for each of these samples: its camera, light and parameters, and geometry of its own."""
+    pictures = method_of(config).painter(config, snapshot)
     padded = np.concatenate([positions, positions[: -len(positions) % _BATCH]])
     views = views_of(config, dataset, padded)
-    parts = [
-        pictures(config, learner, maker.averages, type(views)(*(x[i : i + _BATCH] for x in views)))
-        for i in range(0, len(padded), _BATCH)
-    ]
+    parts = [pictures(type(views)(*(x[i : i + _BATCH] for x in views))) for i in range(0, len(padded), _BATCH)]
     return network.of(np.concatenate(parts)[: len(positions)])

@@ -27,8 +27,10 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
 
     from mesoshell.io.bundle import read_bundle, write_bundle
     from mesoshell.train.record import read_record, snapshots
+    from mesoshell.train.state import TrainConfig
 
-    read_record(options.run)
+    if not isinstance(read_record(options.run)[0], TrainConfig):
+        raise InputError(options.run, "holds a network and no generator: it can be evaluated, not exported")
     found = snapshots(options.run)
     kept = [s for s in found if options.kimg is None or abs(s[0] - 1000 * options.kimg) < 1]
     if not kept:

@@ -1,4 +1,4 @@
-"""`mesoshell train`: a generator of materials from a dataset."""
+"""`mesoshell train`: a generator of materials from a dataset, or a network that it is compared with."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,8 @@ import tyro
 class Options:
     """Train a generator on a packed dataset; a run that was stopped goes on."""
 
-    #: The experiment: a Python file that defines `config`, a mesoshell.train.state.TrainConfig.
+    #: The experiment: a Python file that defines `config`, a mesoshell.train.state.TrainConfig (or, to be compared with,
+    #: a mesoshell.train.parametric.ParametricConfig), and `variant`, which makes one of a preset.
     experiment: tyro.conf.Positional[Path]
     #: Packed dataset folder (mesoshell dataset pack).
     data: Path

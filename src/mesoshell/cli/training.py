@@ -4,8 +4,9 @@ import json
 import runpy
 import sys
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +19,10 @@ from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.measure.operations import count_operations
+from mesoshell.train.method import method_of
 from mesoshell.train.presets import PRESETS
 from mesoshell.train.run import Diverged, train
-from mesoshell.train.state import TrainConfig, start
-from mesoshell.train.step import step
-from mesoshell.train.stream import fitted, renders
+from mesoshell.train.stream import RunConfig, renders
 
 
 def train_from(options: Options) -> None:
@@ -34,6 +34,7 @@ def train_from(options: Options) -> None:
             raise InputError("--kimg", f"must be above 0, not {options.kimg}")
         config = replace(config, kimg=options.kimg)
     dataset = read_dataset(options.data)
+    check_recipe(options.experiment, dataset)
     if options.coordinator:
         _join(options)
     if options.dry_run:
@@ -45,7 +46,7 @@ def train_from(options: Options) -> None:
         task = bar.add_task("compiling", total=config.kimg)
 
         def show(row: dict[str, float]) -> None:
-            said = " ".join(f"{k} {row[k]:.3f}" for k in ("generator", "discriminator", "r1"))
+            said = " ".join(f"{k} {row[k]:.3f}" for k in method_of(config).losses)
             line = f"{row['kimg']:.3f} kimg, {row['images_per_s']:.2f} images/s, losses {said}"
             bar.update(task, completed=row["kimg"], description=line)
             if not console.is_terminal:
@@ -59,20 +60,38 @@ def train_from(options: Options) -> None:
     print(f"{options.run}: {int(state.images) / 1000:.3f} kimg")
 
 
-def read_experiment(path: Path, preset: str | None = None) -> TrainConfig:
-    """The `config` of an experiment file, or its `variant` of a preset. Raises InputError if it does not run or lacks it."""
-    if not path.is_file():
-        raise InputError(path, "no such file")
+def read_experiment(path: Path, preset: str | None = None) -> Any:
+    """The `config` of an experiment file, a TrainConfig or a ParametricConfig, or its `variant` of a preset. Raises InputError
+    if it does not run or lacks it."""
     wanted = "config" if preset is None else "variant"
+    found = _defined(path).get(wanted)
     try:
-        found = runpy.run_path(str(path)).get(wanted)
         config = found(PRESETS[preset]) if preset is not None and callable(found) else found
     except Exception as error:
         raise InputError(path, f"{type(error).__name__}: {error}") from error
-    if not isinstance(config, TrainConfig):
-        kind = {"config": "that is a TrainConfig", "variant": "that makes one TrainConfig of another"}[wanted]
-        raise InputError(path, f"defines no `{wanted}` {kind} (mesoshell.train.state)")
+    if not isinstance(config, RunConfig):
+        of = {"config": "that is", "variant": "that makes of a TrainConfig"}[wanted]
+        raise InputError(
+            path,
+            f"defines no `{wanted}` {of} a TrainConfig or a ParametricConfig (mesoshell.train.state and .parametric)",
+        )
     return config
+
+
+def check_recipe(path: Path, dataset: Dataset) -> None:
+    """Raises InputError if an experiment file defines a `recipe` and the dataset is of another."""
+    recipe = _defined(path).get("recipe", dataset.recipe)
+    if dataset.recipe != recipe:
+        raise InputError(dataset.folder, f"its recipe is {dataset.recipe}; {path.name} is about {recipe}")
+
+
+def _defined(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise InputError(path, "no such file")
+    try:
+        return runpy.run_path(str(path))
+    except Exception as error:
+        raise InputError(path, f"{type(error).__name__}: {error}") from error
 
 
 def _join(options: Options) -> None:
@@ -85,27 +104,27 @@ def _join(options: Options) -> None:
         jax.distributed.initialize(options.coordinator, count, mine)
 
 
-def _plan(config: TrainConfig, dataset: Dataset) -> str:
+def _plan(config: RunConfig, dataset: Dataset) -> str:
     """What a run would be: parameters, memory, and time by operations over this machine's matrix rate."""
-    config = fitted(config, dataset)
-    state = jax.eval_shape(lambda: start(config, jax.random.key(0)))
+    method = method_of(config)
+    config, dataset = method.fitted(config, dataset)
+    state = jax.eval_shape(lambda: method.start(config, jax.random.key(0)))
     batch = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), renders(config, dataset)(0))
-    memory = jax.jit(lambda s, b: step(config, s, b)).lower(state, batch).compile().memory_analysis()
-    parts = {
-        "generator": state.learner.generator,
-        "decoder": state.learner.decoder,
-        "discriminator": state.discriminator,
-    }
-    lines = [json.dumps({"batch": config.batch, "kimg": config.kimg, "precision": config.precision})]
-    lines += [f"{name}: {_numbers(tree):,} parameters, {_bytes(tree) / 2**20:.1f} MiB" for name, tree in parts.items()]
-    lines.append(f"state (with both optimisers and the average): {_bytes(state) / 2**20:.1f} MiB")
+    memory = jax.jit(lambda s, b: method.step(config, s, b)).lower(state, batch).compile().memory_analysis()
+    about = {k: v for k, v in asdict(config).items() if k in ("batch", "kimg", "precision")}
+    lines = [json.dumps(about)]
+    lines += [
+        f"{name}: {_numbers(tree):,} parameters, {_bytes(tree) / 2**20:.1f} MiB"
+        for name, tree in method.parts(state).items()
+    ]
+    lines.append(f"state (with what optimisers and averages hold): {_bytes(state) / 2**20:.1f} MiB")
     if memory is not None:
         lines.append(f"a step's activations: {memory.temp_size_in_bytes / 2**20:.0f} MiB")
-    work, rate = count_operations(lambda s, b: step(config, s, b), state, batch), _matrix_rate()
+    work, rate = count_operations(lambda s, b: method.step(config, s, b), state, batch), _matrix_rate()
     steps = config.kimg * 1000 / config.batch
     lines.append(
-        f"a step with R1 is {work / 1e9:.0f} GFLOP; at this machine's matrix rate, {rate / 1e9:.0f} GFLOP/s, at least "
-        f"{work / rate:.2f} s: {rate / work:.2f} steps a second at most, {steps * work / rate / 3600:.1f} hours in all"
+        f"the dearest step is {work / 1e9:.3g} GFLOP; at this machine's matrix rate, {rate / 1e9:.0f} GFLOP/s, at least "
+        f"{work / rate:.2g} s: {rate / work:.3g} steps a second at most, {steps * work / rate / 3600:.2g} hours in all"
     )
     return "\n".join(lines)
 

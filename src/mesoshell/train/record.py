@@ -1,11 +1,12 @@
 """What a run's folder says of it: config.json, and the snapshots that there are.
 
 Alphabet
-record      {"config": a TrainConfig's fields, "data": of the dataset it was begun with}
+record      {"method": which of METHODS, "config": the fields of its configuration, "data": of the dataset it was begun with};
+            the GAN's has no "method", as those did that are older than the choice
 """
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +15,28 @@ import jax
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.whole import read_file, replace_file
-from mesoshell.shell.discriminator import DiscriminatorConfig
-from mesoshell.shell.generator import GeneratorConfig
-from mesoshell.train.picture import PictureConfig
+from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.state import TrainConfig
+from mesoshell.train.stream import RunConfig
 
+METHODS: dict[str, type[TrainConfig] | type[ParametricConfig]] = {"gan": TrainConfig, "nerf_tex": ParametricConfig}
 #: What a run may be resumed with another value of.
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 
-def keep_record(config: TrainConfig, dataset: Dataset, folder: Path) -> None:
+def keep_record(config: RunConfig, dataset: Dataset, folder: Path) -> None:
     """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, but for
-    MAY_CHANGE. Raises InputError that names the fields that differ."""
+    MAY_CHANGE. A field younger than the record has its default in it. Raises InputError that names the fields that differ."""
     kept = ("recipe", "version", "size", "seed", "parameters")
     data = {k: dataset.manifest[k] for k in kept} | {"folder": str(dataset.folder.resolve())}
-    record = json.loads(json.dumps({"config": asdict(config), "data": data}))
+    record = _record(config, data)
+    folder = folder.resolve()  # else A/../B is not there until A is made, and then B is another run's
     path = folder / "config.json"
     if path.exists():
-        old, new = _flat(_parsed(path)), _flat(record)
+        old, new = _flat(_record(*read_record(folder))), _flat(record)
+        if old.get("method") != new.get("method"):
+            names = [flat.get("method", "gan") for flat in (old, new)]
+            raise InputError(path, f"the run was begun by another method: {names[0]}, asked for {names[1]}")
         differ = [k for k in sorted(old.keys() | new.keys()) if old.get(k) != new.get(k) and k not in MAY_CHANGE]
         if differ:
             said = ", ".join(f"{k} is {old.get(k)}, asked for {new.get(k)}" for k in differ)
@@ -41,22 +46,33 @@ def keep_record(config: TrainConfig, dataset: Dataset, folder: Path) -> None:
         replace_file(path, (json.dumps(record, indent=1) + "\n").encode())
 
 
-def read_record(folder: Path) -> tuple[TrainConfig, dict[str, Any]]:
+def read_record(folder: Path) -> tuple[RunConfig, dict[str, Any]]:
     """Configuration and data of a run. Raises InputError if `folder` is none."""
     path = folder / "config.json"
     record = _parsed(path)
     try:
-        fields = dict(record["config"])
-        parts = {
-            "generator": GeneratorConfig(**fields.pop("generator")),
-            "discriminator": DiscriminatorConfig(**fields.pop("discriminator")),
-            "picture": PictureConfig(**fields.pop("picture")),
-            "trunk": tuple(fields.pop("trunk")),
-            "head": tuple(fields.pop("head")),
-        }
-        return TrainConfig(**parts, **fields), record["data"]
+        return _made(METHODS[record.get("method", "gan")], record["config"]), record["data"]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(path, f"is no record of a training run: {error}") from None
+
+
+def _record(config: RunConfig, data: dict[str, Any]) -> Any:
+    """The record as JSON gives it back."""
+    name = next(name for name, kind in METHODS.items() if kind is type(config))
+    method = {} if name == "gan" else {"method": name}
+    return json.loads(json.dumps(method | {"config": asdict(config), "data": data}))
+
+
+def _made(kind: Any, entries: dict[str, Any]) -> Any:
+    """A configuration from its fields as JSON has them: objects are configurations inside it, lists are tuples."""
+    inner = {f.name: f.type for f in fields(kind) if is_dataclass(f.type)}
+
+    def value(name: str, x: Any) -> Any:
+        if name in inner:
+            return _made(inner[name], x)
+        return tuple(x) if isinstance(x, list) else x
+
+    return kind(**{name: value(name, x) for name, x in entries.items()})
 
 
 def snapshots(folder: Path) -> list[tuple[int, Path]]:

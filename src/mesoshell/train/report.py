@@ -1,7 +1,7 @@
 """report.html of a run: its curves and its sheets on one page that needs nothing beside it.
 
 Alphabet
-log          rows of log.jsonl: losses, logits, images a second, by kimg
+log          rows of log.jsonl: losses, logits if two play, images a second, by kimg
 scores       rows of evaluation.jsonl: KID and FID with their intervals, by kimg
 """
 
@@ -17,6 +17,13 @@ import numpy as np
 from mesoshell.io.whole import replace_file
 
 SHEETS = 8
+#: What a log may hold, by the axis that it is drawn on.
+CURVES = {
+    "loss": ("generator", "discriminator", "r1"),
+    "mean logit": ("real", "fake"),
+    "loss of radiance": ("radiance",),
+    "loss of transmittance": ("transmittance",),
+}
 
 
 def write_report(folder: Path) -> Path:
@@ -26,7 +33,7 @@ def write_report(folder: Path) -> Path:
     if log:
         last = log[-1]
         parts.append(f"<p>{last['kimg']:.1f} kimg; {last['images_per_s']:.2f} images a second at the end.</p>")
-        parts.append(_curves(log, {"loss": ("generator", "discriminator", "r1"), "mean logit": ("real", "fake")}))
+        parts.append(_curves(log, {label: names for label, names in CURVES.items() if names[0] in last}))
     parts += [_scored([row for row in scores if row["name"] == name]) for name in sorted({r["name"] for r in scores})]
     sheets = sorted((folder / "sheets").glob("*.png"))
     chosen = (

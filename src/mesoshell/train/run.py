@@ -1,7 +1,8 @@
 """A training run: steps, a log, checkpoints, resumption, and a stop when something is not finite.
 
 Alphabet
-folder       config.json (what the run was begun with), log.jsonl, checkpoints/, snapshots/, sheets/
+folder       config.json (what the run was begun with), log.jsonl, checkpoints/, snapshots/IMAGES.npz, sheets/IMAGES.png
+method       what a run asks of the way it learns (train/method); the loop knows no other difference
 log          a row every LOG_EVERY steps: kimg, images a second since the last row, and the step's Report
 stop         asked for by SIGTERM: the step in hand is finished and saved
 
@@ -14,19 +15,19 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 
 from mesoshell.io.dataset import Dataset
+from mesoshell.io.image import write_png
 from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.method import Method, method_of
 from mesoshell.train.parallel import spread_step
 from mesoshell.train.record import keep_record
 from mesoshell.train.report import write_report
-from mesoshell.train.snapshot import keep_snapshot
-from mesoshell.train.state import TrainConfig, TrainState, start
-from mesoshell.train.step import Report, step
-from mesoshell.train.stream import fitted, renders
+from mesoshell.train.stream import RunConfig, renders
 
 LOG_EVERY = 16
 SAVE_EVERY = 120.0
@@ -37,38 +38,39 @@ class Diverged(RuntimeError):
 
 
 def train(
-    config: TrainConfig,
+    config: RunConfig,
     dataset: Dataset,
     folder: Path,
     how: str = "jit",
     show: Callable[[dict[str, float]], None] = lambda row: None,
-) -> TrainState:
-    """Train to config.kimg from the newest checkpoint in `folder`, or from the start. show: sees each log row.
+) -> Any:
+    """The state at config.kimg, trained from the newest checkpoint in `folder`, or from the start. show: sees each log row.
 
     Raises InputError if the folder holds a run of another configuration, Diverged if something is not finite.
     """
-    config = fitted(config, dataset)
+    method = method_of(config)
+    config, seen = method.fitted(config, dataset)
     keep_record(config, dataset, folder)
-    batch_of = renders(config, dataset, jax.process_index(), jax.process_count())
+    batch_of = renders(config, seen, jax.process_index(), jax.process_count())
     spread = spread_step(
-        lambda state, batch, across: step(config, state, batch, across), config.batch, how, config.views
+        lambda state, batch, across: method.step(config, state, batch, across),
+        config.batch,
+        how,
+        method.together(config),
     )
-    begin = start(config, jax.random.key(config.seed))
+    begin = method.start(config, jax.random.key(config.seed))
     steps = int(np.ceil(config.kimg * 1000 / config.batch))
     snapshot = max(1, round(config.snapshot_kimg * 1000 / config.batch))
     with Checkpoints(folder / "checkpoints") as checkpoints, _Stop() as stop:
         found = checkpoints.newest(begin)
         done, begin = found if found else (0, begin)
-        names = leaf_names(begin)
+        names = leaf_names(method.parts(begin))
         state = spread.place(begin)
         logged = saved = time.perf_counter()
         since = done
         for i in range(done, steps):
             state, report = spread.step(state, spread.share(batch_of(i)))
-            if (
-                np.asarray(report.bad).any()
-                or not np.isfinite([float(report.generator), float(report.discriminator)]).all()
-            ):
+            if np.asarray(report.bad).any() or not np.isfinite(list(_numbers(report).values())).all():
                 raise Diverged(_said(i, report, names, folder, checkpoints.manager.latest_step()))
             now, last = time.perf_counter(), i + 1 == steps
             if (i + 1) % LOG_EVERY == 0 or last or stop.asked:
@@ -80,7 +82,7 @@ def train(
                 checkpoints.save(i + 1, spread.whole(state))
                 saved = time.perf_counter()
             if (i + 1) % snapshot == 0 or last or stop.asked:
-                keep_snapshot(config, dataset, spread.whole(state), folder)
+                _keep_snapshot(method, config, seen, spread.whole(state), folder)
             if stop.asked:
                 break
         if jax.process_index() == 0:
@@ -88,26 +90,40 @@ def train(
         return spread.whole(state)
 
 
-def leaf_names(state: TrainState) -> list[str]:
-    """Names of the leaves that `Report.bad` speaks of."""
-    trees = {"learner": state.learner, "discriminator": state.discriminator}
+def leaf_names(parts: dict[str, Any]) -> list[str]:
+    """Names of the leaves that a report's `bad` speaks of."""
     return [
         name + jax.tree_util.keystr(path)
-        for name, tree in trees.items()
+        for name, tree in parts.items()
         for path, _ in jax.tree_util.tree_leaves_with_path(tree)
     ]
 
 
-def _said(i: int, report: Report, names: list[str], folder: Path, good: int | None) -> str:
+def _keep_snapshot(method: Method, config: RunConfig, dataset: Dataset, state: Any, folder: Path) -> None:
+    """Write the snapshot and the sheet of this state; on the first host only."""
+    if jax.process_index() != 0:
+        return
+    name = f"{int(state.images):09d}"
+    for part in ("snapshots", "sheets"):
+        (folder / part).mkdir(exist_ok=True)
+    method.save(folder / "snapshots" / f"{name}.npz", config, dataset, state)
+    write_png(folder / "sheets" / f"{name}.png", method.sheet(config, dataset, state))
+
+
+def _said(i: int, report: Any, names: list[str], folder: Path, good: int | None) -> str:
     bad = np.flatnonzero(np.asarray(report.bad))
     what = f"the gradient of {names[bad[0]]} is" if len(bad) else "a loss is"
     last = f"the last good checkpoint is {folder / 'checkpoints' / str(good)}" if good else "there is no checkpoint yet"
     return f"step {i + 1}: {what} not finite; {last}"
 
 
-def _row(config: TrainConfig, steps: int, rate: float, report: Report) -> dict[str, float]:
+def _row(config: RunConfig, steps: int, rate: float, report: Any) -> dict[str, float]:
     row = {"kimg": steps * config.batch / 1000, "images_per_s": round(rate, 3)}
-    return row | {k: round(float(v), 5) for k, v in report._asdict().items() if k != "bad"}
+    return row | {k: round(v, 5) for k, v in _numbers(report).items()}
+
+
+def _numbers(report: Any) -> dict[str, float]:
+    return {k: float(v) for k, v in report._asdict().items() if k != "bad"}
 
 
 def _append(path: Path, row: dict[str, float]) -> None:

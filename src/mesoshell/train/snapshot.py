@@ -1,12 +1,13 @@
-"""What a run shows of itself on the way: the material of the averaged weights, and a sheet of pictures.
+"""What a GAN's run keeps on the way: the material of the averaged weights, and a sheet of pictures.
 
 Alphabet
-folder      snapshots/IMAGES.npz, a bundle that `mesoshell render` takes; sheets/IMAGES.png, linear grey between pictures
+snapshot    a bundle that `mesoshell render` takes
 sheet       rows of six: near renders, pictures from far cameras, and from the near renders' cameras, one texture a column; and
             beside them the first three features of 4 × 4 patches
 """
 
 import subprocess
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -16,32 +17,38 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.io.bundle import write_bundle
+from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.dataset import Dataset
-from mesoshell.io.image import tonemap, write_png
+from mesoshell.io.image import tonemap
 from mesoshell.io.sheet import tiled
+from mesoshell.shell.generated import maker_of
 from mesoshell.shell.generator import Averages, draw_phases, map_latent, synthesise
 from mesoshell.train.export import declared, generator_bundle
 from mesoshell.train.generate import Shown, generate
 from mesoshell.train.parallel import in_turn
 from mesoshell.train.state import Learner, TrainConfig, TrainState
-from mesoshell.train.stream import views_of
+from mesoshell.train.stream import RunConfig, views_of
 from mesoshell.typing import Array
 
 COLUMNS, EXTENT = 6, 4
 
 
-def keep_snapshot(config: TrainConfig, dataset: Dataset, state: TrainState, folder: Path) -> None:
-    """Write the snapshot and the sheet of this state; on the first host only."""
-    if jax.process_index() != 0:
-        return
-    name = f"{int(state.images):09d}"
-    for part in ("snapshots", "sheets"):
-        (folder / part).mkdir(exist_ok=True)
-    provenance = {"config": asdict(config), "dataset": origin(dataset), "commit": commit(), "images": int(state.images)}
-    bundle = generator_bundle(config, state.smooth, state.averages, declared(dataset.manifest), provenance)
-    write_bundle(folder / "snapshots" / f"{name}.npz", bundle)
-    write_png(folder / "sheets" / f"{name}.png", sheet(config, state.smooth, state.averages, dataset))
+def save(path: Path, config: TrainConfig, dataset: Dataset, state: TrainState) -> None:
+    """The material of the averaged weights, as a bundle."""
+    about = provenance(config, dataset, int(state.images))
+    write_bundle(path, generator_bundle(config, state.smooth, state.averages, declared(dataset.manifest), about))
+
+
+def painter(config: TrainConfig, path: Path) -> Callable[[Shown], Float[np.ndarray, "B S S 4"]]:
+    """What makes pictures of a snapshot, a texture each, with the labels and keys of a batch."""
+    maker = maker_of(read_bundle(path), str(path))
+    learner = Learner(maker.generator, maker.decoder)
+    return lambda batch: pictures(config, learner, maker.averages, batch)
+
+
+def provenance(config: RunConfig, dataset: Dataset, images: int) -> dict:
+    """Where a snapshot comes from."""
+    return {"config": asdict(config), "dataset": origin(dataset), "commit": commit(), "images": images}
 
 
 def origin(dataset: Dataset) -> dict:
@@ -57,21 +64,31 @@ def commit() -> str:
     return done.stdout.strip() if done.returncode == 0 else "unknown"
 
 
-def sheet(config: TrainConfig, learner: Learner, averages: Averages, dataset: Dataset) -> Float[np.ndarray, "h w 3"]:
+def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of fixed seeds, as linear values to be shown."""
-    far = views_of(config, dataset, _far_first(dataset)[:COLUMNS])
-    near = views_of(config, dataset, _far_first(dataset)[-COLUMNS:])._replace(
-        alpha=far.alpha, beta=far.beta, key=far.key
-    )
-    rows = [np.asarray(near.image)]
-    rows += [np.maximum(pictures(config, learner, averages, batch)[..., :3], 0) for batch in (far, near)]
-    shown = np.asarray(tiled(tonemap(np.concatenate([row[..., :3] for row in rows])), COLUMNS))
+    learner, averages = state.smooth, state.averages
+    far, near = ends(config, dataset)
+    near = near._replace(alpha=far.alpha, beta=far.beta, key=far.key)
+    rows = [near.image, *(pictures(config, learner, averages, batch) for batch in (far, near))]
+    shown = in_rows(rows)
     side = EXTENT * config.generator.texels
     feature = np.asarray(_feature(config, side, learner, averages, far))
     wide = as_colours(feature)
     height = max(len(shown), side)
     parts = [np.pad(x, ((0, height - len(x)), (0, 0), (0, 0))) for x in (shown, wide)]
     return np.concatenate(parts, axis=1)
+
+
+def ends(config: RunConfig, dataset: Dataset) -> tuple[Shown, Shown]:
+    """A row of the farthest renders, and one of the nearest."""
+    far_first = sorted(range(len(dataset.samples)), key=lambda i: -dataset.samples[i].radius)
+    return views_of(config, dataset, far_first[:COLUMNS]), views_of(config, dataset, far_first[-COLUMNS:])
+
+
+def in_rows(rows: list[np.ndarray]) -> Float[np.ndarray, "h w 3"]:
+    """Linear RGBA pictures, a row each, as values to be shown."""
+    radiance = np.concatenate([np.maximum(np.asarray(row)[..., :3], 0) for row in rows])
+    return np.asarray(tiled(tonemap(radiance), COLUMNS))
 
 
 def as_colours(feature: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "V U 3"]:
@@ -99,8 +116,3 @@ def _feature(config: TrainConfig, side: int, learner: Learner, averages: Average
     phases = draw_phases(config.generator, k[1], 1)
     corner = jnp.zeros(2, jnp.int32)
     return synthesise(config.generator, learner.generator, averages, w, phases, corner, (side, side)).feature[0]
-
-
-def _far_first(dataset: Dataset) -> list[int]:
-    """Positions of samples, the farthest first."""
-    return sorted(range(len(dataset.samples)), key=lambda i: -dataset.samples[i].radius)

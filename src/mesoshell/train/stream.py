@@ -4,6 +4,7 @@ Alphabet
 share      of the samples, farthest cameras first, that a step may see: from FIRST to all over `near_kimg`, in STAGES
 step       counted from 0; what step i sees depends on the configuration, the dataset and i alone, so that a run may resume
 row        place in the global batch; each has its own key
+seed       of a sample's geometry, as one more β: (i + ½)/n for the i-th of n samples, so that no two are alike in float32
 """
 
 from collections.abc import Callable
@@ -17,7 +18,14 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.train.feed import Feed, take
 from mesoshell.train.generate import Shown
+from mesoshell.train.parametric import ParametricConfig
+from mesoshell.train.picture import PictureConfig
 from mesoshell.train.state import TrainConfig, sized
+
+#: What a run, of either method, depends on beside the data.
+RunConfig = TrainConfig | ParametricConfig
+#: The name of the seed among parameters; not one that a recipe could use.
+SEED = "geometry seed"
 
 #: The farthest quarter at first, then one eighth of the way at a time.
 FIRST, STAGES = 0.25, 8
@@ -26,18 +34,53 @@ FIRST, STAGES = 0.25, 8
 def fitted(config: TrainConfig, dataset: Dataset) -> TrainConfig:
     """The configuration for a dataset. Raises InputError if its images are not of the configured size."""
     roles = [entry["role"] for entry in dataset.manifest["parameters"].values()]
-    size, wanted = dataset.samples[0].size, config.picture.size
+    config = replace(config, picture=_fitted_picture(config.picture, dataset))
+    return sized(config, roles.count("alpha"), roles.count("beta"))
+
+
+def fitted_parametric(config: ParametricConfig, dataset: Dataset) -> tuple[ParametricConfig, Dataset]:
+    """The configuration for a dataset, and the dataset with its seeds if the network sees them. Raises InputError if images
+    are not of the configured size, or show other geometry each and no seed tells which, or the same and there is no need."""
+    patch = dataset.manifest.get("patch", None if config.seeded else 0)
+    if patch is None and not config.seeded:
+        raise InputError(
+            dataset.folder,
+            "every image shows another geometry, which this network cannot tell apart: render one patch "
+            f"(mesoshell dataset render {dataset.recipe} --patch 0 …), or train experiments/nerf_tex_seed.py",
+        )
+    if patch is not None and config.seeded:
+        raise InputError(
+            dataset.folder, f"every image shows patch {patch}; seeds as a parameter need a dataset without --patch"
+        )
+    dataset = with_seeds(dataset) if config.seeded else dataset
+    picture = _fitted_picture(config.picture, dataset)
+    return replace(config, picture=picture, parameters=len(dataset.manifest["parameters"])), dataset
+
+
+def with_seeds(dataset: Dataset) -> Dataset:
+    """The dataset with one more parameter, the last of its β: which geometry a sample shows."""
+    entry = {"role": "beta", "range": [0.0, 1.0], "default": 0.5, "unit": "1", "meaning": "which geometry"}
+    manifest = dataset.manifest | {"parameters": dataset.manifest["parameters"] | {SEED: entry}}
+    count = len(dataset.samples)
+    samples = tuple(
+        replace(sample, parameters=sample.parameters | {SEED: (i + 0.5) / count})
+        for i, sample in enumerate(dataset.samples)
+    )
+    return replace(dataset, manifest=manifest, samples=samples)
+
+
+def _fitted_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
+    size, wanted = dataset.samples[0].size, picture.size
     if size != (wanted, wanted):
         raise InputError(
             dataset.folder,
             f"has images of {size[0]} × {size[1]} pixels; the experiment wants {wanted} × {wanted}: "
             f"mesoshell dataset pack … --size {wanted}",
         )
-    config = replace(config, picture=replace(config.picture, fov=float(dataset.samples[0].fov)))
-    return sized(config, roles.count("alpha"), roles.count("beta"))
+    return replace(picture, fov=float(dataset.samples[0].fov))
 
 
-def renders(config: TrainConfig, dataset: Dataset, host: int = 0, hosts: int = 1) -> Callable[[int], Shown]:
+def renders(config: RunConfig, dataset: Dataset, host: int = 0, hosts: int = 1) -> Callable[[int], Shown]:
     """This host's rows of step i, as NumPy arrays. Raises InputError if hosts cannot share the batch, or data are too few."""
     if config.batch % hosts:
         raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
@@ -61,7 +104,7 @@ def renders(config: TrainConfig, dataset: Dataset, host: int = 0, hosts: int = 1
     return at
 
 
-def views_of(config: TrainConfig, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]) -> Shown:
+def views_of(config: RunConfig, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]) -> Shown:
     """The samples at these positions, with keys of their own: the same whenever they are asked for."""
     b = take(dataset, np.asarray(positions))
     keys = np.stack(

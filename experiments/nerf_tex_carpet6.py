@@ -1,0 +1,18 @@
+"""Comparison: NeRF-Tex, one network fitted to renders, on the carpet of 6 parameters (MesoGAN, section 6.3 and figure 13).
+
+It learns one patch by heart, so every image must show that patch: mesoshell dataset render carpet6 --patch 0 --count … --out …
+`carpet6.py` is ours, on a dataset without --patch.
+"""
+
+from mesoshell.train.parametric import ParametricConfig, sized_as
+from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
+
+recipe = "carpet6"
+
+
+def variant(preset: TrainConfig) -> ParametricConfig:
+    return sized_as(preset)
+
+
+config = variant(SMALL)

@@ -1,9 +1,11 @@
 """From what was trained to a bundle: a fitted patch with its pyramids and σ grid, or a generator's weights.
 
 The share of unseen points above the σ grid, and the largest σ above it, go into the bundle's provenance as
-`grid_excess_share` and `grid_excess_sigma`.
+`grid_excess_share` and `grid_excess_sigma`; what the decoder loses in 16 bits, as `decoder_error`: of a generator, at one patch
+of seed 0 with every geometry parameter in the middle of its range.
 """
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -14,11 +16,13 @@ from mesoshell.io.bundle import Bundle, Parameter
 from mesoshell.shell.bound import bounds, new_points
 from mesoshell.shell.decoder import Decoder
 from mesoshell.shell.field import Layout, Material
-from mesoshell.shell.generated import generator_arrays, generator_fields
-from mesoshell.shell.generator import Averages
+from mesoshell.shell.generated import Maker, generator_arrays, generator_fields, grown
+from mesoshell.shell.generator import Averages, synthesise, synthesise_height
+from mesoshell.shell.precision import decoder_error
 from mesoshell.texture import mip
 from mesoshell.train.fit import FitConfig, Parameters, layout_of, material_of
 from mesoshell.train.state import Learner, TrainConfig
+from mesoshell.typing import Array, Float
 
 CELLS_UV, CELLS_H, PROBES = 64, 32, 256
 _PATCH = np.array([[0.0, 0.0], [1.0, 1.0]])
@@ -34,7 +38,9 @@ def to_bundle(
     layout = layout_of(config)
     material = half(material_of(parameters))
     grids = _grids(layout, material)
-    excess = _excess(layout, material, grids)
+    said: dict[str, Any] = _excess(layout, material, grids)
+    flat = np.asarray(parameters.feature), np.asarray(parameters.height)[:, 0]
+    said["decoder_error"] = decoder_error(parameters.decoder, *flat, config.octaves)
     arrays: dict[str, np.ndarray] = {}
     for i, level in enumerate(mip.build(parameters.feature)):
         arrays[f"features/{i}"] = np.asarray(level, np.float16)
@@ -51,7 +57,7 @@ def to_bundle(
         parameters=declared,
         thickness=1.0,
         colour_space="linear Rec. 709",
-        provenance=provenance | excess,
+        provenance=provenance | said,
         arrays={k: np.asarray(v) for k, v in arrays.items()},
     )
 
@@ -80,6 +86,8 @@ def generator_bundle(
     provenance: dict,
 ) -> Bundle:
     """A bundle that makes textures: the generator's and the decoder's weights, and no texture."""
+    feature, height = (np.asarray(x) for x in _patch(config, learner, averages))
+    said = {"decoder_error": decoder_error(learner.decoder, feature, height, config.picture.octaves)}
     return Bundle(
         kind="shell",
         texel_density=float(config.generator.texels),
@@ -88,11 +96,25 @@ def generator_bundle(
         parameters=declared,
         thickness=1.0,
         colour_space="linear Rec. 709",
-        provenance=provenance,
+        provenance=provenance | said,
         arrays=_decoder_arrays(learner.decoder) | generator_arrays(learner.generator, averages),
         wraps=False,
         generator=generator_fields(config.generator),
     )
+
+
+@partial(jax.jit, static_argnums=0)
+def _patch(
+    config: TrainConfig, learner: Learner, averages: Averages
+) -> tuple[Float[Array, "V U C"], Float[Array, "R C"]]:
+    """F and F(h) of one patch of seed 0; of three planes, sums of their texels at the same places."""
+    g, side = config.generator, config.generator.texels
+    maker = Maker(g, learner.generator, averages, learner.decoder, config.picture.octaves)
+    w, phases = grown(maker, 0, np.full(g.betas, 0.5, np.float32))
+    corner = jnp.zeros(2, jnp.int32)
+    texture = synthesise(g, learner.generator, averages, w, phases, corner, (side, side))
+    feature = texture.feature[0].reshape(side, side, g.planes, g.channels).sum(axis=2)
+    return feature, synthesise_height(g, learner.generator, w)[0]
 
 
 def _decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:

@@ -30,6 +30,8 @@ from mesoshell.typing import Array, Bool, Scalar
 MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
 #: Half-life of the weight average: this many images, or this share of those seen if that is fewer.
 AVERAGE_IMAGES, AVERAGE_SHARE = 10_000.0, 0.05
+#: A gradient whose square float32 cannot hold.
+MOST = 1e19
 
 
 class Across(NamedTuple):
@@ -143,4 +145,5 @@ def _averaged(averages: Averages, seen: Seen, rows: int) -> Averages:
 
 
 def _not_finite(tree: Any) -> Bool[Array, "_leaves"]:
-    return jnp.stack([~jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(tree)])
+    """Which leaves hold NaN, infinity, or what Adam's squares turn into it: such a weight would never move again."""
+    return jnp.stack([~(jnp.abs(leaf) < MOST).all() for leaf in jax.tree.leaves(tree)])

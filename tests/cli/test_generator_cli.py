@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from mesoshell.cli.main import main
-from mesoshell.io.bundle import read_bundle
+from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.dataset import read_dataset
-from mesoshell.io.image import read_png
+from mesoshell.io.image import read_png, write_png
 from mesoshell.io.pack import pack_dataset
+from tests.shell import growing
 from tests.train import fog
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -180,6 +181,62 @@ def test_seeds_grow_on_a_mesh(material, tmp_path) -> None:
     a, b, c = image("a"), image("b", "--seed", 0), image("c", "--seed", 1, "--param", "age=5")
     np.testing.assert_array_equal(a, b)
     assert np.abs(a - c).max() > 0.01 and np.isfinite(a).all()
+
+
+@pytest.fixture(scope="module")
+def combed(tmp_path_factory) -> tuple[Path, Path]:
+    """A generator with a geometry parameter, and an image that is black on the left and white on the right."""
+    folder = tmp_path_factory.mktemp("combed")
+    write_bundle(folder / "it.npz", growing.bundle())
+    write_png(
+        folder / "map.png", np.repeat(np.array([[[0.0]], [[1.0]]]), 3, axis=2).transpose(1, 0, 2).astype(np.float32)
+    )
+    return folder / "it.npz", folder / "map.png"
+
+
+def test_images_vary_geometry_and_appearance(combed, tmp_path) -> None:
+    """Each is a picture of its own; a constant image is the constant."""
+    material, image = combed
+    write_png(tmp_path / "white.png", np.ones((2, 2, 3), np.float32))
+
+    def picture(name: str, *more: object) -> np.ndarray:
+        out = tmp_path / f"{name}.png"
+        given = ["render", MESH, "--material", material, "--size", 32, 32, "--quality", "draft", "--out", out, *more]
+        main([str(x) for x in given])
+        return read_png(out)
+
+    some = [("a",), ("b", "--param", f"length={image}"), ("c", "--param", f"age={image}"), ("d", "--param", "length=3")]
+    a, b, c, d = (picture(*x) for x in some)
+    for i, x in enumerate((a, b, c, d)):
+        for y in (a, b, c, d)[:i]:
+            assert np.abs(x - y).max() > 0.01
+    same = picture("e", "--param", f"length={tmp_path / 'white.png'}")
+    assert np.abs(same - d).mean() < 0.1 * np.abs(a - d).mean()
+
+
+def test_a_texture_takes_images_of_geometry_alone(combed, tmp_path, capsys) -> None:
+    material, image = combed
+    given = ["texture", material, "--extent", 10, 2, "--param"]
+    main([*map(str, given), f"length={image}", "--out", str(tmp_path / "f.npz")])
+    field = read_bundle(tmp_path / "f.npz")
+    heights = field.arrays["heights/0"].astype(np.float32)
+    assert field.provenance["varies"] == ["length"] and heights.shape[:2] == (3, 11)
+    np.testing.assert_allclose(
+        heights, np.where(np.arange(11)[None, :, None, None] < 5, heights[:1, :1], heights[:1, -1:])
+    )
+    assert np.abs(heights[0, 0] - heights[0, -1]).max() > 0.01
+    main(
+        ["render", str(MESH), "--material", str(tmp_path / "f.npz"), "--size", "16", "16", "--out", str(tmp_path / "r")]
+    )
+    assert "age: a texture holds no appearance that varies" in fault(
+        capsys, *given, f"age={image}", "--out", tmp_path / "g.npz"
+    )
+    assert "length=nothing.png is neither a number nor an image" in fault(
+        capsys, *given, "length=nothing.png", "--out", tmp_path / "g.npz"
+    )
+    assert "length is baked into" in fault(
+        capsys, "render", MESH, "--material", tmp_path / "f.npz", "--param", f"length={image}"
+    )
 
 
 def test_seeds_need_a_generator(tmp_path, capsys) -> None:

@@ -75,7 +75,9 @@ def test_maps_lie_between_the_cutoffs_and_the_last_layers_have_none() -> None:
     for row, f in list(zip(rows, layers, strict=True))[1:13]:
         radius = np.hypot(*f.T) / 2**16
         assert (
-            len(f) == row.in_channels and radius.min() >= row.in_cutoff - 1e-4 and radius.max() <= row.out_cutoff + 1e-4
+            len(f) == SMALL.waves * row.in_channels
+            and radius.min() >= row.in_cutoff - 1e-4
+            and radius.max() <= row.out_cutoff + 1e-4
         )
     assert [len(f) for f in layers[13:]] == [0, 0]
 

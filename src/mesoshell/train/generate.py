@@ -63,9 +63,14 @@ def asked(config: TrainConfig, batch: Shown) -> Shown:
 
 
 def generate(
-    config: TrainConfig, learner: Learner, averages: Averages, batch: Shown, each: Callable[[Callable], Callable]
+    config: TrainConfig,
+    learner: Learner,
+    averages: Averages,
+    batch: Shown,
+    each: Callable[[Callable], Callable],
+    tile: tuple[int, int] = (0, 0),
 ) -> tuple[Float[Array, "B S S 4"], Seen]:
-    """Pictures of fresh textures from the batch's cameras, lights and parameters (those of `asked`)."""
+    """Pictures of fresh textures from the batch's cameras, lights and parameters (those of `asked`). tile: of the plane."""
     keys = jax.vmap(lambda k: jax.random.split(k, 3))(jax.random.wrap_key_data(batch.key))
     textures = keys[:: config.views]
     dtype = batch.alpha.dtype
@@ -74,9 +79,8 @@ def generate(
     phases = Phases(*jax.tree.map(lambda p: p[:, 0].astype(dtype), (phases.input, phases.layers)))
     w = map_latent(learner.generator, z, batch.beta[:: config.views])
     side = config.generator.texels
-    texture = synthesise(
-        config.generator, learner.generator, averages, w, phases, jnp.zeros(2, jnp.int32), (side, side)
-    )
+    corner = jnp.array(tile, jnp.int32)
+    texture = synthesise(config.generator, learner.generator, averages, w, phases, corner, (side, side))
     height = synthesise_height(config.generator, learner.generator, w)
     rays = config.picture.size**2
 

@@ -98,14 +98,16 @@ def as_colours(feature: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "V U 3"
     return np.clip(0.5 + (x - x.mean(axis=(0, 1))) / (4 * spread), 0, 1).astype(np.float32) ** 2.2
 
 
-def pictures(config: TrainConfig, learner: Learner, averages: Averages, batch: Shown) -> Float[np.ndarray, "B S S 4"]:
-    """Generated pictures, a texture each, with the labels and keys of a batch."""
-    return np.asarray(_pictures(replace(config, views=1), learner, averages, jax.tree.map(jnp.asarray, batch)))
+def pictures(
+    config: TrainConfig, learner: Learner, averages: Averages, batch: Shown, tile: tuple[int, int] = (0, 0)
+) -> Float[np.ndarray, "B S S 4"]:
+    """Generated pictures of a tile of the plane, a texture each, with the labels and keys of a batch."""
+    return np.asarray(_pictures(replace(config, views=1), tile, learner, averages, jax.tree.map(jnp.asarray, batch)))
 
 
-@partial(jax.jit, static_argnums=0)
-def _pictures(config: TrainConfig, learner: Learner, averages: Averages, batch: Shown) -> Array:
-    return generate(config, learner, averages, batch, in_turn)[0]
+@partial(jax.jit, static_argnums=(0, 1))
+def _pictures(config: TrainConfig, tile: tuple[int, int], learner: Learner, averages: Averages, batch: Shown) -> Array:
+    return generate(config, learner, averages, batch, in_turn, tile)[0]
 
 
 @partial(jax.jit, static_argnums=(0, 1))

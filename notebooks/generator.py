@@ -106,7 +106,8 @@ for waves, axis in zip((1, 4, 16), axes, strict=True):
     f = texture(replace(config, waves=waves), 0, (192, 192))
     value, lag = largest_repeat(f, 32)
     axis.imshow(autocorrelation(f)[96:287, :96], vmin=-0.5, vmax=0.5, cmap="RdBu_r", extent=(0, 3, -3, 3))
-    axis.set_title(f"{waves} a channel: {value:.2f} at {lag[1] / 32:.1f}, {lag[0] / 32:.1f} patches")
+    axis.set_title(f"{waves} a channel: at most {value:.2f}")
+    print(f"{waves} a channel: {value:.2f} at a lag of {lag[1] / 32:.1f} patches along u, {lag[0] / 32:.1f} along v")
 # %% [markdown]
 # ## It follows its waves
 #
@@ -128,12 +129,17 @@ z, phases = jax.random.normal(jax.random.key(5), (1, config.z)), draw_phases(con
 size, before = (64, 256), reach(config, (64, 256))
 nodes = 2 * before + 8 + 1, 2 * before + 2 + 1
 ramp = np.clip((np.arange(nodes[0]) - before - 1) / 6, 0, 1)
-figure, axes = plt.subplots(3, 1, figsize=(10, 8))
-for name, beta, axis in (("0", 0 * ramp, axes[0]), ("ramp", ramp, axes[1]), ("1", 0 * ramp + 1, axes[2])):
+made = {}
+for name, beta in (("0", 0 * ramp), ("ramp", ramp), ("1", 0 * ramp + 1)):
     w = map_latent(generator, jnp.broadcast_to(z, (len(beta), config.z)), jnp.asarray(beta, jnp.float32)[:, None])
     on_nodes = jnp.broadcast_to(w[None, None], (1, nodes[1], *w.shape))
     run = jax.jit(lambda g, w: synthesise(config, g, averages, w, phases, jnp.zeros(2, jnp.int32), size).feature[0])
-    axis.imshow(as_colours(np.asarray(run(generator, on_nodes))) ** (1 / 2.2), origin="lower")
+    made[name] = np.asarray(run(generator, on_nodes))
+
+figure, axes = plt.subplots(3, 1, figsize=(10, 8), layout="constrained")
+together = as_colours(np.concatenate(list(made.values()))) ** (1 / 2.2)  # one scale of colours for all
+for name, picture, axis in zip(made, np.split(together, 3), axes, strict=True):
+    axis.imshow(picture, origin="lower", extent=(0, 8, 0, 2))
     axis.set_title(f"parameter: {name}")
 # %% [markdown]
 # From here: `mesoshell train` teaches the generator what to grow, `mesoshell texture` writes a texture to disk, and

@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from mesoshell.signal import modulated
-from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu, filtered_lrelu_plain, separable
+from mesoshell.signal import blocks, modulated
+from mesoshell.signal.filtered_lrelu import (
+    Activation,
+    along_axes,
+    filtered_lrelu,
+    filtered_lrelu_plain,
+    in_blocks,
+    separable,
+)
 from mesoshell.signal.modulated import modulated_conv, modulated_conv_plain
 from mesoshell.signal.schedule import LayerRow, layer_schedule
 
@@ -54,6 +61,20 @@ def test_fast_and_plain_agree_in_value_and_gradient(config, index: int) -> None:
         seed = jnp.asarray(rng.normal(size=plain.shape))
         np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-11)
         np.testing.assert_allclose(fast_back(seed)[0], plain_back(seed)[0], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(("config", "index"), [("T", 1), ("T", 5), ("R", 0), ("R", 5)])
+@pytest.mark.parametrize("shape", [(2, 34, 37, 5), (1, 29, 24, 13)])
+@pytest.mark.parametrize("padding", [None, (0, 0, 0, 0), (3, 1, -5, 2)])
+def test_blocks_are_parts_of_the_whole(config, index: int, shape, padding, monkeypatch) -> None:
+    """Several blocks of rows and of channels, the last of them cut short, at any padding."""
+    monkeypatch.setattr(blocks, "ROWS", 6)
+    monkeypatch.setattr(blocks, "CHANNELS", 8)
+    row = layer_schedule(32, config)[index]
+    how = Activation(row, padding or small(row).pad)
+    with jax.enable_x64(True):
+        x = jnp.asarray(np.random.default_rng(index).normal(size=shape))
+        np.testing.assert_allclose(in_blocks(x, how), along_axes(x, how), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("activation", [filtered_lrelu, filtered_lrelu_plain])

@@ -10,12 +10,14 @@ one along x and one along y but, being symmetric, the sum of a few: Σ λ_k e_k 
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.signal.blocks import Filters, up_bend_down
 from mesoshell.signal.schedule import LayerRow
 from mesoshell.signal.upfirdn import Resampling, resample, upfirdn_plain
 from mesoshell.typing import Array
@@ -53,7 +55,31 @@ def filtered_lrelu_plain(x: Float[Array, "B H W C"], how: Activation) -> Array:
 
 
 def filtered_lrelu(x: Float[Array, "B H W C"], how: Activation) -> Array:
-    """The same, one axis after the other."""
+    """The same, the way that is fastest on the backend. Its derivative goes along the axes, whichever that is."""
+    return _fast(x, how)
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(1,))
+def _fast(x: Array, how: Activation) -> Array:
+    row = how.row
+    if row.up_filter is None or row.down_filter is None or row.up_factor % row.down_factor:
+        return along_axes(x, how)
+    return jax.lax.platform_dependent(x, cpu=lambda x: in_blocks(x, how), default=lambda x: along_axes(x, how))
+
+
+_fast.defvjp(lambda x, how: (_fast(x, how), x), lambda how, x, back: jax.vjp(lambda x: along_axes(x, how), x)[1](back))
+
+
+def in_blocks(x: Float[Array, "B H W C"], how: Activation) -> Array:
+    """A block of rows and channels after the other: half the time, or less, on a CPU."""
+    row = how.row
+    assert row.up_filter is not None and row.down_filter is not None
+    filters = Filters(row.up_factor, row.down_factor, row.up_factor * row.up_filter, separable(row.down_filter))
+    return up_bend_down(x, filters, how.pad, lambda t: _bent(t, how))
+
+
+def along_axes(x: Float[Array, "B H W C"], how: Activation) -> Array:
+    """One axis after the other, on all of x."""
     row = how.row
     if row.up_filter is not None:
         taps = tuple((row.up_factor * row.up_filter).tolist())

@@ -1,7 +1,8 @@
 """A training run: steps, a log, checkpoints, resumption, and a stop when something is not finite.
 
 Alphabet
-folder       config.json (what the run was begun with), log.jsonl, checkpoints/, snapshots/IMAGES.npz, sheets/IMAGES.png
+folder       config.json (what the run was begun with), log.jsonl, checkpoints/, snapshots/IMAGES.npz, sheets/IMAGES.png,
+             board/ (TensorBoard's, if it is installed)
 method       what a run asks of the way it learns (train/method); the loop knows no other difference
 log          a row every LOG_EVERY steps: kimg, images a second since the last row, and the step's Report
 stop         asked for by SIGTERM: the step in hand is finished and saved
@@ -22,6 +23,7 @@ import numpy as np
 
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.image import write_png
+from mesoshell.train.board import open_board
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.method import Method, method_of
 from mesoshell.train.parallel import spread_step
@@ -61,7 +63,7 @@ def train(
     begin = method.start(config, jax.random.key(config.seed))
     steps = int(np.ceil(config.kimg * 1000 / config.batch))
     snapshot = max(1, round(config.snapshot_kimg * 1000 / config.batch))
-    with Checkpoints(folder / "checkpoints") as checkpoints, _Stop() as stop:
+    with Checkpoints(folder / "checkpoints") as checkpoints, _Stop() as stop, _Book(folder) as book:
         found = checkpoints.newest(begin)
         done, begin = found if found else (0, begin)
         names = leaf_names(method.parts(begin))
@@ -75,14 +77,14 @@ def train(
             now, last = time.perf_counter(), i + 1 == steps
             if (i + 1) % LOG_EVERY == 0 or last or stop.asked:
                 row = _row(config, i + 1, (i + 1 - since) * config.batch / (now - logged), report)
-                _append(folder / "log.jsonl", row)
+                book.row(row)
                 show(row)
                 logged, since = now, i + 1
             if now - saved > SAVE_EVERY or last or stop.asked:
                 checkpoints.save(i + 1, spread.whole(state))
                 saved = time.perf_counter()
             if (i + 1) % snapshot == 0 or last or stop.asked:
-                _keep_snapshot(method, config, seen, spread.whole(state), folder)
+                book.snapshot(method, config, seen, spread.whole(state))
             if stop.asked:
                 break
         if jax.process_index() == 0:
@@ -99,15 +101,35 @@ def leaf_names(parts: dict[str, Any]) -> list[str]:
     ]
 
 
-def _keep_snapshot(method: Method, config: RunConfig, dataset: Dataset, state: Any, folder: Path) -> None:
-    """Write the snapshot and the sheet of this state; on the first host only."""
-    if jax.process_index() != 0:
-        return
-    name = f"{int(state.images):09d}"
-    for part in ("snapshots", "sheets"):
-        (folder / part).mkdir(exist_ok=True)
-    method.save(folder / "snapshots" / f"{name}.npz", config, dataset, state)
-    write_png(folder / "sheets" / f"{name}.png", method.sheet(config, dataset, state))
+class _Book:
+    """What the first host writes: log rows, snapshots with their sheets, and the same for TensorBoard if it is installed."""
+
+    def __init__(self, folder: Path):
+        self.folder, self.board = folder, None
+
+    def __enter__(self) -> "_Book":
+        self.board = open_board(self.folder / "board") if jax.process_index() == 0 else None
+        return self
+
+    def row(self, row: dict[str, float]) -> None:
+        if self.board:
+            with (self.folder / "log.jsonl").open("a") as log:
+                log.write(json.dumps(row) + "\n")
+            self.board.row(row)
+
+    def snapshot(self, method: Method, config: RunConfig, dataset: Dataset, state: Any) -> None:
+        if self.board:
+            for part in ("snapshots", "sheets"):
+                (self.folder / part).mkdir(exist_ok=True)
+            name = f"{int(state.images):09d}"
+            method.save(self.folder / "snapshots" / f"{name}.npz", config, dataset, state)
+            sheet = self.folder / "sheets" / f"{name}.png"
+            write_png(sheet, method.sheet(config, dataset, state))
+            self.board.sheet(sheet)
+
+    def __exit__(self, *_: object) -> None:
+        if self.board:
+            self.board.close()
 
 
 def _said(i: int, report: Any, names: list[str], folder: Path, good: int | None) -> str:
@@ -124,12 +146,6 @@ def _row(config: RunConfig, steps: int, rate: float, report: Any) -> dict[str, f
 
 def _numbers(report: Any) -> dict[str, float]:
     return {k: float(v) for k, v in report._asdict().items() if k != "bad"}
-
-
-def _append(path: Path, row: dict[str, float]) -> None:
-    if jax.process_index() == 0:
-        with path.open("a") as log:
-            log.write(json.dumps(row) + "\n")
 
 
 class _Stop:

@@ -1,4 +1,5 @@
-"""Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors."""
+"""Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is
+timed."""
 
 from jaxtyping import install_import_hook
 
@@ -7,11 +8,14 @@ install_import_hook("mesoshell", "beartype.beartype")
 import jax  # noqa: E402  (the hook must come first)
 import jax.numpy as jnp  # noqa: E402
 import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 from mesoshell.io.bundle import Bundle, Parameter  # noqa: E402
 from mesoshell.train.export import to_bundle  # noqa: E402
 from mesoshell.train.fit import FitConfig, initialise  # noqa: E402
 
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 

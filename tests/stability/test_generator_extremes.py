@@ -51,7 +51,7 @@ def test_convolution_of_styles_and_weights_that_are_nothing(tiny: float) -> None
     s = jnp.ones((2, 3)).at[0].set(tiny)
     y, back = jax.vjp(lambda x, w, s: modulated_conv(x, w, s, jnp.ones(()), True, 0), x, w.at[..., 1].set(tiny), s)
     assert all(jnp.isfinite(v).all() for v in (y, *back(jnp.ones_like(y))))
-    assert not y[0].any() and not y[1, ..., 1].any() and y[1, ..., 0].any()
+    assert jnp.abs(y[0]).max() < 1e-6 and jnp.abs(y[1, ..., 1]).max() < 1e-6 and jnp.abs(y[1, ..., 0]).max() > 0.1
 
 
 @pytest.mark.parametrize("times", [1.0, 1 + 1e-6, 1e3, 1e35])

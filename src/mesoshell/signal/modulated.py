@@ -18,8 +18,8 @@ import jax.numpy as jnp
 from mesoshell.typing import Array, Float
 
 EPSILON = 1e-8
-#: Keeps what is all 0 finite, in value and gradient; a mean square of 1e-24 is still brought to 1.
-_TINY = 1e-30
+#: Keeps what is all 0 finite, in value and gradient (its power −3/2 is); a mean square of 1e-20 is still brought to 1.
+_TINY = 1e-24
 #: Numbers in a block of by_rows: 2 MiB of float32.
 _BLOCK = 2**19
 

@@ -25,7 +25,8 @@ from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.features import extractor
 from mesoshell.measure.repetition import largest_repeat
 from mesoshell.shell.generated import Maker, grown, maker_of
-from mesoshell.shell.generator import CELL, draw_phases, synthesise
+from mesoshell.shell.generator import draw_phases, synthesise
+from mesoshell.shell.plan import CELL
 from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.snapshot import pictures
 from mesoshell.train.state import Learner, TrainConfig

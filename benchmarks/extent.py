@@ -18,7 +18,8 @@ import numpy as np
 from mesoshell.shell.bake import bake, patches_a_tile
 from mesoshell.shell.decoder import init_decoder
 from mesoshell.shell.generated import Maker, grown
-from mesoshell.shell.generator import GeneratorConfig, halo_cost, init_averages, init_generator
+from mesoshell.shell.generator import init_averages, init_generator
+from mesoshell.shell.plan import GeneratorConfig, halo_cost
 
 
 def maker(texels: int, base: int, most: int) -> Maker:

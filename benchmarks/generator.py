@@ -20,20 +20,8 @@ import jax.numpy as jnp
 
 from benchmarks.rates import matrix_rate
 from mesoshell.shell.discriminator import discriminate
-from mesoshell.shell.generator import (
-    CELL,
-    Averages,
-    Generator,
-    GeneratorConfig,
-    draw_phases,
-    frequencies_of,
-    halo_cost,
-    init_averages,
-    init_generator,
-    rows_of,
-    spans,
-    synthesise,
-)
+from mesoshell.shell.generator import Averages, Generator, draw_phases, init_averages, init_generator, synthesise
+from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, rows_of, spans
 from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu
 from mesoshell.signal.fourier import fourier_map
 from mesoshell.signal.modulated import modulated_conv

@@ -67,7 +67,7 @@ def ours(bundle: Bundle, name: str, mesh: Mesh) -> Ready:
     return ready(found, origin)
 
 
-def planes(maker: Maker, patches: int) -> Ready:
+def planes(bundle: Bundle, maker: Maker, patches: int) -> Ready:
     """Planes of every patch, each of a seed of its own."""
     texels = maker.config.texels
 
@@ -85,12 +85,13 @@ def planes(maker: Maker, patches: int) -> Ready:
     sizes = tuple((texels >> i, texels >> i) for i in range(texels.bit_length()))
     layout = Layout(sizes, ((1, 1),), float(texels), maker.octaves, open=True, cells=(patches, patches))
     nothing = mip.Pyramid(jnp.zeros((1, maker.config.channels), jnp.float16))
-    material = Material(pack_planes(feature, texels), nothing, maker.decoder)
+    material = Material(pack_planes(feature, sizes), nothing, maker.decoder)
     shapes = [(HEIGHT, patches * min(GRID_CELLS, n), patches * min(GRID_CELLS, n)) for n, _ in sizes]
     corner = np.array([[0.0, 0.0], [patches, patches]])
     grids = [bounds(layout, material, i, shape, corner, PROBES) for i, shape in enumerate(shapes)]
+    names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
-    return Ready(material, layout, Grid(jnp.asarray(flat)), tuple(shapes), ("age",))
+    return Ready(material, layout, Grid(jnp.asarray(flat)), tuple(shapes), names)
 
 
 def pictured(material: Ready, mesh: Mesh, size: int, quality: str) -> tuple[np.ndarray, Report]:
@@ -120,7 +121,8 @@ def main() -> None:
         begin = time.perf_counter()
         if name == "triplanes":
             mesh = hill(options.patches, np.random.default_rng(0))
-            material = planes(maker_of(read_bundle(path), str(path)), options.patches)
+            bundle = read_bundle(path)
+            material = planes(bundle, maker_of(bundle, str(path)), options.patches)
         else:
             mesh = hill(options.patches, None)
             material = ours(read_bundle(path), str(path), mesh)

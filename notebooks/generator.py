@@ -25,22 +25,11 @@ import numpy as np
 
 from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.repetition import autocorrelation, largest_repeat
-from mesoshell.shell.generator import (
-    CELL,
-    GeneratorConfig,
-    draw_phases,
-    frequencies_of,
-    halo_cost,
-    init_averages,
-    init_generator,
-    map_latent,
-    reach,
-    rows_of,
-    synthesise,
-)
+from mesoshell.shell.generator import draw_phases, init_averages, init_generator, map_latent, synthesise
+from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, reach, rows_of
 from mesoshell.train.snapshot import as_colours
 
-config = GeneratorConfig(texels=32, channel_base=512, channel_max=16, channels=8, z=16, w=16, betas=1)
+config = GeneratorConfig(texels=32, channel_base=512, channel_max=16, channels=8, waves=16, z=16, w=16, betas=1)
 generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
 
 # %% [markdown]

@@ -12,13 +12,13 @@ from mesoshell.measure.equivariance import eq_r, eq_t
 from mesoshell.shell.generator import (
     Averages,
     Generator,
-    GeneratorConfig,
     Phases,
     draw_phases,
     init_averages,
     init_generator,
     map_latent,
 )
+from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.typing import Array
 
 

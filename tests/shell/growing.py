@@ -4,7 +4,8 @@ import jax
 
 from mesoshell.io.bundle import Bundle, Parameter
 from mesoshell.shell.discriminator import DiscriminatorConfig
-from mesoshell.shell.generator import GeneratorConfig, init_averages
+from mesoshell.shell.generator import init_averages
+from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.train.export import generator_bundle
 from mesoshell.train.picture import PictureConfig
 from mesoshell.train.state import TrainConfig, sized, start

@@ -12,8 +12,9 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.shell.field import Point, neural_field
 from mesoshell.shell.generated import grown, maker_of
-from mesoshell.shell.generator import halo_cost, synthesise
+from mesoshell.shell.generator import synthesise
 from mesoshell.shell.grow import Wanted, baked, grow, patches_of
+from mesoshell.shell.plan import halo_cost
 from mesoshell.shell.scene import ready
 from mesoshell.texture import mip
 

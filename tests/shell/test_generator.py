@@ -8,23 +8,19 @@ import numpy as np
 import pytest
 
 from mesoshell.shell.generator import (
-    CELL,
-    GeneratorConfig,
     Phases,
     draw_phases,
-    frequencies_of,
     init_averages,
     init_generator,
     map_latent,
-    rows_of,
-    spans,
     synthesise,
     synthesise_height,
 )
+from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of, rows_of, spans
 from mesoshell.signal.fourier import shifted_phase
 from mesoshell.typing import Array
 
-SMALL = GeneratorConfig(texels=32, channel_base=256, channel_max=8, channels=4, z=8, w=8, height_rows=16)
+SMALL = GeneratorConfig(texels=32, channel_base=256, channel_max=8, channels=4, waves=2, z=8, w=8, height_rows=16)
 
 
 def made(config: GeneratorConfig, tile: tuple[int, int], size: tuple[int, int], phases: Phases | None = None) -> Array:

@@ -10,9 +10,10 @@ from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.shell.decoder import init_decoder
 from mesoshell.shell.field import Point, inputs
 from mesoshell.shell.generated import Maker, grown, maker_of
-from mesoshell.shell.generator import GeneratorConfig, init_averages, init_generator, reach
+from mesoshell.shell.generator import init_averages, init_generator
 from mesoshell.shell.grow import Wanted, baked, field_of, grow
 from mesoshell.shell.nodes import hat, window
+from mesoshell.shell.plan import GeneratorConfig, reach
 from mesoshell.shell.scene import ready
 
 TEXELS, SIZE = growing.TEXELS, (70, 150)

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from mesoshell.errors import InputError
 from mesoshell.shell.generated import generator_arrays, generator_fields, maker_of
-from mesoshell.shell.generator import GeneratorConfig, init_averages, init_generator, rows_of, synthesise_height
+from mesoshell.shell.generator import init_averages, init_generator, synthesise_height
 from mesoshell.shell.grow import Wanted, baked
+from mesoshell.shell.plan import GeneratorConfig, rows_of
 from mesoshell.shell.triplane import PLANES, lookup_planes, pack_planes
 
 N, CELLS = 8, (2, 3)
@@ -34,7 +35,7 @@ def pyramid():
         + ALONG[..., 1, None, None] * y  # (cells v, cells u, plane, y, x)
     )
     feature = values.transpose(0, 3, 1, 4, 2).reshape(CELLS[0] * N, CELLS[1] * N, PLANES)
-    return pack_planes(jnp.asarray(feature, jnp.float32), N)
+    return pack_planes(jnp.asarray(feature, jnp.float32), SIZES)
 
 
 LOOKUP = jax.jit(lambda pyramid, xi, r: lookup_planes(pyramid, SIZES, CELLS, xi, r, r))

@@ -21,7 +21,8 @@ from mesoshell.shell.decoder import Decoder, head, init_decoder, toward_viewer, 
 from mesoshell.shell.discriminator import DiscriminatorConfig
 from mesoshell.shell.field import Layout, Material, Point, inputs
 from mesoshell.shell.generated import grown, maker_of
-from mesoshell.shell.generator import GeneratorConfig, init_averages, init_generator, synthesise, synthesise_height
+from mesoshell.shell.generator import init_averages, init_generator, synthesise, synthesise_height
+from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.shell.precision import SHORT, STEP, decode, decoder_error
 from mesoshell.shell.renderer import render
 from mesoshell.shell.scene import ready

@@ -13,7 +13,7 @@ import pytest
 from jax.typing import DTypeLike
 
 from mesoshell.shell.discriminator import DiscriminatorConfig, discriminate, init_discriminator
-from mesoshell.shell.generator import GeneratorConfig
+from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.train.generate import Shown, label
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
 from mesoshell.train.picture import PictureConfig, shown

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from mesoshell.shell.discriminator import DiscriminatorConfig
-from mesoshell.shell.generator import GeneratorConfig
+from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.train.generate import Shown
 from mesoshell.train.picture import PictureConfig
 from mesoshell.train.state import TrainConfig, sized

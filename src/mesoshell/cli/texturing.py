@@ -16,8 +16,8 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.shell.bake import patches_a_tile
 from mesoshell.shell.generated import maker_of
-from mesoshell.shell.generator import halo_cost
 from mesoshell.shell.grow import Wanted, baked, field_of
+from mesoshell.shell.plan import halo_cost
 from mesoshell.shell.scene import normalised
 
 

@@ -24,15 +24,14 @@ from jaxtyping import Bool, Float
 from mesoshell.shell.bound import bounds, new_points
 from mesoshell.shell.field import Layout, Material
 from mesoshell.shell.generated import Grown, Maker
-from mesoshell.shell.generator import CELL, Averages, Generator, GeneratorConfig, reach, synthesise, synthesise_height
+from mesoshell.shell.generator import Averages, Generator, synthesise, synthesise_height
 from mesoshell.shell.nodes import window
+from mesoshell.shell.plan import CELL, GeneratorConfig, reach
 from mesoshell.shell.scene import GRID_CELLS, pack_heights
 from mesoshell.texture import mip
 from mesoshell.typing import Array
 
 TILE, MOST_PATCHES = 512, 4
-#: Nodes whose height features are made at a time.
-NODES = 1024
 GRID_HEIGHT, PROBES, CHECKED = 16, 24, 2048
 Allocate = Callable[[str, tuple[int, ...]], np.ndarray]
 
@@ -66,23 +65,32 @@ def bake(
     for done, place in enumerate(places):
         _fill(maker, grown, place, features)
         progress(0.8 * (done + 1) / len(places))
-    heights = _heights(maker, grown)
-    for i, level in enumerate(heights):
-        mean = level.mean(axis=(0, 1))
-        allocate(f"height/{i}", mean.shape)[:] = mean
-        if grown.w.ndim > 2:
-            allocate(f"heights/{i}", level.shape)[:] = level
+    heights = _heights(maker, grown, allocate)
     return _grids(maker, features, heights, (places, size), allocate, progress)
 
 
-def _heights(maker: Maker, grown: Grown) -> list[Float[np.ndarray, "P Q _r C"]]:
-    """Levels of F(h) at each node, of which there is one if geometry does not vary."""
-    w = grown.w.reshape(-1, grown.w.shape[-1])
-    made = [np.asarray(_height(maker.config, maker.generator, x)) for x in jnp.array_split(w, -(-len(w) // NODES))]
-    rows = np.concatenate(made).swapaxes(0, 1)
-    nodes = grown.w.shape[1:-1] or (1, 1)
-    levels = mip.build(jnp.asarray(rows.reshape(len(rows), 1, -1)))
-    return [np.asarray(x, np.float32).reshape(len(x), *nodes, -1).transpose(1, 2, 0, 3) for x in levels]
+def _heights(maker: Maker, grown: Grown, allocate: Allocate) -> list[Float[np.ndarray, "P Q _r C"]]:
+    """Levels of F(h) at each node, filled a row of nodes at a time; there is one node if geometry does not vary."""
+    varies = grown.w.ndim > 2
+    nodes = grown.w[0] if varies else grown.w[None]
+    sizes = mip.level_sizes(maker.config.height_rows, 1)
+    means = [allocate(f"height/{i}", (r, maker.config.channels)) for i, (r, _) in enumerate(sizes)]
+    shapes = [(*nodes.shape[:2], r, maker.config.channels) for r, _ in sizes]
+    every = (
+        [allocate(f"heights/{i}", shape) for i, shape in enumerate(shapes)]
+        if varies
+        else [m[None, None] for m in means]
+    )
+    sums = [np.zeros(m.shape) for m in means]
+    for p, row in enumerate(nodes):
+        made = _height(maker.config, maker.generator, row).swapaxes(0, 1)
+        for level, total, found in zip(every, sums, mip.build(made.reshape(len(made), 1, -1)), strict=True):
+            at_nodes = np.asarray(found).reshape(len(found), len(row), -1).swapaxes(0, 1)
+            level[p] = at_nodes
+            total += at_nodes.sum(axis=0)
+    for mean, total in zip(means, sums, strict=True):
+        mean[:] = total / (nodes.shape[0] * nodes.shape[1])
+    return every
 
 
 @partial(jax.jit, static_argnums=0)
@@ -135,8 +143,7 @@ def _grids(
     cells = [min(GRID_CELLS, texels >> i) for i in range(len(features))]
     shapes = [(GRID_HEIGHT, -(-size[0] * c // texels), -(-size[1] * c // texels)) for c in cells]
     grids = [allocate(f"grid/{i}", shape) for i, shape in enumerate(shapes)]
-    packed = jnp.asarray(pack_heights(heights), jnp.float16)
-    varies = packed.shape[0] > 1
+    varies = heights[0].shape[0] > 1
     sizes = tuple(((step + 2) * (texels >> i), (step + 2) * (texels >> i)) for i in range(len(features)))
     rows, nodes = tuple((h.shape[2], 1) for h in heights), (step + 3, step + 3) if varies else None
     layout = Layout(sizes, rows, float(texels), maker.octaves, open=True, nodes=nodes)
@@ -144,8 +151,8 @@ def _grids(
     above, most, points = 0, 0.0, 0
     for done, place in enumerate(places):
         levels = [_window(f, place, step, texels >> i) for i, f in enumerate(features)]
-        some = window(packed[None], (place[0] - 1, place[1] - 1), step + 3) if varies else packed
-        height = mip.Pyramid(some.reshape(-1, packed.shape[-1]))
+        some = [window(h[None], (place[0] - 1, place[1] - 1), step + 3)[0] for h in heights] if varies else heights
+        height = mip.Pyramid(jnp.asarray(pack_heights(some).reshape(-1, maker.config.channels)))
         material = Material(mip.pack([jnp.asarray(x) for x in levels]), height, maker.decoder)
         for i, (grid, c) in enumerate(zip(grids, cells, strict=True)):
             found = bounds(layout, material, i, (GRID_HEIGHT, step * c, step * c), corner, PROBES)

@@ -23,13 +23,13 @@ from mesoshell.shell.decoder import Decoder
 from mesoshell.shell.generator import (
     Averages,
     Generator,
-    GeneratorConfig,
     Phases,
     draw_phases,
     init_averages,
     init_generator,
     map_latent,
 )
+from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.shell.scene import decoder_of
 from mesoshell.typing import Array
 

@@ -12,16 +12,13 @@ tile        a place in the plane, counted in CELL = 1/16 patches along v and u: 
 The plane has no edge: a layer is evaluated where the next one asks for it, without padding, so a tile computes a halo of two
 to three patches that its neighbours compute too, and a tile of a large texture is what a training patch is. What the layer
 before the first would give is the Fourier map of the input, mixed by a matrix. Frequencies belong to the generator, phases to
-a texture.
+a texture. What follows from the configuration alone is in shell/plan.
 
 Magnitudes (running mean squares of the layers' inputs, Alias-Free GAN's equation in appendix C) are state: they come in as
 arguments, and what was seen comes out.
 """
 
-from dataclasses import dataclass
-from functools import lru_cache
-from math import ceil, floor
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,44 +26,16 @@ import numpy as np
 
 from mesoshell.nets.mlp import Dense, apply_dense
 from mesoshell.shell.nodes import hat, spread_out
+from mesoshell.shell.plan import CELL, GeneratorConfig, Span, frequencies_of, reach, rows_of, spans
 from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu
-from mesoshell.signal.fourier import draw_frequencies, fourier_map, turned
+from mesoshell.signal.fourier import fourier_map
 from mesoshell.signal.modulated import modulated_conv
-from mesoshell.signal.schedule import Config, LayerRow, layer_schedule
+from mesoshell.signal.schedule import LayerRow
 from mesoshell.typing import Array, Float, Int, Key
 
-#: Cells a patch: the rate of the coarsest layer. Tiles begin at whole cells.
-CELL = 16
 #: F is this times the last layer's output.
 OUTPUT_SCALE = 0.25
 _MAPPING_RATE = 0.01
-
-
-@dataclass(frozen=True)
-class GeneratorConfig:
-    """texels a patch, a power of two; layers before the output; planes: one and a height feature, or three (shell/triplane);
-    waves: sinusoids a channel of a Fourier map (the paper: 1; docs/generator.md says why more); fourier: maps in every layer
-    with phases drawn a texture ("random"), always the same ("frozen"), or none beyond the input ("off"); turn: of the maps
-    about the origin, degrees from v toward u; precision: of the convolutions."""
-
-    texels: int = 64
-    config: Config = "T"
-    channel_base: int = 4096
-    channel_max: int = 64
-    channels: int = 32
-    layers: int = 14
-    planes: Literal[1, 3] = 1
-    waves: int = 16
-    z: int = 64
-    w: int = 64
-    betas: int = 0
-    height_rows: int = 64
-    height_octaves: int = 5
-    height_width: int = 64
-    fourier: Literal["random", "frozen", "off"] = "random"
-    turn: float = 0.0
-    precision: Literal["float32", "bfloat16"] = "float32"
-    seed: int = 0
 
 
 class Styled(NamedTuple):
@@ -98,27 +67,6 @@ class Phases(NamedTuple):
 
     input: Float[Array, "B C"]
     layers: list[Float[Array, "B _c"]]
-
-
-@lru_cache
-def rows_of(config: GeneratorConfig) -> tuple[LayerRow, ...]:
-    sizes = config.channel_base, config.channel_max, config.planes * config.channels, config.layers
-    return tuple(layer_schedule(config.texels, config.config, *sizes))
-
-
-@lru_cache
-def frequencies_of(config: GeneratorConfig) -> tuple[Int[np.ndarray, "C 2"], list[Int[np.ndarray, "_c 2"]]]:
-    """Frequencies of the input's map and of each layer's, which lie between the cutoffs of the layer's input and output."""
-    rng = np.random.default_rng(config.seed)
-    rows = rows_of(config)
-    first = turned(draw_frequencies(rng, config.waves * rows[0].in_channels, 0.0, rows[0].in_cutoff), config.turn)
-    layers = []
-    for i, row in enumerate(rows):
-        low = 0.0 if i == 0 else row.in_cutoff
-        empty = low >= row.out_cutoff or config.fourier == "off"
-        drawn = draw_frequencies(rng, 0 if empty else config.waves * row.in_channels, low, row.out_cutoff)
-        layers.append(turned(drawn, config.turn))
-    return first, layers
 
 
 def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
@@ -185,55 +133,6 @@ def _unit(x: Float[Array, "B N"]) -> Float[Array, "B N"]:
 def _equal(layer: Dense, x: Float[Array, "B *nodes I"], rate: float = 1.0) -> Float[Array, "B *nodes O"]:
     """A dense layer whose weights are scaled here: kernel by rate/√I, bias by the rate."""
     return apply_dense(Dense(layer.kernel * (rate / layer.kernel.shape[0] ** 0.5), layer.bias * rate), x)
-
-
-class Span(NamedTuple):
-    """Where a layer is evaluated, along one axis: its input's first sample and size, and its activation's padding."""
-
-    first: int
-    size: int
-    pad: tuple[int, int]
-
-
-def spans(rows: tuple[LayerRow, ...], texels: int) -> list[Span]:
-    """For `texels` outputs from 0 on: what each layer must see, from the last to the first (derived in docs/generator.md).
-
-    Sample j of a grid lies in the middle of u samples of one u times finer. With taps centred on such middles, output i of
-    a down-sampling sees fine samples di − (n − d)/2 … di + (n + d)/2 − 1, and a fine sample f sees the j for which
-    0 ≤ uj − f + (u + n)/2 − 1 < n.
-    """
-    a, b = 0, texels
-    found = []
-    for row in reversed(rows):
-        u, d, up, down = row.up_factor, row.down_factor, row.up_taps, row.down_taps
-        f0, f1 = d * a - (down - d) // 2, d * (b - 1) + (down + d) // 2
-        shift = (u + up) // 2 - 1
-        j0, j1 = ceil((f0 - shift) / u), floor((f1 - 1 - shift + up - 1) / u) + 1
-        before = u * j0 - f0 + shift
-        after = (f1 - f0) + up - 1 - u * (j1 - j0) - before
-        reach = row.conv_kernel // 2
-        a, b = j0 - reach, j1 + reach
-        found.append(Span(a, b - a, (before, after)))
-    return found[::-1]
-
-
-def reach(config: GeneratorConfig, size: tuple[int, int]) -> int:
-    """Patches, rounded up, that the layers of a tile of `size` texels see beyond it on any side."""
-    most = 0.0
-    for side in size:
-        for row, span in zip(rows_of(config), spans(rows_of(config), side), strict=True):
-            first, end = (x / row.in_sampling_rate for x in (span.first, span.first + span.size))
-            most = max(most, -first, end - side / config.texels)
-    return ceil(most)
-
-
-def halo_cost(config: GeneratorConfig, side: int) -> float:
-    """Multiplications of a square tile of `side` texels, halo included, over those of its own samples alone."""
-    rows = rows_of(config)
-    work = [row.conv_kernel**2 * row.in_channels * row.out_channels for row in rows]
-    spent = [(span.size - row.conv_kernel + 1) ** 2 for row, span in zip(rows, spans(rows, side), strict=True)]
-    own = [(side * row.in_sampling_rate / config.texels) ** 2 for row in rows]
-    return float(np.dot(work, spent) / np.dot(work, own))
 
 
 class Texture(NamedTuple):

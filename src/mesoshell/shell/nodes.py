@@ -10,6 +10,8 @@ hat          how much of each node a sample takes: bilinear interpolation, one m
 What is interpolated is w, not β: halfway between a lean of 350° and one of 10° lies one of both, not one of 180°.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -22,8 +24,8 @@ def count_nodes(size: tuple[int, int], texels: int) -> tuple[int, int]:
     return -(-size[0] // texels) + 1, -(-size[1] // texels) + 1
 
 
-def window(nodes: Array, first: tuple[int, int], count: int) -> Array:
-    """count × count nodes (1, count, count, …) from node `first` on, which may lie outside."""
+def window(nodes: Any, first: tuple[int, int], count: int) -> Any:
+    """What (1, P, Q, …), NumPy's or JAX's, has at count × count nodes from `first` on, which may lie outside."""
     v, u = (np.clip(np.arange(at, at + count), 0, n - 1) for at, n in zip(first, nodes.shape[1:3], strict=True))
     return nodes[:, v][:, :, u]
 

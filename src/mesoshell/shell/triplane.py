@@ -18,12 +18,13 @@ from mesoshell.typing import Array, Float, Scalar, Vec3
 PLANES = 3
 
 
-def pack_planes(feature: Float[Array, "V U C3"], texels: int) -> Pyramid:
-    """The pyramid of all cells, from their planes side by side in the channels: (V/n · U/n · 3T, C)."""
+def pack_planes(feature: Float[Array, "V U C3"], sizes: Sizes) -> Pyramid:
+    """The pyramid of all cells, from their planes side by side in the channels: (V/n · U/n · 3T, C). sizes: of one plane."""
+    texels = sizes[0][0]
     rows, columns = feature.shape[0] // texels, feature.shape[1] // texels
     planes = feature.reshape(rows, texels, columns, texels, PLANES, -1).transpose(0, 2, 4, 1, 3, 5)
     cells = planes.reshape(-1, texels, texels, planes.shape[-1])
-    levels = mip.build(jnp.moveaxis(cells, 0, -2).reshape(texels, texels, -1))
+    levels = mip.build(jnp.moveaxis(cells, 0, -2).reshape(texels, texels, -1))[: len(sizes)]
     channels = planes.shape[-1]
     by_cell = [jnp.moveaxis(x.reshape(-1, len(cells), channels), 1, 0) for x in levels]
     return Pyramid(jnp.concatenate(by_cell, axis=1).reshape(-1, channels))

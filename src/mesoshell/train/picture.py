@@ -49,10 +49,10 @@ class PictureConfig:
 
     @property
     def layout(self) -> Layout:
-        last = self.texels.bit_length() - 1
-        sizes = tuple((self.texels >> i, self.texels >> i) for i in range(last + 1))
+        levels = self.texels.bit_length() if self.filtering else 1
+        sizes = tuple((self.texels >> i, self.texels >> i) for i in range(levels))
         cells = (1, 1) if self.planes > 1 else None
-        heights = mip.level_sizes(self.height_rows, 1)
+        heights = mip.level_sizes(self.height_rows, 1)[: None if self.filtering else 1]
         return Layout(sizes, heights, float(self.texels), self.octaves, open=True, cells=cells)
 
 
@@ -66,12 +66,16 @@ class View(NamedTuple):
 
 
 def material_of(config: PictureConfig, feature: Array, height: Array, decoder: Decoder) -> Material:
-    """Pyramids of one texture (V, U, C) and one height feature (R, C); or of three planes, side by side in the channels."""
+    """Pyramids of one texture (V, U, C), or of three planes side by side in its channels, and of one height feature (R, C).
+
+    Without filtering they are their finest level.
+    """
     if config.planes > 1:
-        texture = pack_planes(feature, config.texels)
+        texture = pack_planes(feature, config.layout.sizes)
     else:
         texture = mip.pack(mip.build_open(feature, len(config.layout.sizes) - 1))
-    return Material(texture, mip.pack(mip.build(height[:, None])), decoder)
+    heights = mip.build(height[:, None])[: len(config.layout.height_sizes)]
+    return Material(texture, mip.pack(heights), decoder)
 
 
 def take_picture(

@@ -14,7 +14,8 @@ import optax
 
 from mesoshell.shell.decoder import Decoder, init_decoder
 from mesoshell.shell.discriminator import Discriminator, DiscriminatorConfig, init_discriminator
-from mesoshell.shell.generator import Averages, Generator, GeneratorConfig, init_averages, init_generator
+from mesoshell.shell.generator import Averages, Generator, init_averages, init_generator
+from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.train.picture import PictureConfig
 from mesoshell.typing import Array, Int, Key
 

@@ -94,12 +94,7 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
     judge, judge_adam = _updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
 
     def regularised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
-        def penalty(judge: Any) -> Scalar:
-            return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone), real, config.gamma)
-
-        value, gradient = jax.value_and_grad(penalty)(judge)
-        value, gradient = across.mean((value, gradient))
-        return *_updated(for_discriminator, judge, adam, gradient), value / config.r1_every, _not_finite(gradient)
+        return _regularised(config, judge, adam, (real, c), across)
 
     def passed(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
         return judge, adam, jnp.zeros((), real.dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
@@ -121,6 +116,21 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
         images,
     )
     return new, Report(losses[0], losses[1], penalty, losses[2], losses[3], bad)
+
+
+def _regularised(
+    config: TrainConfig, judge: Any, adam: Any, seen: tuple[Array, Array], across: Across
+) -> tuple[Any, Any, Scalar, Bool[Array, "_leaves"]]:
+    """The update by R1 of (y, c), what it was, and which leaves of its gradient are not finite."""
+    y, c = seen
+
+    def penalty(judge: Any) -> Scalar:
+        return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone), y, config.gamma)
+
+    value, gradient = jax.value_and_grad(penalty)(judge)
+    value, gradient = across.mean((value, gradient))
+    judge, adam = _updated(optimisers(config)[1], judge, adam, gradient)
+    return judge, adam, value / config.r1_every, _not_finite(gradient)
 
 
 def _updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:

@@ -55,6 +55,7 @@ def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
     assert int(state.step) == 4 and int(state.images) == 16
     row = json.loads((folder / "log.jsonl").read_text().splitlines()[-1])
     assert row["kimg"] == 0.016 and np.isfinite(list(row.values())).all()
+    assert row["r1"] > 0  # due at the first step of the row's four: the row is their mean
     assert json.loads((folder / "config.json").read_text())["config"]["batch"] == 4
     assert max(int(p.name) for p in (folder / "checkpoints").iterdir() if p.name.isdigit()) == 4
 

@@ -4,7 +4,7 @@ Alphabet
 folder       config.json (what the run was begun with), log.jsonl, checkpoints/, snapshots/IMAGES.npz, sheets/IMAGES.png,
              board/ (TensorBoard's, if it is installed)
 method       what a run asks of the way it learns (train/method); the loop knows no other difference
-log          a row every LOG_EVERY steps: kimg, images a second since the last row, and the step's Report
+log          a row every LOG_EVERY steps: kimg; images a second and the mean of the steps' Reports since the last row
 stop         asked for by SIGTERM: the step in hand is finished and saved
 
 A killed run loses what came after its newest checkpoint, SAVE_EVERY seconds at most. A resumed run takes the same steps, bit
@@ -69,17 +69,18 @@ def train(
         names = leaf_names(method.parts(begin))
         state = spread.place(begin)
         logged = saved = time.perf_counter()
-        since = done
+        heard: list[dict[str, float]] = []
         for i in range(done, steps):
             state, report = spread.step(state, spread.share(batch_of(i)))
-            if np.asarray(report.bad).any() or not np.isfinite(list(_numbers(report).values())).all():
+            heard.append(_numbers(report))
+            if np.asarray(report.bad).any() or not np.isfinite(list(heard[-1].values())).all():
                 raise Diverged(_said(i, report, names, folder, checkpoints.manager.latest_step()))
             now, last = time.perf_counter(), i + 1 == steps
             if (i + 1) % LOG_EVERY == 0 or last or stop.asked:
-                row = _row(config, i + 1, (i + 1 - since) * config.batch / (now - logged), report)
+                row = _row(config, i + 1, len(heard) * config.batch / (now - logged), heard)
                 book.row(row)
                 show(row)
-                logged, since = now, i + 1
+                logged, heard = now, []
             if now - saved > SAVE_EVERY or last or stop.asked:
                 checkpoints.save(i + 1, spread.whole(state))
                 saved = time.perf_counter()
@@ -139,9 +140,9 @@ def _said(i: int, report: Any, names: list[str], folder: Path, good: int | None)
     return f"step {i + 1}: {what} not finite; {last}"
 
 
-def _row(config: RunConfig, steps: int, rate: float, report: Any) -> dict[str, float]:
+def _row(config: RunConfig, steps: int, rate: float, heard: list[dict[str, float]]) -> dict[str, float]:
     row = {"kimg": steps * config.batch / 1000, "images_per_s": round(rate, 3)}
-    return row | {k: round(v, 5) for k, v in _numbers(report).items()}
+    return row | {k: round(float(np.mean([numbers[k] for numbers in heard])), 5) for k in heard[0]}
 
 
 def _numbers(report: Any) -> dict[str, float]:

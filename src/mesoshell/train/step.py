@@ -47,7 +47,8 @@ HERE = Across()
 
 
 class Report(NamedTuple):
-    """Losses, mean logits, and which leaves of the gradients (learner's, then discriminator's) are not finite."""
+    """Losses, mean logits, and which leaves of the gradients (learner's, then discriminator's) are not finite. r1 is as it is
+    minimised: r1_every times R1 where it is due, else 0, so that its mean over steps is R1."""
 
     generator: Scalar
     discriminator: Scalar
@@ -130,7 +131,7 @@ def _regularised(
     value, gradient = jax.value_and_grad(penalty)(judge)
     value, gradient = across.mean((value, gradient))
     judge, adam = _updated(optimisers(config)[1], judge, adam, gradient)
-    return judge, adam, value / config.r1_every, _not_finite(gradient)
+    return judge, adam, value, _not_finite(gradient)
 
 
 def _updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:

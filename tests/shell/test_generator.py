@@ -112,6 +112,16 @@ def test_beta_and_z_shape_w_and_the_height_feature() -> None:
     np.testing.assert_allclose(finer[:, 1::3], height, rtol=0, atol=1e-5)
 
 
+def test_one_beta_is_heard_over_all_of_its_range() -> None:
+    """Without a bias, its embedding brought to unit length would say on which side of the middle it lies, and no more."""
+    config = replace(SMALL, betas=1)
+    generator = init_generator(config, jax.random.key(0))
+    beta = jnp.array([[0.0], [0.25], [0.5], [0.75], [1.0]])
+    w = map_latent(generator, jnp.ones((5, config.z)), beta)
+    assert np.linalg.norm(np.diff(w, axis=0), axis=1).min() > 0.02 * float(jnp.linalg.norm(w[0]))
+    assert np.isfinite(jax.jacobian(lambda b: map_latent(generator, jnp.ones((1, config.z)), b))(beta[2:3])).all()
+
+
 def test_gradients_of_all_parameters_are_finite_and_none_is_dead() -> None:
     config = replace(SMALL, texels=16)
     generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)

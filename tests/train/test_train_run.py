@@ -162,5 +162,10 @@ def test_images_of_another_size_are_refused(data) -> None:
 
 
 def test_a_batch_that_parts_the_views_of_a_texture_is_refused(data, tmp_path) -> None:
-    with pytest.raises(InputError, match="batch: 4 is no multiple of the 1 devices and the 3 views"):
-        train(replace(CONFIG, views=3), data, tmp_path / "run")
+    with pytest.raises(InputError, match="batch: 16 is no multiple of the 1 devices and the 3 views"):
+        train(replace(CONFIG, batch=16, views=3), data, tmp_path / "run")
+
+
+def test_views_that_would_share_a_group_are_refused(data) -> None:
+    with pytest.raises(InputError, match="views: 2 of a texture need a batch of 8, not 4"):
+        fitted(replace(CONFIG, views=2), data)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +13,9 @@ import numpy as np
 import pytest
 import small_step
 
+from mesoshell.numerics import softplus
 from mesoshell.train.generate import label
-from mesoshell.train.state import start
+from mesoshell.train.state import Learner, optimisers, start
 from mesoshell.train.step import step
 
 
@@ -83,6 +85,22 @@ def test_bfloat16_convolutions_agree(stepped) -> None:
     (_, exact), (_, short) = stepped["float32"], stepped["bfloat16"]
     np.testing.assert_allclose(short.generator, exact.generator, rtol=0.02)
     np.testing.assert_allclose(short.discriminator, exact.discriminator, rtol=0.02)
+
+
+def test_a_decoder_begins_dark_and_learns_at_the_generators_pace() -> None:
+    state = start(small_step.CONFIG, jax.random.key(0))
+    adam, _ = optimisers(small_step.CONFIG)
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, _ = adam.update(jax.tree.map(jnp.ones_like, state.learner), state.learner_adam, state.learner)
+    generator, decoder = cast(Learner, updates)
+    rate = small_step.CONFIG.generator_rate
+    np.testing.assert_allclose(generator.layers[0].weight, -rate, rtol=1e-5)
+    for layer in (*decoder.trunk, decoder.sigma, *decoder.head, decoder.rho):
+        np.testing.assert_allclose(layer.kernel, -rate / len(layer.kernel) ** 0.5, rtol=1e-5)
+        np.testing.assert_allclose(layer.bias, -rate, rtol=1e-5)
+    assert decoder.scale == 0
+    rho = softplus(state.learner.decoder.rho.bias - 2)
+    assert 0.1 < 40 * float(rho[0]) < 0.25  # the median of a render's covered pixels is 0.165
 
 
 def test_labels_say_where_the_camera_and_the_light_are() -> None:

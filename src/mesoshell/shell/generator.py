@@ -84,6 +84,7 @@ def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
 
     c0, encoded, wide = rows[0].in_channels, 1 + 2 * config.height_octaves, config.height_width
     embed = [dense(config.betas, config.w, 0.0)] if config.betas else []
+    embed = [e._replace(bias=jax.random.normal(next(keys), (config.w,), jnp.float32)) for e in embed]
     hidden = [config.z + config.w * bool(config.betas), config.w]
     return Generator(
         mapping=[*embed, *(dense(n, config.w, 0.0, 1 / _MAPPING_RATE) for n in hidden)],
@@ -116,7 +117,10 @@ def _uniform(key: Key[Array, ""], channels: int, batch: int, same: bool) -> Floa
 
 
 def map_latent(generator: Generator, z: Float[Array, "B Z"], beta: Float[Array, "B G"]) -> Float[Array, "B W"]:
-    """w from z and β: both brought to unit mean square, then two layers that learn a hundred times slower."""
+    """w from z and β: both brought to unit mean square, then two layers that learn a hundred times slower.
+
+    β's embedding has a bias, lest its length be lost and the middle of all ranges be nowhere.
+    """
     layers, x = generator.mapping, _unit(z)
     if beta.shape[1]:
         x = jnp.concatenate([x, _unit(_equal(layers[0], 2 * beta - 1))], axis=1)

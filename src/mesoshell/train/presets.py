@@ -2,7 +2,7 @@
 
 preset   pictures   texels a patch   generator's channels   for
 tiny     16²        16               base 256, at most 16   tests: a step takes half a second on two cores
-small    64²        64               base 4096, at most 64  a CPU over a night, or any GPU
+small    64²        64               base 4096, at most 64  a CPU over a day, or any GPU
 base     128²       128              base 8192, at most 128 a GPU
 paper    128²       256              base 32768, at most 512 8 GPUs over days (MesoGAN, section 5.1)
 

@@ -68,7 +68,7 @@ def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.
     """Pictures of fixed seeds, as linear values to be shown."""
     learner, averages = state.smooth, state.averages
     far, near = ends(config, dataset)
-    near = near._replace(alpha=far.alpha, beta=far.beta, key=far.key)
+    far = far._replace(alpha=near.alpha, beta=near.beta, key=near.key)
     rows = [near.image, *(pictures(config, learner, averages, batch) for batch in (far, near))]
     shown = in_rows(rows)
     side = EXTENT * config.generator.texels

@@ -6,12 +6,13 @@ A, G       number of appearance and of geometry parameters of the dataset
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import optax
 
+from mesoshell.nets.mlp import Dense
 from mesoshell.shell.decoder import Decoder, init_decoder
 from mesoshell.shell.discriminator import Discriminator, DiscriminatorConfig, init_discriminator
 from mesoshell.shell.generator import Averages, Generator, init_averages, init_generator
@@ -19,6 +20,8 @@ from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.train.picture import PictureConfig
 from mesoshell.typing import Array, Int, Key
 
+#: The bias of the decoder's last layer at the start: ρ is 0.004, and under 40 W/m² as dark as a render's median.
+DARK = -3.5
 #: Label entries beside α and β: direction to the camera, log of its distance, direction to the light.
 POSE = 7
 
@@ -87,19 +90,37 @@ def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
 
 
 def optimisers(config: TrainConfig) -> tuple[optax.GradientTransformation, optax.GradientTransformation]:
-    """Adam (0, 0.99, 1e-8). The discriminator's takes r1_every + 1 updates where the generator's takes r1_every: its rate is
-    lowered, and its memory lengthened, in that proportion (StyleGAN2, appendix B)."""
+    """Adam (0, 0.99, 1e-8), for the learner and for the discriminator.
+
+    The decoder's kernels are stored as they act, all others with unit variance and scaled where they are used: so that they
+    learn at the others' pace, their steps are those times 1/√inputs. The scale of σ stays. The discriminator's takes
+    r1_every + 1 updates where the learner's takes r1_every: its rate is lowered, and its memory lengthened, in that
+    proportion (StyleGAN2, appendix B).
+    """
     lazy = config.r1_every / (config.r1_every + 1)
     return (
-        optax.adam(config.generator_rate, 0.0, 0.99, 1e-8),
+        optax.chain(
+            optax.scale_by_adam(0.0, 0.99, 1e-8),
+            optax.stateless(_at_one_pace),
+            optax.scale(-config.generator_rate),
+        ),
         optax.adam(config.discriminator_rate * lazy, 0.0, 0.99**lazy, 1e-8),
     )
+
+
+def _at_one_pace(updates: Any, parameters: Any) -> Any:
+    def slowed(x: Dense | Array) -> Dense | Array:
+        return Dense(x.kernel / x.kernel.shape[0] ** 0.5, x.bias) if isinstance(x, Dense) else jnp.zeros_like(x)
+
+    return updates._replace(decoder=jax.tree.map(slowed, updates.decoder, is_leaf=lambda x: isinstance(x, Dense)))
 
 
 def start(config: TrainConfig, key: Key[Array, ""]) -> TrainState:
     k = jax.random.split(key, 3)
     encoded = config.generator.channels + 1 + 2 * config.picture.octaves + config.appearance
-    learner = Learner(init_generator(config.generator, k[0]), init_decoder(k[1], encoded, config.trunk, config.head))
+    decoder = init_decoder(k[1], encoded, config.trunk, config.head)
+    dark = decoder._replace(rho=decoder.rho._replace(bias=decoder.rho.bias + DARK))
+    learner = Learner(init_generator(config.generator, k[0]), dark)
     discriminator = init_discriminator(config.discriminator, k[2])
     for_learner, for_discriminator = optimisers(config)
     return TrainState(

@@ -7,7 +7,7 @@ c, c′        labels of the renders, and of the pictures                       
 across       how to take a mean over devices, and all devices' rows: nothing to do where arrays are global already
 
 Both players learn from one forward pass of the generator: its pictures are judged once for its own gradient, and, held fixed,
-once for the discriminator's. R1 is an update of its own every `r1_every` steps, in float32 whatever the precision is.
+once for the discriminator's. R1 is an update of its own every `r1_every` steps, in the pictures' type whatever the precision.
 """
 
 from collections.abc import Callable
@@ -126,7 +126,7 @@ def _regularised(
     y, c = seen
 
     def penalty(judge: Any) -> Scalar:
-        return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone), y, config.gamma)
+        return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone, y.dtype), y, config.gamma)
 
     value, gradient = jax.value_and_grad(penalty)(judge)
     value, gradient = across.mean((value, gradient))

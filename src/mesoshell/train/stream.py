@@ -16,6 +16,7 @@ from jaxtyping import Int
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
+from mesoshell.shell.discriminator import GROUP
 from mesoshell.train.feed import Feed, take
 from mesoshell.train.generate import Shown
 from mesoshell.train.parametric import ParametricConfig
@@ -32,7 +33,12 @@ FIRST, STAGES = 0.25, 8
 
 
 def fitted(config: TrainConfig, dataset: Dataset) -> TrainConfig:
-    """The configuration for a dataset. Raises InputError if its images are not of the configured size."""
+    """The configuration for a dataset. Raises InputError if its images are not of the configured size, or the discriminator
+    could compare views of one texture with each other, which renders do not have."""
+    if config.batch % GROUP == 0 and config.views > config.batch // GROUP:
+        raise InputError(
+            "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
+        )
     roles = [entry["role"] for entry in dataset.manifest["parameters"].values()]
     config = replace(config, picture=_fitted_picture(config.picture, dataset))
     return sized(config, roles.count("alpha"), roles.count("beta"))

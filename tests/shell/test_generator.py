@@ -113,7 +113,7 @@ def test_beta_and_z_shape_w_and_the_height_feature() -> None:
 
 
 def test_one_beta_is_heard_over_all_of_its_range() -> None:
-    """Without a bias, its embedding brought to unit length would say on which side of the middle it lies, and no more."""
+    """A number alone, brought to unit length, would say on which side of the middle it lies, and no more."""
     config = replace(SMALL, betas=1)
     generator = init_generator(config, jax.random.key(0))
     beta = jnp.array([[0.0], [0.25], [0.5], [0.75], [1.0]])

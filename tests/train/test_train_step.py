@@ -107,7 +107,9 @@ def test_labels_say_where_the_camera_and_the_light_are() -> None:
     batch = small_step.batch()
     c = label(jax.tree.map(jnp.asarray, batch))
     eye = batch.camera_to_world[:, :3, 3] - 0.5
-    np.testing.assert_allclose(c[:, :2], np.concatenate([batch.alpha, batch.beta], axis=1), rtol=1e-6)
-    np.testing.assert_allclose(c[:, 2:5], eye / np.linalg.norm(eye, axis=1, keepdims=True), rtol=1e-5)
-    np.testing.assert_allclose(c[:, 5], np.log(np.linalg.norm(eye, axis=1)), rtol=1e-5)
-    np.testing.assert_allclose(c[:, 6:], batch.light, rtol=1e-6)
+    parameters = np.concatenate([batch.alpha, batch.beta], axis=1)
+    turns = [f(2 * np.pi * parameters) for f in (np.sin, np.cos)]
+    np.testing.assert_allclose(c[:, :6], np.concatenate([2 * parameters - 1, *turns], axis=1), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(c[:, 6:9], eye / np.linalg.norm(eye, axis=1, keepdims=True), rtol=1e-5)
+    np.testing.assert_allclose(c[:, 9], np.log(np.linalg.norm(eye, axis=1)), rtol=1e-5)
+    np.testing.assert_allclose(c[:, 10:], batch.light, rtol=1e-6)

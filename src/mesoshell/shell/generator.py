@@ -83,8 +83,7 @@ def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
         return Styled(weight, jnp.zeros(outputs, jnp.float32), dense(config.w, inputs, 1.0))
 
     c0, encoded, wide = rows[0].in_channels, 1 + 2 * config.height_octaves, config.height_width
-    embed = [dense(config.betas, config.w, 0.0)] if config.betas else []
-    embed = [e._replace(bias=jax.random.normal(next(keys), (config.w,), jnp.float32)) for e in embed]
+    embed = [dense(3 * config.betas, config.w, 0.0)] if config.betas else []
     hidden = [config.z + config.w * bool(config.betas), config.w]
     return Generator(
         mapping=[*embed, *(dense(n, config.w, 0.0, 1 / _MAPPING_RATE) for n in hidden)],
@@ -117,17 +116,20 @@ def _uniform(key: Key[Array, ""], channels: int, batch: int, same: bool) -> Floa
 
 
 def map_latent(generator: Generator, z: Float[Array, "B Z"], beta: Float[Array, "B G"]) -> Float[Array, "B W"]:
-    """w from z and β: both brought to unit mean square, then two layers that learn a hundred times slower.
-
-    β's embedding has a bias, lest its length be lost and the middle of all ranges be nowhere.
-    """
+    """w from z and β: both brought to unit mean square, then two layers that learn a hundred times slower."""
     layers, x = generator.mapping, _unit(z)
     if beta.shape[1]:
-        x = jnp.concatenate([x, _unit(_equal(layers[0], 2 * beta - 1))], axis=1)
+        x = jnp.concatenate([x, _unit(_equal(layers[0], in_turns(beta)))], axis=1)
         layers = layers[1:]
     for layer in layers:
         x = jax.nn.leaky_relu(_equal(layer, x, _MAPPING_RATE), 0.2) * 2**0.5
     return x
+
+
+def in_turns(x: Float[Array, "B N"]) -> Float[Array, "B _three_n"]:
+    """Parameters in [0, 1] for a network: centred, and as sine and cosine of a turn. So it may take the two ends of a direction
+    for one, and what is brought to unit length is never nothing."""
+    return jnp.concatenate([2 * x - 1, jnp.sin(2 * jnp.pi * x), jnp.cos(2 * jnp.pi * x)], axis=1)
 
 
 def _unit(x: Float[Array, "B N"]) -> Float[Array, "B N"]:

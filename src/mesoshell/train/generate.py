@@ -3,7 +3,8 @@
 Alphabet
 B            pictures a step; each row has a random key of its own, so that its numbers do not depend on where it is computed
 T            textures a step: `views` pictures, one after the other in the batch, look at the same one
-c            label: α, β, direction to the camera from the box's centre, log of its distance, direction to the light   (B, L)
+c            label: α, β (both in turns), direction to the camera from the box's centre, log of its distance, direction to the
+             light                                                                (B, L)
 each         how a function of one row is applied to all of them: at once, or in turn
 
 A texture costs four times what a picture of it costs, so that a second camera on it is cheap.
@@ -17,7 +18,7 @@ import jax
 import jax.numpy as jnp
 
 from mesoshell.shell.field import inputs
-from mesoshell.shell.generator import Averages, Phases, draw_phases, map_latent, synthesise, synthesise_height
+from mesoshell.shell.generator import Averages, Phases, draw_phases, in_turns, map_latent, synthesise, synthesise_height
 from mesoshell.train.picture import View, material_of, take_picture
 from mesoshell.train.regularise import roughness
 from mesoshell.train.state import Learner, TrainConfig
@@ -50,7 +51,8 @@ def label(batch: Shown) -> Float[Array, "B L"]:
     """c."""
     toward = batch.camera_to_world[:, :3, 3] - 0.5
     distance = jnp.sqrt(jnp.sum(toward**2, axis=1, keepdims=True))
-    return jnp.concatenate([batch.alpha, batch.beta, toward / distance, jnp.log(distance), batch.light], axis=1)
+    about = in_turns(jnp.concatenate([batch.alpha, batch.beta], axis=1))
+    return jnp.concatenate([about, toward / distance, jnp.log(distance), batch.light], axis=1)
 
 
 def asked(config: TrainConfig, batch: Shown) -> Shown:

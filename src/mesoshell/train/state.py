@@ -85,7 +85,7 @@ def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
         appearance=appearance,
         generator=replace(config.generator, betas=geometry, precision=config.precision),
         picture=replace(config.picture, planes=config.generator.planes),
-        discriminator=replace(config.discriminator, labels=appearance + geometry + POSE),
+        discriminator=replace(config.discriminator, labels=3 * (appearance + geometry) + POSE),
     )
 
 

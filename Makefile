@@ -13,7 +13,7 @@ demo: .venv/installed
 	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
 
 test: .venv/installed-dev lint $(BLENDER)
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
 	$(BIN)/python notebooks/execute.py
 
 lint: .venv/installed-dev

@@ -15,6 +15,9 @@ from mesoshell.io.pack import pack_dataset
 from tests.shell import growing
 from tests.train import fog
 
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("generator_cli")
+
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
 EXPERIMENT = """
 from dataclasses import replace

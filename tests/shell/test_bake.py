@@ -18,6 +18,9 @@ from mesoshell.shell.plan import halo_cost
 from mesoshell.shell.scene import ready
 from mesoshell.texture import mip
 
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("bake")
+
 TEXELS = growing.TEXELS
 
 

@@ -17,6 +17,9 @@ from mesoshell.shell.nodes import hat, window
 from mesoshell.shell.plan import GeneratorConfig, reach
 from mesoshell.shell.scene import ready
 
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("nodes")
+
 TEXELS, SIZE = growing.TEXELS, (70, 150)
 
 

@@ -22,6 +22,9 @@ from mesoshell.train.state import Learner, TrainConfig, TrainState, optimisers, 
 from mesoshell.train.step import MOST, Report, _not_finite, _updated, step
 from mesoshell.typing import Array
 
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("training_extremes")
+
 #: The discriminator's rate is 0, so that R1 is that of the weights the step began with.
 CONFIG = TrainConfig(
     GeneratorConfig(16, "T", 32, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4),

@@ -22,6 +22,9 @@ from mesoshell.train.run import Diverged, train
 from mesoshell.train.state import TrainConfig, TrainState
 from mesoshell.train.stream import fitted, renders
 
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("train_run")
+
 CONFIG = replace(
     small_step.CONFIG,
     picture=replace(small_step.CONFIG.picture, size=8),

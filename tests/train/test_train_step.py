@@ -18,6 +18,9 @@ from mesoshell.train.generate import label
 from mesoshell.train.state import Learner, optimisers, start
 from mesoshell.train.step import step
 
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("train_step")
+
 
 def test_one_device_sharded_and_pmap_agree() -> None:
     """Losses, gradients of both players and averages to 1e-6, eight devices with one row each: groups and means are global."""

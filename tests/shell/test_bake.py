@@ -49,6 +49,13 @@ def test_tiles_are_the_whole(bundle, field) -> None:
         np.testing.assert_allclose(field.arrays[f"features/{i}"], level, rtol=2**-10, atol=1e-5)
 
 
+def test_a_bundle_from_before_a_field_was_added_means_what_it_did(bundle) -> None:
+    """Fourier maps had one sinusoid a channel before there was a choice."""
+    assert bundle.generator is not None
+    older = {key: value for key, value in bundle.generator.items() if key != "waves"}
+    assert maker_of(replace(bundle, generator=older), "it").config.waves == 1
+
+
 def test_what_is_made_is_a_bundle_that_needs_no_generator(bundle, field, tmp_path) -> None:
     write_bundle(tmp_path / "a.npz", field)
     found = read_bundle(tmp_path / "a.npz")

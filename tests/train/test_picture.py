@@ -1,5 +1,6 @@
 """Pictures of the unit box agree with the shell's boundary, and with fog's closed form."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -77,6 +78,12 @@ def test_fog_is_what_it_is_in_closed_form(eye, scale: float) -> None:
 
 def test_what_is_shown_lies_in_its_range() -> None:
     np.testing.assert_allclose(shown(jnp.array([[[[0.0, 1.0, 1e30]]]])), [[[[-1.0, 0.0, 1.0]]]], atol=1e-6)
+
+
+def test_without_filtering_there_is_one_level() -> None:
+    config = PictureConfig(16, 64, FOV, 8, 8, 2, filtering=False)
+    assert config.layout.sizes == ((8, 8),) and len(config.layout.height_sizes) == 1
+    assert len(replace(config, filtering=True).layout.sizes) == 4
 
 
 def test_filtering_chooses_coarser_features_far_away() -> None:

@@ -4,6 +4,7 @@ Alphabet
 z, β        what is drawn, and geometry parameters in [0, 1]                     (B, Z), (B, G)
 w           what a layer's styles come from: mapping(z, β)                        (B, W), or on nodes about a tile (shell/nodes)
 Γ_l         Fourier map added to the input of layer l, `waves` sinusoids a channel; their phases φ_l   cycles, (B, waves · C_l)
+a_l         strength of Γ_l, learned                                               (C_l,)
 F           feature texture                                                       (B, v, u, C)
 F(h)        height feature                                                        (B, R, C)
 texels      of F a patch; the plane's grid of rate s has its sample i at (i + ½)/s patches
@@ -47,10 +48,12 @@ class Styled(NamedTuple):
 
 
 class Generator(NamedTuple):
-    """What is learned. mix: (C0, C0) of the input's Fourier map; height: modulated layers along h."""
+    """What is learned. mix: (C0, C0) of the input's Fourier map; strength: a_l of each layer that has a map; height: modulated
+    layers along h."""
 
     mapping: list[Dense]
     mix: Float[Array, "C C"]
+    strength: list[Float[Array, "_c"]]
     layers: list[Styled]
     height: list[Styled]
 
@@ -72,7 +75,7 @@ class Phases(NamedTuple):
 def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
     """Unit normal weights throughout, scaled when they are used: then all learn at one rate."""
     keys = iter(jax.random.split(key, 64))
-    rows = rows_of(config)
+    rows, (_, maps) = rows_of(config), frequencies_of(config)
 
     def dense(inputs: int, outputs: int, bias: float, scale: float = 1.0) -> Dense:
         kernel = jax.random.normal(next(keys), (inputs, outputs), jnp.float32) * scale
@@ -88,6 +91,9 @@ def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
     return Generator(
         mapping=[*embed, *(dense(n, config.w, 0.0, 1 / _MAPPING_RATE) for n in hidden)],
         mix=jax.random.normal(next(keys), (c0, c0), jnp.float32),
+        strength=[
+            jnp.full(row.in_channels, (2 / (i + 1)) ** 0.5, jnp.float32) for i, row in enumerate(rows) if len(maps[i])
+        ],
         layers=[styled(row.conv_kernel, row.in_channels, row.out_channels) for row in rows],
         height=[styled(1, encoded, wide), styled(1, wide, wide), styled(1, wide, config.channels)]
         if config.planes == 1
@@ -178,10 +184,10 @@ def synthesise(
 
     short = jnp.bfloat16 if config.precision == "bfloat16" else w.dtype
     x = wave(first, phases.input, rows[0], along[0]) @ (generator.mix / generator.mix.shape[0] ** 0.5)
-    seen = []
+    seen, strength = [], iter(generator.strength)
     for i, (row, layer, at) in enumerate(zip(rows, generator.layers, along, strict=True)):
         if len(layers[i]):
-            x = x + wave(layers[i], phases.layers[i], row, at)
+            x = x + wave(layers[i], phases.layers[i], row, at) * next(strength)[None, None, None]
         seen.append(jax.lax.stop_gradient(jnp.mean(x.astype(jnp.float32) ** 2)))
         how = Activation(row, (*at[1].pad, *at[0].pad))
         layer = layer._replace(weight=layer.weight.astype(short))

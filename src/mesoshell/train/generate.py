@@ -84,10 +84,9 @@ def generate(
     corner = jnp.array(tile, jnp.int32)
     texture = synthesise(config.generator, learner.generator, averages, w, phases, corner, (side, side))
     height = synthesise_height(config.generator, learner.generator, w)
-    rays = config.picture.size**2
 
     def one(feature: Array, height: Array, view: View, key: Array) -> tuple[Array, Array]:
-        jitter = jax.random.uniform(key, (rays, config.picture.samples), jnp.float32).astype(dtype)
+        jitter = jax.random.uniform(key, (config.picture.samples,), jnp.float32).astype(dtype)
         material = material_of(config.picture, feature, height, learner.decoder)
         rough = roughness(config.picture, material, view.alpha, key) if config.density else jnp.zeros((), dtype)
         see = partial(inputs, material, config.picture.layout)

@@ -38,7 +38,7 @@ TINY = TrainConfig(
     snapshot_kimg=0.12,
     gamma=0.06,
 )
-SMALL = TrainConfig(generator=GeneratorConfig(waves=16), views=2, near_kimg=6.0)
+SMALL = TrainConfig(generator=GeneratorConfig(waves=16), views=2, near_kimg=1.5)
 BASE = TrainConfig(
     generator=GeneratorConfig(texels=128, channel_base=8192, channel_max=128, waves=16, z=128, w=128, height_rows=128),
     discriminator=DiscriminatorConfig(size=128, channel_base=16384, channel_max=256, embedding=128),

@@ -64,6 +64,22 @@ def test_variants_of_the_ablations(fourier) -> None:
     assert made(config, (0, 0), (32, 32)).shape == (1, 32, 32, 4)
 
 
+def test_maps_are_as_strong_as_they_learn_to_be() -> None:
+    """A strength for each channel of each layer that has a map; without it, the layer's phases say nothing."""
+    rows, (_, layers) = rows_of(SMALL), frequencies_of(SMALL)
+    has = [i for i, f in enumerate(layers) if len(f)]
+    generator, averages = init_generator(SMALL, jax.random.key(0)), init_averages(SMALL)
+    for i, strength in zip(has, generator.strength, strict=True):
+        np.testing.assert_allclose(strength, np.full(rows[i].in_channels, (2 / (i + 1)) ** 0.5), rtol=1e-6)
+    w = map_latent(generator, jnp.ones((1, SMALL.z)), jnp.zeros((1, 0)))
+    phases = draw_phases(SMALL, jax.random.key(2), 1)
+    last = phases._replace(layers=[p + 0.3 * (i == has[-1]) for i, p in enumerate(phases.layers)])
+    mute = generator._replace(strength=[*generator.strength[:-1], jnp.zeros_like(generator.strength[-1])])
+    run = jax.jit(lambda g, p: synthesise(SMALL, g, averages, w, p, jnp.zeros(2, jnp.int32), (32, 32)).feature)
+    assert jnp.abs(run(generator, phases) - run(generator, last)).max() > 1e-2
+    np.testing.assert_array_equal(run(mute, phases), run(mute, last))
+
+
 def test_maps_lie_between_the_cutoffs_and_the_last_layers_have_none() -> None:
     first, layers = frequencies_of(SMALL)
     rows = rows_of(SMALL)

@@ -28,7 +28,7 @@ def test_one_device_sharded_and_pmap_agree() -> None:
     done = subprocess.run([sys.executable, "three_ways.py"], cwd=here, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     said = json.loads(done.stdout.splitlines()[-1])
-    assert len(said) == 10
+    assert len(said) == 11
     for name, value in said.items():
         assert value == 8 if name.endswith("images") else value < 1e-6, name
 

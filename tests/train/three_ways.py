@@ -42,6 +42,10 @@ def main() -> None:
                 for a, b in pairs
             )
         said[f"{how} images"] = int(found[how][0].images)
+    alone = spread_step(lambda s, b, across: (s, b), CONFIG.batch, "pmap").share(
+        batch()._replace(beta=np.zeros((8, 0)))
+    )
+    said["a device's share of no parameters"] = float(alone.beta.shape != (8, 1, 0))
     print(json.dumps(said))
 
 

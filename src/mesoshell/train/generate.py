@@ -86,7 +86,8 @@ def generate(
     height = synthesise_height(config.generator, learner.generator, w)
 
     def one(feature: Array, height: Array, view: View, key: Array) -> tuple[Array, Array]:
-        jitter = jax.random.uniform(key, (config.picture.samples,), jnp.float32).astype(dtype)
+        # one row for all rays: with one for each, thin layers turn into noise, and a generator learns to make do with that
+        jitter = jax.random.uniform(key, (1, config.picture.samples), jnp.float32).astype(dtype)
         material = material_of(config.picture, feature, height, learner.decoder)
         rough = roughness(config.picture, material, view.alpha, key) if config.density else jnp.zeros((), dtype)
         see = partial(inputs, material, config.picture.layout)

@@ -111,7 +111,7 @@ def _by_pmap(step: Callable) -> Spread:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (devices, *x.shape)), state)
 
     def share(batch: Any) -> Any:
-        return jax.tree.map(lambda x: np.asarray(x).reshape(devices, -1, *np.shape(x)[1:]), batch)
+        return jax.tree.map(lambda x: np.asarray(x).reshape(devices, len(x) // devices, *np.shape(x)[1:]), batch)
 
     def first(tree: Any) -> Any:
         return jax.tree.map(lambda x: x[0], tree)

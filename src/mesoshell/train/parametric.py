@@ -125,9 +125,10 @@ def paint(
     """Pictures from a batch's cameras, lights and parameters, the seeds among its β included."""
     keys = jax.random.wrap_key_data(batch.key)
     parameters = jnp.concatenate([batch.alpha, batch.beta], axis=1)
+    shape = (config.picture.size**2, config.picture.samples)
 
     def one(view: View, key: Array) -> Array:
-        jitter = jax.random.uniform(key, (config.picture.samples,), jnp.float32).astype(view.alpha.dtype)
+        jitter = jax.random.uniform(key, shape, jnp.float32).astype(view.alpha.dtype)
         return take_picture(config.picture, decoder, partial(see, config), view, jitter)
 
     return each(one)(View(batch.camera_to_world, batch.light, batch.irradiance, parameters), keys)

@@ -83,41 +83,37 @@ def take_picture(
     decoder: Decoder,
     see: Callable[[Point], Float[Array, "I"]],
     view: View,
-    jitter: Float[Array, "N"],
+    jitter: Float[Array, "#R N"],
 ) -> Float[Array, "S S 4"]:
     """Radiance over black, and alpha. see: what the decoder is told of a point; jitter: where in its share of the ray each
-    sample lies, in [0, 1).
-
-    The same for all rays: with a place of its own for each, thin layers turn into noise, which a generator learns to use
-    in place of anything that lies in the plane.
-    """
+    sample lies, in [0, 1), a row for each pixel or one for all."""
     origin, directions = pixel_rays(config, view.camera_to_world)
     radius = jnp.asarray(pixel_radius(2 * math.tan(config.fov / 2) / config.size), directions.dtype)
     rays = config.size**2
     size = math.gcd(rays, max(1, _TILE // config.samples))
     missed = jax.vmap(lambda d: jnp.diff(jnp.stack(box_span(origin, d)))[0] <= 0)(directions)
     order = jnp.argsort(missed)  # rays that hit come first: whole tiles of misses are skipped
+    jitter = jnp.broadcast_to(jitter, (rays, config.samples))
 
-    def tile(d: Array) -> Array:
-        points, length = jax.vmap(lambda d: along(config, origin, d, radius, jitter))(d)
+    def tile(d: Array, j: Array) -> Array:
+        points, length = jax.vmap(lambda d, j: along(config, origin, d, radius, j))(d, j)
         point = jax.tree.map(lambda x: x.reshape(size * config.samples, *x.shape[2:]), points)
         point = point._replace(alpha=jnp.broadcast_to(view.alpha[None], (len(point.radius), len(view.alpha))))
         sigma, found = net.trunk(decoder, jax.vmap(see)(point))
         toward = jnp.repeat(-d, config.samples, axis=0)
         light = jnp.broadcast_to(view.light[None], toward.shape)
         rho = net.head(decoder, net.toward_viewer(decoder, found, toward), light)
-        shape = size, config.samples
-        tau = optical_depth(sigma.reshape(shape), jnp.broadcast_to(length[:, None], shape))
+        tau = optical_depth(sigma.reshape(j.shape), jnp.broadcast_to(length[:, None], j.shape))
         share, through = jax.vmap(weights)(tau)
-        radiance = jnp.einsum("rn,rnc->rc", share, rho.reshape(*shape, 3)) * view.irradiance[None]
+        radiance = jnp.einsum("rn,rnc->rc", share, rho.reshape(*j.shape, 3)) * view.irradiance[None]
         return jnp.concatenate([radiance, 1 - through[:, None]], axis=1)
 
-    def unless_missed(part: tuple[Array, Array]) -> Array:
-        d, missed = part
+    def unless_missed(part: tuple[Array, Array, Array]) -> Array:
+        d, j, missed = part
         nothing = jnp.zeros((size, 4), directions.dtype)
-        return jax.lax.cond(missed.all(), lambda d: nothing, jax.checkpoint(tile), d)
+        return jax.lax.cond(missed.all(), lambda d, j: nothing, jax.checkpoint(tile), d, j)
 
-    rows = (directions[order], missed[order])
+    rows = (directions[order], jitter[order], missed[order])
     parts = jax.tree.map(lambda x: x.reshape(rays // size, size, *x.shape[1:]), rows)
     rgba = jax.lax.map(unless_missed, parts).reshape(rays, 4)
     return jnp.zeros_like(rgba).at[order].set(rgba, unique_indices=True).reshape(config.size, config.size, 4)

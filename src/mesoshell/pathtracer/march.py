@@ -7,14 +7,14 @@ tmax        where the ray meets a surface of the scene                          
 start       what lies before it is not the ray's, or has been walked              world
 
 A ray in free space asks the boundary what comes next. It enters a shell through the top from outside, through the base from
-behind, or through a border's side; it leaves through them the other way. (A border is met as the tetrahedron around its bilinear
-side: the exact side decides.) If it leaves, it began inside: walk back to where it began, then forward. If it enters, it may have
-begun inside all the same, where shells overlap: it did if, further on, it leaves more often than it enters. That is counted, but
-for rays that are known to begin outside; and if so, the places where it leaves are searched for the one from which a walk back
-comes to where it began.
+behind, or through a border's side; it leaves through them the other way. (A border is met as the tetrahedron around its
+bilinear side: the exact side decides.) If it leaves, it began inside: walk back to where it began, then forward. If it enters,
+it may have begun inside all the same, where shells overlap: it did if, further on, it leaves more often than it enters. That
+is counted, but for rays that are known to begin outside; and if so, the places where it leaves are searched for the one from
+which a walk back comes to where it began.
 
-A walk that has left the shell returns the ray to free space. Where two visits overlap, the later one begins where the earlier one
-ended. So density is never counted twice, and pieces come in the order of the ray.
+A walk that has left the shell returns the ray to free space. Where two visits overlap, the later one begins where the earlier
+one ended. So density is never counted twice, and pieces come in the order of the ray.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.walk import BASE, LOST, TOP, WALKING, Piece, Place, enter, step
+from mesoshell.pathtracer.walk import LOST, TOP, WALKING, Piece, Place, enter, step
 
 FREE, COUNT, SEARCH, BACK, FORWARD, OVER = 0, 1, 2, 3, 4, 5
 #: Step past a boundary before free space begins again, relative to the scene's size.
@@ -98,7 +98,8 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     mode = dr.select(back, mi.UInt32(BACK), dr.select(forward, mi.UInt32(FORWARD), mode))
     mode = dr.select((free & ~hit) | (forward & (ahead.t >= tmax)), mi.UInt32(OVER), mode)
     event = dr.maximum(t, dr.select(into, ahead.t, dr.select(out, -behind.t, t)))
-    on = dr.select(settled | (counting & search), w.start, event + ADVANCE * (shells.size + event))
+    event = dr.select(settled | (counting & search), w.start, event)
+    on = event + ADVANCE * (shells.size + event)
     start = dr.select((mode == FREE) & ~settled, on, w.start)  # what was met there was nothing
     depth = dr.select(into, w.depth + 1, dr.select(out & (w.depth > 0), w.depth - 1, w.depth))
     return Walker(mode, start, w.sure | settled, on, dr.select(count, depth, 0), dr.select(back, behind, ahead))
@@ -115,13 +116,13 @@ def _cross(shells, o, d, tmax, w: Walker):
     over = ~back & (after.t >= tmax)
     elsewhere = back & ~reached & (after.exit != WALKING)
     end = dr.maximum(after.t, w.start)
-    start = dr.select(left, end + ADVANCE * (shells.size + end), w.start)
-    over |= left & (start >= tmax)
     mode = dr.select(reached, mi.UInt32(FORWARD), dr.select(elsewhere, mi.UInt32(SEARCH), w.mode))
     mode = dr.select(over, mi.UInt32(OVER), dr.select(left, mi.UInt32(FREE), mode))
     found, piece = _cut(piece, w.start, tmax)
     place = dr.select(reached, entry, after)
-    return Walker(mode, start, w.sure & ~left, dr.select(left, start, w.at), w.depth, place), piece, found & ~back
+    start = dr.select(left, end, w.start)
+    at = dr.select(left, end + ADVANCE * (shells.size + end), w.at)
+    return Walker(mode, start, w.sure & ~left, at, w.depth, place), piece, found & ~back
 
 
 def _cut(i: Piece, begin, end):

@@ -8,9 +8,11 @@ F           F(u, v) + F(h), each filtered                                       
 σ, ρ        extinction and transport function
 ω, ω′       toward the viewer, toward the light                                   (3,), canonical
 
-Texels are stored once, all levels in one array, in the bundle's precision; the network is evaluated by cooperative vectors in the
-integrator's own loop (a network within a virtual call is 20 times slower).
+Texels are stored once, all levels in one array, in the bundle's precision; the network is evaluated by cooperative vectors in
+the integrator's own loop (a network within a virtual call is 20 times slower).
 """
+
+from typing import Any
 
 import drjit as dr
 import drjit.nn as nn
@@ -96,7 +98,7 @@ class Material:
         first = mi.UInt32(lower)
         second = dr.minimum(first + 1, len(self.plane.shapes) - 1)
         low, high = (self._bilinear(xi, l) for l in (first, second))
-        return [(1 - share) * a + share * b for a, b in zip(low, high)]
+        return [(1 - share) * a + share * b for a, b in zip(low, high, strict=True)]
 
     def _bilinear(self, xi, l):
         height, width = (dr.gather(mi.UInt32, self.plane.sizes[k], l) for k in range(2))
@@ -112,10 +114,10 @@ class Material:
         fx, fy = x - i, y - j
         columns, lines = ([self._texel(k, n) for k in (m, m + 1)] for m, n in ((i, width), (j, height)))
         total = [mi.Float(0)] * self.channels
-        for line, wy in zip(lines, (1 - fy, fy)):
-            for column, wx in zip(columns, (1 - fx, fx)):
+        for line, wy in zip(lines, (1 - fy, fy), strict=True):
+            for column, wx in zip(columns, (1 - fx, fx), strict=True):
                 row, weight = self.plane.row(offset + line * width + column), wx * wy
-                total = [s + weight * r for s, r in zip(total, row)]
+                total = [s + weight * r for s, r in zip(total, row, strict=True)]
         return total
 
     def _texel(self, i, n):
@@ -131,7 +133,7 @@ class Material:
         first = mi.UInt32(lower)
         second = dr.minimum(first + 1, len(self.profile.shapes) - 1)
         low, high = (self._linear(h, l) for l in (first, second))
-        return [(1 - share) * a + share * b for a, b in zip(low, high)]
+        return [(1 - share) * a + share * b for a, b in zip(low, high, strict=True)]
 
     def _linear(self, h, l):
         rows = dr.gather(mi.UInt32, self.profile.sizes[0], l)
@@ -141,7 +143,7 @@ class Material:
         f = z - i
         low = self.profile.row(offset + mi.UInt32(i))
         high = self.profile.row(offset + dr.minimum(mi.UInt32(i) + 1, rows - 1))
-        return [(1 - f) * a + f * b for a, b in zip(low, high)]
+        return [(1 - f) * a + f * b for a, b in zip(low, high, strict=True)]
 
 
 class _Levels:
@@ -149,6 +151,7 @@ class _Levels:
 
     def __init__(self, levels: list[np.ndarray], wide: bool = True):
         half = all(x.dtype == np.float16 for x in levels)
+        self._vector: Any
         self.scalar, self._vector = (mi.Float16, mi.ArrayXf16) if half else (mi.Float, mi.ArrayXf)
         self.width = levels[0].shape[-1] if wide else 1
         self.rows = self.scalar(np.concatenate([x.ravel() for x in levels]).astype(np.float16 if half else np.float32))
@@ -162,7 +165,7 @@ class _Levels:
         return [mi.Float(found[c]) for c in range(self.width)]
 
 
-def _network(a: dict[str, np.ndarray], hidden: str, last: str):
+def _network(a: dict[str, np.ndarray], hidden: str, last: str) -> tuple[list[Any], Any]:
     """Layers as (weight, bias) views of one packed buffer: the hidden ones, and the last."""
     names = [*(f"{hidden}/{i}" for i in range(_count(a, hidden + "/{}/kernel"))), last]
     parts = []

@@ -64,7 +64,7 @@ class Media:
             table = [m.alpha[k] if m.material is self.media[mine[0]].material else 0.0 for m in self.media]
             return dr.gather(mi.Float, mi.Float(table), shell)
         total = mi.Float(0)
-        for i, value in zip(mine, values):
+        for i, value in zip(mine, values, strict=True):
             total = dr.select(shell == i, _at(value, sample, self.media[i].patches), total)
         return total
 

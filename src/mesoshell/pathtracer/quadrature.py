@@ -119,7 +119,7 @@ def seek(shells, media, ray, count, skip, s):
 
 @dataclass
 class Ray:
-    """o, d in float64; from start to tmax; outside: it is known to begin outside all shells; a cone of radius spread · (t + apex)."""
+    """From start to tmax. outside: it is known to begin outside all shells. A cone of radius spread · (t + apex)."""
 
     o: mi.Vector3d
     d: mi.Vector3d
@@ -137,7 +137,7 @@ def _canonical(shells, piece: Piece) -> Here:
     h0, h1 = mi.Float(piece.h0), mi.Float(piece.h1)
     xi0, xi1 = _xi(uv, bary0, h0), _xi(uv, bary1, h1)
     bary, h = 0.5 * (bary0 + bary1), 0.5 * (h0 + h1)
-    at = [b + h * n for b, n in zip(base, post)]
+    at = [b + h * n for b, n in zip(base, post, strict=True)]
     x, y = at[0] - at[2], at[1] - at[2]
     z = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]
     rows = dr.cross(y, z), dr.cross(z, x), dr.cross(x, y)
@@ -146,7 +146,7 @@ def _canonical(shells, piece: Piece) -> Here:
     e0, e1 = uv[0] - uv[2], uv[1] - uv[2]
     a, b = (inverse * (e0[i] * rows[0] + e1[i] * rows[1]) for i in (0, 1))
     t0, t1 = mi.Float(piece.t0), mi.Float(piece.t1)
-    return Here(piece.prism, t0, t1, xi0, xi1, dr.norm(xi1 - xi0), a, b, inverse * rows[2])
+    return Here(piece.prism, t0, t1, xi0, xi1, mi.Float(dr.norm(xi1 - xi0)), a, b, inverse * rows[2])
 
 
 def _xi(uv, bary, h):

@@ -1,11 +1,11 @@
 """Shells as tables: prisms, and the triangles that bound them, in a scene of their own (shell/boundary, in Mitsuba).
 
 Alphabet
-code        of a triangle: 0, 1, 2: a side at a border, of whose bilinear patch it is a part of the tetrahedron; 3: the top; 4: the base
+code        of a triangle: 0, 1, 2: part of the tetrahedron around that side, at a border; 3: the top; 4: the base
 shell       index of the shell that a prism belongs to
 
-All shells of a scene share one set of tables. The boundary is kept apart from the user's scene: no ray of the user's own meets it,
-no emitter is drawn on it, and no BSDF is looked up there.
+All shells of a scene share one set of tables. The boundary is kept apart from the user's scene: no ray of the user's own meets
+it, no emitter is drawn on it, and no BSDF is looked up there.
 """
 
 import drjit as dr
@@ -26,14 +26,16 @@ class Shells:
 
     def __init__(self, shells: list[Shell]):
         parts = [_tables(s) for s in shells]
-        first = np.cumsum([0, *(len(s.faces) for s in shells)])
-        across = np.concatenate([np.where(s.neighbour < 0, -1, s.neighbour + a) for s, a in zip(shells, first)])
+        first = np.cumsum([0, *(len(s.faces) for s in shells[:-1])])
+        across = np.concatenate(
+            [np.where(s.neighbour < 0, -1, s.neighbour + a) for s, a in zip(shells, first, strict=True)]
+        )
         self.corners = mi.Float(np.concatenate([p[0] for p in parts]).ravel())
         self.across = mi.Int32(across.ravel().astype(np.int32))
         self.across_edge = mi.UInt32(np.concatenate([np.maximum(s.neighbour_edge, 0) for s in shells]).ravel())
         self.uv = mi.Float(np.concatenate([s.uv for s in shells]).ravel())
         self.shell = mi.UInt32(np.repeat(np.arange(len(shells)), [len(s.faces) for s in shells]))
-        self.prism = mi.UInt32(np.concatenate([p[2] + a for p, a in zip(parts, first)]))
+        self.prism = mi.UInt32(np.concatenate([p[2] + a for p, a in zip(parts, first, strict=True)]))
         self.code = mi.UInt32(np.concatenate([p[3] for p in parts]))
         triangles = np.concatenate([p[1] for p in parts])
         self.size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())

@@ -42,4 +42,6 @@ def set_variant() -> None:
             raise InputError("mitsuba", f"this build has no variant {VARIANT}")
         mi.set_variant(VARIANT)
     elif not current.startswith(("llvm", "cuda")) or not current.endswith("rgb"):
-        raise InputError("mitsuba", f"variant {current} is set; shells need {VARIANT} or another llvm or cuda one in rgb")
+        raise InputError(
+            "mitsuba", f"variant {current} is set; shells need {VARIANT} or another llvm or cuda one in rgb"
+        )

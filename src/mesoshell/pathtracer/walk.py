@@ -59,7 +59,9 @@ class _Crossing:
 def place_of(prisms, n=1):
     """A place at the start of a loop: nowhere."""
     zero = dr.zeros(mi.Float64, n)
-    return Place(dr.zeros(mi.UInt32, n), mi.Float64(zero), mi.Float64(zero), mi.Vector2d(0), mi.Float64(zero), mi.UInt32(LOST))
+    return Place(
+        dr.zeros(mi.UInt32, n), mi.Float64(zero), mi.Float64(zero), mi.Vector2d(0), mi.Float64(zero), mi.UInt32(LOST)
+    )
 
 
 def corners(prisms, o, prism):
@@ -74,7 +76,7 @@ def enter(prisms, o, d, prism, code):
     Top and base are what an intersector reports, so they are taken at its word; of a side, only an exact crossing counts.
     """
     p, n = corners(prisms, o, prism)
-    top = _leave_cap(d, [a + b for a, b in zip(p, n)], -1)
+    top = _leave_cap(d, [a + b for a, b in zip(p, n, strict=True)], -1)
     base = _leave_cap(d, p, 1)
     k = dr.minimum(code, 2)
     first, second = dr.select(k == 2, 0, k + 1), k  # the side seen from outside: its leaving is our entering
@@ -87,7 +89,12 @@ def enter(prisms, o, d, prism, code):
     met = dr.select(code < TOP, side.inside >= 0, True) & dr.isfinite(t)
     slack = dr.select(is_top, top.slack, dr.select(is_base, base.slack, side.slack))
     return Place(
-        prism, t, slack, dr.select(met, bary, 0.0), dr.clip(h, 0, 1), dr.select(met, mi.UInt32(WALKING), mi.UInt32(LOST))
+        prism,
+        t,
+        slack,
+        dr.select(met, bary, 0.0),
+        dr.clip(h, 0, 1),
+        dr.select(met, mi.UInt32(WALKING), mi.UInt32(LOST)),
     )
 
 
@@ -96,7 +103,7 @@ def step(prisms, o, d, place):
     p, n = corners(prisms, o, place.prism)
     f = [_post(d, p[k], n[k]) for k in range(3)]
     sides = [_leave_side(d, (p[i], p[j]), (n[i], n[j]), (f[i], f[j])) for i, j in ((0, 1), (1, 2), (2, 0))]
-    caps = [_leave_cap(d, [a + b for a, b in zip(p, n)], 1), _leave_cap(d, p, -1)]
+    caps = [_leave_cap(d, [a + b for a, b in zip(p, n, strict=True)], 1), _leave_cap(d, p, -1)]
     faces = [*sides, *caps]
     code, lost = _choose(faces, place)
     t1 = dr.select(lost, place.t, dr.maximum(_pick([f.t for f in faces], code), place.t))

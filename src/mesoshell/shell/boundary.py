@@ -150,9 +150,7 @@ class Boundary:
         alive = np.flatnonzero(reachable & np.isfinite(d).all(axis=1) & (np.abs(length - 1) < 1e-3))
         while len(alive):
             alive = state.advance(alive)
-        merged = [np.concatenate(x) for x in zip(*state.parts, strict=True)] if state.parts else no_intervals()
-        found = Intervals(*merged)
-        found = _without_overlap(_cut(found, found.t0, state.end[found.ray]))
+        found = _without_overlap([_cut(part, part.t0, state.end[part.ray]) for part in state.parts])
         return Trace(found, state.end, state.face, state.bary, state.walked, state.redone)
 
 
@@ -251,18 +249,30 @@ def _cut(i: Intervals, begin: Float[np.ndarray, "I"], end: Float[np.ndarray, "I"
     return Intervals(i.ray, i.prism, t0, t1, bary0, bary1, h0, h1)
 
 
-def _without_overlap(i: Intervals) -> Intervals:
-    """Sorted by ray and distance, each cut to begin no earlier than all before it on the same ray have ended."""
-    order = np.lexsort((i.t0, i.ray))
-    i = Intervals(*(x[order] for x in i))
+def _without_overlap(parts: list[Intervals]) -> Intervals:
+    """Sorted by ray and visit, each cut to begin no earlier than all before it on the same ray have ended. In a part each ray
+    has one visit at most."""
+    if not parts:
+        return no_intervals()
+    i = Intervals(*(np.concatenate(x) for x in zip(*parts, strict=True)))
     if not len(i.ray):
         return i
+    begin = np.concatenate([_first(part)[part.ray] for part in parts])
+    order = np.lexsort((i.t0, begin, i.ray))
+    i = Intervals(*(x[order] for x in i))
     span = 2 * (np.abs(i.t1).max() + 1)
     reached = np.maximum.accumulate(i.t1 + span * i.ray) - span * i.ray
     before = np.concatenate([[-np.inf], reached[:-1]])
     before[np.concatenate([[True], i.ray[1:] != i.ray[:-1]])] = -np.inf
     overlaps = before > i.t0 + 1e-9 * span
     return _cut(i, np.where(overlaps, before, i.t0))
+
+
+def _first(part: Intervals) -> Float[np.ndarray, "R"]:
+    """Where each ray's visit begins."""
+    begin = np.full(part.ray.max(initial=-1) + 1, np.inf)
+    np.minimum.at(begin, part.ray, part.t0)
+    return begin
 
 
 def _dot(a: Float[np.ndarray, "R 3"], b: Float[np.ndarray, "R 3"]) -> Float[np.ndarray, "R"]:

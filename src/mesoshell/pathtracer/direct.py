@@ -1,0 +1,73 @@
+"""What a shell scatters toward a ray from distant lights alone: no random number, all samples in place of one.
+
+Alphabet
+τ, T, w     optical depth of a sample, transmittance before it, its weight T (1 − e^{−τ})
+E⊥          irradiance of a distant light on the plane facing it                    RGB
+V           visibility of a light, from the exit point on the shell's top
+
+Σ w ρ(ω, ω′) E⊥ V, as the JAX engine sums it; where all lights are distant this has no noise that samples could take away.
+"""
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.march import ADVANCE
+from mesoshell.pathtracer.quadrature import begin, canonical, seek
+
+
+class World:
+    """What rays meet. Not a dataclass: Dr.Jit would take its parts for the state of loops.
+
+    scene: the user's surfaces; lights: distant ones, (unit direction toward it, E⊥) each; quality: render/quality.
+    """
+
+    def __init__(self, shells, media, scene, lights, quality):
+        self.shells, self.media, self.scene, self.lights, self.quality = shells, media, scene, lights, quality
+
+
+@dr.syntax
+def gather_light(world, ray):
+    """Radiance toward a ray from all that it passes, its transmittance, and how many samples were decoded."""
+    s = begin(ray)
+    n = dr.width(ray.o)
+    depth, rgb, queries = dr.zeros(mi.Float, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
+    quality = world.quality
+    count, skip, cut = quality.samples, quality.skip, quality.weight_cut
+    stop = -dr.log(quality.early_stop) if quality.early_stop > 0 else dr.inf
+    del quality
+    busy = dr.full(mi.Bool, True, n)
+    while busy:
+        s, sample, found = seek(world.shells, world.media, ray, count, skip, s)
+        busy = found
+        if found:
+            tau = dr.minimum(world.media.sigma(sample), 1e20) * mi.Float(s.step)
+            weight = dr.exp(-depth) * _opacity(tau)
+            depth += tau
+            queries += 1
+            busy = depth < stop
+            if weight > cut:
+                rgb += weight * scattered(world, ray, s.here, sample)
+    return rgb, dr.exp(-depth), queries
+
+
+def scattered(world, ray, here, sample):
+    """Σ ρ E⊥ V at a sample."""
+    total = mi.Color3f(0)
+    view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
+    middle = 0.5 * (here.t0 + here.t1)
+    height = 0.5 * (here.xi0.z + here.xi1.z)
+    for direction, irradiance in world.lights:
+        toward = mi.Vector3f(*direction)
+        rho = world.media.rho(sample, view, dr.normalize(canonical(here, toward)))
+        rate = dr.dot(here.c, toward)
+        leave = dr.select(rate > 1e-6, (1 - height) / dr.maximum(rate, 1e-6), 0)
+        leave = dr.minimum(leave, world.shells.size) + ADVANCE * world.shells.size
+        x = mi.Point3f(ray.o + mi.Float64(middle) * ray.d) + leave * toward
+        hidden = world.scene.ray_test(mi.Ray3f(x, toward))
+        total += dr.select(hidden, 0, rho * mi.Color3f(*irradiance))
+    return total
+
+
+def _opacity(tau):
+    """1 − e^{−τ} without cancellation for small τ."""
+    return dr.select(tau < 1e-3, tau * (1 - tau * (0.5 - tau / 6)), 1 - dr.exp(-tau))

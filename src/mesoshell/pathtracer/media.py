@@ -1,0 +1,88 @@
+"""The materials of all shells of a scene, asked by the prism that a sample lies in.
+
+Alphabet
+α           appearance parameters of a shell, normalised                           (A,)
+
+What a scene does not have is not compiled: with one material there is no choice among them, with one shell α is a constant.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.material import Material
+
+
+@dataclass(frozen=True, eq=False)
+class Medium:
+    """What fills one shell. alpha: numbers in [0, 1], or textures of the scene that give them, each over the mesh's UV;
+    patches: texture patches along one unit of that UV."""
+
+    material: Material
+    alpha: tuple
+    patches: float = 1.0
+
+
+class Media:
+    """Media of shells, in the order of `Shells`."""
+
+    def __init__(self, shells, media: list[Medium]):
+        self.media, self.shell = media, shells.shell
+        self.materials = list(dict.fromkeys(m.material for m in media))
+        self.material_of = mi.UInt32([self.materials.index(m.material) for m in media])
+
+    def bound(self, sample):
+        """Largest σ that there can be near a sample."""
+        return self._choose(sample, lambda m: m.bound(sample.xi, m.level(sample.radius)), mi.Float(0))
+
+    def sigma(self, sample):
+        """σ of a sample."""
+        return self._choose(sample, lambda m: m.density_of(self._inputs(m, sample))[0], mi.Float(0))
+
+    def rho(self, sample, w, w_light):
+        """ρ(ω, ω′) of a sample, for canonical directions."""
+
+        def one(m):
+            return m.transport(m.density_of(self._inputs(m, sample))[1], w, w_light)
+
+        return self._choose(sample, one, mi.Color3f(0))
+
+    def _inputs(self, material, sample):
+        return material.inputs(sample.xi, sample.radius, sample.deviation, self._alpha(material, sample))
+
+    def _alpha(self, material, sample):
+        mine = [i for i, m in enumerate(self.media) if m.material is material]
+        shell = dr.gather(mi.UInt32, self.shell, sample.prism) if len(self.media) > 1 else mi.UInt32(mine[0])
+        return [self._parameter(k, mine, shell, sample) for k in range(len(material.names))]
+
+    def _parameter(self, k, mine, shell, sample):
+        values = [self.media[i].alpha[k] for i in mine]
+        if all(isinstance(v, float) for v in values):
+            if len(set(values)) == 1:
+                return mi.Float(values[0])
+            table = [m.alpha[k] if m.material is self.media[mine[0]].material else 0.0 for m in self.media]
+            return dr.gather(mi.Float, mi.Float(table), shell)
+        total = mi.Float(0)
+        for i, value in zip(mine, values, strict=True):
+            total = dr.select(shell == i, _at(value, sample, self.media[i].patches), total)
+        return total
+
+    def _choose(self, sample, what, nothing):
+        if len(self.materials) == 1:
+            return what(self.materials[0])
+        which = dr.gather(mi.UInt32, self.material_of, dr.gather(mi.UInt32, self.shell, sample.prism))
+        for i, material in enumerate(self.materials):
+            nothing = dr.if_stmt(
+                (nothing, which), which == i, lambda x, w, m=material: (what(m), w), lambda x, w: (x, w)
+            )[0]
+        return nothing
+
+
+def _at(value, sample, patches: float):
+    """A parameter at a sample: a number, or a texture looked up at the mesh's UV."""
+    if isinstance(value, float):
+        return mi.Float(value)
+    where = dr.zeros(mi.SurfaceInteraction3f)
+    where.uv = mi.Point2f(sample.xi.x, sample.xi.y) / patches
+    return dr.clip(value.eval_1(where), 0, 1)

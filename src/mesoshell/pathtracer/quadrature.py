@@ -1,0 +1,190 @@
+"""Samples on a ray through all shells, at equal canonical spacing (shell/sampling, shell/renderer).
+
+Alphabet
+J⁻¹         inverse of ∂P/∂(u, v, h) in the middle of a piece; E: (u, v) = uv₂ + E (λ₀, λ₁)
+ℓ           canonical length of a piece, |ξ1 − ξ0|; L: of all of a ray's pieces; N samples stand for L/N each
+f           position of a sample on its piece, 0 to 1
+ṙ, a        a cone's radius at t is ṙ (t + a)
+Σ           σ_t² ddᵀ + σ_r² (1 − ddᵀ), the cone's piece as a Gaussian; J⁻¹ Σ J⁻ᵀ in canonical space
+
+A ray is walked twice: L is measured first. The second walk stops at each sample that may hold something; what follows (the
+network) is compiled once, at the place where `seek` returns.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.march import OVER, Walker, advance, at_start
+from mesoshell.pathtracer.walk import Piece
+
+
+@dataclass
+class Here:
+    """A piece in canonical space: prism, t and ξ at both ends, ℓ, rows of J⁻¹."""
+
+    prism: mi.UInt32
+    t0: mi.Float
+    t1: mi.Float
+    xi0: mi.Vector3f
+    xi1: mi.Vector3f
+    length: mi.Float
+    a: mi.Vector3f
+    b: mi.Vector3f
+    c: mi.Vector3f
+
+
+@dataclass
+class Sampling:
+    """A ray under way. begin: canonical length before the piece; k: number of the next sample; step: L/N."""
+
+    walker: Walker
+    here: Here
+    measuring: mi.Bool
+    begin: mi.Float64
+    total: mi.Float64
+    step: mi.Float64
+    k: mi.UInt32
+    over: mi.Bool
+
+
+@dataclass
+class Sample:
+    """Where the material is asked: prism, distance, ξ, filter radii, and the level that they call for."""
+
+    prism: mi.UInt32
+    t: mi.Float
+    xi: mi.Vector3f
+    radius: mi.Float
+    deviation: mi.Float
+
+
+def nothing() -> Sample:
+    return Sample(mi.UInt32(0), mi.Float(0), mi.Vector3f(0), mi.Float(0), mi.Float(0))
+
+
+def no_here() -> Here:
+    z = mi.Float(0)
+    v = mi.Vector3f
+    return Here(mi.UInt32(0), z, mi.Float(0), v(0), v(0), mi.Float(0), v(0), v(0), v(0))
+
+
+def begin(ray) -> Sampling:
+    """A ray at its start."""
+    n = dr.width(ray.start)
+    zero = dr.zeros(mi.Float64, n)
+    return Sampling(
+        at_start(ray.start, ray.outside),
+        no_here(),
+        mi.Bool(True),
+        zero,
+        mi.Float64(zero),
+        mi.Float64(zero),
+        dr.zeros(mi.UInt32, n),
+        mi.Bool(False),
+    )
+
+
+@dr.syntax
+def seek(shells, media, ray, count, skip, s):
+    """The next sample of a ray that may hold something, the state after it, and whether there is one."""
+    found, sample = mi.Bool(False), nothing()
+    while ~found & ~s.over:
+        position = (mi.Float64(s.k) + 0.5) * s.step
+        length = mi.Float64(s.here.length)
+        if ~s.measuring & (s.k < count) & (position < s.begin + length):
+            sample = _at(ray, s.here, mi.Float((position - s.begin) / length), mi.Float(s.step / length))
+            found = media.bound(sample) * mi.Float(s.total) > skip
+            s.k += 1
+        else:
+            walker, piece, some = advance(shells, ray.o, ray.d, ray.tmax, s.walker)
+            s.walker = walker
+            if some:
+                s.begin += length
+                s.here = _canonical(shells, piece)
+            elif s.walker.mode == OVER:
+                if s.measuring:
+                    s.measuring = mi.Bool(False)
+                    s.total = s.begin + length
+                    s.step = s.total / count
+                    s.over = s.total <= 0
+                    s.begin = mi.Float64(0)
+                    s.here = no_here()
+                    s.walker = at_start(ray.start, ray.outside)
+                else:
+                    s.over = mi.Bool(True)
+    return s, sample, found
+
+
+@dataclass
+class Ray:
+    """From start to tmax. outside: it is known to begin outside all shells. A cone of radius spread · (t + apex)."""
+
+    o: mi.Vector3d
+    d: mi.Vector3d
+    start: mi.Float64
+    tmax: mi.Float64
+    outside: mi.Bool
+    spread: mi.Float
+    apex: mi.Float
+
+
+def _canonical(shells, piece: Piece) -> Here:
+    """A piece's ends in canonical space, and J⁻¹ in its middle."""
+    base, post, uv = shells.frame(piece.prism)
+    bary0, bary1 = mi.Vector2f(piece.bary0), mi.Vector2f(piece.bary1)
+    h0, h1 = mi.Float(piece.h0), mi.Float(piece.h1)
+    xi0, xi1 = _xi(uv, bary0, h0), _xi(uv, bary1, h1)
+    bary, h = 0.5 * (bary0 + bary1), 0.5 * (h0 + h1)
+    at = [b + h * n for b, n in zip(base, post, strict=True)]
+    x, y = at[0] - at[2], at[1] - at[2]
+    z = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]
+    rows = dr.cross(y, z), dr.cross(z, x), dr.cross(x, y)
+    volume = dr.dot(x, rows[0])
+    inverse = dr.select(volume == 0, 0, 1 / dr.select(volume == 0, 1, volume))
+    e0, e1 = uv[0] - uv[2], uv[1] - uv[2]
+    a, b = (inverse * (e0[i] * rows[0] + e1[i] * rows[1]) for i in (0, 1))
+    t0, t1 = mi.Float(piece.t0), mi.Float(piece.t1)
+    return Here(piece.prism, t0, t1, xi0, xi1, mi.Float(dr.norm(xi1 - xi0)), a, b, inverse * rows[2])
+
+
+def _xi(uv, bary, h):
+    p = uv[2] + bary.x * (uv[0] - uv[2]) + bary.y * (uv[1] - uv[2])
+    return mi.Vector3f(p.x, p.y, h)
+
+
+def _at(ray, here: Here, f, share) -> Sample:
+    """The sample at position f; share: the part of the piece that it stands for."""
+    f, half = dr.clip(f, 0, 1), dr.minimum(share, 1) * (here.t1 - here.t0) / 2
+    t = here.t0 + f * (here.t1 - here.t0)
+    along, across = _cone(dr.maximum(t - half, 0) + ray.apex, t + half + ray.apex, ray.spread)
+    radius, deviation = footprint(here, mi.Vector3f(ray.d), along, across)
+    return Sample(here.prism, t, here.xi0 + f * (here.xi1 - here.xi0), radius, deviation)
+
+
+def _cone(t0, t1, radius):
+    """Variances along and across a frustum (render/cone)."""
+    mu, delta = (t0 + t1) / 2, (t1 - t0) / 2
+    squares = 3 * mu * mu + delta * delta
+    share = dr.select(squares > 0, delta * delta / dr.select(squares > 0, squares, 1), 0)
+    along = delta * delta / 3 - 4 / 15 * share * share * (12 * mu * mu - delta * delta)
+    across = radius * radius * (mu * mu / 4 + 5 / 12 * delta * delta - 4 / 15 * delta * delta * share)
+    return dr.maximum(along, 0), dr.maximum(across, 0)
+
+
+def footprint(here: Here, d, along, across):
+    """r, the smaller deviation on the tangent plane, and the deviation along the height (texture/footprint)."""
+    e = canonical(here, d)
+    more = along - across
+    p, q = (across * dr.dot(row, row) + more * x * x for row, x in ((here.a, e.x), (here.b, e.y)))
+    s = across * dr.dot(here.a, here.b) + more * e.x * e.y
+    largest = dr.maximum((p + q) / 2 + dr.sqrt(dr.square((p - q) / 2) + s * s), 0)
+    smallest = dr.select(largest > 0, (p * q - s * s) / dr.select(largest > 0, largest, 1), 0)
+    height = across * dr.dot(here.c, here.c) + more * e.z * e.z
+    return dr.sqrt(dr.maximum(smallest, 0)), dr.sqrt(dr.maximum(height, 0))
+
+
+def canonical(here: Here, d):
+    """J⁻¹ d."""
+    return mi.Vector3f(dr.dot(here.a, d), dr.dot(here.b, d), dr.dot(here.c, d))

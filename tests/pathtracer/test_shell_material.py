@@ -1,0 +1,91 @@
+"""Filtered features, σ and ρ in Dr.Jit are those of the JAX engine, of textures that wrap and of textures with edges."""
+
+from pathlib import Path
+
+import drjit as dr
+import jax
+import jax.numpy as jnp
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.pathtracer.material import Material
+from mesoshell.shell.field import Point, neural_field
+from mesoshell.shell.kernels import Program, bound
+from mesoshell.shell.scene import ready
+from mesoshell.texture import mip
+
+GRASS = Path(__file__).parents[2] / "src" / "mesoshell" / "assets" / "grass.npz"
+
+
+def with_edges(bundle: Bundle) -> Bundle:
+    """The material on a texture of 1½ × 1 patches that has edges: half a patch more of the same."""
+    arrays = dict(bundle.arrays)
+    texels = int(bundle.texel_density)
+    for i in range(texels.bit_length()):
+        arrays[f"features/{i}"] = arrays.pop(f"features/{i}")
+        side = arrays[f"features/{i}"].shape[0]
+        arrays[f"features/{i}"] = np.concatenate([arrays[f"features/{i}"]] * 2)[: side + -(-side // 2)]
+        grid, cells = arrays[f"grid/{i}"], min(8, max(1, texels >> i))
+        arrays[f"grid/{i}"] = np.full((grid.shape[0], -(-3 * cells // 2), cells), grid.max())
+    return Bundle(**{**vars(bundle), "arrays": arrays, "wraps": False})
+
+
+@pytest.fixture(scope="module", params=["wraps", "edges"])
+def bundle(request) -> Bundle:
+    found = read_bundle(GRASS)
+    return found if request.param == "wraps" else with_edges(found)
+
+
+@pytest.fixture(scope="module")
+def points() -> dict[str, np.ndarray]:
+    """Some beyond the texture's edges; footprints from nothing to more than a patch."""
+    rng = np.random.default_rng(0)
+    unit = rng.normal(size=(2, 3, 500))
+    radius = np.exp(rng.uniform(-9, 1, 500)) * (rng.random(500) > 0.1)
+    xi = rng.uniform([[-0.5], [-0.5], [0]], [[2.0], [2.0], [1]], (3, 500))
+    toward = unit / np.linalg.norm(unit, axis=1, keepdims=True)
+    found = {"xi": xi, "radius": radius, "deviation": radius[::-1], "alpha": rng.random((1, 500))}
+    return {k: v.astype(np.float32) for k, v in (found | {"w": toward[0], "light": toward[1]}).items()}
+
+
+def test_features_and_density_and_transport(bundle, points) -> None:
+    """To 1e-5 of the largest value."""
+    made = ready(bundle)
+    field = neural_field(made.material, made.layout)
+
+    def one(xi, radius, deviation, alpha, w, light):
+        sigma, features = field.density(Point(xi, radius, deviation, alpha))
+        return sigma, field.transport(features, w, light)
+
+    rows = [jnp.asarray(points[k].T) for k in ("xi", "radius", "deviation", "alpha", "w", "light")]
+    sigma, rho = jax.jit(jax.vmap(one))(*rows)
+    material = Material(bundle)
+    xi, w, light = (mi.Vector3f(points[k]) for k in ("xi", "w", "light"))
+    seen = material.inputs(
+        xi, mi.Float(points["radius"]), mi.Float(points["deviation"]), [mi.Float(points["alpha"][0])]
+    )
+    ours, features = material.density_of(seen)
+    our_rho = material.transport(list(features), w, light)
+    np.testing.assert_allclose(np.array(ours), sigma, rtol=1e-4, atol=1e-5 * float(sigma.max()))
+    np.testing.assert_allclose(np.array(our_rho).T, rho, rtol=1e-4, atol=1e-5 * float(rho.max()))
+
+
+def test_bounds_are_the_grids(bundle, points) -> None:
+    made, material = ready(bundle), Material(bundle)
+    program = Program(made.layout, made.grid_shapes, True, 1, False, ())
+    last = len(made.layout.sizes) - 1
+
+    def one(xi, radius):
+        return bound(program, made.grid, xi, mip.level_of(radius, made.layout.texel_density, last))
+
+    expected = jax.vmap(one)(jnp.asarray(points["xi"].T), jnp.asarray(points["radius"]))
+    ours = material.bound(mi.Vector3f(points["xi"]), material.level(mi.Float(points["radius"])))
+    assert (np.array(ours) == np.asarray(expected)).mean() > 0.995, "but for points on a cell's wall"
+
+
+@pytest.mark.parametrize("radius", [0.0, 1e-42, np.inf, np.nan])
+def test_any_footprint_has_a_level(bundle, radius) -> None:
+    level = np.array(Material(bundle).level(dr.full(mi.Float, radius, 1)))
+    assert 0 <= level[0] <= len(Material(bundle).plane.shapes) - 1

@@ -11,11 +11,12 @@ from test_shell_march import surface
 from mesoshell.cli.rendering import facts, patches_per_uv
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh
 from mesoshell.io.bundle import read_bundle
-from mesoshell.pathtracer.direct import World, gather_light
+from mesoshell.pathtracer.direct import gather_light
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.quadrature import Ray
 from mesoshell.pathtracer.shells import Shells
+from mesoshell.pathtracer.world import World
 from mesoshell.render.camera import Camera, look_at, pixel_grid, rays
 from mesoshell.render.cone import pixel_radius
 from mesoshell.render.effects import plan_effects
@@ -81,7 +82,7 @@ def test_the_engines_agree(name) -> None:
     )
     shells = Shells([shell])
     lights = [(tuple(map(float, light.direction)), tuple(map(float, light.irradiance)))]
-    world = World(shells, Media(shells, [Medium(Material(bundle), (AGE,))]), surfaces, lights, QUALITY)
+    world = World(shells, Media(shells, [Medium(Material(bundle), (AGE,))]), QUALITY, surfaces, lights)
     rgb, through, _ = gather_light(world, ray)
     rgb, mean = np.array(rgb).T.reshape(SIZE, SIZE, 3), expected[..., :3].mean()
     error = np.abs(rgb - expected[..., :3])

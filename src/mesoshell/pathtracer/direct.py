@@ -15,16 +15,6 @@ from mesoshell.pathtracer.march import ADVANCE
 from mesoshell.pathtracer.quadrature import begin, canonical, seek
 
 
-class World:
-    """What rays meet. Not a dataclass: Dr.Jit would take its parts for the state of loops.
-
-    scene: the user's surfaces; lights: distant ones, (unit direction toward it, E⊥) each; quality: render/quality.
-    """
-
-    def __init__(self, shells, media, scene, lights, quality):
-        self.shells, self.media, self.scene, self.lights, self.quality = shells, media, scene, lights, quality
-
-
 @dr.syntax
 def gather_light(world, ray):
     """Radiance toward a ray from all that it passes, its transmittance, and how many samples were decoded."""

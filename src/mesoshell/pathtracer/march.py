@@ -115,13 +115,13 @@ def _cross(shells, o, d, tmax, w: Walker):
     left = ~back & (after.exit != WALKING)
     over = ~back & (after.t >= tmax)
     elsewhere = back & ~reached & (after.exit != WALKING)
-    end = dr.maximum(after.t, w.start)
+    end = dr.select((after.exit != LOST) & (after.t > w.start), after.t, w.at)  # without progress, past what was met
     mode = dr.select(reached, mi.UInt32(FORWARD), dr.select(elsewhere, mi.UInt32(SEARCH), w.mode))
     mode = dr.select(over, mi.UInt32(OVER), dr.select(left, mi.UInt32(FREE), mode))
     found, piece = _cut(piece, w.start, tmax)
     place = dr.select(reached, entry, after)
     start = dr.select(left, end, w.start)
-    at = dr.select(left, end + ADVANCE * (shells.size + end), w.at)
+    at = dr.select(left, dr.maximum(end + ADVANCE * (shells.size + end), w.at), w.at)
     return Walker(mode, start, w.sure & ~left, at, w.depth, place), piece, found & ~back
 
 

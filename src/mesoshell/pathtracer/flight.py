@@ -1,0 +1,51 @@
+"""A ray's flight through all shells: to a collision, or out again with a transmittance.
+
+Alphabet
+τ           optical depth so far
+target      −log(1 − ξ): the flight ends where τ passes it, with density T σ |J⁻¹ d| over the samples of the ray; infinite for a
+            ray that only asks how much of it gets through
+
+The samples are those of the quadrature (pathtracer/quadrature): a collision is drawn at one of them with exactly the weight
+that `direct` gives it. So both have the same mean.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.quadrature import Here, Sample, begin, no_here, nothing, seek
+
+
+@dataclass
+class Flight:
+    """τ at the end; whether there was a collision, its sample and the piece that it lies on."""
+
+    depth: mi.Float
+    collided: mi.Bool
+    sample: Sample
+    here: Here
+    queries: mi.UInt32
+
+
+@dr.syntax
+def fly(world, ray, target, active):
+    """The flight of rays that are active; the others come out at once."""
+    s = begin(ray)
+    s.over = ~active
+    n = dr.width(ray.o)
+    count, skip = world.quality.samples, world.quality.skip
+    end = Flight(dr.zeros(mi.Float, n), dr.full(mi.Bool, False, n), nothing(), no_here(), dr.zeros(mi.UInt32, n))
+    busy = mi.Bool(active)
+    while busy:
+        s, sample, found = seek(world.shells, world.media, ray, count, skip, s)
+        busy = found
+        if found:
+            end.depth += dr.minimum(world.media.sigma(sample), 1e20) * mi.Float(s.step)
+            end.queries += 1
+            if end.depth >= target:
+                end.collided = mi.Bool(True)
+                end.sample = sample
+                end.here = s.here
+                busy = mi.Bool(False)
+    return end

@@ -1,0 +1,43 @@
+"""Directions of scattering inside a shell, drawn in canonical space.
+
+Alphabet
+A           J⁻¹: ω′ = normalise(A d) of a world direction d
+p_c         (z + f) / (π (1 + f)²) over canonical directions with z above −f = −FADE: ρ fades to 0 there, and so does p_c
+p           density over world directions: p_c |det A| / |A d|³
+"""
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.material import FADE
+from mesoshell.pathtracer.quadrature import canonical
+
+
+def draw(here, xi):
+    """A world direction, its canonical direction, and p. xi: two uniform numbers."""
+    z = dr.sqrt(xi.x) * (1 + FADE) - FADE
+    phi = 2 * dr.pi * xi.y
+    r = dr.sqrt(dr.maximum(1 - z * z, 0))
+    local = mi.Vector3f(r * dr.cos(phi), r * dr.sin(phi), z)
+    # J (columns over the determinant of A's rows) takes canonical directions to the world
+    volume = dr.dot(here.a, dr.cross(here.b, here.c))
+    columns = dr.cross(here.b, here.c), dr.cross(here.c, here.a), dr.cross(here.a, here.b)
+    d = local.x * columns[0] + local.y * columns[1] + local.z * columns[2]
+    d = dr.normalize(dr.select(volume < 0, -d, d))
+    return d, local, density(here, d)
+
+
+def density(here, d):
+    """p of a world direction."""
+    volume = dr.abs(dr.dot(here.a, dr.cross(here.b, here.c)))
+    w = canonical(here, d)
+    length = dr.norm(w)
+    z = w.z / length
+    p = dr.maximum(z + FADE, 0) / (dr.pi * dr.square(1 + FADE))
+    return dr.select(length > 0, p * volume / (length * length * length), 0)
+
+
+def exit_distance(here, sample, d, size: float):
+    """From a sample along d to the shell's top, as if the shell were flat there; 0 downward."""
+    rate = dr.dot(here.c, d)
+    return dr.minimum(dr.select(rate > 1e-6, (1 - sample.xi.z) / dr.maximum(rate, 1e-6), 0), size)

@@ -68,7 +68,7 @@ def picture(scene: Scene, quality: Quality, effects: Effects) -> Float[np.ndarra
     weight = np.exp(-before) * -np.expm1(-tau)
     depth = np.bincount(ray, tau, len(o))
     tile = Tile(o, d, beams)
-    shaded = Shaded(row.astype(np.int32), ray, weight, rho)
+    shaded = Shaded(row.astype(np.int32), f, ray, weight, rho)
     rgb = renderer.lighting.shell(tile, i, shaded, Frame(*at))
     rgb += np.exp(-depth)[:, None] * renderer.lighting.surfaces(tile, traced, np.exp(-depth))
     alpha = np.where(np.isfinite(traced.end), 1.0, -np.expm1(-depth))

@@ -33,9 +33,10 @@ from mesoshell.typing import Array
 
 
 class Shaded(NamedTuple):
-    """Samples to light: row of the interval, ray, weight, ρ toward each light."""
+    """Samples to light: row of the interval, position on it (0 to 1), ray, weight, ρ toward each light."""
 
     row: Int[np.ndarray, "S"]
+    f: Float[np.ndarray, "S"]
     ray: Int[np.ndarray, "S"]
     weight: Float[np.ndarray, "S"]
     rho: Float[np.ndarray, "S L 3"]
@@ -116,12 +117,13 @@ class Lighting:
         if not len(s.row):
             return rgb
         used, back = np.unique(s.row, return_inverse=True)
+        f = np.full(len(used), 0.5)
         if self.quality.visibility == "sample":
-            used, back = s.row, np.arange(len(s.row))
+            used, back, f = s.row, np.arange(len(s.row)), s.f
         inverse = np.asarray(at.inverse)[used]
-        middle = 0.5 * (i.t0 + i.t1)[used]
-        x = o[i.ray[used]] + middle[:, None] * d[i.ray[used]]
-        height = 0.5 * (i.h0 + i.h1)[used]
+        t = (1 - f) * i.t0[used] + f * i.t1[used]
+        x = o[i.ray[used]] + t[:, None] * d[i.ray[used]]
+        height = (1 - f) * i.h0[used] + f * i.h1[used]
         lit = np.zeros((len(s.row), 3), np.float32)
         for k, beam in enumerate(tile.beams):
             add = s.rho[:, k] * beam.strength[s.ray].astype(np.float32)

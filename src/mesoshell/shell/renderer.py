@@ -194,7 +194,8 @@ class _Renderer:
         stop = -np.log(self.quality.early_stop) if self.quality.early_stop > 0 else np.inf
         density = self._kernel(kernels.density, pieces, at)
         none = np.zeros(0, np.int32)
-        parts = [Shaded(none, none, np.zeros(0), np.zeros((0, len(tile.beams), 3), np.float32))]
+        nothing = np.zeros(0)
+        parts = [Shaded(none, nothing, none, nothing, np.zeros((0, len(tile.beams), 3), np.float32))]
         for wave in range(0, int(rank.max(initial=-1)) + 1, WAVE):
             chosen = np.flatnonzero((rank >= wave) & (rank < wave + WAVE) & (depth[ray] < stop))
             if not len(chosen):
@@ -212,7 +213,7 @@ class _Renderer:
                     rho = self.lighting.transport(
                         tile, features, own - k * CAPACITY, some.row[own], owner[own], pieces, at
                     )
-                    parts.append(Shaded(some.row[own], owner[own], weight[own], rho))
+                    parts.append(Shaded(some.row[own], some.f[own], owner[own], weight[own], rho))
             clock = self.report.time("transport", clock)
             self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
         return depth, Shaded(*(np.concatenate(c) for c in zip(*parts, strict=True)))

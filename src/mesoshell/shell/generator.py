@@ -34,8 +34,8 @@ from mesoshell.signal.modulated import modulated_conv
 from mesoshell.signal.schedule import LayerRow
 from mesoshell.typing import Array, Float, Int, Key
 
-#: F(u, v) is this times its last layer's output, and F(h) this times its own: so they, and the height that the decoder is told,
-#: begin with like shares in σ. (At 0.25 for both, 96% of log σ's variance was the height's: the material began as layers.)
+#: F(u, v) is this times its last layer's output, and F(h) this times its own: so σ begins to vary in the plane. (At 0.25 for
+#: both, 93% of log σ's variance was the height's: the material began, and stayed, as layers.)
 PLANE_SCALE, HEIGHT_SCALE = 3.0, 0.25
 _MAPPING_RATE = 0.01
 

@@ -67,9 +67,10 @@ class Material:
 
     def inputs(self, xi, radius, deviation, alpha):
         """What the trunk sees: filtered F(u, v) + F(h), encoded height, α. alpha: a list of floats."""
-        plane = self._trilinear(xi, self.level(radius))
+        plane = _between_levels(self.level(radius), len(self.plane.shapes) - 1, lambda l: self._bilinear(xi, l))
         rows = float(self.profile.shapes[0][0])
-        profile = self._along_height(xi.z, _level(deviation, rows, len(self.profile.shapes) - 1))
+        last = len(self.profile.shapes) - 1
+        profile = _between_levels(_level(deviation, rows, last), last, lambda l: self._linear(xi.z, l))
         angles = [dr.pi * 2.0**k * xi.z for k in range(self.octaves)]
         encoded = [xi.z, *(dr.sin(x) for x in angles), *(dr.cos(x) for x in angles)]
         return [*(plane[c] + profile[c] for c in range(self.channels)), *encoded, *alpha]
@@ -91,14 +92,6 @@ class Material:
         rgb = list(nn.matvec(self.rho[0], x, self.rho[1]))
         fade = dr.clip(1 + w_light.z / FADE, 0, 1)
         return fade * mi.Color3f(*(_softplus(y - 2) for y in rgb))
-
-    def _trilinear(self, xi, level):
-        lower = dr.floor(level)
-        share = level - lower
-        first = mi.UInt32(lower)
-        second = dr.minimum(first + 1, len(self.plane.shapes) - 1)
-        low, high = (self._bilinear(xi, l) for l in (first, second))
-        return [(1 - share) * a + share * b for a, b in zip(low, high, strict=True)]
 
     def _bilinear(self, xi, l):
         height, width = (dr.gather(mi.UInt32, self.plane.sizes[k], l) for k in range(2))
@@ -126,14 +119,6 @@ class Material:
         if self.wraps:
             i = dr.select(i < 0, i + size, dr.select(i >= size, i - size, i))
         return mi.UInt32(dr.clip(i, 0, size - 1))
-
-    def _along_height(self, h, level):
-        lower = dr.floor(level)
-        share = level - lower
-        first = mi.UInt32(lower)
-        second = dr.minimum(first + 1, len(self.profile.shapes) - 1)
-        low, high = (self._linear(h, l) for l in (first, second))
-        return [(1 - share) * a + share * b for a, b in zip(low, high, strict=True)]
 
     def _linear(self, h, l):
         rows = dr.gather(mi.UInt32, self.profile.sizes[0], l)
@@ -187,6 +172,13 @@ def _count(a: dict[str, np.ndarray], key: str) -> int:
 def _level(radius, density: float, last: int):
     width = 2 * radius * density
     return dr.log2(dr.clip(dr.select(dr.isnan(width), 1, width), 1, 2.0**last))
+
+
+def _between_levels(level, last: int, at):
+    """at(l), a list, of the level below and of the one above, blended."""
+    lower = dr.floor(level)
+    share, first = level - lower, mi.UInt32(lower)
+    return [(1 - share) * a + share * b for a, b in zip(at(first), at(dr.minimum(first + 1, last)), strict=True)]
 
 
 def _index(x, n):

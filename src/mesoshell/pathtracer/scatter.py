@@ -33,7 +33,7 @@ def density(here, d):
     w = canonical(here, d)
     length = dr.norm(w)
     z = w.z / length
-    p = dr.maximum(z + FADE, 0) / (dr.pi * dr.square(1 + FADE))
+    p = mi.Float(dr.maximum(z + FADE, 0)) / (dr.pi * (1 + FADE) ** 2)
     return dr.select(length > 0, p * volume / (length * length * length), 0)
 
 

@@ -29,12 +29,12 @@ def draw(here, xi):
 
 def density(here, d):
     """p of a world direction."""
-    volume = dr.abs(dr.dot(here.a, dr.cross(here.b, here.c)))
+    volume = mi.Float(dr.abs(dr.dot(here.a, dr.cross(here.b, here.c))))
     w = canonical(here, d)
-    length = dr.norm(w)
+    length = mi.Float(dr.norm(w))
     z = w.z / length
     p = mi.Float(dr.maximum(z + FADE, 0)) / (dr.pi * (1 + FADE) ** 2)
-    return dr.select(length > 0, p * volume / (length * length * length), 0)
+    return dr.select(length > 0, p * volume / length**3, 0)
 
 
 def exit_distance(here, sample, d, size: float):

@@ -56,14 +56,6 @@ class _Crossing:
         self.margin, self.slack, self.bary = margin, slack, bary
 
 
-def place_of(prisms, n=1):
-    """A place at the start of a loop: nowhere."""
-    zero = dr.zeros(mi.Float64, n)
-    return Place(
-        dr.zeros(mi.UInt32, n), mi.Float64(zero), mi.Float64(zero), mi.Vector2d(0), mi.Float64(zero), mi.UInt32(LOST)
-    )
-
-
 def corners(prisms, o, prism):
     """Base points relative to o, and posts."""
     rows = [mi.Vector3d(dr.gather(mi.Vector3f, prisms.corners, prism * 6 + k)) for k in range(6)]
@@ -80,7 +72,7 @@ def enter(prisms, o, d, prism, code):
     base = _leave_cap(d, p, 1)
     k = dr.minimum(code, 2)
     first, second = dr.select(k == 2, 0, k + 1), k  # the side seen from outside: its leaving is our entering
-    p0, p1, n0, n1 = _one_of(p, first), _one_of(p, second), _one_of(n, first), _one_of(n, second)
+    p0, p1, n0, n1 = _pick(p, first), _pick(p, second), _pick(n, first), _pick(n, second)
     side = _leave_side(d, (p0, p1), (n0, n1), (_post(d, p0, n0), _post(d, p1, n1)))
     is_top, is_base = code == TOP, code == BASE
     t = dr.select(is_top, top.t, dr.select(is_base, base.t, side.t))
@@ -205,9 +197,6 @@ def _pick(x, i):
     for k in range(1, len(x)):
         found = dr.select(i == k, x[k], found)
     return found
-
-
-_one_of = _pick
 
 
 def _along_side(edge, first, second):

@@ -61,12 +61,12 @@ def frequencies_of(config: GeneratorConfig) -> tuple[Int[np.ndarray, "C 2"], lis
     """Frequencies of the input's map and of each layer's, which lie between the cutoffs of the layer's input and output."""
     rng = np.random.default_rng(config.seed)
     rows = rows_of(config)
-    first = turned(draw_frequencies(rng, rows[0].in_channels, 0.0, rows[0].in_cutoff, config.waves), config.turn)
+    first = turned(draw_frequencies(rng, config.waves * rows[0].in_channels, 0.0, rows[0].in_cutoff), config.turn)
     layers = []
     for i, row in enumerate(rows):
         low = 0.0 if i == 0 else row.in_cutoff
         empty = low >= row.out_cutoff or config.fourier == "off"
-        drawn = draw_frequencies(rng, 0 if empty else row.in_channels, low, row.out_cutoff, config.waves)
+        drawn = draw_frequencies(rng, 0 if empty else config.waves * row.in_channels, low, row.out_cutoff)
         layers.append(turned(drawn, config.turn))
     return first, layers
 

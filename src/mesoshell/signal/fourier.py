@@ -20,29 +20,14 @@ from mesoshell.typing import Array, Float, Int
 
 #: Frequencies are multiples of 2^−_BITS cycles a patch.
 _BITS = 16
-#: A channel's frequencies lie this near to one, in cycles a patch: out of step after a patch, and yet of one direction and
-#: scale, which a style can choose.
-SPREAD = 1.0
 
 
-def draw_frequencies(
-    rng: np.random.Generator, channels: int, low: float, high: float, waves: int = 1
-) -> Int[np.ndarray, "KC 2"]:
-    """`waves` about one of each channel, which is uniform in the annulus low ≤ |f| < high, in cycles a patch, and none outside
-    it; as integers in steps of 2⁻¹⁶."""
-    f = _in_annulus(rng, channels, low, high)[None]
-    if waves > 1:
-        f = f + _in_annulus(rng, waves * channels, 0.0, SPREAD).reshape(waves, channels, 2)
-    f = f.reshape(-1, 2) * 2**_BITS
-    length = np.linalg.norm(f, axis=1, keepdims=True)
-    inside = np.clip(length, low * 2**_BITS + 1, high * 2**_BITS - 1)  # rounding moves them by less than 1
-    return np.rint(f * inside / np.maximum(length, 1)).astype(np.int32)
-
-
-def _in_annulus(rng: np.random.Generator, count: int, low: float, high: float) -> np.ndarray:
+def draw_frequencies(rng: np.random.Generator, count: int, low: float, high: float) -> Int[np.ndarray, "count 2"]:
+    """Uniform in the annulus low ≤ |f| < high, in cycles a patch; as integers in steps of 2⁻¹⁶."""
     radius = np.sqrt(rng.uniform(low**2, high**2, count))
     angle = rng.uniform(0, 2 * np.pi, count)
-    return radius[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    inside = np.clip(radius * 2**_BITS, low * 2**_BITS + 1, high * 2**_BITS - 1)  # rounding moves them by less than 1
+    return np.rint(inside[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)).astype(np.int32)
 
 
 def turned(f: Int[np.ndarray, "C 2"], degrees: float) -> Int[np.ndarray, "C 2"]:

@@ -87,7 +87,7 @@ assert np.abs(whole[32:64, 64:96] - part).max() < 1e-4 * whole.std()
 # ## It does not repeat
 #
 # One sinusoid a channel is what the paper has. Few sinusoids are nearly in step again somewhere, by chance. More of them cost
-# next to nothing, since sines are taken on the two axes alone. They lie about one of the channel's own, in direction and scale.
+# next to nothing, since sines are taken on the two axes alone.
 
 # %%
 figure, axes = plt.subplots(1, 3, figsize=(11, 4))

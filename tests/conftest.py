@@ -1,6 +1,7 @@
 """Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is
 timed. The path tracer's functions are left alone: Dr.Jit rewrites their source, and their arrays carry no shapes."""
 
+import os
 import pkgutil
 
 from jaxtyping import install_import_hook
@@ -31,7 +32,17 @@ def _compiled_once(tmp_path_factory):
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if base.name.startswith("popen-") else base
     jax.config.update("jax_compilation_cache_dir", str(shared / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+@pytest.fixture(scope="module")
+def barely_optimised():
+    """For programs that take longer to compile than to run, as training steps do; in processes of their own too."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
+    yield
+    del os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"]
+    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks import reference
 from benchmarks.scenes import spot
-from mesoshell.cli.rendering import facts
+from mesoshell.cli.marching import facts
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import Quality
 from mesoshell.shell.renderer import render

@@ -13,7 +13,7 @@ import argparse
 
 from benchmarks.rates import bandwidth, embree_rate, matrix_rate
 from benchmarks.scenes import spot
-from mesoshell.cli.rendering import facts
+from mesoshell.cli.marching import facts
 from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS

@@ -3,10 +3,10 @@
 from importlib import resources
 from pathlib import Path
 
-from mesoshell.cli.material import find
+from mesoshell.cli.marching import build_scene
 from mesoshell.cli.render import Options
-from mesoshell.cli.rendering import build_scene
 from mesoshell.io.bundle import read_bundle
+from mesoshell.io.material import find
 from mesoshell.shell.scene import Scene
 
 

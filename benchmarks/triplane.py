@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.cli.rendering import facts
+from mesoshell.cli.marching import facts
 from mesoshell.geometry.mesh import Mesh, check_mesh
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.image import write_png

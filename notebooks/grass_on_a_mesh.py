@@ -22,10 +22,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from mesoshell.cli.material import find
+from mesoshell.cli.marching import build_scene, facts
 from mesoshell.cli.render import Options
-from mesoshell.cli.rendering import build_scene, facts
 from mesoshell.io.bundle import read_bundle
+from mesoshell.io.material import find
 from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS

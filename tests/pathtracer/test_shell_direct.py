@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_shell_march import surface
 
-from mesoshell.cli.rendering import facts, patches_per_uv
+from mesoshell.cli.marching import facts
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh
 from mesoshell.io.bundle import read_bundle
 from mesoshell.pathtracer.direct import gather_light
@@ -22,7 +22,7 @@ from mesoshell.render.cone import pixel_radius
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.extrude import extrude, patches_per_uv
 from mesoshell.shell.renderer import render
 from mesoshell.shell.scene import Scene, ready
 
@@ -62,7 +62,7 @@ def test_the_engines_agree(name) -> None:
         camera,
         (light,),
         alpha=np.array([AGE], np.float32),
-        patches_per_uv=patches_per_uv(mesh, shell.uv),
+        patches_per_uv=patches_per_uv(mesh, shell),
         base_colour=(0.0, 0.0, 0.0),
     )
     expected, _ = render(scene, QUALITY, plan_effects(facts(scene, QUALITY), QUALITY))
@@ -82,7 +82,7 @@ def test_the_engines_agree(name) -> None:
     )
     shells = Shells([shell])
     lights = [(tuple(map(float, light.direction)), tuple(map(float, light.irradiance)))]
-    world = World(shells, Media(shells, [Medium(Material(bundle), (AGE,))]), QUALITY, surfaces, lights)
+    world = World(shells, Media(shells, [Medium(Material(bundle), (AGE,))]), QUALITY, None, surfaces, lights)
     rgb, through, _ = gather_light(world, ray)
     rgb, mean = np.array(rgb).T.reshape(SIZE, SIZE, 3), expected[..., :3].mean()
     error = np.abs(rgb - expected[..., :3])

@@ -62,7 +62,7 @@ def test_collisions_are_drawn_by_their_weights() -> None:
     mesh = box()
     shells = Shells([extrude(mesh, 1.0, 1.0)])
     media = Media(shells, [Medium(Material(read_bundle(ROOT / "src/mesoshell/assets/grass.npz")), (AGE,))])
-    world = World(shells, media, QUALITY, surface(mesh), [(LIGHT, (1.0, 1.0, 1.0))])
+    world = World(shells, media, QUALITY, None, surface(mesh), [(LIGHT, (1.0, 1.0, 1.0))])
     rng, count, draws = np.random.default_rng(0), 64, 512
     target = rng.uniform(0.2, 0.8, (3, count))
     d = rng.normal(size=(3, count)) - np.array([[0], [0], [2.0]])
@@ -82,7 +82,7 @@ def test_collisions_are_drawn_by_their_weights() -> None:
     flight = fly(world, many, -dr.log(1 - numbers), dr.full(mi.Bool, True, count * draws))
     view = dr.normalize(canonical(flight.here, -mi.Vector3f(many.d)))
     light = dr.normalize(canonical(flight.here, mi.Vector3f(*LIGHT)))
-    rho = dr.select(flight.collided, media.rho(flight.sample, view, light), 0)
+    rho = dr.select(flight.collided, media.rho(flight.sample, view, [light])[0], 0)
     for drawn, expected in ((1 - np.array(flight.collided), np.array(through)), (np.array(rho)[1], np.array(rgb)[1])):
         rows = drawn.reshape(count, draws)
         often = expected > 0.1 * expected.max()  # elsewhere too few of the draws count for a deviation

@@ -38,7 +38,7 @@ print("a test ray hits" if hit[0] == 0 else "a test ray misses what it should hi
 """
 
 _BUNDLE = """
-from mesoshell.cli.material import find
+from mesoshell.io.material import find
 from mesoshell.io.bundle import read_bundle
 path = find("grass")
 print(f"{path.stat().st_size / 1e6:.1f} MB, parameters:", ", ".join(p.name for p in read_bundle(path).parameters) or "none")

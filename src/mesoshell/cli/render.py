@@ -13,7 +13,8 @@ from mesoshell.errors import InputError
 class Options:
     """Render a mesh grown with a neural material; writes OUT.png (sRGB), OUT.exr (linear RGBA) and OUT.json."""
 
-    #: OBJ, PLY, GLB or STL file. Without texture coordinates it is unwrapped.
+    #: OBJ, PLY, GLB or STL file; without texture coordinates it is unwrapped. Or, with --engine mitsuba, an XML scene of
+    #: Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: A bundled material's name, or a .npz file.
     material: str = "grass"
@@ -44,6 +45,12 @@ class Options:
     up: Literal["y", "z"] | None = None
     #: What the render may spend: draft looks around, normal is for pictures, reference measures the others.
     quality: Literal["draft", "normal", "reference"] = "normal"
+    #: jax marches rays, with light straight from its sources; mitsuba traces paths, with light from everywhere.
+    engine: Literal["jax", "mitsuba"] = "jax"
+    #: Paths a pixel, for mitsuba. Default: 64, or what the XML scene says.
+    spp: int | None = None
+    #: Segments of a path at most, for mitsuba: 2 is light straight from its sources. Default: 8.
+    max_depth: int | None = None
     #: Make the background transparent even where an environment is given.
     transparent: bool = False
     #: Print which effects the scene calls for, and why.

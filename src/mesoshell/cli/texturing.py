@@ -10,15 +10,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.material import find, given
+from mesoshell.cli.material import given
 from mesoshell.cli.texture import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
+from mesoshell.io.material import find, normalised
 from mesoshell.shell.bake import patches_a_tile
 from mesoshell.shell.generated import maker_of
 from mesoshell.shell.grow import Wanted, baked, field_of
 from mesoshell.shell.plan import halo_cost
-from mesoshell.shell.scene import normalised
 
 
 def texture_to_files(options: Options) -> None:

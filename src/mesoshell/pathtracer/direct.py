@@ -11,6 +11,8 @@ V           visibility of a light, from the exit point on the shell's top
 import drjit as dr
 import mitsuba as mi
 
+from mesoshell.pathtracer.events import segment
+from mesoshell.pathtracer.flight import fly
 from mesoshell.pathtracer.march import ADVANCE
 from mesoshell.pathtracer.quadrature import begin, canonical, seek
 
@@ -46,9 +48,9 @@ def scattered(world, ray, here, sample):
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
     middle = 0.5 * (here.t0 + here.t1)
     height = 0.5 * (here.xi0.z + here.xi1.z)
-    for direction, irradiance in world.lights:
-        toward = mi.Vector3f(*direction)
-        rho = world.media.rho(sample, view, dr.normalize(canonical(here, toward)))
+    directions = [mi.Vector3f(*direction) for direction, _ in world.lights]
+    rhos = world.media.rho(sample, view, [dr.normalize(canonical(here, d)) for d in directions])
+    for toward, rho, (_, irradiance) in zip(directions, rhos, world.lights, strict=True):
         rate = dr.dot(here.c, toward)
         leave = dr.select(rate > 1e-6, (1 - height) / dr.maximum(rate, 1e-6), 0)
         leave = dr.minimum(leave, world.shells.size) + ADVANCE * world.shells.size
@@ -61,3 +63,23 @@ def scattered(world, ray, here, sample):
 def _opacity(tau):
     """1 − e^{−τ} without cancellation for small τ."""
     return dr.select(tau < 1e-3, tau * (1 - tau * (0.5 - tau / 6)), 1 - dr.exp(-tau))
+
+
+def light_directly(settings, scene, sampler, ray, active):
+    """Radiance toward rays by distant lights and one event, and whether they met anything. settings: a ShellPath."""
+    world = settings.world
+    first = world.camera_ray(ray, sampler)
+    si = scene.ray_intersect(mi.Ray3f(ray), active)
+    met = si.is_valid()
+    first.tmax = dr.select(met, mi.Float64(si.t), dr.inf)
+    light, through, _ = gather_light(world, first)
+    bsdf = si.bsdf()
+    for direction, irradiance in world.lights:
+        toward = mi.Vector3f(*direction)
+        value = bsdf.eval(mi.BSDFContext(), si, si.to_local(toward), met) * mi.Color3f(*irradiance)
+        lit = met & (dr.max(value) > 0)
+        away = si.spawn_ray(toward)
+        lit &= ~scene.ray_test(away, lit)
+        dim = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit).depth
+        light += dr.select(lit, through * value * dr.exp(-dim), 0)
+    return light, met | (sampler.next_1d() > through), []

@@ -3,156 +3,171 @@
 Alphabet
 β           throughput of the path so far                                        RGB
 segment     of a path, from one event to the next; or of a shadow, from an event to an emitter
-ω, ω′       canonical directions toward where the path came from, and on          (3,)
+event       a collision in a shell, or a surface                                 (pathtracer/events)
 
 A lane follows its path segment by segment; what it asks of an emitter is a segment too, taken before the path goes on. So all
-flights through shells, of paths and of shadows, are one piece of the compiled program. An event is a collision in a shell, a
-surface, or the end of the scene.
-
-A collision scatters with ρ(ω, ω′), which holds all that happens inside the shell: light comes from, and the path goes on at,
-the point where ω′ leaves the shell's top. From there on other shells, and this one if it is met again, count like any.
+flights through shells, of paths and of shadows, are one piece of the compiled program. What a scene does not call for
+(pathtracer/effects) is not in it.
 """
+
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
+from mesoshell.pathtracer.direct import light_directly
+from mesoshell.pathtracer.events import at_collision, at_surface, power
 from mesoshell.pathtracer.flight import fly
-from mesoshell.pathtracer.march import ADVANCE
-from mesoshell.pathtracer.quadrature import Ray, canonical
-from mesoshell.pathtracer.scatter import density, draw, exit_distance
+from mesoshell.pathtracer.quadrature import Ray
+
+
+@dataclass
+class Path:
+    """A path under way: the segment to come, β, relative index of refraction squared away, and its last event."""
+
+    ray: Ray
+    beta: mi.Color3f
+    eta: mi.Float
+    depth: mi.UInt32
+    alive: mi.Bool
+    p: mi.Point3f
+    pdf: mi.Float
+    delta: mi.Bool
+
+
+@dataclass
+class Shadow:
+    """What a path waits for: the segment to an emitter, the light that comes through if all of it does, and whether shells may
+    lie between."""
+
+    ray: Ray
+    asked: mi.Color3f
+    crosses: mi.Bool
+    pending: mi.Bool
 
 
 class ShellPath(mi.SamplingIntegrator):
-    """`mesoshell_path`: max_depth and rr_depth as of Mitsuba's `path`. world: set by whoever made the scene."""
+    """`mesoshell_path`: max_depth, rr_depth and hide_emitters as of Mitsuba's `path`. world: set by pathtracer/load."""
 
     def __init__(self, props):
         super().__init__(props)
         depth = int(props.get("max_depth", -1))
         self.max_depth = 2**31 if depth < 0 else depth
         self.rr_depth = int(props.get("rr_depth", 5))
+        self.hide_emitters = bool(props.get("hide_emitters", False))
         self.world = None
 
-    @dr.syntax
     def sample(self, scene, sampler, ray, medium=None, active=True):
-        world, max_depth, rr_depth = self.world, self.max_depth, self.rr_depth
-        context = mi.BSDFContext()
-        n = dr.width(ray.o)
-        o, d = mi.Point3f(ray.o), mi.Vector3f(ray.d)
-        outside = dr.full(mi.Bool, world.camera_outside, n)
-        spread = world.cone(ray, sampler)
-        apex = dr.zeros(mi.Float, n)
-        light, beta, eta = dr.zeros(mi.Color3f, n), dr.full(mi.Color3f, 1, n), dr.full(mi.Float, 1, n)
-        depth, alive = dr.zeros(mi.UInt32, n), mi.Bool(active) & dr.full(mi.Bool, True, n)
-        last_p, last_pdf, last_delta = mi.Point3f(o), dr.full(mi.Float, 1, n), dr.full(mi.Bool, True, n)
-        shadow, asked = dr.full(mi.Bool, False, n), dr.zeros(mi.Color3f, n)
-        shadow_o, shadow_d, shadow_max = mi.Point3f(o), mi.Vector3f(d), dr.zeros(mi.Float, n)
-        shadow_outside = dr.full(mi.Bool, True, n)
-        seen = dr.full(mi.Bool, False, n)
+        if self.world.effects.quadrature.on:
+            return light_directly(self, scene, sampler, ray, active)
+        return follow(self, scene, sampler, ray, active)
 
-        while alive | shadow:
-            # --- the segment: surfaces, then shells in front of them
-            path = ~shadow
-            si = scene.ray_intersect(mi.Ray3f(o, d), mi.RayFlags.All, coherent=mi.Bool(False), active=path)
-            blocked = scene.ray_test(mi.Ray3f(shadow_o, shadow_d, shadow_max, 0.0, []), active=shadow)
-            tmax = dr.select(shadow, shadow_max, dr.select(si.is_valid(), si.t, dr.inf))
-            segment = Ray(
-                mi.Vector3d(dr.select(shadow, shadow_o, o)),
-                mi.Vector3d(dr.select(shadow, shadow_d, d)),
-                dr.zeros(mi.Float64, n),
-                mi.Float64(tmax),
-                dr.select(shadow, shadow_outside, outside),
-                spread,
-                apex,
-            )
-            target = dr.select(shadow, dr.inf, -dr.log(1 - sampler.next_1d()))
-            flight = fly(world, segment, target, (path | world.shell_shadows) & ~blocked)
-            collided = path & flight.collided
-
-            # --- a shadow arrives, or it does not
-            light += dr.select(shadow & ~blocked, asked * dr.exp(-flight.depth), 0)
-            asked = dr.select(shadow, 0, asked)
-            shadow = mi.Bool(False)
-
-            # --- what a surface, or the end of the scene, emits toward the path
-            met = path & ~collided
-            seen |= path & (collided | si.is_valid())
-            before = dr.zeros(mi.SurfaceInteraction3f)
-            before.p = last_p
-            toward = mi.DirectionSample3f(scene, si, before)
-            emitter = si.emitter(scene, met)
-            p_light = scene.pdf_emitter_direction(before, toward, met & ~last_delta)
-            share = dr.select(last_delta, 1, _power(last_pdf, p_light))
-            visible = met & ~(world.hide_emitters & (depth == 0) & ~si.is_valid())
-            light += dr.select(visible, beta * share * emitter.eval(si, visible), 0)
-            onward = (depth + 1 < max_depth) & (collided | si.is_valid())
-            going = path & onward
-
-            # --- a surface scatters
-            at_surface = going & ~collided
-            bsdf = si.bsdf(mi.RayDifferential3f(mi.Ray3f(o, d)))
-            smooth = at_surface & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            inside = going & collided
-            here, sample = flight.here, flight.sample
-            x = mi.Point3f(mi.Vector3d(o) + mi.Float64(sample.t) * mi.Vector3d(d))
-            origin = dr.zeros(mi.SurfaceInteraction3f)
-            origin.p = dr.select(inside, x, si.p)
-            origin.n, origin.sh_frame, origin.wi = si.n, si.sh_frame, si.wi
-            origin.time, origin.t = si.time, si.t
-            ds, weight = scene.sample_emitter_direction(origin, sampler.next_2d(), False, smooth | inside)
-            wanted = (ds.pdf != 0) & (smooth | inside)
-            local = si.to_local(ds.d)
-            value, p_value = bsdf.eval_pdf(context, si, local, smooth & wanted)
-            chosen, value_on = bsdf.sample(context, si, sampler.next_1d(), sampler.next_2d(), at_surface)
-            next_d = mi.Vector3f(si.to_world(chosen.wo))
-            next_o = mi.Point3f(si.spawn_ray(next_d).o)
-            lit = si.spawn_ray_to(ds.p)
-            shadow_o, shadow_d, shadow_max = mi.Point3f(lit.o), mi.Vector3f(lit.d), mi.Float(lit.maxt)
-            shadow_outside, next_outside = mi.Bool(False), mi.Bool(False)
-            next_pdf, next_delta = mi.Float(chosen.pdf), mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
-            next_eta = mi.Float(chosen.eta)
-            numbers = sampler.next_2d()
-
-            # --- a collision scatters
-            if inside:
-                view = dr.normalize(canonical(here, -d))
-                drawn, drawn_local, p_drawn = draw(here, numbers)
-                rho_light = world.media.rho(sample, view, dr.normalize(canonical(here, ds.d)))
-                rho_drawn = world.media.rho(sample, view, drawn_local)
-                value, p_value = rho_light, density(here, ds.d)
-                value_on = dr.select(p_drawn > 0, rho_drawn / dr.select(p_drawn > 0, p_drawn, 1), 0)
-                leave = exit_distance(here, sample, ds.d, world.shells.size) + ADVANCE * world.shells.size
-                shadow_o, shadow_d = mi.Point3f(x + leave * ds.d), mi.Vector3f(ds.d)
-                shadow_max = dr.maximum(ds.dist * (1 - 1e-4) - leave, 0)
-                leave_on = exit_distance(here, sample, drawn, world.shells.size) + ADVANCE * world.shells.size
-                next_o, next_d = mi.Point3f(x + leave_on * drawn), mi.Vector3f(drawn)
-                shadow_outside, next_outside = mi.Bool(True), mi.Bool(True)
-                next_pdf, next_delta, next_eta = p_drawn, mi.Bool(False), mi.Float(1)
-
-            share = dr.select(ds.delta, 1, _power(ds.pdf, p_value))
-            asked = dr.select(wanted, beta * value * weight * share, asked)
-            shadow = wanted & (dr.max(asked) > 0)
-
-            # --- the path goes on
-            beta = dr.select(going, beta * value_on, beta)
-            eta = dr.select(going, eta * next_eta, eta)
-            o, d = dr.select(going, next_o, o), dr.select(going, next_d, d)
-            outside = dr.select(going, next_outside, outside)
-            last_p = dr.select(going, dr.select(inside, x, si.p), last_p)
-            last_pdf, last_delta = dr.select(going, next_pdf, last_pdf), dr.select(going, next_delta, last_delta)
-            depth = dr.select(going, depth + 1, depth)
-            strongest = dr.max(beta)
-            alive = dr.select(path, going & (strongest > 0), alive)
-            keep = dr.minimum(strongest * dr.square(eta), 0.95)
-            doomed = path & (depth >= rr_depth)
-            beta = dr.select(doomed, beta / dr.maximum(keep, 1e-8), beta)
-            alive &= ~doomed | (sampler.next_1d() < keep)
-        return light, seen, []
+    def to_string(self):
+        return f"ShellPath[max_depth={self.max_depth}, rr_depth={self.rr_depth}]"
 
 
-def _power(a, b):
-    """The power heuristic's share of a."""
-    a, b = a * a, b * b
-    return dr.select(a + b > 0, a / dr.select(a + b > 0, a + b, 1), 0)
+@dr.syntax
+def follow(settings, scene, sampler, ray, active):
+    """Radiance toward rays, and whether they met anything. settings: a ShellPath."""
+    world, max_depth, rr_depth = settings.world, settings.max_depth, settings.rr_depth
+    asking, hitting, again, roulette = (
+        getattr(world.effects, name).on
+        for name in ("asking_emitters", "hitting_emitters", "shell_on_shell", "roulette")
+    )
+    opening = world.quality.bounce_spread
+    n = dr.width(ray.o)
+    path = _begin(world, sampler, ray, active)
+    shadow = Shadow(
+        world.camera_ray(ray, sampler), dr.zeros(mi.Color3f, n), dr.full(mi.Bool, False, n), dr.full(mi.Bool, False, n)
+    )
+    light, seen = dr.zeros(mi.Color3f, n), dr.full(mi.Bool, False, n)
+    while path.alive | shadow.pending:
+        # --- the segment: surfaces, then shells in front of them
+        mine = ~shadow.pending
+        si = scene.ray_intersect(_single(path.ray), mi.RayFlags.All, coherent=mi.Bool(False), active=mine)
+        blocked = scene.ray_test(_single(shadow.ray), active=shadow.pending)
+        segment = dr.select(shadow.pending, shadow.ray, path.ray)
+        segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
+        target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dr.inf)
+        flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked))
+
+        # --- a shadow arrives, or it does not
+        light += dr.select(shadow.pending & ~blocked, shadow.asked * dr.exp(-flight.depth), 0)
+        shadow.pending = mi.Bool(False)
+
+        # --- a surface, or the end of the scene, emits toward the path
+        collided = mine & flight.collided
+        seen |= mine & (collided | si.is_valid())
+        if hitting:
+            light += _emitted(settings, scene, si, path, mine & ~collided)
+
+        # --- the event asks an emitter, and scatters
+        going = mine & (collided | si.is_valid()) & (path.depth + 1 < max_depth)
+        inside, surface = going & collided, going & ~collided
+        x = mi.Point3f(path.ray.o + mi.Float64(flight.sample.t) * path.ray.d)
+        origin = mi.SurfaceInteraction3f(si)
+        origin.p = dr.select(inside, x, si.p)
+        ds = dr.zeros(mi.DirectionSample3f, n)
+        arriving = dr.zeros(mi.Color3f, n)
+        if asking:
+            smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
+            ds, arriving = scene.sample_emitter_direction(origin, sampler.next_2d(), False, inside | (surface & smooth))
+        wanted = going & (ds.pdf != 0)
+        first, second, third = sampler.next_1d(), sampler.next_2d(), sampler.next_2d()
+        event = at_surface(si, path.ray, ds, surface & wanted, surface, (first, second), opening)
+        if inside:
+            event = at_collision(world, flight, path.ray, ds, third, opening)
+        shadow.ray = event.shadow
+        shadow.asked = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
+        shadow.crosses = wanted & (mi.Bool(again) | ~inside)
+        shadow.pending = wanted & (dr.max(shadow.asked) > 0)
+
+        # --- the path goes on
+        path.beta = dr.select(going, path.beta * event.weight, path.beta)
+        path.eta = dr.select(going, path.eta * event.eta, path.eta)
+        path.ray = dr.select(going, event.ray, path.ray)
+        path.p = dr.select(going, origin.p, path.p)
+        path.pdf = dr.select(going, event.pdf, path.pdf)
+        path.delta = dr.select(going, event.delta, path.delta)
+        path.depth = dr.select(going, path.depth + 1, path.depth)
+        strongest = dr.max(path.beta)
+        path.alive = dr.select(mine, going & (strongest > 0), path.alive)
+        if roulette:
+            keep = dr.minimum(strongest * dr.square(path.eta), 0.95)
+            doomed = mine & (path.depth >= rr_depth)
+            path.beta = dr.select(doomed, path.beta / dr.maximum(keep, 1e-8), path.beta)
+            path.alive &= ~doomed | (sampler.next_1d() < keep)
+    return light, seen, []
+
+
+def _single(ray):
+    return mi.Ray3f(mi.Point3f(ray.o), mi.Vector3f(ray.d), mi.Float(ray.tmax), 0.0, [])
+
+
+def _begin(world, sampler, ray, active) -> Path:
+    n = dr.width(ray.o)
+    lanes = dr.full(mi.Bool, True, n)
+    one = dr.full(mi.Float, 1, n)
+    return Path(
+        world.camera_ray(ray, sampler),
+        dr.full(mi.Color3f, 1, n),
+        one,
+        dr.zeros(mi.UInt32, n),
+        mi.Bool(active) & lanes,
+        mi.Point3f(ray.o),
+        mi.Float(one),
+        mi.Bool(lanes),
+    )
+
+
+def _emitted(settings, scene, si, path, met):
+    """What arrives along a path from the emitter that it has met, by its share against having been asked for."""
+    before = dr.zeros(mi.SurfaceInteraction3f)
+    before.p = path.p
+    p = scene.pdf_emitter_direction(before, mi.DirectionSample3f(scene, si, before), met & ~path.delta)
+    share = dr.select(path.delta, 1, power(path.pdf, p))
+    visible = met & ~(mi.Bool(settings.hide_emitters) & (path.depth == 0) & ~si.is_valid())
+    return dr.select(visible, path.beta * share * si.emitter(scene, met).eval(si, visible), 0)
 
 
 def register() -> None:

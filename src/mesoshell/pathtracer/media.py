@@ -32,6 +32,12 @@ class Media:
         self.materials = list(dict.fromkeys(m.material for m in media))
         self.material_of = mi.UInt32([self.materials.index(m.material) for m in media])
 
+    @property
+    def varying(self) -> list[str]:
+        """Names of parameters that textures give."""
+        named = [zip(m.material.names, m.alpha, strict=True) for m in self.media]
+        return sorted({name for pairs in named for name, value in pairs if not isinstance(value, float)})
+
     def bound(self, sample):
         """Largest σ that there can be near a sample."""
         return self._choose(sample, lambda m: m.bound(sample.xi, m.level(sample.radius)), mi.Float(0))
@@ -40,13 +46,14 @@ class Media:
         """σ of a sample."""
         return self._choose(sample, lambda m: m.density_of(self._inputs(m, sample))[0], mi.Float(0))
 
-    def rho(self, sample, w, w_light):
-        """ρ(ω, ω′) of a sample, for canonical directions."""
+    def rho(self, sample, w, w_lights):
+        """ρ(ω, ω′) of a sample for each of some ω′, canonical; the trunk is evaluated once."""
 
         def one(m):
-            return m.transport(m.density_of(self._inputs(m, sample))[1], w, w_light)
+            features = m.density_of(self._inputs(m, sample))[1]
+            return [m.transport(features, w, w_light) for w_light in w_lights]
 
-        return self._choose(sample, one, mi.Color3f(0))
+        return self._choose(sample, one, [mi.Color3f(0) for _ in w_lights])
 
     def _inputs(self, material, sample):
         return material.inputs(sample.xi, sample.radius, sample.deviation, self._alpha(material, sample))

@@ -21,7 +21,7 @@ _TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 class Shells:
     """corners: (P · 6, 3); across, across_edge: (P · 3); uv: (P · 3, 2), patches; shell: (P); prism, code: of each triangle.
 
-    size: the greatest side of all shells' bounding box, world.
+    box: least and greatest coordinates of all shells, (2, 3), world; size: its greatest side.
     """
 
     def __init__(self, shells: list[Shell]):
@@ -38,7 +38,8 @@ class Shells:
         self.prism = mi.UInt32(np.concatenate([p[2] + a for p, a in zip(parts, first, strict=True)]))
         self.code = mi.UInt32(np.concatenate([p[3] for p in parts]))
         triangles = np.concatenate([p[1] for p in parts])
-        self.size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+        self.box = np.stack([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))])
+        self.size = float((self.box[1] - self.box[0]).max())
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         self.normal = mi.Float64(normal.ravel())
         self.point = mi.Float64(triangles[:, 0].ravel())

@@ -39,11 +39,14 @@ class Quality:
     environment_samples: int = 4
     #: Samples of the shell's shadow on the surface underneath.
     base_samples: int = 8
+    #: In path tracing, how wide footprints open at an event: of the radius of a circle that the drawn direction's density
+    #: stands for. 0 is the camera's own cone; wider blurs what is seen by way of something else.
+    bounce_spread: float = 0.25
 
     def __post_init__(self) -> None:
         counts = ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples")
         wrong = [f"{n} must be at least 1" for n in counts if getattr(self, n) < 1]
-        bounded = ("early_stop", "skip", "weight_cut")
+        bounded = ("early_stop", "skip", "weight_cut", "bounce_spread")
         wrong += [f"{n} must lie in [0, 1)" for n in bounded if not 0 <= getattr(self, n) < 1]
         for name, allowed in (("spacing", SPACINGS), ("coordinates", COORDINATES), ("visibility", VISIBILITIES)):
             if getattr(self, name) not in allowed:
@@ -72,5 +75,6 @@ PRESETS = {
         visibility="sample",
         environment_samples=16,
         base_samples=32,
+        bounce_spread=0.0,
     ),
 }

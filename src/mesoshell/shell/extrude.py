@@ -19,7 +19,7 @@ their normals would lie below some of their faces. A prism free of folds can sti
 in a narrow crease): rays take the first. Float64 inside, on the float32 offsets that come out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -89,6 +89,30 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
     uv = (mesh.uv[stands].astype(np.float64) * patches).astype(np.float32)
     mesh_face = np.flatnonzero(stands).astype(np.int32)
     return Shell(mesh.vertices[origin], offset, faces, uv, neighbour, neighbour_edge, mesh_face, tuple(notes))
+
+
+def patches_per_uv(mesh: Mesh, shell: Shell) -> float:
+    """Texture patches along one UV unit: the ratio that extrusion has applied."""
+    size = float(np.abs(mesh.uv).max())
+    return float(np.abs(shell.uv).max()) / size if size > 0 else 1.0
+
+
+def transformed(shell: Shell, to_world: Float[np.ndarray, "4 4"]) -> Shell:
+    """The shell under an affine map, which takes height and thickness along. A mirrored one has its corners turned round."""
+    linear = to_world[:3, :3]
+    base = shell.base.astype(np.float64) @ linear.T + to_world[:3, 3]
+    offset = shell.offset.astype(np.float64) @ linear.T
+    moved = replace(shell, base=base.astype(np.float32), offset=offset.astype(np.float32))
+    if np.linalg.det(linear) > 0:
+        return moved
+    edge = shell.neighbour_edge[:, ::-1]
+    return replace(
+        moved,
+        faces=shell.faces[:, [0, 2, 1]],
+        uv=shell.uv[:, [0, 2, 1]],
+        neighbour=shell.neighbour[:, ::-1],
+        neighbour_edge=np.where(edge < 0, edge, 2 - edge),
+    )
 
 
 def _posts(

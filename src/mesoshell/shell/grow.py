@@ -3,7 +3,6 @@
 Alphabet
 uv          texture coordinates of the shell's corners, in patches: any range
 origin      (u, v) of the texture's first texel: whole patches below the least uv
-needed      patches that the surface touches, or comes nearer to than REACH patches: lookups of far views reach over
 β           geometry parameters, normalised; a field of one is its value at each place, as (u, v) ↦ β
 """
 
@@ -15,12 +14,12 @@ from jaxtyping import Bool, Float
 
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.material import normalised
 from mesoshell.shell.bake import Share, bake
+from mesoshell.shell.chart import cells, patches_of
 from mesoshell.shell.generated import grown, maker_of
 from mesoshell.shell.nodes import count_nodes
-from mesoshell.shell.scene import normalised
 
-REACH = 0.5
 #: Bytes of a texture in memory, with its mips: a render that wants more has too many patches on its mesh.
 MOST_BYTES = 6 * 2**30
 
@@ -47,7 +46,7 @@ def grow(
     Raises InputError, about `name`, if there is no generator, or the texture would not fit in memory.
     """
     texels = int(bundle.texel_density)
-    low, high = _cells(uv)
+    low, high = cells(uv)
     across, along = (int(n) for n in high.max(axis=0) - low.min(axis=0) + 1)
     if across * along * texels**2 * bundle.channels * 2 * 4 / 3 > MOST_BYTES:
         raise InputError("--scale", f"the mesh would carry {across} × {along} patches: give larger ones")
@@ -114,18 +113,3 @@ def field_of(
         return image[::-1][row, column]
 
     return value
-
-
-def patches_of(uv: Float[np.ndarray, "P 3 2"]) -> tuple[tuple[int, int], Bool[np.ndarray, "V U"]]:
-    """Origin (u, v), and which patches from there on are needed, by the triangles' bounding boxes."""
-    low, high = _cells(uv)
-    first = low.min(axis=0)
-    needed = np.zeros((high.max(axis=0) - first + 1)[::-1], bool)
-    for (u0, v0), (u1, v1) in zip(low - first, high - first, strict=True):
-        needed[v0 : v1 + 1, u0 : u1 + 1] = True
-    return (int(first[0]), int(first[1])), needed
-
-
-def _cells(uv: Float[np.ndarray, "P 3 2"]) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest patch (u, v) that each triangle needs."""
-    return tuple(np.floor(x).astype(int) for x in (uv.min(axis=1) - REACH, uv.max(axis=1) + REACH))

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.nets.mlp import Dense
@@ -119,19 +118,3 @@ def decoder_of(a: dict[str, np.ndarray]) -> Decoder:
 
     scale = jnp.asarray(a["sigma_scale"], jnp.float32)
     return Decoder(layers("decoder/trunk"), dense("decoder/sigma"), layers("decoder/head"), dense("decoder/rho"), scale)
-
-
-def normalised(bundle: Bundle, values: dict[str, float], role: str = "alpha") -> Float[np.ndarray, "A"]:
-    """α, or β, of a set of parameter values; defaults where none is given. Raises InputError for an unknown name or a value
-    outside its range."""
-    known = {p.name: p for p in bundle.parameters}
-    for name, value in values.items():
-        if name not in known:
-            raise InputError("--param", f"no parameter '{name}'; this material has {', '.join(known) or 'none'}")
-        low, high = known[name].range
-        if not low <= value <= high:
-            raise InputError("--param", f"{name}={value:g} lies outside [{low:g}, {high:g}]")
-    mine = [p for p in bundle.parameters if p.role == role]
-    return np.array(
-        [(values.get(p.name, p.default) - p.range[0]) / (p.range[1] - p.range[0]) for p in mine], np.float32
-    )

@@ -1,0 +1,97 @@
+"""Pictures by marching rays in JAX: the engine of `mesoshell render` unless another is asked for.
+
+Alphabet
+stretch     world length of one UV unit, averaged over the surface
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from mesoshell.cli.compiled import keep_compiled
+from mesoshell.cli.description import describe
+from mesoshell.cli.render import Options
+from mesoshell.cli.rendering import Picture, say_effects
+from mesoshell.geometry.mesh import bounding_box, is_convex, uv_stretch
+from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.material import find
+from mesoshell.render.cone import pixel_radius
+from mesoshell.render.effects import Facts, plan_effects
+from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.shell.renderer import render
+from mesoshell.shell.scene import Scene, ready
+
+
+def picture(options: Options, console: Console) -> Picture:
+    """What the options ask for, rendered; says on the console what the user should know."""
+    begin = time.perf_counter()
+    compiled = keep_compiled()
+    quality = PRESETS[options.quality]
+    bundle = read_bundle(find(options.material))
+    columns = (TextColumn("growing"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=1.0)
+        scene, notes = build_scene(options, bundle, lambda share: bar.update(task, completed=share))
+    for note in notes:
+        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
+    effects = plan_effects(facts(scene, quality), quality)
+    if options.explain:
+        say_effects(console, effects.as_dict())
+    setup = time.perf_counter() - begin
+    columns = (TextColumn("rendering"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        image, report = render(scene, quality, effects, lambda share: bar.update(task, completed=share))
+    counts = report.counts
+    record = {
+        "rays": counts.get("rays", 0),
+        "queries": sum(counts.get(k, 0) for k in ("density_queries", "transport_queries", "surface_queries")),
+        "counts": counts,
+        "effects": effects.as_dict(),
+        "quality": quality.as_dict(),
+        "provenance": bundle.provenance,
+        "compile_seconds": sum(compiled),
+    }
+    return Picture(image.astype(np.float32), {"setup": setup, **report.seconds}, record)
+
+
+def build_scene(
+    options: Options, bundle: Bundle, progress: Callable[[float], None] = lambda share: None
+) -> tuple[Scene, tuple[str, ...]]:
+    """The scene that the options describe, and what the user should know about it. progress: of growing a texture."""
+    d = describe(options, bundle, progress)
+    scene = Scene(
+        mesh=d.mesh,
+        shell=d.shell,
+        ready=ready(d.material, d.origin),
+        camera=d.camera,
+        lights=d.lights,
+        environment=d.environment,
+        alpha=d.alpha,
+        maps=d.maps,
+        patches_per_uv=d.patches_per_uv,
+        base_colour=d.base_colour,
+        objects=d.objects,
+        transparent=d.transparent,
+    )
+    return scene, d.notes
+
+
+def facts(scene: Scene, quality: Quality) -> Facts:
+    """What the effects are planned from."""
+    corners = bounding_box(scene.mesh)
+    far = np.linalg.norm(np.abs(corners - scene.camera.to_world[:3, 3]).max(axis=0))
+    patch = uv_stretch(scene.mesh) / scene.patches_per_uv
+    footprint = pixel_radius(scene.camera.spread) / 2 * far / patch
+    return Facts(
+        lights=len(scene.lights),
+        environment=scene.environment is not None,
+        objects=len(scene.objects),
+        convex=is_convex(scene.mesh),
+        coarsest=float(2 * footprint * scene.ready.layout.texel_density),
+        varying=tuple(scene.maps),
+        transparent=scene.transparent,
+    )

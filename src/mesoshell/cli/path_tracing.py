@@ -1,0 +1,103 @@
+"""Pictures by path tracing in Mitsuba: a mesh that the options describe, or a scene of Mitsuba's own."""
+
+import time
+from dataclasses import MISSING, fields
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from mesoshell.cli.description import describe
+from mesoshell.cli.render import Options
+from mesoshell.cli.rendering import Picture, say_effects
+from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import is_convex
+from mesoshell.io.bundle import read_bundle
+from mesoshell.io.material import find
+from mesoshell.pathtracer.variant import set_variant
+from mesoshell.render.quality import PRESETS
+
+set_variant()
+
+import mitsuba as mi  # noqa: E402  (the variant comes first)
+
+from mesoshell.pathtracer import assemble, integrator  # noqa: E402
+from mesoshell.pathtracer.load import load_file, stand_on  # noqa: E402
+from mesoshell.pathtracer.material import Material  # noqa: E402
+from mesoshell.pathtracer.media import Medium  # noqa: E402
+
+#: Paths that are traced at once: what is in memory.
+LANES = 2**22
+SAMPLES, DEPTH = 64, 8
+#: Options that a scene of Mitsuba's leaves a meaning.
+_OF_SCENES = {"mesh", "engine", "spp", "quality", "explain", "out"}
+
+
+def picture(options: Options, console: Console) -> Picture:
+    """What the options ask for, rendered; says on the console what the user should know."""
+    begin = time.perf_counter()
+    if options.mesh.suffix.lower() == ".xml":
+        for field in fields(Options):
+            default = field.default_factory() if field.default_factory is not MISSING else field.default
+            if field.name not in _OF_SCENES and getattr(options, field.name) != default:
+                raise InputError(f"--{field.name.replace('_', '-')}", f"{options.mesh} says that itself")
+        scene, provenance = load_file(options.mesh, PRESETS[options.quality]), {}
+        samples = options.spp or scene.sensors()[0].sampler().sample_count()
+    else:
+        scene, provenance = _scene(options, console)
+        samples = options.spp or SAMPLES
+    world = getattr(scene.integrator(), "world", None)
+    effects = {} if world is None else world.effects.as_dict()
+    if options.explain:
+        say_effects(console, effects)
+    setup = time.perf_counter() - begin
+    begin = time.perf_counter()
+    image, rays = _rendered(scene, samples, console)
+    record = {"rays": rays, "samples": samples, "effects": effects, "quality": PRESETS[options.quality].as_dict()}
+    return Picture(image, {"setup": setup, "render": time.perf_counter() - begin}, record | {"provenance": provenance})
+
+
+def _scene(options: Options, console: Console) -> tuple[mi.Scene, dict[str, Any]]:
+    """A scene of Mitsuba's with what the options describe, and the material's provenance."""
+    bundle = read_bundle(find(options.material))
+    d = describe(options, bundle)
+    for note in d.notes:
+        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
+    integrator.register()
+    depth = DEPTH if options.max_depth is None else options.max_depth
+    parts: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "mesoshell_path", "max_depth": depth, "hide_emitters": d.transparent},
+        "sensor": assemble.sensor(d.camera, options.spp or SAMPLES),
+        "surface": assemble.surface(d.mesh, d.base_colour),
+    }
+    parts |= {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
+    parts |= {f"object{i}": assemble.surface(mesh, d.base_colour) for i, mesh in enumerate(d.objects)}
+    if d.environment is not None:
+        parts["sky"] = assemble.sky(d.environment)
+    scene = mi.load_dict(parts)
+    names = [p.name for p in bundle.parameters if p.role == "alpha"]
+    maps = {name: assemble.over_uv(image) for name, image in d.maps.items()}
+    alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
+    medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
+    stand_on(scene, [(d.shell, medium)], PRESETS[options.quality], is_convex(d.mesh))
+    return scene, bundle.provenance
+
+
+def _rendered(scene: mi.Scene, samples: int, console: Console) -> tuple[np.ndarray, int]:
+    """The picture, RGBA, as the mean of passes that fit in memory; and how many camera rays it took."""
+    width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
+    each = max(1, min(samples, LANES // (width * height)))
+    counts = [min(each, samples - k) for k in range(0, samples, each)]
+    total = np.zeros((height, width, 4))
+    columns = (TextColumn("rendering"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=samples)
+        for seed, count in enumerate(counts):
+            found = np.array(mi.render(scene, spp=count, seed=seed))
+            if found.shape[-1] == 3:
+                found = np.concatenate([found, np.ones_like(found[..., :1])], axis=-1)
+            total += count / samples * found[..., :4]
+            bar.advance(task, count)
+    return total.astype(np.float32), width * height * samples

@@ -1,0 +1,56 @@
+"""Materials by name, and what is asked of their parameters (NumPy only; floor 2).
+
+Alphabet
+α, β        appearance and geometry parameters in the order of the bundle, each normalised to [0, 1] by its range
+"""
+
+from difflib import get_close_matches
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Bundle
+
+
+def bundled() -> dict[str, Path]:
+    """Materials that come with the package, by name."""
+    folder = Path(str(resources.files("mesoshell") / "assets"))
+    return {p.stem: p for p in sorted(folder.glob("*.npz"))}
+
+
+def find(name: str) -> Path:
+    """A bundled material's file, or the file that `name` itself is. Raises InputError if it is neither."""
+    if name in bundled():
+        return bundled()[name]
+    if Path(name).is_file():
+        return Path(name)
+    raise InputError(name, f"no such material: give a .npz file, or one of {', '.join(bundled()) or '(none bundled)'}")
+
+
+def check_name(bundle: Bundle, name: str, source: str = "--param") -> None:
+    """Raise InputError, which says what was meant, unless the material has a parameter of this name."""
+    known = [p.name for p in bundle.parameters]
+    if name not in known:
+        near = get_close_matches(name, known, 1)
+        meant = f"did you mean {near[0]}?" if near else f"this material has {', '.join(known) or 'none'}"
+        raise InputError(source, f"no parameter '{name}'; {meant}")
+
+
+def normalised(
+    bundle: Bundle, values: dict[str, float], role: str = "alpha", source: str = "--param"
+) -> Float[np.ndarray, "A"]:
+    """α, or β, of a set of parameter values; defaults where none is given. Raises InputError for an unknown name or a value
+    outside its range."""
+    ranges = {p.name: p.range for p in bundle.parameters}
+    for name, value in values.items():
+        check_name(bundle, name, source)
+        low, high = ranges[name]
+        if not low <= value <= high:
+            raise InputError(source, f"{name}={value:g} lies outside [{low:g}, {high:g}]")
+    mine = [p for p in bundle.parameters if p.role == role]
+    return np.array(
+        [(values.get(p.name, p.default) - p.range[0]) / (p.range[1] - p.range[0]) for p in mine], np.float32
+    )

@@ -1,0 +1,71 @@
+"""Scenes of Mitsuba's from what the command line describes: meshes, a pinhole camera, distant lights, a sky.
+
+Alphabet
+M           camera to world: ours looks along −z with x to the right, Mitsuba's along z with x to the left
+
+Surfaces are diffuse. Images over the UV square have v = 1 in their first row; Mitsuba's bitmaps have v = 0 there.
+"""
+
+import mitsuba as mi
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.render.camera import Camera
+from mesoshell.render.light import Distant, Environment
+
+#: From the frame of a latitude-longitude map of ours to Mitsuba's, by the axis that points up, and mirrored in longitude.
+_SKY = {1: np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]), 2: np.array([[0, -1, 0], [0, 0, 1], [-1, 0, 0]])}
+
+
+def sensor(camera: Camera, samples: int) -> dict:
+    film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}}
+    film["pixel_format"] = "rgba"
+    return {
+        "type": "perspective",
+        "fov": float(np.degrees(camera.fov)),
+        "fov_axis": "y",
+        "to_world": mi.ScalarTransform4f(camera.to_world @ np.diag([-1.0, 1, -1, 1])),
+        "near_clip": 1e-4,
+        "far_clip": 1e6,
+        "film": film,
+        "sampler": {"type": "independent", "sample_count": samples},
+    }
+
+
+def distant(light: Distant) -> dict:
+    toward = [float(-x) for x in light.direction]
+    return {"type": "directional", "direction": toward, "irradiance": _rgb(light.irradiance)}
+
+
+def sky(environment: Environment) -> dict:
+    image = np.ascontiguousarray(environment.radiance[:, ::-1])
+    pose = np.eye(4)
+    pose[:3, :3] = _SKY[environment.up].T
+    return {"type": "envmap", "bitmap": mi.Bitmap(image), "to_world": mi.ScalarTransform4f(pose)}
+
+
+def surface(mesh: Mesh, albedo: tuple[float, float, float]) -> mi.Mesh:
+    """A mesh with flat faces and a vertex for each corner, diffuse from both sides."""
+    props = mi.Properties()
+    props["bsdf"] = mi.load_dict({"type": "twosided", "inner": {"type": "diffuse", "reflectance": _rgb(albedo)}})
+    count = 3 * len(mesh.faces)
+    made = mi.Mesh("surface", count, len(mesh.faces), props=props, has_vertex_texcoords=True)
+    parameters = mi.traverse(made)
+    parameters["vertex_positions"] = mi.Float(mesh.vertices[mesh.faces].astype(np.float32).ravel())
+    parameters["vertex_texcoords"] = mi.Float(mesh.uv.astype(np.float32).ravel())
+    parameters["faces"] = mi.UInt32(np.arange(count, dtype=np.uint32))
+    parameters.update()
+    return made
+
+
+def over_uv(image: Float[np.ndarray, "H W"]) -> mi.Texture:
+    """An image over the UV square, again and again, as it is."""
+    bitmap = mi.Bitmap(np.ascontiguousarray(image[::-1, :, None], np.float32))
+    return mi.load_dict(
+        {"type": "bitmap", "bitmap": bitmap, "filter_type": "nearest", "wrap_mode": "repeat", "raw": True}
+    )
+
+
+def _rgb(values) -> dict:
+    return {"type": "rgb", "value": [float(x) for x in values]}

@@ -1,0 +1,73 @@
+"""Which effects of path tracing a scene calls for: decided from its objects, before anything is compiled.
+
+What is off is not in the compiled program; `mesoshell render --explain` prints the reasons.
+"""
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+import numpy as np
+
+from mesoshell.render.effects import Effect
+
+
+@dataclass(frozen=True)
+class PathEffects:
+    """One field an effect. quadrature: all samples of a ray are summed, in place of one that is drawn."""
+
+    camera_in_shell: Effect
+    asking_emitters: Effect
+    hitting_emitters: Effect
+    second_bounce: Effect
+    roulette: Effect
+    shell_on_shell: Effect
+    quadrature: Effect
+    varying_parameters: Effect
+
+    def as_dict(self) -> dict[str, dict[str, object]]:
+        return {name: {"on": e.on, "why": e.why} for name, e in vars(self).items()}
+
+
+def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]) -> PathEffects:
+    """Decide each effect. box: least and greatest corner of all shells; alone: there is one, on a convex surface."""
+    integrator, emitters = scene.integrator(), scene.emitters()
+    kinds = [_kind(e) for e in emitters]
+    hit = sorted({k for k in kinds if k not in ("distant", "point")})
+    found = ", ".join(f"{kinds.count(k)} {k}" for k in sorted(set(kinds))) or "none"
+    inside = any(_may_be_inside(s, box) for s in scene.sensors())
+    once, short = integrator.max_depth <= 2, integrator.max_depth <= integrator.rr_depth
+    summed = once and alone and set(kinds) == {"distant"}
+
+    def effect(on: bool, why: str, why_not: str) -> Effect:
+        return Effect(on, why if on else why_not)
+
+    return PathEffects(
+        camera_in_shell=effect(inside, "a camera may be within the shells' bounds", "cameras are outside all shells"),
+        asking_emitters=effect(bool(kinds) and integrator.max_depth > 1, f"emitters: {found}", f"emitters: {found}"),
+        hitting_emitters=effect(bool(hit), f"paths may end on: {', '.join(hit)}", "no path can meet an emitter"),
+        second_bounce=effect(not once, "paths go on after an event", f"max_depth is {integrator.max_depth}"),
+        roulette=effect(not short, f"paths end by chance from length {integrator.rr_depth} on", "paths are short"),
+        shell_on_shell=effect(
+            not alone, "light may cross shells again", "one shell, on a convex surface: what leaves it stays outside"
+        ),
+        quadrature=effect(
+            summed,
+            "distant lights, one event: all samples of a ray are summed, without noise",
+            "paths go on, or light is not distant: collisions are drawn",
+        ),
+        varying_parameters=effect(bool(varying), f"textures for {', '.join(varying)}", "every parameter is one number"),
+    )
+
+
+def _may_be_inside(sensor: mi.Sensor, box: np.ndarray) -> bool:
+    """Whether rays may begin in a shell: those of a pinhole or a lens do not if it is outside the shells' bounds."""
+    eye = np.array(sensor.world_transform().matrix)[:3, 3].ravel()
+    pinhole = sensor.class_name() in ("PerspectiveCamera", "ThinLensCamera")
+    return not pinhole or bool(((box[0] <= eye) & (eye <= box[1])).all())
+
+
+def _kind(emitter: mi.Emitter) -> str:
+    flags = emitter.flags()
+    if mi.has_flag(flags, mi.EmitterFlags.Infinite):
+        return "distant" if mi.has_flag(flags, mi.EmitterFlags.DeltaDirection) else "environment"
+    return "point" if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition) else "area"

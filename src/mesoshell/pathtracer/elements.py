@@ -1,0 +1,149 @@
+"""Scenes of Mitsuba's with shells: a `mesoshell` BSDF on a mesh says which, and the rest of the scene stays as it is.
+
+    <shape type="obj"> <string name="filename" value="spot.obj"/>
+        <bsdf type="mesoshell"> <string name="material" value="grass"/> <float name="age" value="0.3"/>
+            <bsdf type="diffuse"/> </bsdf> </shape>
+
+material: a bundled name or a .npz file; thickness, scale (world; defaults as of `mesoshell render`) and seed; any other number
+or texture is a parameter of the material; the BSDF within is the surface's own.
+
+Between reading a scene and making its objects, each such node becomes the BSDF within it. What stands on a mesh of a shape
+group stands on each of its instances.
+"""
+
+from dataclasses import dataclass, field
+
+import mitsuba as mi
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+
+NAME = "mesoshell"
+#: Diffuse albedo of a surface that is given no BSDF of its own.
+EARTH = (0.09, 0.06, 0.035)
+_NUMBERS = ("thickness", "scale", "seed")
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """One shell that a scene asks for. where: in the file; shape: the mesh it stands on; placed: to-world matrices of its
+    instances, none if it stands where the shape says; numbers, textures: by the names of parameters."""
+
+    where: str
+    material: str
+    shape: mi.Mesh
+    thickness: float | None = None
+    scale: float | None = None
+    seed: int | None = None
+    numbers: dict[str, float] = field(default_factory=dict)
+    textures: dict[str, mi.Texture] = field(default_factory=dict)
+    placed: tuple[Float[np.ndarray, "4 4"], ...] = ()
+
+
+def read(source: str, parse) -> tuple[mi.Scene, list[Element]]:
+    """The scene without its shells, and these. parse: configuration to the parser's state. Raises InputError."""
+    config = mi.parser.ParserConfig(mi.variant())
+    config.merge_equivalent = config.merge_meshes = False
+    try:
+        state = parse(config)
+        mi.parser.transform_all(config, state)
+        asked = [(i, mi.Properties(n.props)) for i, n in enumerate(state.nodes) if n.props.plugin_name() == NAME]
+        users = {i: _users(state, i) for i, _ in asked}
+        for i, props in asked:
+            _replace(state, i, props)
+        _integrate(state)
+        found = [_element(config, state, i, props, shape) for i, props in asked for shape in users[i]]
+        return mi.parser.instantiate(config, state), found
+    except RuntimeError as error:
+        raise InputError(source, " ".join(str(error).split())) from error
+
+
+def _links(props: mi.Properties) -> dict[str, int]:
+    """Nodes that a node refers to, by the names that it has for them."""
+    return {k: v.index() for k, v in props.items() if isinstance(v, mi.Properties.ResolvedReference)}
+
+
+def _users(state, index: int) -> list[int]:
+    """The shapes whose BSDF a node is."""
+    found = []
+    for i, node in enumerate(state.nodes):
+        if index in _links(node.props).values() and node.type != mi.ObjectType.Scene:
+            if node.type != mi.ObjectType.Shape:
+                where = mi.parser.file_location(state, state.nodes[index])
+                raise InputError(
+                    where, f"a {NAME} BSDF within a '{node.props.plugin_name()}': it must be a shape's own"
+                )
+            found.append(i)
+    return found
+
+
+def _replace(state, index: int, props: mi.Properties) -> None:
+    """The node becomes the BSDF within it, or one of bare earth."""
+    inner = [i for i in _links(props).values() if state.nodes[i].type == mi.ObjectType.BSDF]
+    where = mi.parser.file_location(state, state.nodes[index])
+    if len(inner) > 1:
+        raise InputError(where, f"{len(inner)} BSDFs within a {NAME} BSDF: a surface has one")
+    if inner:
+        state.nodes[index].props = mi.Properties(state.nodes[inner[0]].props)
+    else:
+        bare = mi.Properties("diffuse")
+        bare["reflectance"] = mi.ScalarColor3d(*EARTH)
+        state.nodes[index].props = bare
+
+
+def _integrate(state) -> None:
+    """Paths are traced through shells, as `path` traces them past surfaces."""
+    for node in state.nodes:
+        if node.type == mi.ObjectType.Integrator:
+            name = node.props.plugin_name()
+            if name not in ("path", "mesoshell_path"):
+                where = mi.parser.file_location(state, node)
+                raise InputError(where, f"integrator '{name}' does not know shells: use path")
+            node.props.set_plugin_name("mesoshell_path")
+            return
+    node = mi.parser.SceneNode()
+    node.type, node.props = mi.ObjectType.Integrator, mi.Properties("mesoshell_path")
+    state.nodes.append(node)
+    state.nodes[0].props["mesoshell_path"] = mi.Properties.ResolvedReference(len(state.nodes) - 1)
+
+
+def _element(config, state, index: int, props: mi.Properties, shape: int) -> Element:
+    where = mi.parser.file_location(state, state.nodes[index])
+    own, numbers, textures = {}, {}, {}
+    for key, value in props.items():
+        if isinstance(value, mi.Properties.ResolvedReference):
+            if state.nodes[value.index()].type == mi.ObjectType.Texture:
+                textures[key] = _made(config, state, value.index())
+        elif key in _NUMBERS:
+            own[key] = value
+        elif key != "material":
+            numbers[key] = value if isinstance(value, bool) or not isinstance(value, int) else float(value)
+    wrong = [k for k, v in (own | numbers).items() if isinstance(v, bool) or not isinstance(v, int | float)]
+    if wrong:
+        raise InputError(where, f"{wrong[0]} must be a number or a texture")
+    if not isinstance(props.get("material"), str):
+        raise InputError(where, "names no material: a bundled one's name, or a .npz file")
+    mesh = _made(config, state, shape)
+    if not isinstance(mesh, mi.Mesh):
+        raise InputError(where, f"a '{state.nodes[shape].props.plugin_name()}' is no mesh: shells stand on triangles")
+    own = {k: int(v) if k == "seed" else float(v) for k, v in own.items()}
+    return Element(
+        where, props["material"], mesh, **own, numbers=numbers, textures=textures, placed=_placed(state, shape)
+    )
+
+
+def _made(config, state, index: int):
+    """The object of one node alone."""
+    alone = mi.parser.ParserState(state)
+    alone.nodes[0] = mi.parser.SceneNode(alone.nodes[index])
+    return mi.parser.instantiate(config, alone)
+
+
+def _placed(state, shape: int) -> tuple[np.ndarray, ...]:
+    """To-world matrices of the instances of the shape group that a shape belongs to."""
+    kinds = [n.props.plugin_name() for n in state.nodes]
+    holds = [set(_links(n.props).values()) for n in state.nodes]
+    groups = {i for i, kind in enumerate(kinds) if kind == "shapegroup" and shape in holds[i]}
+    instances = [state.nodes[i].props for i, kind in enumerate(kinds) if kind == "instance" and groups & holds[i]]
+    return tuple(np.array(p["to_world"].matrix) if p.has_property("to_world") else np.eye(4) for p in instances)

@@ -1,0 +1,109 @@
+"""What happens to a path where it meets something: light is asked for, and the path goes on.
+
+Alphabet
+value, p    f cos θ of a surface, or ρ of a collision, toward an emitter; the density with which the event draws that direction
+weight      value over density of the direction that the event has drawn
+pdf         density of that direction, 1/sr
+ṙ, a        a cone's radius at t is ṙ (t + a): after an event as wide as it was, then opening as much as a draw of that density
+            can stand for: a circle of solid angle 1/pdf, times `Quality.bounce_spread`
+
+A collision scatters with ρ(ω, ω′), which holds all that happens inside the shell: light comes from, and the path goes on at,
+the point where ω′ leaves the shell's top. From there on other shells, and this one if it is met again, count like any.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.march import ADVANCE
+from mesoshell.pathtracer.quadrature import Ray, canonical
+from mesoshell.pathtracer.scatter import density, draw, exit_distance
+
+#: Of a shadow's way, what is left out at the emitter, which would block it.
+SHY = 1e-4
+
+
+@dataclass
+class Event:
+    """value, p: toward the emitter that was asked; shadow: the way to it; ray: the way on."""
+
+    value: mi.Color3f
+    p: mi.Float
+    shadow: Ray
+    weight: mi.Color3f
+    pdf: mi.Float
+    delta: mi.Bool
+    eta: mi.Float
+    ray: Ray
+
+
+def at_surface(si, ray, ds, wanted, active, numbers, opening) -> Event:
+    """A BSDF scatters. numbers: one and two uniform ones."""
+    context = mi.BSDFContext()
+    bsdf = si.bsdf()
+    value, p = bsdf.eval_pdf(context, si, si.to_local(ds.d), wanted)
+    chosen, weight = bsdf.sample(context, si, numbers[0], numbers[1], active)
+    delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
+    d = mi.Vector3f(si.to_world(chosen.wo))
+    lit, on = si.spawn_ray_to(ds.p), si.spawn_ray(d)
+    shadow = segment(ray, si.t, lit.o, lit.d, lit.maxt, False, dr.select(ds.delta, 0, opening), ds.pdf)
+    onward = segment(ray, si.t, on.o, d, dr.inf, False, dr.select(delta, 0, opening), chosen.pdf)
+    return Event(
+        mi.Color3f(value),
+        mi.Float(p),
+        shadow,
+        mi.Color3f(weight),
+        mi.Float(chosen.pdf),
+        delta,
+        mi.Float(chosen.eta),
+        onward,
+    )
+
+
+def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
+    """A shell scatters. numbers: two uniform ones."""
+    here, sample = flight.here, flight.sample
+    size = world.shells.size
+    x = mi.Point3f(ray.o + mi.Float64(sample.t) * ray.d)
+    view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
+    drawn, local, pdf = draw(here, numbers)
+    value, weight = world.media.rho(sample, view, [dr.normalize(canonical(here, ds.d)), local])
+    weight = dr.select(pdf > 0, weight / dr.select(pdf > 0, pdf, 1), 0)
+    leave, on = (exit_distance(here, sample, d, size) + ADVANCE * size for d in (ds.d, drawn))
+    far = dr.maximum(ds.dist * (1 - SHY) - leave, 0)
+    shadow = segment(ray, sample.t, x + leave * ds.d, ds.d, far, True, dr.select(ds.delta, 0, opening), ds.pdf)
+    onward = segment(ray, sample.t, x + on * drawn, drawn, dr.inf, True, opening, pdf)
+    return Event(
+        mi.Color3f(value),
+        density(here, ds.d),
+        shadow,
+        mi.Color3f(weight),
+        mi.Float(pdf),
+        mi.Bool(False),
+        mi.Float(1),
+        onward,
+    )
+
+
+def power(a, b):
+    """The power heuristic's share of a."""
+    a, b = a * a, b * b
+    return dr.select(a + b > 0, a / dr.select(a + b > 0, a + b, 1), 0)
+
+
+def segment(ray, t, o, d, tmax=dr.inf, outside=False, opening=0.0, pdf=1.0) -> Ray:
+    """A segment that begins where another came to, at t."""
+    radius = ray.spread * (t + ray.apex)
+    spread = dr.maximum(ray.spread, dr.minimum(opening * dr.sqrt(dr.inv_pi / dr.maximum(pdf, 1e-6)), 1))
+    apex = dr.select(spread > 0, radius / dr.select(spread > 0, spread, 1), 0)
+    n = dr.width(spread)
+    return Ray(
+        mi.Vector3d(o),
+        mi.Vector3d(d),
+        dr.zeros(mi.Float64, n),
+        mi.Float64(tmax) + dr.zeros(mi.Float64, n),
+        dr.full(mi.Bool, outside, n),
+        mi.Float(spread),
+        mi.Float(apex),
+    )

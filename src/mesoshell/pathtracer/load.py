@@ -1,0 +1,117 @@
+"""From a scene with shells to an ordinary `mi.Scene`, whose integrator traces paths through them.
+
+scene = load_file("scene.xml")
+image = mi.render(scene, spp=64)
+"""
+
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import Mesh, bounding_box, check_mesh, is_convex
+from mesoshell.io.bundle import read_bundle
+from mesoshell.io.material import check_name, find, normalised
+from mesoshell.pathtracer import elements, integrator
+from mesoshell.pathtracer.baking import textured
+from mesoshell.pathtracer.effects import plan_paths
+from mesoshell.pathtracer.elements import Element
+from mesoshell.pathtracer.material import Material
+from mesoshell.pathtracer.media import Media, Medium
+from mesoshell.pathtracer.shells import Shells
+from mesoshell.pathtracer.world import World
+from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, transformed
+
+NORMAL = PRESETS["normal"]
+
+
+def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters: Any) -> mi.Scene:
+    """A scene of Mitsuba's XML, with any shells in it; parameters: for its `$name`s. Raises InputError in one line."""
+    if not Path(path).is_file():
+        raise InputError(path, "no such file")
+    given = {key: str(value) for key, value in parameters.items()}
+    return _loaded(str(path), lambda config: mi.parser.parse_file(config, str(path), **given), quality)
+
+
+def load_dict(scene: dict[str, Any], quality: Quality = NORMAL) -> mi.Scene:
+    """The same from a dict, as of `mi.load_dict`."""
+    return _loaded("scene", lambda config: mi.parser.parse_dict(config, scene), quality)
+
+
+def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
+    integrator.register()
+    scene, asked = elements.read(source, parse)
+    if asked:
+        materials: dict[tuple[Path, str], Material] = {}
+        stands, convex = [], True
+        for element in asked:
+            try:
+                found, flat = _stands(element, materials)
+            except InputError as error:
+                raise InputError(element.where, str(error).removeprefix("--")) from error
+            stands += found
+            convex &= flat
+        stand_on(scene, stands, quality, convex and len(stands) == 1)
+    return scene
+
+
+def stand_on(scene: mi.Scene, stands: list[tuple[Shell, Medium]], quality: Quality, alone: bool) -> None:
+    """Give a scene's integrator, a `mesoshell_path`, the shells that it shall trace paths through.
+
+    alone: there is one, and it stands on a convex surface, so that what has left it does not meet it again.
+    """
+    shells = Shells([shell for shell, _ in stands])
+    media = Media(shells, [medium for _, medium in stands])
+    effects = plan_paths(scene, shells.box, alone, media.varying)
+    lights = [_distant(e) for e in scene.emitters()] if effects.quadrature.on else []
+    scene.integrator().world = World(shells, media, quality, effects, scene, lights)
+
+
+def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Direction toward a distant light, and E⊥."""
+    ds, value = emitter.sample_direction(dr.zeros(mi.Interaction3f), mi.Point2f(0.5), True)
+    return tuple(float(x[0]) for x in ds.d), tuple(float(x[0]) for x in value)
+
+
+def _stands(element: Element, materials: dict) -> tuple[list[tuple[Shell, Medium]], bool]:
+    """The shells of an element, one for each place, with what fills them; and whether the mesh is convex."""
+    mesh = _mesh(element)
+    box = bounding_box(mesh)
+    thickness = float(np.linalg.norm(box[1] - box[0])) / 25 if element.thickness is None else element.thickness
+    shell = extrude(mesh, thickness, 2 * thickness if element.scale is None else element.scale)
+    path = find(element.material)
+    bundle = read_bundle(path)
+    for name in element.textures:
+        check_name(bundle, name, element.material)
+    alpha = normalised(bundle, element.numbers, "alpha", element.material)
+    baked, origin, key = textured(path, bundle, shell.uv, element.seed, element.numbers)
+    if key not in materials:
+        materials[key] = Material(baked, origin)
+    names = [p.name for p in bundle.parameters if p.role == "alpha"]
+    held = [name for name in element.textures if name not in names]
+    if held:
+        raise InputError(
+            element.material, f"{held[0]} is geometry: `mesoshell texture` makes a texture where it varies"
+        )
+    values = tuple(element.textures.get(name, float(v)) for name, v in zip(names, alpha, strict=True))
+    medium = Medium(materials[key], values, patches_per_uv(mesh, shell))
+    return [(transformed(shell, m), medium) for m in element.placed] or [(shell, medium)], is_convex(mesh)
+
+
+def _mesh(element: Element) -> Mesh:
+    """The mesh of a shape, welded, in world space."""
+    shape = element.shape
+    faces = np.array(shape.faces_buffer()).reshape(-1, 3).astype(np.int64)
+    points = np.array(shape.vertex_positions_buffer(), np.float64).reshape(-1, 3)
+    uv = None
+    if shape.has_vertex_texcoords():
+        uv = np.array(shape.vertex_texcoords_buffer(), np.float64).reshape(-1, 2)[faces]
+    elif element.textures:
+        raise InputError(element.material, f"texture for '{next(iter(element.textures))}': the mesh has no UVs")
+    return check_mesh(points, faces, uv, element.material)

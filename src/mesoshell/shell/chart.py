@@ -1,0 +1,26 @@
+"""Which patches of the plane a surface's chart lies on (NumPy only; floor 4).
+
+Alphabet
+uv          texture coordinates of a surface's corners, in patches: any range
+needed      patches that the surface touches, or comes nearer to than REACH patches: lookups of far views reach over
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+REACH = 0.5
+
+
+def patches_of(uv: Float[np.ndarray, "P 3 2"]) -> tuple[tuple[int, int], Bool[np.ndarray, "V U"]]:
+    """Origin (u, v), and which patches from there on are needed, by the triangles' bounding boxes."""
+    low, high = cells(uv)
+    first = low.min(axis=0)
+    needed = np.zeros((high.max(axis=0) - first + 1)[::-1], bool)
+    for (u0, v0), (u1, v1) in zip(low - first, high - first, strict=True):
+        needed[v0 : v1 + 1, u0 : u1 + 1] = True
+    return (int(first[0]), int(first[1])), needed
+
+
+def cells(uv: Float[np.ndarray, "P 3 2"]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest patch (u, v) that each triangle needs."""
+    return tuple(np.floor(x).astype(int) for x in (uv.min(axis=1) - REACH, uv.max(axis=1) + REACH))

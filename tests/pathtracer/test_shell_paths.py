@@ -1,36 +1,260 @@
-"""The integrator in a scene of Mitsuba's: it ends, its pictures are finite, and a shell dims what lies behind it."""
+"""Scenes of Mitsuba's with shells: what they ask for is found, paths carry the right amount of light, and what is off may be.
+
+Most materials here are one density and one ρ everywhere, so that what comes out is known.
+"""
+
+from dataclasses import replace
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-from test_shell_direct import AGE, QUALITY, ROOT, box
+import pytest
+from test_shell_direct import QUALITY, ROOT
 
-from mesoshell.io.bundle import read_bundle
-from mesoshell.pathtracer import integrator
-from mesoshell.pathtracer.material import Material
-from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.shells import Shells
-from mesoshell.pathtracer.world import World
-from mesoshell.shell.extrude import extrude
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.pathtracer.load import load_dict, load_file
+from mesoshell.render.effects import Effect
 
-integrator.register()
+SIZE = 12
+#: ∫ of the fade of ρ below the horizon and 1 above it, over the sphere.
+WHOLE = 2 * np.pi * 1.05
 
 
-def test_a_shell_under_a_white_sky_takes_light_away() -> None:
-    """Rays that miss see the sky's 1; those that meet the shell see less, for nothing in it emits."""
-    shells = Shells([extrude(box(), 1.0, 1.0)])
-    media = Media(shells, [Medium(Material(read_bundle(ROOT / "src/mesoshell/assets/grass.npz")), (AGE,))])
-    view = mi.ScalarTransform4f().look_at([2.2, -1.5, 1.9], [0.5, 0.5, 0.4], [0, 0, 1])
-    film = {"type": "hdrfilm", "width": 24, "height": 24, "rfilter": {"type": "box"}}
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "mesoshell_path", "max_depth": 3},
-            "sensor": {"type": "perspective", "fov": 60, "to_world": view, "film": film},
-            "sky": {"type": "constant"},
-        }
+def constant(bundle: Bundle, sigma: float, rho: float) -> Bundle:
+    """A material of one σ and one ρ."""
+    arrays = {k: np.zeros_like(v) if k.startswith("decoder/") else v for k, v in bundle.arrays.items()}
+    arrays["sigma_scale"] = np.float32(sigma / np.log1p(np.exp(-3.0)))
+    arrays["decoder/rho/bias"] = np.full(3, 2 + np.log(np.expm1(rho)), np.float32)
+    arrays |= {k: np.full_like(v, 2 * sigma) for k, v in arrays.items() if k.startswith("grid/")}
+    return replace(bundle, arrays=arrays)
+
+
+@pytest.fixture(scope="module")
+def materials(tiny_bundle, tmp_path_factory) -> Path:
+    """thin.npz, dense.npz, and rough.npz, which varies."""
+    folder = tmp_path_factory.mktemp("materials")
+    write_bundle(folder / "thin.npz", constant(tiny_bundle, 1.0, 0.2))
+    write_bundle(folder / "dense.npz", constant(tiny_bundle, 300.0, 1 / WHOLE))
+    write_bundle(folder / "rough.npz", tiny_bundle)
+    (folder / "box.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n"
     )
-    scene.integrator().world = World(shells, media, QUALITY)
-    rgb = np.array(mi.render(scene, spp=16))[..., :3]
-    assert np.isfinite(rgb).all() and rgb.min() >= 0
-    np.testing.assert_allclose(rgb[0], 1, atol=1e-5)
-    assert rgb[10:14, 10:14].mean() < 0.7
+    return folder
+
+
+def sensor(**more) -> dict:
+    view = mi.ScalarTransform4f().look_at([0.5, -1.6, 2.4], [0.5, 0.5, 0.4], [0, 0, 1])
+    film = {"type": "hdrfilm", "width": SIZE, "height": SIZE, "rfilter": {"type": "box"}, "pixel_format": "rgba"}
+    return {"type": "perspective", "fov": 30, "to_world": view, "film": film} | more
+
+
+def shell(materials: Path, name: str, **more) -> dict:
+    """The unit square with a shell of height 1 on black ground."""
+    black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+    asked = {"material": str(materials / f"{name}.npz"), "thickness": 1.0, "scale": 1.0, **more.pop("asked", {})}
+    bsdf = {"type": "mesoshell", "inner": black, **asked}
+    return {"type": "obj", "filename": str(materials / "box.obj"), "bsdf": bsdf} | more
+
+
+def scene(*shapes: dict, light: dict | None = None, depth: int = 2, eye: dict | None = None) -> dict:
+    light = light or {"type": "directional", "direction": [-0.3, 0.2, -1.0], "irradiance": 3.0}
+    parts = {f"shape{i}": shape for i, shape in enumerate(shapes)}
+    return {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": depth},
+        "sensor": eye or sensor(),
+        "light": light,
+        **parts,
+    }
+
+
+def picture(parts: dict, spp: int = 64, seed: int = 0) -> np.ndarray:
+    return np.array(mi.render(load_dict(parts, QUALITY), spp=spp, seed=mi.UInt32(seed)))
+
+
+def test_sums_and_draws_agree(materials) -> None:
+    """The flat box by distant light: all samples summed, and collisions drawn, which is the same estimate with noise."""
+    made = load_dict(scene(shell(materials, "rough")), QUALITY)
+    world = made.integrator().world
+    assert world.effects.quadrature.on
+    summed = np.array(mi.render(made, spp=256))
+    world.effects = replace(world.effects, quadrature=Effect(False, "for the test"))
+    runs = np.stack([np.array(mi.render(made, spp=256, seed=mi.UInt32(k))) for k in range(1, 9)])
+    assert summed[..., :3].mean() > 1e-3 and 0.1 < summed[..., 3].mean() < 0.95
+    for c in (1, 3):
+        z = (runs[..., c].mean(axis=(1, 2)) - summed[..., c].mean()) / (runs[..., c].mean(axis=(1, 2)).std() + 1e-9)
+        assert abs(z.mean()) < 4 / 8**0.5
+    error = np.abs(runs.mean(axis=0) - summed)
+    assert error.mean() < 0.05 * summed.mean()
+
+
+def test_effects_that_are_off_change_nothing(materials) -> None:
+    """What the plan leaves out is not needed: with everything compiled, the same picture within its noise."""
+    made = load_dict(scene(shell(materials, "thin"), light={"type": "constant"}, depth=4), QUALITY)
+    world = made.integrator().world
+    assert (
+        not world.effects.shell_on_shell.on and not world.effects.camera_in_shell.on and not world.effects.roulette.on
+    )
+    gated = np.stack([np.array(mi.render(made, spp=64, seed=mi.UInt32(k))).mean(axis=(0, 1)) for k in range(16)])
+    every = {name: Effect(name != "quadrature", "for the test") for name in vars(world.effects)}
+    world.effects = replace(world.effects, **every)
+    full = np.stack([np.array(mi.render(made, spp=64, seed=mi.UInt32(k))).mean(axis=(0, 1)) for k in range(16, 32)])
+    z = (gated.mean(axis=0) - full.mean(axis=0)) / np.sqrt((gated.var(axis=0) + full.var(axis=0)) / 16)
+    assert np.abs(z).max() < 4.5
+
+
+def test_a_white_furnace(materials) -> None:
+    """Hard case 20: a dense field whose ρ integrates to 1, under a sky of 1, cannot be seen before it, nor from within."""
+    sky = {"type": "constant"}
+    square = shell(materials, "dense")
+    square["bsdf"]["inner"] = {"type": "null"}
+    for place in ([0.5, -1.6, 2.4], [0.4, 0.3, 0.5]):
+        eye = sensor(to_world=mi.ScalarTransform4f().look_at(place, [0.5, 0.5, 0.4], [0, 0, 1]))
+        found = picture(scene(square, light=sky, eye=eye), spp=1024)[..., :3]
+        assert np.isfinite(found).all()
+        np.testing.assert_allclose(found.mean(), 1, atol=3e-3)
+
+
+def placed(materials: Path, name: str, matrix: np.ndarray, asked: dict | None = None) -> tuple[dict, dict]:
+    """A shape group with a shell, and an instance of it."""
+    square = shell(materials, name, asked=asked or {})
+    group = {"type": "shapegroup", "square": square}
+    return group, {
+        "type": "instance",
+        "group": {"type": "ref", "id": "shape0"},
+        "to_world": mi.ScalarTransform4f(matrix),
+    }
+
+
+def test_an_instance_is_the_shell_moved(materials) -> None:
+    """Turned, moved and twice as high: seen with a camera and a light that were moved along, it is the same picture; and so it
+    is mirrored, with the camera mirrored as well."""
+    plain = picture(scene(shell(materials, "rough")), spp=256)
+    turn = np.array(mi.ScalarTransform4f().translate([3, -2, 1]).rotate([0, 0, 1], 70).matrix, float)
+    mirror = np.diag([-1.0, 1, 1, 1])
+    for matrix in (turn, turn @ mirror):
+        light = {"type": "directional", "direction": list(matrix[:3, :3] @ [-0.3, 0.2, -1.0]), "irradiance": 3.0}
+        pose = matrix @ np.array(sensor()["to_world"].matrix, float)
+        if matrix is not turn:
+            pose = pose @ mirror
+        moved = scene(*placed(materials, "rough", matrix), light=light, eye=sensor(to_world=mi.ScalarTransform4f(pose)))
+        found = picture(moved, spp=256)
+        found = found if matrix is turn else found[:, ::-1]
+        assert np.abs(found - plain).mean() < 0.03 * plain.mean(), matrix
+
+
+def test_stretching_an_instance_stretches_its_slab(materials) -> None:
+    """A slab of one σ and ρ, twice as high by its thickness or by its instance's scale, is one slab."""
+    tall = picture(scene(shell(materials, "thin", asked={"thickness": 2.0, "scale": 2.0})), spp=256)
+    found = picture(scene(*placed(materials, "thin", np.diag([1.0, 1, 2, 1]), {"scale": 2.0})), spp=256)
+    assert np.abs(found - tall).mean() < 0.02 * tall.mean()
+
+
+def test_a_texture_gives_a_parameter_over_the_surface(materials) -> None:
+    """One that is the same everywhere is that number; one with two halves has the look of each number in its half."""
+
+    def drawn(value) -> np.ndarray:
+        return picture(scene(shell(materials, "rough", asked={"dryness": value})), spp=128)
+
+    def texture(*pixels: float) -> dict:
+        bitmap = mi.Bitmap(np.array(pixels, np.float32)[None, :, None])
+        return {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "nearest"}
+
+    low, high = drawn(0.0), drawn(2.0)
+    assert np.abs(low - high).mean() > 0.05 * low.mean()
+    np.testing.assert_allclose(drawn(texture(1.0, 1.0)), high, atol=1e-4)
+    halves = drawn(texture(0.0, 1.0))
+    assert np.abs(halves - low)[:, :4].mean() < 0.1 * np.abs(halves - high)[:, :4].mean()
+    assert np.abs(halves - high)[:, -4:].mean() < 0.1 * np.abs(halves - low)[:, -4:].mean()
+
+
+def test_a_mirror_shows_the_shell(materials) -> None:
+    """A camera that looks at a mirror sees what its own mirror image sees without it."""
+    behind = mi.ScalarTransform4f().look_at([0.5, -1.6, 2.4], [0.5, 0.5, 0.4], [0, 0, 1])
+    pose = np.diag([1.0, -1, 1, 1]) @ np.array(behind.matrix, float) @ np.diag([-1.0, 1, 1, 1])
+    pose[1, 3] += 2 * -1.0
+    wall = {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(20),
+    }
+    wall["bsdf"] = {"type": "twosided", "inner": {"type": "conductor", "material": "none"}}
+    lit = {"type": "directional", "direction": [-0.3, -0.5, -1.0], "irradiance": 3.0}
+    eye = sensor(to_world=mi.ScalarTransform4f(pose))
+    direct = picture(scene(shell(materials, "rough"), light=lit), spp=256)[..., :3]
+    seen = picture(scene(shell(materials, "rough"), wall, light=lit, depth=3, eye=eye), spp=1024)[..., :3][:, ::-1]
+    assert direct.mean() > 1e-3 and np.abs(seen - direct).mean() < 0.05 * direct.mean()
+
+
+def test_a_file_is_read_and_its_integrator_keeps_its_depth(materials, tmp_path) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(f"""<scene version="3.0.0">
+        <integrator type="path"><integer name="max_depth" value="$depth"/></integrator>
+        <sensor type="perspective">
+            <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/></film>
+            <transform name="to_world"><lookat origin="0.5, -1.6, 2.4" target="0.5, 0.5, 0.4" up="0, 0, 1"/></transform>
+        </sensor>
+        <emitter type="constant"/>
+        <bsdf type="mesoshell" id="turf"><string name="material" value="{materials / "thin.npz"}"/>
+            <float name="thickness" value="1"/><integer name="scale" value="1"/></bsdf>
+        <shape type="obj"><string name="filename" value="{materials / "box.obj"}"/><ref id="turf"/></shape></scene>""")
+    made = load_file(path, depth=3)
+    assert made.integrator().max_depth == 3 and made.integrator().world.shells.size == 1
+    assert "SmoothDiffuse" in str(made.shapes()[0].bsdf())
+    assert np.array(mi.render(made, spp=4)).mean() > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"material": "gras"}, "gras: no such material"),
+        ({"dryness": 7.0}, r"dryness=7 lies outside \[0, 2\]"),
+        ({"dryess": 1.0}, "no parameter 'dryess'; did you mean dryness?"),
+        ({"thickness": -1.0}, "thickness: must be positive and finite, not -1"),
+        ({"seed": 3}, "has no generator"),
+        ({"second": {"type": "diffuse"}}, "2 BSDFs within a mesoshell BSDF"),
+        ({"dryness": True}, "dryness must be a number or a texture"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_line(materials, change, said) -> None:
+    with pytest.raises(InputError, match=said) as fault:
+        load_dict(scene(shell(materials, "rough", asked=change)))
+    assert "\n" not in str(fault.value)
+
+
+def test_misplaced_elements_are_refused(materials, tmp_path) -> None:
+    square = shell(materials, "rough")
+    sphere = {"type": "sphere", "bsdf": square["bsdf"]}
+    within = square | {"bsdf": {"type": "twosided", "inner": square["bsdf"]}}
+    other = scene(square) | {"integrator": {"type": "volpath"}}
+    for parts, said in (
+        (scene(sphere), "a 'sphere' is no mesh"),
+        (scene(within), "within a 'twosided'"),
+        (other, "integrator 'volpath' does not know shells"),
+        (scene(square) | {"shape1": {"type": "nothing"}}, "nothing"),
+    ):
+        with pytest.raises(InputError, match=said) as fault:
+            load_dict(parts)
+        assert "\n" not in str(fault.value)
+    (tmp_path / "bad.xml").write_text("<scene version='3.0.0'><shape></scene>")
+    for path, said in ((tmp_path / "none.xml", "no such file"), (tmp_path / "bad.xml", "bad.xml")):
+        with pytest.raises(InputError, match=said):
+            load_file(path)
+
+
+def test_a_scene_without_shells_is_mitsubas_own() -> None:
+    parts = {"type": "scene", "integrator": {"type": "path"}, "light": {"type": "constant"}, "sensor": sensor()}
+    np.testing.assert_allclose(np.array(mi.render(load_dict(parts), spp=1))[..., :3], 1, atol=1e-6)
+
+
+def test_the_bundled_grass_grows_on_spot() -> None:
+    parts = scene(light={"type": "constant"}, depth=3) | {
+        "spot": {
+            "type": "obj",
+            "filename": str(ROOT / "tests/data/spot.obj"),
+            "bsdf": {"type": "mesoshell", "material": "grass"},
+        },
+        "sensor": sensor(to_world=mi.ScalarTransform4f().look_at([1.5, 0.9, -2.4], [0, 0.05, 0.15], [0, 1, 0])),
+    }
+    found = picture(parts, spp=16)
+    assert np.isfinite(found).all() and found[SIZE // 2, SIZE // 2, 1] > found[SIZE // 2, SIZE // 2, 2]

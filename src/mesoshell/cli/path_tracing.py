@@ -95,7 +95,7 @@ def _rendered(scene: mi.Scene, samples: int, console: Console) -> tuple[np.ndarr
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=samples)
         for seed, count in enumerate(counts):
-            found = np.array(mi.render(scene, spp=count, seed=seed))
+            found = np.array(mi.render(scene, spp=count, seed=mi.UInt32(seed)))
             if found.shape[-1] == 3:
                 found = np.concatenate([found, np.ones_like(found[..., :1])], axis=-1)
             total += count / samples * found[..., :4]

@@ -6,6 +6,8 @@ M           camera to world: ours looks along −z with x to the right, Mitsuba'
 Surfaces are diffuse. Images over the UV square have v = 1 in their first row; Mitsuba's bitmaps have v = 0 there.
 """
 
+from typing import Any
+
 import mitsuba as mi
 import numpy as np
 from jaxtyping import Float
@@ -20,12 +22,13 @@ _SKY = {1: np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]), 2: np.array([[0, -1, 0]
 
 def sensor(camera: Camera, samples: int) -> dict:
     film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}}
+    pose: Any = camera.to_world @ np.diag([-1.0, 1, -1, 1])
     film["pixel_format"] = "rgba"
     return {
         "type": "perspective",
         "fov": float(np.degrees(camera.fov)),
         "fov_axis": "y",
-        "to_world": mi.ScalarTransform4f(camera.to_world @ np.diag([-1.0, 1, -1, 1])),
+        "to_world": mi.ScalarTransform4f(pose),
         "near_clip": 1e-4,
         "far_clip": 1e6,
         "film": film,

@@ -4,6 +4,7 @@ What is off is not in the compiled program; `mesoshell render --explain` prints 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -30,7 +31,8 @@ class PathEffects:
 
 def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]) -> PathEffects:
     """Decide each effect. box: least and greatest corner of all shells; alone: there is one, on a convex surface."""
-    integrator, emitters = scene.integrator(), scene.emitters()
+    integrator: Any = scene.integrator()
+    emitters = scene.emitters()
     kinds = [_kind(e) for e in emitters]
     hit = sorted({k for k in kinds if k not in ("distant", "point")})
     found = ", ".join(f"{kinds.count(k)} {k}" for k in sorted(set(kinds))) or "none"

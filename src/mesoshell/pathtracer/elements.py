@@ -11,7 +11,9 @@ Between reading a scene and making its objects, each such node becomes the BSDF 
 group stands on each of its instances.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -41,9 +43,9 @@ class Element:
     placed: tuple[Float[np.ndarray, "4 4"], ...] = ()
 
 
-def read(source: str, parse) -> tuple[mi.Scene, list[Element]]:
+def read(source: str, parse: Callable[[Any], Any]) -> tuple[mi.Scene, list[Element]]:
     """The scene without its shells, and these. parse: configuration to the parser's state. Raises InputError."""
-    config = mi.parser.ParserConfig(mi.variant())
+    config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_equivalent = config.merge_meshes = False
     try:
         state = parse(config)
@@ -52,9 +54,11 @@ def read(source: str, parse) -> tuple[mi.Scene, list[Element]]:
         users = {i: _users(state, i) for i, _ in asked}
         for i, props in asked:
             _replace(state, i, props)
-        _integrate(state)
+        if asked:
+            _integrate(state)
         found = [_element(config, state, i, props, shape) for i, props in asked for shape in users[i]]
-        return mi.parser.instantiate(config, state), found
+        scene: Any = mi.parser.instantiate(config, state)
+        return scene, found
     except RuntimeError as error:
         raise InputError(source, " ".join(str(error).split())) from error
 
@@ -110,7 +114,9 @@ def _integrate(state) -> None:
 
 def _element(config, state, index: int, props: mi.Properties, shape: int) -> Element:
     where = mi.parser.file_location(state, state.nodes[index])
-    own, numbers, textures = {}, {}, {}
+    own: dict[str, Any] = {}
+    numbers: dict[str, Any] = {}
+    textures: dict[str, mi.Texture] = {}
     for key, value in props.items():
         if isinstance(value, mi.Properties.ResolvedReference):
             if state.nodes[value.index()].type == mi.ObjectType.Texture:
@@ -129,11 +135,11 @@ def _element(config, state, index: int, props: mi.Properties, shape: int) -> Ele
         raise InputError(where, f"a '{state.nodes[shape].props.plugin_name()}' is no mesh: shells stand on triangles")
     own = {k: int(v) if k == "seed" else float(v) for k, v in own.items()}
     return Element(
-        where, props["material"], mesh, **own, numbers=numbers, textures=textures, placed=_placed(state, shape)
+        where, str(props["material"]), mesh, **own, numbers=numbers, textures=textures, placed=_placed(state, shape)
     )
 
 
-def _made(config, state, index: int):
+def _made(config, state, index: int) -> Any:
     """The object of one node alone."""
     alone = mi.parser.ParserState(state)
     alone.nodes[0] = mi.parser.SceneNode(alone.nodes[index])
@@ -146,4 +152,4 @@ def _placed(state, shape: int) -> tuple[np.ndarray, ...]:
     holds = [set(_links(n.props).values()) for n in state.nodes]
     groups = {i for i, kind in enumerate(kinds) if kind == "shapegroup" and shape in holds[i]}
     instances = [state.nodes[i].props for i, kind in enumerate(kinds) if kind == "instance" and groups & holds[i]]
-    return tuple(np.array(p["to_world"].matrix) if p.has_property("to_world") else np.eye(4) for p in instances)
+    return tuple(np.array(p["to_world"].matrix) if "to_world" in p else np.eye(4) for p in instances)

@@ -12,6 +12,7 @@ the point where ω′ leaves the shell's top. From there on other shells, and th
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -92,10 +93,10 @@ def power(a, b):
     return dr.select(a + b > 0, a / dr.select(a + b > 0, a + b, 1), 0)
 
 
-def segment(ray, t, o, d, tmax=dr.inf, outside=False, opening=0.0, pdf=1.0) -> Ray:
+def segment(ray, t, o, d, tmax=dr.inf, outside=False, opening: Any = 0.0, pdf: Any = 1.0) -> Ray:
     """A segment that begins where another came to, at t."""
     radius = ray.spread * (t + ray.apex)
-    spread = dr.maximum(ray.spread, dr.minimum(opening * dr.sqrt(dr.inv_pi / dr.maximum(pdf, 1e-6)), 1))
+    spread = dr.maximum(ray.spread, dr.minimum(opening * dr.sqrt(dr.inv_pi / dr.maximum(mi.Float(pdf), 1e-6)), 1))
     apex = dr.select(spread > 0, radius / dr.select(spread > 0, spread, 1), 0)
     n = dr.width(spread)
     return Ray(

@@ -70,12 +70,14 @@ def stand_on(scene: mi.Scene, stands: list[tuple[Shell, Medium]], quality: Quali
     media = Media(shells, [medium for _, medium in stands])
     effects = plan_paths(scene, shells.box, alone, media.varying)
     lights = [_distant(e) for e in scene.emitters()] if effects.quadrature.on else []
-    scene.integrator().world = World(shells, media, quality, effects, scene, lights)
+    path: Any = scene.integrator()
+    path.world = World(shells, media, quality, effects, scene, lights)
 
 
 def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Direction toward a distant light, and E⊥."""
-    ds, value = emitter.sample_direction(dr.zeros(mi.Interaction3f), mi.Point2f(0.5), True)
+    light: Any = emitter
+    ds, value = light.sample_direction(dr.zeros(mi.Interaction3f), mi.Point2f(0.5))
     return tuple(float(x[0]) for x in ds.d), tuple(float(x[0]) for x in value)
 
 

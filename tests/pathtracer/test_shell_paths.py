@@ -5,6 +5,7 @@ Most materials here are one density and one ρ everywhere, so that what comes ou
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -24,7 +25,7 @@ WHOLE = 2 * np.pi * 1.05
 def constant(bundle: Bundle, sigma: float, rho: float) -> Bundle:
     """A material of one σ and one ρ."""
     arrays = {k: np.zeros_like(v) if k.startswith("decoder/") else v for k, v in bundle.arrays.items()}
-    arrays["sigma_scale"] = np.float32(sigma / np.log1p(np.exp(-3.0)))
+    arrays["sigma_scale"] = np.array(sigma / np.log1p(np.exp(-3.0)), np.float32)
     arrays["decoder/rho/bias"] = np.full(3, 2 + np.log(np.expm1(rho)), np.float32)
     arrays |= {k: np.full_like(v, 2 * sigma) for k, v in arrays.items() if k.startswith("grid/")}
     return replace(bundle, arrays=arrays)
@@ -69,13 +70,17 @@ def scene(*shapes: dict, light: dict | None = None, depth: int = 2, eye: dict | 
     }
 
 
+def loaded(parts: dict) -> Any:
+    return load_dict(parts, QUALITY)
+
+
 def picture(parts: dict, spp: int = 64, seed: int = 0) -> np.ndarray:
-    return np.array(mi.render(load_dict(parts, QUALITY), spp=spp, seed=mi.UInt32(seed)))
+    return np.array(mi.render(loaded(parts), spp=spp, seed=mi.UInt32(seed)))
 
 
 def test_sums_and_draws_agree(materials) -> None:
     """The flat box by distant light: all samples summed, and collisions drawn, which is the same estimate with noise."""
-    made = load_dict(scene(shell(materials, "rough")), QUALITY)
+    made = loaded(scene(shell(materials, "rough")))
     world = made.integrator().world
     assert world.effects.quadrature.on
     summed = np.array(mi.render(made, spp=256))
@@ -91,7 +96,7 @@ def test_sums_and_draws_agree(materials) -> None:
 
 def test_effects_that_are_off_change_nothing(materials) -> None:
     """What the plan leaves out is not needed: with everything compiled, the same picture within its noise."""
-    made = load_dict(scene(shell(materials, "thin"), light={"type": "constant"}, depth=4), QUALITY)
+    made = loaded(scene(shell(materials, "thin"), light={"type": "constant"}, depth=4))
     world = made.integrator().world
     assert (
         not world.effects.shell_on_shell.on and not world.effects.camera_in_shell.on and not world.effects.roulette.on
@@ -198,7 +203,7 @@ def test_a_file_is_read_and_its_integrator_keeps_its_depth(materials, tmp_path) 
         <bsdf type="mesoshell" id="turf"><string name="material" value="{materials / "thin.npz"}"/>
             <float name="thickness" value="1"/><integer name="scale" value="1"/></bsdf>
         <shape type="obj"><string name="filename" value="{materials / "box.obj"}"/><ref id="turf"/></shape></scene>""")
-    made = load_file(path, depth=3)
+    made: Any = load_file(path, depth=3)
     assert made.integrator().max_depth == 3 and made.integrator().world.shells.size == 1
     assert "SmoothDiffuse" in str(made.shapes()[0].bsdf())
     assert np.array(mi.render(made, spp=4)).mean() > 0

@@ -3,6 +3,7 @@
 import importlib.metadata
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,12 @@ def run() -> None:
     print(f"devices     {_probe('import jax; print(*jax.devices())')}")
     print(f"embree      {_probe(_RAY)}")
     print(f"grass       {_probe(_BUNDLE)}")
+    if importlib.util.find_spec("mitsuba"):
+        print(f"mitsuba     {_probe(_PATHS)}")
+    else:
+        print(
+            "mitsuba     not installed (only `mesoshell render --engine mitsuba` needs it): pip install mesoshell[mitsuba]"
+        )
     if BLENDER_PYTHON.exists():
         print(f"blender     {_probe('import bpy; print(bpy.app.version_string)', str(BLENDER_PYTHON))}")
     else:
@@ -45,9 +52,23 @@ print(f"{path.stat().st_size / 1e6:.1f} MB, parameters:", ", ".join(p.name for p
 """
 
 
+_PATHS = """
+from mesoshell.pathtracer.variant import set_variant
+set_variant()
+import os, mitsuba as mi, numpy as np
+parts = {"integrator": {"type": "path"}, "light": {"type": "constant"}, "sensor": {"type": "perspective"}}
+scene = mi.load_dict({"type": "scene"} | parts)
+mean = np.array(mi.render(scene, spp=1)).mean()
+where = os.environ.get("DRJIT_LIBLLVM_PATH", "the system's libLLVM")
+print(f"{mi.__version__}, {mi.variant()}, {where}" if abs(mean - 1) < 1e-3 else f"renders {mean:.3f} where 1 was due")
+"""
+
+
 def _probe(code: str, python: str = sys.executable) -> str:
     """Run code in a process of its own: what aborts there leaves this one standing."""
     done = subprocess.run([python, "-c", code], capture_output=True, text=True)
     lines = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
     last = lines[-1] if lines else f"no answer, exit status {done.returncode}"
+    if done.returncode < 0:
+        last = f"ended by {signal.Signals(-done.returncode).name}: {last}"
     return last if done.returncode == 0 else f"does not work: {last}"

@@ -54,7 +54,14 @@ def picture(options: Options, console: Console) -> Picture:
     setup = time.perf_counter() - begin
     begin = time.perf_counter()
     image, rays = _rendered(scene, samples, console)
-    record = {"rays": rays, "samples": samples, "effects": effects, "quality": PRESETS[options.quality].as_dict()}
+    queries = 0 if world is None else world.queries
+    record = {
+        "rays": rays,
+        "queries": queries,
+        "samples": samples,
+        "effects": effects,
+        "quality": PRESETS[options.quality].as_dict(),
+    }
     return Picture(image, {"setup": setup, "render": time.perf_counter() - begin}, record | {"provenance": provenance})
 
 

@@ -31,12 +31,16 @@ def render_to_files(options: Options) -> None:
     begin = time.perf_counter()
     out = options.out if options.out.suffix == ".png" else options.out.with_suffix(".png")
     console = Console(stderr=True)
+    for name in ("spp", "max_depth"):
+        value = getattr(options, name)
+        if value is not None and options.engine != "mitsuba":
+            raise InputError(f"--{name.replace('_', '-')}", "is of --engine mitsuba")
+        if value is not None and value < 1:
+            raise InputError(f"--{name.replace('_', '-')}", f"{value} must be at least 1")
     if options.engine == "mitsuba":
         from mesoshell.cli.path_tracing import picture
     elif options.mesh.suffix.lower() == ".xml":
         raise InputError(options.mesh, "is a scene of Mitsuba's: give --engine mitsuba")
-    elif options.spp is not None or options.max_depth is not None:
-        raise InputError("--spp" if options.spp is not None else "--max-depth", "is of --engine mitsuba")
     else:
         from mesoshell.cli.marching import picture
     found = picture(options, console)

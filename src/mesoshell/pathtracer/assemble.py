@@ -43,7 +43,7 @@ def distant(light: Distant) -> dict:
 
 def sky(environment: Environment) -> dict:
     image = np.ascontiguousarray(environment.radiance[:, ::-1])
-    pose = np.eye(4)
+    pose: Any = np.eye(4)
     pose[:3, :3] = _SKY[environment.up].T
     return {"type": "envmap", "bitmap": mi.Bitmap(image), "to_world": mi.ScalarTransform4f(pose)}
 

@@ -72,7 +72,8 @@ def light_directly(settings, scene, sampler, ray, active):
     si = scene.ray_intersect(mi.Ray3f(ray), active)
     met = si.is_valid()
     first.tmax = dr.select(met, mi.Float64(si.t), dr.inf)
-    light, through, _ = gather_light(world, first)
+    light, through, queries = gather_light(world, first)
+    world.count(queries)
     bsdf = si.bsdf()
     for direction, irradiance in world.lights:
         toward = mi.Vector3f(*direction)

@@ -74,13 +74,15 @@ def follow(settings, scene, sampler, ray, active):
         getattr(world.effects, name).on
         for name in ("asking_emitters", "hitting_emitters", "shell_on_shell", "roulette")
     )
-    opening = world.quality.bounce_spread
+    opening, stop = world.quality.bounce_spread, world.quality.early_stop
+    dark = -dr.log(stop) if stop > 0 else dr.inf
     n = dr.width(ray.o)
     path = _begin(world, sampler, ray, active)
     shadow = Shadow(
         world.camera_ray(ray, sampler), dr.zeros(mi.Color3f, n), dr.full(mi.Bool, False, n), dr.full(mi.Bool, False, n)
     )
-    light, seen = dr.zeros(mi.Color3f, n), dr.full(mi.Bool, False, n)
+    sky = scene.environment() is not None and not settings.hide_emitters
+    light, seen, queries = dr.zeros(mi.Color3f, n), dr.full(mi.Bool, sky, n), dr.zeros(mi.UInt32, n)
     while path.alive | shadow.pending:
         # --- the segment: surfaces, then shells in front of them
         mine = ~shadow.pending
@@ -88,8 +90,10 @@ def follow(settings, scene, sampler, ray, active):
         blocked = scene.ray_test(_single(shadow.ray), active=shadow.pending)
         segment = dr.select(shadow.pending, shadow.ray, path.ray)
         segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
-        target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dr.inf)
+        target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dark)
         flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked))
+
+        queries += flight.queries
 
         # --- a shadow arrives, or it does not
         light += dr.select(shadow.pending & ~blocked, shadow.asked * dr.exp(-flight.depth), 0)
@@ -137,6 +141,7 @@ def follow(settings, scene, sampler, ray, active):
             doomed = mine & (path.depth >= rr_depth)
             path.beta = dr.select(doomed, path.beta / dr.maximum(keep, 1e-8), path.beta)
             path.alive &= ~doomed | (sampler.next_1d() < keep)
+    world.count(queries)
     return light, seen, []
 
 

@@ -1,10 +1,11 @@
 """Which compiler and which variant of Mitsuba render: settled before Dr.Jit is imported, or it is too late.
 
 Dr.Jit aborts the process with LLVM 14 to 16, so a libLLVM of the system is not trusted: the one that the extra `mitsuba` brings
-is named by its path, unless the user has named another in DRJIT_LIBLLVM_PATH.
+is named by its path, unless the user has named another in DRJIT_LIBLLVM_PATH; that one is tried in a process of its own.
 """
 
 import os
+import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, files
 
@@ -26,16 +27,19 @@ def library() -> str | None:
 
 
 def set_variant() -> None:
-    """Make Mitsuba ready: a variant that vectorises. One that the user has set stays if it does."""
-    path = library()
-    if path and "drjit" not in sys.modules:
-        os.environ.setdefault("DRJIT_LIBLLVM_PATH", path)
-    if "DRJIT_LIBLLVM_PATH" not in os.environ and "drjit" not in sys.modules:
-        raise InputError("mitsuba", "no libLLVM that is known to work; install mesoshell[mitsuba]")
+    """Make Mitsuba ready: a variant that vectorises. One that the user has set stays if it does. Raises InputError."""
+    path, own = library(), os.environ.get("DRJIT_LIBLLVM_PATH")
+    if "drjit" not in sys.modules:
+        if own and os.path.realpath(own) != path:
+            _try(own)
+        elif path:
+            os.environ.setdefault("DRJIT_LIBLLVM_PATH", path)
+        else:
+            raise InputError("mitsuba", "no libLLVM that is known to work: pip install mesoshell[mitsuba]")
     try:
         import mitsuba as mi
     except ImportError as error:
-        raise InputError("mitsuba", "is not installed; install mesoshell[mitsuba]") from error
+        raise InputError("mitsuba", "is not installed: pip install mesoshell[mitsuba]") from error
     current = mi.variant()
     if current is None:
         if VARIANT not in mi.variants():
@@ -45,3 +49,12 @@ def set_variant() -> None:
         raise InputError(
             "mitsuba", f"variant {current} is set; shells need {VARIANT} or another llvm or cuda one in rgb"
         )
+
+
+def _try(path: str) -> None:
+    """Raise InputError unless Dr.Jit compiles with this libLLVM, in a process that may abort."""
+    code = "import drjit as dr, drjit.llvm as a; assert dr.sum(dr.clip(dr.arange(a.Float, 40) - 3, 0, 9))[0] == 288"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    if done.returncode:
+        said = "Dr.Jit aborts" if done.returncode < 0 else (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise InputError("DRJIT_LIBLLVM_PATH", f"{path} does not work (unset it to use mesoshell[mitsuba]'s): {said}")

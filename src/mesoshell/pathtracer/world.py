@@ -16,6 +16,16 @@ class World:
     def __init__(self, shells, media, quality, effects, scene, lights=()):
         self.shells, self.media, self.quality, self.effects = shells, media, quality, effects
         self.scene, self.lights = scene, lights
+        self._queries = dr.zeros(mi.Float64, 1)
+
+    def count(self, queries) -> None:
+        """Add to the number of samples whose density has been evaluated."""
+        dr.scatter_add(self._queries, mi.Float64(queries), mi.UInt32(0))
+
+    @property
+    def queries(self) -> int:
+        """How many that have been, in all pictures so far."""
+        return int(self._queries[0])
 
     def camera_ray(self, ray, sampler) -> Ray:
         """A camera's ray with the cone of a pixel: differentials are those of a sample, √count times narrower."""

@@ -1,0 +1,121 @@
+"""`mesoshell render --engine mitsuba` as a user calls it: the same files, with JAX out of reach; one line for each fault."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mesoshell.cli.main import main
+from mesoshell.io.bundle import write_bundle
+from mesoshell.io.image import read_exr, read_png, write_png
+
+MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
+#: `main` where nothing can import JAX.
+WITHOUT_JAX = (
+    "import sys; sys.modules.update(dict.fromkeys(('jax', 'jaxlib', 'flax', 'optax')))\n"
+    "from mesoshell.cli.main import main; main(sys.argv[1:])"
+)
+
+
+@pytest.fixture(scope="module")
+def material(tiny_bundle, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("material") / "tiny.npz"
+    write_bundle(path, tiny_bundle)
+    return path
+
+
+def arguments(material: Path, out: Path, *more: object) -> list[str]:
+    given = [
+        "render",
+        MESH,
+        "--engine",
+        "mitsuba",
+        "--material",
+        material,
+        "--size",
+        16,
+        12,
+        "--spp",
+        4,
+        "--out",
+        out,
+        *more,
+    ]
+    return [str(x) for x in given]
+
+
+def test_a_picture_without_jax(material: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "monkey.png"
+    command = [sys.executable, "-c", WITHOUT_JAX, *arguments(material, out, "--explain", "--param", "dryness=1")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout == f"{out}\n", done.stderr
+    assert "on  shell on shell: light may cross shells again" in done.stderr
+    linear, shown = read_exr(out.with_suffix(".exr")), read_png(out)
+    assert linear.shape == shown.shape == (12, 16, 4) and np.isfinite(linear).all() and (linear >= 0).all()
+    assert linear[0, 0, 3] == 0 and linear[6, 8, 3] == 1
+    record = json.loads(out.with_suffix(".json").read_text())
+    assert {"version", "engine", "seconds", "rays", "queries", "effects", "quality", "material"} <= record.keys()
+    assert record["queries"] > 16 * 12
+    assert (record["engine"], record["rays"], record["samples"]) == ("mitsuba", 16 * 12 * 4, 4)
+
+
+def test_the_engines_show_the_same(material: Path, tmp_path: Path, capsys) -> None:
+    """One event, by distant light, parameters by an image, and a sky: pictures that are made in two ways. Only the path tracer
+    knows that a shell dims what lights its other parts."""
+    image = tmp_path / "halves.png"
+    write_png(image, np.repeat([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]], 2, axis=0).astype(np.float32))
+    plain = [str(MESH), "--material", str(material), "--size", "48", "48", "--param", f"dryness={image}"]
+    for name, more in {"lights": [], "sky": ["--environment", str(sky(tmp_path))]}.items():
+        mine, theirs = tmp_path / f"{name}_m.png", tmp_path / f"{name}_j.png"
+        main(["render", *plain, *more, "--engine", "mitsuba", "--max-depth", "2", "--spp", "128", "--out", str(mine)])
+        main(["render", *plain, *more, "--out", str(theirs)])
+        a, b = (read_exr(x.with_suffix(".exr")) for x in (mine, theirs))
+        np.testing.assert_allclose(a.mean(axis=(0, 1)), b.mean(axis=(0, 1)), rtol=0.15)
+        blurred = [x[..., :3].reshape(12, 4, 12, 4, 3).mean(axis=(1, 3)) for x in (a, b)]
+        assert np.corrcoef(blurred[0].ravel(), blurred[1].ravel())[0, 1] > 0.95
+
+
+def sky(folder: Path) -> Path:
+    """Blue above, red toward one side: what an axis that is wrong would show."""
+    from mesoshell.io.image import write_exr
+
+    image = np.full((16, 32, 4), 0.05, np.float32)
+    image[:6, :, 2] = 2.0
+    image[5:9, 3:8, 0] = 20.0
+    write_exr(folder / "sky.exr", image)
+    return folder / "sky.exr"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["render", "scene.xml"], "scene.xml: is a scene of Mitsuba's: give --engine mitsuba"),
+        (["render", "scene.xml", "--engine", "mitsuba"], "scene.xml: no such file"),
+        (["render", "scene.xml", "--engine", "mitsuba", "--seed", "3"], "--seed: scene.xml says that itself"),
+        (["render", str(MESH), "--spp", "3"], "--spp: is of --engine mitsuba"),
+        (["render", str(MESH), "--max-depth", "3"], "--max-depth: is of --engine mitsuba"),
+        (["render", str(MESH), "--engine", "mitsuba", "--spp", "0"], "--spp: 0 must be at least 1"),
+    ],
+)
+def test_faults_are_one_line(given: list[str], said: str, capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(given)
+    assert stop.value.code == 2
+    assert capsys.readouterr().err == f"mesoshell: {said}\n"
+
+
+def test_a_libllvm_that_does_not_work_is_named(tmp_path: Path) -> None:
+    bad = tmp_path / "libLLVM.so"
+    bad.write_bytes(b"no library")
+    command = [sys.executable, "-m", "mesoshell", "render", str(MESH), "--engine", "mitsuba"]
+    done = subprocess.run(command, capture_output=True, text=True, env={"DRJIT_LIBLLVM_PATH": str(bad), "PATH": ""})
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert f"DRJIT_LIBLLVM_PATH: {bad} does not work" in done.stderr
+
+
+def test_the_doctor_looks_at_mitsuba(capsys) -> None:
+    main(["doctor"])
+    assert "llvm_ad_rgb" in next(line for line in capsys.readouterr().out.splitlines() if line.startswith("mitsuba"))

@@ -16,7 +16,7 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh, bounding_box, check_mesh, is_convex
 from mesoshell.io.bundle import read_bundle
-from mesoshell.io.material import check_name, find, normalised
+from mesoshell.io.material import bundled, check_name, find, normalised
 from mesoshell.pathtracer import elements, integrator
 from mesoshell.pathtracer.baking import textured
 from mesoshell.pathtracer.effects import plan_paths
@@ -32,11 +32,21 @@ NORMAL = PRESETS["normal"]
 
 
 def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters: Any) -> mi.Scene:
-    """A scene of Mitsuba's XML, with any shells in it; parameters: for its `$name`s. Raises InputError in one line."""
+    """A scene of Mitsuba's XML, with any shells in it; parameters: for its `$name`s. Files are looked for beside it first.
+
+    Raises InputError in one line."""
     if not Path(path).is_file():
         raise InputError(path, "no such file")
     given = {key: str(value) for key, value in parameters.items()}
-    return _loaded(str(path), lambda config: mi.parser.parse_file(config, str(path), **given), quality)
+    resolver = mi.file_resolver()
+    before = [str(p) for p in resolver]
+    resolver.prepend(mi.filesystem.path(str(Path(path).resolve().parent)))
+    try:
+        return _loaded(str(path), lambda config: mi.parser.parse_file(config, str(path), **given), quality)
+    finally:
+        resolver.clear()
+        for folder in before:
+            resolver.append(mi.filesystem.path(folder))
 
 
 def load_dict(scene: dict[str, Any], quality: Quality = NORMAL) -> mi.Scene:
@@ -87,7 +97,9 @@ def _stands(element: Element, materials: dict) -> tuple[list[tuple[Shell, Medium
     box = bounding_box(mesh)
     thickness = float(np.linalg.norm(box[1] - box[0])) / 25 if element.thickness is None else element.thickness
     shell = extrude(mesh, thickness, 2 * thickness if element.scale is None else element.scale)
-    path = find(element.material)
+    path = find(
+        element.material if element.material in bundled() else str(mi.file_resolver().resolve(element.material))
+    )
     bundle = read_bundle(path)
     for name in element.textures:
         check_name(bundle, name, element.material)

@@ -1,0 +1,120 @@
+"""What path tracing costs: python -m benchmarks.paths [--side 192]
+
+Prints, in one run: samples of a material decoded a second, over what this machine's matrix products would allow; first and
+second picture; paths a second against Mitsuba's own `path` on the bare meshes; and seconds to 5% error on three scenes.
+"""
+
+import argparse
+import re
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.rates import matrix_rate
+from mesoshell.pathtracer.variant import set_variant
+
+set_variant()
+
+import mitsuba as mi  # noqa: E402
+
+from mesoshell.io.bundle import read_bundle  # noqa: E402
+from mesoshell.io.material import find  # noqa: E402
+from mesoshell.pathtracer.load import load_dict, load_file  # noqa: E402
+from mesoshell.render.quality import PRESETS  # noqa: E402
+
+SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
+GOAL = 0.05
+#: Every sample is decoded: as the figure's 32 steps a ray ask for.
+STEPS = PRESETS["normal"].with_changes(samples=32, skip=0.0, early_stop=0.0, weight_cut=1.0 - 1e-7)
+
+
+def seconds(what) -> float:
+    begin = time.perf_counter()
+    what()
+    return time.perf_counter() - begin
+
+
+def shot(scene: mi.Scene, spp: int, seed: int = 0) -> np.ndarray:
+    return np.array(mi.render(scene, spp=spp, seed=mi.UInt32(seed)))[..., :3]
+
+
+def multiplications() -> int:
+    """Of a sample's σ: the trunk and its last layer."""
+    arrays = read_bundle(find("grass")).arrays
+    return sum(a.size for k, a in arrays.items() if k.endswith("kernel") and ("trunk" in k or "sigma" in k))
+
+
+def decoding(side: int) -> None:
+    """A plane that fills the picture, seen from above: 32 samples a ray."""
+    view = mi.ScalarTransform4f().look_at([0.05, 2.5, 0.05], [0, 0, 0], [0, 0, 1])
+    film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}
+    plane = {"type": "obj", "filename": str(SCENES / "plane.obj"), "to_world": mi.ScalarTransform4f().scale(4)}
+    turf = {"type": "mesoshell", "material": "grass", "thickness": 1.0, "scale": 1.0}
+    scene: Any = load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 2},
+            "sensor": {"type": "perspective", "fov": 40, "to_world": view, "film": film},
+            "sun": {"type": "directional", "direction": [-0.3, -1.0, 0.2], "irradiance": 3.0},
+            "plane": plane | {"bsdf": turf},
+        },
+        STEPS,
+    )
+    first = seconds(lambda: shot(scene, 1))
+    before = scene.integrator().world.queries
+    times = [seconds(lambda seed=seed: shot(scene, 1, seed)) for seed in range(1, 6)]
+    queries = (scene.integrator().world.queries - before) / 5
+    rate, floor = queries / min(times), matrix_rate() / (2 * multiplications())
+    print(
+        f"{side}², {queries / side**2:.0f} samples a ray: {rate / 1e6:.1f} M decoded a second, {rate / floor:.2f} of the"
+    )
+    print(f"  matrix rate's {floor / 1e6:.0f} M; first picture {first:.1f} s, the next {min(times):.2f} s")
+
+
+def to_goal(name: str, side: int, spp: int = 16, passes: int = 6) -> None:
+    """Seconds until the mean error of a pixel is GOAL of the mean, from the spread of independent pictures."""
+    begin = time.perf_counter()
+    scene: Any = load_file(SCENES / f"{name}.xml", width=side, height=side)
+    set_up = time.perf_counter() - begin
+    first = seconds(lambda: shot(scene, spp))
+    world = scene.integrator().world
+    before, begin = world.queries, time.perf_counter()
+    pictures = np.stack([shot(scene, spp, seed) for seed in range(1, passes + 1)])
+    each = (time.perf_counter() - begin) / passes
+    queries = (world.queries - before) / passes / each
+    error = pictures.std(axis=0, ddof=1).mean() / pictures.mean()
+    needed = each * (error / GOAL) ** 2
+    bare = mi.load_file(str(_bare(name)), width=str(side), height=str(side))
+    shot(bare, spp)
+    plain = min(seconds(lambda seed=seed: shot(bare, spp, seed)) for seed in range(3))
+    print(
+        f"{name}: set up {set_up:.1f} s, first picture {first:.1f} s; {side**2 * spp / each:,.0f} paths a second, "
+        f"{plain / each:.3f} of stock path's on bare meshes; {queries / 1e6:.1f} M decoded a second; "
+        f"error {error:.1%} at {spp} spp, {GOAL:.0%} after {needed:.0f} s"
+    )
+
+
+def _bare(name: str) -> Path:
+    """The scene without its shells."""
+    text = (SCENES / f"{name}.xml").read_text()
+    text = re.sub(r'<bsdf type="mesoshell">.*?</bsdf>(\s*</bsdf>)?', '<bsdf type="diffuse"/>', text, flags=re.S)
+    text = re.sub(r'value="([^"]*\.obj)"', lambda m: f'value="{(SCENES / m[1]).resolve()}"', text)
+    path = Path(tempfile.mkdtemp()) / f"{name}.xml"
+    path.write_text(text)
+    return path
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--side", type=int, default=192, help="pixels along a side of the three scenes' pictures")
+    side = parser.parse_args().side
+    decoding(256)
+    for name in ("spot", "room", "field"):
+        to_goal(name, side)
+
+
+if __name__ == "__main__":
+    main()

@@ -14,16 +14,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rates import matrix_rate
-from mesoshell.pathtracer.variant import set_variant
+from mesoshell.io.bundle import read_bundle
+from mesoshell.io.material import find
+from mesoshell.pathtracer import load_dict, load_file
+from mesoshell.render.quality import PRESETS
 
-set_variant()
-
-import mitsuba as mi  # noqa: E402
-
-from mesoshell.io.bundle import read_bundle  # noqa: E402
-from mesoshell.io.material import find  # noqa: E402
-from mesoshell.pathtracer.load import load_dict, load_file  # noqa: E402
-from mesoshell.render.quality import PRESETS  # noqa: E402
+import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 GOAL = 0.05

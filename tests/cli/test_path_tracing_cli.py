@@ -119,3 +119,21 @@ def test_a_libllvm_that_does_not_work_is_named(tmp_path: Path) -> None:
 def test_the_doctor_looks_at_mitsuba(capsys) -> None:
     main(["doctor"])
     assert "llvm_ad_rgb" in next(line for line in capsys.readouterr().out.splitlines() if line.startswith("mitsuba"))
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import mitsuba as mi; mi.set_variant('scalar_rgb')", "variant scalar_rgb is set; shells need llvm_ad_rgb"),
+        ("import sys; sys.modules['mitsuba'] = None", "is not installed: pip install"),
+    ],
+)
+def test_a_mitsuba_that_cannot_do_it_is_named(code: str, said: str) -> None:
+    """Dr.Jit is told of a libLLVM that works, so that only what is asked for is at fault."""
+    from mesoshell.pathtracer.variant import library
+
+    command = [sys.executable, "-c", f"{code}\nimport mesoshell.pathtracer"]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env={"DRJIT_LIBLLVM_PATH": str(library()), "PATH": ""}
+    )
+    assert done.returncode == 1 and said in done.stderr.splitlines()[-1]

@@ -1,5 +1,3 @@
-"""Mitsuba is made ready before any file here imports it."""
+"""The path tracer makes Mitsuba ready before any file here imports it."""
 
-from mesoshell.pathtracer.variant import set_variant
-
-set_variant()
+import mesoshell.pathtracer  # noqa: F401

@@ -53,8 +53,7 @@ print(f"{path.stat().st_size / 1e6:.1f} MB, parameters:", ", ".join(p.name for p
 
 
 _PATHS = """
-from mesoshell.pathtracer.variant import set_variant
-set_variant()
+import mesoshell.pathtracer
 import os, mitsuba as mi, numpy as np
 parts = {"integrator": {"type": "path"}, "light": {"type": "constant"}, "sensor": {"type": "perspective"}}
 scene = mi.load_dict({"type": "scene"} | parts)

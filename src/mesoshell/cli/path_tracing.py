@@ -15,17 +15,13 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
-from mesoshell.pathtracer.variant import set_variant
+from mesoshell.pathtracer import assemble, integrator, load_file
+from mesoshell.pathtracer.load import stand_on
+from mesoshell.pathtracer.material import Material
+from mesoshell.pathtracer.media import Medium
 from mesoshell.render.quality import PRESETS
 
-set_variant()
-
-import mitsuba as mi  # noqa: E402  (the variant comes first)
-
-from mesoshell.pathtracer import assemble, integrator  # noqa: E402
-from mesoshell.pathtracer.load import load_file, stand_on  # noqa: E402
-from mesoshell.pathtracer.material import Material  # noqa: E402
-from mesoshell.pathtracer.media import Medium  # noqa: E402
+import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
 
 #: Paths that are traced at once: what is in memory.
 LANES = 2**22

@@ -8,7 +8,7 @@ F           F(u, v) + F(h), each filtered                                       
 σ, ρ        extinction and transport function
 ω, ω′       toward the viewer, toward the light                                   (3,), canonical
 
-Texels are stored once, all levels in one array, in the bundle's precision; the network is evaluated by cooperative vectors in
+Texels are stored once, all levels in one array; the network is evaluated by cooperative vectors in
 the integrator's own loop (a network within a virtual call is 20 times slower).
 """
 
@@ -23,6 +23,8 @@ from mesoshell.io.bundle import Bundle
 
 #: How far below the horizon, as a cosine, light still counts a little (shell/decoder).
 FADE = 0.1
+#: Up to so many half-precision numbers are widened: they are read in two thirds of the time.
+MOST_WIDENED = 2**26
 #: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges (shell/scene).
 GRID_CELLS = 8
 
@@ -135,7 +137,7 @@ class _Levels:
     """Arrays of several levels, one after the other. wide: rows of the last axis are read whole; else single numbers."""
 
     def __init__(self, levels: list[np.ndarray], wide: bool = True):
-        half = all(x.dtype == np.float16 for x in levels)
+        half = all(x.dtype == np.float16 for x in levels) and sum(x.size for x in levels) > MOST_WIDENED
         self._vector: Any
         self.scalar, self._vector = (mi.Float16, mi.ArrayXf16) if half else (mi.Float, mi.ArrayXf)
         self.width = levels[0].shape[-1] if wide else 1

@@ -14,6 +14,8 @@ from mesoshell.errors import InputError
 #: The wheel that ships a libLLVM.
 WHEEL = "karellen-llvm-core"
 VARIANT = "llvm_ad_rgb"
+#: With 14 to 16 Dr.Jit aborts.
+LEAST_LLVM = 17
 
 
 def library() -> str | None:
@@ -36,6 +38,8 @@ def set_variant() -> None:
             os.environ.setdefault("DRJIT_LIBLLVM_PATH", path)
         else:
             raise InputError("mitsuba", "no libLLVM that is known to work: pip install mesoshell[mitsuba]")
+    else:
+        _check_loaded(path)
     try:
         import mitsuba as mi
     except ImportError as error:
@@ -49,6 +53,16 @@ def set_variant() -> None:
         raise InputError(
             "mitsuba", f"variant {current} is set; shells need {VARIANT} or another llvm or cuda one in rgb"
         )
+
+
+def _check_loaded(path: str | None) -> None:
+    """Raise InputError if Dr.Jit was imported before, and found a libLLVM with which it aborts."""
+    import drjit
+
+    major = drjit.detail.llvm_version()[0]
+    if major < LEAST_LLVM:
+        said = f"Mitsuba was imported first and found LLVM {major}, with which it aborts: import mesoshell.pathtracer before it"
+        raise InputError("mitsuba", said + (f", or set DRJIT_LIBLLVM_PATH={path}" if path else ""))
 
 
 def _try(path: str) -> None:

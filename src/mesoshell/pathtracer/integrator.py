@@ -92,7 +92,6 @@ def follow(settings, scene, sampler, ray, active):
         segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
         target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dark)
         flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked))
-
         queries += flight.queries
 
         # --- a shadow arrives, or it does not
@@ -127,13 +126,7 @@ def follow(settings, scene, sampler, ray, active):
         shadow.pending = wanted & (dr.max(shadow.asked) > 0)
 
         # --- the path goes on
-        path.beta = dr.select(going, path.beta * event.weight, path.beta)
-        path.eta = dr.select(going, path.eta * event.eta, path.eta)
-        path.ray = dr.select(going, event.ray, path.ray)
-        path.p = dr.select(going, origin.p, path.p)
-        path.pdf = dr.select(going, event.pdf, path.pdf)
-        path.delta = dr.select(going, event.delta, path.delta)
-        path.depth = dr.select(going, path.depth + 1, path.depth)
+        path = _onward(path, event, going, origin.p)
         strongest = dr.max(path.beta)
         path.alive = dr.select(mine, going & (strongest > 0), path.alive)
         if roulette:
@@ -162,6 +155,20 @@ def _begin(world, sampler, ray, active) -> Path:
         mi.Point3f(ray.o),
         mi.Float(one),
         mi.Bool(lanes),
+    )
+
+
+def _onward(path, event, going, p) -> Path:
+    """The path after an event at p, in lanes that are going."""
+    return Path(
+        dr.select(going, event.ray, path.ray),
+        dr.select(going, path.beta * event.weight, path.beta),
+        dr.select(going, path.eta * event.eta, path.eta),
+        dr.select(going, path.depth + 1, path.depth),
+        path.alive,
+        dr.select(going, p, path.p),
+        dr.select(going, event.pdf, path.pdf),
+        dr.select(going, event.delta, path.delta),
     )
 
 

@@ -7,7 +7,7 @@ image = mi.render(scene, spp=64)
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -38,7 +38,7 @@ def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters
     if not Path(path).is_file():
         raise InputError(path, "no such file")
     given = {key: str(value) for key, value in parameters.items()}
-    resolver = mi.file_resolver()
+    resolver = cast(Any, mi).file_resolver()
     before = [str(p) for p in resolver]
     resolver.prepend(mi.filesystem.path(str(Path(path).resolve().parent)))
     try:
@@ -97,9 +97,7 @@ def _stands(element: Element, materials: dict) -> tuple[list[tuple[Shell, Medium
     box = bounding_box(mesh)
     thickness = float(np.linalg.norm(box[1] - box[0])) / 25 if element.thickness is None else element.thickness
     shell = extrude(mesh, thickness, 2 * thickness if element.scale is None else element.scale)
-    path = find(
-        element.material if element.material in bundled() else str(mi.file_resolver().resolve(element.material))
-    )
+    path = _file(element.material)
     bundle = read_bundle(path)
     for name in element.textures:
         check_name(bundle, name, element.material)
@@ -116,6 +114,12 @@ def _stands(element: Element, materials: dict) -> tuple[list[tuple[Shell, Medium
     values = tuple(element.textures.get(name, float(v)) for name, v in zip(names, alpha, strict=True))
     medium = Medium(materials[key], values, patches_per_uv(mesh, shell))
     return [(transformed(shell, m), medium) for m in element.placed] or [(shell, medium)], is_convex(mesh)
+
+
+def _file(material: str) -> Path:
+    """A bundled material's file, or one that lies where Mitsuba looks for files."""
+    resolver = cast(Any, mi).file_resolver()
+    return find(material if material in bundled() else str(resolver.resolve(material)))
 
 
 def _mesh(element: Element) -> Mesh:

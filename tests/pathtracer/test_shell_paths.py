@@ -80,7 +80,7 @@ def picture(parts: dict, spp: int = 64, seed: int = 0) -> np.ndarray:
 
 def test_sums_and_draws_agree(materials) -> None:
     """The flat box by distant light: all samples summed, and collisions drawn, which is the same estimate with noise."""
-    made = loaded(scene(shell(materials, "rough")))
+    made: Any = load_dict(scene(shell(materials, "rough")), QUALITY.with_changes(samples=256, weight_cut=0.0))
     world = made.integrator().world
     assert world.effects.quadrature.on
     summed = np.array(mi.render(made, spp=256))

@@ -29,9 +29,9 @@ class Flight:
 
 
 @dr.syntax
-def fly(world, ray, target, active):
+def fly(world, ray, target, active, shift=0.5):
     """The flight of rays that are active; the others come out at once."""
-    s = begin(ray)
+    s = begin(ray, shift)
     s.over = ~active
     n = dr.width(ray.o)
     count, skip = world.quality.samples, world.quality.skip

@@ -91,7 +91,7 @@ def follow(settings, scene, sampler, ray, active):
         segment = dr.select(shadow.pending, shadow.ray, path.ray)
         segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
         target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dark)
-        flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked))
+        flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked), sampler.next_1d())
         queries += flight.queries
 
         # --- a shadow arrives, or it does not

@@ -37,7 +37,8 @@ class Here:
 
 @dataclass
 class Sampling:
-    """A ray under way. begin: canonical length before the piece; k: number of the next sample; step: L/N."""
+    """A ray under way. begin: canonical length before the piece; k: number of the next sample, which lies
+    `shift` of a step after k steps; step: L/N."""
 
     walker: Walker
     here: Here
@@ -46,6 +47,7 @@ class Sampling:
     total: mi.Float64
     step: mi.Float64
     k: mi.UInt32
+    shift: mi.Float
     over: mi.Bool
 
 
@@ -70,8 +72,8 @@ def no_here() -> Here:
     return Here(mi.UInt32(0), z, mi.Float(0), v(0), v(0), mi.Float(0), v(0), v(0), v(0))
 
 
-def begin(ray) -> Sampling:
-    """A ray at its start."""
+def begin(ray, shift=0.5) -> Sampling:
+    """A ray at its start. shift: in [0, 1): the middle, or drawn, so that what lies between samples is noise and no pattern."""
     n = dr.width(ray.start)
     zero = dr.zeros(mi.Float64, n)
     return Sampling(
@@ -82,6 +84,7 @@ def begin(ray) -> Sampling:
         mi.Float64(zero),
         mi.Float64(zero),
         dr.zeros(mi.UInt32, n),
+        mi.Float(shift) + dr.zeros(mi.Float, n),
         mi.Bool(False),
     )
 
@@ -91,7 +94,7 @@ def seek(shells, media, ray, count, skip, s):
     """The next sample of a ray that may hold something, the state after it, and whether there is one."""
     found, sample = mi.Bool(False), nothing()
     while ~found & ~s.over:
-        position = (mi.Float64(s.k) + 0.5) * s.step
+        position = (mi.Float64(s.k) + mi.Float64(s.shift)) * s.step
         length = mi.Float64(s.here.length)
         if ~s.measuring & (s.k < count) & (position < s.begin + length):
             sample = _at(ray, s.here, mi.Float((position - s.begin) / length), mi.Float(s.step / length))

@@ -1,5 +1,5 @@
-"""Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is
-timed. The path tracer's functions are left alone: Dr.Jit rewrites their source, and their arrays carry no shapes."""
+"""Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is timed.
+JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not). The path tracer's functions are left alone: Dr.Jit rewrites their source, and their arrays carry no shapes."""
 
 import os
 import pkgutil
@@ -24,6 +24,8 @@ settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_disable_most_optimizations", True)
+os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # in processes of their own too
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -36,13 +38,13 @@ def _compiled_once(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def barely_optimised():
-    """For programs that take longer to compile than to run, as training steps do; in processes of their own too."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
-    yield
-    del os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"]
+def optimised():
+    """For programs that take longer to run than to compile, in processes of their own too."""
     jax.config.update("jax_disable_most_optimizations", False)
+    del os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"]
+    yield
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
+    jax.config.update("jax_disable_most_optimizations", True)
 
 
 @pytest.fixture(scope="session")

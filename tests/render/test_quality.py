@@ -18,6 +18,7 @@ BAD = {
     "visibility": "never",
     "environment_samples": 0,
     "base_samples": 0,
+    "bounce_spread": 1.0,
 }
 
 
@@ -47,7 +48,7 @@ def test_presets_spend_ever_more():
     for cheap, dear in ((draft, normal), (normal, reference)):
         for name in ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples"):
             assert getattr(cheap, name) <= getattr(dear, name)
-        for name in ("early_stop", "skip", "weight_cut"):
+        for name in ("early_stop", "skip", "weight_cut", "bounce_spread"):
             assert getattr(cheap, name) >= getattr(dear, name)
     assert (reference.early_stop, reference.skip, reference.weight_cut) == (0, 0, 0)
 

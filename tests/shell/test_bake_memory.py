@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 ALLOCATOR = {"MALLOC_ARENA_MAX": "1", "MALLOC_MMAP_THRESHOLD_": "65536"}
 #: Of the bytes that the larger texture has more of, how many may be held more: 1% was seen.
@@ -17,6 +19,7 @@ SHARE = 0.05
 SIDES = (512, 1024, 2048)
 
 
+@pytest.mark.usefixtures("optimised")
 def test_four_times_the_texture_needs_no_more_memory(tmp_path: Path) -> None:
     sizes = ["--texels", "256", "--base", "512", "--most", "4", "--folder", str(tmp_path)]
     command = [sys.executable, "-m", "benchmarks.extent", "--sides", *map(str, SIDES), *sizes]

@@ -23,7 +23,7 @@ from mesoshell.train.step import MOST, Report, _not_finite, _updated, step
 from mesoshell.typing import Array
 
 #: One process compiles what its tests share.
-pytestmark = [pytest.mark.xdist_group("training_extremes"), pytest.mark.usefixtures("barely_optimised")]
+pytestmark = pytest.mark.xdist_group("training_extremes")
 
 #: The discriminator's rate is 0, so that R1 is that of the weights the step began with.
 CONFIG = TrainConfig(

@@ -1,5 +1,6 @@
 """Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is timed.
-JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not). The path tracer's functions are left alone: Dr.Jit rewrites their source, and their arrays carry no shapes."""
+JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not). The path tracer's
+functions are left alone: Dr.Jit rewrites their source, and their arrays carry no shapes."""
 
 import os
 import pkgutil

@@ -114,3 +114,23 @@ def test_two_shells_are_one_march() -> None:
     )
     assert (alone > 0).any()
     np.testing.assert_allclose(together, 2 * alone, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["spot.obj", "cross.obj"])
+def test_a_march_from_the_boundary_itself_comes_to_an_end(name) -> None:
+    """From base points, tops and middles of posts, along edges, posts and at random: where a ray can meet what it stands on
+    again and again without getting on. As paths do, known to be outside or not."""
+    mesh = load_mesh(DATA / name)
+    shell, rng = extrude(mesh, 0.05, 0.1), np.random.default_rng(2)
+    corner = shell.faces[rng.integers(len(shell.faces), size=6000)]
+    base, offset = shell.base[corner].astype(np.float64), shell.offset[corner].astype(np.float64)
+    o = base[:, 0] + rng.choice([0.0, 0.5, 1.0], size=(6000, 1)) * offset[:, 0]
+    ways = np.stack(
+        [base[:, 1] - base[:, 0], offset[:, 0], -offset[:, 0], base[:, 2] + offset[:, 2] - o, rng.normal(size=o.shape)]
+    )
+    d = ways[rng.integers(len(ways), size=6000), np.arange(6000)]
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    vectors = [mi.Vector3d(x.astype(np.float32).astype(np.float64).T.copy()) for x in (o, d)]
+    for outside in (True, False):
+        length, _, _, moves = marched(Shells([shell]), surface(mesh), *vectors, dr.full(mi.Bool, outside, 6000))
+        assert np.array(moves).max() < 1000 and np.isfinite(np.array(length)).all()

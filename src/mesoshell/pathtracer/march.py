@@ -27,12 +27,15 @@ from mesoshell.pathtracer.walk import LOST, TOP, WALKING, Piece, Place, enter, s
 FREE, COUNT, SEARCH, BACK, FORWARD, OVER = 0, 1, 2, 3, 4, 5
 #: Step past a boundary before free space begins again, relative to the scene's size.
 ADVANCE = 2e-6
+#: A ray along a post goes round it through every prism there without getting on, and one along a side to and fro. After so
+#: many it has lost its way, and free space begins again.
+MOST_STUCK = 64
 
 
 @dataclass
 class Walker:
     """Where a ray stands. sure: it is outside at `start`; at: where the boundary is asked from; depth: how often it has entered
-    since `start`."""
+    since `start`; stuck: how many prisms it has crossed without getting on."""
 
     mode: mi.UInt32
     start: mi.Float64
@@ -40,6 +43,7 @@ class Walker:
     at: mi.Float64
     depth: mi.UInt32
     place: Place
+    stuck: mi.UInt32
 
 
 def nowhere() -> Place:
@@ -54,7 +58,7 @@ def no_piece() -> Piece:
 def at_start(start, outside) -> Walker:
     """A ray that begins in free space; outside: it is known to be so."""
     none = dr.zeros(mi.UInt32, dr.width(start))
-    return Walker(none + FREE, mi.Float64(start), mi.Bool(outside), mi.Float64(start), none + 0, nowhere())
+    return Walker(none + FREE, mi.Float64(start), mi.Bool(outside), mi.Float64(start), none + 0, nowhere(), none + 0)
 
 
 @dr.syntax
@@ -102,13 +106,17 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     on = event + ADVANCE * (shells.size + event)
     start = dr.select((mode == FREE) & ~settled, on, w.start)  # what was met there was nothing
     depth = dr.select(into, w.depth + 1, dr.select(out & (w.depth > 0), w.depth - 1, w.depth))
-    return Walker(mode, start, w.sure | settled, on, dr.select(count, depth, 0), dr.select(back, behind, ahead))
+    return Walker(
+        mode, start, w.sure | settled, on, dr.select(count, depth, 0), dr.select(back, behind, ahead), mi.UInt32(0)
+    )
 
 
 def _cross(shells, o, d, tmax, w: Walker):
     """One prism, forward or back."""
     back = w.mode == BACK
     after, piece = step(shells, o, dr.select(back, -d, d), w.place)
+    stuck = dr.select(after.t > w.place.t, 0, w.stuck + 1)
+    after.exit = dr.select(stuck < MOST_STUCK, after.exit, LOST)
     # back: the prism's far end is where the ray enters it
     reached = back & (-after.t <= w.start) & (after.exit != LOST)
     entry = Place(piece.prism, -piece.t1, after.slack, piece.bary1, piece.h1, mi.UInt32(WALKING))
@@ -122,7 +130,7 @@ def _cross(shells, o, d, tmax, w: Walker):
     place = dr.select(reached, entry, after)
     start = dr.select(left, end, w.start)
     at = dr.select(left, dr.maximum(end + ADVANCE * (shells.size + end), w.at), w.at)
-    return Walker(mode, start, w.sure & ~left, at, w.depth, place), piece, found & ~back
+    return Walker(mode, start, w.sure & ~left, at, w.depth, place, stuck), piece, found & ~back
 
 
 def _cut(i: Piece, begin, end):

@@ -130,7 +130,7 @@ def test_a_march_from_the_boundary_itself_comes_to_an_end(name) -> None:
     )
     d = ways[rng.integers(len(ways), size=6000), np.arange(6000)]
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    vectors = [mi.Vector3d(x.astype(np.float32).astype(np.float64).T.copy()) for x in (o, d)]
+    o, d = (mi.Vector3d(x.astype(np.float32).astype(np.float64).T.copy()) for x in (o, d))
     for outside in (True, False):
-        length, _, _, moves = marched(Shells([shell]), surface(mesh), *vectors, dr.full(mi.Bool, outside, 6000))
+        length, _, _, moves = marched(Shells([shell]), surface(mesh), o, d, dr.full(mi.Bool, outside, 6000))
         assert np.array(moves).max() < 1000 and np.isfinite(np.array(length)).all()

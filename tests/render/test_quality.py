@@ -53,5 +53,11 @@ def test_presets_spend_ever_more():
     assert (reference.early_stop, reference.skip, reference.weight_cut) == (0, 0, 0)
 
 
+def test_more_samples_leave_no_more_unlit():
+    assert Quality().least_weight == pytest.approx(1e-3)
+    for samples in (1, 48, 4096):
+        assert samples * Quality(samples=samples).least_weight == pytest.approx(Quality().weight_cut)
+
+
 def test_the_record_names_every_field():
     assert Quality().as_dict().keys() == {f.name for f in fields(Quality)}

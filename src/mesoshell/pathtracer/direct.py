@@ -24,7 +24,7 @@ def gather_light(world, ray):
     n = dr.width(ray.o)
     depth, rgb, queries = dr.zeros(mi.Float, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
     quality = world.quality
-    count, skip, cut = quality.samples, quality.skip, quality.weight_cut
+    count, skip, cut = quality.samples, quality.skip, quality.least_weight
     stop = -dr.log(quality.early_stop) if quality.early_stop > 0 else dr.inf
     del quality
     busy = dr.full(mi.Bool, True, n)

@@ -1,6 +1,7 @@
 """Which effects of path tracing a scene calls for: decided from its objects, before anything is compiled.
 
-What is off is not in the compiled program; `mesoshell render --explain` prints the reasons.
+What is off is not in the compiled program, or, of rays that a loop takes anyway, not done; `mesoshell render --explain` prints
+the reasons.
 """
 
 from dataclasses import dataclass

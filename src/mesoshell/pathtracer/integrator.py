@@ -129,6 +129,8 @@ def follow(settings, scene, sampler, ray, active):
         path = _onward(path, event, going, origin.p)
         strongest = dr.max(path.beta)
         path.alive = dr.select(mine, going & (strongest > 0), path.alive)
+        if not hitting:  # a last segment could only end on an emitter
+            path.alive &= path.depth + 1 < max_depth
         if roulette:
             keep = dr.minimum(strongest * dr.square(path.eta), 0.95)
             doomed = mine & (path.depth >= rr_depth)

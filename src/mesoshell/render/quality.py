@@ -27,8 +27,8 @@ class Quality:
     #: Optical depth that a ray may lose to skipping, as far as the material's σ grid holds: a sample that can have less
     #: than its share of it, by length, is not decoded.
     skip: float = 0.05
-    #: Light is computed for samples whose weight exceeds this.
-    weight_cut: float = 1e-3
+    #: Opacity that a ray may leave unlit: no light is computed for a sample that has less than its share of it, by number.
+    weight_cut: float = 0.048
     #: Features are filtered over the pixel's footprint.
     filtering: bool = True
     #: Taps along the footprint's long axis; 1 is the paper's r = min(a, b).
@@ -53,6 +53,11 @@ class Quality:
                 wrong.append(f"{name} must be one of {', '.join(allowed)}")
         if wrong:
             raise ValueError("; ".join(wrong))
+
+    @property
+    def least_weight(self) -> float:
+        """Of a sample that is lit: however many there are, a ray leaves at most `weight_cut` unlit."""
+        return self.weight_cut / self.samples
 
     def with_changes(self, **changes: object) -> "Quality":
         return replace(self, **changes)  # type: ignore[arg-type]

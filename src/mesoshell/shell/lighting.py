@@ -146,7 +146,7 @@ class Lighting:
         clock = time.perf_counter()
         o, d = tile.o, tile.d
         rgb = np.zeros((len(o), 3))
-        hit = np.flatnonzero((traced.face >= 0) & (through > self.quality.weight_cut))
+        hit = np.flatnonzero((traced.face >= 0) & (through > self.quality.least_weight))
         if not len(hit):
             return rgb
         face = traced.face[hit]

@@ -7,7 +7,7 @@ R, I, S     rays, intervals, samples of one tile of rays
 
 Work is compacted at every stage: rays that meet nothing make no intervals, samples in empty space (by the bundle's σ grid)
 are not decoded, rays whose transmittance has fallen below `early_stop` get no further wave of samples, and light is
-computed only for samples whose weight exceeds `weight_cut`. Image tiles bound the memory, whatever the image's size.
+computed only for samples whose weight exceeds `Quality.least_weight`. Image tiles bound the memory, whatever the image's size.
 """
 
 import os
@@ -205,7 +205,7 @@ class _Renderer:
             tau = np.concatenate([np.asarray(x) for x, _ in found])[: len(chosen)]
             clock = self.report.time("decode", clock)
             weight, depth = accumulate(depth, owner, tau)
-            heavy = np.flatnonzero(weight > self.quality.weight_cut)
+            heavy = np.flatnonzero(weight > self.quality.least_weight)
             edges = np.searchsorted(heavy, np.arange(len(found) + 1) * CAPACITY)
             for k, (_, features) in enumerate(found):
                 own = heavy[edges[k] : edges[k + 1]]

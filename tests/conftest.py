@@ -1,7 +1,9 @@
 """Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is timed.
-JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not). The path tracer's
-functions are left alone: Dr.Jit rewrites their source, and their arrays carry no shapes."""
+JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not), and forgets between
+files what it has compiled: gigabytes in the end. The path tracer's functions are left alone: Dr.Jit rewrites their source, and
+their arrays carry no shapes."""
 
+import gc
 import os
 import pkgutil
 
@@ -26,7 +28,13 @@ settings.load_profile("untimed")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_disable_most_optimizations", True)
-os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # in processes of their own too
+# in processes of their own too
+os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
+if jax.__version_info__ < (
+    0,
+    11,
+):  # a flag that an XLA does not know ends it; with these, compiling takes half the time
+    os.environ["XLA_FLAGS"] = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -36,6 +44,13 @@ def _compiled_once(tmp_path_factory):
     shared = base.parent if base.name.startswith("popen-") else base
     jax.config.update("jax_compilation_cache_dir", str(shared / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forgotten_after():
+    yield
+    jax.clear_caches()
+    gc.collect()
 
 
 @pytest.fixture(scope="module")

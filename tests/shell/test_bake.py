@@ -103,6 +103,19 @@ def test_only_needed_patches_are_made(bundle, field) -> None:
     assert not some.arrays["features/0"][:64].any() and not some.arrays["grid/1"][:, :32].any()
 
 
+def test_a_coarser_texture_is_the_upper_levels_of_the_fine_one(bundle, field) -> None:
+    coarse = baked(bundle, "it", (74, 85), Wanted(7, {"length": 1.5, "age": 4.0}, coarser=2))[0]
+    assert coarse.texel_density == TEXELS / 4
+    same = {key: array for key, array in field.arrays.items() if key.startswith("height")}
+    same |= {f"features/{i}": field.arrays[f"features/{i + 2}"] for i in range(3)}
+    assert {k for k in coarse.arrays if k.startswith(("features", "height"))} == same.keys()
+    for key, array in same.items():
+        np.testing.assert_array_equal(coarse.arrays[key], array)
+    for i in range(3):  # found from other probes
+        ours, finer = (x.astype(np.float64) for x in (coarse.arrays[f"grid/{i}"], field.arrays[f"grid/{i + 2}"]))
+        np.testing.assert_allclose(ours.mean(), finer.mean(), rtol=0.1)
+
+
 def test_patches_of_a_chart_that_lies_anywhere() -> None:
     uv = np.array([[[-3.2, 7.1], [-2.9, 7.2], [-3.1, 7.9]], [[2.6, 7.4], [2.9, 7.4], [2.7, 7.3]]])
     origin, needed = patches_of(uv)

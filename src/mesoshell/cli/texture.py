@@ -17,6 +17,8 @@ class Options:
     out: Path
     #: Patches along u and v, whole or not.
     extent: tuple[float, float] = (4.0, 4.0)
+    #: Texels a patch, the generator's own or a half, a quarter, ... of them: enough for what is seen from far away.
+    texels: int | None = None
     #: Another seed, another texture.
     seed: int = 0
     #: NAME=VALUE; may be repeated. Geometry is baked, and NAME=IMAGE varies it over the extent (grey; black to white spans

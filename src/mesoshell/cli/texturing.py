@@ -28,7 +28,8 @@ def texture_to_files(options: Options) -> None:
     bundle = read_bundle(find(options.material))
     config = maker_of(bundle, options.material).config
     size = _size(options, config.texels)
-    wanted = _wanted(options, bundle, (size[1] / config.texels, size[0] / config.texels))
+    coarser = _coarser(options, config.texels)
+    wanted = replace(_wanted(options, bundle, (size[1] / config.texels, size[0] / config.texels)), coarser=coarser)
     console = Console(stderr=True, highlight=False)
     columns = (TextColumn("texture"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -41,8 +42,9 @@ def texture_to_files(options: Options) -> None:
         else:
             _to_folder(options, bundle, size, wanted, progress)
     seconds, side = time.perf_counter() - begin, patches_a_tile(config.texels) * config.texels
+    rate = size[0] * size[1] / seconds
     console.print(
-        f"{size[1]} × {size[0]} texels in {seconds:.1f} s, {size[0] * size[1] / seconds:,.0f} a second; tiles of "
+        f"{size[1] >> coarser} × {size[0] >> coarser} texels in {seconds:.1f} s, {rate:,.0f} a second; tiles of "
         f"{side}² cost {halo_cost(config, side):.2f} times what they would without their halo",
         soft_wrap=True,
     )
@@ -86,6 +88,16 @@ def _size(options: Options, texels: int) -> tuple[int, int]:
     if not all(np.isfinite(x) and x * texels >= 1 for x in (u, v)):
         raise InputError("--extent", f"{u:g} {v:g}: must be two numbers of patches, at least a texel each")
     return round(v * texels), round(u * texels)
+
+
+def _coarser(options: Options, texels: int) -> int:
+    """How many levels lie above those that are asked for."""
+    asked = texels if options.texels is None else options.texels
+    if asked < 1 or asked & (asked - 1) or asked > texels:
+        raise InputError(
+            "--texels", f"{asked}: the generator makes {texels}; fewer are {texels // 2}, {texels // 4}, ... 1"
+        )
+    return (texels // asked).bit_length() - 1
 
 
 def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> Wanted:

@@ -4,6 +4,7 @@ Alphabet
 V, U        texels of the whole texture along v and u: any
 tile        TILE texels a side at most, whole patches; tiles are computed with a halo of their own, so none needs another
 n_l         texels a patch of level l; a tile is whole patches, so each texel of a level lies in one tile
+coarser     how many of the finest levels are not kept: what is seen from far away needs none of them
 window      a tile with a patch about it: what a lookup in the tile can touch at any level
 needed      which patches are wanted, (patches along v, along u): the others stay 0
 nodes       of w, if geometry varies: then F(h) is made at each of them, as heights/…, and height/… is their mean
@@ -54,16 +55,18 @@ def bake(
     allocate: Allocate,
     needed: Bool[np.ndarray, "P Q"] | None = None,
     progress: Callable[[float], None] = lambda share: None,
+    coarser: int = 0,
 ) -> Share:
-    """Fill features/…, height/…, heights/… if geometry varies, and grid/… of a texture of `size` texels (V, U)."""
+    """Fill features/…, height/…, heights/… if geometry varies, and grid/… of a texture of `size` texels (V, U), levels
+    numbered from the finest that is kept."""
     texels = maker.config.texels
     features = [
-        allocate(f"features/{i}", (-(-size[0] >> i), -(-size[1] >> i), maker.config.channels))
-        for i in range(texels.bit_length())
+        allocate(f"features/{i}", (-(-size[0] >> i + coarser), -(-size[1] >> i + coarser), maker.config.channels))
+        for i in range(texels.bit_length() - coarser)
     ]
     places = list(_places(size, texels, needed))
     for done, place in enumerate(places):
-        _fill(maker, grown, place, features)
+        _fill(maker, grown, place, features, size)
         progress(0.8 * (done + 1) / len(places))
     heights = _heights(maker, grown, allocate)
     return _grids(maker, features, heights, (places, size), allocate, progress)
@@ -107,7 +110,9 @@ def _places(size: tuple[int, int], texels: int, needed: np.ndarray | None) -> It
                 yield v, u
 
 
-def _fill(maker: Maker, grown: Grown, place: tuple[int, int], features: list[np.ndarray]) -> None:
+def _fill(
+    maker: Maker, grown: Grown, place: tuple[int, int], features: list[np.ndarray], size: tuple[int, int]
+) -> None:
     texels = maker.config.texels
     side = patches_a_tile(texels) * texels
     first = place[0] * texels, place[1] * texels
@@ -117,10 +122,12 @@ def _fill(maker: Maker, grown: Grown, place: tuple[int, int], features: list[np.
         count = side // texels + 2 * before + 1
         grown = grown._replace(w=window(grown.w, (place[0] - before, place[1] - before), count))
     found = _tile(maker.config, side, maker.generator, maker.averages, grown, tile)
-    rows, columns = (min(side, n - at) for n, at in zip(features[0].shape[:2], first, strict=True))
-    for i, level in enumerate(mip.build_open(found[:rows, :columns], len(features) - 1)):
+    rows, columns = (min(side, n - at) for n, at in zip(size, first, strict=True))
+    levels = mip.build_open(found[:rows, :columns], texels.bit_length() - 1)
+    for i in range(texels.bit_length() - len(features), len(levels)):
+        level, kept = levels[i], features[i - len(levels)]
         v, u = first[0] >> i, first[1] >> i
-        features[i][v : v + level.shape[0], u : u + level.shape[1]] = np.asarray(level, np.float16)
+        kept[v : v + level.shape[0], u : u + level.shape[1]] = np.asarray(level, np.float16)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -138,10 +145,10 @@ def _grids(
     allocate: Allocate,
     progress: Callable[[float], None],
 ) -> Share:
-    texels, (places, size) = maker.config.texels, where
-    step = patches_a_tile(texels)
+    (places, size), step = where, patches_a_tile(maker.config.texels)
+    texels = 1 << len(features) - 1
     cells = [min(GRID_CELLS, texels >> i) for i in range(len(features))]
-    shapes = [(GRID_HEIGHT, -(-size[0] * c // texels), -(-size[1] * c // texels)) for c in cells]
+    shapes = [(GRID_HEIGHT, *(-(-n * c // maker.config.texels) for n in size)) for c in cells]
     grids = [allocate(f"grid/{i}", shape) for i, shape in enumerate(shapes)]
     varies = heights[0].shape[0] > 1
     sizes = tuple(((step + 2) * (texels >> i), (step + 2) * (texels >> i)) for i in range(len(features)))

@@ -16,22 +16,20 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.material import normalised
 from mesoshell.shell.bake import Share, bake
-from mesoshell.shell.chart import cells, patches_of
+from mesoshell.shell.chart import cells, fits, patches_of
 from mesoshell.shell.generated import grown, maker_of
 from mesoshell.shell.nodes import count_nodes
-
-#: Bytes of a texture in memory, with its mips: a render that wants more has too many patches on its mesh.
-MOST_BYTES = 6 * 2**30
 
 
 @dataclass(frozen=True)
 class Wanted:
     """What a texture is asked to be. values: of parameters, in their units; fields: of geometry parameters that vary, from
-    (…, 2) coordinates in patches to (…) values in [0, 1]."""
+    (…, 2) coordinates in patches to (…) values in [0, 1]; coarser: how many of the finest levels are left out."""
 
     seed: int = 0
     values: dict[str, float] = field(default_factory=dict)
     fields: dict[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
+    coarser: int = 0
 
 
 def grow(
@@ -48,7 +46,7 @@ def grow(
     texels = int(bundle.texel_density)
     low, high = cells(uv)
     across, along = (int(n) for n in high.max(axis=0) - low.min(axis=0) + 1)
-    if across * along * texels**2 * bundle.channels * 2 * 4 / 3 > MOST_BYTES:
+    if not fits((along, across), texels, bundle.channels):
         raise InputError("--scale", f"the mesh would carry {across} × {along} patches: give larger ones")
     origin, needed = patches_of(uv)
     size = needed.shape[0] * texels, needed.shape[1] * texels
@@ -80,9 +78,10 @@ def baked(
         arrays[key] = (allocate or in_memory)(key, shape)
         return arrays[key]
 
-    share = bake(maker, grown(maker, wanted.seed, beta), size, keep, needed, progress)
+    share = bake(maker, grown(maker, wanted.seed, beta), size, keep, needed, progress, wanted.coarser)
     parameters = tuple(replace(p, default=float(wanted.values.get(p.name, p.default))) for p in bundle.parameters)
-    made = replace(bundle, arrays=arrays, generator=None, wraps=False, parameters=parameters)
+    density = bundle.texel_density / 2**wanted.coarser
+    made = replace(bundle, arrays=arrays, generator=None, wraps=False, parameters=parameters, texel_density=density)
     return replace(made, provenance=bundle.provenance | {"seed": wanted.seed, "varies": sorted(wanted.fields)}), share
 
 

@@ -1,18 +1,22 @@
 # make demo   a picture from a fresh machine: sets up .venv, renders the bundled mesh with the bundled grass
 # make test   sets up all that the tests need, and passes them
 # make blender   the separate environment that `mesoshell dataset render` calls
+# make nojax   an environment without JAX, in which path tracing is tested
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 # Blender's module needs Python 3.11; with another one its tests say that they are skipped
 BLENDER := $(shell $(PYTHON) -c 'import sys; print("blender" * (sys.version_info[:2] == (3, 11)))')
 
-.PHONY: demo test lint blender clean
+# What `mesoshell render --engine mitsuba` imports
+WITHOUT_JAX := numpy scipy jaxtyping trimesh networkx xatlas pillow OpenEXR tyro rich mitsuba karellen-llvm-core
+
+.PHONY: demo test lint blender nojax clean
 
 demo: .venv/installed
 	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
 
-test: .venv/installed-dev lint $(BLENDER)
+test: .venv/installed-dev lint $(BLENDER) nojax
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
 	$(BIN)/python notebooks/execute.py
 
@@ -40,5 +44,13 @@ data_gen/.venv/installed: data_gen/requirements.txt
 	data_gen/.venv/bin/pip install -q --disable-pip-version-check -r data_gen/requirements.txt
 	touch $@
 
+nojax: .venv-nojax/installed
+
+.venv-nojax/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-nojax
+	.venv-nojax/bin/pip install -q --disable-pip-version-check -c constraints.txt $(WITHOUT_JAX)
+	.venv-nojax/bin/pip install -q --disable-pip-version-check --no-deps -e .
+	touch $@
+
 clean:
-	rm -rf .venv out build *.egg-info
+	rm -rf .venv .venv-nojax out build *.egg-info

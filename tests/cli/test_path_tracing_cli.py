@@ -13,6 +13,7 @@ from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_exr, read_png, write_png
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
+ENVIRONMENT = Path(__file__).parents[2] / ".venv-nojax"
 #: `main` where nothing can import JAX.
 WITHOUT_JAX = (
     "import sys; sys.modules.update(dict.fromkeys(('jax', 'jaxlib', 'flax', 'optax')))\n"
@@ -60,6 +61,19 @@ def test_a_picture_without_jax(material: Path, tmp_path: Path) -> None:
     assert {"version", "engine", "seconds", "rays", "queries", "effects", "quality", "material"} <= record.keys()
     assert record["queries"] > 16 * 12
     assert (record["engine"], record["rays"], record["samples"]) == ("mitsuba", 16 * 12 * 4, 4)
+
+
+@pytest.mark.skipif(not (ENVIRONMENT / "installed").exists(), reason="no environment without JAX: make nojax")
+def test_an_environment_without_jax(tmp_path: Path) -> None:
+    python, out = str(ENVIRONMENT / "bin/python"), tmp_path / "monkey.png"
+    assert subprocess.run([python, "-c", "import jax"], capture_output=True).returncode
+    for command in (
+        [python, "-c", "import mesoshell.pathtracer"],
+        [str(ENVIRONMENT / "bin/mesoshell"), *arguments(Path("grass"), out)],
+    ):
+        done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+        assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+    assert read_png(out)[..., 3].max() == 1
 
 
 def test_the_engines_show_the_same(material: Path, tmp_path: Path, capsys) -> None:

@@ -13,10 +13,13 @@ import pytest
 from test_shell_direct import QUALITY, ROOT
 
 from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.pathtracer import baking
 from mesoshell.pathtracer.load import load_dict, load_file
 from mesoshell.render.effects import Effect
+from mesoshell.render.quality import Quality
+from mesoshell.shell.extrude import extrude
 from tests.shell import growing
 
 SIZE = 12
@@ -72,8 +75,8 @@ def scene(*shapes: dict, light: dict | None = None, depth: int = 2, eye: dict | 
     }
 
 
-def loaded(parts: dict) -> Any:
-    return load_dict(parts, QUALITY)
+def loaded(parts: dict, quality: Quality = QUALITY) -> Any:
+    return load_dict(parts, quality)
 
 
 def picture(parts: dict, spp: int = 64, seed: int = 0) -> np.ndarray:
@@ -137,6 +140,23 @@ def test_a_white_furnace(materials) -> None:
         np.testing.assert_allclose(found.mean(), 1, atol=1e-3)
 
 
+def test_a_white_furnace_within_glass(materials) -> None:
+    """White ground, a dense field whose ρ integrates to 1, and glass about them: under a sky of 1 nothing can be seen."""
+    square = shell(
+        materials, "dense", asked={"thickness": 0.1, "scale": 0.1}
+    )  # what stands within an exit of 0.4 is passed by
+    square["bsdf"]["inner"] = {
+        "type": "twosided",
+        "b": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}},
+    }
+    glass = {"type": "sphere", "center": [0.5, 0.5, 0.4], "radius": 1.5, "bsdf": {"type": "dielectric", "int_ior": 1.5}}
+    parts = scene(square, glass, light={"type": "constant"}, depth=-1)
+    parts["integrator"]["rr_depth"] = 64
+    found = picture(parts, spp=4096)[..., :3]
+    assert np.isfinite(found).all()
+    np.testing.assert_allclose(found.mean(), 1, atol=3e-3)
+
+
 def placed(materials: Path, name: str, matrix: np.ndarray, asked: dict | None = None) -> tuple[dict, dict]:
     """A shape group with a shell, and an instance of it."""
     square = shell(materials, name, asked=asked or {})
@@ -175,11 +195,11 @@ def test_stretching_an_instance_stretches_its_slab(materials) -> None:
 def test_a_texture_gives_a_parameter_over_the_surface(materials) -> None:
     """One that is the same everywhere is that number; one with two halves has the look of each number in its half."""
 
-    def drawn(value) -> np.ndarray:
-        return picture(scene(shell(materials, "rough", asked={"dryness": value})), spp=128)
+    def drawn(value, eye: dict | None = None) -> np.ndarray:
+        return picture(scene(shell(materials, "rough", asked={"dryness": value}), eye=eye), spp=128)
 
-    def texture(*pixels: float) -> dict:
-        bitmap = mi.Bitmap(np.array(pixels, np.float32)[None, :, None])
+    def texture(*pixels: float, axis: int = 0) -> dict:
+        bitmap = mi.Bitmap(np.expand_dims(np.array(pixels, np.float32), (axis, 2)))
         return {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "nearest"}
 
     low, high = drawn(0.0), drawn(2.0)
@@ -188,6 +208,24 @@ def test_a_texture_gives_a_parameter_over_the_surface(materials) -> None:
     halves = drawn(texture(0.0, 1.0))
     assert np.abs(halves - low)[:, :4].mean() < 0.1 * np.abs(halves - high)[:, :4].mean()
     assert np.abs(halves - high)[:, -4:].mean() < 0.1 * np.abs(halves - low)[:, -4:].mean()
+    # an image's first row lies where the file's v is 1: far up, seen from above
+    above = sensor(to_world=mi.ScalarTransform4f().look_at([0.5, 0.5, 4.0], [0.5, 0.5, 0.0], [0, 1, 0]))
+    low, high, rows = (drawn(value, above) for value in (0.0, 2.0, texture(1.0, 0.0, axis=1)))
+    assert np.abs(rows - high)[:5].mean() < 0.1 * np.abs(rows - low)[:5].mean()
+    assert np.abs(rows - low)[-5:].mean() < 0.1 * np.abs(rows - high)[-5:].mean()
+
+
+def test_a_material_lies_on_a_file_as_it_does_in_the_other_engine(materials) -> None:
+    """Mitsuba turns an OBJ file's v round; the shell's chart is the file's all the same."""
+    for name in ("box.obj", "spot.obj"):
+        path = materials / name if name == "box.obj" else ROOT / "tests/data" / name
+        asked = {"material": str(materials / "rough.npz"), "thickness": 0.1, "scale": 0.5}
+        square = {"type": "obj", "filename": str(path), "bsdf": {"type": "mesoshell", **asked}}
+        ours = extrude(load_mesh(path), 0.1, 0.5)
+        world = loaded(scene(square)).integrator().world
+        found = np.array(world.shells.uv).reshape(-1, 3, 2)
+        assert found.shape == ours.uv.shape
+        np.testing.assert_allclose(found.mean(axis=1), ours.uv.mean(axis=1), atol=1e-4)
 
 
 def test_a_mirror_shows_the_shell(materials) -> None:
@@ -256,6 +294,23 @@ def test_a_generators_texture_is_made_once(materials, tmp_path, monkeypatch) -> 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))
     with pytest.raises(InputError, match="length=7 lies outside"):
         loaded(scene(shell(materials, "grown", asked={"length": 7.0})))
+
+
+def test_a_texture_is_as_fine_as_its_camera_sees(materials, tmp_path, monkeypatch) -> None:
+    """From far off a quarter of the texels are made, and the picture is that of them all."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    write_bundle(materials / "far.npz", growing.bundle())
+    away = mi.ScalarTransform4f().look_at([0.5, -7.0, 11.0], [0.5, 0.5, 0.4], [0, 0, 1])
+    parts = scene(shell(materials, "far", asked={"seed": 3}), eye=sensor(to_world=away))
+    exact = QUALITY.with_changes(skip=0.0)
+    coarse = loaded(parts, exact)
+    assert coarse.integrator().world.media.materials[0].density == growing.TEXELS / 4
+    monkeypatch.setattr("mesoshell.pathtracer.load.texels_needed", lambda *_: growing.TEXELS)
+    fine = loaded(parts, exact)
+    assert fine.integrator().world.media.materials[0].density == growing.TEXELS
+    one, other = (np.array(mi.render(x, spp=4)) for x in (coarse, fine))
+    assert one[..., :3].max() > 1e-3
+    np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
 
 
 def test_misplaced_elements_are_refused(materials, tmp_path) -> None:

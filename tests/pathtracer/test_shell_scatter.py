@@ -82,7 +82,7 @@ def test_collisions_are_drawn_by_their_weights() -> None:
     flight = fly(world, many, -dr.log(1 - numbers), dr.full(mi.Bool, True, count * draws))
     view = dr.normalize(canonical(flight.here, -mi.Vector3f(many.d)))
     light = dr.normalize(canonical(flight.here, mi.Vector3f(*LIGHT)))
-    rho = dr.select(flight.collided, media.rho(flight.sample, view, [light])[0], 0)
+    rho = dr.select(flight.collided, media.rho(flight.sample, media.decode(flight.sample)[1], view, [light])[0], 0)
     for drawn, expected in ((1 - np.array(flight.collided), np.array(through)), (np.array(rho)[1], np.array(rgb)[1])):
         rows = drawn.reshape(count, draws)
         often = expected > 0.1 * expected.max()  # elsewhere too few of the draws count for a deviation

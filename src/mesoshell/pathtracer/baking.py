@@ -1,7 +1,7 @@
 """Textures of materials that have a generator: made by `mesoshell texture`, which needs JAX, once for what a scene asks.
 
 They are kept under $XDG_CACHE_HOME/mesoshell/textures (~/.cache without it), by what they are made of: the material's bytes,
-the extent, the seed and the geometry parameters. Remove that folder at will.
+the extent, the texels, the seed and the geometry parameters. Remove that folder at will.
 """
 
 import hashlib
@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -16,19 +17,27 @@ from jaxtyping import Float
 from mesoshell import __version__
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
-from mesoshell.shell.chart import patches_of
+from mesoshell.shell.chart import fits, patches_of
+
+
+class Asked(NamedTuple):
+    """Of a texture: seed and parameters as a scene gives them, and texels a patch, at most the generator's own."""
+
+    seed: int | None
+    values: dict[str, float]
+    texels: int
 
 
 def textured(
-    path: Path, bundle: Bundle, uv: Float[np.ndarray, "P 3 2"], seed: int | None, values: dict[str, float]
+    path: Path, bundle: Bundle, uv: Float[np.ndarray, "P 3 2"], asked: Asked
 ) -> tuple[Bundle, tuple[int, int], tuple]:
     """The material with a texture that covers a surface of corners uv (patches), the texture's origin (u, v), and a name for
     both: what has the same name is the same.
 
     Raises InputError where seed or geometry parameters are asked of a material that is one texture, or none can be made.
     """
-    shape = {p.name: values[p.name] for p in bundle.parameters if p.role == "beta" and p.name in values}
-    fixed = bundle.baked and seed is None and not shape
+    shape = {p.name: asked.values[p.name] for p in bundle.parameters if p.role == "beta" and p.name in asked.values}
+    fixed = bundle.baked and asked.seed is None and not shape
     if bundle.generator is None and not fixed:
         raise InputError(
             path, f"has no generator: it is one texture, of one seed and one {next(iter(shape), 'geometry')}"
@@ -38,17 +47,20 @@ def textured(
     origin, needed = patches_of(uv)
     if fixed:
         return bundle, origin, (path, origin)
-    file = _made(path, needed.shape, seed or 0, shape)
+    patches = needed.shape
+    if not fits(patches, asked.texels, bundle.channels):
+        raise InputError(path, f"the mesh would carry {patches[1]} × {patches[0]} patches: give a larger scale")
+    file = _made(path, patches, asked._replace(seed=asked.seed or 0, values=shape))
     return read_bundle(file), origin, (file, origin)
 
 
-def _made(path: Path, patches: tuple[int, int], seed: int, values: dict[str, float]) -> Path:
-    asked = ["--extent", str(patches[1]), str(patches[0]), "--seed", str(seed)]
-    asked += [x for k, v in sorted(values.items()) for x in ("--param", f"{k}={v!r}")]
-    key = hashlib.sha256(path.read_bytes() + repr((__version__, asked)).encode()).hexdigest()[:32]
+def _made(path: Path, patches: tuple[int, ...], asked: Asked) -> Path:
+    options = ["--extent", str(patches[1]), str(patches[0]), "--seed", str(asked.seed), "--texels", str(asked.texels)]
+    options += [x for k, v in sorted(asked.values.items()) for x in ("--param", f"{k}={v!r}")]
+    key = hashlib.sha256(path.read_bytes() + repr((__version__, options)).encode()).hexdigest()[:32]
     file = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesoshell" / "textures" / f"{key}.npz"
     if not file.exists():
-        command = [sys.executable, "-m", "mesoshell", "texture", str(path), *asked, "--out", str(file)]
+        command = [sys.executable, "-m", "mesoshell", "texture", str(path), *options, "--out", str(file)]
         done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         if done.returncode:
             said = (done.stderr.strip().splitlines() or ["no reason given"])[-1]

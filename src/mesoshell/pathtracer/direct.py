@@ -11,10 +11,11 @@ V           visibility of a light, from the exit point on the shell's top
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.events import segment
+from mesoshell.pathtracer.events import segment, single
 from mesoshell.pathtracer.flight import fly
 from mesoshell.pathtracer.march import ADVANCE
 from mesoshell.pathtracer.quadrature import begin, canonical, seek
+from mesoshell.pathtracer.scatter import exit_distance
 
 
 @dr.syntax
@@ -32,28 +33,27 @@ def gather_light(world, ray):
         s, sample, found = seek(world.shells, world.media, ray, count, skip, s)
         busy = found
         if found:
-            tau = dr.minimum(world.media.sigma(sample), 1e20) * mi.Float(s.step)
+            sigma, features = world.media.decode(sample)
+            tau = dr.minimum(sigma, 1e20) * mi.Float(s.step)
             weight = dr.exp(-depth) * _opacity(tau)
             depth += tau
             queries += 1
             busy = depth < stop
             if weight > cut:
-                rgb += weight * scattered(world, ray, s.here, sample)
+                rgb += weight * scattered(world, ray, s.here, sample, features)
     return rgb, dr.exp(-depth), queries
 
 
-def scattered(world, ray, here, sample):
-    """Σ ρ E⊥ V at a sample."""
+def scattered(world, ray, here, sample, features):
+    """Σ ρ E⊥ V at a sample, from what the trunk made of it."""
     total = mi.Color3f(0)
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
     middle = 0.5 * (here.t0 + here.t1)
     height = 0.5 * (here.xi0.z + here.xi1.z)
     directions = [mi.Vector3f(*direction) for direction, _ in world.lights]
-    rhos = world.media.rho(sample, view, [dr.normalize(canonical(here, d)) for d in directions])
+    rhos = world.media.rho(sample, features, view, [dr.normalize(canonical(here, d)) for d in directions])
     for toward, rho, (_, irradiance) in zip(directions, rhos, world.lights, strict=True):
-        rate = dr.dot(here.c, toward)
-        leave = dr.select(rate > 1e-6, (1 - height) / dr.maximum(rate, 1e-6), 0)
-        leave = dr.minimum(leave, world.shells.size) + ADVANCE * world.shells.size
+        leave = exit_distance(here, height, toward, world.shells.size) + ADVANCE * world.shells.size
         x = mi.Point3f(ray.o + mi.Float64(middle) * ray.d) + leave * toward
         hidden = world.scene.ray_test(mi.Ray3f(x, toward))
         total += dr.select(hidden, 0, rho * mi.Color3f(*irradiance))
@@ -67,9 +67,8 @@ def _opacity(tau):
 
 def light_directly(settings, scene, sampler, ray, active):
     """Radiance toward rays by distant lights and one event, and whether they met anything. settings: a ShellPath."""
-    world = settings.world
-    first = world.camera_ray(ray, sampler)
-    si = scene.ray_intersect(mi.Ray3f(ray), active)
+    world, first = settings.world, ray
+    si = scene.ray_intersect(single(ray), active)
     met = si.is_valid()
     first.tmax = dr.select(met, mi.Float64(si.t), dr.inf)
     light, through, queries = gather_light(world, first)
@@ -83,4 +82,4 @@ def light_directly(settings, scene, sampler, ray, active):
         lit &= ~scene.ray_test(away, lit)
         dim = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit).depth
         light += dr.select(lit, through * value * dr.exp(-dim), 0)
-    return light, met | (sampler.next_1d() > through), []
+    return light, met | (sampler.next_1d() > through)

@@ -10,6 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from mesoshell.pathtracer.detail import PINHOLES, eye_of
 from mesoshell.render.effects import Effect
 
 
@@ -64,9 +65,8 @@ def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]
 
 def _may_be_inside(sensor: mi.Sensor, box: np.ndarray) -> bool:
     """Whether rays may begin in a shell: those of a pinhole or a lens do not if it is outside the shells' bounds."""
-    eye = np.array(sensor.world_transform().matrix)[:3, 3].ravel()
-    pinhole = sensor.class_name() in ("PerspectiveCamera", "ThinLensCamera")
-    return not pinhole or bool(((box[0] <= eye) & (eye <= box[1])).all())
+    eye = eye_of(sensor)
+    return sensor.class_name() not in PINHOLES or bool(((box[0] <= eye) & (eye <= box[1])).all())
 
 
 def _kind(emitter: mi.Emitter) -> str:

@@ -30,7 +30,8 @@ _NUMBERS = ("thickness", "scale", "seed")
 @dataclass(frozen=True, eq=False)
 class Element:
     """One shell that a scene asks for. where: in the file; shape: the mesh it stands on; placed: to-world matrices of its
-    instances, none if it stands where the shape says; numbers, textures: by the names of parameters."""
+    instances, none if it stands where the shape says; flipped: Mitsuba's v is 1 minus the file's, as of OBJ files; numbers,
+    textures: by the names of parameters."""
 
     where: str
     material: str
@@ -41,6 +42,7 @@ class Element:
     numbers: dict[str, float] = field(default_factory=dict)
     textures: dict[str, mi.Texture] = field(default_factory=dict)
     placed: tuple[Float[np.ndarray, "4 4"], ...] = ()
+    flipped: bool = False
 
 
 def read(source: str, parse: Callable[[Any], Any]) -> tuple[mi.Scene, list[Element]]:
@@ -134,8 +136,16 @@ def _element(config, state, index: int, props: mi.Properties, shape: int) -> Ele
     if not isinstance(mesh, mi.Mesh):
         raise InputError(where, f"a '{state.nodes[shape].props.plugin_name()}' is no mesh: shells stand on triangles")
     own = {k: int(v) if k == "seed" else float(v) for k, v in own.items()}
+    plugin = state.nodes[shape].props
     return Element(
-        where, str(props["material"]), mesh, **own, numbers=numbers, textures=textures, placed=_placed(state, shape)
+        where,
+        str(props["material"]),
+        mesh,
+        **own,
+        numbers=numbers,
+        textures=textures,
+        placed=_placed(state, shape),
+        flipped=bool(plugin.get("flip_tex_coords", plugin.plugin_name() == "obj")),
     )
 
 

@@ -69,9 +69,10 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
     x = mi.Point3f(ray.o + mi.Float64(sample.t) * ray.d)
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
     drawn, local, pdf = draw(here, numbers)
-    value, weight = world.media.rho(sample, view, [dr.normalize(canonical(here, ds.d)), local])
+    _, features = world.media.decode(sample)
+    value, weight = world.media.rho(sample, features, view, [dr.normalize(canonical(here, ds.d)), local])
     weight = dr.select(pdf > 0, weight / dr.select(pdf > 0, pdf, 1), 0)
-    leave, on = (exit_distance(here, sample, d, size) + ADVANCE * size for d in (ds.d, drawn))
+    leave, on = (exit_distance(here, sample.xi.z, d, size) + ADVANCE * size for d in (ds.d, drawn))
     far = dr.maximum(ds.dist * (1 - SHY) - leave, 0)
     shadow = segment(ray, sample.t, x + leave * ds.d, ds.d, far, True, dr.select(ds.delta, 0, opening), ds.pdf)
     onward = segment(ray, sample.t, x + on * drawn, drawn, dr.inf, True, opening, pdf)
@@ -108,3 +109,9 @@ def segment(ray, t, o, d, tmax=dr.inf, outside=False, opening: Any = 0.0, pdf: A
         mi.Float(spread),
         mi.Float(apex),
     )
+
+
+def single(ray: Ray) -> mi.Ray3f:
+    """As Mitsuba takes it."""
+    rest: Any = mi.Float(ray.tmax), mi.Float(0), []
+    return mi.Ray3f(mi.Point3f(ray.o), mi.Vector3f(ray.d), *rest)

@@ -18,7 +18,8 @@ from mesoshell.geometry.mesh import Mesh, bounding_box, check_mesh, is_convex
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import bundled, check_name, find, normalised
 from mesoshell.pathtracer import elements, integrator
-from mesoshell.pathtracer.baking import textured
+from mesoshell.pathtracer.baking import Asked, textured
+from mesoshell.pathtracer.detail import texels_needed
 from mesoshell.pathtracer.effects import plan_paths
 from mesoshell.pathtracer.elements import Element
 from mesoshell.pathtracer.material import Material
@@ -62,7 +63,7 @@ def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
         stands, convex = [], True
         for element in asked:
             try:
-                found, flat = _stands(element, materials)
+                found, flat = _stands(element, scene.sensors(), materials)
             except InputError as error:
                 raise InputError(element.where, str(error).removeprefix("--")) from error
             stands += found
@@ -91,7 +92,7 @@ def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]
     return tuple(float(x[0]) for x in ds.d), tuple(float(x[0]) for x in value)
 
 
-def _stands(element: Element, materials: dict) -> tuple[list[tuple[Shell, Medium]], bool]:
+def _stands(element: Element, sensors: list[mi.Sensor], materials: dict) -> tuple[list[tuple[Shell, Medium]], bool]:
     """The shells of an element, one for each place, with what fills them; and whether the mesh is convex."""
     mesh = _mesh(element)
     box = bounding_box(mesh)
@@ -102,7 +103,13 @@ def _stands(element: Element, materials: dict) -> tuple[list[tuple[Shell, Medium
     for name in element.textures:
         check_name(bundle, name, element.material)
     alpha = normalised(bundle, element.numbers, "alpha", element.material)
-    baked, origin, key = textured(path, bundle, shell.uv, element.seed, element.numbers)
+    places = [transformed(shell, m) for m in element.placed] or [shell]
+    baked, origin, key = textured(
+        path,
+        bundle,
+        shell.uv,
+        Asked(element.seed, element.numbers, texels_needed(sensors, places, int(bundle.texel_density))),
+    )
     if key not in materials:
         materials[key] = Material(baked, origin)
     names = [p.name for p in bundle.parameters if p.role == "alpha"]
@@ -112,8 +119,8 @@ def _stands(element: Element, materials: dict) -> tuple[list[tuple[Shell, Medium
             element.material, f"{held[0]} is geometry: `mesoshell texture` makes a texture where it varies"
         )
     values = tuple(element.textures.get(name, float(v)) for name, v in zip(names, alpha, strict=True))
-    medium = Medium(materials[key], values, patches_per_uv(mesh, shell))
-    return [(transformed(shell, m), medium) for m in element.placed] or [(shell, medium)], is_convex(mesh)
+    medium = Medium(materials[key], values, patches_per_uv(mesh, shell), element.flipped)
+    return [(s, medium) for s in places], is_convex(mesh)
 
 
 def _file(material: str) -> Path:
@@ -130,6 +137,8 @@ def _mesh(element: Element) -> Mesh:
     uv = None
     if shape.has_vertex_texcoords():
         uv = np.array(shape.vertex_texcoords_buffer(), np.float64).reshape(-1, 2)[faces]
+        if element.flipped:
+            uv[..., 1] = 1 - uv[..., 1]
     elif element.textures:
         raise InputError(element.material, f"texture for '{next(iter(element.textures))}': the mesh has no UVs")
     return check_mesh(points, faces, uv, element.material)

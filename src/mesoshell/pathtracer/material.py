@@ -43,6 +43,7 @@ class Material:
         self.scale = float(a["sigma_scale"])
         self.trunk, self.sigma = _network(a, "decoder/trunk", "decoder/sigma")
         self.head, self.rho = _network(a, "decoder/head", "decoder/rho")
+        self.features = len(a["decoder/sigma/kernel"])
 
     def level(self, radius):
         """Level at which a texel is as wide as the footprint's ±1 standard deviation."""

@@ -17,11 +17,12 @@ from mesoshell.pathtracer.material import Material
 @dataclass(frozen=True, eq=False)
 class Medium:
     """What fills one shell. alpha: numbers in [0, 1], or textures of the scene that give them, each over the mesh's UV;
-    patches: texture patches along one unit of that UV."""
+    patches: texture patches along one unit of that UV; flipped: Mitsuba's v is 1 minus ours."""
 
     material: Material
     alpha: tuple
     patches: float = 1.0
+    flipped: bool = False
 
 
 class Media:
@@ -46,12 +47,21 @@ class Media:
         """σ of a sample."""
         return self._choose(sample, lambda m: m.density_of(self._inputs(m, sample))[0], mi.Float(0))
 
-    def rho(self, sample, w, w_lights):
-        """ρ(ω, ω′) of a sample for each of some ω′, canonical; the trunk is evaluated once."""
+    def decode(self, sample):
+        """σ of a sample, and the trunk's features, from which `rho` goes on."""
+        widest = max(m.features for m in self.materials)
 
         def one(m):
-            features = m.density_of(self._inputs(m, sample))[1]
-            return [m.transport(features, w, w_light) for w_light in w_lights]
+            sigma, x = m.density_of(self._inputs(m, sample))
+            return sigma, [*x, *(mi.Float(0) for _ in range(widest - m.features))]
+
+        return self._choose(sample, one, (mi.Float(0), [mi.Float(0) for _ in range(widest)]))
+
+    def rho(self, sample, features, w, w_lights):
+        """ρ(ω, ω′) of a sample for each of some ω′, canonical."""
+
+        def one(m):
+            return [m.transport(features[: m.features], w, w_light) for w_light in w_lights]
 
         return self._choose(sample, one, [mi.Color3f(0) for _ in w_lights])
 
@@ -72,7 +82,7 @@ class Media:
             return dr.gather(mi.Float, mi.Float(table), shell)
         total = mi.Float(0)
         for i, value in zip(mine, values, strict=True):
-            total = dr.select(shell == i, _at(value, sample, self.media[i].patches), total)
+            total = dr.select(shell == i, _at(value, sample, self.media[i]), total)
         return total
 
     def _choose(self, sample, what, nothing):
@@ -86,10 +96,11 @@ class Media:
         return nothing
 
 
-def _at(value, sample, patches: float):
+def _at(value, sample, medium: Medium):
     """A parameter at a sample: a number, or a texture looked up at the mesh's UV."""
     if isinstance(value, float):
         return mi.Float(value)
     where = dr.zeros(mi.SurfaceInteraction3f)
-    where.uv = mi.Point2f(sample.xi.x, sample.xi.y) / patches
+    u, v = sample.xi.x / medium.patches, sample.xi.y / medium.patches
+    where.uv = mi.Point2f(u, 1 - v if medium.flipped else v)
     return dr.clip(value.eval_1(where), 0, 1)

@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from mesoshell.pathtracer.material import FADE
 from mesoshell.pathtracer.quadrature import canonical
+from mesoshell.shell.extrude import FLATTEST
 
 
 def draw(here, xi):
@@ -37,7 +38,8 @@ def density(here, d):
     return dr.select(length > 0, p * volume / length**3, 0)
 
 
-def exit_distance(here, sample, d, size: float):
-    """From a sample along d to the shell's top, as if the shell were flat there; 0 downward."""
+def exit_distance(here, height, d, size: float):
+    """From h = height along d to the shell's top, as if the shell were flat there (no flatter than FLATTEST); 0 downward."""
     rate = dr.dot(here.c, d)
-    return dr.minimum(dr.select(rate > 1e-6, (1 - sample.xi.z) / dr.maximum(rate, 1e-6), 0), size)
+    flattest = dr.maximum(FLATTEST * dr.norm(here.c), 1e-6)
+    return dr.select(rate > 0, dr.minimum((1 - height) / dr.maximum(rate, flattest), size), 0)

@@ -8,6 +8,9 @@ import mitsuba as mi
 
 from mesoshell.pathtracer.quadrature import Ray
 
+#: Radius of a pixel's cone over the distance of neighbouring pixels' rays: a disc of the pixel's variance (mip-NeRF).
+RADIUS = 2 / 12**0.5
+
 
 class World:
     """shells, media: what is in them; quality: render/quality; effects: pathtracer/effects; scene and lights: for `direct`,
@@ -37,6 +40,6 @@ class World:
             dr.zeros(mi.Float64, n),
             dr.full(mi.Float64, dr.inf, n),
             dr.full(mi.Bool, not self.effects.camera_in_shell.on, n),
-            width * (2 / 12**0.5),
+            width * RADIUS,
             dr.zeros(mi.Float, n),
         )

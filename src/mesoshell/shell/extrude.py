@@ -36,6 +36,9 @@ LEAST_COSINE = 2 * LEAST_AREA
 #: A round never scales by more than this, so that neighbours that tilt one another come to an end.
 LEAST_SHRINK = 0.95
 ROUNDS = 256
+#: A shell is taken as flat as far as light crosses it at this cosine: what comes flatter leaves it no farther off, since a
+#: curved one is left sooner, and since what stands near would be passed by.
+FLATTEST = 0.25
 #: A change of the patch's size above this share is said.
 SAID_CHANGE = 0.05
 

@@ -25,6 +25,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.shell import kernels
 from mesoshell.shell.batches import run
 from mesoshell.shell.boundary import ADVANCE, Boundary, Trace
+from mesoshell.shell.extrude import FLATTEST
 from mesoshell.shell.kernels import Program, Table
 from mesoshell.shell.sampling import Chart, Frame, Piece, inverse_jacobian
 from mesoshell.shell.scene import Scene
@@ -130,7 +131,8 @@ class Lighting:
             if self.shadows:
                 toward = beam.toward[i.ray[used]]
                 rate = np.einsum("ij,ij->i", inverse[:, 2], toward)
-                leave = np.where(rate > 1e-6, (1 - height) / np.maximum(rate, 1e-6), 0)
+                flattest = np.maximum(FLATTEST * np.linalg.norm(inverse[:, 2], axis=1), 1e-6)
+                leave = np.where(rate > 0, (1 - height) / np.maximum(rate, flattest), 0)
                 leave = np.minimum(leave, self.boundary.size) + ADVANCE * self.boundary.size
                 seen = ~self.boundary.occluded(x + leave[:, None] * toward, toward)
                 self.report.count(shadow_rays=len(used))

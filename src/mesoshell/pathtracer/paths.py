@@ -1,0 +1,170 @@
+"""Paths through a scene with shells: next-event estimation, and MIS over all emitters.
+
+Alphabet
+β           throughput of the path so far                                        RGB
+segment     of a path, from one event to the next; or of a shadow, from an event to an emitter
+event       a collision in a shell, or a surface                                 (pathtracer/events)
+
+A lane follows its path segment by segment; what it asks of an emitter is a segment too, taken before the path goes on. So all
+flights through shells, of paths and of shadows, are one piece of the compiled program. What a scene does not call for
+(pathtracer/effects) is not in it.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.events import at_collision, at_surface, power, single
+from mesoshell.pathtracer.flight import fly
+from mesoshell.pathtracer.quadrature import Ray
+
+
+@dataclass
+class Path:
+    """A path under way: the segment to come, β, relative index of refraction squared away, and its last event."""
+
+    ray: Ray
+    beta: mi.Color3f
+    eta: mi.Float
+    depth: mi.UInt32
+    alive: mi.Bool
+    p: mi.Point3f
+    pdf: mi.Float
+    delta: mi.Bool
+
+
+@dataclass
+class Shadow:
+    """What a path waits for: the segment to an emitter, the light that comes through if all of it does, and whether shells may
+    lie between."""
+
+    ray: Ray
+    asked: mi.Color3f
+    crosses: mi.Bool
+    pending: mi.Bool
+
+
+@dataclass
+class Lane:
+    """A path, its shadow, the light that it has brought so far, whether it met anything, and samples decoded."""
+
+    path: Path
+    shadow: Shadow
+    light: mi.Color3f
+    seen: mi.Bool
+    queries: mi.UInt32
+
+
+def begin(settings, scene, ray: Ray, active) -> Lane:
+    """A path from the camera. settings: a ShellPath."""
+    n = dr.width(ray.o)
+    no, one = dr.full(mi.Bool, False, n), dr.full(mi.Float, 1, n)
+    path = Path(
+        ray,
+        dr.full(mi.Color3f, 1, n),
+        one,
+        dr.zeros(mi.UInt32, n),
+        mi.Bool(active) & ~no,
+        mi.Point3f(ray.o),
+        mi.Float(one),
+        ~no,
+    )
+    shadow = Shadow(ray, dr.zeros(mi.Color3f, n), mi.Bool(no), mi.Bool(no))
+    sky = scene.environment() is not None and not settings.hide_emitters
+    return Lane(path, shadow, dr.zeros(mi.Color3f, n), dr.full(mi.Bool, sky, n), dr.zeros(mi.UInt32, n))
+
+
+def busy(lane: Lane):
+    return lane.path.alive | lane.shadow.pending
+
+
+@dr.syntax
+def advance(settings, scene, sampler, lane):
+    """One segment: of the shadow that a lane waits for, or of its path."""
+    world, max_depth, rr_depth = settings.world, settings.max_depth, settings.rr_depth
+    asking, hitting, again, roulette = (
+        getattr(world.effects, name).on
+        for name in ("asking_emitters", "hitting_emitters", "shell_on_shell", "roulette")
+    )
+    opening, stop = world.quality.bounce_spread, world.quality.early_stop
+    dark = -dr.log(stop) if stop > 0 else dr.inf
+    path, shadow, light, seen = lane.path, lane.shadow, lane.light, lane.seen
+    n = dr.width(path.eta)
+
+    # --- the segment: surfaces, then shells in front of them
+    mine = ~shadow.pending
+    si = scene.ray_intersect(single(path.ray), mi.RayFlags.All, coherent=mi.Bool(False), active=mine)
+    blocked = scene.ray_test(single(shadow.ray), active=shadow.pending)
+    segment = dr.select(shadow.pending, shadow.ray, path.ray)
+    segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
+    target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dark)
+    flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked), sampler.next_1d())
+
+    # --- a shadow arrives, or it does not
+    light += dr.select(shadow.pending & ~blocked, shadow.asked * dr.exp(-flight.depth), 0)
+    shadow.pending = mi.Bool(False)
+
+    # --- a surface, or the end of the scene, emits toward the path
+    collided = mine & flight.collided
+    seen |= mine & (collided | si.is_valid())
+    if hitting:
+        light += _emitted(settings, scene, si, path, mine & ~collided)
+
+    # --- the event asks an emitter, and scatters
+    going = mine & (collided | si.is_valid()) & (path.depth + 1 < max_depth)
+    inside, surface = going & collided, going & ~collided
+    x = mi.Point3f(path.ray.o + mi.Float64(flight.sample.t) * path.ray.d)
+    origin = mi.SurfaceInteraction3f(si)
+    origin.p = dr.select(inside, x, si.p)
+    ds = dr.zeros(mi.DirectionSample3f, n)
+    arriving = dr.zeros(mi.Color3f, n)
+    if asking:
+        smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
+        ds, arriving = scene.sample_emitter_direction(origin, sampler.next_2d(), False, inside | (surface & smooth))
+    wanted = going & (ds.pdf != 0)
+    first, second, third = sampler.next_1d(), sampler.next_2d(), sampler.next_2d()
+    event = at_surface(si, path.ray, ds, surface & wanted, surface, (first, second), opening)
+    if inside:
+        event = at_collision(world, flight, path.ray, ds, third, opening)
+    shadow.ray = event.shadow
+    shadow.asked = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
+    shadow.crosses = wanted & (mi.Bool(again) | ~inside)
+    shadow.pending = wanted & (dr.max(shadow.asked) > 0)
+
+    # --- the path goes on
+    path = _onward(path, event, going, origin.p)
+    strongest = dr.max(path.beta)
+    path.alive = dr.select(mine, going & (strongest > 0), path.alive)
+    if not hitting:  # a last segment could only end on an emitter
+        path.alive &= path.depth + 1 < max_depth
+    if roulette:
+        keep = dr.minimum(strongest * dr.square(path.eta), 0.95)
+        doomed = mine & (path.depth >= rr_depth)
+        path.beta = dr.select(doomed, path.beta / dr.maximum(keep, 1e-8), path.beta)
+        path.alive &= ~doomed | (sampler.next_1d() < keep)
+    return Lane(path, shadow, light, seen, lane.queries + flight.queries)
+
+
+def _onward(path, event, going, p) -> Path:
+    """The path after an event at p, in lanes that are going."""
+    return Path(
+        dr.select(going, event.ray, path.ray),
+        dr.select(going, path.beta * event.weight, path.beta),
+        dr.select(going, path.eta * event.eta, path.eta),
+        dr.select(going, path.depth + 1, path.depth),
+        path.alive,
+        dr.select(going, p, path.p),
+        dr.select(going, event.pdf, path.pdf),
+        dr.select(going, event.delta, path.delta),
+    )
+
+
+def _emitted(settings, scene, si, path, met):
+    """What arrives along a path from the emitter that it has met, by its share against having been asked for."""
+    before = dr.zeros(mi.SurfaceInteraction3f)
+    before.p = path.p
+    p = scene.pdf_emitter_direction(before, mi.DirectionSample3f(scene, si, before), met & ~path.delta)
+    share = dr.select(path.delta, 1, power(path.pdf, p))
+    visible = met & ~(mi.Bool(settings.hide_emitters) & (path.depth == 0) & ~si.is_valid())
+    return dr.select(visible, path.beta * share * si.emitter(scene, met).eval(si, visible), 0)

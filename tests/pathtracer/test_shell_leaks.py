@@ -1,0 +1,48 @@
+"""Fifty pictures in one process, of one scene and of scenes loaded anew, take no more memory than ten."""
+
+import gc
+from collections.abc import Callable
+from pathlib import Path
+
+import mitsuba as mi
+import pytest
+from test_shell_direct import ROOT
+
+from mesoshell.pathtracer.load import load_dict
+
+SLACK = 32 * 2**20
+
+
+def held() -> int:
+    """Bytes of memory that the process holds."""
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+def grass(depth: int) -> mi.Scene:
+    view = mi.ScalarTransform4f().look_at([1.5, 0.9, -2.4], [0, 0.05, 0.15], [0, 1, 0])
+    film = {"type": "hdrfilm", "width": 32, "height": 32}
+    turf = {"type": "mesoshell", "material": "grass"}
+    spot = {"type": "obj", "filename": str(ROOT / "tests/data/spot.obj"), "bsdf": turf}
+    return load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": depth},
+            "sensor": {"type": "perspective", "fov": 40, "to_world": view, "film": film},
+            "light": {"type": "constant"},
+            "spot": spot,
+        }
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("anew", [False, True])
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+def test_fifty_pictures(anew) -> None:
+    made = grass(4)
+    scene: Callable = (lambda: grass(4)) if anew else (lambda: made)
+    sizes = []
+    for seed in range(50):
+        mi.render(scene(), spp=4, seed=mi.UInt32(seed)).numpy()
+        sizes.append(held())
+    assert max(sizes[-5:]) - max(sizes[5:10]) < SLACK, sizes

@@ -104,11 +104,16 @@ def intervals(draw: st.DrawFn) -> tuple[Intervals, np.ndarray]:
     return Intervals(ray, np.zeros(len(ray), np.int32), none, none, pair, pair, none, none), length
 
 
-@given(intervals(), st.integers(1, 64))
+@given(intervals(), st.integers(1, 64), st.sampled_from([0.125, 0.5, 0.96875]))
 @settings(max_examples=200, deadline=None)
-def test_samples_by_length_add_up_to_the_budget(case: tuple[Intervals, np.ndarray], samples: int):
+def test_samples_by_length_add_up_to_the_budget(case: tuple[Intervals, np.ndarray], samples: int, shift: float):
     i, length = case
-    plan = spread(i, length, samples, "length")
+    plan = spread(i, length, samples, "length", shift)
+    within = np.concatenate([np.arange(n) for n in plan.count]) if len(i.ray) else np.zeros(0)
+    row = np.repeat(np.arange(len(i.ray)), plan.count)
+    position = (plan.first[row] + within + shift) * plan.step[row] - plan.begin[row]
+    slack = 1e-5 * (plan.begin + length)[row] + 1e-30
+    assert (position >= -slack).all() and (position <= length[row] + slack).all()
     assert (plan.count >= 0).all()
     for r in np.unique(i.ray):
         at_ray = i.ray == r

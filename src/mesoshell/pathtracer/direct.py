@@ -1,11 +1,12 @@
-"""What a shell scatters toward a ray from distant lights alone: no random number, all samples in place of one.
+"""What a shell scatters toward a ray from distant lights alone: all samples of it in place of one that is drawn.
 
 Alphabet
 τ, T, w     optical depth of a sample, transmittance before it, its weight T (1 − e^{−τ})
 E⊥          irradiance of a distant light on the plane facing it                    RGB
 V           visibility of a light, from the exit point on the shell's top
 
-Σ w ρ(ω, ω′) E⊥ V, as the JAX engine sums it; where all lights are distant this has no noise that samples could take away.
+Σ w ρ(ω, ω′) E⊥ V, as the JAX engine sums it. In pictures each ray's samples begin at a random place, as those of flights do:
+always in the middle of their shares they would draw ladders on blades that stand along the ray.
 """
 
 import drjit as dr
@@ -19,9 +20,9 @@ from mesoshell.pathtracer.scatter import exit_distance
 
 
 @dr.syntax
-def gather_light(world, ray):
-    """Radiance toward a ray from all that it passes, its transmittance, and how many samples were decoded."""
-    s = begin(ray)
+def gather_light(world, ray, shift=0.5):
+    """Radiance toward a ray from all that it passes, its transmittance, and how many samples were decoded. shift: of them."""
+    s = begin(ray, shift)
     n = dr.width(ray.o)
     depth, rgb, queries = dr.zeros(mi.Float, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
     quality = world.quality
@@ -71,7 +72,7 @@ def light_directly(settings, scene, sampler, ray, active):
     si = scene.ray_intersect(single(ray), active)
     met = si.is_valid()
     first.tmax = dr.select(met, mi.Float64(si.t), dr.inf)
-    light, through, queries = gather_light(world, first)
+    light, through, queries = gather_light(world, first, sampler.next_1d())
     world.count(queries)
     bsdf = si.bsdf()
     for direction, irradiance in world.lights:

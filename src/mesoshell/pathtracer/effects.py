@@ -56,7 +56,7 @@ def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]
         ),
         quadrature=effect(
             summed,
-            "distant lights, one event: all samples of a ray are summed, without noise",
+            "distant lights, one event: all samples of a ray are summed, with little noise",
             "paths go on, or light is not distant: collisions are drawn",
         ),
         varying_parameters=effect(bool(varying), f"textures for {', '.join(varying)}", "every parameter is one number"),

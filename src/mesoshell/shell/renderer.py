@@ -31,7 +31,7 @@ from mesoshell.shell.batches import CAPACITY, batches, pad, run
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.kernels import Program, Samples, Table
 from mesoshell.shell.lighting import Lighting, Shaded, Tile
-from mesoshell.shell.sampling import Chart, Frame, Piece, spread
+from mesoshell.shell.sampling import Chart, Frame, Piece, Spread, spread
 from mesoshell.shell.scene import Scene
 from mesoshell.shell.visits import Intervals
 
@@ -79,7 +79,8 @@ def render(
         xy = pixel_grid(camera, quality.pixel_samples, k, slice(first, first + RAYS))
         o, d = rays(camera, xy)
         directions = d.astype(np.float32).astype(np.float64)
-        return first, renderer.tile(np.ascontiguousarray(o), directions, np.random.default_rng(item))
+        shift = (k + 0.5) / quality.pixel_samples
+        return first, renderer.tile(np.ascontiguousarray(o), directions, shift, np.random.default_rng(item))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for done, (first, rgba) in enumerate(pool.map(one, work), start=1):
@@ -123,9 +124,9 @@ class _Renderer:
         report.time("prepare", begin)
 
     def tile(
-        self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], random: np.random.Generator
+        self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], shift: float, random: np.random.Generator
     ) -> Float[np.ndarray, "R 4"]:
-        """Premultiplied RGBA of rays."""
+        """Premultiplied RGBA of rays. shift: of their samples; the rays of a pixel have theirs at other places."""
         clock = time.perf_counter()
         traced = self.boundary.trace(o, d)
         clock = self.report.time("trace", clock)
@@ -133,7 +134,7 @@ class _Renderer:
         i = traced.intervals
         self.report.count(intervals=len(i.ray))
         pieces, at = self.frames(i, o, d)
-        plan = spread(i, np.asarray(at.length)[: len(i.ray)], self.quality.samples, self.quality.spacing)
+        plan = spread(i, np.asarray(at.length)[: len(i.ray)], self.quality.samples, self.quality.spacing, shift)
         samples, ray = self.candidates(i, plan, pieces, at)
         self.report.time("sample", clock)
         lit = Tile(o, d, self.lighting.beams(len(o), random))
@@ -168,12 +169,12 @@ class _Renderer:
     def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:
         return lambda *a: kernel(self.program, self.table, pieces, at, Samples(*a[:-1]), a[-1])
 
-    def candidates(self, i: Intervals, plan, pieces: Piece, at: Frame) -> tuple[Samples, np.ndarray]:
+    def candidates(self, i: Intervals, plan: Spread, pieces: Piece, at: Frame) -> tuple[Samples, np.ndarray]:
         """Samples that may hold something, sorted by ray and distance, and the ray of each."""
         row = np.repeat(np.arange(len(i.ray), dtype=np.int32), plan.count)
         within = np.arange(len(row)) - np.repeat(np.cumsum(plan.count) - plan.count, plan.count)
         length = np.maximum(np.asarray(at.length)[: len(i.ray)], np.finfo(np.float32).tiny)
-        f = ((within + plan.first[row] + 0.5) * plan.step[row] - plan.begin[row]) / length[row]
+        f = ((within + plan.first[row] + plan.shift) * plan.step[row] - plan.begin[row]) / length[row]
         share = np.minimum(plan.step / length, 1.0)
         step = plan.step.astype(np.float32)[row]
         s = Samples(row, np.clip(f, 0, 1).astype(np.float32), share.astype(np.float32)[row], step)

@@ -96,15 +96,15 @@ def stage(view: str, lights: str, pixels: int, depth: int) -> dict[str, Any]:
 
 
 def of_blades(view: str, lights: str, pixels: int) -> mi.Scene:
+    """All blades as one mesh: instances of a patch, whose bounds overlap, take 140 µs a path from far away, and this 2."""
     side = VIEWS[view][0]
     scene = stage(view, lights, pixels, 16)
+    at = np.arange(side) - side / 2
+    corner = np.stack([*np.meshgrid(at, at), np.zeros((side, side))], axis=-1).reshape(-1, 1, 1, 3)
+    patch, *colours = blades(np.random.default_rng(PATCH), 1)
+    points = (corner + patch).reshape(-1, *patch.shape[1:])
     scene["ground"] = plane(side) | {"bsdf": diffuse()}
-    scene["patch"] = {"type": "shapegroup", "blades": mesh(*blades(np.random.default_rng(PATCH), 1))}
-    for i in range(side):
-        for j in range(side):
-            place: Any = T().translate([i - side / 2, j - side / 2, 0])
-            group = {"type": "ref", "id": "patch"}
-            scene[f"at_{i}_{j}"] = {"type": "instance", "to_world": place, "shapegroup": group}
+    scene["blades"] = mesh(points, *(np.tile(c, (side * side, 1, 1)) for c in colours))
     return mi.load_dict(scene)
 
 

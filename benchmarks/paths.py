@@ -1,7 +1,8 @@
-"""What path tracing costs: python -m benchmarks.paths [--side 192]
+"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later]
 
 Prints, in one run: samples of a material decoded a second, over what this machine's matrix products would allow; first and
 second picture; paths a second against Mitsuba's own `path` on the bare meshes; and seconds to 5% error on three scenes.
+--later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`).
 """
 
 import argparse
@@ -93,6 +94,26 @@ def to_goal(name: str, side: int, spp: int = 16, passes: int = 6) -> None:
     )
 
 
+def later(name: str, side: int, spp: int = 16, passes: int = 12) -> None:
+    """Against the camera's own cone (0): how far the picture is from it, noise taken off, and what a path costs."""
+    plain = None
+    for spread in (0.0, 0.25, 0.5, 0.95):
+        quality = PRESETS["normal"].with_changes(bounce_spread=spread)
+        scene: Any = load_file(SCENES / f"{name}.xml", quality, width=side, height=side)
+        shot(scene, spp)
+        begin = time.perf_counter()
+        many = np.stack([shot(scene, spp, seed + int(1000 * spread)) for seed in range(1, passes + 1)])
+        each = (time.perf_counter() - begin) / passes / side**2 / spp
+        mean, noise = many.mean(axis=0), many.var(axis=0, ddof=1).mean() / passes
+        plain = (mean, noise) if plain is None else plain
+        apart = max(np.square(mean - plain[0]).mean() - noise - plain[1], 0) ** 0.5 / plain[0].mean()
+        means = mean.mean() / plain[0].mean() - 1
+        print(
+            f"| {name} | {spread} | {apart:.1%} | {means:+.2%} | {noise**0.5 / mean.mean():.1%} | {each * 1e6:.1f} |",
+            flush=True,
+        )
+
+
 def _bare(name: str) -> Path:
     """The scene without its shells."""
     text = (SCENES / f"{name}.xml").read_text()
@@ -106,10 +127,14 @@ def _bare(name: str) -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--side", type=int, default=192, help="pixels along a side of the three scenes' pictures")
-    side = parser.parse_args().side
-    decoding(256)
+    parser.add_argument("--later", action="store_true", help="measure footprints after events")
+    asked = parser.parse_args()
+    if asked.later:
+        print("| scene | spread | pixel, off 0 | mean, off 0 | noise | µs a path |\n|---|---|---|---|---|---|")
+    else:
+        decoding(256)
     for name in ("spot", "room", "field"):
-        to_goal(name, side)
+        (later if asked.later else to_goal)(name, asked.side)
 
 
 if __name__ == "__main__":

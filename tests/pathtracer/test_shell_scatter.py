@@ -62,7 +62,7 @@ def test_collisions_are_drawn_by_their_weights() -> None:
     mesh = box()
     shells = Shells([extrude(mesh, 1.0, 1.0)])
     media = Media(shells, [Medium(Material(read_bundle(ROOT / "src/mesoshell/assets/grass.npz")), (AGE,))])
-    world = World(shells, media, QUALITY, None, surface(mesh), [(LIGHT, (1.0, 1.0, 1.0))])
+    world = World(shells, media, QUALITY, None, [(LIGHT, (1.0, 1.0, 1.0))])
     rng, count, draws = np.random.default_rng(0), 64, 512
     target = rng.uniform(0.2, 0.8, (3, count))
     d = rng.normal(size=(3, count)) - np.array([[0], [0], [2.0]])
@@ -76,7 +76,7 @@ def test_collisions_are_drawn_by_their_weights() -> None:
             o, along, dr.zeros(mi.Float64, n), far, dr.full(mi.Bool, True, n), dr.full(mi.Float, 1e-3, n), mi.Float(0)
         )
 
-    rgb, through, _ = gather_light(world, ray(1))
+    rgb, through, _ = gather_light(world, surface(mesh), ray(1))
     many = ray(draws)
     numbers = mi.Float(rng.random(count * draws).astype(np.float32))
     flight = fly(world, many, -dr.log(1 - numbers), dr.full(mi.Bool, True, count * draws))

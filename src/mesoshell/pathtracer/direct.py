@@ -20,7 +20,7 @@ from mesoshell.pathtracer.scatter import exit_distance
 
 
 @dr.syntax
-def gather_light(world, ray, shift=0.5):
+def gather_light(world, scene, ray, shift=0.5):
     """Radiance toward a ray from all that it passes, its transmittance, and how many samples were decoded. shift: of them."""
     s = begin(ray, shift)
     n = dr.width(ray.o)
@@ -41,11 +41,11 @@ def gather_light(world, ray, shift=0.5):
             queries += 1
             busy = depth < stop
             if weight > cut:
-                rgb += weight * scattered(world, ray, s.here, sample, features)
+                rgb += weight * scattered(world, scene, ray, s.here, sample, features)
     return rgb, dr.exp(-depth), queries
 
 
-def scattered(world, ray, here, sample, features):
+def scattered(world, scene, ray, here, sample, features):
     """Σ ρ E⊥ V at a sample, from what the trunk made of it."""
     total = mi.Color3f(0)
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
@@ -56,7 +56,7 @@ def scattered(world, ray, here, sample, features):
     for toward, rho, (_, irradiance) in zip(directions, rhos, world.lights, strict=True):
         leave = exit_distance(here, height, toward, world.shells.size) + ADVANCE * world.shells.size
         x = mi.Point3f(ray.o + mi.Float64(middle) * ray.d) + leave * toward
-        hidden = world.scene.ray_test(mi.Ray3f(x, toward))
+        hidden = scene.ray_test(mi.Ray3f(x, toward))
         total += dr.select(hidden, 0, rho * mi.Color3f(*irradiance))
     return total
 
@@ -72,7 +72,7 @@ def light_directly(settings, scene, sampler, ray, active):
     si = scene.ray_intersect(single(ray), active)
     met = si.is_valid()
     first.tmax = dr.select(met, mi.Float64(si.t), dr.inf)
-    light, through, queries = gather_light(world, first, sampler.next_1d())
+    light, through, queries = gather_light(world, scene, first, sampler.next_1d())
     world.count(queries)
     bsdf = si.bsdf()
     for direction, irradiance in world.lights:

@@ -82,7 +82,7 @@ def stand_on(scene: mi.Scene, stands: list[tuple[Shell, Medium]], quality: Quali
     effects = plan_paths(scene, shells.box, alone, media.varying)
     lights = [_distant(e) for e in scene.emitters()] if effects.quadrature.on else []
     path: Any = scene.integrator()
-    path.world = World(shells, media, quality, effects, scene, lights)
+    path.world = World(shells, media, quality, effects, lights)
 
 
 def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:

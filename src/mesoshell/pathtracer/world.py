@@ -13,12 +13,13 @@ RADIUS = 2 / 12**0.5
 
 
 class World:
-    """shells, media: what is in them; quality: render/quality; effects: pathtracer/effects; scene and lights: for `direct`,
-    surfaces and distant lights, (unit direction toward it, E⊥) each."""
+    """shells, media: what is in them; quality: render/quality; effects: pathtracer/effects; lights: for `direct`, the distant
+    ones, (unit direction toward it, E⊥) each. It does not hold the user's scene: that holds the integrator, which holds this,
+    and no collector sees such a circle."""
 
-    def __init__(self, shells, media, quality, effects, scene, lights=()):
+    def __init__(self, shells, media, quality, effects, lights=()):
         self.shells, self.media, self.quality, self.effects = shells, media, quality, effects
-        self.scene, self.lights = scene, lights
+        self.lights = lights
         self._queries = dr.zeros(mi.Float64, 1)
 
     def count(self, queries) -> None:

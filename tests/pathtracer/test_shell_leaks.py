@@ -1,8 +1,10 @@
 """Fifty pictures in one process, of one scene and of scenes loaded anew, take no more memory than ten."""
 
 import gc
+import weakref
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import pytest
@@ -33,6 +35,16 @@ def grass(depth: int) -> mi.Scene:
             "spot": spot,
         }
     )
+
+
+def test_a_scene_is_let_go() -> None:
+    """Nothing that a scene's integrator holds holds the scene."""
+    made: Any = grass(4)
+    world = weakref.ref(made.integrator().world)
+    assert world() is not None
+    del made
+    gc.collect()
+    assert world() is None
 
 
 @pytest.mark.slow

@@ -104,12 +104,9 @@ def _stands(element: Element, sensors: list[mi.Sensor], materials: dict) -> tupl
         check_name(bundle, name, element.material)
     alpha = normalised(bundle, element.numbers, "alpha", element.material)
     places = [transformed(shell, m) for m in element.placed] or [shell]
-    baked, origin, key = textured(
-        path,
-        bundle,
-        shell.uv,
-        Asked(element.seed, element.numbers, texels_needed(sensors, places, int(bundle.texel_density))),
-    )
+    most = int(bundle.texel_density)
+    texels = most if bundle.generator is None else texels_needed(sensors, places, most)
+    baked, origin, key = textured(path, bundle, shell.uv, Asked(element.seed, element.numbers, texels))
     if key not in materials:
         materials[key] = Material(baked, origin)
     names = [p.name for p in bundle.parameters if p.role == "alpha"]

@@ -167,11 +167,19 @@ def test_a_texture_is_a_material_of_its_own(material, tmp_path, capsys) -> None:
         np.testing.assert_array_equal(mapped.arrays[key], array)
     assert "exists already" in fault(capsys, "texture", material, "--out", tmp_path / "f")
     assert "at least a texel" in fault(capsys, "texture", material, "--extent", "0", "1", "--out", tmp_path / "g.npz")
+    for wrong in (5, 0, 32):
+        said = fault(capsys, "texture", material, "--texels", wrong, "--out", tmp_path / "g.npz")
+        assert f"--texels: {wrong}: the generator makes 16; fewer are 8, 4, ... 1" in said
     assert "no parameter 'x'" in fault(capsys, "texture", material, "--param", "x=1", "--out", tmp_path / "g.npz")
     assert "holds one texture and no generator" in fault(
         capsys, "texture", tmp_path / "f.npz", "--out", tmp_path / "g.npz"
     )
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f", "f.npz"]
+    main([*given, str(tmp_path / "coarse.npz"), "--texels", "4"])
+    assert "12 × 6 texels" in capsys.readouterr().err
+    coarse = read_bundle(tmp_path / "coarse.npz")
+    assert coarse.texel_density == 4
+    np.testing.assert_array_equal(coarse.arrays["features/0"], field.arrays["features/2"])
 
 
 def test_seeds_grow_on_a_mesh(material, tmp_path) -> None:

@@ -39,15 +39,18 @@ LIGHTS: dict[str, dict[str, Any]] = {
 VIEWS = {"near": (8, (1.2, -3.6, 3.4), (0.0, 0.0, 0.4), 32), "far": (40, (2.0, -24.0, 4.0), (0.0, -8.0, 0.5), 34)}
 
 
+#: Of a blade's vertices: 0 at the root, 1 at the tip.
+ALONG = np.append(np.repeat(np.arange(grass.ROWS - 1), 2), grass.ROWS - 1) / (grass.ROWS - 1)
+
+
 def blades(rng: np.random.Generator, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices (n, K, 3) of the blades of side × side patches, with R and T at each."""
     points = np.concatenate([grass.blades(habit, side, rng) for habit in grass.KINDS])
     n = len(points)
     tone, resist = rng.random(n), rng.random(n)
     dry = np.where(rng.random(n) < grass.DRY_SHARE, rng.uniform(0.6, 1.0, n), 0.0)
-    along = np.append(np.repeat(np.arange(grass.ROWS - 1), 2), grass.ROWS - 1) / (grass.ROWS - 1)
     dead = np.clip(1.5 * AGE - 0.5 * resist + dry, 0, 1)[:, None, None]
-    shade = ((0.75 * along + 0.45) * (0.5 * tone + 0.75)[:, None])[..., None]
+    shade = ((0.75 * ALONG + 0.45) * (0.5 * tone + 0.75)[:, None])[..., None]
     pairs = ((grass.FRESH_R, grass.DEAD_R), (grass.FRESH_T, grass.DEAD_T))
     reflect, transmit = (shade * ((1 - dead) * np.array(a) + dead * np.array(b)) for a, b in pairs)
     return points, reflect, transmit
@@ -57,8 +60,7 @@ def mesh(points: np.ndarray, reflect: np.ndarray, transmit: np.ndarray) -> mi.Me
     """Strips of triangles. R and T are linear along a blade: textures have a column for each, root and tip in two rows."""
     n, k = points.shape[:2]
     faces = (np.arange(n)[:, None, None] * k + grass.strip_triangles(grass.ROWS)).reshape(-1, 3)
-    along = np.append(np.repeat(np.arange(grass.ROWS - 1), 2), grass.ROWS - 1) / (grass.ROWS - 1)
-    uv = np.stack(np.broadcast_arrays((np.arange(n)[:, None] + 0.5) / n, 0.25 + 0.5 * along), axis=-1)
+    uv = np.stack(np.broadcast_arrays((np.arange(n)[:, None] + 0.5) / n, 0.25 + 0.5 * ALONG), axis=-1)
     props = mi.Properties()
     props["bsdf"] = mi.load_dict({"type": "grass_leaf", "reflect": ends(reflect), "transmit": ends(transmit)})
     made = mi.Mesh("blades", n * k, len(faces), props=props, has_vertex_normals=True, has_vertex_texcoords=True)
@@ -191,12 +193,12 @@ def curves(side: int) -> mi.Scene:
     middle = np.concatenate([pairs.mean(axis=2), points[:, -1:]], axis=1)[:, ::2]
     radius = np.linalg.norm(pairs[:, :, 0] - pairs[:, :, 1], axis=-1) / 2
     radius = np.concatenate([radius, np.full((len(points), 1), 1e-4)], axis=1)[:, ::2]
-    path = Path(tempfile.mkdtemp()) / "curves.txt"
-    with open(path, "w") as file:
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as file:
         for strand in np.concatenate([middle, radius[..., None]], axis=-1).astype(np.float32):
-            np.savetxt(file, strand, fmt="%.5g", footer="", comments="")
+            np.savetxt(file, strand, fmt="%.5g")
             file.write("\n")
-    return mi.load_dict(overview(side) | {"blades": {"type": "bsplinecurve", "filename": str(path)}})
+        file.flush()
+        return mi.load_dict(overview(side) | {"blades": {"type": "bsplinecurve", "filename": file.name}})
 
 
 def shell(side: int) -> mi.Scene:

@@ -34,7 +34,8 @@ if jax.__version_info__ < (
     0,
     11,
 ):  # a flag that an XLA does not know ends it; with these, compiling takes half the time
-    os.environ["XLA_FLAGS"] = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+    faster = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {faster}".strip()
 
 
 @pytest.fixture(scope="session", autouse=True)

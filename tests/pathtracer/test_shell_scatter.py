@@ -57,6 +57,15 @@ def test_a_drawn_direction_is_its_canonical_ones(name) -> None:
     assert (np.array(p) > 0).all() and np.array(local)[2].min() > -scatter.FADE - 1e-6
 
 
+def test_a_shell_is_left_through_its_top_but_no_farther_off_than_at_a_quarter() -> None:
+    """A flat shell of thickness 0.2, from h = 0.4: the way up is 0.12 over the cosine, or over 1/4 below that; 0 downward."""
+    here = here_of(np.diag([1.0, 1.0, 5.0]))
+    for cosine, expected in ((1.0, 0.12), (0.5, 0.24), (0.25, 0.48), (0.05, 0.48), (1e-9, 0.48), (0.0, 0), (-0.5, 0)):
+        d = mi.Vector3f(float(np.sqrt(1 - cosine**2)), 0.0, cosine)
+        np.testing.assert_allclose(np.array(scatter.exit_distance(here, mi.Float(0.4), d, 10.0)), expected, rtol=1e-5)
+    assert float(np.array(scatter.exit_distance(here, mi.Float(0.4), mi.Vector3f(0, 0, 1), 0.1))[0]) == np.float32(0.1)
+
+
 def test_collisions_are_drawn_by_their_weights() -> None:
     """Transmittance and light of the flat box by 512 drawn flights a ray, and by quadrature: z-tests of 64 rays."""
     mesh = box()

@@ -112,19 +112,26 @@ def test_many_samples_are_lit_like_few(materials) -> None:
     np.testing.assert_allclose(many[..., :3].mean(), few[..., :3].mean(), rtol=0.05)
 
 
-def test_effects_that_are_off_change_nothing(materials) -> None:
+POINT = {"type": "point", "position": [-0.5, 0.2, 1.5], "intensity": 10.0}
+
+
+@pytest.mark.parametrize(
+    "light, depth, off",
+    [({"type": "constant"}, 4, {"roulette"}), (POINT, 2, {"roulette", "hitting_emitters", "second_bounce"})],
+)
+def test_effects_that_are_off_change_nothing(materials, light, depth, off) -> None:
     """What the plan leaves out is not needed: with everything compiled, the same picture within its noise."""
-    made = loaded(scene(shell(materials, "thin"), light={"type": "constant"}, depth=4))
+    made = loaded(scene(shell(materials, "thin"), light=light, depth=depth))
     world = made.integrator().world
-    assert (
-        not world.effects.shell_on_shell.on and not world.effects.camera_in_shell.on and not world.effects.roulette.on
-    )
+    left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
+    assert left_out == off | {"shell_on_shell", "camera_in_shell", "quadrature", "varying_parameters"}
 
     def means(first: int) -> np.ndarray:
         runs = (np.array(mi.render(made, spp=64, seed=mi.UInt32(k)))[..., :3] for k in range(first, first + 16))
         return np.stack([run.mean(axis=(0, 1)) for run in runs])
 
     gated = means(0)
+    assert gated.mean() > 0.01
     every = {name: Effect(name != "quadrature", "for the test") for name in vars(world.effects)}
     world.effects = replace(world.effects, **every)
     full = means(16)

@@ -41,6 +41,7 @@ def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]
     inside = any(_may_be_inside(s, box) for s in scene.sensors())
     once, short = integrator.max_depth <= 2, integrator.max_depth <= integrator.rr_depth
     summed = once and alone and set(kinds) == {"distant"}
+    onward = not once or (integrator.max_depth > 1 and bool(hit))
 
     def effect(on: bool, why: str, why_not: str) -> Effect:
         return Effect(on, why if on else why_not)
@@ -49,7 +50,11 @@ def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]
         camera_in_shell=effect(inside, "a camera may be within the shells' bounds", "cameras are outside all shells"),
         asking_emitters=effect(bool(kinds) and integrator.max_depth > 1, f"emitters: {found}", f"emitters: {found}"),
         hitting_emitters=effect(bool(hit), f"paths may end on: {', '.join(hit)}", "no path can meet an emitter"),
-        second_bounce=effect(not once, "paths go on after an event", f"max_depth is {integrator.max_depth}"),
+        second_bounce=effect(
+            onward,
+            "paths go on after an event" if not once else "a direction is drawn at an event: it may meet an emitter",
+            f"max_depth is {integrator.max_depth}: no direction is drawn at an event",
+        ),
         roulette=effect(not short, f"paths end by chance from length {integrator.rr_depth} on", "paths are short"),
         shell_on_shell=effect(
             not alone, "light may cross shells again", "one shell, on a convex surface: what leaves it stays outside"

@@ -40,10 +40,13 @@ class Event:
 
 
 def at_surface(si, ray, ds, wanted, active, numbers, opening) -> Event:
-    """A BSDF scatters. numbers: one and two uniform ones."""
+    """A BSDF scatters. numbers: one and two uniform ones, or none if the path ends here."""
     context = mi.BSDFContext()
     bsdf = si.bsdf()
     value, p = bsdf.eval_pdf(context, si, si.to_local(ds.d), wanted)
+    if numbers is None:
+        lit = si.spawn_ray_to(ds.p)
+        return last(value, p, segment(ray, si.t, lit.o, lit.d, lit.maxt, False, dr.select(ds.delta, 0, opening), ds.pdf))
     chosen, weight = bsdf.sample(context, si, numbers[0], numbers[1], active)
     delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
     d = mi.Vector3f(si.to_world(chosen.wo))
@@ -63,19 +66,25 @@ def at_surface(si, ray, ds, wanted, active, numbers, opening) -> Event:
 
 
 def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
-    """A shell scatters. numbers: two uniform ones."""
+    """A shell scatters. numbers: two uniform ones, or none if the path ends here."""
     here, sample = flight.here, flight.sample
     size = world.shells.size
     x = mi.Point3f(ray.o + mi.Float64(sample.t) * ray.d)
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
-    drawn, local, pdf = draw(here, numbers)
+    asked = dr.normalize(canonical(here, ds.d))
     _, features = world.media.decode(sample)
-    value, weight = world.media.rho(sample, features, view, [dr.normalize(canonical(here, ds.d)), local])
+
+    def away(d, far, opening, pdf):
+        leave = exit_distance(here, sample.xi.z, d, size) + ADVANCE * size
+        return segment(ray, sample.t, x + leave * d, d, dr.maximum(far - leave, 0), True, opening, pdf)
+
+    shadow = away(ds.d, ds.dist * (1 - SHY), dr.select(ds.delta, 0, opening), ds.pdf)
+    if numbers is None:
+        (value,) = world.media.rho(sample, features, view, [asked])
+        return last(value, density(here, ds.d), shadow)
+    drawn, local, pdf = draw(here, numbers)
+    value, weight = world.media.rho(sample, features, view, [asked, local])
     weight = dr.select(pdf > 0, weight / dr.select(pdf > 0, pdf, 1), 0)
-    leave, on = (exit_distance(here, sample.xi.z, d, size) + ADVANCE * size for d in (ds.d, drawn))
-    far = dr.maximum(ds.dist * (1 - SHY) - leave, 0)
-    shadow = segment(ray, sample.t, x + leave * ds.d, ds.d, far, True, dr.select(ds.delta, 0, opening), ds.pdf)
-    onward = segment(ray, sample.t, x + on * drawn, drawn, dr.inf, True, opening, pdf)
     return Event(
         mi.Color3f(value),
         density(here, ds.d),
@@ -84,8 +93,14 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
         mi.Float(pdf),
         mi.Bool(False),
         mi.Float(1),
-        onward,
+        away(drawn, dr.inf, opening, pdf),
     )
+
+
+def last(value, p, shadow: Ray) -> Event:
+    """An event at which a path ends: no direction is drawn."""
+    none = mi.Float(0)
+    return Event(mi.Color3f(value), mi.Float(p), shadow, mi.Color3f(0), none, mi.Bool(False), mi.Float(1), shadow)
 
 
 def power(a, b):

@@ -83,9 +83,9 @@ def busy(lane: Lane):
 def advance(settings, scene, sampler, lane):
     """One segment: of the shadow that a lane waits for, or of its path."""
     world, max_depth, rr_depth = settings.world, settings.max_depth, settings.rr_depth
-    asking, hitting, again, roulette = (
+    asking, hitting, onward, again, roulette = (
         getattr(world.effects, name).on
-        for name in ("asking_emitters", "hitting_emitters", "shell_on_shell", "roulette")
+        for name in ("asking_emitters", "hitting_emitters", "second_bounce", "shell_on_shell", "roulette")
     )
     opening, stop = world.quality.bounce_spread, world.quality.early_stop
     dark = -dr.log(stop) if stop > 0 else dr.inf
@@ -123,19 +123,20 @@ def advance(settings, scene, sampler, lane):
         smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
         ds, arriving = scene.sample_emitter_direction(origin, sampler.next_2d(), False, inside | (surface & smooth))
     wanted = going & (ds.pdf != 0)
-    first, second, third = sampler.next_1d(), sampler.next_2d(), sampler.next_2d()
-    event = at_surface(si, path.ray, ds, surface & wanted, surface, (first, second), opening)
+    numbers = (sampler.next_1d(), sampler.next_2d()) if onward else None
+    event = at_surface(si, path.ray, ds, surface & wanted, surface, numbers, opening)
     if inside:
-        event = at_collision(world, flight, path.ray, ds, third, opening)
+        event = at_collision(world, flight, path.ray, ds, numbers and numbers[1], opening)
     shadow.ray = event.shadow
     shadow.asked = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
     shadow.crosses = wanted & (mi.Bool(again) | ~inside)
     shadow.pending = wanted & (dr.max(shadow.asked) > 0)
 
     # --- the path goes on
-    path = _onward(path, event, going, origin.p)
+    if onward:
+        path = _onward(path, event, going, origin.p)
     strongest = dr.max(path.beta)
-    path.alive = dr.select(mine, going & (strongest > 0), path.alive)
+    path.alive = dr.select(mine, going & mi.Bool(onward) & (strongest > 0), path.alive)
     if not hitting:  # a last segment could only end on an emitter
         path.alive &= path.depth + 1 < max_depth
     if roulette:

@@ -344,6 +344,22 @@ def test_misplaced_elements_are_refused(materials, tmp_path) -> None:
             load_file(path)
 
 
+def test_what_was_mended_is_said(materials, tmp_path) -> None:
+    (tmp_path / "box.obj").write_text((materials / "box.obj").read_text() + "f 1/1 2/2 3/3\n")
+    square = shell(materials, "thin") | {"filename": str(tmp_path / "box.obj")}
+    (note,) = loaded(scene(square)).integrator().world.notes
+    assert "1 repeated face dropped" in note
+
+
+def test_a_camera_may_come_later(materials) -> None:
+    """A sensor that is handed to mi.render shows what it shows in the scene."""
+    other = sensor(to_world=mi.ScalarTransform4f().look_at([2.0, 1.6, 1.4], [0.5, 0.5, 0.4], [0, 0, 1]))
+    within, without = loaded(scene(shell(materials, "rough"), eye=other)), loaded(scene(shell(materials, "rough")))
+    one, two = (np.array(mi.render(s, spp=16, sensor=mi.load_dict(other))) for s in (within, without))
+    np.testing.assert_array_equal(one, two)
+    assert one.std() > 0.01
+
+
 def test_a_scene_without_shells_is_mitsubas_own() -> None:
     parts = {"type": "scene", "integrator": {"type": "path"}, "light": {"type": "constant"}, "sensor": sensor()}
     np.testing.assert_allclose(np.array(mi.render(load_dict(parts), spp=1))[..., :3], 1, atol=1e-6)

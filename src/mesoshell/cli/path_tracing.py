@@ -45,6 +45,7 @@ def picture(options: Options, console: Console) -> Picture:
         samples = options.spp or SAMPLES
     world = getattr(scene.integrator(), "world", None)
     effects = {} if world is None else world.effects.as_dict()
+    _say(console, () if world is None else world.notes)
     if options.explain:
         say_effects(console, effects)
     setup = time.perf_counter() - begin
@@ -61,12 +62,16 @@ def picture(options: Options, console: Console) -> Picture:
     return Picture(image, {"setup": setup, "render": time.perf_counter() - begin}, record | {"provenance": provenance})
 
 
+def _say(console: Console, notes: tuple[str, ...]) -> None:
+    for note in notes:
+        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
+
+
 def _scene(options: Options, console: Console) -> tuple[mi.Scene, dict[str, Any]]:
     """A scene of Mitsuba's with what the options describe, and the material's provenance."""
     bundle = read_bundle(find(options.material))
     d = describe(options, bundle)
-    for note in d.notes:
-        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
+    _say(console, d.notes)
     integrator.register()
     depth = DEPTH if options.max_depth is None else options.max_depth
     parts: dict[str, Any] = {

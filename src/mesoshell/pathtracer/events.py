@@ -46,7 +46,9 @@ def at_surface(si, ray, ds, wanted, active, numbers, opening) -> Event:
     value, p = bsdf.eval_pdf(context, si, si.to_local(ds.d), wanted)
     if numbers is None:
         lit = si.spawn_ray_to(ds.p)
-        return last(value, p, segment(ray, si.t, lit.o, lit.d, lit.maxt, False, dr.select(ds.delta, 0, opening), ds.pdf))
+        return last(
+            value, p, segment(ray, si.t, lit.o, lit.d, lit.maxt, False, dr.select(ds.delta, 0, opening), ds.pdf)
+        )
     chosen, weight = bsdf.sample(context, si, numbers[0], numbers[1], active)
     delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
     d = mi.Vector3f(si.to_world(chosen.wo))

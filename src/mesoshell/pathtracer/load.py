@@ -60,29 +60,38 @@ def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
     scene, asked = elements.read(source, parse)
     if asked:
         materials: dict[tuple[Path, str], Material] = {}
-        stands, convex = [], True
+        stands, convex, notes = [], True, []
         for element in asked:
             try:
-                found, flat = _stands(element, scene.sensors(), materials)
+                mesh = _mesh(element)
+                found = _stands(element, mesh, scene.sensors(), materials)
             except InputError as error:
                 raise InputError(element.where, str(error).removeprefix("--")) from error
             stands += found
-            convex &= flat
-        stand_on(scene, stands, quality, convex and len(stands) == 1)
+            convex &= is_convex(mesh)
+            notes += [f"{element.where}: {note}" for note in (*mesh.notes, *found[0][0].notes)]
+        stand_on(scene, stands, quality, convex and len(stands) == 1, tuple(notes))
     return scene
 
 
-def stand_on(scene: mi.Scene, stands: list[tuple[Shell, Medium]], quality: Quality, alone: bool) -> None:
+def stand_on(
+    scene: mi.Scene,
+    stands: list[tuple[Shell, Medium]],
+    quality: Quality,
+    alone: bool,
+    notes: tuple[str, ...] = (),
+) -> None:
     """Give a scene's integrator, a `mesoshell_path`, the shells that it shall trace paths through.
 
     alone: there is one, and it stands on a convex surface, so that what has left it does not meet it again.
+    notes: how shells depart from what was asked for.
     """
     shells = Shells([shell for shell, _ in stands])
     media = Media(shells, [medium for _, medium in stands])
     effects = plan_paths(scene, shells.box, alone, media.varying)
     lights = [_distant(e) for e in scene.emitters()] if effects.quadrature.on else []
     path: Any = scene.integrator()
-    path.world = World(shells, media, quality, effects, lights)
+    path.world = World(shells, media, quality, effects, lights, notes)
 
 
 def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -92,9 +101,8 @@ def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]
     return tuple(float(x[0]) for x in ds.d), tuple(float(x[0]) for x in value)
 
 
-def _stands(element: Element, sensors: list[mi.Sensor], materials: dict) -> tuple[list[tuple[Shell, Medium]], bool]:
-    """The shells of an element, one for each place, with what fills them; and whether the mesh is convex."""
-    mesh = _mesh(element)
+def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: dict) -> list[tuple[Shell, Medium]]:
+    """The shells of an element, one for each place, with what fills them."""
     box = bounding_box(mesh)
     thickness = float(np.linalg.norm(box[1] - box[0])) / 25 if element.thickness is None else element.thickness
     shell = extrude(mesh, thickness, 2 * thickness if element.scale is None else element.scale)
@@ -117,7 +125,7 @@ def _stands(element: Element, sensors: list[mi.Sensor], materials: dict) -> tupl
         )
     values = tuple(element.textures.get(name, float(v)) for name, v in zip(names, alpha, strict=True))
     medium = Medium(materials[key], values, patches_per_uv(mesh, shell), element.flipped)
-    return [(s, medium) for s in places], is_convex(mesh)
+    return [(s, medium) for s in places]
 
 
 def _file(material: str) -> Path:

@@ -19,6 +19,8 @@ BAD = {
     "environment_samples": 0,
     "base_samples": 0,
     "bounce_spread": 1.0,
+    "curvature_filter": "mean",
+    "curve_length": -1.0,
 }
 
 

@@ -17,6 +17,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
 from mesoshell.train import run
+from mesoshell.train.method import GAN
 from mesoshell.train.record import keep_record, read_record
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.state import TrainConfig, TrainState
@@ -64,10 +65,8 @@ def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
 
 
 def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, tmp_path, monkeypatch) -> None:
-    real = run.renders
-
     def terminated(*arguments):
-        at = real(*arguments)
+        at = renders(*arguments)
 
         def batch(i: int):
             if i == 1:
@@ -76,7 +75,7 @@ def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, 
 
         return batch
 
-    monkeypatch.setattr(run, "renders", terminated)
+    monkeypatch.setattr(run, "method_of", lambda config: GAN._replace(feed=terminated))
     before = signal.getsignal(signal.SIGTERM)
     assert int(train(CONFIG, data, tmp_path / "cut").step) == 2
     assert signal.getsignal(signal.SIGTERM) is before
@@ -126,13 +125,11 @@ def test_a_folder_is_known_by_any_path_to_it(data, whole, tmp_path) -> None:
 
 
 def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeypatch) -> None:
-    real = run.renders
-
     def poisoned(*arguments):
-        at = real(*arguments)
+        at = renders(*arguments)
         return lambda i: at(i)._replace(image=np.full_like(at(i).image, np.nan))
 
-    monkeypatch.setattr(run, "renders", poisoned)
+    monkeypatch.setattr(run, "method_of", lambda config: GAN._replace(feed=poisoned))
     shutil.copytree(whole[1], tmp_path / "bad")
     with pytest.raises(Diverged) as caught:
         train(replace(CONFIG, kimg=0.02), data, tmp_path / "bad")

@@ -44,6 +44,29 @@ class Render(Recipe):
 
 
 @dataclass(frozen=True)
+class RenderPatches:
+    """Trace queries of a mesostructure on cylinders of random curvature (what materials with silhouettes are trained on);
+    a run that was interrupted goes on where it stopped. Needs mesoshell[mitsuba]."""
+
+    #: weave, scales, spheres or fibres, or an image file with heights (8 or 16 bits, or OpenEXR).
+    source: tyro.conf.Positional[str]
+    #: Folder to write; made if missing, continued if it holds the same dataset.
+    out: Path
+    #: Number of patches.
+    patches: int = 2400
+    #: Queries a patch.
+    queries: int = 65536
+    #: Light paths a query.
+    spp: int = 8
+    #: Depth of the mesostructure over the side of its period; its own if not given (0.12 of images).
+    depth: float | None = None
+    #: Least and greatest curvature, 1 / period; positive is seen from outside.
+    curvature: tuple[float, float] = (-1.0, 2.0)
+    #: Seed of curvatures and queries.
+    seed: int = 0
+
+
+@dataclass(frozen=True)
 class Vary(Recipe):
     """Write a sheet of what each parameter does: one a row, from its least to its greatest, the others at default."""
 
@@ -105,8 +128,14 @@ class Sheet:
     columns: int = 12
 
 
-def run(command: Annotated[Render | Check | Pack | Sheet | Vary | Cost, tyro.conf.arg(name="")]) -> None:
+def run(
+    command: Annotated[Render | RenderPatches | Check | Pack | Sheet | Vary | Cost, tyro.conf.arg(name="")],
+) -> None:
     """Make, check, pack and look at datasets of training images."""
+    if isinstance(command, RenderPatches):
+        from mesoshell.cli import mesostructures
+
+        return mesostructures.render_patches(command)
     from mesoshell.cli import datasets, recipes
 
     match command:

@@ -49,25 +49,20 @@ class Description:
 
 def describe(options: Options, bundle: Bundle, progress: Callable[[float], None] = lambda share: None) -> Description:
     """What the options ask for. progress: of growing a texture. Raises InputError."""
-    for name, values in (("--irradiance", (options.irradiance,)), ("--base", options.base)):
-        if not all(np.isfinite(v) and v >= 0 for v in values):
-            raise InputError(name, "must be finite and not negative")
+    check_colours(options)
     mesh = load_mesh(options.mesh)
     box = bounding_box(mesh)
     thickness = float(np.linalg.norm(box[1] - box[0])) / 25 if options.thickness is None else options.thickness
     scale = 2 * thickness if options.scale is None else options.scale
     shell = extrude(mesh, thickness, scale)
-    up = {"y": 1, "z": 2}[options.up or ("z" if options.mesh.suffix.lower() in (".ply", ".stl") else "y")]
+    up = up_axis(options)
     values, maps = given(bundle, options.param)
     patches = patches_per_uv(mesh, shell)
     shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
     repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
     material, origin, said = _textured(options, bundle, shell.uv, (values, shape, patches, repeats), progress)
-    camera = _camera(options, box, thickness, up)
-    lights = tuple(_light(v, options.irradiance) for v in options.light)
-    sky = _environment(options, up)
-    if not lights and sky is None:
-        lights = _default_lights(camera, up, options.irradiance)
+    camera = camera_of(options, box, thickness, up)
+    lights, sky = lights_of(options, camera, up)
     return Description(
         mesh=mesh,
         shell=shell,
@@ -117,7 +112,29 @@ def _textured(
     return bundle, (u, v), [said + "its last texels repeat beyond its edges"] if small else []
 
 
-def _camera(options: Options, box: np.ndarray, thickness: float, up: int) -> Camera:
+def check_colours(options: Options) -> None:
+    """Raises InputError for a light or a surface that is darker than black."""
+    for name, values in (("--irradiance", (options.irradiance,)), ("--base", options.base)):
+        if not all(np.isfinite(v) and v >= 0 for v in values):
+            raise InputError(name, "must be finite and not negative")
+
+
+def up_axis(options: Options) -> int:
+    """1 for y, 2 for z: as asked for, or as is usual for the mesh's kind of file."""
+    return {"y": 1, "z": 2}[options.up or ("z" if options.mesh.suffix.lower() in (".ply", ".stl") else "y")]
+
+
+def lights_of(options: Options, camera: Camera, up: int) -> tuple[tuple[Distant, ...], Environment | None]:
+    """The lights and the environment asked for, or three lights if there are none. Raises InputError."""
+    lights = tuple(_light(v, options.irradiance) for v in options.light)
+    sky = _environment(options, up)
+    if not lights and sky is None:
+        lights = _default_lights(camera, up, options.irradiance)
+    return lights, sky
+
+
+def camera_of(options: Options, box: np.ndarray, thickness: float, up: int) -> Camera:
+    """The camera asked for, or one that frames a box with a layer about it. Raises InputError."""
     width, height = options.size
     if width < 1 or height < 1:
         raise InputError("--size", f"{width} x {height} has no pixels")

@@ -1,7 +1,10 @@
 """The work of `mesoshell evaluate`. Imports JAX, so it is loaded only when it runs."""
 
 import json
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -9,13 +12,19 @@ from rich.console import Console
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.evaluate import Options
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset, read_dataset
-from mesoshell.measure.distribution import fid, kid, with_interval
+from mesoshell.io.dataset import Dataset
+from mesoshell.io.patches import Patches
+from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
+from mesoshell.measure.queries import QUERIES, score
 from mesoshell.train.method import method_of
+from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.report import write_report
-from mesoshell.train.stream import RunConfig, views_of
+from mesoshell.train.state import TrainConfig
+from mesoshell.train.stream import views_of
+from mesoshell.train.surface import SurfaceTraining, held_out
+from mesoshell.train.surface_snapshot import painter
 
 _BATCH = 20
 
@@ -27,29 +36,24 @@ def evaluate(options: Options) -> None:
     keep_compiled()
     config, data = read_record(options.run)
     found = snapshots(options.run)
-    config, dataset = method_of(config).fitted(config, read_dataset(options.data or data["folder"]))
-    network = extractor(options.inception)
-    count = min(options.images, len(dataset.samples))
-    positions = np.random.default_rng(0).permutation(len(dataset.samples))[:count]
+    method = method_of(config)
+    config, dataset = method.fitted(config, method.read(options.data or data["folder"]))
+    measure = _queries(config, dataset) if isinstance(config, SurfaceTraining) else _pictures(config, dataset, options)
     chosen = [found[i] for i in sorted(set(np.linspace(len(found) - 1, 0, options.snapshots).round().astype(int)))]
     path = options.run / "evaluation.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {(row["name"], row["images"], row["kimg"]) for row in rows}
     console = Console(stderr=True, highlight=False)
-    real = None
     for images, snapshot in chosen:
-        if (f"KID-{network.name}", count, images / 1000) in done:
+        if (measure.names[0], measure.count, images / 1000) in done:
             continue
-        with console.status(f"{snapshot.name}: {count} pictures"):
-            if real is None:
-                real = network.of(views_of(config, dataset, positions).image)
-            made = _features(config, snapshot, dataset, positions, network)
-        for name, distance in (("KID", kid), ("FID", fid)):
-            score = with_interval(distance, real, made)
-            row = {"name": f"{name}-{network.name}", "kimg": images / 1000, "images": count, **score._asdict()}
+        with console.status(f"{snapshot.name}: {measure.count} of {measure.what}"):
+            scores = measure.of(snapshot)
+        for name, estimate in scores.items():
+            row = {"name": name, "kimg": images / 1000, "images": measure.count, **estimate._asdict()}
             rows.append(row)
             print(
-                f"{row['kimg']:g} kimg: {row['name']} {score.value:.4g} ({score.low:.4g} to {score.high:.4g})",
+                f"{row['kimg']:g} kimg: {name} {estimate.value:.4g} ({estimate.low:.4g} to {estimate.high:.4g})",
                 flush=True,
             )
         ordered = sorted(rows, key=lambda row: (row["name"], row["kimg"]))
@@ -57,8 +61,38 @@ def evaluate(options: Options) -> None:
     print(write_report(options.run))
 
 
+class _Measure(NamedTuple):
+    """Scores of a snapshot by their names, and of how many of what."""
+
+    names: tuple[str, ...]
+    count: int
+    what: str
+    of: Callable[[Path], dict[str, Estimate]]
+
+
+def _queries(config: SurfaceTraining, data: Patches) -> _Measure:
+    """Errors of answers to held-out queries."""
+    patches = held_out(data)[1]
+    return _Measure(QUERIES, len(patches), "held-out patches", lambda path: score(painter(config, path), patches))
+
+
+def _pictures(config: TrainConfig | ParametricConfig, dataset: Dataset, options: Options) -> _Measure:
+    """Distances of as many pictures to renders."""
+    network = extractor(options.inception)
+    count = min(options.images, len(dataset.samples))
+    positions = np.random.default_rng(0).permutation(len(dataset.samples))[:count]
+    real = cache(lambda: network.of(views_of(config, dataset, positions).image))
+
+    def of(snapshot: Path) -> dict[str, Estimate]:
+        made = _features(config, snapshot, dataset, positions, network)
+        return {name: with_interval(distance, real(), made) for name, distance in zip(names, (kid, fid), strict=True)}
+
+    names = (f"KID-{network.name}", f"FID-{network.name}")
+    return _Measure(names, count, "pictures", of)
+
+
 def _features(
-    config: RunConfig, snapshot: Path, dataset: Dataset, positions: np.ndarray, network: Extractor
+    config: TrainConfig | ParametricConfig, snapshot: Path, dataset: Dataset, positions: np.ndarray, network: Extractor
 ) -> np.ndarray:
     """Features of a picture for each of these samples: its camera, light and parameters, and geometry of its own."""
     pictures = method_of(config).painter(config, snapshot)

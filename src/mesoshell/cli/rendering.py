@@ -14,6 +14,8 @@ from mesoshell import __version__
 from mesoshell.cli.render import Options, parse_params
 from mesoshell.errors import InputError
 from mesoshell.io.image import write_exr, write_png
+from mesoshell.io.material import find
+from mesoshell.io.surface import KIND, kind_of
 from mesoshell.io.whole import replace_file
 
 
@@ -41,6 +43,8 @@ def render_to_files(options: Options) -> None:
         from mesoshell.cli.path_tracing import picture
     elif options.mesh.suffix.lower() == ".xml":
         raise InputError(options.mesh, "is a scene of Mitsuba's: give --engine mitsuba")
+    elif kind_of(find(options.material)) == KIND:
+        from mesoshell.cli.surfacing import picture
     else:
         from mesoshell.cli.marching import picture
     found = picture(options, console)

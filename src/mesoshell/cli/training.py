@@ -17,12 +17,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.measure.operations import count_operations
-from mesoshell.train.method import method_of
+from mesoshell.train.method import Data, method_of
 from mesoshell.train.presets import PRESETS
 from mesoshell.train.run import Diverged, train
-from mesoshell.train.stream import RunConfig, renders
+from mesoshell.train.stream import RunConfig
 
 
 def train_from(options: Options) -> None:
@@ -33,7 +32,7 @@ def train_from(options: Options) -> None:
         if not options.kimg > 0:
             raise InputError("--kimg", f"must be above 0, not {options.kimg}")
         config = replace(config, kimg=options.kimg)
-    dataset = read_dataset(options.data)
+    dataset = method_of(config).read(options.data)
     check_recipe(options.experiment, dataset)
     if options.coordinator:
         _join(options)
@@ -73,12 +72,13 @@ def read_experiment(path: Path, preset: str | None = None) -> Any:
         of = {"config": "that is", "variant": "that makes of a TrainConfig"}[wanted]
         raise InputError(
             path,
-            f"defines no `{wanted}` {of} a TrainConfig or a ParametricConfig (mesoshell.train.state and .parametric)",
+            f"defines no `{wanted}` {of} a TrainConfig, a ParametricConfig or a SurfaceTraining (mesoshell.train.state, "
+            ".parametric and .surface)",
         )
     return config
 
 
-def check_recipe(path: Path, dataset: Dataset) -> None:
+def check_recipe(path: Path, dataset: Data) -> None:
     """Raises InputError if an experiment file defines a `recipe` and the dataset is of another."""
     recipe = _defined(path).get("recipe", dataset.recipe)
     if dataset.recipe != recipe:
@@ -104,12 +104,12 @@ def _join(options: Options) -> None:
         jax.distributed.initialize(options.coordinator, count, mine)
 
 
-def _plan(config: RunConfig, dataset: Dataset) -> str:
+def _plan(config: RunConfig, dataset: Data) -> str:
     """What a run would be: parameters, memory, and time by operations over this machine's matrix rate."""
     method = method_of(config)
     config, dataset = method.fitted(config, dataset)
     state = jax.eval_shape(lambda: method.start(config, jax.random.key(0)))
-    batch = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), renders(config, dataset)(0))
+    batch = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), method.feed(config, dataset, 0, 1)(0))
     memory = jax.jit(lambda s, b: method.step(config, s, b)).lower(state, batch).compile().memory_analysis()
     about = {k: v for k, v in asdict(config).items() if k in ("batch", "kimg", "precision")}
     lines = [json.dumps(about)]

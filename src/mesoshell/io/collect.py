@@ -24,12 +24,12 @@ from mesoshell.io.whole import replace_file
 class Collector:
     """An output folder opened for writing; use `collecting`."""
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any], count: int):
-        self.folder = folder
+    def __init__(self, folder: Path, settings: Mapping[str, Any], count: int, parts: str):
+        self.folder, self._parts = folder, folder / parts
         self._rows_file, self._log_file = folder / "samples.jsonl", folder / "log.jsonl"
         self._manifest(json.loads(json.dumps(settings)), count)
-        (folder / "images").mkdir(exist_ok=True)
-        for partial in (folder / "images").glob("*.partial"):
+        self._parts.mkdir(exist_ok=True)
+        for partial in self._parts.glob("*.partial"):
             partial.unlink(missing_ok=True)
         self._rows = self._whole_rows()
 
@@ -53,7 +53,7 @@ class Collector:
 
     def _manifest(self, settings: dict[str, Any], count: int) -> None:
         path = self.folder / "manifest.json"
-        if not path.exists() and (self._rows_file.exists() or any((self.folder / "images").glob("*.exr"))):
+        if not path.exists() and (self._rows_file.exists() or any(self._parts.glob("*"))):
             raise InputError(self.folder, "has samples but no manifest.json: not a dataset's folder")
         if path.exists():
             try:
@@ -85,9 +85,9 @@ class Collector:
 
 
 @contextlib.contextmanager
-def collecting(folder: Path, settings: Mapping[str, Any], count: int) -> Iterator[Collector]:
-    """Open a folder, made if missing, for this run alone. Raises InputError if it holds a dataset of other settings, or
-    another run is writing into it."""
+def collecting(folder: Path, settings: Mapping[str, Any], count: int, parts: str = "images") -> Iterator[Collector]:
+    """Open a folder, made if missing, for this run alone; parts: the folder within that holds its files. Raises InputError
+    if it holds a dataset of other settings, or another run is writing into it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
@@ -98,7 +98,7 @@ def collecting(folder: Path, settings: Mapping[str, Any], count: int) -> Iterato
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(folder, "another run is writing into it") from None
-        yield Collector(folder, settings, count)
+        yield Collector(folder, settings, count, parts)
     finally:
         os.close(handle)
 

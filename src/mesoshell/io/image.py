@@ -89,6 +89,28 @@ def read_png(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
     return np.concatenate([colour * alpha, alpha], axis=-1) if alpha.size else colour
 
 
+def read_heights(path: str | PathLike[str]) -> Float32[np.ndarray, "H W"]:
+    """One number a pixel, as stored: the first channel of an OpenEXR file, or the codes of any other image over their
+    greatest (8 or 16 bits), the mean of colours. Raises InputError if the file is missing, no image, or deep."""
+    from PIL import Image
+
+    data = read_file(path)
+    if data.startswith(_EXR_MAGIC):
+        planes = {name: x for name, x in _exr_planes(path, data).items() if x.dtype != object}  # as deep ones are
+        if not planes:
+            raise InputError(path, "has no channel with one number a pixel")
+        return next(planes[name] for name in ("R", "Y", *planes) if name in planes).astype(np.float32)
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            whole = picture.mode.startswith("I") or picture.mode == "F"
+            codes = np.asarray(picture if whole else picture.convert("RGB"))
+    except Exception as error:  # as in read_png
+        raise InputError(path, "not an image file, or a corrupt one") from error
+    if codes.ndim == 3:
+        return codes.astype(np.float32).mean(axis=-1) / np.float32(255)
+    return codes.astype(np.float32) / np.float32(65535 if np.issubdtype(codes.dtype, np.integer) else 1)
+
+
 def write_png(path: str | PathLike[str], image: Float[np.ndarray, "H W C"]) -> None:
     """Write linear RGB (H, W, 3) or premultiplied RGBA (H, W, 4) as sRGB, 8 bits a channel, straight alpha.
 

@@ -68,3 +68,24 @@ def _local(d: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _world(d: np.ndarray, up: int) -> np.ndarray:
     return d if up == 2 else np.stack([d[:, 0], d[:, 2], -d[:, 1]], axis=1)
+
+
+class Beam(NamedTuple):
+    """One light as every ray of a tile sees it: direction and E a ray."""
+
+    toward: Float[np.ndarray, "R 3"]
+    strength: Float[np.ndarray, "R 3"]
+
+
+def beams(
+    lights: tuple[Distant, ...], sky: Environment | None, drawn: int, count: int, random: np.random.Generator
+) -> list[Beam]:
+    """For `count` rays, every distant light, and `drawn` directions of the environment, each as a light of its own."""
+    shape = (count, 3)
+    out = [Beam(np.broadcast_to(l.direction, shape), np.broadcast_to(l.irradiance, shape)) for l in lights]
+    for k in range(drawn if sky is not None else 0):
+        xi = random.random(shape)
+        xi[:, 0] = (xi[:, 0] + k) / drawn  # stratified over brightness
+        toward, strength = sample(sky, xi)
+        out.append(Beam(toward, strength / drawn))
+    return out

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 SPACINGS = ("length", "interval")
 COORDINATES = ("interpolated", "exact")
 VISIBILITIES = ("interval", "sample")
+CURVATURE_FILTERS = ("curve", "point")
 
 
 @dataclass(frozen=True)
@@ -42,15 +43,26 @@ class Quality:
     #: In path tracing, how wide footprints open at an event: of the radius of a circle that the drawn direction's density
     #: stands for. 0 is the camera's own cone; wider blurs what is seen by way of something else.
     bounce_spread: float = 0.25
+    #: Of surface materials: the least curvature on a "curve" through a hit along the ray, or that at the "point".
+    curvature_filter: str = "curve"
+    #: Length of that curve, periods of the texture.
+    curve_length: float = 0.5
 
     def __post_init__(self) -> None:
         counts = ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples")
         wrong = [f"{n} must be at least 1" for n in counts if getattr(self, n) < 1]
         bounded = ("early_stop", "skip", "weight_cut", "bounce_spread")
         wrong += [f"{n} must lie in [0, 1)" for n in bounded if not 0 <= getattr(self, n) < 1]
-        for name, allowed in (("spacing", SPACINGS), ("coordinates", COORDINATES), ("visibility", VISIBILITIES)):
+        for name, allowed in (
+            ("spacing", SPACINGS),
+            ("coordinates", COORDINATES),
+            ("visibility", VISIBILITIES),
+            ("curvature_filter", CURVATURE_FILTERS),
+        ):
             if getattr(self, name) not in allowed:
                 wrong.append(f"{name} must be one of {', '.join(allowed)}")
+        if not 0 <= self.curve_length < float("inf"):
+            wrong.append("curve_length must be finite and not negative")
         if wrong:
             raise ValueError("; ".join(wrong))
 

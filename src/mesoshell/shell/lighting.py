@@ -19,11 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from mesoshell.nets.batches import run
 from mesoshell.render.effects import Effects
-from mesoshell.render.light import sample
+from mesoshell.render.light import Beam, beams
 from mesoshell.render.quality import Quality
 from mesoshell.shell import kernels
-from mesoshell.shell.batches import run
 from mesoshell.shell.boundary import ADVANCE, Boundary, Trace
 from mesoshell.shell.extrude import FLATTEST
 from mesoshell.shell.kernels import Program, Table
@@ -41,13 +41,6 @@ class Shaded(NamedTuple):
     ray: Int[np.ndarray, "S"]
     weight: Float[np.ndarray, "S"]
     rho: Float[np.ndarray, "S L 3"]
-
-
-class Beam(NamedTuple):
-    """One light as every ray of a tile sees it: direction and E a ray."""
-
-    toward: Float[np.ndarray, "R 3"]
-    strength: Float[np.ndarray, "R 3"]
 
 
 class Tile(NamedTuple):
@@ -84,18 +77,8 @@ class Lighting:
 
     def beams(self, count: int, random: np.random.Generator) -> list[Beam]:
         """Every distant light, and each drawn direction of the environment as a light of its own."""
-        out = []
-        for light in self.scene.lights:
-            shape = (count, 3)
-            out.append(Beam(np.broadcast_to(light.direction, shape), np.broadcast_to(light.irradiance, shape)))
-        if self.effects.environment.on and self.scene.environment is not None:
-            n = self.quality.environment_samples
-            for k in range(n):
-                xi = random.random((count, 3))
-                xi[:, 0] = (xi[:, 0] + k) / n  # stratified over brightness
-                toward, strength = sample(self.scene.environment, xi)
-                out.append(Beam(toward, strength / n))
-        return out
+        sky = self.scene.environment if self.effects.environment.on else None
+        return beams(self.scene.lights, sky, self.quality.environment_samples, count, random)
 
     def transport(
         self, tile: Tile, found: Array, where: np.ndarray, row: np.ndarray, ray: np.ndarray, pieces: Piece, at: Frame

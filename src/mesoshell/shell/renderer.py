@@ -21,13 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.nets.batches import CAPACITY, batches, pad, run
 from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.cone import pixel_radius
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
 from mesoshell.shell import kernels
-from mesoshell.shell.batches import CAPACITY, batches, pad, run
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.kernels import Program, Samples, Table
 from mesoshell.shell.lighting import Lighting, Shaded, Tile

@@ -2,7 +2,7 @@
 
 Alphabet
 method     pure functions of one kind of configuration and state, but for `save`; chosen once, by the configuration's type
-shown      a batch of renders with their labels (generate.Shown)
+shown      a batch: renders with their labels (generate.Shown), or traced queries (surface.Asked)
 """
 
 from collections.abc import Callable
@@ -11,28 +11,36 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mesoshell.io.dataset import Dataset
-from mesoshell.train import parametric, parametric_snapshot, snapshot, state, step
+from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.io.patches import Patches, read_patches
+from mesoshell.train import parametric, parametric_snapshot, snapshot, state, step, surface, surface_snapshot
+from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.state import TrainConfig, TrainState
-from mesoshell.train.stream import RunConfig, fitted, fitted_parametric
+from mesoshell.train.stream import RunConfig, fitted, fitted_parametric, renders
+
+#: What runs learn from.
+Data = Dataset | Patches
 
 
 class Method(NamedTuple):
-    """fitted: the configuration for a dataset, and the dataset as the method sees it. start: (config, key) → state. step:
+    """read: a folder's data. fitted: the configuration for them, and the data as the method sees them. feed: (config, data,
+    host, hosts) → this host's rows of the batch of step i. start: (config, key) → state. step:
     (config, state, shown, across) → (state, report); a report's fields are numbers of the log, and `bad`, which leaves of
     the gradients of `parts` are not finite. parts: what learns, by name. together: neighbours in a batch that belong to each
     other. losses: the report's fields that a console shows. save: (path, config, dataset, state) → a file. sheet: (config,
-    dataset, state) → a picture. painter: (config, saved file) → function from shown to as many pictures to be scored."""
+    dataset, state) → a picture. painter: (config, saved file) → function from shown to what is scored: as many pictures, or answers."""
 
-    fitted: Callable[[Any, Dataset], tuple[Any, Dataset]]
+    read: Callable[[Path], Any]
+    fitted: Callable[[Any, Any], tuple[Any, Any]]
+    feed: Callable[..., Callable[[int], Any]]
     start: Callable[..., Any]
     step: Callable[..., tuple[Any, Any]]
     parts: Callable[[Any], dict[str, Any]]
     together: Callable[[Any], int]
     losses: tuple[str, ...]
-    save: Callable[[Path, Any, Dataset, Any], None]
-    sheet: Callable[[Any, Dataset, Any], np.ndarray]
-    painter: Callable[[Any, Path], Callable[[Any], np.ndarray]]
+    save: Callable[[Path, Any, Any, Any], None]
+    sheet: Callable[[Any, Any, Any], np.ndarray]
+    painter: Callable[[Any, Path], Callable[[Any], Any]]
 
 
 def _gan_parts(state: TrainState) -> dict[str, Any]:
@@ -41,7 +49,9 @@ def _gan_parts(state: TrainState) -> dict[str, Any]:
 
 
 GAN = Method(
+    read=read_dataset,
     fitted=lambda config, dataset: (fitted(config, dataset), dataset),
+    feed=renders,
     start=state.start,
     step=step.step,
     parts=_gan_parts,
@@ -52,7 +62,9 @@ GAN = Method(
     painter=snapshot.painter,
 )
 NERF_TEX = Method(
+    read=read_dataset,
     fitted=fitted_parametric,
+    feed=renders,
     start=parametric.start,
     step=parametric.step,
     parts=lambda state: {"network": state.decoder},
@@ -62,8 +74,22 @@ NERF_TEX = Method(
     sheet=parametric_snapshot.sheet,
     painter=parametric_snapshot.painter,
 )
+SURFACE = Method(
+    read=read_patches,
+    fitted=surface.fitted,
+    feed=surface.feed,
+    start=surface.start,
+    step=surface.step,
+    parts=lambda state: {"surface": state.surface},
+    together=lambda config: 1,
+    losses=("reflectance", "opacity"),
+    save=surface_snapshot.save,
+    sheet=surface_snapshot.sheet,
+    painter=surface_snapshot.painter,
+)
+_OF: dict[type, Method] = {TrainConfig: GAN, ParametricConfig: NERF_TEX, surface.SurfaceTraining: SURFACE}
 
 
 def method_of(config: RunConfig) -> Method:
     """The method that a configuration is of."""
-    return GAN if isinstance(config, TrainConfig) else NERF_TEX
+    return _OF[type(config)]

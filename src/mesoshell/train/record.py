@@ -14,21 +14,25 @@ import jax
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
+from mesoshell.io.patches import Patches
 from mesoshell.io.whole import read_file, replace_file
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.state import TrainConfig
 from mesoshell.train.stream import RunConfig
+from mesoshell.train.surface import SurfaceTraining
 
-METHODS: dict[str, type[TrainConfig] | type[ParametricConfig]] = {"gan": TrainConfig, "nerf_tex": ParametricConfig}
+METHODS: dict[str, type[RunConfig]] = {"gan": TrainConfig, "nerf_tex": ParametricConfig, "surface": SurfaceTraining}
+#: Of a dataset's manifest, what says which data a run was begun with.
+KEPT = ("recipe", "source", "version", "size", "seed", "parameters", "depth", "curvature", "queries", "spp")
 #: What a run may be resumed with another value of.
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 
-def keep_record(config: RunConfig, dataset: Dataset, folder: Path) -> None:
+def keep_record(config: RunConfig, dataset: Dataset | Patches, folder: Path) -> None:
     """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, but for
     MAY_CHANGE. A field younger than the record has its default in it. Raises InputError that names the fields that differ."""
-    kept = ("recipe", "version", "size", "seed", "parameters")
-    data = {k: dataset.manifest[k] for k in kept} | {"folder": str(dataset.folder.resolve())}
+    manifest = dataset.manifest
+    data = {k: manifest[k] for k in KEPT if k in manifest} | {"folder": str(dataset.folder.resolve())}
     record = _record(config, data)
     folder = folder.resolve()  # else A/../B is not there until A is made, and then B is another run's
     path = folder / "config.json"

@@ -23,6 +23,8 @@ CURVES = {
     "mean logit": ("real", "fake"),
     "loss of radiance": ("radiance",),
     "loss of transmittance": ("transmittance",),
+    "loss of reflectance": ("reflectance",),
+    "loss of opacity": ("opacity",),
 }
 
 

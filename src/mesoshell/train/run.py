@@ -21,15 +21,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from mesoshell.io.dataset import Dataset
 from mesoshell.io.image import write_png
 from mesoshell.train.board import open_board
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.method import Method, method_of
+from mesoshell.train.method import Data, Method, method_of
 from mesoshell.train.parallel import spread_step
 from mesoshell.train.record import keep_record
 from mesoshell.train.report import write_report
-from mesoshell.train.stream import RunConfig, renders
+from mesoshell.train.stream import RunConfig
 
 LOG_EVERY = 16
 SAVE_EVERY = 120.0
@@ -41,7 +40,7 @@ class Diverged(RuntimeError):
 
 def train(
     config: RunConfig,
-    dataset: Dataset,
+    dataset: Data,
     folder: Path,
     how: str = "jit",
     show: Callable[[dict[str, float]], None] = lambda row: None,
@@ -53,7 +52,7 @@ def train(
     method = method_of(config)
     config, seen = method.fitted(config, dataset)
     keep_record(config, dataset, folder)
-    batch_of = renders(config, seen, jax.process_index(), jax.process_count())
+    batch_of = method.feed(config, seen, jax.process_index(), jax.process_count())
     spread = spread_step(
         lambda state, batch, across: method.step(config, state, batch, across),
         config.batch,
@@ -118,7 +117,7 @@ class _Book:
                 log.write(json.dumps(row) + "\n")
             self.board.row(row)
 
-    def snapshot(self, method: Method, config: RunConfig, dataset: Dataset, state: Any) -> None:
+    def snapshot(self, method: Method, config: RunConfig, dataset: Data, state: Any) -> None:
         if self.board:
             for part in ("snapshots", "sheets"):
                 (self.folder / part).mkdir(exist_ok=True)

@@ -26,8 +26,9 @@ from mesoshell.shell.generator import Averages, draw_phases, map_latent, synthes
 from mesoshell.train.export import declared, generator_bundle
 from mesoshell.train.generate import Shown, generate
 from mesoshell.train.parallel import in_turn
+from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.state import Learner, TrainConfig, TrainState
-from mesoshell.train.stream import RunConfig, views_of
+from mesoshell.train.stream import views_of
 from mesoshell.typing import Array
 
 COLUMNS, EXTENT = 6, 4
@@ -46,7 +47,7 @@ def painter(config: TrainConfig, path: Path) -> Callable[[Shown], Float[np.ndarr
     return lambda batch: pictures(config, learner, maker.averages, batch)
 
 
-def provenance(config: RunConfig, dataset: Dataset, images: int) -> dict:
+def provenance(config: TrainConfig | ParametricConfig, dataset: Dataset, images: int) -> dict:
     """Where a snapshot comes from."""
     return {"config": asdict(config), "dataset": origin(dataset), "commit": commit(), "images": images}
 
@@ -79,7 +80,7 @@ def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.
     return np.concatenate(parts, axis=1)
 
 
-def ends(config: RunConfig, dataset: Dataset) -> tuple[Shown, Shown]:
+def ends(config: TrainConfig | ParametricConfig, dataset: Dataset) -> tuple[Shown, Shown]:
     """A row of the farthest renders, and one of the nearest."""
     far_first = sorted(range(len(dataset.samples)), key=lambda i: -dataset.samples[i].radius)
     return views_of(config, dataset, far_first[:COLUMNS]), views_of(config, dataset, far_first[-COLUMNS:])

@@ -22,9 +22,10 @@ from mesoshell.train.generate import Shown
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.picture import PictureConfig
 from mesoshell.train.state import TrainConfig, sized
+from mesoshell.train.surface import SurfaceTraining
 
-#: What a run, of either method, depends on beside the data.
-RunConfig = TrainConfig | ParametricConfig
+#: What a run, of any method, depends on beside the data.
+RunConfig = TrainConfig | ParametricConfig | SurfaceTraining
 #: The name of the seed among parameters; not one that a recipe could use.
 SEED = "geometry seed"
 
@@ -86,7 +87,9 @@ def _fitted_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
     return replace(picture, fov=float(dataset.samples[0].fov))
 
 
-def renders(config: RunConfig, dataset: Dataset, host: int = 0, hosts: int = 1) -> Callable[[int], Shown]:
+def renders(
+    config: TrainConfig | ParametricConfig, dataset: Dataset, host: int = 0, hosts: int = 1
+) -> Callable[[int], Shown]:
     """This host's rows of step i, as NumPy arrays. Raises InputError if hosts cannot share the batch, or data are too few."""
     if config.batch % hosts:
         raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
@@ -110,7 +113,9 @@ def renders(config: RunConfig, dataset: Dataset, host: int = 0, hosts: int = 1) 
     return at
 
 
-def views_of(config: RunConfig, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]) -> Shown:
+def views_of(
+    config: TrainConfig | ParametricConfig, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]
+) -> Shown:
     """The samples at these positions, with keys of their own: the same whenever they are asked for."""
     b = take(dataset, np.asarray(positions))
     keys = np.stack(

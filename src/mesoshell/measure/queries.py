@@ -1,0 +1,39 @@
+"""How well a surface material answers queries that were held out.
+
+Alphabet
+α, ρ         opacity, and reflectance of rays that met something; with a hat, the material's answer
+reflectance  Σ α |ρ̂ − ρ|² / Σ α |ρ|² over a patch: what the data's own noise adds is in it
+opacity      mean of |α̂ − α| over a patch
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.io.patches import COLUMNS
+from mesoshell.measure.distribution import Estimate
+
+#: Names of the scores.
+QUERIES = ("reflectance: relative squared error", "opacity: mean error")
+_ALPHA, _RGB = COLUMNS.index("alpha"), slice(COLUMNS.index("r"), COLUMNS.index("b") + 1)
+
+
+def score(
+    answers: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    patches: tuple[Float[np.ndarray, "Q 16"], ...],
+) -> dict[str, Estimate]:
+    """Means over patches with 1.96 standard errors. answers: of rows, α̂, the silhouette cosine and ρ̂."""
+    each = []
+    for rows in patches:
+        alpha, _, rho = answers(rows)
+        met = rows[:, _ALPHA, None]
+        wanted = rows[:, _RGB] / np.maximum(met, 1e-3)
+        apart = (met * (rho - wanted) ** 2).sum() / max(float((met * wanted**2).sum()), 1e-30)
+        each.append((apart, np.abs(alpha - met[:, 0]).mean()))
+    table = np.array(each, np.float64)
+    reach = 1.96 * table.std(axis=0, ddof=min(1, len(table) - 1)) / np.sqrt(len(table))
+    return {
+        name: Estimate(float(m), float(m - r), float(m + r))
+        for name, m, r in zip(QUERIES, table.mean(axis=0), reach, strict=True)
+    }

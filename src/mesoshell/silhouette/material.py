@@ -1,0 +1,152 @@
+"""The network of a surface material: opacity, offset and reflectance of one query (Neural Materials on Curved Surfaces).
+
+Alphabet
+u            where a ray meets the bounding surface, in periods of the texture; it wraps around                    (2,)
+r            standard deviation of the ray's footprint there, periods
+ω, ω′        unit directions toward the viewer and the light; x and y along u and v, z outward                     (3,)
+κ            curvature along the ray, 1 / period, positive seen from outside; networks see it from −1 to 1 over the range
+             that was trained
+T            a module's texture: a pyramid whose levels are learned each for itself, blurred while it is learned
+α            opacity: T_α(u), ω, κ → logit of α; or → the silhouette cosine c, of which α is a step
+u′           u − OFFSET · d · (ω_x, ω_y): T_d(u), ω, κ → d
+ρ            T_ρ(u′), ω, ω′, κ → radiance over irradiance on the plane facing the light, of rays that meet something     1/sr
+
+Opacity and offset do not see the light: `seen` is evaluated once for several lights.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from mesoshell.nets.mlp import Dense, apply_dense, apply_relu, init_dense, init_mlp
+from mesoshell.numerics import softplus
+from mesoshell.texture import mip
+from mesoshell.typing import Array, Float, Key, Scalar, Vec2, Vec3
+
+#: Of the offset, periods.
+OFFSET = 0.1
+#: How wide a step of α is, as a cosine.
+STEP = 0.01
+
+
+@dataclass(frozen=True)
+class SurfaceConfig:
+    """texels: along a period at the finest level, a power of two; hidden: widths of each network; opacity: α itself, the
+    silhouette cosine, or none (a ray that meets the surface meets the material); curvature: whether networks see κ."""
+
+    texels: int = 256
+    channels: int = 7
+    hidden: tuple[int, ...] = (24, 24, 24)
+    opacity: Literal["direct", "cosine", "none"] = "direct"
+    curvature: bool = True
+
+    @property
+    def sizes(self) -> mip.Sizes:
+        return mip.level_sizes(self.texels, self.texels)
+
+
+class Module(NamedTuple):
+    """A texture's levels, finest first (n, n, C), and the network that reads it."""
+
+    texture: list[Float[Array, "_n _n C"]]
+    hidden: list[Dense]
+    last: Dense
+
+
+class Surface(NamedTuple):
+    """The three modules."""
+
+    opacity: Module
+    offset: Module
+    reflectance: Module
+
+
+class Tables(NamedTuple):
+    """A surface ready to be asked: pyramids of blurred textures in place of levels."""
+
+    pyramids: tuple[mip.Pyramid, ...]
+    surface: Surface
+
+
+class Place(NamedTuple):
+    """A query, but for the light. kappa: normalised to the trained range."""
+
+    u: Vec2
+    radius: Scalar
+    w: Vec3
+    kappa: Scalar
+
+
+class Seen(NamedTuple):
+    """What does not depend on the light. cosine: c, if that is what is learned, else 0; features: T_ρ(u′)."""
+
+    alpha: Scalar
+    cosine: Scalar
+    features: Float[Array, "C"]
+
+
+def init_surface(config: SurfaceConfig, key: Key[Array, ""]) -> Surface:
+    """Textures of small random numbers; an opaque surface."""
+
+    def module(key: Array, seen: int, out: int, bias: float = 0.0) -> Module:
+        first, second, third = jax.random.split(key, 3)
+        keys = jax.random.split(first, len(config.sizes))
+        levels = [
+            0.1 * jax.random.normal(k, (*size, config.channels), jnp.float32)
+            for k, size in zip(keys, config.sizes, strict=True)
+        ]
+        hidden = init_mlp(second, (config.channels + seen, *config.hidden))
+        last = init_dense(third, config.hidden[-1], out, gain=0.1)
+        return Module(levels, hidden, last._replace(bias=last.bias + bias))
+
+    a, b, c = jax.random.split(key, 3)
+    return Surface(module(a, 4, 1, 2.0), module(b, 4, 1), module(c, 7, 3))
+
+
+def tables(surface: Surface, blur: Scalar) -> Tables:
+    """Pyramids, each level blurred by `blur` texels (a standard deviation)."""
+    return Tables(tuple(mip.pack([blurred(level, blur) for level in module.texture]) for module in surface), surface)
+
+
+def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "n n C"]:
+    """A texture that wraps around, convolved with a Gaussian of this standard deviation in texels."""
+    n = texture.shape[0]
+    i = jnp.arange(n)
+    apart = jnp.abs(i[:, None] - i[None])
+    apart = jnp.minimum(apart, n - apart).astype(texture.dtype)
+    weight = jnp.exp(-0.5 * (apart / deviation) ** 2)
+    weight = weight / weight.sum(axis=1, keepdims=True)
+    return jnp.einsum("ij,kl,jlc->ikc", weight, weight, texture)
+
+
+def seen(config: SurfaceConfig, table: Tables, place: Place) -> Seen:
+    """α and what reflectance will read."""
+    surface, kappa = table.surface, place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
+    level = mip.level_of(place.radius, config.texels, len(config.sizes) - 1)
+    x = jnp.concatenate([place.w, kappa[None]])
+
+    def ask(k: int, u: Vec2) -> Array:
+        return mip.lookup(table.pyramids[k], config.sizes, u, level)
+
+    found = _answer(surface.opacity, jnp.concatenate([ask(0, place.u), x]))[0]
+    cosine = jax.nn.sigmoid(found - 4) if config.opacity == "cosine" else jnp.zeros_like(found)
+    alpha = {
+        "direct": jax.nn.sigmoid(found),
+        "cosine": jax.nn.sigmoid((place.w[2] - cosine) / STEP),
+        "none": jnp.ones_like(found),
+    }[config.opacity]
+    way = _answer(surface.offset, jnp.concatenate([ask(1, place.u), x]))[0]
+    return Seen(alpha, cosine, ask(2, place.u - OFFSET * way * place.w[:2]))
+
+
+def reflectance(config: SurfaceConfig, table: Tables, place: Place, found: Seen, light: Vec3) -> Vec3:
+    """ρ(ω, ω′)."""
+    kappa = place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
+    x = jnp.concatenate([found.features, place.w, light, kappa[None]])
+    return softplus(_answer(table.surface.reflectance, x) - 2)
+
+
+def _answer(module: Module, x: Float[Array, "I"]) -> Float[Array, "O"]:
+    return apply_dense(module.last, apply_relu(module.hidden, x))

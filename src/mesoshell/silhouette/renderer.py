@@ -33,6 +33,7 @@ from mesoshell.render.light import Beam, Distant, Environment, beams, lookup
 from mesoshell.render.quality import Quality
 from mesoshell.silhouette.material import Place, SurfaceConfig, Tables, reflectance, seen
 from mesoshell.silhouette.surface import ADVANCE, Dressed, Hits, Local
+from mesoshell.silhouette.wear import wear
 from mesoshell.typing import Array
 
 #: Rays of a tile of the picture; surfaces that a ray, or a shadow, passes at most.
@@ -120,8 +121,8 @@ def render(
     report, begin = Report(), time.perf_counter()
     camera = scene.camera
     others = [m.vertices[m.faces].astype(np.float64) for m in scene.objects]
-    dressed = Dressed(scene.mesh, scene.period, quality, np.concatenate([np.zeros((0, 3, 3)), *others]))
-    report.notes = (*dressed.table.notes, *_outside(dressed, scene.ready.curvature))
+    dressed = Dressed(wear(scene.mesh, scene.period, quality), np.concatenate([np.zeros((0, 3, 3)), *others]))
+    report.notes = dressed.worn.notes(scene.ready.curvature)
     report.add("prepare", begin)
     pixels = camera.height * camera.width
     work = [(k, i) for k in range(quality.pixel_samples) for i in range(0, pixels, RAYS)]
@@ -139,19 +140,6 @@ def render(
             progress(done / len(work))
     report.add("wall", begin)
     return (image / quality.pixel_samples).reshape(camera.height, camera.width, 4), report
-
-
-def _outside(dressed: Dressed, trained: tuple[float, float]) -> list[str]:
-    """What to say of curvature that the material was not trained for."""
-    kappa: np.ndarray = dressed.table.kappa * dressed.period
-    wrong = int(((kappa < trained[0] - 1e-3) | (kappa > trained[1] + 1e-3)).any(axis=1).sum())
-    if not wrong:
-        return []
-    low, high = dressed.curvature
-    return [
-        f"curvature is outside the trained {trained[0]:g} to {trained[1]:g} per period at {wrong} of {len(kappa)} "
-        f"vertices ({low:.2g} to {high:.2g}) and taken for the nearest: a smaller --scale lowers it"
-    ]
 
 
 class _Tile:

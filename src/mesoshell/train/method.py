@@ -24,11 +24,11 @@ Data = Dataset | Patches
 
 class Method(NamedTuple):
     """read: a folder's data. fitted: the configuration for them, and the data as the method sees them. feed: (config, data,
-    host, hosts) → this host's rows of the batch of step i. start: (config, key) → state. step:
-    (config, state, shown, across) → (state, report); a report's fields are numbers of the log, and `bad`, which leaves of
-    the gradients of `parts` are not finite. parts: what learns, by name. together: neighbours in a batch that belong to each
-    other. losses: the report's fields that a console shows. save: (path, config, dataset, state) → a file. sheet: (config,
-    dataset, state) → a picture. painter: (config, saved file) → function from shown to what is scored: as many pictures, or answers."""
+    host, hosts) → this host's rows of the batch of step i. start: (config, key) → state. step: (config, state, shown, across)
+    → (state, report); a report's fields are numbers of the log, and `bad`, which leaves of the gradients of `parts` are not
+    finite. parts: what learns, by name. together: neighbours in a batch that belong to each other. losses: the report's fields
+    that a console shows. save: (path, config, data, state) → a file. sheet: (config, data, state) → a picture. painter:
+    (config, saved file) → function from shown to what is scored: as many pictures, or answers."""
 
     read: Callable[[Path], Any]
     fitted: Callable[[Any, Any], tuple[Any, Any]]

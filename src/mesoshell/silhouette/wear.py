@@ -1,0 +1,61 @@
+"""A mesh that wears a surface material, as tables (NumPy only: both engines read them).
+
+Alphabet
+u, v         texture coordinates in periods; one period is `period` long in the world
+t, b, n      at a hit: n interpolated, outward; t along ∂P/∂u, b along ∂P/∂v, orthonormal; left-handed on mirrored charts
+κ            least curvature along the ray about the hit (geometry/curvature) times the period
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.geometry.curvature import Table, curvature_table, range_of
+from mesoshell.geometry.mesh import Mesh, uv_stretch
+from mesoshell.render.quality import Quality
+
+#: The least ω_z that is asked for: normals are interpolated, and may look away from a ray that meets the face's front.
+LEAST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Wear:
+    """uv: of corners, periods; along_u, along_v: ∂P/∂u and ∂P/∂v of each face, 0 where it has no area in UV; table: of κ,
+    in world units."""
+
+    mesh: Mesh
+    period: float
+    uv: Float[np.ndarray, "F 3 2"]
+    along_u: Float[np.ndarray, "F 3"]
+    along_v: Float[np.ndarray, "F 3"]
+    table: Table
+
+    def notes(self, trained: tuple[float, float]) -> tuple[str, ...]:
+        """What the user should know: of curvature that was mended, or for which the material was not trained."""
+        kappa: np.ndarray = self.table.kappa * self.period
+        wrong = int(((kappa < trained[0] - 1e-3) | (kappa > trained[1] + 1e-3)).any(axis=1).sum())
+        if not wrong:
+            return self.table.notes
+        low, high = (self.period * x for x in range_of(self.table))
+        said = (
+            f"curvature is outside the trained {trained[0]:g} to {trained[1]:g} per period at {wrong} of {len(kappa)} "
+            f"vertices ({low:.2g} to {high:.2g}) and taken for the nearest: a smaller --scale lowers it"
+        )
+        return (*self.table.notes, said)
+
+
+def wear(mesh: Mesh, period: float, quality: Quality) -> Wear:
+    """A mesh with a texture whose periods are so long, averaged over its surface."""
+    length = quality.curve_length * period if quality.curvature_filter == "curve" else 0.0
+    uv = mesh.uv.astype(np.float64) * (uv_stretch(mesh) / period)
+    return Wear(mesh, period, uv, *_along(mesh, uv), curvature_table(mesh, length))
+
+
+def _along(mesh: Mesh, uv: Float[np.ndarray, "F 3 2"]) -> tuple[np.ndarray, np.ndarray]:
+    p = mesh.vertices[mesh.faces].astype(np.float64)
+    e, f = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    inverse = np.divide(1, area, out=np.zeros_like(area), where=area != 0)[:, None]
+    return inverse * (b[:, 1:] * e - a[:, 1:] * f), inverse * (a[:, :1] * f - b[:, :1] * e)

@@ -9,7 +9,7 @@ BIN := .venv/bin
 BLENDER := $(shell $(PYTHON) -c 'import sys; print("blender" * (sys.version_info[:2] == (3, 11)))')
 
 # What `mesoshell render --engine mitsuba` imports
-WITHOUT_JAX := numpy scipy jaxtyping trimesh networkx xatlas pillow OpenEXR tyro rich mitsuba karellen-llvm-core
+WITHOUT_JAX := numpy scipy jaxtyping trimesh networkx libigl xatlas pillow OpenEXR tyro rich mitsuba karellen-llvm-core
 
 .PHONY: demo test lint blender nojax clean
 

@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from mesoshell.mesostructure.sources import of_heights, source
+from mesoshell.mesostructure.sources import HIGH, of_heights, source
 from mesoshell.mesostructure.tile import REACH, Placing, Tile
 from mesoshell.mesostructure.trace import AWAY, Patch, queries
 
@@ -406,6 +406,19 @@ def test_a_ray_that_meets_nothing_has_no_light():
     assert 100 < missed.sum() < 1900
     assert (found["reflectance"][missed] == 0).all() and (found["reflectance"][~missed] > 0).any()
     assert all(np.isfinite(x).all() for x in found.values())
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1.5, -0.8])
+def test_a_plateau_at_the_bounding_surface_is_met(curvature: float):
+    """Heights of an image that is white over half of its width: rays do not begin beneath what lies at h = 0."""
+    random, n = np.random.default_rng(19), 2000
+    image = np.repeat(np.array([[0.0, 1.0]] * 2, np.float32), 64, axis=1)
+    patch, placing = about(dimmed(of_heights(image, 0.2), 1e-4), curvature, (1.0, 1.0), shift=(0.75, 0.0))
+    place = random.uniform([-0.2, -0.5], [0.2, 0.5], (n, 2))
+    found = ask(patch, placing, across(random.uniform(0.03, 1, n), random), [0.0, 0, 1], place)
+    assert (found["alpha"] == 1).all()
+    np.testing.assert_allclose(found["reflectance"], np.broadcast_to(1e-4 * np.array(HIGH) / np.pi, (n, 3)), rtol=0.002)
+    assert found["cosine"].max() < 0.01
 
 
 def test_a_surface_does_not_shade_itself():

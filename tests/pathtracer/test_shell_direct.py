@@ -82,7 +82,7 @@ def test_the_engines_agree(name) -> None:
     )
     shells = Shells([shell])
     lights = [(tuple(map(float, light.direction)), tuple(map(float, light.irradiance)))]
-    world = World(shells, Media(shells, [Medium(Material(bundle), (AGE,))]), QUALITY, None, lights)
+    world = World(shells, Media(shells, [Medium(Material(bundle), (AGE,))]), None, QUALITY, None, lights)
     rgb, through, _ = gather_light(world, surfaces, ray)
     rgb, mean = np.array(rgb).T.reshape(SIZE, SIZE, 3), expected[..., :3].mean()
     error = np.abs(rgb - expected[..., :3])

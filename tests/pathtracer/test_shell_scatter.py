@@ -71,7 +71,7 @@ def test_collisions_are_drawn_by_their_weights() -> None:
     mesh = box()
     shells = Shells([extrude(mesh, 1.0, 1.0)])
     media = Media(shells, [Medium(Material(read_bundle(ROOT / "src/mesoshell/assets/grass.npz")), (AGE,))])
-    world = World(shells, media, QUALITY, None, [(LIGHT, (1.0, 1.0, 1.0))])
+    world = World(shells, media, None, QUALITY, None, [(LIGHT, (1.0, 1.0, 1.0))])
     rng, count, draws = np.random.default_rng(0), 64, 512
     target = rng.uniform(0.2, 0.8, (3, count))
     d = rng.normal(size=(3, count)) - np.array([[0], [0], [2.0]])

@@ -112,6 +112,37 @@ def _textured(
     return bundle, (u, v), [said + "its last texels repeat beyond its edges"] if small else []
 
 
+@dataclass(frozen=True, eq=False)
+class SurfaceDescription:
+    """A mesh that wears a surface material whose periods are so long, and what it is seen by."""
+
+    mesh: Mesh
+    period: float
+    camera: Camera
+    lights: tuple[Distant, ...]
+    environment: Environment | None
+    base_colour: tuple[float, float, float]
+    objects: tuple[Mesh, ...]
+    transparent: bool
+
+
+def describe_surface(options: Options) -> SurfaceDescription:
+    """What the options ask for, of a surface material. Raises InputError."""
+    for name in ("param", "seed", "thickness"):
+        if getattr(options, name) not in ((), None):
+            raise InputError(f"--{name}", f"{options.material} is a surface material: it has none (see --scale)")
+    check_colours(options)
+    mesh = load_mesh(options.mesh)
+    box, up = bounding_box(mesh), up_axis(options)
+    period = float(np.linalg.norm(box[1] - box[0])) * 2 / 25 if options.scale is None else options.scale
+    if not (np.isfinite(period) and period > 0):
+        raise InputError("--scale", f"must be above 0, not {period:g}")
+    camera = camera_of(options, box, 0.0, up)
+    lights, sky = lights_of(options, camera, up)
+    objects = tuple(load_mesh(p) for p in options.object)
+    return SurfaceDescription(mesh, period, camera, lights, sky, options.base, objects, options.transparent)
+
+
 def check_colours(options: Options) -> None:
     """Raises InputError for a light or a surface that is darker than black."""
     for name, values in (("--irradiance", (options.irradiance,)), ("--base", options.base)):

@@ -8,18 +8,21 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from mesoshell.cli.description import describe
+from mesoshell.cli.description import Description, SurfaceDescription, describe, describe_surface
 from mesoshell.cli.render import Options
 from mesoshell.cli.rendering import Picture, say_effects
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
+from mesoshell.io.surface import KIND, kind_of, read_surface
 from mesoshell.pathtracer import assemble, integrator, load_file
-from mesoshell.pathtracer.load import stand_on
+from mesoshell.pathtracer.load import Grown, stand_on
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
+from mesoshell.pathtracer.worn import SurfaceMaterial
 from mesoshell.render.quality import PRESETS
+from mesoshell.silhouette.wear import wear
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
 
@@ -69,28 +72,43 @@ def _say(console: Console, notes: tuple[str, ...]) -> None:
 
 def _scene(options: Options, console: Console) -> tuple[mi.Scene, dict[str, Any]]:
     """A scene of Mitsuba's with what the options describe, and the material's provenance."""
+    if kind_of(find(options.material)) == KIND:
+        return _dressed(options, console)
     bundle = read_bundle(find(options.material))
     d = describe(options, bundle)
     _say(console, d.notes)
+    scene = mi.load_dict(_parts(options, d) | {"surface": assemble.surface(d.mesh, d.base_colour)})
+    names = [p.name for p in bundle.parameters if p.role == "alpha"]
+    maps = {name: assemble.over_uv(image) for name, image in d.maps.items()}
+    alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
+    medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
+    stand_on(scene, Grown([(d.shell, medium)], alone=is_convex(d.mesh)), PRESETS[options.quality])
+    return scene, bundle.provenance
+
+
+def _dressed(options: Options, console: Console) -> tuple[mi.Scene, dict[str, Any]]:
+    """The same for a surface material."""
+    bundle, quality = read_surface(find(options.material)), PRESETS[options.quality]
+    d = describe_surface(options)
+    worn = wear(d.mesh, d.period, quality)
+    _say(console, (*d.mesh.notes, *worn.notes(bundle.curvature)))
+    scene = mi.load_dict(_parts(options, d))
+    stand_on(scene, Grown([], [(worn, SurfaceMaterial(bundle))]), quality)
+    return scene, bundle.provenance
+
+
+def _parts(options: Options, d: Description | SurfaceDescription) -> dict[str, Any]:
+    """Camera, lights and objects of what the options describe."""
     integrator.register()
     depth = DEPTH if options.max_depth is None else options.max_depth
     parts: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "mesoshell_path", "max_depth": depth, "hide_emitters": d.transparent},
         "sensor": assemble.sensor(d.camera, options.spp or SAMPLES),
-        "surface": assemble.surface(d.mesh, d.base_colour),
     }
     parts |= {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
     parts |= {f"object{i}": assemble.surface(mesh, d.base_colour) for i, mesh in enumerate(d.objects)}
-    if d.environment is not None:
-        parts["sky"] = assemble.sky(d.environment)
-    scene = mi.load_dict(parts)
-    names = [p.name for p in bundle.parameters if p.role == "alpha"]
-    maps = {name: assemble.over_uv(image) for name, image in d.maps.items()}
-    alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
-    medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
-    stand_on(scene, [(d.shell, medium)], PRESETS[options.quality], is_convex(d.mesh))
-    return scene, bundle.provenance
+    return parts if d.environment is None else parts | {"sky": assemble.sky(d.environment)}
 
 
 def _rendered(scene: mi.Scene, samples: int, console: Console) -> tuple[np.ndarray, int]:

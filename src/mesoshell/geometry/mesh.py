@@ -70,6 +70,15 @@ def check_mesh(
     return Mesh(points, faces, uv, normals.astype(np.float32), (*notes, *said))
 
 
+def moved(mesh: Mesh, to_world: Float[np.ndarray, "4 4"], source: str) -> Mesh:
+    """The mesh under an affine map, outside out. Raises InputError(source, …) as `check_mesh`."""
+    points = mesh.vertices.astype(np.float64) @ to_world[:3, :3].T + to_world[:3, 3]
+    faces, uv = mesh.faces, mesh.uv
+    if np.linalg.det(to_world[:3, :3]) < 0:
+        faces, uv = faces[:, [0, 2, 1]], uv[:, [0, 2, 1]]
+    return check_mesh(points, faces, uv, source)
+
+
 def bounding_box(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
     """The least and the greatest coordinates."""
     return np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])

@@ -56,9 +56,8 @@ def weave(depth: float, yarns: int = 4) -> Tile:
     """Plain weave: yarns of two colours over and under each other, striped as twisted ply is."""
     step = 1 / yarns
     flat, wide = 0.26 * depth, 0.42 * step
-    along = (
-        np.linspace(0, 1, 16 * yarns + 1) + 0.5 * step
-    )  # from where yarns cross h = −D/2: there both ends slope alike
+    # from where yarns cross h = −D/2, so that both of their ends slope alike
+    along = np.linspace(0, 1, 16 * yarns + 1) + 0.5 * step
     parts = []
     for k in range(yarns):
         rise = (0.5 * depth - flat) * np.cos(np.pi * yarns * along) * (-1) ** k

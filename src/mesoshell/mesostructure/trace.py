@@ -142,7 +142,8 @@ def queries(
     axes = frame(place, placing.curvature)
     origin = bent(place, np.zeros(len(place)), placing.curvature)
     toward, light = (np.einsum("qi,qij->qj", many[name], axes) for name in ("toward", "light"))
-    o, d, l = (_vectors(x) for x in (origin - AWAY * axes[:, 2], toward, light))
+    # above the bounding surface, or what lies at h = 0 would be missed
+    o, d, l = (_vectors(x) for x in (origin + AWAY * axes[:, 2], toward, light))
     o = mi.Point3f(o)
     hit, radiance = light_of(patch, o, d, l, sampler)
     mean = lambda x: x.reshape(count, spp, -1).mean(axis=1)  # noqa: E731

@@ -26,19 +26,34 @@ class PathEffects:
     shell_on_shell: Effect
     quadrature: Effect
     varying_parameters: Effect
+    shells: Effect
+    surface_materials: Effect
 
     def as_dict(self) -> dict[str, dict[str, object]]:
         return {name: {"on": e.on, "why": e.why} for name, e in vars(self).items()}
 
 
-def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]) -> PathEffects:
-    """Decide each effect. box: least and greatest corner of all shells; alone: there is one, on a convex surface."""
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What the decisions rest on, beside the scene. box: least and greatest corner of all shells, None without any; alone:
+    there is one shell, on a convex surface, and nothing else of ours; varying: parameters that textures give; worn: how many
+    meshes wear surface materials."""
+
+    box: np.ndarray | None
+    alone: bool
+    varying: list[str]
+    worn: int
+
+
+def plan_paths(scene: mi.Scene, facts: Facts) -> PathEffects:
+    """Decide each effect."""
+    box, alone, varying = facts.box, facts.alone, facts.varying
     integrator: Any = scene.integrator()
     emitters = scene.emitters()
     kinds = [_kind(e) for e in emitters]
     hit = sorted({k for k in kinds if k not in ("distant", "point")})
     found = ", ".join(f"{kinds.count(k)} {k}" for k in sorted(set(kinds))) or "none"
-    inside = any(_may_be_inside(s, box) for s in scene.sensors())
+    inside = box is not None and any(_may_be_inside(s, box) for s in scene.sensors())
     once, short = integrator.max_depth <= 2, integrator.max_depth <= integrator.rr_depth
     summed = once and alone and set(kinds) == {"distant"}
     onward = not once or (integrator.max_depth > 1 and bool(hit))
@@ -57,7 +72,9 @@ def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]
         ),
         roulette=effect(not short, f"paths end by chance from length {integrator.rr_depth} on", "paths are short"),
         shell_on_shell=effect(
-            not alone, "light may cross shells again", "one shell, on a convex surface: what leaves it stays outside"
+            not alone and box is not None,
+            "light may cross shells again",
+            "no shells" if box is None else "one shell, on a convex surface: what leaves it stays outside",
         ),
         quadrature=effect(
             summed,
@@ -65,6 +82,8 @@ def plan_paths(scene: mi.Scene, box: np.ndarray, alone: bool, varying: list[str]
             "paths go on, or light is not distant: collisions are drawn",
         ),
         varying_parameters=effect(bool(varying), f"textures for {', '.join(varying)}", "every parameter is one number"),
+        shells=effect(box is not None, "rays are marched through shells", "no shells"),
+        surface_materials=effect(facts.worn > 0, f"{facts.worn} of meshes: rays may pass them", "no mesh wears one"),
     )
 
 

@@ -12,7 +12,7 @@ group stands on each of its instances.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mitsuba as mi
@@ -31,7 +31,7 @@ _NUMBERS = ("thickness", "scale", "seed")
 class Element:
     """One shell that a scene asks for. where: in the file; shape: the mesh it stands on; placed: to-world matrices of its
     instances, none if it stands where the shape says; flipped: Mitsuba's v is 1 minus the file's, as of OBJ files; numbers,
-    textures: by the names of parameters."""
+    textures: by the names of parameters; wears: the material is one of surfaces, and the shape is not in the scene."""
 
     where: str
     material: str
@@ -43,10 +43,12 @@ class Element:
     textures: dict[str, mi.Texture] = field(default_factory=dict)
     placed: tuple[Float[np.ndarray, "4 4"], ...] = ()
     flipped: bool = False
+    wears: bool = False
 
 
-def read(source: str, parse: Callable[[Any], Any]) -> tuple[mi.Scene, list[Element]]:
-    """The scene without its shells, and these. parse: configuration to the parser's state. Raises InputError."""
+def read(source: str, parse: Callable[[Any], Any], wears: Callable[[str], bool]) -> tuple[mi.Scene, list[Element]]:
+    """The scene without its shells, and these. parse: configuration to the parser's state; wears: whether a material is a
+    surface's own, which stands in its place. Raises InputError."""
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_equivalent = config.merge_meshes = False
     try:
@@ -59,6 +61,9 @@ def read(source: str, parse: Callable[[Any], Any]) -> tuple[mi.Scene, list[Eleme
         if asked:
             _integrate(state)
         found = [_element(config, state, i, props, shape) for i, props in asked for shape in users[i]]
+        shapes = [shape for i, _ in asked for shape in users[i]]
+        found = [replace(e, wears=wears(e.material)) for e in found]
+        _remove(state, {shape for shape, e in zip(shapes, found, strict=True) if e.wears})
         scene: Any = mi.parser.instantiate(config, state)
         return scene, found
     except RuntimeError as error:
@@ -96,6 +101,13 @@ def _replace(state, index: int, props: mi.Properties) -> None:
         bare = mi.Properties("diffuse")
         bare["reflectance"] = mi.ScalarColor3d(*EARTH)
         state.nodes[index].props = bare
+
+
+def _remove(state, shapes: set[int]) -> None:
+    """Take shapes out of the scene, and out of groups."""
+    for node in state.nodes:
+        for name in [k for k, index in _links(node.props).items() if index in shapes]:
+            del node.props[name]
 
 
 def _integrate(state) -> None:

@@ -99,6 +99,35 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
     )
 
 
+def at_worn(world, met, ray, ds, numbers, opening) -> Event:
+    """A surface material scatters. numbers: as of a collision."""
+    here = met.here
+    x = mi.Point3f(ray.o + mi.Float64(met.t) * ray.d)
+
+    def away(d, far, opening, pdf):
+        off = dr.select(dr.dot(here.c, d) < 0, -1, 1) * (world.worn.beyond(met.t) - met.t)
+        return segment(ray, met.t, x + off * here.c, d, far, False, opening, pdf)
+
+    asked = canonical(here, ds.d)
+    shadow = away(ds.d, ds.dist * (1 - SHY), dr.select(ds.delta, 0, opening), ds.pdf)
+    if numbers is None:
+        (value,) = world.worn.rho(met, [asked])
+        return last(value, density(here, ds.d), shadow)
+    drawn, local, pdf = draw(here, numbers)
+    value, weight = world.worn.rho(met, [asked, local])
+    weight = dr.select(pdf > 0, weight / dr.select(pdf > 0, pdf, 1), 0)
+    return Event(
+        mi.Color3f(value),
+        density(here, ds.d),
+        shadow,
+        mi.Color3f(weight),
+        mi.Float(pdf),
+        mi.Bool(False),
+        mi.Float(1),
+        away(drawn, dr.inf, opening, pdf),
+    )
+
+
 def last(value, p, shadow: Ray) -> Event:
     """An event at which a path ends: no direction is drawn."""
     none = mi.Float(0)
@@ -125,6 +154,23 @@ def segment(ray, t, o, d, tmax=dr.inf, outside=False, opening: Any = 0.0, pdf: A
         dr.full(mi.Bool, outside, n),
         mi.Float(spread),
         mi.Float(apex),
+    )
+
+
+def beyond(ray: Ray, t) -> Ray:
+    """The rest of a segment from t on."""
+    n = dr.width(ray.spread)
+    d: Any = ray.d
+    o = ray.o + d * mi.Float64(t)
+    outside = dr.full(mi.Bool, False, n)
+    return Ray(
+        o,
+        mi.Vector3d(ray.d),
+        dr.zeros(mi.Float64, n),
+        ray.tmax - mi.Float64(t),
+        outside,
+        mi.Float(ray.spread),
+        ray.apex + t,
     )
 
 

@@ -28,6 +28,12 @@ class Flight:
     queries: mi.UInt32
 
 
+def still(n: int) -> Flight:
+    """The flight of rays where there are no shells."""
+    zero = dr.zeros(mi.Float, n)
+    return Flight(zero, dr.full(mi.Bool, False, n), nothing(), no_here(), dr.zeros(mi.UInt32, n))
+
+
 @dr.syntax
 def fly(world, ray, target, active, shift=0.5):
     """The flight of rays that are active; the others come out at once."""
@@ -35,7 +41,7 @@ def fly(world, ray, target, active, shift=0.5):
     s.over = ~active
     n = dr.width(ray.o)
     count, skip = world.quality.samples, world.quality.skip
-    end = Flight(dr.zeros(mi.Float, n), dr.full(mi.Bool, False, n), nothing(), no_here(), dr.zeros(mi.UInt32, n))
+    end = still(n)
     busy = mi.Bool(active)
     while busy:
         s, sample, found = seek(world.shells, world.media, ray, count, skip, s)

@@ -5,6 +5,7 @@ image = mi.render(scene, spp=64)
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any, cast
@@ -14,20 +15,23 @@ import mitsuba as mi
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.geometry.mesh import Mesh, bounding_box, check_mesh, is_convex
+from mesoshell.geometry.mesh import Mesh, bounding_box, check_mesh, is_convex, moved, surface_area
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import bundled, check_name, find, normalised
+from mesoshell.io.surface import KIND, kind_of, read_surface
 from mesoshell.pathtracer import elements, integrator
 from mesoshell.pathtracer.baking import Asked, textured
 from mesoshell.pathtracer.detail import texels_needed
-from mesoshell.pathtracer.effects import plan_paths
+from mesoshell.pathtracer.effects import Facts, plan_paths
 from mesoshell.pathtracer.elements import Element
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
+from mesoshell.pathtracer.worn import SurfaceMaterial, Worn
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, transformed
+from mesoshell.silhouette.wear import Wear, wear
 
 NORMAL = PRESETS["normal"]
 
@@ -57,41 +61,52 @@ def load_dict(scene: dict[str, Any], quality: Quality = NORMAL) -> mi.Scene:
 
 def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
     integrator.register()
-    scene, asked = elements.read(source, parse)
+    scene, asked = elements.read(source, parse, lambda material: kind_of(_file(material)) == KIND)
     if asked:
-        materials: dict[tuple[Path, str], Material] = {}
-        stands, convex, notes = [], True, []
+        materials: dict[Any, Any] = {}
+        stands, wears, convex, notes = [], [], True, []
         for element in asked:
             try:
                 mesh = _mesh(element)
-                found = _stands(element, mesh, scene.sensors(), materials)
+                if element.wears:
+                    worn, said = _wears(element, mesh, quality, materials)
+                    wears += worn
+                else:
+                    found = _stands(element, mesh, scene.sensors(), materials)
+                    stands, said = stands + found, found[0][0].notes
             except InputError as error:
                 raise InputError(element.where, str(error).removeprefix("--")) from error
-            stands += found
             convex &= is_convex(mesh)
-            notes += [f"{element.where}: {note}" for note in (*mesh.notes, *found[0][0].notes)]
-        stand_on(scene, stands, quality, convex and len(stands) == 1, tuple(notes))
+            notes += [f"{element.where}: {note}" for note in (*mesh.notes, *said)]
+        alone = convex and len(stands) == 1 and not wears
+        stand_on(scene, Grown(stands, wears, alone, tuple(notes)), quality)
     return scene
 
 
-def stand_on(
-    scene: mi.Scene,
-    stands: list[tuple[Shell, Medium]],
-    quality: Quality,
-    alone: bool,
-    notes: tuple[str, ...] = (),
-) -> None:
-    """Give a scene's integrator, a `mesoshell_path`, the shells that it shall trace paths through.
+@dataclass(frozen=True, eq=False)
+class Grown:
+    """What is on meshes of a scene: shells with what fills them, and wears with their materials. alone: there is one shell, on
+    a convex surface, so that what has left it does not meet it again. notes: how these depart from what was asked for."""
 
-    alone: there is one, and it stands on a convex surface, so that what has left it does not meet it again.
-    notes: how shells depart from what was asked for.
-    """
-    shells = Shells([shell for shell, _ in stands])
-    media = Media(shells, [medium for _, medium in stands])
-    effects = plan_paths(scene, shells.box, alone, media.varying)
+    stands: list[tuple[Shell, Medium]]
+    wears: list[tuple[Wear, SurfaceMaterial]] = field(default_factory=list)
+    alone: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def stand_on(scene: mi.Scene, grown: Grown, quality: Quality) -> None:
+    """Give a scene's integrator, a `mesoshell_path`, what it shall trace paths through."""
+    shells = media = worn = None
+    if grown.stands:
+        shells = Shells([shell for shell, _ in grown.stands])
+        media = Media(shells, [medium for _, medium in grown.stands])
+    if grown.wears:
+        worn = Worn([wear for wear, _ in grown.wears], [material for _, material in grown.wears])
+    facts = Facts(shells and shells.box, grown.alone, media.varying if media else [], len(grown.wears))
+    effects = plan_paths(scene, facts)
     lights = [_distant(e) for e in scene.emitters()] if effects.quadrature.on else []
     path: Any = scene.integrator()
-    path.world = World(shells, media, quality, effects, lights, notes)
+    path.world = World(shells, media, worn, quality, effects, lights, grown.notes)
 
 
 def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -126,6 +141,29 @@ def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: d
     values = tuple(element.textures.get(name, float(v)) for name, v in zip(names, alpha, strict=True))
     medium = Medium(materials[key], values, patches_per_uv(mesh, shell), element.flipped)
     return [(s, medium) for s in places]
+
+
+def _wears(
+    element: Element, mesh: Mesh, quality: Quality, materials: dict
+) -> tuple[list[tuple[Wear, SurfaceMaterial]], tuple[str, ...]]:
+    """The wears of an element, one for each place, with their material; and what to say of them."""
+    given = [
+        *element.numbers,
+        *element.textures,
+        *(k for k in ("thickness", "seed") if getattr(element, k) is not None),
+    ]
+    if given:
+        raise InputError(element.material, f"{given[0]} is of shells: a surface material has a scale alone")
+    path, box = _file(element.material), bounding_box(mesh)
+    bundle = read_surface(path)
+    period = float(np.linalg.norm(box[1] - box[0])) * 2 / 25 if element.scale is None else element.scale
+    if not (np.isfinite(period) and period > 0):
+        raise InputError(element.material, f"scale must be above 0, not {period:g}")
+    material = materials.setdefault(path, SurfaceMaterial(bundle))
+    places = [moved(mesh, m, element.material) for m in element.placed] or [mesh]
+    # an instance is the mesh with what it wears, moved: its periods are as long as its edges have become
+    found = [wear(m, period * (surface_area(m) / surface_area(mesh)) ** 0.5, quality) for m in places]
+    return [(w, material) for w in found], found[0].notes(bundle.curvature)
 
 
 def _file(material: str) -> Path:

@@ -3,7 +3,8 @@
 Alphabet
 β           throughput of the path so far                                        RGB
 segment     of a path, from one event to the next; or of a shadow, from an event to an emitter
-event       a collision in a shell, or a surface                                 (pathtracer/events)
+event       a collision in a shell, a surface, or a surface material             (pathtracer/events)
+α           opacity of a surface material: a path goes through it with the probability 1 − α, and a shadow is dimmed by 1 − α
 
 A lane follows its path segment by segment; what it asks of an emitter is a segment too, taken before the path goes on. So all
 flights through shells, of paths and of shadows, are one piece of the compiled program. What a scene does not call for
@@ -15,9 +16,10 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.events import at_collision, at_surface, power, single
-from mesoshell.pathtracer.flight import fly
+from mesoshell.pathtracer.events import at_collision, at_surface, at_worn, beyond, power, single
+from mesoshell.pathtracer.flight import fly, still
 from mesoshell.pathtracer.quadrature import Ray
+from mesoshell.pathtracer.worn import nothing_met
 
 
 @dataclass
@@ -83,65 +85,101 @@ def busy(lane: Lane):
 def advance(settings, scene, sampler, lane):
     """One segment: of the shadow that a lane waits for, or of its path."""
     world, max_depth, rr_depth = settings.world, settings.max_depth, settings.rr_depth
-    asking, hitting, onward, again, roulette = (
+    asking, hitting, onward, again, roulette, shells, worn = (
         getattr(world.effects, name).on
-        for name in ("asking_emitters", "hitting_emitters", "second_bounce", "shell_on_shell", "roulette")
+        for name in (
+            "asking_emitters",
+            "hitting_emitters",
+            "second_bounce",
+            "shell_on_shell",
+            "roulette",
+            "shells",
+            "surface_materials",
+        )
     )
     opening, stop = world.quality.bounce_spread, world.quality.early_stop
     dark = -dr.log(stop) if stop > 0 else dr.inf
     path, shadow, light, seen = lane.path, lane.shadow, lane.light, lane.seen
     n = dr.width(path.eta)
 
-    # --- the segment: surfaces, then shells in front of them
+    # --- the segment: surfaces, then surface materials in front of them, then shells in front of both
     mine = ~shadow.pending
     si = scene.ray_intersect(single(path.ray), mi.RayFlags.All, coherent=mi.Bool(False), active=mine)
     blocked = scene.ray_test(single(shadow.ray), active=shadow.pending)
     segment = dr.select(shadow.pending, shadow.ray, path.ray)
     segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
-    target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dark)
-    flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked), sampler.next_1d())
+    met = nothing_met(n)
+    if worn:
+        met = world.worn.meet(segment, mine | ~blocked)
+        segment.tmax = dr.select(met.hit, mi.Float64(met.t), segment.tmax)
+    flight = still(n)
+    if shells:
+        target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dark)
+        flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked), sampler.next_1d())
 
-    # --- a shadow arrives, or it does not
-    light += dr.select(shadow.pending & ~blocked, shadow.asked * dr.exp(-flight.depth), 0)
-    shadow.pending = mi.Bool(False)
+    # --- a shadow arrives, goes on behind a surface material, or is stopped
+    came = shadow.pending & ~blocked
+    passing = came & met.hit
+    shadow.asked *= dr.select(came, dr.exp(-flight.depth), 0)
+    light += dr.select(came & ~passing, shadow.asked, 0)
+    if worn:
+        shadow.asked *= dr.select(met.front, 1 - met.alpha, 1)
+        shadow.ray = beyond(shadow.ray, world.worn.beyond(met.t))
+        passing &= dr.max(shadow.asked) > 0
 
     # --- a surface, or the end of the scene, emits toward the path
     collided = mine & flight.collided
-    seen |= mine & (collided | si.is_valid())
+    on_worn = mine & ~collided & met.hit
+    kept = mi.Bool(False)
+    if worn:
+        kept = on_worn & met.front & (sampler.next_1d() < met.alpha)
+    behind = on_worn & ~kept
+    reached = mine & ~collided & ~met.hit
+    seen |= collided | kept | (reached & si.is_valid())
     if hitting:
-        light += _emitted(settings, scene, si, path, mine & ~collided)
+        light += _emitted(settings, scene, si, path, reached)
 
     # --- the event asks an emitter, and scatters
-    going = mine & (collided | si.is_valid()) & (path.depth + 1 < max_depth)
-    inside, surface = going & collided, going & ~collided
-    x = mi.Point3f(path.ray.o + mi.Float64(flight.sample.t) * path.ray.d)
+    going = (collided | kept | (reached & si.is_valid())) & (path.depth + 1 < max_depth)
+    inside, wearing, surface = going & collided, going & kept, going & reached
+    t = dr.select(inside, flight.sample.t, met.t)
     origin = mi.SurfaceInteraction3f(si)
-    origin.p = dr.select(inside, x, si.p)
+    origin.p = dr.select(surface, si.p, mi.Point3f(path.ray.o + mi.Float64(t) * path.ray.d))
     ds = dr.zeros(mi.DirectionSample3f, n)
     arriving = dr.zeros(mi.Color3f, n)
     if asking:
         smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
-        ds, arriving = scene.sample_emitter_direction(origin, sampler.next_2d(), False, inside | (surface & smooth))
+        ds, arriving = scene.sample_emitter_direction(
+            origin, sampler.next_2d(), False, inside | wearing | (surface & smooth)
+        )
     wanted = going & (ds.pdf != 0)
     numbers = (sampler.next_1d(), sampler.next_2d()) if onward else None
     event = at_surface(si, path.ray, ds, surface & wanted, surface, numbers, opening)
-    if inside:
+    if shells and inside:
         event = at_collision(world, flight, path.ray, ds, numbers and numbers[1], opening)
-    shadow.ray = event.shadow
-    shadow.asked = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
-    shadow.crosses = wanted & (mi.Bool(again) | ~inside)
-    shadow.pending = wanted & (dr.max(shadow.asked) > 0)
+    if worn and wearing:
+        event = at_worn(world, met, path.ray, ds, numbers and numbers[1], opening)
+    asked = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
+    shadow = Shadow(
+        dr.select(passing, shadow.ray, event.shadow),
+        dr.select(passing, shadow.asked, asked),
+        dr.select(passing, shadow.crosses, wanted & (mi.Bool(again) | ~inside)),
+        passing | (wanted & (dr.max(asked) > 0)),
+    )
 
     # --- the path goes on
     if onward:
         path = _onward(path, event, going, origin.p)
     strongest = dr.max(path.beta)
     path.alive = dr.select(mine, going & mi.Bool(onward) & (strongest > 0), path.alive)
+    if worn:
+        path.ray = dr.select(behind, beyond(path.ray, world.worn.beyond(met.t)), path.ray)
+        path.alive |= behind
     if not hitting:  # a last segment could only end on an emitter
         path.alive &= path.depth + 1 < max_depth
     if roulette:
         keep = dr.minimum(strongest * dr.square(path.eta), 0.95)
-        doomed = mine & (path.depth >= rr_depth)
+        doomed = mine & ~behind & (path.depth >= rr_depth)
         path.beta = dr.select(doomed, path.beta / dr.maximum(keep, 1e-8), path.beta)
         path.alive &= ~doomed | (sampler.next_1d() < keep)
     return Lane(path, shadow, light, seen, lane.queries + flight.queries)

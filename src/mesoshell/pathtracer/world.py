@@ -13,13 +13,14 @@ RADIUS = 2 / 12**0.5
 
 
 class World:
-    """shells, media: what is in them; quality: render/quality; effects: pathtracer/effects; lights: for `direct`, the distant
-    ones, (unit direction toward it, E⊥) each; notes: how shells depart from what was asked for. It does not hold the user's
-    scene: that holds the integrator, which holds this, and no collector sees such a circle."""
+    """shells, media: what is in them, or None; worn: surface materials on meshes, or None; quality: render/quality; effects:
+    pathtracer/effects; lights: for `direct`, the distant ones, (unit direction toward it, E⊥) each; notes: how all this departs
+    from what was asked for. It does not hold the user's scene: that holds the integrator, which holds this, and no collector
+    sees such a circle."""
 
-    def __init__(self, shells, media, quality, effects, lights=(), notes=()):
-        self.shells, self.media, self.quality, self.effects = shells, media, quality, effects
-        self.lights, self.notes = lights, notes
+    def __init__(self, shells, media, worn, quality, effects, lights=(), notes=()):
+        self.shells, self.media, self.worn = shells, media, worn
+        self.quality, self.effects, self.lights, self.notes = quality, effects, lights, notes
         self._queries = dr.zeros(mi.Float64, 1)
 
     def count(self, queries) -> None:

@@ -1,0 +1,98 @@
+"""Feature pyramids and networks of materials on the device (texture/mip, nets/mlp, in Dr.Jit).
+
+Texels are stored once, all levels in one array. Networks are evaluated by cooperative vectors in the integrator's own loop: a
+network within a virtual call is 20 times slower.
+"""
+
+from typing import Any
+
+import drjit as dr
+import drjit.nn as nn
+import mitsuba as mi
+import numpy as np
+
+#: Up to so many half-precision numbers are widened: they are read in two thirds of the time.
+MOST_WIDENED = 2**26
+
+
+class Levels:
+    """Arrays of several levels, one after the other. wide: rows of the last axis are read whole; else single numbers."""
+
+    def __init__(self, levels: list[np.ndarray], wide: bool = True):
+        half = all(x.dtype == np.float16 for x in levels) and sum(x.size for x in levels) > MOST_WIDENED
+        self._vector: Any
+        self.scalar, self._vector = (mi.Float16, mi.ArrayXf16) if half else (mi.Float, mi.ArrayXf)
+        self.width = levels[0].shape[-1] if wide else 1
+        self.rows = self.scalar(np.concatenate([x.ravel() for x in levels]).astype(np.float16 if half else np.float32))
+        self.shapes = [x.shape for x in levels]
+        self.sizes = [mi.UInt32([s[k] for s in self.shapes]) for k in range(levels[0].ndim)]
+        self.offset = mi.UInt32(np.cumsum([0, *(x.size // self.width for x in levels[:-1])]).astype(np.uint32))
+
+    def size(self, l):
+        """Texels of a level along the first two axes."""
+        return [dr.gather(mi.UInt32, self.sizes[k], l) for k in range(2)]
+
+    def bilinear(self, x, y, l, wraps):
+        """A row at (x, y) of a level, counted in texels from the middle of the first, between the four around; wraps: from edge
+        to edge, or clamped."""
+        height, width = self.size(l)
+        offset = dr.gather(mi.UInt32, self.offset, l)
+        i, j = dr.floor(x), dr.floor(y)
+        fx, fy = x - i, y - j
+        columns, lines = ([_texel(k, n, wraps) for k in (m, m + 1)] for m, n in ((i, width), (j, height)))
+        total = [mi.Float(0)] * self.width
+        for line, wy in zip(lines, (1 - fy, fy), strict=True):
+            for column, wx in zip(columns, (1 - fx, fx), strict=True):
+                row, weight = self.row(offset + line * width + column), wx * wy
+                total = [s + weight * r for s, r in zip(total, row, strict=True)]
+        return total
+
+    def row(self, index):
+        """One row as a list of float32."""
+        found = dr.gather(self._vector, self.rows, index, shape=(self.width, dr.width(index)))
+        return [mi.Float(found[c]) for c in range(self.width)]
+
+
+def _texel(i, n, wraps):
+    """Index of texel i of n."""
+    size = mi.Float(n)
+    if wraps:
+        i = dr.select(i < 0, i + size, dr.select(i >= size, i - size, i))
+    return mi.UInt32(dr.clip(i, 0, size - 1))
+
+
+def network(a: dict[str, np.ndarray], hidden: str, last: str) -> tuple[list[Any], Any]:
+    """Layers as (weight, bias) views of one packed buffer: the hidden ones, and the last."""
+    names = [*(f"{hidden}/{i}" for i in range(count(a, hidden + "/{}/kernel"))), last]
+    parts = []
+    for name in names:
+        parts.append(mi.TensorXf(a[f"{name}/kernel"].T.astype(np.float32).copy()))
+        parts.append(mi.TensorXf(a[f"{name}/bias"].astype(np.float32)))
+    views = nn.pack(*parts, layout="inference")
+    layers = list(zip(views[::2], views[1::2], strict=True))
+    return layers[:-1], layers[-1]
+
+
+def count(a: dict[str, np.ndarray], key: str) -> int:
+    n = 0
+    while key.format(n) in a:
+        n += 1
+    return n
+
+
+def level_of(radius, density: float, last: int):
+    width = 2 * radius * density
+    return dr.log2(dr.clip(dr.select(dr.isnan(width), 1, width), 1, 2.0**last))
+
+
+def between_levels(level, last: int, at):
+    """at(l), a list, of the level below and of the one above, blended."""
+    lower = dr.floor(level)
+    share, first = level - lower, mi.UInt32(lower)
+    return [(1 - share) * a + share * b for a, b in zip(at(first), at(dr.minimum(first + 1, last)), strict=True)]
+
+
+def softplus(x):
+    """log(1 + eˣ), without overflow."""
+    e = dr.exp(-dr.abs(x))
+    return dr.maximum(x, 0) + dr.select(e < 1e-3, e * (1 - e / 2), dr.log(1 + e))

@@ -124,7 +124,8 @@ def test_effects_that_are_off_change_nothing(materials, light, depth, off) -> No
     made = loaded(scene(shell(materials, "thin"), light=light, depth=depth))
     world = made.integrator().world
     left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
-    assert left_out == off | {"shell_on_shell", "camera_in_shell", "quadrature", "varying_parameters"}
+    others = {"shell_on_shell", "camera_in_shell", "quadrature", "varying_parameters", "surface_materials"}
+    assert left_out == off | others
 
     def means(first: int) -> np.ndarray:
         runs = (np.array(mi.render(made, spp=64, seed=mi.UInt32(k)))[..., :3] for k in range(first, first + 16))
@@ -132,7 +133,9 @@ def test_effects_that_are_off_change_nothing(materials, light, depth, off) -> No
 
     gated = means(0)
     assert gated.mean() > 0.01
-    every = {name: Effect(name != "quadrature", "for the test") for name in vars(world.effects)}
+    every = {
+        name: Effect(name not in ("quadrature", "surface_materials"), "for the test") for name in vars(world.effects)
+    }
     world.effects = replace(world.effects, **every)
     full = means(16)
     z = (gated.mean(axis=0) - full.mean(axis=0)) / np.sqrt((gated.var(axis=0) + full.var(axis=0)) / 16)

@@ -56,7 +56,7 @@ def read_patches(folder: str | PathLike[str]) -> Patches:
         manifest = json.loads(texts[0])
         rows = [json.loads(line) for line in texts[1].decode().splitlines()]
         files = [folder / row["file"] for row in sorted(rows, key=lambda row: row["index"])]
-        kind = manifest["kind"]
+        kind, _ = manifest["kind"], manifest["source"]
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(folder, "its manifest.json or samples.jsonl is none of a dataset's") from error
     if kind != "patches":

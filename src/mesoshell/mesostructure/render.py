@@ -27,7 +27,7 @@ from mesoshell.mesostructure.sources import source
 from mesoshell.mesostructure.tile import Placing, Tile
 from mesoshell.mesostructure.trace import Patch, queries
 
-VERSION = 1
+VERSION = 2
 #: Of ω_z: the least, and the greatest of rays that graze.
 LEAST, GRAZING = 0.03, 0.35
 #: Of radii, periods.

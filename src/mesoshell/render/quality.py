@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 SPACINGS = ("length", "interval")
 COORDINATES = ("interpolated", "exact")
 VISIBILITIES = ("interval", "sample")
-CURVATURE_FILTERS = ("curve", "point")
+CURVATURE_FILTERS = ("curve", "point", "mean", "unscaled")
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ class Quality:
     #: In path tracing, how wide footprints open at an event: of the radius of a circle that the drawn direction's density
     #: stands for. 0 is the camera's own cone; wider blurs what is seen by way of something else.
     bounce_spread: float = 0.25
-    #: Of surface materials: the least curvature on a "curve" through a hit along the ray, or that at the "point".
+    #: Of surface materials: the least curvature on a "curve" through a hit along the ray, or that at the "point". To see what
+    #: these are for: the "mean" of all directions, or that of the curve "unscaled", as if a period were one unit long.
     curvature_filter: str = "curve"
     #: Length of that curve, periods of the texture.
     curve_length: float = 0.5

@@ -6,7 +6,7 @@ t, b, n      at a hit: n interpolated, outward; t along ∂P/∂u, b along ∂P/
 κ            least curvature along the ray about the hit (geometry/curvature) times the period
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -47,9 +47,15 @@ class Wear:
 
 def wear(mesh: Mesh, period: float, quality: Quality) -> Wear:
     """A mesh with a texture whose periods are so long, averaged over its surface."""
-    length = quality.curve_length * period if quality.curvature_filter == "curve" else 0.0
+    how = quality.curvature_filter
+    table = curvature_table(mesh, quality.curve_length * period if how in ("curve", "unscaled") else 0.0)
+    if how == "mean":
+        mean = table.kappa.mean(axis=1, keepdims=True)
+        table = replace(table, kappa=np.broadcast_to(mean, table.kappa.shape).copy())
+    if how == "unscaled":
+        table = replace(table, kappa=table.kappa / np.float32(period))
     uv = mesh.uv.astype(np.float64) * (uv_stretch(mesh) / period)
-    return Wear(mesh, period, uv, *_along(mesh, uv), curvature_table(mesh, length))
+    return Wear(mesh, period, uv, *_along(mesh, uv), table)
 
 
 def _along(mesh: Mesh, uv: Float[np.ndarray, "F 3 2"]) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ loss         mean over rays that met something of (log(1 + x) − log(1 + x̂))�
              silhouette cosine, its squared error
 
 The modules of opacity and of reflectance share no weights, and Adam does not see scale: their losses are added as they are.
+Rates fall along a cosine to SLOWEST of what they began with: at one rate to the end, finest texels stay grainy.
 The offset is frozen for the last part of the run (FREEZE), as the reflectance's texture settles on where it leads.
 """
 
@@ -28,6 +29,7 @@ from mesoshell.train.step import HERE, Across
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 WIDE, FINE, SHRINK, FREEZE = 8.0, 0.1, 0.6, 0.8
+SLOWEST = 0.02
 #: Patches that a step's queries are of; one in so many patches, at the end, is held out.
 MIXED, HELD = 64, 32
 
@@ -203,5 +205,7 @@ def _optimiser(config: SurfaceTraining) -> optax.GradientTransformation:
 
         return Surface(*(of(module) for module in surface))
 
+    steps = max(1, round(config.kimg * 1000 / config.batch))
     rates = {"texture": config.texture_rate, "network": config.rate}
-    return optax.multi_transform({name: optax.adam(rate) for name, rate in rates.items()}, label)
+    falling = {name: optax.cosine_decay_schedule(rate, steps, SLOWEST) for name, rate in rates.items()}
+    return optax.multi_transform({name: optax.adam(rate) for name, rate in falling.items()}, label)

@@ -1,0 +1,130 @@
+"""A surface material against the geometry that it was learned from: python -m benchmarks.silhouettes weave weave.npz
+
+The mesostructure as triangles on a mesh, path-traced, and the material on the same mesh by the JAX engine: same camera, same
+three lights. Prints, for each mesh and length of a period: the range of curvature along rays that are seen; IoU of what is
+opaque; FLIP, and relative squared error where both are; bias of the mean; seconds and queries of the material's picture.
+`--filter` renders with another curvature (Quality.curvature_filter).
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mesoshell.cli.description import SurfaceDescription, describe_surface
+from mesoshell.cli.render import Options
+from mesoshell.cli.surfacing import ready
+from mesoshell.geometry.mesh import Mesh, is_convex
+from mesoshell.io.image import tonemap, write_png
+from mesoshell.io.surface import read_surface
+from mesoshell.measure.flip import flip
+from mesoshell.mesostructure.dress import dressed
+from mesoshell.mesostructure.sources import source
+from mesoshell.mesostructure.tile import Tile
+from mesoshell.pathtracer import assemble
+from mesoshell.render.quality import CURVATURE_FILTERS, PRESETS
+from mesoshell.silhouette.renderer import SurfaceScene, plan, render
+
+import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
+
+SPOT = Path(__file__).parent.parent / "tests/data/spot.obj"
+#: Lengths of a period on the torus, whose tube is of radius 0.382: curvature up to 0.8, 2 and 3.
+PERIODS = (0.3, 0.75, 1.15)
+BEHIND = np.array([0.18, 0.18, 0.35])
+
+
+def torus(path: Path, around: int = 240, across: int = 96) -> Path:
+    """6 around and 2.4 across, with UVs as long as these: periods that divide both leave no seam."""
+    ring, tube = 6 / (2 * np.pi), 2.4 / (2 * np.pi)
+    p, t = np.meshgrid(np.arange(around) * 2 * np.pi / around, np.arange(across) * 2 * np.pi / across, indexing="ij")
+    reach = ring + tube * np.cos(t)
+    points = np.stack([reach * np.cos(p), tube * np.sin(t), -reach * np.sin(p)], axis=-1).reshape(-1, 3)
+    u, v = np.meshgrid(np.arange(around + 1) / around * 6, np.arange(across + 1) / across * 2.4, indexing="ij")
+    lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in points]
+    lines += [f"vt {x:.7f} {y:.7f}" for x, y in np.stack([u, v], axis=-1).reshape(-1, 2)]
+    for a in range(around):
+        for b in range(across):
+            square = ((a, b), (a + 1, b), (a + 1, b + 1), (a, b + 1))
+            corners = [(i % around * across + j % across + 1, i * (across + 1) + j + 1) for i, j in square]
+            lines.append("f " + " ".join(f"{i}/{j}" for i, j in corners))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def of_geometry(tile: Tile, mesh: Mesh, d: SurfaceDescription, spp: int) -> tuple[np.ndarray, float, int]:
+    """Linear RGBA by path tracing, seconds, and triangles."""
+    points, faces, albedo = dressed(tile, mesh, d.period)
+    props = mi.Properties()
+    colour = {"type": "mesh_attribute", "name": "vertex_albedo"}
+    props["bsdf"] = mi.load_dict({"type": "twosided", "inner": {"type": "diffuse", "reflectance": colour}})
+    props["face_normals"] = True
+    made = mi.Mesh("geometry", len(points), len(faces), props=props)
+    made.add_attribute("vertex_albedo", 3, albedo.astype(np.float32).ravel())
+    parameters = mi.traverse(made)
+    parameters["vertex_positions"] = mi.Float(points.astype(np.float32).ravel())
+    parameters["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
+    parameters.update()
+    lights = {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
+    path = {"type": "path", "max_depth": 16, "hide_emitters": True}
+    scene: Any = mi.load_dict(
+        {"type": "scene", "integrator": path, "sensor": assemble.sensor(d.camera, spp), "made": made} | lights
+    )
+    begin = time.perf_counter()
+    image = np.array(mi.render(scene, spp=spp))
+    return image, time.perf_counter() - begin, len(faces)
+
+
+def compare(name: str, bundle: Path, mesh: Path, period: float | None, asked: argparse.Namespace) -> None:
+    options = Options(
+        mesh, material=str(bundle), scale=period, size=(asked.side, asked.side), irradiance=4.0, camera=asked.camera
+    )
+    d = describe_surface(options)
+    true, traced, triangles = of_geometry(source(name), d.mesh, d, asked.spp)
+    of_both = {key: getattr(d, key) for key in SurfaceScene.__dataclass_fields__ if key != "ready"}
+    scene = SurfaceScene(ready=ready(read_surface(bundle)), **of_both)
+    quality = PRESETS["normal"].with_changes(pixel_samples=16, curvature_filter=asked.filter)
+    effects = plan(scene, is_convex(d.mesh))
+    render(scene, quality, effects)
+    ours, report = render(scene, quality, effects)
+    a, b = true[..., 3] > 0.5, ours[..., 3] > 0.5
+    both = a & b
+    error = ((ours - true)[both][:, :3] ** 2).sum() / (true[both][:, :3] ** 2).sum()
+    flipped = flip(tonemap(over(true)), tonemap(over(ours)))
+    print(
+        f"| {mesh.stem} | {d.period:.3g} | {triangles:,} | {(a & b).sum() / (a | b).sum():.4f} | {float(flipped):.3f} | "
+        f"{error:.3f} | {ours[both][:, :3].mean() / true[both][:, :3].mean() - 1:+.1%} | {traced:.1f} | "
+        f"{report.seconds['wall'] - report.seconds['prepare']:.1f} | {report.counts['queries']:,} |",
+        flush=True,
+    )
+    asked.folder.mkdir(exist_ok=True)
+    pair = np.concatenate([over(true), np.ones((asked.side, 6, 3)), over(ours)], axis=1)
+    write_png(asked.folder / f"silhouettes_{name}_{mesh.stem}_{d.period:.3g}_{asked.filter}.png", pair)
+
+
+def over(image: np.ndarray) -> np.ndarray:
+    return np.maximum(image[..., :3], 0) + (1 - image[..., 3:]) * BEHIND
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("name", help="the mesostructure: a procedure's name, or an image file")
+    parser.add_argument("bundle", type=Path)
+    parser.add_argument("--side", type=int, default=384, help="pixels along a picture's side")
+    parser.add_argument("--spp", type=int, default=64)
+    parser.add_argument("--filter", choices=CURVATURE_FILTERS, default="curve")
+    parser.add_argument("--folder", type=Path, default=Path("out"))
+    parser.add_argument("--camera", type=float, nargs=7, default=None)
+    asked = parser.parse_args()
+    asked.camera = tuple(asked.camera) if asked.camera else None
+    print("| mesh | period | triangles | IoU | FLIP | squared error | mean | geometry, s | material, s | queries |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        for mesh, period in [(torus(Path(folder) / "torus.obj"), p) for p in PERIODS] + [(SPOT, None)]:
+            compare(asked.name, asked.bundle, mesh, period, asked)
+
+
+if __name__ == "__main__":
+    main()

@@ -18,6 +18,7 @@ from mesoshell.mesostructure.render import (
     WIDEST,
     Settings,
     check_curvature,
+    of_geometry,
     render_patches,
     sample,
 )
@@ -41,8 +42,12 @@ def settings(image) -> Settings:
     return Settings(str(image), 0.12, (-1.0, 2.0), queries=64, spp=2, seed=3)
 
 
+def answers(settings: Settings):
+    return of_geometry(source(settings.source, settings.depth), settings.spp)
+
+
 def made(settings: Settings, count: int, folder: Path) -> dict[str, float]:
-    return render_patches(settings, count, folder, lambda done, of: None)
+    return render_patches(settings, answers(settings), count, folder, lambda done, of: None)
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -116,14 +121,16 @@ def test_a_run_that_ends_early_leaves_what_it_has(whole, settings, tmp_path):
 
     folder = tmp_path / "early"
     with pytest.raises(KeyboardInterrupt):
-        render_patches(settings, 4, folder, ends)
+        render_patches(settings, answers(settings), 4, folder, ends)
     assert len(read_patches(folder).patches) == 2
     assert made(settings, 4, folder)["new"] == 2 and files(folder) == files(whole)
 
 
 def test_progress_is_shown(settings, tmp_path):
     seen = []
-    render_patches(replace(settings, queries=4), 2, tmp_path / "d", lambda done, of: seen.append((done, of)))
+    render_patches(
+        replace(settings, queries=4), answers(settings), 2, tmp_path / "d", lambda done, of: seen.append((done, of))
+    )
     assert seen == [(0, 2), (1, 2), (2, 2)]
 
 
@@ -185,7 +192,7 @@ def many(settings) -> list[np.ndarray]:
     """Patches of many queries, of a source that is made quickly."""
     asked = replace(settings, queries=4000, spp=1)
     tile = source(settings.source, settings.depth)
-    return [sample(asked, tile, index)[0] for index in range(16)]
+    return [sample(asked, of_geometry(tile, asked.spp), index)[0] for index in range(16)]
 
 
 def test_queries_are_unit_vectors_and_answers_can_be(many):
@@ -251,9 +258,9 @@ def test_queries_are_spread_as_it_says(many):
 
 def test_a_patch_depends_on_its_number_and_seed_alone(settings, whole):
     tile = source(settings.source, settings.depth)
-    third, _ = sample(settings, tile, 2)
+    third, _ = sample(settings, of_geometry(tile, settings.spp), 2)
     np.testing.assert_array_equal(third, read_patches(whole).patches[2])
-    other, _ = sample(replace(settings, seed=4), tile, 2)
+    other, _ = sample(replace(settings, seed=4), of_geometry(tile, settings.spp), 2)
     assert not np.isclose(other[:, :10], third[:, :10]).all(axis=1).any()
 
 
@@ -270,7 +277,7 @@ def test_a_row_is_a_query_that_can_be_asked_again(settings, index, monkeypatch):
     monkeypatch.setattr("mesoshell.mesostructure.render.FINEST", 1e-7)
     monkeypatch.setattr("mesoshell.mesostructure.render.WIDEST", 2e-7)
     tile = dimmed(source(settings.source, settings.depth))
-    rows, _ = sample(replace(settings, spp=1), tile, index)
+    rows, _ = sample(replace(settings, spp=1), of_geometry(tile, 1), index)
     q = named(rows)
     again, wrong = [], []
     for k in range(40):

@@ -1,37 +1,48 @@
 """The work of `mesoshell dataset render-patches`: queries for materials with silhouettes."""
 
 import time
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mesoshell.cli.dataset import RenderPatches
 from mesoshell.errors import InputError
-from mesoshell.mesostructure.render import Settings
-from mesoshell.mesostructure.render import render_patches as trace
+from mesoshell.mesostructure.render import Answers, Settings, of_geometry
+from mesoshell.mesostructure.render import render_patches as write
 from mesoshell.mesostructure.sources import source
 
 
 def render_patches(command: RenderPatches) -> None:
+    """All of `mesoshell dataset render-patches`."""
     for name, least in (("patches", 1), ("queries", 1), ("spp", 1), ("seed", 0)):
         if getattr(command, name) < least:
             raise InputError(f"--{name}", f"must be at least {least}, not {getattr(command, name)}")
     if command.depth is not None and not 0 < command.depth <= 1:
         raise InputError("--depth", f"must be above 0 and at most 1, not {command.depth}")
-    depth = source(command.source, command.depth).depth
-    settings = Settings(command.source, depth, command.curvature, command.queries, command.spp, command.seed)
+    tile = source(command.source, command.depth)
+    settings = Settings(command.source, tile.depth, command.curvature, command.queries, command.spp, command.seed)
+    written(settings, of_geometry(tile, command.spp), command.patches, command.out)
+
+
+def written(settings: Settings, answers: Answers, count: int, folder: Path) -> None:
+    """A dataset of patches, with a bar, and a line of what was done."""
     console = Console(stderr=True, highlight=False)
-    columns = (TextColumn(command.source), BarColumn(), MofNCompleteColumn(), TextColumn("left"), TimeRemainingColumn())
+    columns = (
+        TextColumn(settings.source),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
     begin = time.monotonic()
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=None)
-        spent = trace(
-            settings, command.patches, command.out, lambda done, of: bar.update(task, completed=done, total=of)
-        )
+        spent = write(settings, answers, count, folder, lambda done, of: bar.update(task, completed=done, total=of))
     new, seconds = int(spent["new"]), time.monotonic() - begin
-    print(f"{command.out}: {command.patches - new} patches were there, {new} are new")
+    print(f"{folder}: {count - new} patches were there, {new} are new")
     if new:
-        rate = new * command.queries / seconds * 60
+        rate = new * settings.queries / seconds * 60
         print(
             f"{rate / 1e6:.2f} million queries a minute; seconds a patch: geometry {spent['geometry'] / new:.2f}, "
             f"light {spent['light'] / new:.2f}"

@@ -23,9 +23,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.collect import collecting
 from mesoshell.io.patches import COLUMNS, PARTS
 from mesoshell.io.whole import replace_file
-from mesoshell.mesostructure.sources import source
 from mesoshell.mesostructure.tile import Placing, Tile
-from mesoshell.mesostructure.trace import Patch, queries
 
 VERSION = 2
 #: Of ω_z: the least, and the greatest of rays that graze.
@@ -36,10 +34,14 @@ FINEST, WIDEST = 1 / 512, 1 / 4
 REACH = (2.5, 2.0)
 
 
+#: From how a patch lies, what is asked of it and a seed: columns of answers (trace.queries), and seconds by stage.
+Answers = Callable[[Placing, dict[str, np.ndarray], int], tuple[dict[str, np.ndarray], dict[str, float]]]
+
+
 @dataclass(frozen=True)
 class Settings:
-    """What two runs must share to write one dataset. source: a procedure or an image file; depth: periods; curvature: least
-    and greatest, 1 / period."""
+    """What two runs must share to write one dataset. source: a procedure, or an image's or a material's file; depth: periods;
+    curvature: least and greatest, 1 / period."""
 
     source: str
     depth: float
@@ -49,11 +51,26 @@ class Settings:
     seed: int
 
 
-def render_patches(settings: Settings, count: int, folder: Path, show: Callable[[int, int], None]) -> dict[str, float]:
-    """Have patches 0 … count − 1 in the folder. show(finished, missing). Returns seconds spent on geometry and on light, and
-    how many patches are new. Raises InputError."""
-    tile = source(settings.source, settings.depth)
-    check_curvature(settings.curvature, tile.depth)
+def of_geometry(tile: Tile, spp: int) -> Answers:
+    """Answers of a mesostructure, by tracing light through it. Loads Mitsuba."""
+    from mesoshell.mesostructure.trace import Patch, queries
+
+    def answers(placing: Placing, asked: dict[str, np.ndarray], seed: int):
+        begin = time.perf_counter()
+        patch = Patch(tile, placing, REACH)
+        built = time.perf_counter()
+        found = queries(patch, placing, asked, spp, seed)
+        return found, {"geometry": built - begin, "light": time.perf_counter() - built}
+
+    return answers
+
+
+def render_patches(
+    settings: Settings, answers: Answers, count: int, folder: Path, show: Callable[[int, int], None]
+) -> dict[str, float]:
+    """Have patches 0 … count − 1 in the folder. show(finished, missing). Returns seconds by stage, and how many patches are
+    new. Raises InputError."""
+    check_curvature(settings.curvature, settings.depth)
     manifest = {"schema": 1, "kind": PARTS, "version": VERSION} | asdict(settings)
     if Path(settings.source).is_file():
         manifest["source_sha256"] = hashlib.sha256(Path(settings.source).read_bytes()).hexdigest()
@@ -62,7 +79,7 @@ def render_patches(settings: Settings, count: int, folder: Path, show: Callable[
         missing = collector.missing(count)
         show(0, len(missing))
         for done, index in enumerate(missing, start=1):
-            rows, seconds = sample(settings, tile, index)
+            rows, seconds = sample(settings, answers, index)
             file = f"{PARTS}/{index:06d}.npy"
             data = io.BytesIO()
             np.save(data, rows)
@@ -88,24 +105,20 @@ def check_curvature(curvature: tuple[float, float], depth: float) -> None:
         )
 
 
-def sample(settings: Settings, tile: Tile, index: int) -> tuple[np.ndarray, dict[str, float]]:
+def sample(settings: Settings, answers: Answers, index: int) -> tuple[np.ndarray, dict[str, float]]:
     """The queries of one patch with their answers (Q, 16), float32; and seconds."""
     random = np.random.default_rng([settings.seed, index])
     low, high = settings.curvature
     curvature = 0.0 if index % 8 == 7 else random.uniform(low, high)
     placing = Placing(curvature, random.uniform(0, 2 * np.pi), tuple(random.random(2)))
     asked = _asked(settings.queries, random)
-    begin = time.perf_counter()
-    patch = Patch(tile, placing, REACH)
-    built = time.perf_counter()
-    found = queries(patch, placing, asked, settings.spp, int(random.integers(2**31)))
-    traced = time.perf_counter()
+    found, seconds = answers(placing, asked, int(random.integers(2**31)))
     uv = placing.texture(asked["place"]) % 1.0
     toward, light = (_turned(asked[name], placing.turn) for name in ("toward", "light"))
     kappa = np.full((len(uv), 1), curvature)
     parts = [uv, asked["radius"][:, None], toward, kappa, light]
     parts += [found["alpha"], found["cosine"], found["reflectance"], np.full_like(kappa, index)]
-    return np.concatenate(parts, axis=1).astype(np.float32), {"geometry": built - begin, "light": traced - built}
+    return np.concatenate(parts, axis=1).astype(np.float32), seconds
 
 
 def _asked(count: int, random: np.random.Generator) -> dict[str, np.ndarray]:

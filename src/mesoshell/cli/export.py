@@ -1,8 +1,9 @@
 """`mesoshell export`: a run's newest material as a bundle."""
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -23,22 +24,44 @@ class Options:
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Write a run's material, its generator included, as one file that needs nothing beside it."""
-    import json
-
     from mesoshell.io.bundle import read_bundle, write_bundle
-    from mesoshell.train.record import read_record, snapshots
+    from mesoshell.io.surface import read_surface, write_surface
+    from mesoshell.train.record import read_record
     from mesoshell.train.state import TrainConfig
+    from mesoshell.train.surface import SurfaceTraining
 
-    if not isinstance(read_record(options.run)[0], TrainConfig):
+    config = read_record(options.run)[0]
+    if not isinstance(config, TrainConfig | SurfaceTraining):
         raise InputError(options.run, "holds a network and no generator: it can be evaluated, not exported")
-    found = snapshots(options.run)
-    kept = [s for s in found if options.kimg is None or abs(s[0] - 1000 * options.kimg) < 1]
+    images, path = _snapshot(options.run, options.kimg)
+    read, write = (read_bundle, write_bundle) if isinstance(config, TrainConfig) else (read_surface, write_surface)
+    bundle: Any = read(path)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write(options.out, _scored(bundle, options.run, images))
+    print(f"{options.out}: {images / 1000:g} kimg")
+
+
+def newest_surface(run: Path) -> Any:
+    """The newest surface material of a run, with its scores if it has been evaluated."""
+    from mesoshell.io.surface import read_surface
+
+    images, path = _snapshot(run, None)
+    return _scored(read_surface(path), run, images)
+
+
+def _snapshot(run: Path, kimg: float | None) -> tuple[int, Path]:
+    """Images seen, and the file."""
+    from mesoshell.train.record import snapshots
+
+    found = snapshots(run)
+    kept = [s for s in found if kimg is None or abs(s[0] - 1000 * kimg) < 1]
     if not kept:
         raise InputError("--kimg", f"there are snapshots at {', '.join(f'{n / 1000:g}' for n, _ in found)}")
-    images, path = kept[-1]
-    bundle, scores = read_bundle(path), options.run / "evaluation.jsonl"
+    return kept[-1]
+
+
+def _scored(bundle: Any, run: Path, images: int) -> Any:
+    scores = run / "evaluation.jsonl"
     rows = [json.loads(line) for line in scores.read_text().splitlines()] if scores.exists() else []
     metrics = {row["name"]: row["value"] for row in rows if row["kimg"] == images / 1000}
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    write_bundle(options.out, replace(bundle, provenance=bundle.provenance | {"metrics": metrics}))
-    print(f"{options.out}: {images / 1000:g} kimg")
+    return replace(bundle, provenance=bundle.provenance | {"metrics": metrics})

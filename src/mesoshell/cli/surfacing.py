@@ -1,6 +1,7 @@
 """Pictures of a mesh that wears a surface material, one query a hit: `mesoshell render` with a bundle of kind "silhouette"."""
 
 import time
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -56,5 +57,6 @@ def ready(bundle: SurfaceBundle) -> Ready:
         bundle.arrays[f"reflectance/hidden/{i}/bias"].shape[0]
         for i in range(sum(key.startswith("reflectance/hidden/") for key in bundle.arrays) // 2)
     )
-    config = SurfaceConfig(bundle.texels, bundle.channels, hidden, bundle.opacity, bundle.sees_curvature)  # type: ignore[arg-type]
+    asked: Any = (bundle.opacity, bundle.sees_curvature, bundle.step, bundle.offset)
+    config = SurfaceConfig(bundle.texels, bundle.channels, hidden, *asked)
     return Ready(config, tables(surface_of(bundle), jnp.asarray(1e-3, jnp.float32)), bundle.curvature)

@@ -6,7 +6,7 @@ import sys
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -39,6 +39,11 @@ def train_from(options: Options) -> None:
     if options.dry_run:
         print(_plan(config, dataset))
         return
+    learn(config, dataset, options.run, options.parallel)
+
+
+def learn(config: RunConfig, dataset: Data, run: Path, how: Literal["jit", "pmap"] = "jit") -> None:
+    """Train, with a bar and lines on the console; exit status 1 if something is not finite."""
     console = Console(stderr=True, highlight=False)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -52,11 +57,11 @@ def train_from(options: Options) -> None:
                 console.print(line, soft_wrap=True)
 
         try:
-            state = train(config, dataset, options.run, options.parallel, show)
+            state = train(config, dataset, run, how, show)
         except Diverged as fault:
-            console.print(f"mesoshell: {options.run}: {fault}", soft_wrap=True, markup=False)
+            console.print(f"mesoshell: {run}: {fault}", soft_wrap=True, markup=False)
             sys.exit(1)
-    print(f"{options.run}: {int(state.images) / 1000:.3f} kimg")
+    print(f"{run}: {int(state.images) / 1000:.3f} kimg")
 
 
 def read_experiment(path: Path, preset: str | None = None) -> Any:

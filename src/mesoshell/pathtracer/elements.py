@@ -104,10 +104,18 @@ def _replace(state, index: int, props: mi.Properties) -> None:
 
 
 def _remove(state, shapes: set[int]) -> None:
-    """Take shapes out of the scene, and out of groups."""
+    """Take shapes out of the scene, and out of groups; groups that nothing is left in, with their instances."""
+    kinds = [node.props.plugin_name() for node in state.nodes]
+    empty = {i for i, kind in enumerate(kinds) if kind == "shapegroup" and _holds(state, i) <= shapes}
+    gone = shapes | empty | {i for i, kind in enumerate(kinds) if kind == "instance" and _holds(state, i) & empty}
     for node in state.nodes:
-        for name in [k for k, index in _links(node.props).items() if index in shapes]:
+        for name in [k for k, index in _links(node.props).items() if index in gone]:
             del node.props[name]
+
+
+def _holds(state, index: int) -> set[int]:
+    """Shapes that a node refers to."""
+    return {i for i in _links(state.nodes[index].props).values() if state.nodes[i].type == mi.ObjectType.Shape}
 
 
 def _integrate(state) -> None:

@@ -20,6 +20,7 @@ import mitsuba as mi
 from mesoshell.pathtracer.march import ADVANCE
 from mesoshell.pathtracer.quadrature import Ray, canonical
 from mesoshell.pathtracer.scatter import density, draw, exit_distance
+from mesoshell.pathtracer.worn import density_around, draw_around
 
 #: Of a shadow's way, what is left out at the emitter, which would block it.
 SHY = 1e-4
@@ -102,23 +103,24 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
 def at_worn(world, met, ray, ds, numbers, opening) -> Event:
     """A surface material scatters. numbers: as of a collision."""
     here = met.here
-    x = mi.Point3f(ray.o + mi.Float64(met.t) * ray.d)
+    x = ray.o + mi.Float64(met.t) * ray.d
 
     def away(d, far, opening, pdf):
-        off = dr.select(dr.dot(here.c, d) < 0, -1, 1) * (world.worn.beyond(met.t) - met.t)
-        return segment(ray, met.t, x + off * here.c, d, far, False, opening, pdf)
+        # by the face's own normal: over the horizon of an interpolated one there is light that comes through the face
+        off = dr.select(dr.dot(met.normal, d) < 0, -1, 1) * (world.worn.beyond(met.t) - met.t)
+        return segment(ray, met.t, x + mi.Vector3d(off * met.normal), d, far, False, opening, pdf)
 
     asked = canonical(here, ds.d)
     shadow = away(ds.d, ds.dist * (1 - SHY), dr.select(ds.delta, 0, opening), ds.pdf)
     if numbers is None:
         (value,) = world.worn.rho(met, [asked])
-        return last(value, density(here, ds.d), shadow)
-    drawn, local, pdf = draw(here, numbers)
+        return last(value, density_around(here, ds.d), shadow)
+    drawn, local, pdf = draw_around(here, numbers)
     value, weight = world.worn.rho(met, [asked, local])
     weight = dr.select(pdf > 0, weight / dr.select(pdf > 0, pdf, 1), 0)
     return Event(
         mi.Color3f(value),
-        density(here, ds.d),
+        density_around(here, ds.d),
         shadow,
         mi.Color3f(weight),
         mi.Float(pdf),

@@ -159,6 +159,9 @@ def advance(settings, scene, sampler, lane):
         event = at_collision(world, flight, path.ray, ds, numbers and numbers[1], opening)
     if worn and wearing:
         event = at_worn(world, met, path.ray, ds, numbers and numbers[1], opening)
+    if worn and asking:  # how far a sky is Mitsuba says by the size of a scene that these meshes are not in
+        sky = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
+        event.shadow.tmax = dr.select(sky, dr.inf, event.shadow.tmax)
     asked = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
     shadow = Shadow(
         dr.select(passing, shadow.ray, event.shadow),

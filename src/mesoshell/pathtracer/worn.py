@@ -26,6 +26,8 @@ from mesoshell.silhouette.wear import LEAST, Wear
 
 #: Past a surface, relative to the scene's size and the distance.
 ADVANCE = 4e-6
+#: Directions are drawn with a density in proportion to ω′_z + BELOW: light from below the horizon counts too.
+BELOW = 1.25
 
 
 class SurfaceMaterial:
@@ -81,12 +83,13 @@ class SurfaceMaterial:
 
 @dataclass
 class Met:
-    """What a segment meets: whether it does, its distance, whether from outside; α, ω, κ, the frame as rows of J⁻¹ = 1 (only
-    those of Here are set), which material, and what its reflectance reads."""
+    """What a segment meets: whether it does, its distance, whether from outside, the face's normal; α, ω, κ, the frame as rows
+    of J⁻¹ = 1 (only those of Here are set), which material, and what its reflectance reads."""
 
     hit: mi.Bool
     t: mi.Float
     front: mi.Bool
+    normal: mi.Vector3f
     alpha: mi.Float
     w: mi.Vector3f
     kappa: mi.Float
@@ -104,8 +107,9 @@ class Worn:
         counts = [len(w.mesh.faces) for w in wears]
         first = np.cumsum([0, *(len(w.mesh.vertices) for w in wears[:-1])])
         faces = np.concatenate([w.mesh.faces + a for w, a in zip(wears, first, strict=True)])
-        triangles = np.concatenate([w.mesh.vertices[w.mesh.faces] for w in wears])
+        triangles = np.concatenate([w.mesh.vertices[w.mesh.faces].astype(np.float64) for w in wears])
         outward = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
         self.size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
         self.directions = wears[0].table.kappa.shape[1]
         self.faces = _flat(faces, mi.UInt32)
@@ -117,18 +121,21 @@ class Worn:
         self.axes = [_flat(np.concatenate([getattr(w.table, k) for w in wears])) for k in ("tangent", "bitangent")]
         self.period = _flat(np.repeat([w.period for w in wears], counts))
         self.which = _flat(np.repeat([self.materials.index(m) for m in materials], counts), mi.UInt32)
-        self.scene = mi.load_dict({"type": "scene", "worn": boundary(triangles)})
+        centre = triangles.mean(axis=(0, 1))  # rays are met in float32: its numbers are kept small
+        self.centre = mi.Vector3d(*(float(x) for x in centre))
+        self.scene = mi.load_dict({"type": "scene", "worn": boundary(triangles - centre)})
 
     def meet(self, ray, active):
         """What a segment meets first, before its end."""
-        o, d = mi.Point3f(ray.o), mi.Vector3f(ray.d)
+        o, d = mi.Point3f(ray.o - self.centre), mi.Vector3f(ray.d)
         found = self.scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=mi.Bool(False), active=active)
         hit = active & found.is_valid() & (mi.Float64(found.t) < ray.tmax)
         prim = dr.select(hit, found.prim_index, 0)
         bary = [1 - found.prim_uv.x - found.prim_uv.y, found.prim_uv.x, found.prim_uv.y]
         corner = dr.gather(mi.Vector3u, self.faces, prim)
         corners = [corner.x, corner.y, corner.z]
-        front: Any = dr.dot(dr.gather(mi.Vector3f, self.outward, prim), d) < 0
+        normal = dr.gather(mi.Vector3f, self.outward, prim)
+        front: Any = dr.dot(normal, d) < 0
         here = self._frame(prim, corners, bary)
         w = mi.Vector3f(-dr.dot(here.a, d), -dr.dot(here.b, d), -dr.dot(here.c, d))
         w.z = dr.maximum(w.z, LEAST)
@@ -144,7 +151,7 @@ class Worn:
             return alpha, [*features, *(mi.Float(0) for _ in range(self.channels - len(features)))]
 
         alpha, features = self._choose(which, seen, (mi.Float(0), [mi.Float(0) for _ in range(self.channels)]))
-        return Met(hit, mi.Float(found.t), front, alpha, w, kappa, here, which, features)
+        return Met(hit, mi.Float(found.t), front, normal, alpha, w, kappa, here, which, features)
 
     def rho(self, met: Met, lights):
         """ρ toward each of some directions of the frame."""
@@ -201,7 +208,23 @@ def nothing_met(n: int) -> Met:
     """Of rays that meet none."""
     zero = dr.zeros(mi.Float, n)
     no = dr.full(mi.Bool, False, n)
-    return Met(no, zero, no, mi.Float(zero), mi.Vector3f(0), mi.Float(zero), no_here(), mi.UInt32(0), [])
+    nowhere = mi.Vector3f(0), mi.Float(zero), no_here()
+    return Met(no, zero, no, mi.Vector3f(0), mi.Float(zero), *nowhere, mi.UInt32(0), [])
+
+
+def draw_around(here, xi):
+    """A world direction, the same in the frame, and its density, 1/sr. xi: two uniform numbers."""
+    z = dr.sqrt(4 * BELOW * xi.x + (BELOW - 1) ** 2) - BELOW
+    phi = 2 * dr.pi * xi.y
+    r = dr.sqrt(dr.maximum(1 - z * z, 0))
+    local = mi.Vector3f(r * dr.cos(phi), r * dr.sin(phi), z)
+    d = local.x * here.a + local.y * here.b + local.z * here.c
+    return d, local, density_around(here, d)
+
+
+def density_around(here, d):
+    """With which `draw_around` draws a world direction."""
+    return mi.Float(dr.maximum(dr.dot(here.c, d) + BELOW, 0)) / (4 * dr.pi * BELOW)
 
 
 def _flat(x: np.ndarray, kind: type = mi.Float):

@@ -8,7 +8,7 @@ r            standard deviation of the ray's footprint there, periods
              that was trained
 T            a module's texture: a pyramid whose levels are learned each for itself, blurred while it is learned
 α            opacity: T_α(u), ω, κ → logit of α; or → the silhouette cosine c, of which α is a step
-u′           u − OFFSET · d · (ω_x, ω_y): T_d(u), ω, κ → d
+u′           u − offset · d · (ω_x, ω_y): T_d(u), ω, κ → d
 ρ            T_ρ(u′), ω, ω′, κ → radiance over irradiance on the plane facing the light, of rays that meet something     1/sr
 
 Opacity and offset do not see the light: `seen` is evaluated once for several lights.
@@ -29,18 +29,23 @@ from mesoshell.typing import Array, Float, Key, Scalar, Vec2, Vec3
 OFFSET = 0.1
 #: How wide a step of α is, as a cosine.
 STEP = 0.01
+#: Repetitions of a texture to each side that a blur reaches: six standard deviations of the widest that there is need for.
+AROUND = 6
 
 
 @dataclass(frozen=True)
 class SurfaceConfig:
     """texels: along a period at the finest level, a power of two; hidden: widths of each network; opacity: α itself, the
-    silhouette cosine, or none (a ray that meets the surface meets the material); curvature: whether networks see κ."""
+    silhouette cosine, or none (a ray that meets the surface meets the material); curvature: whether networks see κ; step: how
+    wide α's step is, as a cosine; offset: periods."""
 
     texels: int = 256
     channels: int = 7
     hidden: tuple[int, ...] = (24, 24, 24)
     opacity: Literal["direct", "cosine", "none"] = "direct"
     curvature: bool = True
+    step: float = STEP
+    offset: float = OFFSET
 
     @property
     def sizes(self) -> mip.Sizes:
@@ -114,10 +119,10 @@ def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "
     """A texture that wraps around, convolved with a Gaussian of this standard deviation in texels."""
     n = texture.shape[0]
     i = jnp.arange(n)
-    apart = jnp.abs(i[:, None] - i[None])
-    apart = jnp.minimum(apart, n - apart).astype(texture.dtype)
-    weight = jnp.exp(-0.5 * (apart / deviation) ** 2)
-    weight = weight / weight.sum(axis=1, keepdims=True)
+    apart = (i[:, None] + n * jnp.arange(-AROUND, AROUND + 1)).astype(texture.dtype)
+    wide = jnp.minimum(deviation, jnp.asarray(n, texture.dtype))  # all texels have the same weight then, to 1e-8
+    weight = jnp.exp(-0.5 * (apart / wide) ** 2).sum(axis=1)
+    weight = (weight / weight.sum())[(i[:, None] - i) % n]
     return jnp.einsum("ij,kl,jlc->ikc", weight, weight, texture)
 
 
@@ -134,11 +139,11 @@ def seen(config: SurfaceConfig, table: Tables, place: Place) -> Seen:
     cosine = jax.nn.sigmoid(found - 4) if config.opacity == "cosine" else jnp.zeros_like(found)
     alpha = {
         "direct": jax.nn.sigmoid(found),
-        "cosine": jax.nn.sigmoid((place.w[2] - cosine) / STEP),
+        "cosine": jax.nn.sigmoid((place.w[2] - cosine) / config.step),
         "none": jnp.ones_like(found),
     }[config.opacity]
     way = _answer(surface.offset, jnp.concatenate([ask(1, place.u), x]))[0]
-    return Seen(alpha, cosine, ask(2, place.u - OFFSET * way * place.w[:2]))
+    return Seen(alpha, cosine, ask(2, place.u - config.offset * way * place.w[:2]))
 
 
 def reflectance(config: SurfaceConfig, table: Tables, place: Place, found: Seen, light: Vec3) -> Vec3:

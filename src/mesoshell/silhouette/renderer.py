@@ -185,10 +185,11 @@ class _Tile:
         local = self.dressed.queries(hits, rows, d, self.spread * t)
         toward = [np.einsum("hij,hj->hi", local.axes, beam.toward) for beam in lights]
         alpha, rho = _answered(self.scene.ready, local, np.stack(toward, axis=1))
+        normal = self.dressed.facing(hits, rows, d)
         self.report.add("query", clock, queries=len(rows), transport_queries=len(rows) * len(lights))
         out = np.zeros((len(rows), 3))
-        for k, (beam, w) in enumerate(zip(lights, toward, strict=True)):
-            out += rho[:, k] * beam.strength * self._visible(o, d, t, local.axes[:, 2], beam.toward, w[:, 2])[:, None]
+        for k, beam in enumerate(lights):
+            out += rho[:, k] * beam.strength * self._visible(o, d, t, normal, beam.toward)[:, None]
         return alpha, out
 
     def _diffuse(self, hits: Hits, rows: np.ndarray, ray: tuple, lights: list[Beam]) -> tuple[np.ndarray, np.ndarray]:
@@ -198,17 +199,18 @@ class _Tile:
         out = np.zeros((len(rows), 3))
         for beam in lights:
             cosine = np.maximum(np.einsum("ij,ij->i", normal, beam.toward), 0)
-            seen = self._visible(o, d, t, normal, beam.toward, cosine)
+            seen = self._visible(o, d, t, normal, beam.toward)
             out += (cosine * seen)[:, None] * beam.strength * np.asarray(self.scene.base_colour) / np.pi
         return np.ones(len(rows)), out
 
-    def _visible(self, o, d, t, normal, toward, cosine) -> Float[np.ndarray, "H"]:
-        """V from hits at t toward a light. cosine: of the light over the hit's plane."""
+    def _visible(self, o, d, t, normal, toward) -> Float[np.ndarray, "H"]:
+        """V from hits at t toward a light. normal: of the face that was met: over the horizon of an interpolated one there is
+        light that has to come through the face itself."""
         through = np.ones(len(t))
         if not self.effects.shadows.on or not len(t):
             return through
         clock = time.perf_counter()
-        away = 4 * ADVANCE * self.dressed.size * np.where(cosine < 0, -1, 1)
+        away = 4 * ADVANCE * (self.dressed.size + t) * np.where(np.einsum("ij,ij->i", normal, toward) < 0, -1, 1)
         x, start, alive = o + t[:, None] * d + away[:, None] * normal, np.zeros(len(t)), np.arange(len(t))
         asked = 0
         for _ in range(MOST):

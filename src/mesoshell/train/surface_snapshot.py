@@ -21,7 +21,7 @@ from mesoshell.io.image import tonemap
 from mesoshell.io.patches import Patches
 from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.nets.mlp import Dense
-from mesoshell.silhouette.material import OFFSET, STEP, Module, Surface, blurred
+from mesoshell.silhouette.material import Module, Surface, blurred
 from mesoshell.train.snapshot import commit
 from mesoshell.train.surface import Asked, SurfaceState, SurfaceTraining, ask, asked, blur_at
 from mesoshell.typing import Array
@@ -52,8 +52,8 @@ def bundle(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Surfa
         texels=s.texels,
         channels=s.channels,
         opacity=s.opacity,
-        step=STEP,
-        offset=OFFSET,
+        step=s.step,
+        offset=s.offset,
         sees_curvature=s.curvature,
         curvature=config.curvature,
         depth=float(data.manifest["depth"]),

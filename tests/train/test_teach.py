@@ -1,0 +1,155 @@
+"""A shell that teaches: places and frames on cylinders against their maps in float64, and rays through fog by hand."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mesoshell.mesostructure.tile import bent
+from mesoshell.shell.field import Field
+from mesoshell.train.teach import SAMPLES, Lay, Lesson, Teacher, answer, frame, span
+
+DEPTH = 0.4
+TURN, SHIFT, PLACE = 0.7, np.array([0.3, -0.2]), np.array([0.1, 0.25])
+
+
+def rotation(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def lay(curvature: float) -> Lay:
+    return Lay(*(jnp.asarray(x, jnp.float32) for x in (curvature, rotation(TURN), SHIFT)))
+
+
+def teacher(base: float = 0.0) -> Teacher:
+    nothing: jnp.ndarray = jnp.zeros(0, jnp.float32)
+    return Teacher(None, nothing, jnp.asarray(DEPTH, jnp.float32), jnp.full(3, base, jnp.float32))  # type: ignore[arg-type]
+
+
+def fog(sigma: float, rho: float) -> Field:
+    """One density and one ρ everywhere."""
+    return Field(
+        lambda point: (jnp.asarray(sigma, jnp.float32), jnp.zeros(1, jnp.float32)),
+        lambda found, w, light: jnp.full(3, rho, jnp.float32),
+    )
+
+
+def unit(*x: float) -> np.ndarray:
+    return np.array(x) / np.linalg.norm(x)
+
+
+def asked(cosine: float, light: np.ndarray, side: float = 1.0) -> Lesson:
+    toward = np.array([side * np.sqrt(1 - cosine**2), 0, cosine])
+    return Lesson(*(jnp.asarray(x, jnp.float32) for x in (PLACE, 0.002, toward, light)))
+
+
+def world(xi: np.ndarray, curvature: float) -> np.ndarray:
+    """The shell's map in float64: from (u, v, h) to the frame of PLACE."""
+    sy = (xi[:2] - SHIFT) @ rotation(TURN) - PLACE
+    return bent(sy, np.asarray((xi[2] - 1) * DEPTH), curvature)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from([0.0, 1e-6, 1e-3, -0.3, 0.5, -1.0, 2.0]),
+    st.floats(-0.5, 0.5),
+    st.floats(-0.5, 0.5),
+    st.floats(0.02, 0.98),
+)
+def test_places_and_frames_are_those_of_the_shells_map(curvature, s, y, h) -> None:
+    xi = np.append(rotation(TURN) @ (PLACE + np.array([s, y])) + SHIFT, h)
+    p = world(xi, curvature)
+    found, inverse = frame(
+        jnp.asarray(DEPTH), lay(curvature), jnp.asarray(PLACE, jnp.float32), jnp.asarray(p, jnp.float32)
+    )
+    np.testing.assert_allclose(found, xi, atol=3e-6)
+    jacobian = np.stack(
+        [(world(xi + d, curvature) - world(xi - d, curvature)) / 2e-5 for d in 1e-5 * np.eye(3)], axis=1
+    )
+    np.testing.assert_allclose(np.asarray(inverse, np.float64) @ jacobian, np.eye(3), atol=2e-5)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1e-6, 0.3, 1.5, -0.8])
+@pytest.mark.parametrize("cosine", [0.03, 0.2, 0.5, 0.9, 1.0])
+def test_a_ray_ends_where_it_meets_the_body_or_leaves(curvature, cosine) -> None:
+    """Against the heights of many points on the ray."""
+    end, met = span(*(jnp.asarray(x, jnp.float32) for x in (curvature, DEPTH, cosine)))
+    t = np.linspace(0, 1.2 * float(end), 200_001)[1:]
+    points = -t[:, None] * np.array([np.sqrt(1 - cosine**2), 0, cosine])
+    k = curvature
+    square = points[:, 0] ** 2 + points[:, 2] ** 2
+    reach = np.sqrt((k * points[:, 0]) ** 2 + (1 + k * points[:, 2]) ** 2)
+    height = (k * square + 2 * points[:, 2]) / (1 + reach)
+    out = (height <= -DEPTH) | (height >= 0)
+    first = np.argmax(out)
+    assert out.any() and abs(t[first] - float(end)) < 1e-4 * float(end) + 2 * t[0]
+    assert bool(met) == (height[first] <= -DEPTH)
+    grazing = np.sqrt(max(k * DEPTH * (2 - k * DEPTH), 0))
+    assert bool(met) == (cosine >= grazing)
+
+
+@pytest.mark.parametrize("cosine", [0.3, 0.8])
+def test_fog_on_a_plane(cosine) -> None:
+    """ρ (1 − T), and what the surface beneath reflects through fog on both ways; by hand."""
+    sigma, rho, base, light = 1.5, 0.02, 0.5, unit(0.3, -0.4, 0.8)
+    found = answer(fog(sigma, rho), teacher(base), lay(0.0), asked(cosine, light))
+    # canonical lengths: along ω through a slab DEPTH thick whose unit of height is DEPTH
+    along = np.hypot(DEPTH * np.sqrt(1 - cosine**2) / cosine, 1.0)
+    through = np.exp(-sigma * along)
+    bent_light = unit(light[0], light[1], light[2] / DEPTH)
+    beneath = base / np.pi * light[2] * np.exp(-sigma / bent_light[2])
+    np.testing.assert_allclose(found[:3], rho * (1 - through) + through * beneath, rtol=2e-5)
+    assert found[3] == 1
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_fog_past_a_silhouette(side) -> None:
+    """A ray that leaves again is as opaque as its canonical length says; nothing beneath is seen."""
+    curvature, cosine, sigma, rho = 1.0, 0.3, 2.0, 0.1
+    found = answer(fog(sigma, rho), teacher(1.0), lay(curvature), asked(cosine, unit(0, 0, 1), side))
+    t = (np.arange(4096) + 0.5) / 4096 * 2 * cosine / curvature
+    p = -t[:, None] * np.array([side * np.sqrt(1 - cosine**2), 0, cosine])
+    axis = np.array([0, 0, -1 / curvature])
+    reach = np.linalg.norm(p - axis, axis=1)
+    outward = (p - axis) / reach[:, None]
+    d = -np.array([side * np.sqrt(1 - cosine**2), 0, cosine])
+    up = outward @ d
+    across = np.sqrt(1 - up**2) / (curvature * reach)
+    length = np.sqrt((up / DEPTH) ** 2 + across**2).mean() * t[-1] * 4096 / 4095.5
+    alpha = 1 - np.exp(-sigma * length)
+    np.testing.assert_allclose(found[3], alpha, rtol=2e-3)
+    np.testing.assert_allclose(found[:3], rho * alpha, rtol=2e-3)
+
+
+def test_the_texture_lies_turned_and_shifted() -> None:
+    """A field that is dense in one place alone is met where the map says."""
+    xi = np.array([0.62, 0.31, 0.5])
+    for curvature in (0.0, 0.9, -0.7):
+        p = world(xi, curvature)
+        toward = unit(0.4, 0, 0.9)
+        # the ray against `toward` that passes p enters the bounding surface at some s; ask from there
+        t = np.linspace(0, 3, 300_001)
+        k = curvature
+        q = p + t[:, None] * toward
+        height = (k * (q[:, 0] ** 2 + q[:, 2] ** 2) + 2 * q[:, 2]) / (
+            1 + np.sqrt((k * q[:, 0]) ** 2 + (1 + k * q[:, 2]) ** 2)
+        )
+        entry = q[np.argmax(height >= 0)]
+        angle = np.arctan2(k * entry[0], 1 + k * entry[2])
+        s = angle / k if k else entry[0]
+        turned = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
+
+        def density(point):
+            near = jnp.abs(point.xi - jnp.asarray(xi, jnp.float32)).max() < 1.5 * 3 / SAMPLES
+            return jnp.where(near, 1e4, 0.0), jnp.zeros(1, jnp.float32)
+
+        field = Field(density, fog(0, 1.0).transport)
+        columns = (PLACE + np.array([s, entry[1]]), 0.002, turned @ toward, unit(0, 0, 1))
+        lesson = Lesson(*(jnp.asarray(x, jnp.float32) for x in columns))
+        hit = jax.jit(lambda l, k=curvature, f=field: answer(f, teacher(), lay(k), l))(lesson)
+        missed = answer(field, teacher(), lay(curvature), lesson._replace(place=lesson.place + 0.2))
+        np.testing.assert_allclose(hit[:3], 1, rtol=1e-4)
+        np.testing.assert_allclose(missed[:3], 0, atol=1e-6)

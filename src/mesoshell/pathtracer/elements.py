@@ -62,7 +62,7 @@ def read(source: str, parse: Callable[[Any], Any], wears: Callable[[str], bool])
             _integrate(state)
         found = [_element(config, state, i, props, shape) for i, props in asked for shape in users[i]]
         shapes = [shape for i, _ in asked for shape in users[i]]
-        found = [replace(e, wears=wears(e.material)) for e in found]
+        found = [replace(e, wears=_wears(e, wears)) for e in found]
         _remove(state, {shape for shape, e in zip(shapes, found, strict=True) if e.wears})
         scene: Any = mi.parser.instantiate(config, state)
         return scene, found
@@ -103,10 +103,18 @@ def _replace(state, index: int, props: mi.Properties) -> None:
         state.nodes[index].props = bare
 
 
+def _wears(element: Element, wears: Callable[[str], bool]) -> bool:
+    try:
+        return wears(element.material)
+    except InputError as error:
+        raise InputError(element.where, str(error)) from error
+
+
 def _remove(state, shapes: set[int]) -> None:
     """Take shapes out of the scene, and out of groups; groups that nothing is left in, with their instances."""
     kinds = [node.props.plugin_name() for node in state.nodes]
-    empty = {i for i, kind in enumerate(kinds) if kind == "shapegroup" and _holds(state, i) <= shapes}
+    groups = {i: _holds(state, i) for i, kind in enumerate(kinds) if kind == "shapegroup"}
+    empty = {i for i, held in groups.items() if held and held <= shapes}
     gone = shapes | empty | {i for i, kind in enumerate(kinds) if kind == "instance" and _holds(state, i) & empty}
     for node in state.nodes:
         for name in [k for k, index in _links(node.props).items() if index in gone]:

@@ -87,11 +87,17 @@ def surface_as(preset: TrainConfig) -> SurfaceTraining:
 
 
 def fitted(config: SurfaceTraining, data: Patches) -> tuple[SurfaceTraining, Patches]:
-    """The configuration for a dataset. Raises InputError if there is too little of it."""
+    """The configuration for a dataset. Raises InputError if there is too little of it, or it does not say what it is of."""
     if len(data.patches) < 2:
         raise InputError(data.folder, f"has {len(data.patches)} patch: one is held out, others are learned from")
-    low, high = data.manifest["curvature"]
-    return replace(config, curvature=(float(low), float(high))), data
+    try:
+        low, high = (float(x) for x in data.manifest["curvature"])
+        known = low < high and float(data.manifest["depth"]) > 0
+    except (KeyError, TypeError, ValueError):
+        known = False
+    if not known:
+        raise InputError(data.folder / "manifest.json", "has no range of curvature, or no depth")
+    return replace(config, curvature=(low, high)), data
 
 
 def held_out(data: Patches) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:

@@ -1,0 +1,128 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # A surface material that knows its silhouette
+#
+# Balls on a body are bent onto a few cylinders, and rays asked what they meet. A small network learns the answers, and is put
+# on a torus: one query a hit, and rays pass between the balls at its rim. (Real ones are trained a hundred times as long:
+# `docs/silhouette.md`.)
+
+# %%
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from mesoshell.mesostructure.sources import source
+from mesoshell.mesostructure.tile import Placing
+from mesoshell.mesostructure.trace import Patch, queries
+
+tile = source("spheres")
+print(f"{len(tile.faces)} triangles a period, {tile.depth} deep")
+
+# %% [markdown]
+# ## What is learned
+#
+# The same place seen at the same angle, on a plane and on cylinders. Where nothing is met, blue.
+
+# %%
+SIDE = 96
+y, x = np.meshgrid(np.linspace(0.5, -0.5, SIDE), np.linspace(-0.5, 0.5, SIDE), indexing="ij")
+place = np.stack([x, y], axis=-1).reshape(-1, 2)
+figure, axes = plt.subplots(1, 4, figsize=(12, 3))
+for axis, (curvature, cosine) in zip(axes, ((0.0, 1.0), (0.0, 0.4), (1.0, 0.4), (2.0, 0.4)), strict=True):
+    placing = Placing(curvature)
+    toward = np.array([np.sqrt(1 - cosine**2), 0, cosine])
+    asked = {
+        "place": place,
+        "radius": np.full(len(place), 0.003),
+        "toward": np.tile(toward, (len(place), 1)),
+        "light": np.tile(np.array([-0.5, 0.4, 0.768]), (len(place), 1)),
+    }
+    found = queries(Patch(tile, placing, (2.5, 2.0)), placing, asked, spp=4, seed=0)
+    behind = (1 - found["alpha"]) * np.array([0.1, 0.2, 0.8])
+    shown = np.clip(4 * found["reflectance"] + behind, 0, 1) ** (1 / 2.2)
+    axis.imshow(shown.reshape(SIDE, SIDE, 3))
+    axis.set(title=f"κ {curvature:g}, cosine {cosine:g}", xticks=[], yticks=[])
+
+# %% [markdown]
+# ## Learning it
+#
+# Patches of random curvature, and two thousand small steps.
+
+# %%
+from mesoshell.io.patches import read_patches  # noqa: E402
+from mesoshell.mesostructure.render import Settings, of_geometry, render_patches  # noqa: E402
+from mesoshell.train.presets import TINY  # noqa: E402
+from mesoshell.train.record import snapshots  # noqa: E402
+from mesoshell.train.run import train  # noqa: E402
+from mesoshell.train.surface import surface_as  # noqa: E402
+
+folder = Path(tempfile.mkdtemp())
+settings = Settings("spheres", tile.depth, (-1.0, 2.0), queries=16384, spp=4, seed=0)
+render_patches(settings, of_geometry(tile, settings.spp), 24, folder / "data", lambda done, of: None)
+log = []
+config = replace(surface_as(TINY), kimg=2000.0)
+train(config, read_patches(folder / "data"), folder / "run", show=log.append)
+figure, axis = plt.subplots(figsize=(6, 3))
+for name in ("reflectance", "opacity"):
+    axis.semilogy([row["kimg"] for row in log], [row[name] for row in log], label=name)
+axis.set(xlabel="thousand queries", ylabel="loss")
+axis.legend()
+
+# %% [markdown]
+# ## On a torus
+#
+# Curvature comes from the mesh. Without opacity, the rim is the torus's own.
+
+# %%
+from mesoshell.cli.surfacing import ready  # noqa: E402
+from mesoshell.geometry.mesh import check_mesh, is_convex  # noqa: E402
+from mesoshell.io.surface import read_surface  # noqa: E402
+from mesoshell.render.camera import Camera, look_at  # noqa: E402
+from mesoshell.render.light import Distant  # noqa: E402
+from mesoshell.render.quality import PRESETS  # noqa: E402
+from mesoshell.silhouette.renderer import SurfaceScene, plan, render  # noqa: E402
+
+around, across = 96, 48
+i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+ring, tube = 6 / (2 * np.pi), 2.4 / (2 * np.pi)
+p, t = i / around * 2 * np.pi, j / across * 2 * np.pi
+reach = ring + tube * np.cos(t)
+points = np.stack([reach * np.cos(p), tube * np.sin(t), -reach * np.sin(p)], axis=-1).reshape(-1, 3)
+square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+cell = np.stack([i, j], axis=-1).reshape(-1, 1, 2) + square
+index = cell[..., 0] % around * across + cell[..., 1] % across
+uv = cell * np.array([6 / around, 2.4 / across])
+halves = np.array([[0, 1, 2], [0, 2, 3]])
+mesh = check_mesh(points, index[:, halves].reshape(-1, 3), uv[:, halves].reshape(-1, 3, 2), "torus")
+
+bundle = read_surface(snapshots(folder / "run")[-1][1])
+scene = SurfaceScene(
+    mesh=mesh,
+    ready=ready(bundle),
+    period=0.6,
+    camera=Camera(look_at((0.0, 1.6, 3.2), (0.75, 0.1, 0.3)), 0.36, 192, 144),
+    lights=(Distant(np.array([-0.5, 0.7, 0.5]) / np.linalg.norm([-0.5, 0.7, 0.5]), np.full(3, 6.0)),),
+    environment=None,
+    base_colour=(0.1, 0.1, 0.1),
+    objects=(),
+    transparent=True,
+)
+opaque = replace(scene, ready=replace(scene.ready, config=replace(scene.ready.config, opacity="none")))
+figure, axes = plt.subplots(1, 2, figsize=(12, 4.5))
+for axis, one, title in zip(axes, (scene, opaque), ("with opacity", "without"), strict=True):
+    image, report = render(one, PRESETS["normal"], plan(one, is_convex(mesh)))
+    axis.imshow(np.clip(image, 0, 1) ** (1 / 2.2))
+    axis.set(title=f"{title}: {report.counts['queries']:,} queries", xticks=[], yticks=[])

@@ -14,12 +14,15 @@ from mesoshell.cli.training import check_recipe, read_experiment
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
+from mesoshell.io.patches import Patches, read_patches
+from mesoshell.mesostructure.render import Settings, render_patches
 from mesoshell.train.method import method_of
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.presets import PRESETS
 from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.run import train
 from mesoshell.train.stream import RunConfig, views_of
+from mesoshell.train.surface import SurfaceTraining
 
 FILES = sorted((Path(__file__).parents[2] / "experiments").glob("*.py"))
 #: A file for each configuration: one step differs from another by its configuration and its data alone.
@@ -42,8 +45,28 @@ def larger(tmp_path_factory) -> Dataset:
     return fog_at(16, tmp_path_factory.mktemp("larger"))
 
 
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory) -> Patches:
+    """Queries that all have one answer."""
+
+    def answers(placing, asked, seed):
+        count = len(asked["radius"])
+        columns = {
+            "alpha": np.ones((count, 1)),
+            "cosine": np.zeros((count, 1)),
+            "reflectance": np.full((count, 3), 0.1),
+        }
+        return columns, {}
+
+    folder = tmp_path_factory.mktemp("queries") / "data"
+    render_patches(Settings("none", 0.1, (-1.0, 2.0), 512, 1, 0), answers, 3, folder, lambda done, of: None)
+    return read_patches(folder)
+
+
 def shrunk(config: RunConfig) -> RunConfig:
     """Two steps of 8² pictures, networks of a few channels."""
+    if isinstance(config, SurfaceTraining):
+        return replace(config, surface=replace(config.surface, texels=8, hidden=(8,)), batch=4, kimg=0.008)
     config = replace(config, picture=replace(config.picture, size=8, samples=4), kimg=0.008)
     if isinstance(config, ParametricConfig):
         return config
@@ -55,9 +78,10 @@ def shrunk(config: RunConfig) -> RunConfig:
 
 
 @pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
-def test_it_takes_two_steps(file: Path, data, tmp_path: Path) -> None:
+def test_it_takes_two_steps(file: Path, data, answered, tmp_path: Path) -> None:
     """Everything that learns has moved, is finite, and is kept as a snapshot with a sheet; the log has all losses."""
     config = shrunk(read_experiment(file, "tiny"))
+    data = answered if isinstance(config, SurfaceTraining) else data
     method = method_of(config)
     state = train(config, data, tmp_path / "run")
     assert int(state.images) == 8 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
@@ -72,8 +96,14 @@ def test_it_takes_two_steps(file: Path, data, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
-def test_it_runs_through_the_tiny_preset(file: Path, larger, tmp_path: Path) -> None:
+def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, tmp_path: Path) -> None:
     config = read_experiment(file, "tiny")
+    if isinstance(config, SurfaceTraining):
+        train(config, answered, tmp_path / "run")
+        answers = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
+        rho = answers(answered.patches[-1])[2]
+        assert abs(rho.mean() - 0.1) < 0.005 and np.abs(rho - 0.1).mean() < 0.02
+        return
     state = train(config, larger, tmp_path / "run")
     assert int(state.images) == 240 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
     pictures = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
@@ -85,7 +115,8 @@ def test_it_runs_through_the_tiny_preset(file: Path, larger, tmp_path: Path) -> 
 @pytest.mark.parametrize("file", FILES, ids=lambda p: p.stem)
 def test_its_own_size_is_the_small_preset(file: Path) -> None:
     config = read_experiment(file)
-    assert config.picture.size == 64 and config == read_experiment(file, "small")
+    assert isinstance(config, SurfaceTraining) or config.picture.size == 64
+    assert config == read_experiment(file, "small")
     jax.eval_shape(lambda: method_of(config).start(config, jax.random.key(0)))
     assert file.read_text().startswith('"""')
 

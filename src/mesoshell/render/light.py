@@ -83,7 +83,9 @@ def beams(
     """For `count` rays, every distant light, and `drawn` directions of the environment, each as a light of its own."""
     shape = (count, 3)
     out = [Beam(np.broadcast_to(l.direction, shape), np.broadcast_to(l.irradiance, shape)) for l in lights]
-    for k in range(drawn if sky is not None else 0):
+    for k in range(drawn):
+        if sky is None:
+            break
         xi = random.random(shape)
         xi[:, 0] = (xi[:, 0] + k) / drawn  # stratified over brightness
         toward, strength = sample(sky, xi)

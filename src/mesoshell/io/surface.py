@@ -146,7 +146,7 @@ def _shapes(fields: dict[str, Any], heads: dict[str, Any]) -> dict[str, tuple[in
         width, i = fields["channels"] + seen, 0
         while f"{module}/hidden/{i}/kernel" in heads or i == 0:
             shape = heads.get(f"{module}/hidden/{i}/kernel", ((width, 1), None))[0]
-            wide = shape[1] if len(shape) == 2 else 1
+            wide = max(1, shape[1]) if len(shape) == 2 else 1
             wanted[f"{module}/hidden/{i}/kernel"], wanted[f"{module}/hidden/{i}/bias"] = (width, wide), (wide,)
             width, i = wide, i + 1
         wanted[f"{module}/last/kernel"], wanted[f"{module}/last/bias"] = (width, out), (out,)

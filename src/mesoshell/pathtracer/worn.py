@@ -108,15 +108,14 @@ class Worn:
         first = np.cumsum([0, *(len(w.mesh.vertices) for w in wears[:-1])])
         faces = np.concatenate([w.mesh.faces + a for w, a in zip(wears, first, strict=True)])
         triangles = np.concatenate([w.mesh.vertices[w.mesh.faces].astype(np.float64) for w in wears])
-        outward = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        outward = _unit(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
         self.size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
         self.directions = wears[0].table.kappa.shape[1]
         self.faces = _flat(faces, mi.UInt32)
         self.outward = _flat(outward)
         self.uv = _flat(np.concatenate([w.uv for w in wears]))
         self.normals = _flat(np.concatenate([w.mesh.normals for w in wears]))
-        self.along = [_flat(np.concatenate([getattr(w, k) for w in wears])) for k in ("along_u", "along_v")]
+        self.along = [_flat(_unit(np.concatenate([getattr(w, k) for w in wears]))) for k in ("along_u", "along_v")]
         self.kappa = _flat(np.concatenate([w.table.kappa * w.period for w in wears]))
         self.axes = [_flat(np.concatenate([getattr(w.table, k) for w in wears])) for k in ("tangent", "bitangent")]
         self.period = _flat(np.repeat([w.period for w in wears], counts))
@@ -229,6 +228,12 @@ def density_around(here, d):
 
 def _flat(x: np.ndarray, kind: type = mi.Float):
     return kind(np.ascontiguousarray(x).astype(np.uint32 if kind is mi.UInt32 else np.float32).ravel())
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    """Rows of length 1, or 0: in float32 the squares of others may have no end."""
+    size = np.linalg.norm(x, axis=1, keepdims=True)
+    return x / np.where(size > 0, size, 1)
 
 
 def _sigmoid(x):

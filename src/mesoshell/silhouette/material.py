@@ -19,6 +19,7 @@ from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from mesoshell.nets.mlp import Dense, apply_dense, apply_relu, init_dense, init_mlp
 from mesoshell.numerics import softplus
@@ -118,8 +119,8 @@ def tables(surface: Surface, blur: Scalar) -> Tables:
 def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "n n C"]:
     """A texture that wraps around, convolved with a Gaussian of this standard deviation in texels."""
     n = texture.shape[0]
-    i = jnp.arange(n)
-    apart = (i[:, None] + n * jnp.arange(-AROUND, AROUND + 1)).astype(texture.dtype)
+    i = np.arange(n)
+    apart = jnp.asarray(i[:, None] + n * np.arange(-AROUND, AROUND + 1), texture.dtype)
     wide = jnp.minimum(deviation, jnp.asarray(n, texture.dtype))  # all texels have the same weight then, to 1e-8
     weight = jnp.exp(-0.5 * (apart / wide) ** 2).sum(axis=1)
     weight = (weight / weight.sum())[(i[:, None] - i) % n]
@@ -129,7 +130,7 @@ def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "
 def seen(config: SurfaceConfig, table: Tables, place: Place) -> Seen:
     """α and what reflectance will read."""
     surface, kappa = table.surface, place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
-    level = mip.level_of(place.radius, config.texels, len(config.sizes) - 1)
+    level = mip.level_of(place.radius, float(config.texels), len(config.sizes) - 1)
     x = jnp.concatenate([place.w, kappa[None]])
 
     def ask(k: int, u: Vec2) -> Array:

@@ -146,7 +146,7 @@ def test_comparisons_have_their_presets_pictures_and_length(preset: str) -> None
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "e.py"
     for text, preset, fault in (
-        ("config = 3", None, "defines no `config` that is a TrainConfig or a ParametricConfig"),
+        ("config = 3", None, "defines no `config` that is a TrainConfig, a ParametricConfig or a SurfaceTraining"),
         ("variant = 3", "small", "defines no `variant`"),
         ("", "tiny", "defines no `variant` that makes of a TrainConfig a TrainConfig or a ParametricConfig"),
         ("def variant(c): return c.nothing", "tiny", "AttributeError"),

@@ -56,11 +56,13 @@ def read_patches(folder: str | PathLike[str]) -> Patches:
         manifest = json.loads(texts[0])
         rows = [json.loads(line) for line in texts[1].decode().splitlines()]
         files = [folder / row["file"] for row in sorted(rows, key=lambda row: row["index"])]
-        kind, _ = manifest["kind"], manifest["source"]
+        kind = manifest["kind"]
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(folder, "its manifest.json or samples.jsonl is none of a dataset's") from error
     if kind != "patches":
         raise InputError(folder, f"holds {kind}, no queries of patches: mesoshell dataset render-patches makes them")
+    if not isinstance(manifest.get("source"), str):
+        raise InputError(folder / "manifest.json", "does not say what the queries are of: source is missing")
     if not files:
         raise InputError(folder, "has no patches yet")
     return Patches(folder, manifest, tuple(_queries(path) for path in files))

@@ -148,7 +148,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     for text, preset, fault in (
         ("config = 3", None, "defines no `config` that is a TrainConfig, a ParametricConfig or a SurfaceTraining"),
         ("variant = 3", "small", "defines no `variant`"),
-        ("", "tiny", "defines no `variant` that makes of a TrainConfig a TrainConfig or a ParametricConfig"),
+        ("", "tiny", "defines no `variant` that makes of a TrainConfig a TrainConfig, a ParametricConfig or a Surf"),
         ("def variant(c): return c.nothing", "tiny", "AttributeError"),
         ("import nothing_of_the_kind", None, "ModuleNotFoundError"),
     ):

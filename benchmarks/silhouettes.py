@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from mesoshell.cli.description import SurfaceDescription, describe_surface
+from mesoshell.cli.description import describe_surface
 from mesoshell.cli.render import Options
-from mesoshell.cli.surfacing import ready
 from mesoshell.geometry.mesh import Mesh, is_convex
 from mesoshell.io.image import tonemap, write_png
 from mesoshell.io.surface import read_surface
@@ -26,7 +25,9 @@ from mesoshell.mesostructure.sources import source
 from mesoshell.mesostructure.tile import Tile
 from mesoshell.pathtracer import assemble
 from mesoshell.render.quality import CURVATURE_FILTERS, PRESETS
+from mesoshell.silhouette.ready import ready
 from mesoshell.silhouette.renderer import SurfaceScene, plan, render
+from mesoshell.silhouette.scene import SurfaceDescription
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
@@ -83,8 +84,7 @@ def compare(name: str, bundle: Path, mesh: Path, period: float | None, asked: ar
     )
     d = describe_surface(options)
     true, traced, triangles = of_geometry(source(name), d.mesh, d, asked.spp)
-    of_both = {key: getattr(d, key) for key in SurfaceScene.__dataclass_fields__ if key != "ready"}
-    scene = SurfaceScene(ready=ready(read_surface(bundle)), **of_both)
+    scene = SurfaceScene(**vars(d), ready=ready(read_surface(bundle)))
     quality = PRESETS["normal"].with_changes(pixel_samples=16, curvature_filter=asked.filter)
     effects = plan(scene, is_convex(d.mesh))
     render(scene, quality, effects)

@@ -87,12 +87,12 @@ axis.legend()
 # Curvature comes from the mesh. Without opacity, the rim is the torus's own.
 
 # %%
-from mesoshell.cli.surfacing import ready  # noqa: E402
 from mesoshell.geometry.mesh import check_mesh, is_convex  # noqa: E402
 from mesoshell.io.surface import read_surface  # noqa: E402
 from mesoshell.render.camera import Camera, look_at  # noqa: E402
 from mesoshell.render.light import Distant  # noqa: E402
 from mesoshell.render.quality import PRESETS  # noqa: E402
+from mesoshell.silhouette.ready import ready  # noqa: E402
 from mesoshell.silhouette.renderer import SurfaceScene, plan, render  # noqa: E402
 
 around, across = 96, 48

@@ -15,7 +15,6 @@ import pytest
 from test_shell_paths import constant as fog
 from test_shell_paths import shell
 
-from mesoshell.cli.surfacing import ready
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh
 from mesoshell.io.bundle import write_bundle
@@ -28,6 +27,7 @@ from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import Effect
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.silhouette.ready import ready
 from mesoshell.silhouette.renderer import SurfaceScene, _answered, plan, render
 from mesoshell.silhouette.surface import Dressed, Local
 from mesoshell.silhouette.wear import wear
@@ -290,7 +290,7 @@ def test_the_engines_show_the_same(folder) -> None:
     camera = Camera(look_at((2.2, -1.9, 1.3), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.6, 24, 24)
     toward = np.array([[0.48, -0.6, 0.64], [-0.6, -0.8, 0.0]])
     lights = tuple(Distant(x, np.array([3.0, 2.0, 1.0])) for x in toward)
-    s = SurfaceScene(mesh, ready(b), 1.0, camera, lights, None, (0.5, 0.5, 0.5), (), True)
+    s = SurfaceScene(mesh, 1.0, camera, lights, None, (0.5, 0.5, 0.5), (), True, ready(b))
     theirs = render(s, Quality(pixel_samples=64, early_stop=0.0), plan(s, False))[0]
     assert ((theirs[..., 3] > 0.1) & (theirs[..., 3] < 0.9)).mean() > 0.15
     shape = worn(folder, "lump", "rough", {"scale": 1.0})

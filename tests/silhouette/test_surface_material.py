@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from mesoshell.cli.surfacing import ready
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.silhouette.material import (
     Place,
@@ -19,7 +18,7 @@ from mesoshell.silhouette.material import (
     seen,
     tables,
 )
-from mesoshell.train.surface_snapshot import surface_of
+from mesoshell.silhouette.ready import ready, surface_of
 from tests.silhouette import wearing
 
 FORMS = ("direct", "cosine", "none")

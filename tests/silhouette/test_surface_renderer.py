@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesoshell.cli.surfacing import ready
 from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.render.camera import Camera, look_at, pixel_grid, rays
@@ -18,6 +17,7 @@ from mesoshell.render.cone import pixel_radius
 from mesoshell.render.effects import Effect
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
+from mesoshell.silhouette.ready import ready
 from mesoshell.silhouette.renderer import Report, SurfaceScene, plan, render
 from mesoshell.silhouette.surface import Dressed
 from mesoshell.silhouette.wear import wear

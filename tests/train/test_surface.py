@@ -18,6 +18,7 @@ from mesoshell.io.patches import Patches, read_patches
 from mesoshell.io.surface import SurfaceBundle, read_surface
 from mesoshell.measure.queries import QUERIES, score
 from mesoshell.silhouette.material import Seen, Surface, SurfaceConfig
+from mesoshell.silhouette.ready import surface_of
 from mesoshell.train import run
 from mesoshell.train.method import SURFACE, method_of
 from mesoshell.train.presets import SMALL, TINY
@@ -43,7 +44,7 @@ from mesoshell.train.surface import (
     step,
     surface_as,
 )
-from mesoshell.train.surface_snapshot import bundle, painter, save, sheet, surface_of
+from mesoshell.train.surface_snapshot import bundle, painter, save, sheet
 from tests.silhouette import wearing
 
 #: One process compiles what its tests share.

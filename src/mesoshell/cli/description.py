@@ -21,6 +21,7 @@ from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.shell.chart import patches_of
 from mesoshell.shell.extrude import Shell, extrude, patches_per_uv
+from mesoshell.silhouette.scene import SurfaceDescription
 
 #: Fill light of the default lighting, and the light from below, as shares of the key light.
 FILL, BOUNCE = 0.3, 0.12
@@ -110,20 +111,6 @@ def _textured(
     small = needed.shape[1] > width + 2 or needed.shape[0] > height + 2
     said = f"the mesh spans about {needed.shape[1]} × {needed.shape[0]} patches, the texture {width:g} × {height:g}: "
     return bundle, (u, v), [said + "its last texels repeat beyond its edges"] if small else []
-
-
-@dataclass(frozen=True, eq=False)
-class SurfaceDescription:
-    """A mesh that wears a surface material whose periods are so long, and what it is seen by."""
-
-    mesh: Mesh
-    period: float
-    camera: Camera
-    lights: tuple[Distant, ...]
-    environment: Environment | None
-    base_colour: tuple[float, float, float]
-    objects: tuple[Mesh, ...]
-    transparent: bool
 
 
 def describe_surface(options: Options) -> SurfaceDescription:

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from mesoshell.cli.description import Description, SurfaceDescription, describe, describe_surface
+from mesoshell.cli.description import Description, describe, describe_surface
 from mesoshell.cli.render import Options
 from mesoshell.cli.rendering import Picture, say_effects
 from mesoshell.errors import InputError
@@ -22,6 +22,7 @@ from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.worn import SurfaceMaterial
 from mesoshell.render.quality import PRESETS
+from mesoshell.silhouette.scene import SurfaceDescription
 from mesoshell.silhouette.wear import wear
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)

@@ -1,9 +1,7 @@
 """Pictures of a mesh that wears a surface material, one query a hit: `mesoshell render` with a bundle of kind "silhouette"."""
 
 import time
-from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -14,11 +12,10 @@ from mesoshell.cli.render import Options
 from mesoshell.cli.rendering import Picture, say_effects
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.material import find
-from mesoshell.io.surface import SurfaceBundle, read_surface
+from mesoshell.io.surface import read_surface
 from mesoshell.render.quality import PRESETS
-from mesoshell.silhouette.material import SurfaceConfig, tables
-from mesoshell.silhouette.renderer import Ready, SurfaceScene, plan, render
-from mesoshell.train.surface_snapshot import surface_of
+from mesoshell.silhouette.ready import ready
+from mesoshell.silhouette.renderer import SurfaceScene, plan, render
 
 
 def picture(options: Options, console: Console) -> Picture:
@@ -27,8 +24,7 @@ def picture(options: Options, console: Console) -> Picture:
     compiled = keep_compiled()
     bundle, quality = read_surface(find(options.material)), PRESETS[options.quality]
     d = describe_surface(options)
-    of_both = {name: getattr(d, name) for name in SurfaceScene.__dataclass_fields__ if name != "ready"}
-    scene = SurfaceScene(ready=ready(bundle), **of_both)
+    scene = SurfaceScene(**vars(d), ready=ready(bundle))
     effects = plan(scene, is_convex(scene.mesh))
     if options.explain:
         say_effects(console, effects.as_dict())
@@ -49,14 +45,3 @@ def picture(options: Options, console: Console) -> Picture:
         "compile_seconds": sum(compiled),
     }
     return Picture(image.astype(np.float32), {"setup": setup, **report.seconds}, record)
-
-
-def ready(bundle: SurfaceBundle) -> Ready:
-    """A bundle's network, ready to be asked."""
-    hidden = tuple(
-        bundle.arrays[f"reflectance/hidden/{i}/bias"].shape[0]
-        for i in range(sum(key.startswith("reflectance/hidden/") for key in bundle.arrays) // 2)
-    )
-    asked: Any = (bundle.opacity, bundle.sees_curvature, bundle.step, bundle.offset)
-    config = SurfaceConfig(bundle.texels, bundle.channels, hidden, *asked)
-    return Ready(config, tables(surface_of(bundle), jnp.asarray(1e-3, jnp.float32)), bundle.curvature)

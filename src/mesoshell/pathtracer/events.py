@@ -81,23 +81,11 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
         leave = exit_distance(here, sample.xi.z, d, size) + ADVANCE * size
         return segment(ray, sample.t, x + leave * d, d, dr.maximum(far - leave, 0), True, opening, pdf)
 
-    shadow = away(ds.d, ds.dist * (1 - SHY), dr.select(ds.delta, 0, opening), ds.pdf)
-    if numbers is None:
-        (value,) = world.media.rho(sample, features, view, [asked])
-        return last(value, density(here, ds.d), shadow)
-    drawn, local, pdf = draw(here, numbers)
-    value, weight = world.media.rho(sample, features, view, [asked, local])
-    weight = dr.select(pdf > 0, weight / dr.select(pdf > 0, pdf, 1), 0)
-    return Event(
-        mi.Color3f(value),
-        density(here, ds.d),
-        shadow,
-        mi.Color3f(weight),
-        mi.Float(pdf),
-        mi.Bool(False),
-        mi.Float(1),
-        away(drawn, dr.inf, opening, pdf),
-    )
+    def rho(directions):
+        return world.media.rho(sample, features, view, directions)
+
+    drawn = None if numbers is None else draw(here, numbers)
+    return scattered(ds, asked, density(here, ds.d), rho, drawn, away, opening)
 
 
 def at_worn(world, met, ray, ds, numbers, opening) -> Event:
@@ -111,22 +99,33 @@ def at_worn(world, met, ray, ds, numbers, opening) -> Event:
         return segment(ray, met.t, x + mi.Vector3d(off * met.normal), d, far, False, opening, pdf)
 
     asked = canonical(here, ds.d)
+
+    def rho(directions):
+        return world.worn.rho(met, directions)
+
+    drawn = None if numbers is None else draw_around(here, numbers)
+    return scattered(ds, asked, density_around(here, ds.d), rho, drawn, away, opening)
+
+
+def scattered(ds, asked, p, rho, drawn, away, opening) -> Event:
+    """asked, p: the emitter's direction in the material's frame, and its density; rho: of directions; drawn: a direction, it
+    in that frame, and its density; or none if the path ends here; away: the segment from here in a direction."""
     shadow = away(ds.d, ds.dist * (1 - SHY), dr.select(ds.delta, 0, opening), ds.pdf)
-    if numbers is None:
-        (value,) = world.worn.rho(met, [asked])
-        return last(value, density_around(here, ds.d), shadow)
-    drawn, local, pdf = draw_around(here, numbers)
-    value, weight = world.worn.rho(met, [asked, local])
+    if drawn is None:
+        (value,) = rho([asked])
+        return last(value, p, shadow)
+    d, local, pdf = drawn
+    value, weight = rho([asked, local])
     weight = dr.select(pdf > 0, weight / dr.select(pdf > 0, pdf, 1), 0)
     return Event(
         mi.Color3f(value),
-        density_around(here, ds.d),
+        p,
         shadow,
         mi.Color3f(weight),
         mi.Float(pdf),
         mi.Bool(False),
         mi.Float(1),
-        away(drawn, dr.inf, opening, pdf),
+        away(d, dr.inf, opening, pdf),
     )
 
 

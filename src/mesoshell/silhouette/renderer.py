@@ -23,15 +23,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.geometry.mesh import Mesh
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
-from mesoshell.render.camera import Camera, pixel_grid, rays
+from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.cone import pixel_radius
 from mesoshell.render.effects import Effect
-from mesoshell.render.light import Beam, Distant, Environment, beams, lookup
+from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality
 from mesoshell.silhouette.material import Place, SurfaceConfig, Tables, reflectance, seen
+from mesoshell.silhouette.ready import Ready
+from mesoshell.silhouette.scene import SurfaceDescription
 from mesoshell.silhouette.surface import ADVANCE, Dressed, Hits, Local
 from mesoshell.silhouette.wear import wear
 from mesoshell.typing import Array
@@ -41,27 +42,10 @@ RAYS, MOST = 32768, 24
 
 
 @dataclass(frozen=True, eq=False)
-class Ready:
-    """A material ready to be asked. curvature: the range of κ that it was trained for."""
+class SurfaceScene(SurfaceDescription):
+    """What is rendered, with what."""
 
-    config: SurfaceConfig
-    table: Tables
-    curvature: tuple[float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class SurfaceScene:
-    """What is rendered. period: world length of one period of the texture; base_colour: of further objects, diffuse."""
-
-    mesh: Mesh
     ready: Ready
-    period: float
-    camera: Camera
-    lights: tuple[Distant, ...]
-    environment: Environment | None
-    base_colour: tuple[float, float, float]
-    objects: tuple[Mesh, ...]
-    transparent: bool
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from jaxtyping import Float
 from mesoshell.io.image import tonemap
 from mesoshell.io.patches import Patches
 from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
-from mesoshell.nets.mlp import Dense
-from mesoshell.silhouette.material import Module, Surface, blurred
+from mesoshell.silhouette.material import Surface, blurred
+from mesoshell.silhouette.ready import surface_of
 from mesoshell.train.snapshot import commit
 from mesoshell.train.surface import Asked, SurfaceState, SurfaceTraining, ask, asked, blur_at
 from mesoshell.typing import Array
@@ -60,19 +60,6 @@ def bundle(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Surfa
         provenance=about,
         arrays=arrays,
     )
-
-
-def surface_of(found: SurfaceBundle) -> Surface:
-    """The network of a bundle, its textures as they are."""
-
-    def module(name: str) -> Module:
-        a = {key.removeprefix(name + "/"): x for key, x in found.arrays.items() if key.startswith(name + "/")}
-        layer = lambda key: Dense(jnp.asarray(a[f"{key}/kernel"]), jnp.asarray(a[f"{key}/bias"]))  # noqa: E731
-        levels = [jnp.asarray(a[f"texture/{i}"], jnp.float32) for i in range(found.texels.bit_length())]
-        depth = sum(key.startswith("hidden/") and key.endswith("kernel") for key in a)
-        return Module(levels, [layer(f"hidden/{i}") for i in range(depth)], layer("last"))
-
-    return Surface(*(module(name) for name in Surface._fields))
 
 
 def painter(config: SurfaceTraining, path: Path) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:

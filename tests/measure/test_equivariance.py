@@ -39,7 +39,7 @@ def random(request):
 
 
 def test_whole_texels_are_fractions_of_inner_samples_and_lose_nothing(random: Any) -> None:
-    assert of(eq_t, random, (1.0, 3.0)) > 60  # 68 to 70 measured; the least that is asked for is 45
+    assert of(eq_t, random, (1.0, 3.0)) > 55  # 59 to 75 measured; the least that is asked for is 45
 
 
 def test_parts_of_a_texel_lose_what_lies_near_half_the_rate(random: Any) -> None:
@@ -59,7 +59,7 @@ def test_the_interpolation_follows_waves(frequency: float, monkeypatch) -> None:
     angle = 0.7
 
     def texture(config: GeneratorConfig, maker, w, phases) -> np.ndarray:
-        turn, by = np.radians(config.turn), phases.input[0, 0]
+        turn, by = np.radians(config.turn), phases.input[0, 0, 0]
         v, u = np.mgrid[:192, :192] + 0.5 - 96
         f = frequency * np.array([np.cos(angle + turn), np.sin(angle + turn)])
         return np.sin(2 * np.pi * (f[0] * v + f[1] * u - float(by) + 0.2))[..., None]

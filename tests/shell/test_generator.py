@@ -20,7 +20,9 @@ from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of, rows_of,
 from mesoshell.signal.fourier import shifted_phase
 from mesoshell.typing import Array
 
-SMALL = GeneratorConfig(texels=32, channel_base=256, channel_max=8, channels=4, waves=2, z=8, w=8, height_rows=16)
+SMALL = GeneratorConfig(
+    texels=32, channel_base=256, channel_max=8, channels=4, waves=2, drift=1.5, z=8, w=8, height_rows=16
+)
 
 
 def made(config: GeneratorConfig, tile: tuple[int, int], size: tuple[int, int], phases: Phases | None = None) -> Array:
@@ -57,7 +59,7 @@ def test_far_away_it_is_the_same_material() -> None:
 @pytest.mark.parametrize("fourier", ["frozen", "off"])
 def test_variants_of_the_ablations(fourier) -> None:
     config = replace(SMALL, fourier=fourier)
-    _, layers = frequencies_of(config)
+    layers = frequencies_of(config).layers
     assert any(len(f) for f in layers) == (fourier == "frozen")
     a, b = (draw_phases(config, jax.random.key(k), 2) for k in (0, 1))
     assert (jnp.array_equal(a.input, b.input)) == (fourier == "frozen")
@@ -66,7 +68,7 @@ def test_variants_of_the_ablations(fourier) -> None:
 
 def test_maps_are_as_strong_as_they_learn_to_be() -> None:
     """A strength for each channel of each layer that has a map; without it, the layer's phases say nothing."""
-    rows, (_, layers) = rows_of(SMALL), frequencies_of(SMALL)
+    rows, layers = rows_of(SMALL), frequencies_of(SMALL).layers
     has = [i for i, f in enumerate(layers) if len(f)]
     generator, averages = init_generator(SMALL, jax.random.key(0)), init_averages(SMALL)
     for i, strength in zip(has, generator.strength, strict=True):
@@ -81,7 +83,8 @@ def test_maps_are_as_strong_as_they_learn_to_be() -> None:
 
 
 def test_maps_lie_between_the_cutoffs_and_the_last_layers_have_none() -> None:
-    first, layers = frequencies_of(SMALL)
+    first, layers, slow = frequencies_of(SMALL)
+    assert slow.shape == (8, 2)
     rows = rows_of(SMALL)
     assert np.hypot(*first.T).max() / 2**16 <= rows[0].in_cutoff
     for row, f in list(zip(rows, layers, strict=True))[1:13]:
@@ -92,6 +95,13 @@ def test_maps_lie_between_the_cutoffs_and_the_last_layers_have_none() -> None:
             and radius.max() <= row.out_cutoff + 1e-4
         )
     assert [len(f) for f in layers[13:]] == [0, 0]
+
+
+def test_drifting_maps_stay_below_half_the_rate_and_cannot_be_turned() -> None:
+    for row, m in zip(rows_of(SMALL), frequencies_of(SMALL).layers, strict=True):
+        assert np.abs(m).max(initial=0) <= (row.in_sampling_rate / 2 - 2) * 2**16
+    with pytest.raises(ValueError, match="turned"):
+        frequencies_of(replace(SMALL, turn=90.0))
 
 
 def test_spans_ask_for_what_the_filters_reach() -> None:
@@ -105,11 +115,14 @@ def test_spans_ask_for_what_the_filters_reach() -> None:
 def test_the_texture_moves_with_its_maps() -> None:
     """A translation by whole texels, which is a fraction of a sample in the inner layers."""
     phases = draw_phases(SMALL, jax.random.key(2), 1)
-    first, layers = frequencies_of(SMALL)
+    first, layers, slow = frequencies_of(SMALL)
     shift = jnp.array([1 / 32, 3 / 32], jnp.float32)
     moved = Phases(
-        shifted_phase(jnp.asarray(first), phases.input, shift),
-        [shifted_phase(jnp.asarray(f), p, shift) for f, p in zip(layers, phases.layers, strict=True)],
+        shifted_phase(jnp.asarray(first), jnp.asarray(slow), phases.input, shift),
+        [
+            shifted_phase(jnp.asarray(f), jnp.asarray(slow), p, shift)
+            for f, p in zip(layers, phases.layers, strict=True)
+        ],
     )
     a, b = made(SMALL, (0, 0), (40, 40), phases)[:, :-1, :-3], made(SMALL, (0, 0), (40, 40), moved)[:, 1:, 3:]
     assert 10 * jnp.log10(4 * jnp.var(a) / jnp.mean((a - b) ** 2)) > 45

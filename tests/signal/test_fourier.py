@@ -8,61 +8,117 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesoshell.signal.fourier import draw_frequencies, fourier_map, shifted_phase
+from mesoshell.signal.fourier import draw_drift, draw_frequencies, fourier_map, shifted_phase
 
 RATE = 64
 
 
-def exact(f: np.ndarray, phase: np.ndarray, i: int, j: int) -> np.ndarray:
-    """Γ at sample (i, j) of the plane, in 60 digits."""
+DRIFT = 1.5
+
+
+def exact(f: np.ndarray, slow: np.ndarray, phase: np.ndarray, i: int, j: int) -> np.ndarray:
+    """Γ of one sinusoid a channel at sample (i, j) of the plane, in 60 digits."""
     with mpmath.workdps(60):
         x = [(mpmath.mpf(2 * k + 1) / (2 * RATE)) for k in (i, j)]
-        cycles = [
-            (x[0] * int(a) + x[1] * int(b)) / 2**16 + mpmath.mpf(float(p)) for (a, b), p in zip(f, phase, strict=True)
-        ]
-        return np.array([float(mpmath.sin(2 * mpmath.pi * c)) for c in cycles])
+        n = len(slow)
+
+        def one(c: int) -> float:
+            turns = sum(x[axis] * int(f[c, axis]) for axis in (0, 1)) / 2**16 + mpmath.mpf(float(phase[0, c]))
+            waves = [
+                mpmath.sin(
+                    2
+                    * mpmath.pi
+                    * (x[axis] * int(slow[s, axis]) / 2**16 + mpmath.mpf(float(phase[1 + axis * n + s, c])))
+                )
+                for axis in (0, 1)
+                for s in range(n)
+            ]
+            return float(
+                mpmath.sin(2 * mpmath.pi * turns + DRIFT * sum(waves) * mpmath.sqrt(mpmath.mpf(2) / max(n, 1)))
+            )
+
+        return np.array([one(c) for c in range(len(f))])
+
+
+def drawn(seed: int, count: int, slow: int, batch: int = 1, low: float = 0.0, high: float = 8.0):
+    """f, δ and φ."""
+    rng = np.random.default_rng(seed)
+    f, phase = draw_frequencies(rng, count, low, high), rng.uniform(size=(batch, 1 + 2 * slow, count))
+    return jnp.asarray(f), jnp.asarray(draw_drift(rng, slow)), jnp.asarray(phase, jnp.float32)
 
 
 @settings(max_examples=30, deadline=None)
 @given(
-    patch=st.integers(-4096, 4096), other=st.integers(-4096, 4096), offset=st.integers(0, 63), seed=st.integers(0, 99)
+    patch=st.integers(-4096, 4096),
+    other=st.integers(-4096, 4096),
+    offset=st.integers(0, 63),
+    seed=st.integers(0, 99),
+    slow=st.sampled_from([0, 4]),
 )
-def test_values_at_4096_patches(patch: int, other: int, offset: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    f, phase = draw_frequencies(rng, 8, 4.0, 32.0), rng.uniform(size=8).astype(np.float32)
+def test_values_at_4096_patches(patch: int, other: int, offset: int, seed: int, slow: int) -> None:
+    f, m, phase = drawn(seed, 8, slow, low=4.0, high=32.0)
     i, j = patch * RATE + offset, other * RATE - offset
-    start = jnp.array([i, j], jnp.int32)
-    found = fourier_map(jnp.asarray(f), jnp.asarray(phase)[None], start, (2, 1), RATE)
+    found = fourier_map(f, m, phase, jnp.array([i, j], jnp.int32), (2, 1), RATE, drift=DRIFT)
     for k in (0, 1):
-        np.testing.assert_allclose(found[0, k, 0], exact(f, phase, i + k, j), rtol=0, atol=2e-6)
+        expected = exact(np.asarray(f), np.asarray(m), np.asarray(phase[0]), i + k, j)
+        np.testing.assert_allclose(found[0, k, 0], expected, rtol=0, atol=4e-6 if slow else 2e-6)
 
 
 def test_naive_arithmetic_would_fail_that() -> None:
-    rng = np.random.default_rng(0)
-    f, phase = draw_frequencies(rng, 64, 4.0, 32.0), rng.uniform(size=64).astype(np.float32)
+    f, m, phase = drawn(0, 64, 0, low=4.0, high=32.0)
     i = 4096 * RATE + 17
     x = np.float32((i + 0.5) / RATE)
-    cycles = (f.astype(np.float32) * np.float32(2**-16)) @ np.array([x, x], np.float32) + phase
+    cycles = (np.asarray(f, np.float32) * np.float32(2**-16)) @ np.array([x, x], np.float32) + np.asarray(phase[0, 0])
     naive = np.sin(np.float32(2 * np.pi) * cycles)
-    assert np.abs(naive - exact(f, phase, i, i)).max() > 0.05
+    assert np.abs(naive - exact(np.asarray(f), np.asarray(m), np.asarray(phase[0]), i, i)).max() > 0.05
 
 
-def test_tiles_are_parts_of_the_plane() -> None:
-    rng = np.random.default_rng(1)
-    f, phase = jnp.asarray(draw_frequencies(rng, 5, 0.0, 8.0)), jnp.asarray(rng.uniform(size=(2, 5)), jnp.float32)
-    whole = fourier_map(f, phase, jnp.array([-20, 7], jnp.int32), (40, 30), RATE)
-    part = fourier_map(f, phase, jnp.array([-8, 19], jnp.int32), (9, 11), RATE)
-    np.testing.assert_array_equal(part, whole[:, 12:21, 12:23])
+@pytest.mark.parametrize("slow", [0, 5])
+def test_tiles_are_parts_of_the_plane(slow: int) -> None:
+    f, m, phase = drawn(1, 10, slow, batch=2)
+    whole = fourier_map(f, m, phase, jnp.array([-20, 7], jnp.int32), (40, 30), RATE, 2, DRIFT)
+    part = fourier_map(f, m, phase, jnp.array([-8, 19], jnp.int32), (9, 11), RATE, 2, DRIFT)
+    assert whole.shape == (2, 40, 30, 5)
+    np.testing.assert_allclose(part, whole[:, 12:21, 12:23], rtol=0, atol=2e-6)
 
 
-def test_shifted_phases_move_the_map() -> None:
-    rng = np.random.default_rng(2)
-    f, phase = jnp.asarray(draw_frequencies(rng, 6, 1.0, 8.0)), jnp.asarray(rng.uniform(size=(1, 6)), jnp.float32)
-    moved = shifted_phase(f, phase, jnp.array([3 / RATE, -5 / RATE], jnp.float32))
+@pytest.mark.parametrize("slow", [0, 5])
+def test_shifted_phases_move_the_map(slow: int) -> None:
+    f, m, phase = drawn(2, 6, slow, low=1.0)
+    moved = shifted_phase(f, m, phase, jnp.array([3 / RATE, -5 / RATE], jnp.float32))
     start = jnp.array([0, 0], jnp.int32)
-    a = fourier_map(f, moved, start, (16, 16), RATE)
-    b = fourier_map(f, phase, start + jnp.array([-3, 5], jnp.int32), (16, 16), RATE)
-    np.testing.assert_allclose(a, b, rtol=0, atol=5e-6)
+    a = fourier_map(f, m, moved, start, (16, 16), RATE, drift=DRIFT)
+    b = fourier_map(f, m, phase, start + jnp.array([-3, 5], jnp.int32), (16, 16), RATE, drift=DRIFT)
+    np.testing.assert_allclose(a, b, rtol=0, atol=1e-5)
+
+
+def test_power_is_a_half_whatever_it_is_made_of() -> None:
+    for slow, waves in ((0, 1), (0, 4), (8, 1), (8, 4)):
+        f, m, phase = drawn(5, 32 * waves, slow, low=1.0)
+        power = jnp.mean(fourier_map(f, m, phase, jnp.zeros(2, jnp.int32), (512, 512), 32, waves, DRIFT) ** 2)
+        np.testing.assert_allclose(power, 0.5, rtol=0.03)
+
+
+def test_what_drifts_does_not_come_back() -> None:
+    """A sinusoid without drift is in step with itself again at some lags beyond one patch; with it, at none of twelve."""
+    rate, worst = 8, []
+    for slow in (0, 8):
+        f, m, phase = drawn(6, 4, slow, low=1.0, high=3.0)
+        found = fourier_map(f, m, phase, jnp.zeros(2, jnp.int32), (40 * rate, 40 * rate), rate, drift=DRIFT)
+        n, whole, peak = 28 * rate, np.asarray(found[0], np.float64), 0.0
+        for lag in np.ndindex(24, 24):
+            if max(lag) > 2:
+                other = whole[lag[0] * rate // 2 :, lag[1] * rate // 2 :][:n, :n]
+                peak = max(peak, np.abs((whole[:n, :n] * other).mean(axis=(0, 1))).max() / 0.5)
+        worst.append(peak)
+    assert worst[0] > 0.95 and worst[1] < 0.4, worst
+
+
+@given(count=st.integers(0, 40), seed=st.integers(0, 99))
+def test_slow_waves_lie_one_in_each_part_of_half_a_cycle(count: int, seed: int) -> None:
+    slow = draw_drift(np.random.default_rng(seed), count)
+    part = slow / 2**15 * count
+    assert slow.shape == (count, 2) and (np.abs(part - np.arange(count)[:, None] - 0.5) <= 0.5 + count / 2**15).all()
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 2.0), (4.0, 5.0)])
@@ -78,11 +134,12 @@ def test_frequencies_fill_their_annulus_evenly(low: float, high: float) -> None:
 
 
 def test_gradient_with_respect_to_phases_is_the_derivative() -> None:
-    rng = np.random.default_rng(4)
-    f = jnp.asarray(draw_frequencies(rng, 3, 0.0, 8.0))
+    f, m, _ = drawn(4, 3, 2)
     start = jnp.array([5, -9], jnp.int32)
     with jax.enable_x64(True):
-        phase = jnp.asarray(rng.uniform(size=(1, 3)))
-        found = jax.grad(lambda p: fourier_map(f, p, start, (4, 4), RATE).sum())(phase)
-        quarter = fourier_map(f, phase + 0.25, start, (4, 4), RATE)
-        np.testing.assert_allclose(found[0], 2 * np.pi * quarter[0].sum(axis=(0, 1)), rtol=1e-6)
+        phase = jnp.asarray(np.random.default_rng(4).uniform(size=(1, 5, 3)))
+        made = lambda p: fourier_map(f, m, p, start, (4, 4), RATE, drift=DRIFT).sum()  # noqa: E731
+        found, step = jax.grad(made)(phase), 1e-6
+        for at in np.ndindex(phase.shape):
+            there = (made(phase.at[at].add(step)) - made(phase.at[at].add(-step))) / (2 * step)
+            np.testing.assert_allclose(found[at], there, rtol=1e-6, atol=1e-7)

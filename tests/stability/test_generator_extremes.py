@@ -59,17 +59,20 @@ def test_activation_at_its_clamp(times: float, sign: float) -> None:
 
 @pytest.mark.parametrize("tile", [(2**20, -(2**20)), (-(2**20) + 1, 2**20 - 7)])
 def test_a_texture_65536_patches_away(tile: tuple[int, int]) -> None:
-    config = GeneratorConfig(16, "T", 32, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4)
+    config = GeneratorConfig(16, "T", 32, 4, 4, 4, drift=1.5, z=4, w=4, height_rows=8, height_width=4)
     generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
     w, phases = jax.random.normal(jax.random.key(1), (1, 4)), draw_phases(config, jax.random.key(2), 1)
 
+    f = frequencies_of(config)
+
     def turned(phase: jax.Array, frequencies: np.ndarray) -> jax.Array:
         x = [Fraction(at, CELL) for at in tile]
-        cycles = [float(sum(Fraction(int(m), 2**16) * v for m, v in zip(f, x, strict=True)) % 1) for f in frequencies]
-        return jnp.asarray(np.asarray(phase, np.float64) + np.array(cycles)[None], jnp.float32)
+        step = [sum(Fraction(int(m), 2**16) * v for m, v in zip(row, x, strict=True)) for row in frequencies]
+        slow = [Fraction(int(m), 2**16) * v for axis, v in zip(f.slow.T, x, strict=True) for m in axis]
+        cycles = np.array([[float(c % 1) for c in step]] + [[float(c % 1)] * len(step) for c in slow])
+        return jnp.asarray(np.asarray(phase, np.float64) + cycles[None], jnp.float32)
 
-    first, layers = frequencies_of(config)
-    moved = Phases(turned(phases.input, first), [turned(p, f) for p, f in zip(phases.layers, layers, strict=True)])
+    moved = Phases(turned(phases.input, f.input), [turned(p, m) for p, m in zip(phases.layers, f.layers, strict=True)])
     run = jax.jit(lambda phases, tile: synthesise(config, generator, averages, w, phases, tile, (16, 16)).feature)
     far, near = run(phases, jnp.array(tile, jnp.int32)), run(moved, jnp.zeros(2, jnp.int32))
     assert float(jnp.std(near)) > 1e-3

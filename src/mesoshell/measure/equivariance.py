@@ -34,11 +34,12 @@ def eq_t(
     config: GeneratorConfig, maker: tuple[Generator, Averages], w: Array, phases: Phases, d: tuple[float, float]
 ) -> float:
     """EQ-T in dB. w: (1, W); phases: of one texture."""
-    first, layers = frequencies_of(config)
+    f = frequencies_of(config)
+    slow = jnp.asarray(f.slow)
     by = jnp.asarray(np.array(d) / config.texels, jnp.float32)
     moved = Phases(
-        shifted_phase(jnp.asarray(first), phases.input, by),
-        [shifted_phase(jnp.asarray(f), p, by) for f, p in zip(layers, phases.layers, strict=True)],
+        shifted_phase(jnp.asarray(f.input), slow, phases.input, by),
+        [shifted_phase(jnp.asarray(m), slow, p, by) for m, p in zip(f.layers, phases.layers, strict=True)],
     )
     expected = _texture(config, maker, w, phases)
     for axis, texels in enumerate(d):

@@ -3,7 +3,8 @@
 Alphabet
 z, β        what is drawn, and geometry parameters in [0, 1]                     (B, Z), (B, G)
 w           what a layer's styles come from: mapping(z, β)                        (B, W), or on nodes about a tile (shell/nodes)
-Γ_l         Fourier map added to the input of layer l, `waves` sinusoids a channel; their phases φ_l   cycles, (B, waves · C_l)
+Γ_l         Fourier map added to the input of layer l (signal/fourier)
+φ_l         its phases                                                            cycles, (B, J, waves · C_l)
 a_l         strength of Γ_l, learned                                               (C_l,)
 F           feature texture                                                       (B, v, u, C)
 F(h)        height feature                                                        (B, R, C)
@@ -69,14 +70,14 @@ class Averages(NamedTuple):
 class Phases(NamedTuple):
     """φ of the input's map and of each layer's; a layer without a map has none of its channels."""
 
-    input: Float[Array, "B C"]
-    layers: list[Float[Array, "B _c"]]
+    input: Float[Array, "B J C"]
+    layers: list[Float[Array, "B J _c"]]
 
 
 def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
     """Unit normal weights throughout, scaled when they are used: then all learn at one rate."""
     keys = iter(jax.random.split(key, 64))
-    rows, (_, maps) = rows_of(config), frequencies_of(config)
+    rows, maps = rows_of(config), frequencies_of(config).layers
 
     def dense(inputs: int, outputs: int, bias: float, scale: float = 1.0) -> Dense:
         kernel = jax.random.normal(next(keys), (inputs, outputs), jnp.float32) * scale
@@ -109,17 +110,15 @@ def init_averages(config: GeneratorConfig) -> Averages:
 def draw_phases(config: GeneratorConfig, key: Key[Array, ""], batch: int) -> Phases:
     """φ ~ U(0, 1), for each texture of the batch; the same for all calls if they are frozen."""
     key = jax.random.key(config.seed) if config.fourier == "frozen" else key
-    first, layers = frequencies_of(config)
-    keys = jax.random.split(key, 1 + len(layers))
-    drawn = [
-        _uniform(k, len(f), batch, config.fourier == "frozen") for k, f in zip(keys, (first, *layers), strict=True)
-    ]
-    return Phases(drawn[0], drawn[1:])
+    f = frequencies_of(config)
+    keys, same = jax.random.split(key, 1 + len(f.layers)), config.fourier == "frozen"
 
+    def drawn(k: Array, sinusoids: int) -> Array:
+        shape = (1 + f.slow.size, sinusoids)
+        found = jax.random.uniform(k, (1 if same else batch, *shape), jnp.float32)
+        return jnp.broadcast_to(found, (batch, *shape))
 
-def _uniform(key: Key[Array, ""], channels: int, batch: int, same: bool) -> Float[Array, "B C"]:
-    drawn = jax.random.uniform(key, (1 if same else batch, channels), jnp.float32)
-    return jnp.broadcast_to(drawn, (batch, channels))
+    return Phases(drawn(keys[0], len(f.input)), [drawn(k, len(m)) for k, m in zip(keys[1:], f.layers, strict=True)])
 
 
 def map_latent(generator: Generator, z: Float[Array, "B Z"], beta: Float[Array, "B G"]) -> Float[Array, "B W"]:
@@ -166,13 +165,14 @@ def synthesise(
 ) -> Texture:
     """F on `size` texels along (v, u) from the tile's corner on. w on nodes: from `reach` patches before that corner on."""
     rows = rows_of(config)
-    first, layers = frequencies_of(config)
+    frequencies = frequencies_of(config)
     along = list(zip(spans(rows, size[0]), spans(rows, size[1]), strict=True))
 
     def wave(f: np.ndarray, phase: Array, row: LayerRow, at: tuple[Span, Span]) -> Array:
+        f, size, slow = jnp.asarray(f), (at[0].size, at[1].size), jnp.asarray(frequencies.slow)
         rate = int(row.in_sampling_rate)
         start = tile * (rate // CELL) + jnp.array([at[0].first, at[1].first], jnp.int32)
-        return fourier_map(jnp.asarray(f), phase, start, (at[0].size, at[1].size), rate, config.waves)
+        return fourier_map(f, slow, phase, start, size, rate, config.waves, config.drift)
 
     def styled(layer: Styled, row: LayerRow, at: tuple[Span, Span]) -> Array:
         style = _style(layer, w, row.is_torgb)
@@ -184,11 +184,11 @@ def synthesise(
         return spread_out(style, (v, u))
 
     short = jnp.bfloat16 if config.precision == "bfloat16" else w.dtype
-    x = wave(first, phases.input, rows[0], along[0]) @ (generator.mix / generator.mix.shape[0] ** 0.5)
+    x = wave(frequencies.input, phases.input, rows[0], along[0]) @ (generator.mix / generator.mix.shape[0] ** 0.5)
     seen, strength = [], iter(generator.strength)
     for i, (row, layer, at) in enumerate(zip(rows, generator.layers, along, strict=True)):
-        if len(layers[i]):
-            x = x + wave(layers[i], phases.layers[i], row, at) * next(strength)[None, None, None]
+        if len(frequencies.layers[i]):
+            x = x + wave(frequencies.layers[i], phases.layers[i], row, at) * next(strength)[None, None, None]
         seen.append(jax.lax.stop_gradient(jnp.mean(x.astype(jnp.float32) ** 2)))
         how = Activation(row, (*at[1].pad, *at[0].pad))
         layer = layer._replace(weight=layer.weight.astype(short))

@@ -15,20 +15,23 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from mesoshell.signal.fourier import draw_frequencies, turned
+from mesoshell.signal.fourier import draw_drift, draw_frequencies, turned
 from mesoshell.signal.schedule import Config, LayerRow, layer_schedule
 
 #: Cells a patch: the rate of the coarsest layer. Tiles begin at whole cells.
 CELL = 16
+#: Slow waves that a drift is made of; cycles a patch by which a drift may turn a sinusoid faster or slower.
+SLOW, ASIDE = 8, 2.0
 
 
 @dataclass(frozen=True)
 class GeneratorConfig:
     """texels a patch, a power of two; layers before the output; planes: one and a height feature, or three (shell/triplane);
-    waves: sinusoids a channel of a Fourier map (the paper: 1; docs/generator.md says why the presets have more); fourier: maps
-    in every layer with phases drawn a texture ("random"), always the same ("frozen"), or none beyond the input ("off"); turn:
-    of the maps about the origin, degrees from v toward u; precision: of the convolutions. A field that is added has a default
-    that means what was so before it: bundles and records may lack it."""
+    waves: sinusoids a channel of a Fourier map; drift: of their phases, radians (signal/fourier; the paper has 1 and 0, and
+    docs/generator.md says why the presets have more); fourier: maps in every layer with phases drawn a texture ("random"),
+    always the same ("frozen"), or none beyond the input ("off"); turn: of maps without drift about the origin, degrees from v
+    toward u; precision: of the convolutions. A field that is added has a default that means what was so before it: bundles and
+    records may lack it."""
 
     texels: int = 64
     config: Config = "T"
@@ -38,6 +41,7 @@ class GeneratorConfig:
     layers: int = 14
     planes: Literal[1, 3] = 1
     waves: int = 1
+    drift: float = 0.0
     z: int = 64
     w: int = 64
     betas: int = 0
@@ -56,19 +60,28 @@ def rows_of(config: GeneratorConfig) -> tuple[LayerRow, ...]:
     return tuple(layer_schedule(config.texels, config.config, *sizes))
 
 
+class Frequencies(NamedTuple):
+    """f of the input's map and of each layer's, which lie between the cutoffs of the layer's input and output; and δ."""
+
+    input: Int[np.ndarray, "C 2"]
+    layers: list[Int[np.ndarray, "_c 2"]]
+    slow: Int[np.ndarray, "I 2"]
+
+
 @lru_cache
-def frequencies_of(config: GeneratorConfig) -> tuple[Int[np.ndarray, "C 2"], list[Int[np.ndarray, "_c 2"]]]:
-    """Frequencies of the input's map and of each layer's, which lie between the cutoffs of the layer's input and output."""
-    rng = np.random.default_rng(config.seed)
-    rows = rows_of(config)
+def frequencies_of(config: GeneratorConfig) -> Frequencies:
+    if config.turn and config.drift:
+        raise ValueError("maps whose phases drift cannot be turned")
+    rng, rows = np.random.default_rng(config.seed), rows_of(config)
     first = turned(draw_frequencies(rng, config.waves * rows[0].in_channels, 0.0, rows[0].in_cutoff), config.turn)
     layers = []
     for i, row in enumerate(rows):
         low = 0.0 if i == 0 else row.in_cutoff
-        empty = low >= row.out_cutoff or config.fourier == "off"
-        drawn = draw_frequencies(rng, 0 if empty else config.waves * row.in_channels, low, row.out_cutoff)
+        high = min(row.out_cutoff, row.in_sampling_rate / 2 - ASIDE * (config.drift > 0))
+        empty = low >= high or config.fourier == "off"
+        drawn = draw_frequencies(rng, 0 if empty else config.waves * row.in_channels, low, max(low, high))
         layers.append(turned(drawn, config.turn))
-    return first, layers
+    return Frequencies(first, layers, draw_drift(rng, SLOW if config.drift else 0))
 
 
 class Span(NamedTuple):

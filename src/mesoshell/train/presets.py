@@ -6,8 +6,8 @@ small    64²        64               base 4096, at most 64  a CPU over a day, o
 base     128²       128              base 8192, at most 128 a GPU
 paper    128²       256              base 32768, at most 512 8 GPUs over days (MesoGAN, section 5.1)
 
-γ follows 0.5 at 128² and batch 32, in proportion to pixels over batch. Fourier maps have 16 sinusoids a channel: textures
-repeat less (docs/generator.md).
+γ follows 0.5 at 128² and batch 32, in proportion to pixels over batch. Fourier maps have 16 sinusoids a channel, whose
+phases drift: textures do not repeat (docs/generator.md).
 """
 
 from mesoshell.shell.discriminator import DiscriminatorConfig
@@ -23,6 +23,7 @@ TINY = TrainConfig(
         channels=8,
         layers=6,
         waves=16,
+        drift=1.5,
         z=16,
         w=16,
         height_rows=16,
@@ -38,9 +39,11 @@ TINY = TrainConfig(
     snapshot_kimg=0.12,
     gamma=0.06,
 )
-SMALL = TrainConfig(generator=GeneratorConfig(waves=16), views=2, near_kimg=1.5)
+SMALL = TrainConfig(generator=GeneratorConfig(waves=16, drift=1.5), views=2, near_kimg=1.5)
 BASE = TrainConfig(
-    generator=GeneratorConfig(texels=128, channel_base=8192, channel_max=128, waves=16, z=128, w=128, height_rows=128),
+    generator=GeneratorConfig(
+        texels=128, channel_base=8192, channel_max=128, waves=16, drift=1.5, z=128, w=128, height_rows=128
+    ),
     discriminator=DiscriminatorConfig(size=128, channel_base=16384, channel_max=256, embedding=128),
     picture=PictureConfig(size=128, samples=32, texels=128, height_rows=128),
     trunk=(64, 64),
@@ -52,7 +55,9 @@ BASE = TrainConfig(
     gamma=1.0,
 )
 PAPER = TrainConfig(
-    generator=GeneratorConfig(texels=256, channel_base=32768, channel_max=512, waves=16, z=512, w=512, height_rows=256),
+    generator=GeneratorConfig(
+        texels=256, channel_base=32768, channel_max=512, waves=16, drift=1.5, z=512, w=512, height_rows=256
+    ),
     discriminator=DiscriminatorConfig(size=128, channel_base=32768, channel_max=512, embedding=512),
     picture=PictureConfig(size=128, samples=64, texels=256, height_rows=256),
     trunk=(64, 64),

@@ -16,6 +16,9 @@ class Options:
     material: tyro.conf.Positional[str]
     #: The bundle to write.
     out: Path
+    #: A further file: the shell's bundle with the surface material in it, of which `mesoshell render` takes the latter where
+    #: footprints are so wide that it is as good.
+    twin: Path | None = None
     #: Folder of queries, checkpoints and log; OUT without .npz if not given.
     run: Path | None = None
     #: NAME=VALUE of the shell's parameters; may be repeated. A surface material has none of its own.

@@ -12,14 +12,17 @@ from mesoshell.cli.material import given
 from mesoshell.cli.mesostructures import written
 from mesoshell.cli.training import learn
 from mesoshell.errors import InputError
-from mesoshell.io.bundle import read_bundle
+from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.material import find, normalised
 from mesoshell.io.patches import read_patches
 from mesoshell.io.surface import write_surface
+from mesoshell.io.twin import Twin
+from mesoshell.measure.queries import errors_by_radius
 from mesoshell.mesostructure.render import Settings
 from mesoshell.shell.scene import ready
 from mesoshell.train.presets import PRESETS
-from mesoshell.train.surface import surface_as
+from mesoshell.train.surface import fitted, held_out, surface_as
+from mesoshell.train.surface_snapshot import painter
 from mesoshell.train.teach import Teacher, answers
 
 
@@ -51,7 +54,16 @@ def distill(options: Options) -> None:
     written(settings, answers(found.layout, teacher), options.patches, run / "queries")
     config = surface_as(PRESETS[options.preset])
     config = config if options.kimg is None else replace(config, kimg=options.kimg)
-    learn(config, read_patches(run / "queries"), run)
+    data = read_patches(run / "queries")
+    learn(config, data, run)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    write_surface(options.out, newest_surface(run))
+    surface = newest_surface(run)
+    write_surface(options.out, surface)
     print(options.out)
+    if options.twin is not None:
+        config, data = fitted(config, data)
+        errors = errors_by_radius(painter(config, options.out), held_out(data)[1])
+        options.twin.parent.mkdir(parents=True, exist_ok=True)
+        twin = Twin(surface, tuple(map(float, alpha)), options.base, errors)
+        write_bundle(options.twin, replace(bundle, twin=twin))
+        print(options.twin)

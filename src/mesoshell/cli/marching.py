@@ -6,6 +6,7 @@ stretch     world length of one UV unit, averaged over the surface
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
@@ -15,6 +16,8 @@ from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.description import describe
 from mesoshell.cli.render import Options
 from mesoshell.cli.rendering import Picture, say_effects
+from mesoshell.cli.standing import twin_facts, twin_scene
+from mesoshell.cli.surfacing import shown
 from mesoshell.geometry.mesh import bounding_box, is_convex, uv_stretch
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import find
@@ -23,6 +26,7 @@ from mesoshell.render.effects import Facts, plan_effects
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.renderer import render
 from mesoshell.shell.scene import Scene, ready
+from mesoshell.silhouette.renderer import plan
 
 
 def picture(options: Options, console: Console) -> Picture:
@@ -37,7 +41,18 @@ def picture(options: Options, console: Console) -> Picture:
         scene, notes = build_scene(options, bundle, lambda share: bar.update(task, completed=share))
     for note in notes:
         console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
-    effects = plan_effects(facts(scene, quality), quality)
+    twin = twin_facts(options, bundle, scene, quality)
+    effects = plan_effects(replace(facts(scene, quality), twin=twin), quality)
+    if bundle.twin is not None and effects.twin.on:
+        standing = twin_scene(scene, bundle.twin)
+        own = plan(standing, is_convex(standing.mesh))
+        if options.explain:
+            say_effects(console, {"twin": effects.as_dict()["twin"]} | own.as_dict())
+        setup = time.perf_counter() - begin
+        image, seconds, record = shown(standing, quality, own, console)
+        record["effects"] |= {"twin": effects.as_dict()["twin"]}
+        record |= {"provenance": bundle.provenance, "compile_seconds": sum(compiled)}
+        return Picture(image, {"setup": setup} | seconds, record)
     if options.explain:
         say_effects(console, effects.as_dict())
     setup = time.perf_counter() - begin

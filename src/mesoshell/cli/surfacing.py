@@ -1,6 +1,7 @@
 """Pictures of a mesh that wears a surface material, one query a hit: `mesoshell render` with a bundle of kind "silhouette"."""
 
 import time
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -13,9 +14,9 @@ from mesoshell.cli.rendering import Picture, say_effects
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.material import find
 from mesoshell.io.surface import read_surface
-from mesoshell.render.quality import PRESETS
+from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.silhouette.ready import ready
-from mesoshell.silhouette.renderer import SurfaceScene, plan, render
+from mesoshell.silhouette.renderer import SurfaceEffects, SurfaceScene, plan, render
 
 
 def picture(options: Options, console: Console) -> Picture:
@@ -29,11 +30,20 @@ def picture(options: Options, console: Console) -> Picture:
     if options.explain:
         say_effects(console, effects.as_dict())
     setup = time.perf_counter() - begin
+    image, seconds, record = shown(scene, quality, effects, console, d.mesh.notes)
+    record |= {"provenance": bundle.provenance, "compile_seconds": sum(compiled)}
+    return Picture(image, {"setup": setup} | seconds, record)
+
+
+def shown(
+    scene: SurfaceScene, quality: Quality, effects: SurfaceEffects, console: Console, notes: tuple[str, ...] = ()
+) -> tuple[np.ndarray, dict[str, float], dict[str, Any]]:
+    """A picture, seconds by stage, and what the report says of it; a bar and notes on the console."""
     columns = (TextColumn("rendering"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=1.0)
         image, report = render(scene, quality, effects, lambda share: bar.update(task, completed=share))
-    for note in (*d.mesh.notes, *report.notes):
+    for note in (*notes, *report.notes):
         console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
     record = {
         "rays": report.counts.get("rays", 0),
@@ -41,7 +51,5 @@ def picture(options: Options, console: Console) -> Picture:
         "counts": report.counts,
         "effects": effects.as_dict(),
         "quality": quality.as_dict(),
-        "provenance": bundle.provenance,
-        "compile_seconds": sum(compiled),
     }
-    return Picture(image.astype(np.float32), {"setup": setup, **report.seconds}, record)
+    return image.astype(np.float32), report.seconds, record

@@ -29,13 +29,14 @@ manifest.json (a uint8 array: UTF-8 text of one JSON object), every field requir
     thickness      height of the unit box over the side of a patch: 1 is a cube     > 0, patches
     wraps          whether the texture is one patch that repeats, or has edges      true or false
     generator      null, or the configuration of the generator whose weights these are   numbers and text
+    twin           null, or of a surface material that was distilled from this (io/twin); it may be missing
     colour_space   "linear Rec. 709"
     provenance     an object about the origin: config, dataset, commit, metrics     free; it may be empty
 
 Arrays: the table `SHELL` below; i counts 0, 1, 2, … without a gap and j = i + 1. Without a generator, features, height and
 grid are required; with one they are all there or all missing, and generator/… holds its weights, whose shapes follow from its
 configuration (`shell/generated` checks them). heights is there if geometry varies over the texture: F(h) at the corners of its
-patches, bilinear between them; height is then their mean.
+patches, bilinear between them; height is then their mean. twin/… holds the arrays of the distilled surface material.
 
 A feature level has half the texels of the one before along each axis: of a texture that wraps max(1, n // 2), down to 1; of one
 with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a power of two). There is a grid for each level: its cells
@@ -58,6 +59,7 @@ import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
+from mesoshell.io.twin import PREFIX, Twin, check_twin_heads, checked_twin, twin_arrays, twin_manifest, twin_of
 
 SCHEMA = 2
 MANIFEST = "manifest.json"
@@ -114,6 +116,7 @@ class Bundle:
     arrays: dict[str, np.ndarray]
     wraps: bool = True
     generator: dict[str, Any] | None = None
+    twin: Twin | None = None
 
     @property
     def baked(self) -> bool:
@@ -142,6 +145,7 @@ _MANIFEST_RULES: Rules = {
     "provenance": ("an object", lambda x: isinstance(x, dict)),
     "wraps": ("true or false", lambda x: type(x) is bool),
     "generator": ("null or an object", lambda x: x is None or isinstance(x, dict)),
+    "twin": ("null or an object", lambda x: x is None or isinstance(x, dict)),
 }
 _PARAMETER_RULES: Rules = {
     "name": ("text", lambda x: isinstance(x, str)),
@@ -160,29 +164,38 @@ def read_bundle(path: str | PathLike[str]) -> Bundle:
         raise InputError(path, f"has no {MANIFEST} of type uint8: not a bundle")
     fields = _parsed(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes())
     _check_heads(path, fields, heads)
-    bundle = Bundle(**fields, arrays=read_arrays(path, heads))
-    _check_values(path, bundle.arrays)
-    return bundle
+    arrays = read_arrays(path, heads)
+    _check_values(path, arrays)
+    if fields["twin"] is not None:
+        fields["twin"] = twin_of(fields["twin"], arrays)
+        arrays = {key: array for key, array in arrays.items() if not key.startswith(PREFIX)}
+    return Bundle(**fields, arrays=arrays)
 
 
 def write_bundle(path: str | PathLike[str], bundle: Bundle) -> None:
     """Check a bundle as reading does, then write it. Raises InputError; what was at `path` is then as it was."""
     text = checked_manifest(path, bundle)
-    write_arrays(path, {MANIFEST: np.frombuffer(text, np.uint8)} | dict(sorted(bundle.arrays.items())))
+    write_arrays(path, {MANIFEST: np.frombuffer(text, np.uint8)} | dict(sorted(_all_arrays(bundle).items())))
 
 
 def checked_manifest(path: str | PathLike[str], bundle: Bundle) -> bytes:
     """The manifest's text, of a bundle that is checked as reading does."""
     manifest = {name: getattr(bundle, name) for name in _MANIFEST_RULES if name != "schema"} | {"schema": SCHEMA}
+    manifest["twin"] = None if bundle.twin is None else twin_manifest(bundle.twin)
     manifest["parameters"] = [dataclasses.asdict(parameter) for parameter in bundle.parameters]
     try:
         text = json.dumps(manifest, indent=1, sort_keys=True, allow_nan=False).encode()
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(path, f"cannot be written: {MANIFEST} is not JSON: {error}") from error
     fields = _parsed(path, text)
-    _check_heads(path, fields, {key: (array.shape, array.dtype) for key, array in bundle.arrays.items()})
-    _check_values(path, bundle.arrays)
+    arrays = _all_arrays(bundle)
+    _check_heads(path, fields, {key: (array.shape, array.dtype) for key, array in arrays.items()})
+    _check_values(path, arrays)
     return text
+
+
+def _all_arrays(bundle: Bundle) -> dict[str, np.ndarray]:
+    return bundle.arrays | ({} if bundle.twin is None else twin_arrays(bundle.twin))
 
 
 def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
@@ -191,7 +204,11 @@ def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
         fields = json.loads(text.decode())
     except (ValueError, RecursionError) as error:
         raise InputError(path, f"{MANIFEST} is not JSON: {error}") from error
+    if isinstance(fields, dict):
+        fields.setdefault("twin", None)
     _check_entry(path, MANIFEST, fields, _MANIFEST_RULES)
+    if fields["twin"] is not None:
+        fields["twin"] = checked_twin(path, MANIFEST, fields["twin"])
     for i, entry in enumerate(fields["parameters"]):
         where = f"{MANIFEST}: parameter {i}"
         _check_entry(path, where, entry, _PARAMETER_RULES)
@@ -252,6 +269,9 @@ def _sizes(fields: dict[str, Any], heads: dict[str, Head]) -> tuple[dict[str, in
 
 def _check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[str, Head]) -> None:
     """The arrays against `SHELL`, in both directions, by name, shape and type."""
+    if fields["twin"] is not None:
+        check_twin_heads(path, fields["twin"], {key: head for key, head in heads.items() if key.startswith(PREFIX)})
+        heads = {key: head for key, head in heads.items() if not key.startswith(PREFIX)}
     sizes, counts = _sizes(fields, heads)
     expected = {
         pattern.format(i=i, j=i + 1): ([symbol.format(i=i, j=i + 1) for symbol in symbols], types)

@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.archive import read_arrays, read_heads, write_arrays
+from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
 
 SCHEMA, KIND, MANIFEST = 2, "silhouette", "manifest.json"
 #: What each module sees beside its texture, and what it gives.
@@ -67,25 +67,14 @@ def kind_of(path: str | PathLike[str]) -> str:
 def read_surface(path: str | PathLike[str]) -> SurfaceBundle:
     """Read and check a bundle. Raises InputError, one line, on any fault."""
     fields = _manifest(path)
-    names = {f.name for f in dataclasses.fields(SurfaceBundle)} - {"arrays"}
     fixed = {"schema": SCHEMA, "kind": KIND, "colour_space": "linear Rec. 709"}
     for name, value in fixed.items():
         if fields.pop(name, None) != value:
             raise InputError(path, f"{MANIFEST}: {name} is not {value!r}")
-    if fields.keys() != names:
-        raise InputError(path, f"{MANIFEST}: its fields are not {', '.join(sorted(names))}")
-    fault = _fault(fields)
-    if fault:
-        raise InputError(path, f"{MANIFEST}: {fault}")
-    fields["curvature"] = tuple(fields["curvature"])
+    fields = checked_fields(path, MANIFEST, fields)
     heads = read_heads(path)
     heads.pop(MANIFEST)
-    wanted = _shapes(fields, heads)
-    for key in sorted(wanted.keys() ^ heads.keys()):
-        raise InputError(path, f"array {key} is missing" if key in wanted else f"unexpected array {key!r}")
-    for key, (shape, dtype) in heads.items():
-        if shape != wanted[key] or dtype != (np.float16 if "/texture/" in key else np.float32):
-            raise InputError(path, f"array {key} is {dtype} of shape {shape}; expected shape {wanted[key]}")
+    check_heads(path, fields, heads)
     arrays = read_arrays(path, heads)
     for key, array in arrays.items():
         if not np.isfinite(array).all():
@@ -95,10 +84,38 @@ def read_surface(path: str | PathLike[str]) -> SurfaceBundle:
 
 def write_surface(path: str | PathLike[str], bundle: SurfaceBundle) -> None:
     """Write a bundle. Raises InputError if the file cannot be written."""
-    fields = {f.name: getattr(bundle, f.name) for f in dataclasses.fields(bundle) if f.name != "arrays"}
-    fields |= {"schema": SCHEMA, "kind": KIND, "colour_space": "linear Rec. 709"}
+    fields = fields_of(bundle) | {"schema": SCHEMA, "kind": KIND, "colour_space": "linear Rec. 709"}
     text = np.frombuffer(json.dumps(fields, indent=1, sort_keys=True).encode(), np.uint8)
     write_arrays(path, {MANIFEST: text, **dict(sorted(bundle.arrays.items()))})
+
+
+def fields_of(bundle: SurfaceBundle) -> dict[str, Any]:
+    """What the manifest says of a material alone."""
+    return {f.name: getattr(bundle, f.name) for f in dataclasses.fields(bundle) if f.name != "arrays"}
+
+
+def checked_fields(path: str | PathLike[str], where: str, fields: dict[str, Any]) -> dict[str, Any]:
+    """These, checked, as fields of a SurfaceBundle. Raises InputError."""
+    names = {f.name for f in dataclasses.fields(SurfaceBundle)} - {"arrays"}
+    if fields.keys() != names:
+        raise InputError(path, f"{where}: its fields are not {', '.join(sorted(names))}")
+    fault = _fault(fields)
+    if fault:
+        raise InputError(path, f"{where}: {fault}")
+    return fields | {"curvature": tuple(fields["curvature"])}
+
+
+def check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[str, Head], prefix: str = "") -> None:
+    """Names, shapes and types of the arrays, whose names begin with a prefix. Raises InputError."""
+    heads = {key.removeprefix(prefix): head for key, head in heads.items()}
+    wanted = _shapes(fields, heads)
+    for key in sorted(wanted.keys() ^ heads.keys()):
+        raise InputError(
+            path, f"array {prefix}{key} is missing" if key in wanted else f"unexpected array {prefix + key!r}"
+        )
+    for key, (shape, dtype) in heads.items():
+        if shape != wanted[key] or dtype != (np.float16 if "/texture/" in key else np.float32):
+            raise InputError(path, f"array {prefix}{key} is {dtype} of shape {shape}; expected shape {wanted[key]}")
 
 
 def _manifest(path: str | PathLike[str]) -> dict[str, Any]:
@@ -126,7 +143,7 @@ def _fault(fields: dict[str, Any]) -> str | None:
         "step": number(fields["step"]) and fields["step"] > 0,
         "offset": number(fields["offset"]),
         "sees_curvature": type(fields["sees_curvature"]) is bool,
-        "curvature": isinstance(curvature, list)
+        "curvature": isinstance(curvature, list | tuple)
         and len(curvature) == 2
         and all(map(number, curvature))
         and curvature[0] < curvature[1],

@@ -10,9 +10,19 @@ from mesoshell.render.quality import Quality
 
 
 @dataclass(frozen=True)
+class TwinFacts:
+    """Of a surface material that was distilled from the shell. finest: the least footprint (standard deviation) that the camera
+    can have on the shell, patches; errors: its error by footprint (io/twin); misfit: why it is not this shell's, or nothing."""
+
+    finest: float
+    errors: tuple[tuple[float, float], ...]
+    misfit: str
+
+
+@dataclass(frozen=True)
 class Facts:
-    """What the decisions rest on. finest and coarsest: the smallest and largest footprint in texels that the camera can
-    have on this mesh (one standard deviation to either side); convex: no part of the mesh can shadow another part."""
+    """What the decisions rest on. coarsest: the largest footprint in texels that the camera can have on this mesh (one standard
+    deviation to either side); convex: no part of the mesh can shadow another part."""
 
     lights: int
     environment: bool
@@ -21,6 +31,7 @@ class Facts:
     coarsest: float
     varying: tuple[str, ...]
     transparent: bool
+    twin: TwinFacts | None = None
 
 
 @dataclass(frozen=True)
@@ -42,6 +53,7 @@ class Effects:
     anisotropic_filtering: Effect
     varying_parameters: Effect
     background: Effect
+    twin: Effect
 
     def as_dict(self) -> dict[str, dict[str, object]]:
         return {name: {"on": e.on, "why": e.why} for name, e in vars(self).items()}
@@ -71,7 +83,32 @@ def plan_effects(facts: Facts, quality: Quality) -> Effects:
             if facts.environment and not facts.transparent
             else "the background is transparent",
         ),
+        twin=_twin(facts.twin, quality),
     )
+
+
+def twin_reach(errors: tuple[tuple[float, float], ...], bound: float) -> float:
+    """The least footprint, patches, from which on no error exceeds the bound; infinite if there is none."""
+    reach = float("inf")
+    for radius, error in reversed(errors):
+        if error > bound:
+            break
+        reach = radius
+    return reach
+
+
+def _twin(twin: TwinFacts | None, quality: Quality) -> Effect:
+    if twin is None:
+        return Effect(False, "the material has no distilled twin")
+    if quality.twin == 0:
+        return Effect(False, "switched off by quality")
+    if twin.misfit:
+        return Effect(False, f"the distilled twin is of another shell: {twin.misfit}")
+    reach = twin_reach(twin.errors, quality.twin)
+    if reach == float("inf"):
+        return Effect(False, f"its error is {twin.errors[-1][1]:.1%} from afar, above {quality.twin:.1%}")
+    said = f"footprints begin at {twin.finest:.2g} patches; its error is at most {quality.twin:.1%} from {reach:.2g} on"
+    return Effect(twin.finest >= reach, said)
 
 
 def _mesh_shadow(facts: Facts, lit: bool) -> Effect:

@@ -169,10 +169,10 @@ def synthesise(
     along = list(zip(spans(rows, size[0]), spans(rows, size[1]), strict=True))
 
     def wave(f: np.ndarray, phase: Array, row: LayerRow, at: tuple[Span, Span]) -> Array:
-        f, size, slow = jnp.asarray(f), (at[0].size, at[1].size), jnp.asarray(frequencies.slow)
+        size, slow = (at[0].size, at[1].size), jnp.asarray(frequencies.slow)
         rate = int(row.in_sampling_rate)
         start = tile * (rate // CELL) + jnp.array([at[0].first, at[1].first], jnp.int32)
-        return fourier_map(f, slow, phase, start, size, rate, config.waves, config.drift)
+        return fourier_map(jnp.asarray(f), slow, phase, start, size, rate, config.waves, config.drift)
 
     def styled(layer: Styled, row: LayerRow, at: tuple[Span, Span]) -> Array:
         style = _style(layer, w, row.is_torgb)

@@ -28,7 +28,7 @@ def twin_facts(options: Options, bundle: Bundle, scene: Scene, quality: Quality)
     low, high = bounding_box(top)
     eye = scene.camera.to_world[:3, 3]
     near = float(np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0)))
-    finest = pixel_radius(scene.camera.spread) / 2 * near / uv_stretch(top)
+    finest = float(pixel_radius(scene.camera.spread) / 2 * near / uv_stretch(top))
     misfit = _misfit(options, bundle, scene, bundle.twin)
     if not misfit and finest >= twin_reach(bundle.twin.errors, quality.twin):
         misfit = _bent(top, bundle.twin, quality)
@@ -54,7 +54,7 @@ def twin_scene(scene: Scene, twin: Twin) -> SurfaceScene:
 def surface(shell: Shell) -> Mesh:
     """The top of a shell; its texture coordinates are patches."""
     top = (shell.base + shell.offset).astype(np.float32)
-    return Mesh(top, shell.faces, shell.uv, vertex_normals(top, shell.faces).astype(np.float32), ())
+    return Mesh(top, shell.faces, shell.uv, vertex_normals(top, shell.faces)[0].astype(np.float32), ())
 
 
 def _misfit(options: Options, bundle: Bundle, scene: Scene, twin: Twin) -> str:

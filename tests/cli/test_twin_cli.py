@@ -1,0 +1,116 @@
+"""`mesoshell distill`, and when `render` takes what was distilled in the place of the shell."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mesoshell.cli.main import main
+from mesoshell.io.bundle import read_bundle, write_bundle
+from mesoshell.io.image import read_exr
+from mesoshell.io.surface import read_surface
+from mesoshell.io.twin import Twin
+from tests.silhouette import wearing
+
+pytestmark = pytest.mark.xdist_group("twin_cli")
+
+BASE = (0.09, 0.06, 0.035)
+NEAR, FAR = ("0.5", "0.5", "1.6", "0.5", "0.5", "0", "50"), ("0.5", "0.5", "40", "0.5", "0.5", "0", "3")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, tiny_bundle) -> Path:
+    """A shell with a twin that is grey everywhere, without, and a square that is subdivided."""
+    made = tmp_path_factory.mktemp("twin")
+    surface = wearing.constant(1.0, 0.2, depth=0.5, curvature=(-1.0, 1.0))
+    errors = ((0.002, 0.4), (0.05, 0.03))
+    write_bundle(made / "plain.npz", tiny_bundle)
+    write_bundle(made / "both.npz", replace(tiny_bundle, twin=Twin(surface, (0.25,), BASE, errors)))
+    wearing.write_obj(made / "square.obj", wearing.square())
+    wearing.write_obj(made / "lump.obj", wearing.lump())
+    Image.fromarray(np.full((2, 2), 64, np.uint8)).save(made / "grey.png")
+    return made
+
+
+def shown(folder: Path, camera: tuple[str, ...], *more: str, mesh: str = "square.obj") -> tuple[np.ndarray, dict]:
+    out = folder / "out" / "a.png"
+    given = ("--thickness", "0.1", "--scale", "0.2", "--light", "0", "0", "1", "--irradiance", "2", "--up", "y")
+    size = ("--size", "12", "12", "--camera", *camera)
+    main(
+        ["render", str(folder / mesh), "--material", str(folder / "both.npz"), "--out", str(out), *given, *size, *more]
+    )
+    return read_exr(out.with_suffix(".exr")), json.loads(out.with_suffix(".json").read_text())
+
+
+def test_from_afar_it_stands_in_and_from_nearby_it_does_not(folder, capsys) -> None:
+    image, record = shown(folder, FAR, "--explain")
+    said = capsys.readouterr().err
+    assert record["effects"]["twin"]["on"] and "on  twin: footprints begin at" in said
+    assert record["queries"] == record["counts"]["queries"] > 0 and "density_queries" not in record["counts"]
+    np.testing.assert_allclose(image[6, 6], [0.4, 0.4, 0.4, 1], rtol=1e-3)
+    image, record = shown(folder, NEAR, "--explain")
+    assert not record["effects"]["twin"]["on"] and "off twin: footprints begin at" in capsys.readouterr().err
+    assert record["counts"]["density_queries"] > 0 and np.ptp(image[4:8, 4:8, :3]) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        (("--quality", "reference"), "switched off by quality"),
+        (("--param", "dryness=2"), "it has other parameters"),
+        (("--param", "dryness={folder}/grey.png"), "dryness varies"),
+        (("--base", "0.5", "0.5", "0.5"), "the surface under it has another colour"),
+        (("--thickness", "0.05"), "it is 0.25 to 0.25 of a patch thick, and not 0.5"),
+    ],
+)
+def test_it_is_not_another_shells(folder, more: tuple[str, ...], why: str) -> None:
+    _, record = shown(folder, FAR, *(x.format(folder=folder) for x in more))
+    assert not record["effects"]["twin"]["on"] and why in record["effects"]["twin"]["why"]
+
+
+def test_nor_one_that_bends_more_than_was_learned(folder) -> None:
+    camera = ("0.5", "0.5", "400", "0.5", "0.5", "0", "0.4")
+    _, record = shown(folder, camera, "--thickness", "0.001", "--scale", "0.002", mesh="lump.obj")
+    assert record["effects"]["twin"]["on"], record["effects"]["twin"]["why"]
+    _, record = shown(folder, camera, "--thickness", "0.08", "--scale", "0.16", mesh="lump.obj")
+    assert not record["effects"]["twin"]["on"]
+
+
+def test_distill_makes_both_files(folder, capsys) -> None:
+    """Half a minute's worth; and it is what the shell looks like, from where footprints are a patch, to its own bound."""
+    out, both = folder / "d" / "surface.npz", folder / "d" / "twin.npz"
+    given = ["--preset", "tiny", "--patches", "4", "--queries", "2048", "--kimg", "20.48", "--param", "dryness=1"]
+    main(["distill", str(folder / "plain.npz"), "--out", str(out), "--twin", str(both), *given])
+    assert capsys.readouterr().out.splitlines()[-2:] == [str(out), str(both)]
+    surface, bundle = read_surface(out), read_bundle(both)
+    assert surface.depth == 0.5 and surface.curvature == (-1.0, 1.5) and bundle.twin is not None
+    assert bundle.twin.alpha == (0.5,) and bundle.twin.base == BASE
+    for key, array in surface.arrays.items():
+        np.testing.assert_array_equal(bundle.twin.surface.arrays[key], array)
+    radii, errors = np.array(bundle.twin.errors).T
+    assert (np.diff(radii) > 0).all() and radii[-1] == 0.125 and np.isfinite(errors).all() and (errors > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (("--patches", "1"), "--patches: must be at least 2, not 1"),
+        (("--thickness", "0"), "--thickness: must be above 0 and below 10, not 0"),
+        (("--base", "-1", "0", "0"), "--base: must be finite and not negative"),
+        (
+            ("--param", "dryness={folder}/grey.png"),
+            "--param: dryness is an image: a surface material is the same everywhere",
+        ),
+        (("--param", "wetness=1"), "--param: "),
+    ],
+)
+def test_what_cannot_be_distilled_is_one_line(folder, capsys, more: tuple[str, ...], said: str) -> None:
+    out = folder / "none.npz"
+    with pytest.raises(SystemExit) as caught:
+        main(["distill", str(folder / "plain.npz"), "--out", str(out), *(x.format(folder=folder) for x in more)])
+    line = capsys.readouterr().err
+    assert caught.value.code == 2 and line.startswith(f"mesoshell: {said}") and line.count("\n") == 1
+    assert not out.exists() and not out.with_suffix("").exists()

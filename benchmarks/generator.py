@@ -72,8 +72,9 @@ def padded(config: GeneratorConfig, generator: Generator, averages: Averages, w:
     rows = rows_of(config)
     size, channels = rows[0].in_size[0], rows[0].in_channels
     start = jnp.zeros(2, jnp.int32)
-    f = jnp.asarray(frequencies_of(config)[0][:channels])
-    x = fourier_map(f, phases.input[:, :channels], start, (size, size), CELL) @ generator.mix
+    f = frequencies_of(config)
+    phase, waves = phases.input[..., :channels], (jnp.asarray(f.input[:channels]), jnp.asarray(f.slow))
+    x = fourier_map(*waves, phase, start, (size, size), CELL, 1, config.drift) @ generator.mix
     for row, layer, magnitude in zip(rows, generator.layers, averages.magnitude, strict=True):
         style = w @ layer.affine.kernel / w.shape[1] ** 0.5 + layer.affine.bias
         gain = jax.lax.rsqrt(magnitude)

@@ -40,7 +40,7 @@ generator, averages = init_generator(config, jax.random.key(0)), init_averages(c
 
 # %%
 print("layer  cutoff in → out   samples a patch   channels   waves")
-for i, (row, f) in enumerate(zip(rows_of(config), frequencies_of(config)[1], strict=True)):
+for i, (row, f) in enumerate(zip(rows_of(config), frequencies_of(config).layers, strict=True)):
     print(
         f"{i:5}  {row.in_cutoff:6.2f} → {row.out_cutoff:5.2f}   {row.in_sampling_rate:6.0f} → {row.out_sampling_rate:4.0f}"
         f"   {row.in_channels:4} → {row.out_channels:3}   {len(f):5}"

@@ -18,7 +18,7 @@ from tests.silhouette import wearing
 pytestmark = pytest.mark.xdist_group("twin_cli")
 
 BASE = (0.09, 0.06, 0.035)
-NEAR, FAR = ("0.5", "0.5", "1.6", "0.5", "0.5", "0", "50"), ("0.5", "0.5", "40", "0.5", "0.5", "0", "3")
+NEAR, FAR = ("0.5", "0.5", "0.35", "0.5", "0.5", "0", "50"), ("0.5", "0.5", "40", "0.5", "0.5", "0", "3")
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def folder(tmp_path_factory, tiny_bundle) -> Path:
     """A shell with a twin that is grey everywhere, without, and a square that is subdivided."""
     made = tmp_path_factory.mktemp("twin")
     surface = wearing.constant(1.0, 0.2, depth=0.5, curvature=(-1.0, 1.0))
-    errors = ((0.002, 0.4), (0.05, 0.03))
+    errors = ((0.002, 0.4), (0.05, 0.01))
     write_bundle(made / "plain.npz", tiny_bundle)
     write_bundle(made / "both.npz", replace(tiny_bundle, twin=Twin(surface, (0.25,), BASE, errors)))
     wearing.write_obj(made / "square.obj", wearing.square())
@@ -91,7 +91,7 @@ def test_distill_makes_both_files(folder, capsys) -> None:
     for key, array in surface.arrays.items():
         np.testing.assert_array_equal(bundle.twin.surface.arrays[key], array)
     radii, errors = np.array(bundle.twin.errors).T
-    assert (np.diff(radii) > 0).all() and radii[-1] == 0.125 and np.isfinite(errors).all() and (errors > 0).all()
+    assert (np.diff(radii) > 0).all() and radii[-1] == 0.25 and np.isfinite(errors).all() and (errors > 0).all()
 
 
 @pytest.mark.parametrize(

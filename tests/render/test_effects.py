@@ -8,7 +8,7 @@ from mesoshell.render.effects import Facts, TwinFacts, plan_effects, twin_reach
 from mesoshell.render.quality import Quality
 
 PLAIN = Facts(lights=1, environment=False, objects=0, convex=True, coarsest=0.5, varying=(), transparent=True)
-TWIN = TwinFacts(finest=0.5, errors=((0.01, 0.3), (0.1, 0.04), (0.4, 0.02)), misfit="")
+TWIN = TwinFacts(finest=0.5, errors=((0.01, 0.1), (0.1, 0.02), (0.4, 0.01)), misfit="")
 ON_IN_PLAIN = {"distant_lights"}
 RULES = [
     ({}, {}, set()),
@@ -28,10 +28,10 @@ RULES = [
     ({"varying": ("dryness",)}, {}, {"varying_parameters"}),
     ({"twin": TWIN}, {}, {"twin"}),
     ({"twin": TWIN}, {"twin": 0.0}, set()),
-    ({"twin": TWIN}, {"twin": 0.01}, set()),
+    ({"twin": TWIN}, {"twin": 0.005}, set()),
     ({"twin": replace(TWIN, misfit="it is another")}, {}, set()),
-    ({"twin": replace(TWIN, finest=0.2)}, {"twin": 0.03}, set()),
-    ({"twin": replace(TWIN, finest=0.2)}, {"twin": 0.05}, {"twin"}),
+    ({"twin": replace(TWIN, finest=0.2)}, {"twin": 0.015}, set()),
+    ({"twin": replace(TWIN, finest=0.2)}, {"twin": 0.02}, {"twin"}),
 ]
 
 

@@ -17,11 +17,11 @@ from mesoshell.io.material import find, normalised
 from mesoshell.io.patches import read_patches
 from mesoshell.io.surface import write_surface
 from mesoshell.io.twin import Twin
-from mesoshell.measure.queries import errors_by_radius
+from mesoshell.mesostructure.apart import errors_by_radius
 from mesoshell.mesostructure.render import Settings
 from mesoshell.shell.scene import ready
 from mesoshell.train.presets import PRESETS
-from mesoshell.train.surface import fitted, held_out, surface_as
+from mesoshell.train.surface import fitted, surface_as
 from mesoshell.train.surface_snapshot import painter
 from mesoshell.train.teach import Teacher, answers
 
@@ -51,7 +51,8 @@ def distill(options: Options) -> None:
     run = options.run or options.out.with_suffix("")
     about = " ".join([str(path.resolve()), *options.param, *map(str, options.base)])
     settings = Settings(about, options.thickness, options.curvature, options.queries, 1, 0)
-    written(settings, answers(found.layout, teacher), options.patches, run / "queries")
+    taught = answers(found.layout, teacher)
+    written(settings, taught, options.patches, run / "queries")
     config = surface_as(PRESETS[options.preset])
     config = config if options.kimg is None else replace(config, kimg=options.kimg)
     data = read_patches(run / "queries")
@@ -61,8 +62,7 @@ def distill(options: Options) -> None:
     write_surface(options.out, surface)
     print(options.out)
     if options.twin is not None:
-        config, data = fitted(config, data)
-        errors = errors_by_radius(painter(config, options.out), held_out(data)[1])
+        errors = errors_by_radius(taught, painter(fitted(config, data)[0], options.out), options.curvature)
         options.twin.parent.mkdir(parents=True, exist_ok=True)
         twin = Twin(surface, tuple(map(float, alpha)), options.base, errors)
         write_bundle(options.twin, replace(bundle, twin=twin))

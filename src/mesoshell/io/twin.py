@@ -2,8 +2,8 @@
 
 Alphabet
 radius       standard deviation of a footprint, patches of the shell, which are periods of the surface material
-error        of the surface material's light against the march, root mean square over root mean square, of held-out queries
-             of such a footprint: their mean and 1.96 standard errors over patches
+error        how different pictures of such footprints by the surface material look from those by the march: FLIP, their mean
+             and 1.96 standard errors (mesostructure/apart)
 """
 
 from dataclasses import dataclass

@@ -4,7 +4,6 @@ Alphabet
 α, ρ         opacity, and reflectance of rays that met something; with a hat, the material's answer
 reflectance  Σ α |ρ̂ − ρ|² / Σ α |ρ|² over a patch: what the data's own noise adds is in it
 opacity      mean of |α̂ − α| over a patch
-error        √(Σ |α̂ρ̂ − αρ|² / Σ |αρ|²) over a patch's queries of some footprint
 """
 
 from collections.abc import Callable
@@ -17,11 +16,7 @@ from mesoshell.measure.distribution import Estimate
 
 #: Names of the scores.
 QUERIES = ("reflectance: relative squared error", "opacity: mean error")
-_RADIUS, _ALPHA, _RGB = (
-    COLUMNS.index("radius"),
-    COLUMNS.index("alpha"),
-    slice(COLUMNS.index("r"), COLUMNS.index("b") + 1),
-)
+_ALPHA, _RGB = COLUMNS.index("alpha"), slice(COLUMNS.index("r"), COLUMNS.index("b") + 1)
 
 
 def score(
@@ -42,25 +37,3 @@ def score(
         name: Estimate(float(m), float(m - r), float(m + r))
         for name, m, r in zip(QUERIES, table.mean(axis=0), reach, strict=True)
     }
-
-
-def errors_by_radius(
-    answers: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
-    patches: tuple[Float[np.ndarray, "Q 16"], ...],
-) -> tuple[tuple[float, float], ...]:
-    """(radius, error) of octaves of footprints, each from its radius on: the mean over patches and 1.96 standard errors."""
-    least = min(float(rows[:, _RADIUS].min()) for rows in patches)
-    found: dict[int, list[float]] = {}
-    for rows in patches:
-        alpha, _, rho = answers(rows)
-        apart = ((alpha[:, None] * rho - rows[:, _RGB]) ** 2).sum(axis=1, dtype=np.float64)
-        power = (rows[:, _RGB] ** 2).sum(axis=1, dtype=np.float64)
-        octave = np.floor(np.log2(rows[:, _RADIUS] / least) + 1e-3).astype(int)
-        for k in np.unique(octave):
-            one = octave == k
-            found.setdefault(int(k), []).append(float((apart[one].sum() / max(power[one].sum(), 1e-30)) ** 0.5))
-    return tuple((least * 2.0**k, _upper(values)) for k, values in sorted(found.items()))
-
-
-def _upper(values: list[float]) -> float:
-    return float(np.mean(values) + 1.96 * np.std(values, ddof=min(1, len(values) - 1)) / len(values) ** 0.5)

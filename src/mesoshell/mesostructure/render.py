@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from mesoshell.errors import InputError
 from mesoshell.io.collect import collecting
@@ -113,12 +114,19 @@ def sample(settings: Settings, answers: Answers, index: int) -> tuple[np.ndarray
     placing = Placing(curvature, random.uniform(0, 2 * np.pi), tuple(random.random(2)))
     asked = _asked(settings.queries, random)
     found, seconds = answers(placing, asked, int(random.integers(2**31)))
+    return rows_of(placing, asked, found, index), seconds
+
+
+def rows_of(
+    placing: Placing, asked: dict[str, np.ndarray], found: dict[str, np.ndarray], index: int
+) -> Float[np.ndarray, "Q 16"]:
+    """Queries and answers as a patch keeps them (io/patches), float32."""
     uv = placing.texture(asked["place"]) % 1.0
     toward, light = (_turned(asked[name], placing.turn) for name in ("toward", "light"))
-    kappa = np.full((len(uv), 1), curvature)
+    kappa = np.full((len(uv), 1), placing.curvature)
     parts = [uv, asked["radius"][:, None], toward, kappa, light]
     parts += [found["alpha"], found["cosine"], found["reflectance"], np.full_like(kappa, index)]
-    return np.concatenate(parts, axis=1).astype(np.float32), seconds
+    return np.concatenate(parts, axis=1).astype(np.float32)
 
 
 def _asked(count: int, random: np.random.Generator) -> dict[str, np.ndarray]:

@@ -106,8 +106,9 @@ def _twin(twin: TwinFacts | None, quality: Quality) -> Effect:
         return Effect(False, f"the distilled twin is of another shell: {twin.misfit}")
     reach = twin_reach(twin.errors, quality.twin)
     if reach == float("inf"):
-        return Effect(False, f"its error is {twin.errors[-1][1]:.1%} from afar, above {quality.twin:.1%}")
-    said = f"footprints begin at {twin.finest:.2g} patches; its error is at most {quality.twin:.1%} from {reach:.2g} on"
+        return Effect(False, f"it looks {twin.errors[-1][1]:.3f} FLIP different from afar, above {quality.twin:g}")
+    least = f"from {reach:.2g} on it looks {quality.twin:g} FLIP different at most"
+    said = f"footprints begin at {twin.finest:.2g} patches; {least}"
     return Effect(twin.finest >= reach, said)
 
 

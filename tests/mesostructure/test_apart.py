@@ -1,0 +1,64 @@
+"""How different a material looks from its teacher: not at all if it answers the same, and more the more it errs."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesoshell.io.patches import COLUMNS
+from mesoshell.mesostructure.apart import PICTURES, RADII, SIDE, errors_by_radius
+from mesoshell.mesostructure.render import FINEST, WIDEST
+from mesoshell.mesostructure.tile import Placing
+
+C = {name: i for i, name in enumerate(COLUMNS)}
+CURVATURE = (-1.0, 1.5)
+
+
+def told(u: np.ndarray, toward: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """α and ρ by place on the texture and directions in its frame; the radius fades what varies."""
+    alpha = 0.6 + 0.3 * toward[:, 2]
+    rho = 0.1 * (1.2 + np.sin(2 * np.pi * u)) @ np.array([[1, 0.5, 0.2], [0, 0.5, 0.8]]) * (1 + light[:, :1])
+    return alpha, rho
+
+
+def teacher(
+    placing: Placing, asked: dict[str, np.ndarray], seed: int
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    c, s = np.cos(placing.turn), np.sin(placing.turn)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    alpha, rho = told(placing.texture(asked["place"]), asked["toward"] @ turn.T, asked["light"] @ turn.T)
+    return {"alpha": alpha[:, None], "cosine": 0 * alpha[:, None], "reflectance": alpha[:, None] * rho}, {}
+
+
+def painter(scale: float, opacity: float = 1.0):
+    seen: list[np.ndarray] = []
+
+    def answers(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        seen.append(rows)
+        alpha, rho = told(rows[:, [C["u"], C["v"]]], rows[:, C["wx"] : C["wz"] + 1], rows[:, C["lx"] : C["lz"] + 1])
+        return opacity * alpha, 0 * alpha, scale / opacity * rho
+
+    return answers, seen
+
+
+def test_the_same_is_no_different() -> None:
+    """And every octave is asked for, with directions, curvature and lights of its own."""
+    answers, seen = painter(1.0)
+    found = errors_by_radius(teacher, answers, CURVATURE)
+    assert [r for r, _ in found] == list(RADII) and (RADII[0], RADII[-1]) == (FINEST, WIDEST)
+    assert max(e for _, e in found) < 1e-3
+    assert len(seen) == PICTURES * len(RADII) and all(len(rows) == SIDE**2 for rows in seen)
+    kappa = np.array([rows[0, C["kappa"]] for rows in seen])
+    assert (kappa >= -1).all() and (kappa <= 1.5).all() and len(np.unique(kappa)) == len(kappa) and np.ptp(kappa) > 2
+    assert all((rows[:, C["lz"]] >= 0).all() and (rows[:, C["wz"]] > 0).all() for rows in seen)
+
+
+@pytest.mark.parametrize("off", [{"scale": 0.95}, {"scale": 1.05}, {"scale": 1.0, "opacity": 0.9}])
+def test_what_is_wrong_is_seen(off: dict[str, Any]) -> None:
+    errors = [e for _, e in errors_by_radius(teacher, painter(**off)[0], CURVATURE)]
+    assert 0.005 < min(errors) < max(errors) < 0.3
+
+
+def test_more_wrong_looks_more_different() -> None:
+    rising = [np.mean([e for _, e in errors_by_radius(teacher, painter(s)[0], CURVATURE)]) for s in (0.98, 0.9, 0.7)]
+    assert rising[0] < 0.5 * rising[1] < 0.5 * rising[2]

@@ -19,6 +19,7 @@ BAD = {
     "environment_samples": 0,
     "base_samples": 0,
     "bounce_spread": 1.0,
+    "twin": 1.0,
     "curvature_filter": "median",
     "curve_length": -1.0,
 }

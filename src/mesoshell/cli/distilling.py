@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
+from mesoshell.cli.apart import errors_by_radius
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.distill import Options
 from mesoshell.cli.export import newest_surface
@@ -17,7 +18,6 @@ from mesoshell.io.material import find, normalised
 from mesoshell.io.patches import read_patches
 from mesoshell.io.surface import write_surface
 from mesoshell.io.twin import Twin
-from mesoshell.mesostructure.apart import errors_by_radius
 from mesoshell.mesostructure.render import Settings
 from mesoshell.shell.scene import ready
 from mesoshell.train.presets import PRESETS

@@ -3,7 +3,7 @@
 Alphabet
 radius       standard deviation of a footprint, patches of the shell, which are periods of the surface material
 error        how different pictures of such footprints by the surface material look from those by the march: FLIP, their mean
-             and 1.96 standard errors (mesostructure/apart)
+             and 1.96 standard errors (cli/apart)
 """
 
 from dataclasses import dataclass

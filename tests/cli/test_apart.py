@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mesoshell.cli.apart import PICTURES, RADII, SIDE, errors_by_radius
 from mesoshell.io.patches import COLUMNS
-from mesoshell.mesostructure.apart import PICTURES, RADII, SIDE, errors_by_radius
 from mesoshell.mesostructure.render import FINEST, WIDEST
 from mesoshell.mesostructure.tile import Placing
 

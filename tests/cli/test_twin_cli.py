@@ -105,6 +105,7 @@ def test_distill_makes_both_files(folder, capsys) -> None:
             "--param: dryness is an image: a surface material is the same everywhere",
         ),
         (("--param", "wetness=1"), "--param: "),
+        (("--twin", "{folder}/none.npz"), "--twin: {folder}/none.npz is what --out names too"),
     ],
 )
 def test_what_cannot_be_distilled_is_one_line(folder, capsys, more: tuple[str, ...], said: str) -> None:
@@ -112,5 +113,7 @@ def test_what_cannot_be_distilled_is_one_line(folder, capsys, more: tuple[str, .
     with pytest.raises(SystemExit) as caught:
         main(["distill", str(folder / "plain.npz"), "--out", str(out), *(x.format(folder=folder) for x in more)])
     line = capsys.readouterr().err
-    assert caught.value.code == 2 and line.startswith(f"mesoshell: {said}") and line.count("\n") == 1
+    assert (
+        caught.value.code == 2 and line.startswith(f"mesoshell: {said.format(folder=folder)}") and line.count("\n") == 1
+    )
     assert not out.exists() and not out.with_suffix("").exists()

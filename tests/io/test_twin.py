@@ -55,6 +55,12 @@ def test_faults_of_its_fields(tmp_path: Path, fault_of: Callable, more: dict, fa
     assert fault_of(checked_twin, tmp_path, "m", less) == "m: twin has not the fields surface, alpha, base and errors"
 
 
+def test_it_has_a_number_for_each_parameter(bundle: Bundle, tmp_path: Path, fault_of: Callable) -> None:
+    """Of appearance: this bundle has one, and one of geometry."""
+    fault = fault_of(write_bundle, tmp_path / "a.npz", with_twin(bundle, alpha=(0.25, 0.5)))
+    assert fault == "manifest.json: twin: alpha has 2 numbers; expected 1"
+
+
 def test_what_cannot_be_written_leaves_no_file(bundle: Bundle, tmp_path: Path, fault_of: Callable) -> None:
     made = with_twin(bundle, alpha=(float("nan"),))
     assert fault_of(write_bundle, tmp_path / "a.npz", made).startswith("cannot be written: manifest.json is not JSON: ")

@@ -10,6 +10,7 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
+from mesoshell.io.twin import Twin
 from mesoshell.shell.field import Point, neural_field
 from mesoshell.shell.generated import grown, maker_of
 from mesoshell.shell.generator import synthesise
@@ -17,6 +18,7 @@ from mesoshell.shell.grow import Wanted, baked, grow, patches_of
 from mesoshell.shell.plan import halo_cost
 from mesoshell.shell.scene import ready
 from mesoshell.texture import mip
+from tests.silhouette import wearing
 
 #: One process compiles what its tests share.
 pytestmark = pytest.mark.xdist_group("bake")
@@ -52,8 +54,9 @@ def test_tiles_are_the_whole(bundle, field) -> None:
 def test_a_bundle_from_before_a_field_was_added_means_what_it_did(bundle) -> None:
     """Fourier maps had one sinusoid a channel before there was a choice."""
     assert bundle.generator is not None
-    older = {key: value for key, value in bundle.generator.items() if key != "waves"}
-    assert maker_of(replace(bundle, generator=older), "it").config.waves == 1
+    older = {key: value for key, value in bundle.generator.items() if key not in ("waves", "drift")}
+    found = maker_of(replace(bundle, generator=older), "it").config
+    assert (found.waves, found.drift) == (1, 0.0)
 
 
 def test_what_is_made_is_a_bundle_that_needs_no_generator(bundle, field, tmp_path) -> None:
@@ -64,6 +67,11 @@ def test_what_is_made_is_a_bundle_that_needs_no_generator(bundle, field, tmp_pat
     assert found.arrays.keys() == field.arrays.keys()
     with pytest.raises(InputError, match=r"^a\.npz: holds one texture and no generator"):
         maker_of(found, "a.npz")
+
+
+def test_what_was_distilled_from_one_texture_is_not_kept_with_another(bundle) -> None:
+    twin = Twin(wearing.bundle(), (0.5,), (0.1, 0.1, 0.1), ((0.1, 0.01),))
+    assert baked(replace(bundle, twin=twin), "it", (16, 16), Wanted(7))[0].twin is None
 
 
 def test_extent_does_not_change_what_is_there(bundle, field) -> None:

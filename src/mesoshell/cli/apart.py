@@ -4,8 +4,7 @@ Alphabet
 radius       standard deviation of a pixel's footprint, periods; pixels are two of them apart
 picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under one light: both drawn anew
              for each. It is as bright as a screen can show it, before BEHIND
-error        FLIP of the picture by the material against that by its teacher: 0 is the same, and from one pixel to the next the
-             eye takes 0.02 to 0.05 for noise
+error        FLIP of the picture by the material against that by its teacher: 0 is the same, 1 the most
 """
 
 from collections.abc import Callable

@@ -31,6 +31,8 @@ def distill(options: Options) -> None:
     for name in ("patches", "queries"):
         if getattr(options, name) < 2:
             raise InputError(f"--{name}", f"must be at least 2, not {getattr(options, name)}")
+    if options.twin is not None and options.twin.resolve() == options.out.resolve():
+        raise InputError("--twin", f"{options.twin} is what --out names too")
     if not 0 < options.thickness < 10:
         raise InputError("--thickness", f"must be above 0 and below 10, not {options.thickness:g}")
     if not all(np.isfinite(v) and v >= 0 for v in options.base):

@@ -60,7 +60,7 @@ def surface(shell: Shell) -> Mesh:
 def _misfit(options: Options, bundle: Bundle, scene: Scene, twin: Twin) -> str:
     given = parse_params(options.param)
     shape = [p.name for p in bundle.parameters if p.role == "beta" and p.name in given]
-    if bundle.generator is not None and (options.seed is not None or shape):
+    if bundle.generator is not None and (not bundle.baked or options.seed is not None or shape):
         return "a texture is grown"
     if scene.maps:
         return f"{next(iter(scene.maps))} varies"

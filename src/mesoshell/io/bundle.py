@@ -219,6 +219,9 @@ def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
     names = [entry["name"] for entry in fields["parameters"]]
     if len(set(names)) < len(names):
         raise InputError(path, f"{MANIFEST}: two parameters of one name in {names!r}")
+    alphas = sum(entry["role"] == "alpha" for entry in fields["parameters"])
+    if fields["twin"] is not None and len(fields["twin"]["alpha"]) != alphas:
+        raise InputError(path, f"{MANIFEST}: twin: alpha has {len(fields['twin']['alpha'])} numbers; expected {alphas}")
     fields |= {name: float(fields[name]) for name in ("texel_density", "thickness")}
     parameters = tuple(Parameter(**entry) for entry in fields["parameters"])
     return {name: fields[name] for name in _MANIFEST_RULES if name != "schema"} | {"parameters": parameters}

@@ -81,7 +81,9 @@ def baked(
     share = bake(maker, grown(maker, wanted.seed, beta), size, keep, needed, progress, wanted.coarser)
     parameters = tuple(replace(p, default=float(wanted.values.get(p.name, p.default))) for p in bundle.parameters)
     density = bundle.texel_density / 2**wanted.coarser
-    made = replace(bundle, arrays=arrays, generator=None, wraps=False, parameters=parameters, texel_density=density)
+    made = replace(
+        bundle, arrays=arrays, generator=None, twin=None, wraps=False, parameters=parameters, texel_density=density
+    )
     return replace(made, provenance=bundle.provenance | {"seed": wanted.seed, "varies": sorted(wanted.fields)}), share
 
 

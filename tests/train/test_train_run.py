@@ -17,11 +17,14 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
 from mesoshell.train import run
+from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.method import GAN
+from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.record import keep_record, read_record
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.state import TrainConfig, TrainState
 from mesoshell.train.stream import fitted, renders
+from mesoshell.train.transfer import lender
 
 #: One process compiles what its tests share.
 pytestmark = pytest.mark.xdist_group("train_run")
@@ -82,6 +85,52 @@ def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, 
     monkeypatch.undo()
     for a, b in zip(leaves(whole[0]), leaves(train(CONFIG, data, tmp_path / "cut")), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_a_run_begins_with_anothers_weights_and_goes_on_with_its_own(data, whole, tmp_path, monkeypatch) -> None:
+    """What it begins with is its checkpoint 0: a run that is killed while it compiles needs the other one no more."""
+    place = run.spread_step
+
+    def killed(*arguments):
+        def placed(state):
+            raise KeyboardInterrupt
+
+        return place(*arguments)._replace(place=placed)
+
+    monkeypatch.setattr(run, "spread_step", killed)
+    with pytest.raises(KeyboardInterrupt):
+        train(CONFIG, data, tmp_path / "a", transfer=whole[1])
+    with Checkpoints(tmp_path / "a" / "checkpoints") as checkpoints:
+        done, begun = checkpoints.newest(whole[0])
+    assert done == 0 and int(begun.images) == 0
+    np.testing.assert_array_equal(begun.learner.generator.mix, whole[0].learner.generator.mix)
+    assert not np.array_equal(begun.learner.generator.mapping[0].kernel, whole[0].learner.generator.mapping[0].kernel)
+    with pytest.raises(KeyboardInterrupt):
+        train(CONFIG, data, tmp_path / "a")
+    assert read_record(tmp_path / "a")[1]["transfer"] == str(whole[1].resolve())
+    with pytest.raises(InputError, match=r"data.transfer is .*whole, asked for .*/a$"):
+        train(CONFIG, data, tmp_path / "a", transfer=tmp_path / "a")
+
+
+def test_weights_that_do_not_fit_are_refused_and_nothing_is_written(data, whole, tmp_path) -> None:
+    wider = replace(CONFIG, trunk=(5,), picture=replace(CONFIG.picture, octaves=2))
+    (tmp_path / "none").mkdir()
+    shutil.copy(whole[1] / "config.json", tmp_path / "none")
+    for config, folder, said in (
+        (
+            wider,
+            whole[1],
+            "its networks are not this run's: picture.octaves is 1, asked for 2, trunk is (4,), asked for (5,)",
+        ),
+        (CONFIG, tmp_path / "none", "has no checkpoint yet"),
+        (CONFIG, tmp_path / "nothing", "no such file"),
+    ):
+        with pytest.raises(InputError) as caught:
+            train(config, data, tmp_path / "a", transfer=folder)
+        assert str(caught.value).startswith(str(folder)) and str(caught.value).endswith(said)
+    assert not (tmp_path / "a").exists() and not (tmp_path / "nothing").exists()
+    with pytest.raises(InputError, match="weights are lent by a generator's run to a generator's run only"):
+        lender(ParametricConfig(), whole[1])
 
 
 def test_another_configuration_is_refused_before_anything_compiles(data, whole, monkeypatch) -> None:

@@ -22,6 +22,8 @@ class Options:
     kimg: float | None = None
     #: The same experiment at another size: its pictures', networks' and batch's, and its length.
     preset: Literal["tiny", "small", "base", "paper"] | None = None
+    #: Begin with the weights of another generator's run, of another material, if this one has no checkpoint yet.
+    transfer: Path | None = None
     #: How a step is spread over devices.
     parallel: Literal["jit", "pmap"] = "jit"
     #: Train on many hosts: "auto" to find them in the cluster's environment, or the first host's HOST:PORT.

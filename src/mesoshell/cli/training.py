@@ -39,10 +39,16 @@ def train_from(options: Options) -> None:
     if options.dry_run:
         print(_plan(config, dataset))
         return
-    learn(config, dataset, options.run, options.parallel)
+    learn(config, dataset, options.run, options.parallel, options.transfer)
 
 
-def learn(config: RunConfig, dataset: Data, run: Path, how: Literal["jit", "pmap"] = "jit") -> None:
+def learn(
+    config: RunConfig,
+    dataset: Data,
+    run: Path,
+    how: Literal["jit", "pmap"] = "jit",
+    transfer: Path | None = None,
+) -> None:
     """Train, with a bar and lines on the console; exit status 1 if something is not finite."""
     console = Console(stderr=True, highlight=False)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
@@ -57,7 +63,7 @@ def learn(config: RunConfig, dataset: Data, run: Path, how: Literal["jit", "pmap
                 console.print(line, soft_wrap=True)
 
         try:
-            state = train(config, dataset, run, how, show)
+            state = train(config, dataset, run, how, show, transfer)
         except Diverged as fault:
             console.print(f"mesoshell: {run}: {fault}", soft_wrap=True, markup=False)
             sys.exit(1)

@@ -28,18 +28,21 @@ KEPT = ("recipe", "source", "version", "size", "seed", "parameters", "depth", "c
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 
-def keep_record(config: RunConfig, dataset: Dataset | Patches, folder: Path) -> None:
+def keep_record(config: RunConfig, dataset: Dataset | Patches, folder: Path, transfer: Path | None = None) -> None:
     """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, but for
-    MAY_CHANGE. A field younger than the record has its default in it. Raises InputError that names the fields that differ."""
+    MAY_CHANGE, and began with its own weights or another run's, which need not be said again. A field younger than the
+    record has its default in it. Raises InputError that names the fields that differ."""
     manifest = dataset.manifest
-    data = {k: manifest[k] for k in KEPT if k in manifest} | {"folder": str(dataset.folder.resolve())}
-    record = _record(config, data)
     folder = folder.resolve()  # else A/../B is not there until A is made, and then B is another run's
     path = folder / "config.json"
-    if path.exists():
-        old, new = _flat(_record(*read_record(folder))), _flat(record)
+    begun = read_record(folder) if path.exists() else (None, {})
+    lent = str(transfer.resolve()) if transfer else begun[1].get("transfer")
+    data = {k: manifest[k] for k in KEPT if k in manifest} | {"folder": str(dataset.folder.resolve())}
+    record = _record(config, data | ({"transfer": lent} if lent else {}))
+    if begun[0] is not None:
+        old, new = flat(_record(*begun)), flat(record)
         if old.get("method") != new.get("method"):
-            names = [flat.get("method", "gan") for flat in (old, new)]
+            names = [x.get("method", "gan") for x in (old, new)]
             raise InputError(path, f"the run was begun by another method: {names[0]}, asked for {names[1]}")
         differ = [k for k in sorted(old.keys() | new.keys()) if old.get(k) != new.get(k) and k not in MAY_CHANGE]
         if differ:
@@ -95,7 +98,8 @@ def _parsed(path: Path) -> Any:
         raise InputError(path, "not JSON") from None
 
 
-def _flat(tree: Any, name: str = "") -> dict[str, Any]:
+def flat(tree: Any, name: str = "") -> dict[str, Any]:
+    """Values by their path, as in `config.generator.texels`."""
     if not isinstance(tree, dict):
         return {name: tree}
-    return {k: v for key, value in tree.items() for k, v in _flat(value, f"{name}.{key}" if name else key).items()}
+    return {k: v for key, value in tree.items() for k, v in flat(value, f"{name}.{key}" if name else key).items()}

@@ -29,6 +29,7 @@ from mesoshell.train.parallel import spread_step
 from mesoshell.train.record import keep_record
 from mesoshell.train.report import write_report
 from mesoshell.train.stream import RunConfig
+from mesoshell.train.transfer import lender
 
 LOG_EVERY = 16
 SAVE_EVERY = 120.0
@@ -44,14 +45,18 @@ def train(
     folder: Path,
     how: str = "jit",
     show: Callable[[dict[str, float]], None] = lambda row: None,
+    transfer: Path | None = None,
 ) -> Any:
     """The state at config.kimg, trained from the newest checkpoint in `folder`, or from the start. show: sees each log row.
+    transfer: folder of another run, whose weights a start begins with.
 
-    Raises InputError if the folder holds a run of another configuration, Diverged if something is not finite.
+    Raises InputError if the folder holds a run of another configuration, or the other run's weights do not fit; Diverged if
+    something is not finite.
     """
     method = method_of(config)
     config, seen = method.fitted(config, dataset)
-    keep_record(config, dataset, folder)
+    lend = lender(config, transfer) if transfer else None
+    keep_record(config, dataset, folder, transfer)
     batch_of = method.feed(config, seen, jax.process_index(), jax.process_count())
     spread = spread_step(
         lambda state, batch, across: method.step(config, state, batch, across),
@@ -64,7 +69,10 @@ def train(
     snapshot = max(1, round(config.snapshot_kimg * 1000 / config.batch))
     with Checkpoints(folder / "checkpoints") as checkpoints, _Stop() as stop, _Book(folder) as book:
         found = checkpoints.newest(begin)
-        done, begin = found if found else (0, begin)
+        if lend and not found:
+            found = 0, lend(begin)
+            checkpoints.save(*found)
+        done, begin = found or (0, begin)
         names = leaf_names(method.parts(begin))
         state = spread.place(begin)
         logged = saved = time.perf_counter()

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ from mesoshell.pathtracer import load_dict
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
 AGE, PATCH = 0.2, 20230
+#: Patches along the side of what is made at a time.
+TILE = 32
 #: Times are until a picture's error is so many times that of the converged shell.
 WITHIN = 1.25
 GROUND = (0.09, 0.06, 0.035)
@@ -167,6 +170,7 @@ def pair(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def memory(kind: str, count: int) -> None:
     """Peak memory, and seconds to a first small picture, of what is asked for; in a process of its own."""
     side = max(round((count / 220) ** 0.5), 1)
+    side -= side % -(-side // TILE)
     leaf.register()
     begin = time.perf_counter()
     scene: Any = {"triangles": unique, "curves": curves, "shell": shell}[kind](side)
@@ -183,22 +187,32 @@ def overview(side: int) -> dict[str, Any]:
 
 
 def unique(side: int) -> mi.Scene:
-    return mi.load_dict(overview(side) | {"blades": mesh(*blades(np.random.default_rng(0), side))})
+    points, reflect, transmit = (np.concatenate(parts) for parts in zip(*tiles(side), strict=True))
+    return mi.load_dict(overview(side) | {"blades": mesh(points, reflect, transmit)})
 
 
 def curves(side: int) -> mi.Scene:
     """Round ones, as wide as the blades, of four control points each."""
-    points = blades(np.random.default_rng(0), side)[0]
-    pairs = points[:, :-1].reshape(len(points), -1, 2, 3)
-    middle = np.concatenate([pairs.mean(axis=2), points[:, -1:]], axis=1)[:, ::2]
-    radius = np.linalg.norm(pairs[:, :, 0] - pairs[:, :, 1], axis=-1) / 2
-    radius = np.concatenate([radius, np.full((len(points), 1), 1e-4)], axis=1)[:, ::2]
     with tempfile.NamedTemporaryFile("w", suffix=".txt") as file:
-        for strand in np.concatenate([middle, radius[..., None]], axis=-1).astype(np.float32):
-            np.savetxt(file, strand, fmt="%.5g")
-            file.write("\n")
+        for points, *_ in tiles(side):
+            pairs = points[:, :-1].reshape(len(points), -1, 2, 3)
+            middle = np.concatenate([pairs.mean(axis=2), points[:, -1:]], axis=1)[:, ::2]
+            radius = np.linalg.norm(pairs[:, :, 0] - pairs[:, :, 1], axis=-1) / 2
+            radius = np.concatenate([radius, np.full((len(points), 1), 1e-4)], axis=1)[:, ::2]
+            for strand in np.concatenate([middle, radius[..., None]], axis=-1):
+                np.savetxt(file, strand, fmt="%.5g")
+                file.write("\n")
         file.flush()
         return mi.load_dict(overview(side) | {"blades": {"type": "bsplinecurve", "filename": file.name}})
+
+
+def tiles(side: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Blades of side × side patches, TILE² at a time, as a scene keeps them: vertices in float32, and R and T at the ends."""
+    rng, n = np.random.default_rng(0), -(-side // TILE)
+    for i in range(n * n):
+        points, *colours = blades(rng, side // n)
+        corner = (np.array([i % n, i // n, 0]) - [n / 2, n / 2, 0]) * (side // n)
+        yield (points + corner).astype(np.float32), *(c[:, [0, -1]].astype(np.float32) for c in colours)
 
 
 def shell(side: int) -> mi.Scene:

@@ -139,6 +139,8 @@ def test_a_network_that_is_compared_with_is_no_material(network, run, tmp_path, 
     given = ["--data", network.parent / "packed", "--run"]
     said = fault(capsys, "train", network.parent / "network.py", *given, run)
     assert "config.json: the run was begun by another method: gan, asked for nerf_tex" in said
+    said = fault(capsys, "train", run.parent / "experiment.py", *given, tmp_path / "new", "--transfer", network)
+    assert f"{network}: weights are lent by a generator's run to a generator's run only" in said
     (tmp_path / "e.py").write_text(NETWORK.replace('"fog"', '"carpet2"'))
     assert "packed: its recipe is fog; e.py is about carpet2" in fault(capsys, "train", tmp_path / "e.py", *given, "x")
     assert [p.name for p in tmp_path.iterdir()] == ["e.py"]

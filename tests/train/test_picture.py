@@ -13,7 +13,16 @@ from mesoshell.render.camera import Camera, look_at, pixel_grid, rays
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.decoder import init_decoder
 from mesoshell.shell.field import inputs
-from mesoshell.train.picture import PictureConfig, View, box_span, material_of, pixel_rays, shown, take_picture
+from mesoshell.train.picture import (
+    PictureConfig,
+    View,
+    box_span,
+    material_of,
+    pixel_rays,
+    rays_a_tile,
+    shown,
+    take_picture,
+)
 from mesoshell.train.rays import box_intervals, unit_box
 
 CONFIG = PictureConfig(size=16, samples=64, fov=FOV, texels=8, height_rows=8, octaves=2)
@@ -101,3 +110,13 @@ def test_filtering_chooses_coarser_features_far_away() -> None:
     filtered, mean = picture(CONFIG, feature), picture(CONFIG, jnp.zeros((8, 8, 4)))
     sharp = picture(PictureConfig(16, 64, FOV, 8, 8, 2, filtering=False), feature)
     assert np.abs(filtered - mean).max() < 0.2 * np.abs(sharp - mean).max()
+
+
+@pytest.mark.parametrize("samples", [1, 7, 24, 32, 48, 100, 5000])
+@pytest.mark.parametrize("side", [8, 20, 32, 128])
+def test_tiles_are_large_for_any_number_of_samples(side: int, samples: int) -> None:
+    """24 samples of 32² rays once came two rays at a time, and took five times as long."""
+    rays = side * side
+    size = rays_a_tile(rays, samples)
+    assert rays % size == 0 and (size * samples <= 4096 or size == 1)
+    assert 2.5 * size * samples > min(4096, rays * samples)

@@ -90,7 +90,7 @@ def take_picture(
     origin, directions = pixel_rays(config, view.camera_to_world)
     radius = jnp.asarray(pixel_radius(2 * math.tan(config.fov / 2) / config.size), directions.dtype)
     rays = config.size**2
-    size = math.gcd(rays, max(1, _TILE // config.samples))
+    size = rays_a_tile(rays, config.samples)
     missed = jax.vmap(lambda d: jnp.diff(jnp.stack(box_span(origin, d)))[0] <= 0)(directions)
     order = jnp.argsort(missed)  # rays that hit come first: whole tiles of misses are skipped
     jitter = jnp.broadcast_to(jitter, (rays, config.samples))
@@ -117,6 +117,11 @@ def take_picture(
     parts = jax.tree.map(lambda x: x.reshape(rays // size, size, *x.shape[1:]), rows)
     rgba = jax.lax.map(unless_missed, parts).reshape(rays, 4)
     return jnp.zeros_like(rgba).at[order].set(rgba, unique_indices=True).reshape(config.size, config.size, 4)
+
+
+def rays_a_tile(rays: int, samples: int) -> int:
+    """As many as come to a tile's samples at most, so that whole tiles are all rays."""
+    return max(n for n in range(1, max(1, _TILE // samples) + 1) if rays % n == 0)
 
 
 def shown(radiance: Float[Array, "*b S S 3"]) -> Float[Array, "*b S S 3"]:

@@ -35,7 +35,7 @@ class Options:
     #: Thousands of queries to learn from; the preset's if not given.
     kimg: float | None = None
     #: tiny shows that all works; small is half an hour on two cores.
-    preset: Literal["tiny", "small"] = "small"
+    preset: Literal["tiny", "mini", "small"] = "small"
 
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:

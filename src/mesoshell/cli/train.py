@@ -21,7 +21,7 @@ class Options:
     #: Length of the run in thousands of images; the experiment's if not given.
     kimg: float | None = None
     #: The same experiment at another size: its pictures', networks' and batch's, and its length.
-    preset: Literal["tiny", "small", "base", "paper"] | None = None
+    preset: Literal["tiny", "mini", "small", "base", "paper"] | None = None
     #: Begin with the weights of another generator's run, of another material, if this one has no checkpoint yet.
     transfer: Path | None = None
     #: How a step is spread over devices.

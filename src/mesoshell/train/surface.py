@@ -80,10 +80,10 @@ class SurfaceReport(NamedTuple):
 
 
 def surface_as(preset: TrainConfig) -> SurfaceTraining:
-    """A run at a preset's size: `small` is 30 000 steps, `tiny` is over in a minute."""
-    if preset.picture.texels < 64:
+    """A run at a preset's size: `small` and above are 30 000 steps, `mini` 6000, `tiny` is over in a minute."""
+    if preset.picture.texels < 32:
         return SurfaceTraining(SurfaceConfig(32, hidden=(16, 16)), batch=1024, kimg=200 * 1.024, snapshot_kimg=102.4)
-    return SurfaceTraining()
+    return SurfaceTraining() if preset.picture.texels > 32 else SurfaceTraining(kimg=16384 * 6.0)
 
 
 def fitted(config: SurfaceTraining, data: Patches) -> tuple[SurfaceTraining, Patches]:

@@ -14,7 +14,9 @@ import pytest
 import small_step
 
 from mesoshell.numerics import softplus
+from mesoshell.shell.discriminator import discriminate
 from mesoshell.train.generate import label
+from mesoshell.train.picture import shown
 from mesoshell.train.state import Learner, optimisers, start
 from mesoshell.train.step import step
 
@@ -37,7 +39,7 @@ def test_one_device_sharded_and_pmap_agree() -> None:
 def stepped() -> dict:
     """The state after one step, and after one with blur and density."""
     found = {}
-    changes = {"plain": {}, "helped": {"blur": 2.0, "density": 0.25}}
+    changes = {"plain": {}, "helped": {"blur": 2.0, "density": 0.25}, "told": {"mismatch": 0.5}}
     for name, change in changes.items():
         config = replace(small_step.CONFIG, **change)
         batch = jax.tree.map(
@@ -71,6 +73,21 @@ def test_helps_change_what_they_are_asked_to_change(stepped) -> None:
     for pick in (lambda s: s.learner_adam[0].mu.decoder, lambda s: s.discriminator_adam[0].mu):
         pairs = zip(jax.tree.leaves(pick(plain)), jax.tree.leaves(pick(helped)), strict=True)
         assert any(np.abs(x - y).max() > 1e-2 * np.abs(x).max() for x, y in pairs)
+
+
+def test_renders_beside_the_next_ones_parameters_count_as_made(stepped) -> None:
+    """For the discriminator alone, by the weight that was asked for."""
+    (plain, before), (told, after) = stepped["plain"], stepped["told"]
+    for a, b in zip(jax.tree.leaves(plain.learner), jax.tree.leaves(told.learner), strict=True):
+        np.testing.assert_array_equal(a, b)
+    batch = small_step.batch()
+    wrong = batch._replace(alpha=np.roll(batch.alpha, -1, axis=0), beta=np.roll(batch.beta, -1, axis=0))
+    wrong = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), wrong)
+    y, c = shown(wrong.image[..., :3]), label(wrong)
+    logits = discriminate(start(small_step.CONFIG, jax.random.key(0)).discriminator, y, c)
+    more = 0.5 * np.mean(np.log1p(np.exp(logits)))
+    assert more > 0.1
+    np.testing.assert_allclose(after.discriminator - before.discriminator, more, rtol=1e-4)
 
 
 def test_r1_is_float32_where_convolutions_are_not() -> None:

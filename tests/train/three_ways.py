@@ -6,17 +6,21 @@ moment with β₁ = 0 is the gradient).
 
 import json
 import os
+from dataclasses import replace
 
 os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=8"
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from small_step import CONFIG, batch
+from small_step import CONFIG as PLAIN
+from small_step import batch
 
 from mesoshell.train.parallel import spread_step
 from mesoshell.train.state import start
 from mesoshell.train.step import step
+
+CONFIG = replace(PLAIN, mismatch=0.5)
 
 
 def main() -> None:

@@ -29,7 +29,12 @@ def generator_loss(fake: Float[Array, "B"]) -> Scalar:
 
 def discriminator_loss(real: Float[Array, "B"], fake: Float[Array, "B"]) -> Scalar:
     """−log sigmoid(D(real)) − log(1 − sigmoid(D(fake)))."""
-    return jnp.mean(softplus(-real)) + jnp.mean(softplus(fake))
+    return jnp.mean(softplus(-real)) + fake_loss(fake)
+
+
+def fake_loss(fake: Float[Array, "B"]) -> Scalar:
+    """−log(1 − sigmoid(D(fake)))."""
+    return jnp.mean(softplus(fake))
 
 
 def r1(logits: Callable[[Array], Array], real: Float[Array, "B S S 3"], gamma: float) -> Scalar:

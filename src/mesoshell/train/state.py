@@ -32,7 +32,8 @@ class TrainConfig:
 
     gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: until when the nearest camera comes closer,
     from the far end of the dataset's distances to their near end; views: pictures of each texture; blur: deviation in
-    pixels of what the discriminator sees at first, gone at blur_kimg; density: weight of the density's roughness;
+    pixels of what the discriminator sees at first, gone at blur_kimg; density: weight of the density's roughness; mismatch: of
+    renders beside other renders' parameters, which the discriminator is to tell apart as it does pictures;
     precision: of convolutions, but R1 is float32 always; snapshot_kimg: how often a run keeps a material and a sheet.
     """
 
@@ -53,6 +54,7 @@ class TrainConfig:
     blur: float = 0.0
     blur_kimg: float = 20.0
     density: float = 0.0
+    mismatch: float = 0.0
     precision: Literal["float32", "bfloat16"] = "float32"
     snapshot_kimg: float = 2.0
     seed: int = 0

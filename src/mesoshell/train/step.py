@@ -4,10 +4,13 @@ Alphabet
 B            pictures, and renders, a step
 y            what the discriminator sees: 2x/(1 + x) − 1                         (B, S, S, 3)
 c, c′        labels of the renders, and of the pictures                           (B, L)
+c″           of the renders, with the parameters of the next one                  (B, L)
 across       how to take a mean over devices, and all devices' rows: nothing to do where arrays are global already
 
 Both players learn from one forward pass of the generator: its pictures are judged once for its own gradient, and, held fixed,
 once for the discriminator's. R1 is an update of its own every `r1_every` steps, in the pictures' type whatever the precision.
+That renders are not of other parameters the discriminator may be told as well (Reed et al., "Generative adversarial text to
+image synthesis", 2016, section 4.2).
 """
 
 from collections.abc import Callable
@@ -20,7 +23,7 @@ import optax
 from mesoshell.shell.discriminator import discriminate
 from mesoshell.shell.generator import Averages
 from mesoshell.train.generate import Seen, Shown, asked, generate, label
-from mesoshell.train.losses import discriminator_loss, generator_loss, r1
+from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
 from mesoshell.train.picture import shown
 from mesoshell.train.regularise import blurred
 from mesoshell.train.state import Learner, TrainConfig, TrainState, optimisers
@@ -85,7 +88,10 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
 
     def told_apart(discriminator: Any) -> tuple[Scalar, Scalar]:
         logits = judged(discriminator, real, c)
-        return discriminator_loss(logits, judged(discriminator, fake, c_fake)), jnp.mean(logits)
+        loss = discriminator_loss(logits, judged(discriminator, fake, c_fake))
+        if config.mismatch:
+            loss += config.mismatch * fake_loss(judged(discriminator, real, label(_mismatched(batch, across))))
+        return loss, jnp.mean(logits)
 
     (g_loss, fake_logit), by_picture = jax.value_and_grad(fooled, has_aux=True)(fake)
     (d_loss, real_logit), d_gradient = jax.value_and_grad(told_apart, has_aux=True)(state.discriminator)
@@ -117,6 +123,16 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
         images,
     )
     return new, Report(losses[0], losses[1], penalty, losses[2], losses[3], bad)
+
+
+def _mismatched(batch: Shown, across: Across) -> Shown:
+    """Each row with the parameters of the next, of all devices' rows."""
+
+    def next_of(x: Array) -> Array:
+        rows, own = (x, jnp.arange(x.shape[0])) if across.everyone is None else across.everyone(x)
+        return rows[(own + 1) % rows.shape[0]]
+
+    return batch._replace(alpha=next_of(batch.alpha), beta=next_of(batch.beta))
 
 
 def _regularised(

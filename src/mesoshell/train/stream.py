@@ -41,6 +41,8 @@ def fitted(config: TrainConfig, dataset: Dataset) -> TrainConfig:
             "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
         )
     roles = [entry["role"] for entry in dataset.manifest["parameters"].values()]
+    if config.mismatch and not roles:
+        raise InputError("mismatch", "needs a dataset with parameters: without them no render is beside wrong ones")
     config = replace(config, picture=_fitted_picture(config.picture, dataset))
     return sized(config, roles.count("alpha"), roles.count("beta"))
 

@@ -104,7 +104,7 @@ def main() -> None:
     print(f"| EQ-T | {found:.1f} dB | ≥ 45 dB |", flush=True)
     dataset, network = read_dataset(Path(data["folder"])), extractor()
     assert isinstance(config, TrainConfig)
-    config = fitted(config, dataset)
+    config, dataset = fitted(config, dataset)
     real, crop, inside = (
         features(config, maker, dataset, options.images, tile, network) for tile in (None, (0, 0), INSIDE)
     )

@@ -23,7 +23,7 @@ from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.record import keep_record, read_record
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.state import TrainConfig, TrainState
-from mesoshell.train.stream import fitted, renders
+from mesoshell.train.stream import SEED, fitted, fitted_parametric, renders
 from mesoshell.train.transfer import lender
 
 #: One process compiles what its tests share.
@@ -145,7 +145,7 @@ def test_another_configuration_is_refused_before_anything_compiles(data, whole, 
 
 def test_a_record_older_than_a_field_has_its_default(data, whole, tmp_path) -> None:
     """So a run goes on after a version that can do more; a field or a method that is not ours is refused."""
-    config, path = fitted(CONFIG, data), tmp_path / "config.json"
+    config, path = fitted(CONFIG, data)[0], tmp_path / "config.json"
     kept = json.loads((whole[1] / "config.json").read_text())
     assert list(kept) == ["config", "data"] and read_record(whole[1]) == (config, kept["data"])
     old = json.loads(json.dumps(kept))
@@ -163,6 +163,20 @@ def test_a_record_older_than_a_field_has_its_default(data, whole, tmp_path) -> N
             read_record(tmp_path)
 
 
+def test_what_was_fixed_for_all_renders_is_no_parameter(data) -> None:
+    """What it does cannot be learned, so no label, material or mapping network knows it."""
+    fixed = replace(data, manifest=data.manifest | {"fixed_parameters": {"age": 0.5}})
+    config, seen = fitted(CONFIG, fixed)
+    assert (config.appearance, config.generator.betas) == (0, 0) and seen.manifest["parameters"] == {}
+    batch = renders(config, seen, 0, 1)(0)
+    assert batch.alpha.shape == (4, 0) and batch.beta.shape == (4, 0)
+    assert fitted(CONFIG, data)[0].appearance == 1
+    with pytest.raises(InputError, match=r"^mismatch: needs a dataset with parameters"):
+        fitted(replace(CONFIG, mismatch=1.0), fixed)
+    network, seen = fitted_parametric(ParametricConfig(CONFIG.picture, seeded=True), fixed)
+    assert network.parameters == 1 and list(seen.manifest["parameters"]) == [SEED]
+
+
 def test_a_folder_is_known_by_any_path_to_it(data, whole, tmp_path) -> None:
     """A path through a folder that is not there yet must not come by another run's record unseen."""
     shutil.copytree(whole[1], tmp_path / "run")
@@ -170,7 +184,7 @@ def test_a_folder_is_known_by_any_path_to_it(data, whole, tmp_path) -> None:
     with pytest.raises(
         InputError, match=r"run/config\.json: the run was begun with another configuration: config.gamma"
     ):
-        keep_record(replace(fitted(CONFIG, data), gamma=7.0), data, tmp_path / "nothing" / ".." / "run")
+        keep_record(replace(fitted(CONFIG, data)[0], gamma=7.0), data, tmp_path / "nothing" / ".." / "run")
     assert (tmp_path / "run" / "config.json").read_bytes() == kept and not (tmp_path / "nothing").exists()
 
 
@@ -189,7 +203,7 @@ def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeyp
 
 
 def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:
-    config = fitted(CONFIG, data)
+    config = fitted(CONFIG, data)[0]
     at = renders(config, data)
 
     def distance(i: int) -> np.ndarray:

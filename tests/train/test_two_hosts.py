@@ -56,7 +56,7 @@ def test_two_processes_train_one_run(tmp_path: Path) -> None:
     said = [process.communicate(timeout=300)[0] for process in both]
     assert [process.returncode for process in both] == [0, 0], said
     assert alone.returncode == 0, alone.stderr
-    config = fitted(read_experiment(tmp_path / "e.py"), read_dataset(tmp_path / "packed"))
+    config = fitted(read_experiment(tmp_path / "e.py"), read_dataset(tmp_path / "packed"))[0]
     like, found = start(config, jax.random.key(0)), {}
     for run in ("one", "two"):
         assert [p.name for p in (tmp_path / run / "checkpoints").iterdir() if p.name.isdigit()] == ["3"]

@@ -50,7 +50,7 @@ def _gan_parts(state: TrainState) -> dict[str, Any]:
 
 GAN = Method(
     read=read_dataset,
-    fitted=lambda config, dataset: (fitted(config, dataset), dataset),
+    fitted=fitted,
     feed=renders,
     start=state.start,
     step=step.step,

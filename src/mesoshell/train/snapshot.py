@@ -54,8 +54,8 @@ def provenance(config: TrainConfig | ParametricConfig, dataset: Dataset, images:
 
 def origin(dataset: Dataset) -> dict:
     """What a bundle says of the renders that it was made from."""
-    kept = ("recipe", "version", "size", "samples_per_pixel", "seed")
-    return {k: dataset.manifest[k] for k in kept} | {"images": len(dataset.samples)}
+    kept = ("recipe", "version", "size", "samples_per_pixel", "seed", "fixed_parameters")
+    return {k: dataset.manifest[k] for k in kept if k in dataset.manifest} | {"images": len(dataset.samples)}
 
 
 @lru_cache

@@ -33,23 +33,32 @@ SEED = "geometry seed"
 FIRST, STAGES = 0.25, 8
 
 
-def fitted(config: TrainConfig, dataset: Dataset) -> TrainConfig:
-    """The configuration for a dataset. Raises InputError if its images are not of the configured size, or the discriminator
-    could compare views of one texture with each other, which renders do not have."""
+def fitted(config: TrainConfig, dataset: Dataset) -> tuple[TrainConfig, Dataset]:
+    """The configuration for a dataset, and the dataset with what varies in it. Raises InputError if its images are not of the
+    configured size, or the discriminator could compare views of one texture with each other, which renders do not have."""
     if config.batch % GROUP == 0 and config.views > config.batch // GROUP:
         raise InputError(
             "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
         )
-    roles = [entry["role"] for entry in dataset.manifest["parameters"].values()]
+    seen = varying(dataset)
+    roles = [entry["role"] for entry in seen.manifest["parameters"].values()]
     if config.mismatch and not roles:
         raise InputError("mismatch", "needs a dataset with parameters: without them no render is beside wrong ones")
     config = replace(config, picture=_fitted_picture(config.picture, dataset))
-    return sized(config, roles.count("alpha"), roles.count("beta"))
+    return sized(config, roles.count("alpha"), roles.count("beta")), seen
+
+
+def varying(dataset: Dataset) -> Dataset:
+    """The dataset without the parameters that were the same in all its renders: what they do cannot be learned."""
+    fixed = dataset.manifest.get("fixed_parameters", {})
+    kept = {name: entry for name, entry in dataset.manifest["parameters"].items() if name not in fixed}
+    return replace(dataset, manifest=dataset.manifest | {"parameters": kept})
 
 
 def fitted_parametric(config: ParametricConfig, dataset: Dataset) -> tuple[ParametricConfig, Dataset]:
-    """The configuration for a dataset, and the dataset with its seeds if the network sees them. Raises InputError if images
-    are not of the configured size, or show other geometry each and no seed tells which, or the same and there is no need."""
+    """The configuration for a dataset, and the dataset with what varies in it, its seeds too if the network sees them. Raises
+    InputError if images are not of the configured size, or show other geometry each and no seed tells which, or the same and
+    there is no need."""
     patch = dataset.manifest.get("patch", None if config.seeded else 0)
     if patch is None and not config.seeded:
         raise InputError(
@@ -61,7 +70,7 @@ def fitted_parametric(config: ParametricConfig, dataset: Dataset) -> tuple[Param
         raise InputError(
             dataset.folder, f"every image shows patch {patch}; seeds as a parameter need a dataset without --patch"
         )
-    dataset = with_seeds(dataset) if config.seeded else dataset
+    dataset = with_seeds(varying(dataset)) if config.seeded else varying(dataset)
     picture = _fitted_picture(config.picture, dataset)
     return replace(config, picture=picture, parameters=len(dataset.manifest["parameters"])), dataset
 

@@ -115,7 +115,7 @@ def test_filtering_chooses_coarser_features_far_away() -> None:
 @pytest.mark.parametrize("samples", [1, 7, 24, 32, 48, 100, 5000])
 @pytest.mark.parametrize("side", [8, 20, 32, 128])
 def test_tiles_are_large_for_any_number_of_samples(side: int, samples: int) -> None:
-    """24 samples of 32² rays once came two rays at a time, and took five times as long."""
+    """24 samples of 32² rays once came two rays at a time, and took four times as long."""
     rays = side * side
     size = rays_a_tile(rays, samples)
     assert rays % size == 0 and (size * samples <= 4096 or size == 1)

@@ -89,10 +89,11 @@ def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, 
 
 def test_a_run_begins_with_anothers_weights_and_goes_on_with_its_own(data, whole, tmp_path, monkeypatch) -> None:
     """What it begins with is its checkpoint 0: a run that is killed while it compiles needs the other one no more."""
-    place = run.spread_step
+    place, began = run.spread_step, []
 
     def killed(*arguments):
         def placed(state):
+            began.append(state)
             raise KeyboardInterrupt
 
         return place(*arguments)._replace(place=placed)
@@ -108,6 +109,8 @@ def test_a_run_begins_with_anothers_weights_and_goes_on_with_its_own(data, whole
     assert not np.array_equal(begun.learner.generator.mapping[0].kernel, whole[0].learner.generator.mapping[0].kernel)
     with pytest.raises(KeyboardInterrupt):
         train(CONFIG, data, tmp_path / "a")
+    for a, b in zip(leaves(began[0]), leaves(began[1]), strict=True):
+        np.testing.assert_array_equal(a, b)
     assert read_record(tmp_path / "a")[1]["transfer"] == str(whole[1].resolve())
     with pytest.raises(InputError, match=r"data.transfer is .*whole, asked for .*/a$"):
         train(CONFIG, data, tmp_path / "a", transfer=tmp_path / "a")
@@ -200,6 +203,8 @@ def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeyp
     said = str(caught.value)
     assert said.startswith("step 5: the gradient of discriminator.colour.weight is not finite")
     assert said.endswith(f"the last good checkpoint is {tmp_path / 'bad/checkpoints/4'}")
+    with pytest.raises(Diverged, match=r"^step 1: .* not finite; the last good checkpoint is .*/lent/checkpoints/0$"):
+        train(CONFIG, data, tmp_path / "lent", transfer=whole[1])
 
 
 def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:

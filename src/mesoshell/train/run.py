@@ -143,7 +143,11 @@ class _Book:
 def _said(i: int, report: Any, names: list[str], folder: Path, good: int | None) -> str:
     bad = np.flatnonzero(np.asarray(report.bad))
     what = f"the gradient of {names[bad[0]]} is" if len(bad) else "a loss is"
-    last = f"the last good checkpoint is {folder / 'checkpoints' / str(good)}" if good else "there is no checkpoint yet"
+    last = (
+        f"the last good checkpoint is {folder / 'checkpoints' / str(good)}"
+        if good is not None
+        else "there is no checkpoint yet"
+    )
     return f"step {i + 1}: {what} not finite; {last}"
 
 

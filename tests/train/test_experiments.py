@@ -10,12 +10,14 @@ import jax
 import numpy as np
 import pytest
 
+from mesoshell.atlas.capture import Capture, read_capture
 from mesoshell.cli.training import check_recipe, read_experiment
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
 from mesoshell.io.patches import Patches, read_patches
 from mesoshell.mesostructure.render import Settings, render_patches
+from mesoshell.train.atlas import AtlasTraining
 from mesoshell.train.method import method_of
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.presets import PRESETS
@@ -23,6 +25,7 @@ from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.run import train
 from mesoshell.train.stream import RunConfig, views_of
 from mesoshell.train.surface import SurfaceTraining
+from tests import balls
 
 FILES = sorted((Path(__file__).parents[2] / "experiments").glob("*.py"))
 #: A file for each configuration: one step differs from another by its configuration and its data alone.
@@ -46,6 +49,11 @@ def larger(tmp_path_factory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
+def ball(tmp_path_factory) -> Capture:
+    return read_capture(balls.write_capture(tmp_path_factory.mktemp("captures") / "ball", views=10, size=24))
+
+
+@pytest.fixture(scope="module")
 def answered(tmp_path_factory) -> Patches:
     """Queries that all have one answer."""
 
@@ -65,6 +73,8 @@ def answered(tmp_path_factory) -> Patches:
 
 def shrunk(config: RunConfig) -> RunConfig:
     """Two steps of 8² pictures, networks of a few channels."""
+    if isinstance(config, AtlasTraining):
+        return replace(config, side=8, samples=4, batch=4, kimg=0.008)
     if isinstance(config, SurfaceTraining):
         return replace(config, surface=replace(config.surface, texels=8, hidden=(8,)), batch=4, kimg=0.008)
     config = replace(config, picture=replace(config.picture, size=8, samples=4), kimg=0.008)
@@ -78,10 +88,10 @@ def shrunk(config: RunConfig) -> RunConfig:
 
 
 @pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
-def test_it_takes_two_steps(file: Path, data, answered, tmp_path: Path) -> None:
+def test_it_takes_two_steps(file: Path, data, answered, ball, tmp_path: Path) -> None:
     """Everything that learns has moved, is finite, and is kept as a snapshot with a sheet; the log has all losses."""
     config = shrunk(read_experiment(file, "tiny"))
-    data = answered if isinstance(config, SurfaceTraining) else data
+    data = {SurfaceTraining: answered, AtlasTraining: ball}.get(type(config), data)
     method = method_of(config)
     state = train(config, data, tmp_path / "run")
     assert int(state.images) == 8 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
@@ -96,8 +106,14 @@ def test_it_takes_two_steps(file: Path, data, answered, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
-def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, tmp_path: Path) -> None:
+def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, ball, tmp_path: Path) -> None:
     config = read_experiment(file, "tiny")
+    if isinstance(config, AtlasTraining):
+        train(config, ball, tmp_path / "run")
+        pictures = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
+        (made,) = pictures([ball.photos[7]])
+        assert np.abs(made[..., :3] - ball.rgb[7]).mean() < 0.05
+        return
     if isinstance(config, SurfaceTraining):
         train(config, answered, tmp_path / "run")
         answers = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
@@ -115,7 +131,7 @@ def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, tmp_path:
 @pytest.mark.parametrize("file", FILES, ids=lambda p: p.stem)
 def test_its_own_size_is_the_small_preset(file: Path) -> None:
     config = read_experiment(file)
-    assert isinstance(config, SurfaceTraining) or config.picture.size == 64
+    assert isinstance(config, SurfaceTraining | AtlasTraining) or config.picture.size == 64
     assert config == read_experiment(file, "small")
     jax.eval_shape(lambda: method_of(config).start(config, jax.random.key(0)))
     assert file.read_text().startswith('"""')
@@ -146,9 +162,13 @@ def test_comparisons_have_their_presets_pictures_and_length(preset: str) -> None
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "e.py"
     for text, preset, fault in (
-        ("config = 3", None, "defines no `config` that is a TrainConfig, a ParametricConfig or a SurfaceTraining"),
+        (
+            "config = 3",
+            None,
+            "defines no `config` that is a TrainConfig, a ParametricConfig, a SurfaceTraining or an Atl",
+        ),
         ("variant = 3", "small", "defines no `variant`"),
-        ("", "tiny", "defines no `variant` that makes of a TrainConfig a TrainConfig, a ParametricConfig or a Surf"),
+        ("", "tiny", "defines no `variant` that makes of a TrainConfig a TrainConfig, a ParametricConfig, a Surf"),
         ("def variant(c): return c.nothing", "tiny", "AttributeError"),
         ("import nothing_of_the_kind", None, "ModuleNotFoundError"),
     ):

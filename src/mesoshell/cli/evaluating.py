@@ -9,14 +9,19 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
+from mesoshell.atlas.capture import Capture
+from mesoshell.atlas.store import read_captured
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.evaluate import Options
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.patches import Patches
+from mesoshell.measure.captured import CHART, VIEWS, score_views
 from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
 from mesoshell.measure.queries import QUERIES, score
+from mesoshell.train import atlas
+from mesoshell.train.atlas import AtlasTraining
 from mesoshell.train.method import method_of
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.record import read_record, snapshots
@@ -38,7 +43,8 @@ def evaluate(options: Options) -> None:
     found = snapshots(options.run)
     method = method_of(config)
     config, dataset = method.fitted(config, method.read(options.data or data["folder"]))
-    measure = _queries(config, dataset) if isinstance(config, SurfaceTraining) else _pictures(config, dataset, options)
+    measures = {SurfaceTraining: _queries, AtlasTraining: _views}
+    measure = measures.get(type(config), _pictures)(config, dataset, options)
     chosen = [found[i] for i in sorted(set(np.linspace(len(found) - 1, 0, options.snapshots).round().astype(int)))]
     path = options.run / "evaluation.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
@@ -70,7 +76,18 @@ class _Measure(NamedTuple):
     of: Callable[[Path], dict[str, Estimate]]
 
 
-def _queries(config: SurfaceTraining, data: Patches) -> _Measure:
+def _views(config: AtlasTraining, capture: Capture, options: Options) -> _Measure:
+    """Renders of the views that were held out, beside their photographs, and how the surface lies in its texture."""
+    tested = atlas.held_out(capture)[1]
+    if not tested:
+        raise InputError(options.run, "held no view out: it has fewer than 8")
+    names = VIEWS + (CHART if config.field.colour == "texture" else ())
+    return _Measure(
+        names, len(tested), "held-out views", lambda path: score_views(read_captured(path), capture, config.samples)
+    )
+
+
+def _queries(config: SurfaceTraining, data: Patches, options: Options) -> _Measure:
     """Errors of answers to held-out queries."""
     patches = held_out(data)[1]
     return _Measure(QUERIES, len(patches), "held-out patches", lambda path: score(painter(config, path), patches))

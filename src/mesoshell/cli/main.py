@@ -6,7 +6,7 @@ from collections.abc import Callable
 import tyro
 
 from mesoshell import __version__
-from mesoshell.cli import dataset, distill, doctor, evaluate, export, fit, render, texture, train
+from mesoshell.cli import atlas, dataset, distill, doctor, evaluate, export, fit, render, texture, train
 from mesoshell.errors import InputError
 
 VERBS: dict[str, Callable] = {
@@ -18,6 +18,7 @@ VERBS: dict[str, Callable] = {
     "export": export.run,
     "texture": texture.run,
     "distill": distill.run,
+    "atlas": atlas.run,
     "doctor": doctor.run,
 }
 

@@ -83,8 +83,8 @@ def read_experiment(path: Path, preset: str | None = None) -> Any:
         of = {"config": "that is", "variant": "that makes of a TrainConfig"}[wanted]
         raise InputError(
             path,
-            f"defines no `{wanted}` {of} a TrainConfig, a ParametricConfig or a SurfaceTraining (mesoshell.train.state, "
-            ".parametric and .surface)",
+            f"defines no `{wanted}` {of} a TrainConfig, a ParametricConfig, a SurfaceTraining or an AtlasTraining "
+            "(mesoshell.train.state, .parametric, .surface and .atlas)",
         )
     return config
 

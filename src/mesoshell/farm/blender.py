@@ -27,11 +27,12 @@ class Crash(Exception):
     """The process ended without an answer; the message is one line."""
 
 
-def blender_command() -> tuple[list[str], Path]:
-    """The worker's command, and the folder to run it in. Raises InputError if the Blender environment is missing."""
+def blender_command(program: str = "data_gen.worker") -> tuple[list[str], Path]:
+    """The command of one of data_gen's programs, and the folder to run it in. Raises InputError if Blender's environment is
+    missing."""
     for root in (Path.cwd(), Path(__file__).resolve().parents[3]):
         if (root / _ENVIRONMENT / "installed").exists():
-            return [str(root / _ENVIRONMENT / "bin/python"), "-m", "data_gen.worker"], root
+            return [str(root / _ENVIRONMENT / "bin/python"), "-m", program], root
     raise InputError(_ENVIRONMENT, "no Blender environment; make it with: make blender")
 
 

@@ -71,18 +71,29 @@ def read_png(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
 
     Grey and palette images are expanded. Raises InputError if the file is missing, not a PNG, corrupt, or 16-bit grey.
     """
+    return _decoded(path, read_file(path), "PNG")
+
+
+def read_picture(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
+    """A photograph: OpenEXR as `read_exr`, PNG and JPEG as `read_png`, by what is in the file and not by its name."""
+    data = read_file(path)
+    if data.startswith(_EXR_MAGIC):
+        return read_exr(path)
+    return _decoded(path, data, "JPEG" if data.startswith(b"\xff\xd8") else "PNG")
+
+
+def _decoded(path: str | PathLike[str], data: bytes, form: str) -> Float32[np.ndarray, "H W C"]:
     from PIL import Image
 
-    data = read_file(path)
     try:
-        with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
+        with Image.open(io.BytesIO(data), formats=[form]) as picture:
             if picture.mode.startswith("I"):
                 raise InputError(path, "16-bit grey PNG; expected 8 bits a channel")
             codes = np.asarray(picture.convert("RGBA" if picture.has_transparency_data else "RGB"))
     except InputError:
         raise
     except Exception as error:  # the decoder throws OSError, SyntaxError, ValueError, struct.error, zlib.error, …
-        raise InputError(path, "not a PNG file, or a corrupt one") from error
+        raise InputError(path, f"not a {form} file, or a corrupt one") from error
     values = codes.astype(np.float32) / np.float32(255)
     colour = srgb_to_linear(values[..., :3])
     alpha = values[..., 3:]

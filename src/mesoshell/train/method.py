@@ -11,15 +11,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mesoshell.atlas.capture import Capture, read_capture
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.patches import Patches, read_patches
-from mesoshell.train import parametric, parametric_snapshot, snapshot, state, step, surface, surface_snapshot
+from mesoshell.train import (
+    atlas,
+    atlas_snapshot,
+    parametric,
+    parametric_snapshot,
+    snapshot,
+    state,
+    step,
+    surface,
+    surface_snapshot,
+)
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.state import TrainConfig, TrainState
 from mesoshell.train.stream import RunConfig, fitted, fitted_parametric, renders
 
 #: What runs learn from.
-Data = Dataset | Patches
+Data = Dataset | Patches | Capture
 
 
 class Method(NamedTuple):
@@ -87,7 +98,25 @@ SURFACE = Method(
     sheet=surface_snapshot.sheet,
     painter=surface_snapshot.painter,
 )
-_OF: dict[type, Method] = {TrainConfig: GAN, ParametricConfig: NERF_TEX, surface.SurfaceTraining: SURFACE}
+ATLAS = Method(
+    read=read_capture,
+    fitted=atlas.fitted,
+    feed=atlas.feed,
+    start=atlas.start,
+    step=atlas.step,
+    parts=lambda state: {"field": state.field},
+    together=lambda config: 1,
+    losses=("render", "cycle", "mask", "chamfer"),
+    save=atlas_snapshot.save,
+    sheet=atlas_snapshot.sheet,
+    painter=atlas_snapshot.painter,
+)
+_OF: dict[type, Method] = {
+    TrainConfig: GAN,
+    ParametricConfig: NERF_TEX,
+    surface.SurfaceTraining: SURFACE,
+    atlas.AtlasTraining: ATLAS,
+}
 
 
 def method_of(config: RunConfig) -> Method:

@@ -12,23 +12,32 @@ from typing import Any
 
 import jax
 
+from mesoshell.atlas.capture import Capture
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.patches import Patches
 from mesoshell.io.whole import read_file, replace_file
+from mesoshell.train.atlas import AtlasTraining
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.state import TrainConfig
 from mesoshell.train.stream import RunConfig
 from mesoshell.train.surface import SurfaceTraining
 
-METHODS: dict[str, type[RunConfig]] = {"gan": TrainConfig, "nerf_tex": ParametricConfig, "surface": SurfaceTraining}
+METHODS: dict[str, type[RunConfig]] = {
+    "gan": TrainConfig,
+    "nerf_tex": ParametricConfig,
+    "surface": SurfaceTraining,
+    "atlas": AtlasTraining,
+}
 #: Of a dataset's manifest, what says which data a run was begun with.
 KEPT = ("recipe", "source", "version", "size", "seed", "parameters", "depth", "curvature", "queries", "spp")
 #: What a run may be resumed with another value of.
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 
-def keep_record(config: RunConfig, dataset: Dataset | Patches, folder: Path, transfer: Path | None = None) -> None:
+def keep_record(
+    config: RunConfig, dataset: Dataset | Patches | Capture, folder: Path, transfer: Path | None = None
+) -> None:
     """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, but for
     MAY_CHANGE, and began with its own weights or another run's, which need not be said again. A field younger than the
     record has its default in it. Raises InputError that names the fields that differ."""

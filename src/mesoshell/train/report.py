@@ -25,6 +25,9 @@ CURVES = {
     "loss of transmittance": ("transmittance",),
     "loss of reflectance": ("reflectance",),
     "loss of opacity": ("opacity",),
+    "loss of colour": ("render",),
+    "loss of mask": ("mask",),
+    "loss of cycle": ("cycle", "chamfer"),
 }
 
 

@@ -1,0 +1,13 @@
+"""An object from its photographs, with a texture that it discovers itself (NeuTex). Encoded by hash grids; docs/atlas.md has
+what either encoding takes."""
+
+from mesoshell.train.atlas import AtlasTraining, atlas_as
+from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
+
+
+def variant(preset: TrainConfig) -> AtlasTraining:
+    return atlas_as(preset)
+
+
+config = variant(SMALL)

@@ -1,0 +1,16 @@
+"""What a texture costs: a NeRF of the same size and budget, by the same code. Colours come from the volume; no map, no
+cycle, nothing that can be painted on."""
+
+from dataclasses import replace
+
+from mesoshell.train.atlas import AtlasTraining, atlas_as
+from mesoshell.train.presets import SMALL
+from mesoshell.train.state import TrainConfig
+
+
+def variant(preset: TrainConfig) -> AtlasTraining:
+    config = atlas_as(preset)
+    return replace(config, field=replace(config.field, colour="volume"), chamfer=0.0, finish=0.0)
+
+
+config = variant(SMALL)

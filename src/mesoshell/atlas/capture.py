@@ -1,0 +1,181 @@
+"""An object's photographs, ready to be learned from: linear colours, masks, and the box that the object lies in.
+
+Alphabet
+x, y        a point of the capture's world, and of the box: y = (x − centre) / half; the object lies in [−1, 1]³
+rgb         linear Rec. 709, premultiplied by the mask: what is not the object is black
+mask        share of a pixel that the object covers: of a file of its own, of the image's alpha, or of what is not `background`
+
+The box is the capture's own, if it says one; else that of the visual hull (atlas/hull).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import binary_dilation
+
+from mesoshell.atlas.hull import CELLS, Hull, agreement, carve
+from mesoshell.atlas.photo import Photo, shrunk
+from mesoshell.errors import InputError
+from mesoshell.io.image import read_picture
+from mesoshell.io.poses import Posed, read_poses
+
+#: sRGB codes by which a pixel differs from the background at least, to be all of the object.
+APART = 0.06
+#: Views, and share of masked pixels in agreement, under which a warning is due.
+FEW, AGREED = 8, 0.9
+#: Cells by which a point may lie outside of the hull.
+NOISE = 3
+BACKGROUNDS = {"black": 0.0, "white": 1.0}
+
+
+@dataclass(frozen=True)
+class Capture:
+    """hull: cells of the box that may hold something, by the masks. points: of the world, inside the box. agreement: that of
+    the masks, the mean over views."""
+
+    folder: Path
+    photos: tuple[Photo, ...]
+    rgb: tuple[Float[np.ndarray, "_h _w 3"], ...]
+    masks: tuple[Float[np.ndarray, "_h _w"], ...]
+    centre: Float[np.ndarray, "3"]
+    half: float
+    hull: Bool[np.ndarray, "n n n"]
+    points: Float[np.ndarray, "P 3"] | None
+    agreement: float
+    warnings: tuple[str, ...]
+
+    @property
+    def manifest(self) -> dict[str, object]:
+        """What a run's record keeps of it."""
+        return {"source": f"{len(self.photos)} photographs", "size": [self.photos[0].width, self.photos[0].height]}
+
+    @property
+    def recipe(self) -> str:
+        """What an experiment may be about."""
+        return "capture"
+
+    def to_box(self, x: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        return (x - self.centre) / self.half
+
+
+def read_capture(folder: Path, background: str | None = None) -> Capture:
+    """All of a capture. background: a name of BACKGROUNDS, for images that have neither masks nor alpha. Raises InputError that
+    names the file and the fault; what can be used but looks wrong is in `warnings`."""
+    poses = read_poses(folder)
+    if len(poses.views) < 2:
+        raise InputError(poses.source, f"has {len(poses.views)} view: a shape needs at least 2")
+    read = [_read(poses.source, view, background) for view in poses.views]
+    photos, masks = [photo for photo, _, _ in read], [mask for _, _, mask in read]
+    _see(poses.source, [view.image for view in poses.views], masks)
+    found = carve(photos, masks)
+    if found is None:
+        raise InputError(
+            poses.source,
+            "no point lies inside the masks of all views: wrong poses or lenses, or views of different things",
+        )
+    agreed = np.array([agreement(found, photo, mask) for photo, mask in zip(photos, masks, strict=True)])
+    warnings = [f"has only {len(photos)} views: the shape between them is a guess"] if len(photos) < FEW else []
+    if agreed.mean() < AGREED:
+        worst = poses.views[int(np.argmin(agreed))].image.name
+        warnings.append(
+            f"masks of different views agree on {agreed.mean():.0%} of what they show ({worst}: {agreed.min():.0%}): wrong "
+            "poses, lenses or masks?"
+        )
+    centre, half, hull = _boxed(found, poses.box)
+    points = None
+    if poses.points is not None:
+        # noisy points lie on both sides of a surface that the hull's cells just hold
+        inside = _in_hull(poses.points, found._replace(inside=binary_dilation(found.inside, iterations=NOISE)))
+        if inside.mean() < 0.5:
+            warnings.append(
+                f"{1 - inside.mean():.0%} of the points lie outside of what the masks show: they are left out"
+            )
+        points = poses.points[inside] if inside.any() else None
+    rgb = tuple(image for _, image, _ in read)
+    return Capture(
+        folder, tuple(photos), rgb, tuple(masks), centre, half, hull, points, float(agreed.mean()), tuple(warnings)
+    )
+
+
+def at_most(capture: Capture, side: int) -> Capture:
+    """The same with images of at most `side` pixels a side, by means over whole pixels."""
+    photos, rgb, masks = [], [], []
+    for photo, image, mask in zip(capture.photos, capture.rgb, capture.masks, strict=True):
+        factor = -(-max(photo.width, photo.height) // side)
+        photos.append(shrunk(photo, factor))
+        rgb.append(_means(image, factor))
+        masks.append(_means(mask, factor))
+    fields = {f: getattr(capture, f) for f in ("folder", "centre", "half", "hull", "points", "agreement", "warnings")}
+    return Capture(photos=tuple(photos), rgb=tuple(rgb), masks=tuple(masks), **fields)
+
+
+def _means(x: np.ndarray, n: int) -> np.ndarray:
+    h, w = x.shape[0] // n, x.shape[1] // n
+    return x[: h * n, : w * n].reshape(h, n, w, n, *x.shape[2:]).mean(axis=(1, 3))
+
+
+def _read(source: Path, view: Posed, background: str | None) -> tuple[Photo, np.ndarray, np.ndarray]:
+    image = read_picture(view.image)
+    height, width = image.shape[:2]
+    if view.size and view.size != (width, height):
+        raise InputError(view.image, f"is {width} x {height}; {source.name} says {view.size[0]} x {view.size[1]}")
+    lens = view.lens
+    if lens is None:
+        assert view.angle is not None
+        f = width / 2 / np.tan(view.angle / 2)
+        lens = f, f, width / 2, height / 2
+    rgb = image[..., :3]
+    if view.mask is not None:
+        mask = read_picture(view.mask)
+        if mask.shape[:2] != (height, width):
+            raise InputError(view.mask, f"is {mask.shape[1]} x {mask.shape[0]}; its image is {width} x {height}")
+        mask = (mask[..., :3].mean(axis=-1) >= 0.2).astype(np.float32)  # 0.5 as a code
+        rgb = rgb * mask[..., None]
+    elif image.shape[2] == 4:
+        mask = image[..., 3]
+    elif background is not None:
+        rgb, mask = _from_background(rgb, BACKGROUNDS[background])
+    else:
+        raise InputError(
+            view.image, "has neither a mask nor alpha: say --background black or white, if that is what it is"
+        )
+    if not np.isfinite(rgb).all():
+        raise InputError(view.image, "has pixels that are not finite")
+    return Photo(view.to_world, lens, width, height), rgb.astype(np.float32), np.clip(mask, 0, 1).astype(np.float32)
+
+
+def _from_background(rgb: np.ndarray, value: float) -> tuple[np.ndarray, np.ndarray]:
+    from mesoshell.io.image import linear_to_srgb
+
+    mask = np.clip(np.abs(linear_to_srgb(rgb) - value).max(axis=-1) / APART, 0, 1)
+    mask[mask < 0.5] = 0.0
+    return np.maximum(rgb - value * (1 - mask[..., None]), 0) * (mask[..., None] > 0), mask
+
+
+def _see(source: Path, names: Sequence[Path], masks: Sequence[np.ndarray]) -> None:
+    empty = [name.name for name, mask in zip(names, masks, strict=True) if not (mask >= 0.5).any()]
+    if empty:
+        all_of = "all masks are" if len(empty) == len(masks) else f"the mask of {empty[0]} is"
+        raise InputError(source, f"{all_of} empty: nothing there is the object")
+    if all((mask >= 0.5).all() for mask in masks):
+        raise InputError(source, "all masks are full: nothing tells the object from what is behind it")
+
+
+def _boxed(found: Hull, said: tuple[np.ndarray, float] | None) -> tuple[np.ndarray, float, np.ndarray]:
+    """The box, and the hull's cells in it."""
+    if said is None:
+        return found.centre, found.half, found.inside
+    centre, half = said
+    axis = (np.arange(CELLS) + 0.5) / CELLS * 2 - 1
+    x = centre + half * np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    return centre, half, _in_hull(x.reshape(-1, 3), found).reshape(CELLS, CELLS, CELLS)
+
+
+def _in_hull(x: Float[np.ndarray, "n 3"], hull: Hull) -> Bool[np.ndarray, "n"]:
+    cell = np.floor(((x - hull.centre) / hull.half + 1) * (CELLS / 2)).astype(int)
+    held = ((cell >= 0) & (cell < CELLS)).all(axis=1)
+    i, j, k = np.clip(cell, 0, CELLS - 1).T
+    return held & hull.inside[i, j, k]

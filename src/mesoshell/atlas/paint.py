@@ -1,0 +1,80 @@
+"""The texture as an image, and what an edited image does to an object.
+
+Alphabet
+T           an object's texture, linear: the greatest of its colours over VIEWS directions, as the paper shows it
+E, α        an edit: colours and coverage of an image of any layout
+c′ = a + s c    what becomes of a colour c that a view sees at u:
+multiply    s = E, a = 0
+replace     s = min(1, E/T), a = E − s T: where E = T nothing changes; elsewhere what views add to the colour goes on, never
+            more of it than there was
+
+Where α is below 1 the edit is mixed with s = 1, a = 0.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float as NumPyFloat
+
+from mesoshell.atlas.field import Field, FieldConfig, texture, viewed
+from mesoshell.atlas.layout import LAYOUTS, Layout, directions, shape, side_of
+from mesoshell.errors import InputError
+from mesoshell.io.image import read_picture
+from mesoshell.nets.batches import run
+
+Edit = Literal["replace", "multiply"]
+VIEWS = 32
+#: What a texture is taken to have at least, where it is divided by.
+DARKEST = 1e-4
+
+
+def texture_image(config: FieldConfig, field: Field, layout: Layout, side: int) -> NumPyFloat[np.ndarray, "h w 3"]:
+    """T, linear and not negative."""
+    u = directions(layout, side)
+    (found,) = run(lambda u, n: (_greatest(config, field, u),), u.reshape(-1, 3))
+    return np.maximum(found, 0).reshape(u.shape)
+
+
+@partial(jax.jit, static_argnums=0)
+def _greatest(config: FieldConfig, field: Field, u):
+    i = np.arange(VIEWS) + 0.5
+    z, turn = 1 - 2 * i / VIEWS, i * np.pi * (3 - 5**0.5)
+    ring = np.sqrt(1 - z * z)
+    ways = jnp.asarray(np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1), u.dtype)
+
+    def point(u):
+        base, features = texture(config, field, u)
+        return base + jnp.max(jax.vmap(lambda d: viewed(config, field, features, d))(ways), axis=0)
+
+    return jax.lax.map(jax.vmap(point), u.reshape(-1, 1024, 3)).reshape(-1, 3)
+
+
+def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.ndarray, "h w c"]]:
+    """An image, and the layout that it is of: as said, or the only one with its proportions. Raises InputError."""
+    image = read_picture(path)
+    h, w = image.shape[:2]
+    asked = LAYOUTS if layout is None else (layout,)
+    fit = [name for name in asked if side_of(name, h, w)]
+    if not fit:
+        sizes = " or ".join(f"{name} ({shape(name, 1)[1]}:{shape(name, 1)[0]})" for name in asked)
+        raise InputError(path, f"is {w} x {h} pixels, the proportions of no {sizes}")
+    return fit[0], image
+
+
+def painted(
+    config: FieldConfig, field: Field, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit
+) -> NumPyFloat[np.ndarray, "h w 6"]:
+    """a and s of an edit. image: linear RGB, or premultiplied RGBA."""
+    alpha = image[..., 3:] if image.shape[2] == 4 else np.ones_like(image[..., :1])
+    rgb = image[..., :3]  # α E
+    if edit == "multiply":
+        return np.concatenate([np.zeros_like(rgb), rgb + (1 - alpha)], axis=-1)
+    side = side_of(layout, *image.shape[:2])
+    assert side
+    now = texture_image(config, field, layout, side)
+    s = np.minimum(alpha, rgb / np.maximum(now, DARKEST))  # α s
+    return np.concatenate([rgb - s * now, s + (1 - alpha)], axis=-1)

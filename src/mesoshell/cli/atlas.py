@@ -1,0 +1,123 @@
+"""`mesoshell atlas`: objects from photographs, with a texture that can be edited."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capture:
+    """Photograph a mesh with Blender from a dome around it: images, masks and a point cloud, to try all else with."""
+
+    #: OBJ, PLY, GLB or STL file.
+    mesh: tyro.conf.Positional[Path]
+    #: Folder to write; must not exist.
+    out: Path
+    #: Number of photographs.
+    views: int = 49
+    #: Side of the square photographs in pixels.
+    size: int = 128
+    #: Light paths a pixel.
+    spp: int = 64
+    #: Image that the mesh is painted with, by its texture coordinates; a checkered pattern in space if not given.
+    paint: Path | None = None
+    #: Light from the camera alone, in otherwise black surroundings.
+    flash: bool = False
+    #: Points of the cloud, and their deviation from the surface over the box's side.
+    points: int = 2000
+    noise: float = 0.005
+    #: Seed of the cloud.
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Learn an object from a folder of photographs; a run that was stopped goes on."""
+
+    #: Folder with transforms.json, with cameras.npz beside image/ and mask/, or with a COLMAP model.
+    capture: tyro.conf.Positional[Path]
+    #: Folder of checkpoints and log; if it holds some, the training goes on from there.
+    run: Path
+    #: tiny shows that all works; small is for two cores; paper is as published, for a GPU.
+    preset: Literal["tiny", "small", "paper"] = "small"
+    #: How networks see a point: hash is faster to learn, frequency is the paper's. Of no experiment.
+    encoding: Literal["hash", "frequency"] = "hash"
+    #: A Python file whose `variant` makes a mesoshell.train.atlas.AtlasTraining of a preset; instead of --encoding.
+    experiment: Path | None = None
+    #: What is behind the object, in photographs that have neither masks nor alpha.
+    background: Literal["black", "white"] | None = None
+    #: Thousands of rays to learn from; the preset's if not given.
+    kimg: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Texture:
+    """Write an object's texture as an image that can be painted on."""
+
+    #: Folder of a run, or one of its snapshots.
+    object: tyro.conf.Positional[Path]
+    #: PNG (sRGB), or EXR (linear).
+    out: Path
+    #: Six squares of a cube, 3 across; twice as wide as high; or one square.
+    layout: Literal["cubemap", "latlong", "square"] = "cubemap"
+    #: Pixels of a square's side; of latlong, its height.
+    size: int = 512
+
+
+@dataclass(frozen=True, kw_only=True)
+class Render:
+    """Render an object from a path of cameras, perhaps with another texture."""
+
+    #: Folder of a run, or one of its snapshots.
+    object: tyro.conf.Positional[Path]
+    #: Folder for the frames, NNNN.png and NNNN.exr (linear RGBA).
+    out: Path
+    #: Once around the object, the photographs' cameras, or those that were held out.
+    path: Literal["orbit", "photographs", "held-out"] = "orbit"
+    #: Frames of the orbit.
+    frames: int = 24
+    #: Width and height of an orbit's frames in pixels.
+    size: tuple[int, int] = (256, 256)
+    #: An edited texture: PNG, JPEG or EXR; its transparent parts leave the object as it is.
+    texture: Path | None = None
+    #: The edited texture takes the place of the object's, or is multiplied with it.
+    edit: Literal["replace", "multiply"] = "replace"
+    #: Of the edited texture; by its proportions if not given.
+    layout: Literal["cubemap", "latlong", "square"] | None = None
+    #: Show a checkerboard in the texture's place.
+    checker: bool = False
+    #: Samples a ray; as many as were learned with if not given.
+    samples: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh:
+    """Write an object's surface as a mesh with its texture, in the photographs' own frame and units."""
+
+    #: Folder of a run, or one of its snapshots.
+    object: tyro.conf.Positional[Path]
+    #: GLB, or OBJ with its MTL and PNG beside it.
+    out: Path
+    #: Quads along a side of the cube that is wrapped around the object.
+    quads: int = 64
+    #: Pixels of a cube face's side in the texture.
+    size: int = 512
+
+
+def run(command: Annotated[Capture | Train | Texture | Render | Mesh, tyro.conf.arg(name="")]) -> None:
+    """Learn objects from photographs, edit their textures, export them as meshes."""
+    from mesoshell.cli import captured, photographing
+
+    match command:
+        case Capture():
+            photographing.photograph(command)
+        case Train():
+            captured.train(command)
+        case Texture():
+            captured.texture(command)
+        case Render():
+            captured.render(command)
+        case Mesh():
+            captured.mesh(command)

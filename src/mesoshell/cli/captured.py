@@ -1,0 +1,153 @@
+"""The work of `mesoshell atlas` after the photographs are there. Imports JAX, so it is loaded only when it runs."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from mesoshell.atlas import paint
+from mesoshell.atlas.capture import read_capture
+from mesoshell.atlas.mesh import wrapped
+from mesoshell.atlas.photo import Photo, orbit
+from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.store import Captured, read_captured
+from mesoshell.cli.atlas import Mesh, Render, Texture, Train
+from mesoshell.cli.compiled import keep_compiled
+from mesoshell.cli.training import learn, read_experiment
+from mesoshell.errors import InputError
+from mesoshell.io.image import write_exr, write_png
+from mesoshell.io.wrapped import write_wrapped
+from mesoshell.render.quality import Quality
+from mesoshell.train.atlas import AtlasTraining, atlas_as
+from mesoshell.train.atlas_snapshot import board_paint
+from mesoshell.train.presets import PRESETS
+from mesoshell.train.record import read_record, snapshots
+
+
+def train(options: Train) -> None:
+    """`mesoshell atlas train`."""
+    keep_compiled()
+    config = _config(options)
+    if options.kimg is not None:
+        if not options.kimg > 0:
+            raise InputError("--kimg", f"must be above 0, not {options.kimg}")
+        config = replace(config, kimg=options.kimg)
+    console = Console(stderr=True, highlight=False)
+    with console.status("reading photographs"):
+        capture = read_capture(options.capture, options.background)
+    for warning in capture.warnings:
+        console.print(f"warning: {options.capture}: {warning}", soft_wrap=True, markup=False)
+    learn(config, capture, options.run)
+
+
+def texture(options: Texture) -> None:
+    """`mesoshell atlas texture`."""
+    _suffix(options.out, (".png", ".exr"))
+    found = _textured(options.object)
+    image = paint.texture_image(found.config, found.field, options.layout, _at_least_one("--size", options.size))
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write = write_png if options.out.suffix.lower() == ".png" else write_exr
+    write(options.out, image)
+    print(f"{options.out}: {image.shape[1]} x {image.shape[0]}, {options.layout}")
+
+
+def render(options: Render) -> None:
+    """`mesoshell atlas render`."""
+    if options.checker and options.texture:
+        raise InputError("--checker", "stands in the texture's place: give one of --checker and --texture")
+    keep_compiled()
+    found = _textured(options.object) if options.checker or options.texture else _found(options.object)
+    painted: Any = ("cubemap", board_paint()) if options.checker else None
+    if options.texture:
+        layout, image = paint.read_edit(options.texture, options.layout)
+        painted = layout, paint.painted(found.config, found.field, layout, image, options.edit)
+    samples = options.samples or int(found.provenance["config"]["samples"])
+    quality = Quality(samples=_at_least_one("--samples", samples))
+    occupied = occupancy(found.config, found.field, quality.skip)
+    options.out.mkdir(parents=True, exist_ok=True)
+    cameras = _cameras(found, options)
+    console = Console(stderr=True)
+    for i, camera in enumerate(track(cameras, "rendering", console=console, transient=True)):
+        rgba = picture(found.config, found.field, found.to_box(camera), quality, occupied, painted).rgba
+        write_exr(options.out / f"{i:04d}.exr", rgba)
+        write_png(options.out / f"{i:04d}.png", rgba)
+    print(f"{options.out}: {len(cameras)} frames")
+
+
+def mesh(options: Mesh) -> None:
+    """`mesoshell atlas mesh`."""
+    _suffix(options.out, (".glb", ".obj"))
+    found = _textured(options.object)
+    surface = wrapped(found.field, _at_least_one("--quads", options.quads))
+    image = paint.texture_image(found.config, found.field, "cubemap", _at_least_one("--size", options.size))
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    vertices = found.centre + found.half * surface.vertices
+    write_wrapped(options.out, vertices, surface.faces, surface.uv, image)
+    print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
+
+
+def _config(options: Train) -> AtlasTraining:
+    """The experiment's at the preset's size, or the preset's own with the encoding."""
+    if options.experiment is None:
+        return atlas_as(PRESETS[options.preset], options.encoding)
+    config = read_experiment(options.experiment, options.preset)
+    if not isinstance(config, AtlasTraining):
+        raise InputError(options.experiment, "is of another way to learn: its `variant` makes no AtlasTraining")
+    return config
+
+
+def _found(path: Path) -> Captured:
+    """A snapshot, or a run's newest."""
+    if not path.is_dir():
+        return read_captured(path)
+    if not isinstance(read_record(path)[0], AtlasTraining):
+        raise InputError(path, "is no run of `mesoshell atlas train`")
+    return read_captured(snapshots(path)[-1][1])
+
+
+def _textured(path: Path) -> Captured:
+    found = _found(path)
+    if found.config.colour != "texture":
+        raise InputError(path, "has its colours in the volume, and no texture")
+    return found
+
+
+def _cameras(found: Captured, options: Render) -> list[Photo]:
+    if options.path == "photographs":
+        return list(found.photos)
+    if options.path == "held-out":
+        if not found.tested:
+            raise InputError(options.object, "held no view out: it has fewer than 8")
+        return [found.photos[i] for i in found.tested]
+    return around(found, _at_least_one("--frames", options.frames), options.size)
+
+
+def around(found: Captured, frames: int, size: tuple[int, int]) -> list[Photo]:
+    """Cameras on a circle about the mean of the photographs' upward directions, as high and as far off as these are in the
+    middle, with their angle of view."""
+    worlds = np.stack([p.to_world for p in found.photos])
+    up = worlds[:, :3, 1].mean(axis=0)
+    up /= np.linalg.norm(up)
+    arms = worlds[:, :3, 3] - found.centre
+    far, high = np.median(np.linalg.norm(arms, axis=1)), np.median(arms @ up / np.linalg.norm(arms, axis=1))
+    side = arms[0] - up * (arms[0] @ up)
+    arm = far * (high * up + np.sqrt(max(1 - high**2, 0)) * side / max(np.linalg.norm(side), 1e-9))
+    width, height = (_at_least_one("--size", n) for n in size)
+    first = found.photos[0]
+    f = first.lens[1] / first.height * min(width, height)
+    lens = f, f, width / 2, height / 2
+    return [Photo(orbit(found.centre, up, arm, 2 * np.pi * i / frames), lens, width, height) for i in range(frames)]
+
+
+def _suffix(path: Path, allowed: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in allowed:
+        raise InputError(path, f"must end in {' or '.join(allowed)}")
+
+
+def _at_least_one(name: str, n: int) -> int:
+    if n < 1:
+        raise InputError(name, f"must be at least 1, not {n}")
+    return n

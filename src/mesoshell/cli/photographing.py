@@ -1,0 +1,44 @@
+"""The work of `mesoshell atlas capture`."""
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from mesoshell.cli.atlas import Capture
+from mesoshell.errors import InputError
+from mesoshell.farm.photograph import Shooting
+from mesoshell.farm.photograph import photograph as shoot
+from mesoshell.geometry.mesh import load_mesh
+from mesoshell.io.image import read_picture
+
+
+def photograph(options: Capture) -> None:
+    """All of it."""
+    for name, value, least in (
+        ("--views", options.views, 2),
+        ("--size", options.size, 8),
+        ("--spp", options.spp, 1),
+        ("--points", options.points, 1),
+    ):
+        if value < least:
+            raise InputError(name, f"must be at least {least}, not {value}")
+    if not (np.isfinite(options.noise) and options.noise >= 0):
+        raise InputError("--noise", f"must be finite and not negative, not {options.noise}")
+    if options.paint:
+        read_picture(options.paint)
+    up = 2 if options.mesh.suffix.lower() in (".ply", ".stl") else 1
+    shooting = Shooting(
+        options.views,
+        options.size,
+        options.spp,
+        options.paint,
+        options.flash,
+        up,
+        options.points,
+        options.noise,
+        options.seed,
+    )
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("photographing", total=options.views)
+        shoot(load_mesh(options.mesh), shooting, options.out, lambda n: bar.update(task, completed=n))
+    print(f"{options.out}: {options.views} photographs of {options.size} x {options.size}")

@@ -1,0 +1,243 @@
+"""Cameras of posed photographs, from the three ways in which captures say them (NumPy, SciPy; floor 2).
+
+Alphabet
+M           camera to world, 4 × 4, rigid; the camera looks along −z, y up in the image (OpenGL)
+lens        (fx, fy, cx, cy), pixels; (0, 0) is the image's upper left corner, pixel centres at + 0.5
+P           world to image, of a camera that looks along +z with y down (OpenCV): P = K [R | t]
+
+All three are read in the frame and the units that they come in. Lenses with distortion are refused: undistort first.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.whole import read_file
+
+#: What turns an OpenCV camera's axes into an OpenGL camera's.
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+IMAGES = (".png", ".jpg", ".jpeg", ".exr")
+
+
+@dataclass(frozen=True)
+class Posed:
+    """A photograph that has not been read yet. size: (width, height) that the lens is said for, if it is said; mask: file of
+    its mask, if it has one of its own."""
+
+    image: Path
+    to_world: Float[np.ndarray, "4 4"]
+    lens: tuple[float, float, float, float] | None
+    size: tuple[int, int] | None
+    mask: Path | None
+    #: Full horizontal angle of view, radians, where that is all that is said of the lens.
+    angle: float | None = None
+
+
+@dataclass(frozen=True)
+class Poses:
+    """source: the file that says them. box: centre and half side of the box that the object lies in, if they say that too."""
+
+    source: Path
+    views: tuple[Posed, ...]
+    points: Float[np.ndarray, "P 3"] | None
+    box: tuple[Float[np.ndarray, "3"], float] | None = None
+
+
+def read_poses(folder: Path) -> Poses:
+    """What a capture's folder says, by the first of transforms.json, cameras.npz and a COLMAP model that it has. Raises
+    InputError that names the file and the fault."""
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder")
+    ways: tuple[tuple[Path, Callable[[Path], Poses]], ...] = (
+        (folder / "transforms.json", read_transforms),
+        (folder / "cameras.npz", read_idr),
+        *((model, read_colmap) for model in (folder / "sparse/0", folder / "sparse", folder) if _is_model(model)),
+    )
+    for path, read in ways:
+        if path.exists():
+            return read(path)
+    raise InputError(folder, "no capture: it has no transforms.json, no cameras.npz and no COLMAP model (sparse/0)")
+
+
+def read_transforms(path: Path) -> Poses:
+    """nerfstudio's and Blender's transforms.json; points of its `ply_file_path`."""
+    said = _json(path)
+    frames = said.get("frames")
+    if not isinstance(frames, list) or not frames:
+        raise InputError(path, "has no frames")
+    views = []
+    for i, frame in enumerate(frames):
+        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+            raise InputError(path, f"frame {i} has no file_path")
+        own = {**said, **frame}
+        bent = [k for k in DISTORTION if own.get(k)]
+        if bent:
+            raise InputError(path, f"frame {i} is distorted ({bent[0]} is {own[bent[0]]}): undistort the images first")
+        try:
+            size = (int(own["w"]), int(own["h"])) if "w" in own and "h" in own else None
+            lens, angle = _lens(own, size)
+        except (KeyError, TypeError, ValueError):
+            raise InputError(path, f"frame {i} has no focal length: neither fl_x nor camera_angle_x") from None
+        image = _image(path.parent / frame["file_path"])
+        mask = path.parent / frame["mask_path"] if isinstance(frame.get("mask_path"), str) else None
+        matrix = _rigid(path, f"transform_matrix of frame {i}", frame.get("transform_matrix"))
+        views.append(Posed(image, matrix, lens, size, mask, angle))
+    cloud = said.get("ply_file_path")
+    return Poses(path, tuple(views), _cloud(path.parent / cloud) if isinstance(cloud, str) else None)
+
+
+def read_idr(path: Path) -> Poses:
+    """IDR's form of DTU: cameras.npz with world_mat_i (P) and scale_mat_i (unit sphere to world), beside image/ and mask/;
+    points of points.ply, if there."""
+    from scipy.linalg import rq
+
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {
+                k: np.asarray(file[k], np.float64) for k in file.files if k.startswith(("world_mat_", "scale_mat_"))
+            }
+    except Exception as error:  # zipfile and NumPy throw a dozen types, by the byte that is wrong
+        raise InputError(path, "not an npz file of cameras, or a damaged one") from error
+    images, masks = (_files(path.parent / name) for name in ("image", "mask"))
+    if not images:
+        raise InputError(path.parent / "image", "has no images")
+    if masks and len(masks) != len(images):
+        raise InputError(path.parent / "mask", f"has {len(masks)} masks for {len(images)} images")
+    views = []
+    for i, image in enumerate(images):
+        p = arrays.get(f"world_mat_{i}")
+        if p is None or p.shape not in ((3, 4), (4, 4)) or not np.isfinite(p).all():
+            raise InputError(path, f"has no camera for {image.name}: world_mat_{i} is missing, or no 4 x 4 matrix")
+        if abs(np.linalg.det(p[:3, :3])) < 1e-12:
+            raise InputError(path, f"world_mat_{i} is no camera: its first three columns are dependent")
+        k, r = rq(p[:3, :3])
+        signs = np.sign(np.diag(k))
+        k, r = k * signs, signs[:, None] * r
+        t = np.linalg.solve(k, p[:3, 3])
+        if np.linalg.det(r) < 0:  # P is known up to its sign
+            r, t = -r, -t
+        k /= k[2, 2]
+        if abs(k[0, 1]) > 1e-3 * k[0, 0]:
+            raise InputError(path, f"world_mat_{i} has skewed pixels")
+        inverse = np.eye(4)
+        inverse[:3, :3], inverse[:3, 3] = r.T, -r.T @ t
+        # their pixel centres lie at whole numbers
+        lens = (float(k[0, 0]), float(k[1, 1]), float(k[0, 2]) + 0.5, float(k[1, 2]) + 0.5)
+        views.append(Posed(image, inverse @ FLIP, lens, None, masks[i] if masks else None))
+    box = None
+    if "scale_mat_0" in arrays:
+        s = arrays["scale_mat_0"]
+        if s.shape != (4, 4) or not np.isfinite(s).all() or not s[0, 0] > 0:
+            raise InputError(path, "scale_mat_0 is no scale and shift")
+        box = s[:3, 3].copy(), float(s[0, 0])
+    points = path.parent / "points.ply"
+    return Poses(path, tuple(views), _cloud(points) if points.exists() else None, box)
+
+
+def read_colmap(path: Path) -> Poses:
+    """A COLMAP model, beside images/ and perhaps masks/ (NAME.png of each image). Raises InputError without pycolmap."""
+    try:
+        import pycolmap
+    except ImportError:
+        raise InputError(path, "a COLMAP model needs pycolmap: pip install mesoshell[capture]") from None
+    try:
+        model = pycolmap.Reconstruction(str(path))
+    except Exception as error:
+        raise InputError(path, "no COLMAP model, or a damaged one") from error
+    root = next((p for p in (path, *path.parents[:2]) if (p / "images").is_dir()), None)
+    if root is None:
+        raise InputError(path, "has no images/ beside it")
+    views = []
+    for image in sorted(model.images.values(), key=lambda image: image.name):
+        camera = model.cameras[image.camera_id]
+        kind = camera.model.name
+        if kind not in ("PINHOLE", "SIMPLE_PINHOLE"):
+            raise InputError(path, f"{image.name} has a {kind} camera: run `colmap image_undistorter` first")
+        pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
+        world = np.eye(4)
+        world[:3] = np.asarray(pose.inverse().matrix(), np.float64)
+        lens = (camera.focal_length_x, camera.focal_length_y, camera.principal_point_x, camera.principal_point_y)
+        masks = [root / "masks" / f"{image.name}.png", (root / "masks" / image.name).with_suffix(".png")]
+        mask = next((p for p in masks if p.exists()), None)
+        size = int(camera.width), int(camera.height)
+        views.append(Posed(root / "images" / image.name, world @ FLIP, tuple(map(float, lens)), size, mask))  # type: ignore[arg-type]
+    points = np.array([p.xyz for p in model.points3D.values()], np.float64).reshape(-1, 3)
+    return Poses(path, tuple(views), points if len(points) else None)
+
+
+def _is_model(folder: Path) -> bool:
+    return any((folder / f"cameras{suffix}").exists() for suffix in (".bin", ".txt"))
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        said = json.loads(read_file(path))
+    except ValueError:
+        raise InputError(path, "not JSON") from None
+    if not isinstance(said, dict):
+        raise InputError(path, "is no object")
+    return said
+
+
+def _lens(
+    own: dict[str, Any], size: tuple[int, int] | None
+) -> tuple[tuple[float, float, float, float] | None, float | None]:
+    """The lens of a frame; or its angle of view, if the image must be seen to know more."""
+    if "fl_x" in own and size:
+        fx = float(own["fl_x"])
+        lens = fx, float(own.get("fl_y", fx)), float(own.get("cx", size[0] / 2)), float(own.get("cy", size[1] / 2))
+        if not (np.isfinite(lens).all() and lens[0] > 0 and lens[1] > 0):
+            raise ValueError
+        return lens, None
+    angle = float(own["camera_angle_x"])
+    if not 0 < angle < np.pi:
+        raise ValueError
+    return None, angle
+
+
+def _rigid(path: Path, name: str, rows: Any) -> Float[np.ndarray, "4 4"]:
+    try:
+        m = np.array(rows, np.float64)
+    except (TypeError, ValueError):
+        m = np.zeros(0)
+    if m.shape == (3, 4):
+        m = np.vstack([m, [0, 0, 0, 1]])
+    if m.shape != (4, 4) or not np.isfinite(m).all():
+        raise InputError(path, f"{name} is no 4 x 4 matrix")
+    turned = m[:3, :3]
+    if np.abs(turned @ turned.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turned) < 0:
+        raise InputError(path, f"{name} is no turn and shift: its axes are not orthonormal and right-handed")
+    return m
+
+
+def _image(path: Path) -> Path:
+    """The file, or with the first suffix that there is: Blender's frames leave it out."""
+    if path.suffix.lower() in IMAGES:
+        return path
+    return next((p for p in (path.with_name(path.name + s) for s in IMAGES) if p.exists()), path)
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.glob("*") if p.suffix.lower() in IMAGES)
+
+
+def _cloud(path: Path) -> Float[np.ndarray, "P 3"]:
+    import trimesh
+
+    if not path.exists():
+        raise InputError(path, "no such file")
+    try:
+        points = np.asarray(trimesh.load(path).vertices, np.float64)  # type: ignore[union-attr]
+    except Exception as error:  # by the byte that is wrong
+        raise InputError(path, "not a point cloud, or a damaged one") from error
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        raise InputError(path, "has no points")
+    return points

@@ -1,0 +1,41 @@
+"""A mesh with its texture as GLB, or as OBJ with MTL and PNG beside it (trimesh, Pillow; floor 2)."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mesoshell.io.image import linear_to_srgb, write_png
+from mesoshell.io.whole import replace_file
+
+
+def write_wrapped(
+    path: Path,
+    vertices: Float[np.ndarray, "V 3"],
+    faces: Int[np.ndarray, "T 3"],
+    uv: Float[np.ndarray, "V 2"],
+    image: Float[np.ndarray, "h w 3"],
+) -> None:
+    """uv: (0, 0) at the image's lower left corner; image: linear. Raises InputError if a file cannot be written."""
+    if path.suffix.lower() == ".obj":
+        write_png(path.with_suffix(".png"), image)
+        replace_file(path.with_suffix(".mtl"), f"newmtl texture\nmap_Kd {path.with_suffix('.png').name}\n".encode())
+        corners = faces + 1
+        lines = [f"mtllib {path.with_suffix('.mtl').name}", "usemtl texture"]
+        lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
+        lines += [f"vt {u:.9g} {v:.9g}" for u, v in uv]
+        lines += [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in corners]
+        replace_file(path, ("\n".join(lines) + "\n").encode())
+        return
+    import trimesh
+    from PIL import Image
+
+    codes = (linear_to_srgb(np.clip(image, 0, 1)) * 255 + 0.5).astype(np.uint8)
+    material = trimesh.visual.material.PBRMaterial(  # type: ignore[attr-defined]
+        baseColorTexture=Image.fromarray(codes), metallicFactor=0.0, roughnessFactor=1.0
+    )
+    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)  # type: ignore[attr-defined]
+    stream = io.BytesIO()
+    trimesh.Trimesh(vertices, faces, visual=visual, process=False).export(stream, file_type="glb")
+    replace_file(path, stream.getvalue())

@@ -1,0 +1,78 @@
+"""How well a captured object shows views that were held out, and how its surface lies in its texture (floor 5).
+
+Alphabet
+PSNR, SSIM   of sRGB values, whole photographs, what is not the object black (the paper's table 1)
+cycle        |F_uv⁻¹(F_uv(y)) − y| at the surface, root mean square, per cent of the box's side
+y            where a pixel's ray meets the surface: at its mean distance, if more than half of it is stopped
+
+The texture is judged by all photographs' pixels, at most SIDE of them a side, since what no view sees is not known.
+"""
+
+import jax
+import numpy as np
+
+from mesoshell.atlas.capture import Capture, at_most
+from mesoshell.atlas.field import to_surface, to_texture
+from mesoshell.atlas.photo import photo_rays, pixel_centres
+from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.store import Captured
+from mesoshell.io.image import linear_to_srgb
+from mesoshell.measure.chart import chart
+from mesoshell.measure.distribution import Estimate
+from mesoshell.measure.image import psnr, ssim
+from mesoshell.nets.batches import run
+from mesoshell.render.quality import Quality
+from mesoshell.train.atlas import held_out
+
+SIDE = 64
+VIEWS = ("PSNR", "SSIM")
+CHART = ("cycle error, % of the box", "texture distortion", "texture folded", "texture used")
+
+
+def score_views(found: Captured, capture: Capture, samples: int) -> dict[str, Estimate]:
+    """Means over held-out views with 1.96 standard errors; of the texture, numbers without an interval."""
+    quality = Quality(samples=samples)
+    occupied = occupancy(found.config, found.field, quality.skip)
+
+    def shown(photo):
+        return picture(found.config, found.field, found.to_box(photo), quality, occupied)
+
+    each = []
+    for i in held_out(capture)[1]:
+        a, b = (linear_to_srgb(np.clip(x, 0, 1)) for x in (shown(capture.photos[i]).rgba[..., :3], capture.rgb[i]))
+        each.append((psnr(a, b), ssim(a, b)))
+    table = np.array(each, np.float64)
+    reach = 1.96 * table.std(axis=0, ddof=min(1, len(table) - 1)) / np.sqrt(len(table))
+    scores = {
+        name: Estimate(float(m), float(m - r), float(m + r))
+        for name, m, r in zip(VIEWS, table.mean(axis=0), reach, strict=True)
+    }
+    if found.config.colour != "texture":
+        return scores
+    numbers = _charted(found, at_most(capture, SIDE), shown)
+    return scores | {name: Estimate(x, x, x) for name, x in zip(CHART, numbers, strict=True)}
+
+
+def _charted(found: Captured, capture: Capture, shown) -> tuple[float, float, float, float]:
+    ys, us, hits, cycles = [], [], [], []
+    for photo in capture.photos:
+        seen, (o, d) = shown(photo), photo_rays(found.to_box(photo), pixel_centres(photo))
+        alpha = seen.rgba[..., 3]
+        hit = alpha > 0.5
+        far = (seen.depth / np.maximum(alpha, 0.5)).reshape(-1, 1)
+        y = (o + far * d).astype(np.float32)
+        u, back = run(lambda y, n: _there(found.field, y), y)
+        ys.append(y.reshape(*hit.shape, 3).astype(np.float64))
+        us.append(u.reshape(*hit.shape, 3).astype(np.float64))
+        hits.append(hit)
+        cycles.append(np.sum((back - y) ** 2, axis=1)[hit.ravel()])
+    error = np.concatenate(cycles)
+    if not error.size:
+        return float("nan"), float("nan"), float("nan"), 0.0
+    return 50 * float(np.sqrt(error.mean())), *chart(ys, us, hits)
+
+
+@jax.jit
+def _there(field, y):
+    u = jax.vmap(lambda y: to_texture(field, y))(y)
+    return u, jax.vmap(lambda u: to_surface(field, u))(u)

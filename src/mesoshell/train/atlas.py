@@ -1,0 +1,276 @@
+"""Learning an object from its photographs (NeuTex, sections 3.4 and 4.2).
+
+Alphabet
+B            rays a step: two thirds through the object's masks, one third beside them, of all views that are learned from
+I, T         colour and transmittance of a ray; M: its pixel's mask
+render       Σ (sRGB(I) − sRGB(I_gt))², for linear colours: what their photographs' own values are (equation 9)
+cycle        Σ w ‖F_uv⁻¹(F_uv(y)) − y‖² (equation 12), from one sample a ray, drawn by w: the same mean at 1/N of the cost. It
+             moves the two maps alone, as w and y are held fixed
+mask         (M − (1 − T))² (equation 13)
+chamfer      mean square distance from each of B points of a cloud to the nearest of B points of F_uv⁻¹'s surface, and back
+phase        chamfer and render, for the first `chamfer` of the run if there is a cloud; then render + cycle + mask; for the
+             last `finish` of it F_tex alone (section 4.2: 50 000 steps of 550 000, then "until convergence")
+grid         the greatest σ seen in each cell, forgotten slowly; a step asks one cell in EACH; below SPARSE none is sampled
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from mesoshell.atlas.capture import Capture, at_most
+from mesoshell.atlas.field import (
+    DENSITY,
+    Field,
+    FieldConfig,
+    density,
+    init_field,
+    to_surface,
+    to_texture,
+)
+from mesoshell.atlas.march import CELLS, march, widened
+from mesoshell.atlas.photo import rays_of
+from mesoshell.errors import InputError
+from mesoshell.nets.encoding import HashConfig
+from mesoshell.train.state import TrainConfig
+from mesoshell.train.step import HERE, Across
+from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar, Vec3
+
+#: Views that the paper holds out, of captures with as many; of fewer, one in eight.
+HELD = (6, 13, 30, 35)
+#: Cells of the grid are asked in so many turns; what is left of a cell's σ at each; and what is passed over.
+EACH, KEEP, SPARSE = 16, 0.9, 0.05
+#: Of the run's learning rates, at its end.
+SLOWEST = 0.05
+
+
+@dataclass(frozen=True)
+class AtlasTraining:
+    """Everything that a run depends on beside the data. side: of the pictures at most, pixels; samples: N; batch: B; kimg:
+    thousands of rays; cycle, mask: weights a₁ and a₂; chamfer, finish: shares of the run; cloud: whether there is one, which
+    follows from the capture."""
+
+    field: FieldConfig = field(default_factory=FieldConfig)
+    side: int = 512
+    samples: int = 256
+    batch: int = 768
+    kimg: float = 768 * 600.0
+    rate: float = 5e-4
+    table_rate: float = 1e-2
+    cycle: float = 1.0
+    mask: float = 1.0
+    chamfer: float = 0.1
+    finish: float = 0.1
+    snapshot_kimg: float = 768 * 50.0
+    seed: int = 0
+    cloud: bool = False
+
+
+class Rays(NamedTuple):
+    """A batch, in the box's units. noise: of a row's random numbers. point, u: of the cloud, and of the texture."""
+
+    o: Float[Array, "B 3"]
+    d: Float[Array, "B 3"]
+    rgb: Float[Array, "B 3"]
+    mask: Float[Array, "B"]
+    noise: Int[Array, "B"]
+    point: Float[Array, "B 3"]
+    u: Float[Array, "B 3"]
+
+
+class AtlasState(NamedTuple):
+    """A run under way; a pytree of arrays. images: rays seen."""
+
+    field: Field
+    adam: optax.OptState
+    grid: Float[Array, "n n n"]
+    step: Int[Array, ""]
+    images: Int[Array, ""]
+
+
+class AtlasReport(NamedTuple):
+    """Parts of the loss, before their weights, and which leaves of the gradient are not finite."""
+
+    render: Scalar
+    cycle: Scalar
+    mask: Scalar
+    chamfer: Scalar
+    bad: Bool[Array, "_leaves"]
+
+
+def atlas_as(preset: TrainConfig, encoding: str = "hash") -> AtlasTraining:
+    """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute."""
+    texels = preset.picture.texels
+    if texels > 64:
+        return AtlasTraining(FieldConfig(encoding=encoding))  # type: ignore[arg-type]
+    widths = {"sigma": (64,) * 2, "texture": (64,) * 2, "views": 32} if encoding == "hash" else {}
+    if encoding == "frequency":
+        widths = {"sigma": (96,) * 4, "texture": (96,) * 3, "views": 32, "octaves": (6, 6, 2)}
+    small = FieldConfig(**widths, uv=(64, 64), inverse=(128, 128), encoding=encoding, hash=HashConfig())  # type: ignore[arg-type]
+    if texels > 16:
+        return AtlasTraining(
+            small, side=128, samples=48, batch=1024, kimg=1024 * 12.0, rate=2e-3, snapshot_kimg=1024 * 2.0
+        )
+    small = replace(small, hash=HashConfig(levels=5, rows=12, finest=32))
+    return AtlasTraining(small, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, snapshot_kimg=512 * 0.2)
+
+
+def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capture]:
+    """The configuration for a capture, and the capture at the size that it asks for. Raises InputError if no view is left."""
+    return replace(config, cloud=capture.points is not None), at_most(capture, config.side)
+
+
+def held_out(capture: Capture) -> tuple[list[int], list[int]]:
+    """Views to learn from, and views to test with."""
+    n = len(capture.photos)
+    tested = [i for i in (HELD if n > max(HELD) else range(7, n, 8)) if i < n]
+    return [i for i in range(n) if i not in tested], tested
+
+
+def feed(config: AtlasTraining, capture: Capture, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
+    """This host's rays of step i. Raises InputError if hosts cannot share them evenly."""
+    if config.batch % hosts:
+        raise InputError("batch", f"{config.batch} rays do not come evenly from {hosts} hosts")
+    photos = [capture.photos[v] for v in held_out(capture)[0]]
+    masks, rgb = (
+        np.concatenate([x[v].reshape(-1, *x[v].shape[2:]) for v in held_out(capture)[0]])
+        for x in (capture.masks, capture.rgb)
+    )
+    inside, beside = np.flatnonzero(masks >= 0.5), np.flatnonzero(masks < 0.5)
+    cloud = np.zeros((1, 3)) if capture.points is None else capture.to_box(capture.points)
+    foreground = config.batch - (config.batch // 3 if len(beside) else 0)
+
+    def at(step: int) -> Rays:
+        random = np.random.default_rng([config.seed, step])
+        pixel = np.concatenate([random.choice(inside, foreground), random.choice(beside, config.batch - foreground)])
+        noise, u = random.integers(2**31 - 1, size=config.batch), random.normal(size=(config.batch, 3))
+        point = cloud[random.integers(len(cloud), size=config.batch)]
+        # a host has as many of either kind as another
+        mine = slice(host, None, hosts)
+        o, d = rays_of(photos, pixel[mine])
+        rows = capture.to_box(o), d, rgb[pixel[mine]], masks[pixel[mine]]
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        return Rays(
+            *(x.astype(np.float32) for x in rows),
+            noise[mine].astype(np.int32),
+            point[mine].astype(np.float32),
+            u[mine].astype(np.float32),
+        )
+
+    return at
+
+
+def start(config: AtlasTraining, key: Key[Array, ""]) -> AtlasState:
+    field = init_field(config.field, key)
+    grid = jnp.full((CELLS,) * 3, DENSITY, jnp.float32)
+    return AtlasState(field, _optimiser(config).init(field), grid, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+
+
+def step(
+    config: AtlasTraining, state: AtlasState, batch: Rays, across: Across = HERE
+) -> tuple[AtlasState, AtlasReport]:
+    """One update. Pure."""
+    share = state.images.astype(jnp.float32) / (config.kimg * 1000)
+    early = (share < config.chamfer) & config.cloud
+    occupied = widened(state.grid > SPARSE)
+    key = jax.random.key(config.seed)
+
+    def loss(field: Field) -> tuple[Scalar, tuple[Scalar, ...]]:
+        parts = jax.vmap(lambda *row: _ray(config, field, occupied, key, *row))(
+            batch.o, batch.d, batch.rgb, batch.mask, batch.noise
+        )
+        render, cycle, mask = (jnp.mean(x) for x in parts)
+        near = jax.lax.cond(early, lambda: _chamfer(field, batch, across), lambda: jnp.zeros(()))
+        total = render + jnp.where(early, 0, config.cycle * cycle + config.mask * mask) + near
+        return total, (render, cycle, mask, near)
+
+    (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.field)
+    parts, gradient = across.mean((parts, gradient))
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, adam = _optimiser(config).update(gradient, state.adam, state.field)
+    last = share >= 1 - config.finish
+    updates: Any = updates
+    updates = updates._replace(
+        **{
+            part: jax.tree.map(lambda x: jnp.where(last, 0, x), getattr(updates, part))
+            for part in ("sigma", "uv", "inverse")
+        }
+    )
+    field: Any = optax.apply_updates(state.field, updates)
+    bad = jnp.stack([~jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient)])
+    grid = asked(config, field, state.grid, state.step, key)
+    rows = batch.mask.shape[0] if across.everyone is None else across.everyone(batch.mask)[0].shape[0]
+    return AtlasState(field, adam, grid, state.step + 1, state.images + rows), AtlasReport(*parts, bad)
+
+
+def asked(config: AtlasTraining, field: Field, grid: Float[Array, "n n n"], step: Int[Array, ""], key: Array) -> Array:
+    """The grid after this step's cells were asked, somewhere in each."""
+    n = grid.shape[0]
+    cells = jnp.arange(n**3 // EACH) * EACH + (step * 7) % EACH  # 7: neighbours are asked at different times
+    corner = jnp.stack(jnp.unravel_index(cells, (n, n, n)), axis=-1).astype(grid.dtype)
+    place = corner + jax.random.uniform(jax.random.fold_in(key, step), corner.shape, grid.dtype)
+    sigma = jax.vmap(lambda y: density(config.field, field, y)[0])(place * (2 / n) - 1)
+    old = grid.ravel()
+    return old.at[cells].set(jnp.maximum(KEEP * old[cells], sigma)).reshape(grid.shape)
+
+
+def encoded(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """sRGB of linear x; straight below its knee, for every x below 0 too."""
+    knee = 0.0031308
+    return jnp.where(x <= knee, 12.92 * x, 1.055 * jnp.maximum(x, knee) ** (1 / 2.4) - 0.055)
+
+
+def _ray(
+    config: AtlasTraining,
+    field: Field,
+    occupied: Array,
+    key: Array,
+    o: Vec3,
+    d: Vec3,
+    rgb: Vec3,
+    mask: Scalar,
+    noise: Array,
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Parts of the loss of one ray: render, cycle and mask."""
+    xi, pick = jax.random.split(jax.random.fold_in(key, noise))
+    found = march(config.field, field, o, d, occupied, jax.random.uniform(xi, (config.samples,), o.dtype))
+    render = jnp.sum((encoded(found.colour) - encoded(rgb)) ** 2)
+    cycle = jnp.zeros((), o.dtype)
+    if config.cycle and config.field.colour == "texture":
+        w = jax.lax.stop_gradient(found.w)
+        through = jnp.cumsum(w)
+        i = jnp.sum(through < jax.random.uniform(pick, (), o.dtype) * through[-1])
+        y = jax.lax.stop_gradient(found.y[jnp.minimum(i, config.samples - 1)])
+        cycle = through[-1] * jnp.sum((to_surface(field, to_texture(field, y)) - y) ** 2)
+    return render, cycle, (mask - (1 - found.passed)) ** 2
+
+
+def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:
+    """Of this device's rows, to the nearest of all devices'."""
+    surface = jax.vmap(lambda u: to_surface(field, u))(batch.u)
+    all_surface, all_points = surface, batch.point
+    if across.everyone is not None:
+        all_surface, all_points = across.everyone(surface)[0], across.everyone(batch.point)[0]
+
+    def nearest(a: Array, b: Array) -> Scalar:
+        squares = jnp.sum(a**2, axis=1)[:, None] + jnp.sum(b**2, axis=1)[None] - 2 * a @ b.T
+        return jnp.mean(jnp.min(jnp.maximum(squares, 0), axis=1))
+
+    return nearest(batch.point, all_surface) + nearest(surface, all_points)
+
+
+def _optimiser(config: AtlasTraining) -> optax.GradientTransformation:
+    def label(field: Field) -> Field:
+        def of(net: Any) -> Any:
+            return jax.tree.map(lambda _: "network", net)._replace(tables=jax.tree.map(lambda _: "tables", net.tables))
+
+        return Field(*(of(net) for net in field))
+
+    steps = max(1, round(config.kimg * 1000 / config.batch))
+    rates = {"tables": config.table_rate, "network": config.rate}
+    falling = {name: optax.cosine_decay_schedule(rate, steps, SLOWEST) for name, rate in rates.items()}
+    return optax.multi_transform({name: optax.adam(rate, eps=1e-15) for name, rate in falling.items()}, label)

@@ -1,0 +1,90 @@
+"""What a run of a captured object keeps on the way: the object as a file, and a sheet of it.
+
+Alphabet
+sheet        two views that were held out (or, if none was, learned from), of each its photograph, a render, and one with a
+             checkerboard for texture; beneath them the texture, as a cubemap
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.atlas.capture import Capture
+from mesoshell.atlas.layout import checkerboard
+from mesoshell.atlas.paint import texture_image
+from mesoshell.atlas.photo import Photo
+from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.store import Captured, read_captured, write_captured
+from mesoshell.render.quality import Quality
+from mesoshell.train.atlas import AtlasState, AtlasTraining, held_out
+from mesoshell.train.snapshot import commit
+
+#: Of the sheet: squares a face's side, pixels of the checkerboard's and of the texture's faces.
+SQUARES, BOARD = 6, 192
+
+
+def save(path: Path, config: AtlasTraining, capture: Capture, state: AtlasState) -> None:
+    """The object as it is now."""
+    write_captured(path, captured(config, capture, state))
+
+
+def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> Captured:
+    about = {"config": asdict(config), "capture": capture.manifest, "commit": commit(), "rays": int(state.images)}
+    return Captured(
+        config.field,
+        state.field,
+        capture.centre,
+        capture.half,
+        capture.photos,
+        tuple(held_out(capture)[1]),
+        about,
+    )
+
+
+def painter(config: AtlasTraining, path: Path) -> Callable[[list[Photo]], list[np.ndarray]]:
+    """What renders cameras by a snapshot: linear premultiplied RGBA."""
+    found = read_captured(path)
+    quality = quality_of(config)
+    occupied = occupancy(found.config, found.field, quality.skip)
+
+    def pictures(photos: list[Photo]) -> list[np.ndarray]:
+        return [picture(found.config, found.field, found.to_box(p), quality, occupied).rgba for p in photos]
+
+    return pictures
+
+
+def sheet(config: AtlasTraining, capture: Capture, state: AtlasState) -> Float[np.ndarray, "h w 3"]:
+    """Pictures of the object, linear."""
+    now, quality = captured(config, capture, state), quality_of(config)
+    occupied = occupancy(now.config, now.field, quality.skip)
+    chosen = (held_out(capture)[1] or list(range(len(capture.photos))))[:2]
+    mapped = now.config.colour == "texture"
+    board = ("cubemap", board_paint()) if mapped else None
+    row = []
+    for i in chosen:
+        photo = now.to_box(capture.photos[i])
+        row += [capture.rgb[i], picture(now.config, now.field, photo, quality, occupied).rgba[..., :3]]
+        if mapped:
+            row.append(picture(now.config, now.field, photo, quality, occupied, board).rgba[..., :3])
+    height = min(x.shape[0] for x in row)
+    whole = np.concatenate([x[:height] for x in row], axis=1)
+    if mapped:
+        flat = texture_image(now.config, now.field, "cubemap", max(whole.shape[1] // 3, 1))
+        beneath = np.zeros((flat.shape[0], whole.shape[1], 3), np.float32)
+        beneath[:, : flat.shape[1]] = flat
+        whole = np.concatenate([whole, beneath])
+    return np.asarray(np.clip(whole, 0, 1), np.float32)
+
+
+def board_paint() -> Float[np.ndarray, "h w 6"]:
+    """A checkerboard in the object's place: nothing of its own colours is left."""
+    board = checkerboard("cubemap", BOARD, SQUARES)
+    return np.concatenate([board, np.zeros_like(board)], axis=-1)
+
+
+def quality_of(config: AtlasTraining) -> Quality:
+    """As many samples as the run learned with."""
+    return Quality(samples=config.samples)

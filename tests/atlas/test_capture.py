@@ -1,0 +1,174 @@
+"""Captures: what is read, the box that is found, and one line for each way in which they can be wrong."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from mesoshell.atlas.capture import at_most, read_capture
+from mesoshell.atlas.photo import photo_rays, rays_of
+from mesoshell.errors import InputError
+from mesoshell.io.image import read_png, write_exr, write_png
+from tests import balls
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    return balls.write_capture(tmp_path_factory.mktemp("captures") / "ball")
+
+
+@pytest.fixture
+def own(ball, tmp_path):
+    """A copy to spoil."""
+    return shutil.copytree(ball, tmp_path / "ball")
+
+
+def said(folder, **changes):
+    path = folder / "transforms.json"
+    about = json.loads(path.read_text())
+    path.write_text(json.dumps({**about, **changes}))
+    return about
+
+
+def test_the_box_holds_the_object_closely(ball) -> None:
+    capture = read_capture(ball)
+    assert len(capture.photos) == 16 and capture.agreement > 0.99 and not capture.warnings
+    np.testing.assert_allclose(capture.centre, balls.CENTRE, atol=0.08)
+    assert balls.AXES.max() < capture.half < 1.25 * balls.AXES.max()
+    surface = capture.to_box(balls.cloud(noise=0.0))
+    assert np.abs(surface).max() < 1
+    cell = np.floor((surface + 1) * capture.hull.shape[0] / 2).astype(int)
+    assert capture.hull[tuple(cell.T)].mean() > 0.97
+    assert capture.points is not None and len(capture.points) > 480
+
+
+def test_colours_are_linear_and_black_beside_the_object(ball) -> None:
+    capture = read_capture(ball)
+    image = read_png(ball / "images/003.png")
+    np.testing.assert_array_equal(capture.rgb[3], image[..., :3])
+    assert (capture.rgb[3][capture.masks[3] == 0] == 0).all()
+
+
+def test_rays_of_counted_pixels_are_the_photographs_own(ball) -> None:
+    photos = read_capture(ball).photos
+    pixel = np.array([0, 47, 48 * 48 - 1, 48 * 48, 5 * 48 * 48 + 100])
+    o, d = rays_of(photos, pixel)
+    for i, n in enumerate(pixel):
+        view, rest = divmod(int(n), 48 * 48)
+        wanted = photo_rays(photos[view], np.array([[rest % 48 + 0.5, rest // 48 + 0.5]]))
+        np.testing.assert_allclose((o[i], d[i]), (wanted[0][0], wanted[1][0]), atol=1e-12)
+
+
+def test_smaller_pictures_are_means_seen_by_the_same_camera(ball) -> None:
+    capture = read_capture(ball)
+    small = at_most(capture, 16)
+    assert small.rgb[0].shape == (16, 16, 3) and small.photos[0].width == 16
+    np.testing.assert_allclose(small.rgb[0][4, 5], capture.rgb[0][12:15, 15:18].mean(axis=(0, 1)), rtol=1e-6)
+    corner = np.array([[0.0, 0.0]])
+    np.testing.assert_allclose(
+        photo_rays(small.photos[0], corner)[1], photo_rays(capture.photos[0], corner)[1], atol=1e-12
+    )
+    assert at_most(capture, 48).rgb[0].shape == (48, 48, 3)
+
+
+@pytest.mark.parametrize("colour", ["black", "white"])
+def test_a_background_stands_for_masks(own, colour) -> None:
+    for path in (own / "images").iterdir():
+        rgba = read_png(path)
+        write_png(path, rgba[..., :3] + (colour == "white") * (1 - rgba[..., 3:]))
+    with pytest.raises(InputError, match=r"000.png: has neither a mask nor alpha: say --background"):
+        read_capture(own)
+    capture = read_capture(own, colour)
+    truth = read_png(own / "images/000.png")[..., 3:]
+    np.testing.assert_allclose(capture.half, 1.75, atol=0.2)
+    assert truth.size == 0 and capture.agreement > 0.97
+
+
+def test_masks_may_be_files(own) -> None:
+    wanted = read_capture(own)
+    about = said(own)
+    (own / "masks").mkdir()
+    for i, frame in enumerate(about["frames"]):
+        rgba = read_png(own / frame["file_path"])
+        write_png(own / f"masks/{i}.png", np.repeat((rgba[..., 3:] >= 0.5).astype(np.float32), 3, axis=-1))
+        write_png(own / frame["file_path"], rgba[..., :3] + 0.5 * (1 - rgba[..., 3:]))
+        frame["mask_path"] = f"masks/{i}.png"
+    said(own, frames=about["frames"])
+    capture = read_capture(own)
+    np.testing.assert_allclose(capture.centre, wanted.centre, atol=0.05)
+    assert (capture.rgb[0][capture.masks[0] == 0] == 0).all()
+
+
+def test_one_view_is_not_enough(own) -> None:
+    said(own, frames=said(own)["frames"][:1])
+    with pytest.raises(InputError, match=r"transforms.json: has 1 view: a shape needs at least 2$"):
+        read_capture(own)
+
+
+def test_few_views_are_a_guess(own) -> None:
+    said(own, frames=said(own)["frames"][:4])
+    assert read_capture(own).warnings == ("has only 4 views: the shape between them is a guess",)
+
+
+def test_black_masks_are_named(own) -> None:
+    path = own / "images/002.png"
+    write_png(path, 0 * read_png(path))
+    with pytest.raises(InputError, match=r"transforms.json: the mask of 002.png is empty"):
+        read_capture(own)
+    for path in (own / "images").iterdir():
+        write_png(path, 0 * read_png(path))
+    with pytest.raises(InputError, match=r"transforms.json: all masks are empty"):
+        read_capture(own)
+
+
+def test_full_masks_tell_nothing(own) -> None:
+    for path in (own / "images").iterdir():
+        write_png(path, 0 * read_png(path) + 1)
+    with pytest.raises(InputError, match=r"all masks are full"):
+        read_capture(own)
+
+
+def test_views_of_different_things_have_no_shape(own) -> None:
+    """Every camera turned round on its spot: what they see is nowhere."""
+    frames = said(own)["frames"]
+    for frame in frames:
+        m = np.array(frame["transform_matrix"])
+        m[:3, :3] = m[:3, :3] @ np.diag([-1, 1, -1])
+        frame["transform_matrix"] = m.tolist()
+    said(own, frames=frames)
+    with pytest.raises(InputError, match=r"no point lies inside the masks of all views"):
+        read_capture(own)
+
+
+def test_wrong_poses_are_warned_of(own) -> None:
+    """Every second camera is a fifth of its distance beside where it was."""
+    frames = said(own)["frames"]
+    for frame in frames[::2]:
+        m = np.array(frame["transform_matrix"])
+        m[:3, 3] += 1.1 * m[:3, 0]
+        frame["transform_matrix"] = m.tolist()
+    said(own, frames=frames)
+    try:
+        warnings = read_capture(own).warnings
+    except InputError as fault:
+        warnings = (str(fault),)
+    assert any("agree" in w or "no point" in w for w in warnings)
+
+
+def test_wrong_lenses_are_warned_of(own) -> None:
+    """Twice the focal length: the masks agree on a smaller thing in the middle, the points do not."""
+    about = said(own)
+    said(own, fl_x=2 * about["fl_x"], fl_y=2 * about["fl_y"])
+    assert any("of the points lie outside" in w for w in read_capture(own).warnings)
+
+
+def test_pixels_that_are_not_finite_are_named(own) -> None:
+    about = said(own)
+    image = read_png(own / "images/000.png")
+    image[3, 4, 1] = np.nan
+    write_exr(own / "images/000.exr", image)
+    about["frames"][0]["file_path"] = "images/000.exr"
+    said(own, frames=about["frames"])
+    with pytest.raises(InputError, match=r"000.exr: has pixels that are not finite"):
+        read_capture(own)

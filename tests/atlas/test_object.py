@@ -1,0 +1,248 @@
+"""A small random object: its pictures against rays marched one by one, its texture and edits of it, its mesh, and its file."""
+
+import json
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import trimesh
+
+from mesoshell.atlas.field import FieldConfig, init_field, to_surface, to_texture
+from mesoshell.atlas.layout import LAYOUTS, checkerboard, shape
+from mesoshell.atlas.march import CELLS, march
+from mesoshell.atlas.mesh import wrapped
+from mesoshell.atlas.paint import painted, read_edit, texture_image
+from mesoshell.atlas.photo import Photo, photo_rays, pixel_centres
+from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.store import Captured, read_captured, write_captured
+from mesoshell.errors import InputError
+from mesoshell.io.archive import read_arrays, write_arrays
+from mesoshell.io.image import write_png
+from mesoshell.nets.encoding import HashConfig
+from mesoshell.nets.mlp import Dense
+from mesoshell.render.camera import look_at
+from mesoshell.render.quality import Quality
+
+CONFIG = FieldConfig((16, 16), (16,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 1), hash=HashConfig(3, 2, 8, 4, 12))
+PHOTO = Photo(look_at((2.5, 1.0, 1.5), (0, 0, 0), (0, 0, 1)), (20.0, 20.0, 10.0, 8.0), 20, 16)
+EXACT = Quality(samples=64, early_stop=0.0, skip=0.0)
+FULL = jnp.ones((CELLS,) * 3, bool)
+
+
+@pytest.fixture(scope="module")
+def field():
+    """An octahedron of fog, σ = 25 softplus(6 − 10 |y|₁), with random colours that views change."""
+    made = init_field(CONFIG, jax.random.key(3))
+    ways = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
+    first, second = np.zeros((9, 16), np.float32), np.zeros((16, 16), np.float32)
+    first[:3, :6], second[:6, :6] = ways, np.eye(6)
+    last = np.zeros((16, 1), np.float32)
+    last[:6] = -10
+    hidden = [Dense(jnp.asarray(k), jnp.zeros(16)) for k in (first, second)]
+    return made._replace(
+        sigma=made.sigma._replace(hidden=hidden, last=Dense(jnp.asarray(last), jnp.full(1, 6.0))),
+        texture=made.texture._replace(tables=made.texture.tables * 1e4),
+        view=made.view._replace(last=made.view.last._replace(kernel=made.view.last.kernel * 10)),
+    )
+
+
+def test_a_picture_is_its_rays(field) -> None:
+    found = picture(CONFIG, field, PHOTO, EXACT, FULL)
+    o, d = (jnp.asarray(x, jnp.float32) for x in photo_rays(PHOTO, pixel_centres(PHOTO)))
+    each = jax.vmap(lambda o, d: march(CONFIG, field, o, d, FULL, jnp.full(64, 0.5)))(o, d)
+    alpha = 1 - np.asarray(each.passed).reshape(16, 20)
+    assert 0.05 < alpha.mean() < 0.95
+    np.testing.assert_allclose(found.rgba[..., 3], alpha, atol=2e-5)
+    np.testing.assert_allclose(
+        found.rgba[..., :3], np.maximum(np.asarray(each.colour), 0).reshape(16, 20, 3), atol=2e-5
+    )
+    np.testing.assert_allclose(found.depth, np.asarray(each.depth).reshape(16, 20), atol=1e-4)
+
+
+@pytest.mark.parametrize("stop", [0.01, 0.3])
+def test_stopping_early_misses_no_more_than_it_says(field, stop) -> None:
+    exact = picture(CONFIG, field, PHOTO, EXACT, FULL).rgba
+    found = picture(CONFIG, field, PHOTO, EXACT.with_changes(early_stop=stop), FULL).rgba
+    assert np.abs(found[..., 3] - exact[..., 3]).max() <= stop + 1e-5
+
+
+def test_skipping_misses_no_more_than_it_says(field) -> None:
+    """With many samples, so that what is left is what was skipped and not where samples lie."""
+    fine = EXACT.with_changes(samples=512)
+    exact = picture(CONFIG, field, PHOTO, fine, FULL).rgba[..., 3]
+    skip = 0.3
+    occupied = occupancy(CONFIG, field, skip)
+    assert not bool(occupied.all())
+    found = picture(CONFIG, field, PHOTO, fine, occupied).rgba[..., 3]
+    assert (exact - found).max() <= 1 - np.exp(-skip) + 0.01
+
+
+def test_nothing_is_skipped_unless_it_may_be(field) -> None:
+    assert bool(occupancy(CONFIG, field, 0.0).all())
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_texture_put_back_changes_nothing(field, layout) -> None:
+    image = texture_image(CONFIG, field, layout, 32)
+    assert image.shape == (*shape(layout, 32), 3) and (image >= 0).all() and image.std() > 0.01
+    plain = picture(CONFIG, field, PHOTO, EXACT, FULL).rgba
+    again = picture(CONFIG, field, PHOTO, EXACT, FULL, (layout, painted(CONFIG, field, layout, image, "replace"))).rgba
+    np.testing.assert_allclose(again, plain, atol=1e-4)
+
+
+@pytest.mark.parametrize("edit", ["replace", "multiply"])
+def test_what_is_transparent_changes_nothing(field, edit) -> None:
+    nothing = np.zeros((32, 64, 4), np.float32)
+    plain = picture(CONFIG, field, PHOTO, EXACT, FULL).rgba
+    again = picture(
+        CONFIG, field, PHOTO, EXACT, FULL, ("latlong", painted(CONFIG, field, "latlong", nothing, edit))
+    ).rgba
+    np.testing.assert_allclose(again, plain, atol=1e-6)
+
+
+def test_multiplying_by_a_colour_multiplies_every_view(field) -> None:
+    tint = np.array([0.5, 1.0, 0.25], np.float32)
+    image = np.broadcast_to(tint, (16, 16, 3))
+    quiet = field._replace(view=jax.tree.map(jnp.zeros_like, field.view))
+    plain = picture(CONFIG, quiet, PHOTO, EXACT, FULL).rgba
+    found = picture(
+        CONFIG, quiet, PHOTO, EXACT, FULL, ("square", painted(CONFIG, quiet, "square", image, "multiply"))
+    ).rgba
+    np.testing.assert_allclose(found[..., :3], plain[..., :3] * tint, atol=1e-5)
+    np.testing.assert_array_equal(found[..., 3], plain[..., 3])
+
+
+def test_replacing_by_a_colour_leaves_what_views_add(field) -> None:
+    """Without it the object is the colour; with it, no brighter."""
+    image = np.full((16, 16, 3), 0.2, np.float32)
+    quiet = field._replace(view=jax.tree.map(jnp.zeros_like, field.view))
+    for made, slack in ((quiet, 0.02), (field, 0.05)):
+        edit = "square", painted(CONFIG, made, "square", image, "replace")
+        found = picture(CONFIG, made, PHOTO, EXACT, FULL, edit).rgba
+        assert (found[..., :3] <= 0.2 * found[..., 3:] + slack).all()
+        if made is quiet:
+            np.testing.assert_allclose(found[..., :3], 0.2 * np.repeat(found[..., 3:], 3, axis=-1), atol=0.02)
+
+
+def test_an_edit_stays_where_it_is_in_every_view(field) -> None:
+    """Half of the sphere painted red: in two views, what is red is what F_uv says lies in that half."""
+    image = np.zeros((64, 128, 4), np.float32)
+    image[:, 64:] = [1, 0, 0, 1]
+    dense = field._replace(
+        sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, 60.0))),
+        view=jax.tree.map(jnp.zeros_like, field.view),
+    )
+    paint = "latlong", painted(CONFIG, dense, "latlong", image, "replace")
+    for eye in ((2.5, 0.8, 0.6), (-0.7, 2.4, -0.9)):
+        photo = PHOTO._replace(to_world=look_at(eye, (0, 0, 0), (0, 0, 1)))
+        seen = picture(CONFIG, dense, photo, EXACT, FULL)
+        red = picture(CONFIG, dense, photo, EXACT, FULL, paint)
+        o, d = photo_rays(photo, pixel_centres(photo))
+        y = jnp.asarray(o + seen.depth.reshape(-1, 1) * d, jnp.float32)
+        u = np.asarray(jax.vmap(lambda y: to_texture(dense, y))(y)).reshape(16, 20, 3)
+        hit = seen.rgba[..., 3] > 0.99
+        sure = hit & (np.abs(np.arctan2(u[..., 1], u[..., 0])) > 0.1) & (np.abs(np.arctan2(u[..., 1], u[..., 0])) < 3.0)
+        assert sure.sum() > 30
+        wanted = np.arctan2(u[..., 1], u[..., 0]) > 0
+        np.testing.assert_array_equal((red.rgba[..., 0] > 0.95)[sure], wanted[sure])
+
+
+def test_edits_are_read_by_their_proportions(tmp_path) -> None:
+    write_png(tmp_path / "a.png", np.zeros((32, 48, 3), np.float32))
+    assert read_edit(tmp_path / "a.png", None)[0] == "cubemap"
+    with pytest.raises(InputError, match=r"a.png: is 48 x 32 pixels, the proportions of no latlong \(2:1\)"):
+        read_edit(tmp_path / "a.png", "latlong")
+    write_png(tmp_path / "a.png", np.zeros((32, 47, 3), np.float32))
+    with pytest.raises(InputError, match=r"of no cubemap .* or latlong .* or square"):
+        read_edit(tmp_path / "a.png", None)
+
+
+def test_the_mesh_is_closed_outside_out_and_where_the_map_says(field) -> None:
+    found = wrapped(field, 12)
+    mesh = trimesh.Trimesh(found.vertices, found.faces, process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=6)
+    assert mesh.is_watertight and mesh.euler_number == 2
+    wanted = jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32))
+    np.testing.assert_allclose(found.vertices, wanted, atol=1e-6)
+    middle = found.vertices[found.faces].mean(axis=1)
+    corners = found.vertices[found.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("ij,ij->i", normals, middle) > 0).all()
+
+
+def test_the_meshs_coordinates_are_the_cubemaps(field) -> None:
+    """Each vertex finds its direction in an image of directions, and no triangle leaves its square."""
+    found = wrapped(field, 8)
+    from mesoshell.atlas.layout import directions
+
+    image = directions("cubemap", 128)
+    h, w = image.shape[:2]
+    inside = np.abs(found.uv * [3, 2] - np.round(found.uv * [3, 2])).min(axis=1) > 0.02
+    x, y = np.floor(found.uv[:, 0] * w).astype(int), np.floor((1 - found.uv[:, 1]) * h).astype(int)
+    np.testing.assert_allclose(image[y[inside], x[inside]], found.u[inside], atol=0.02)
+    square = found.uv[found.faces] * [3, 2]
+    assert (np.ptp(square, axis=1) <= 1 / 8 * 1.7).all()
+
+
+def captured(field) -> Captured:
+    return Captured(CONFIG, field, np.array([1.0, 2.0, 3.0]), 2.5, (PHOTO, PHOTO), (1,), {"rays": 5})
+
+
+def test_a_file_holds_all_of_it(field, tmp_path) -> None:
+    write_captured(tmp_path / "a.npz", captured(field))
+    found = read_captured(tmp_path / "a.npz")
+    assert found.config == CONFIG and found.half == 2.5 and found.tested == (1,) and found.provenance == {"rays": 5}
+    for a, b in zip(jax.tree.leaves(found.field), jax.tree.leaves(field), strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(found.photos[0].to_world, PHOTO.to_world)
+    assert found.photos[0][1:] == PHOTO[1:]
+
+
+def test_a_point_keeps_its_place_between_world_and_box(field) -> None:
+    """A camera moved to the box sees a point there where the world's sees it."""
+    found = captured(field)
+    o, d = photo_rays(found.to_box(PHOTO), pixel_centres(PHOTO))
+    far, towards = photo_rays(PHOTO, pixel_centres(PHOTO))
+    np.testing.assert_allclose(found.centre + found.half * (o + 0.7 * d), far + 0.7 * 2.5 * towards, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "fault"),
+    [
+        (lambda a: {k: v for k, v in a.items() if k != "uv/last/kernel"}, "uv/last/kernel is None"),
+        (lambda a: {**a, "uv/last/kernel": np.zeros((2, 2), np.float32)}, r"uv/last/kernel is \(2, 2\)"),
+        (lambda a: {**a, "uv/last/bias": np.full(3, np.nan, np.float32)}, "weights that are not finite"),
+        (lambda a: {**a, "manifest.json": np.frombuffer(b"{}", np.uint8)}, "is no captured object"),
+        (lambda a: {k: v for k, v in a.items() if k != "manifest.json"}, "has no manifest.json"),
+    ],
+)
+def test_damaged_files_are_named(field, tmp_path, spoil, fault) -> None:
+    path = tmp_path / "a.npz"
+    write_captured(path, captured(field))
+    names = json.loads(read_arrays(path, ["manifest.json"])["manifest.json"].tobytes())
+    assert names["kind"] == "captured object"
+    with np.load(path) as file:
+        arrays = {k: file[k] for k in file.files}
+    write_arrays(path, spoil(arrays))
+    with pytest.raises(InputError, match=rf"a.npz: .*{fault}"):
+        read_captured(path)
+
+
+def test_a_volume_has_the_same_file(tmp_path) -> None:
+    config = replace(CONFIG, colour="volume")
+    made = init_field(config, jax.random.key(0))
+    write_captured(tmp_path / "a.npz", replace(captured(made), config=config))
+    assert read_captured(tmp_path / "a.npz").config == config
+
+
+def test_the_checkerboard_shows_as_it_is(field) -> None:
+    """All of the object's own colours are gone."""
+    board = checkerboard("cubemap", 16, 4)
+    paint = "cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1)
+    a = picture(CONFIG, field, PHOTO, EXACT, FULL, paint).rgba
+    b = picture(
+        CONFIG, field._replace(texture=jax.tree.map(jnp.zeros_like, field.texture)), PHOTO, EXACT, FULL, paint
+    ).rgba
+    np.testing.assert_allclose(a, b, atol=1e-6)

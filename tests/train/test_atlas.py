@@ -1,0 +1,231 @@
+"""Learning an object: what a step sees and minimises, that phases move what they should, and that runs go on to the bit."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import atlas_step
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mesoshell.atlas.capture import Capture, read_capture
+from mesoshell.atlas.field import DENSITY, to_surface, to_texture
+from mesoshell.atlas.photo import photo_rays, pixel_centres
+from mesoshell.atlas.store import read_captured
+from mesoshell.errors import InputError
+from mesoshell.io.image import linear_to_srgb
+from mesoshell.measure.captured import CHART, VIEWS, score_views
+from mesoshell.train import atlas
+from mesoshell.train.atlas import (
+    EACH,
+    KEEP,
+    AtlasTraining,
+    Rays,
+    asked,
+    atlas_as,
+    encoded,
+    feed,
+    fitted,
+    held_out,
+    start,
+    step,
+)
+from mesoshell.train.method import ATLAS, method_of
+from mesoshell.train.presets import PAPER, SMALL, TINY
+from mesoshell.train.record import read_record, snapshots
+from mesoshell.train.run import train
+from tests import balls
+
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("train_atlas")
+
+CONFIG = atlas_step.CONFIG
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory) -> Capture:
+    return read_capture(balls.write_capture(tmp_path_factory.mktemp("captures") / "ball", views=16, size=32))
+
+
+def stepped(config: AtlasTraining, share: float, batch: Rays | None = None):
+    """A step at this share of the run; the state before, and after."""
+    begin = start(config, jax.random.key(0))._replace(images=jnp.asarray(round(share * config.kimg * 1000), jnp.int32))
+    return begin, *step(config, begin, batch or jax.tree.map(jnp.asarray, atlas_step.rays()))
+
+
+def moved(a, b) -> dict[str, bool]:
+    """Which parts of the field did."""
+    return {
+        name: any(bool((x != y).any()) for x, y in zip(jax.tree.leaves(p), jax.tree.leaves(q), strict=True))
+        for name, p, q in zip(a.field._fields, a.field, b.field, strict=True)
+    }
+
+
+def test_a_batch_is_two_thirds_of_the_object(capture) -> None:
+    config, capture = fitted(replace(CONFIG, batch=96, side=32), capture)
+    rows = feed(config, capture)(3)
+    assert rows.o.shape == (96, 3) and (rows.mask >= 0.5).sum() == 64
+    assert {x.dtype.name for x in rows} == {"float32", "int32"}
+    np.testing.assert_allclose(np.linalg.norm(rows.d, axis=1), 1, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(rows.u, axis=1), 1, atol=1e-6)
+    assert (np.abs(rows.point) < 1).all()
+
+
+def test_rows_are_pixels_of_the_views_that_are_learned_from(capture) -> None:
+    """Each ray with its colour is found among the photographs, in the box's units, and never in one that is held out."""
+    config, capture = fitted(replace(CONFIG, batch=48, side=32), capture)
+    rows = feed(config, capture)(0)
+    learned, tested = held_out(capture)
+    assert tested == [7, 15]
+    known = {}
+    for v in learned:
+        o, d = photo_rays(capture.photos[v], pixel_centres(capture.photos[v]))
+        for a, b, c in zip(capture.to_box(o), d, capture.rgb[v].reshape(-1, 3), strict=True):
+            known[tuple(np.round(np.concatenate([a, b]), 4))] = c
+    for o, d, rgb in zip(rows.o, rows.d, rows.rgb, strict=True):
+        near = min(known, key=lambda k: np.abs(np.array(k) - np.concatenate([o, d])).max())
+        assert np.abs(np.array(near) - np.concatenate([o, d])).max() < 1e-3
+        np.testing.assert_allclose(known[near], rgb, atol=1e-6)
+
+
+def test_a_step_depends_on_its_number_alone_and_hosts_share_it(capture) -> None:
+    config, capture = fitted(replace(CONFIG, side=32), capture)
+    whole = feed(config, capture)(5)
+    parts = [feed(config, capture, host, 2)(5) for host in (0, 1)]
+    for name in Rays._fields:
+        joined = np.stack([getattr(p, name) for p in parts], axis=1).reshape(getattr(whole, name).shape)
+        np.testing.assert_array_equal(joined, getattr(whole, name))
+    assert not np.array_equal(whole.o, feed(config, capture)(6).o)
+    with pytest.raises(InputError, match="16 rays do not come evenly from 3 hosts"):
+        feed(config, capture, 0, 3)
+
+
+def test_views_are_held_out_as_in_the_paper(capture) -> None:
+    many = replace(capture, photos=capture.photos * 4)
+    assert held_out(many)[1] == [6, 13, 30, 35] and len(held_out(many)[0]) == 60
+    assert held_out(replace(capture, photos=capture.photos[:5]))[1] == []
+
+
+def test_the_loss_sees_srgb() -> None:
+    x = np.linspace(-0.2, 2, 100).astype(np.float32)
+    wanted = np.where(x < 0, 12.92 * x, linear_to_srgb(np.maximum(x, 0)))
+    np.testing.assert_allclose(encoded(jnp.asarray(x)), wanted, atol=1e-5)
+    assert bool(jnp.isfinite(jax.vmap(jax.grad(encoded))(jnp.asarray(x))).all())
+
+
+def test_phases_move_what_they_should() -> None:
+    """The cloud alone moves the inverse at first; later the cycle does; at the end only the texture learns."""
+    begin, early, _ = stepped(CONFIG, 0.0)
+    assert moved(begin, early) == dict.fromkeys(begin.field._fields, True)
+    no_points = replace(CONFIG, cloud=False, cycle=0.0)
+    begin, alone, _ = stepped(no_points, 0.0)
+    assert not moved(begin, alone)["inverse"]
+    begin, late, report = stepped(CONFIG, 0.6)
+    assert moved(begin, late) == dict.fromkeys(begin.field._fields, True) and float(report.chamfer) == 0
+    begin, last, _ = stepped(CONFIG, 0.9)
+    assert moved(begin, last) == {"sigma": False, "texture": True, "view": True, "uv": False, "inverse": False}
+
+
+def test_the_cycle_moves_the_maps_alone() -> None:
+    """With nothing else in the loss: colours black where rays see black, no mask."""
+    config = replace(CONFIG, cloud=False, mask=0.0, cycle=1.0)
+    batch = jax.tree.map(jnp.asarray, atlas_step.rays())
+    begin = start(config, jax.random.key(0))
+
+    def slope(weight):
+        made = replace(config, cycle=weight)
+        return step(made, begin, batch)[0].adam.inner_states["network"].inner_state[0].mu  # type: ignore[attr-defined]
+
+    with_, without = slope(1.0), slope(0.0)
+    for name in ("sigma", "texture", "view"):
+        for a, b in zip(jax.tree.leaves(getattr(with_, name)), jax.tree.leaves(getattr(without, name)), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-7)
+    assert any(bool((x != 0).any()) for x in jax.tree.leaves(with_.inverse))
+
+
+def test_one_drawn_sample_stands_for_all_of_a_rays() -> None:
+    """The mean over many draws is the paper's sum, equation 12."""
+    field = start(CONFIG, jax.random.key(2)).field
+    o, d = jnp.array([0.3, 0.2, -2.0]), jnp.array([0.0, 0.0, 1.0])
+    occupied = jnp.ones((32,) * 3, bool)
+    drawn = jax.vmap(
+        lambda n: atlas._ray(CONFIG, field, occupied, jax.random.key(0), o, d, jnp.zeros(3), jnp.zeros(()), n)[1]
+    )(jnp.arange(4096))
+    from mesoshell.atlas.march import march
+
+    def whole(n):
+        xi, _ = jax.random.split(jax.random.fold_in(jax.random.key(0), n))
+        found = march(CONFIG.field, field, o, d, occupied, jax.random.uniform(xi, (CONFIG.samples,)))
+        apart = jax.vmap(lambda y: jnp.sum((to_surface(field, to_texture(field, y)) - y) ** 2))(found.y)
+        return found.w @ apart
+
+    exact = jax.vmap(whole)(jnp.arange(4096))
+    error = float(jnp.std(drawn - exact)) / 64
+    assert abs(float(jnp.mean(drawn)) - float(jnp.mean(exact))) < 4 * error + 1e-6
+
+
+def test_the_grid_asks_every_cell_in_turn_and_forgets() -> None:
+    field = start(CONFIG, jax.random.key(0)).field
+    field = jax.tree.map(jnp.zeros_like, field)
+    grid, key = jnp.full((8, 8, 8), 100.0), jax.random.key(0)
+    for i in range(EACH):
+        before = grid
+        grid = asked(CONFIG, field, grid, jnp.asarray(i), key)
+        assert int((grid != before).sum()) == 512 // EACH
+    np.testing.assert_allclose(grid, KEEP * 100, rtol=1e-6)
+    for i in range(EACH * 60):
+        grid = asked(CONFIG, field, grid, jnp.asarray(i), key)
+    np.testing.assert_allclose(grid, DENSITY * np.log(2), rtol=1e-5)
+
+
+def test_one_device_eight_and_pmap_agree() -> None:
+    """Losses, gradients and the grid to 1e-6 in float64, eight devices with two rows each, with and without the cloud."""
+    here = Path(__file__).parent
+    done = subprocess.run([sys.executable, "atlas_step.py"], cwd=here, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert len(said) == 16
+    for name, value in said.items():
+        assert value == 16 if name.endswith("images") else value < 1e-6, name
+
+
+def test_presets_grow() -> None:
+    assert atlas_as(TINY).side < atlas_as(SMALL).side < atlas_as(PAPER).side
+    paper = atlas_as(PAPER, "frequency")
+    assert paper.samples == 256 and paper.field.sigma == (256,) * 8 and paper.field.uv == (128, 128)
+    assert paper.field.inverse == (512, 512) and 600 <= paper.batch <= 800
+
+
+def test_a_run_is_resumed_to_the_bit_and_kept(capture, tmp_path) -> None:
+    config = replace(CONFIG, kimg=0.08, side=16)
+    train(config, capture, tmp_path / "a")
+    read, _ = read_record(tmp_path / "a")
+    assert method_of(read) is ATLAS and read == fitted(config, capture)[0]
+    on = train(replace(config, kimg=0.16), capture, tmp_path / "a")
+    whole = train(replace(config, kimg=0.16), capture, tmp_path / "whole")
+    # rates fall along the whole run's length, which the first half did not know
+    assert int(on.images) == int(whole.images) == 160
+    again = train(replace(config, kimg=0.16), capture, tmp_path / "again")
+    for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(whole), strict=True):
+        np.testing.assert_array_equal(a, b)
+    images, path = snapshots(tmp_path / "a")[-1]
+    kept = read_captured(path)
+    assert images == 160 and kept.tested == (7, 15)
+    np.testing.assert_allclose(kept.centre, capture.centre)
+    assert (tmp_path / "a/report.html").exists() and list((tmp_path / "a/sheets").glob("*.png"))
+
+
+def test_it_learns_a_painted_ball(capture, tmp_path, optimised) -> None:
+    """Views that were held out are shown, and the surface lies once, and evenly, in its texture."""
+    config = replace(atlas_as(TINY), batch=256, kimg=256 * 0.3)
+    train(config, capture, tmp_path)
+    config, capture = fitted(config, capture)
+    scores = score_views(read_captured(snapshots(tmp_path)[-1][1]), capture, config.samples)
+    assert tuple(scores) == VIEWS + CHART
+    assert scores["PSNR"].value > 22 and scores["SSIM"].value > 0.8
+    assert scores["cycle error, % of the box"].value < 3 and scores["texture folded"].value < 0.02
+    assert scores["texture distortion"].value < 0.6 and scores["texture used"].value > 0.6

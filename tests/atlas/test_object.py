@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +35,7 @@ FULL = jnp.ones((CELLS,) * 3, bool)
 @pytest.fixture(scope="module")
 def field():
     """An octahedron of fog, σ = 25 softplus(6 − 10 |y|₁), with random colours that views change."""
-    made = init_field(CONFIG, jax.random.key(3))
+    made: Any = init_field(CONFIG, jax.random.key(3))
     ways = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
     first, second = np.zeros((9, 16), np.float32), np.zeros((16, 16), np.float32)
     first[:3, :6], second[:6, :6] = ways, np.eye(6)

@@ -84,7 +84,7 @@ def test_photographs_are_rendered_again(folder, tmp_path) -> None:
 def test_a_mesh_is_where_the_object_was_and_renders(folder, tmp_path) -> None:
     for name in ("a.glb", "a.obj"):
         main(["atlas", "mesh", str(folder / "run"), "--quads", "10", "--size", "16", "--out", str(tmp_path / name)])
-        mesh = trimesh.load(tmp_path / name, force="mesh")
+        mesh = trimesh.load_mesh(tmp_path / name)
         np.testing.assert_allclose(mesh.bounds.mean(axis=0), balls.CENTRE, atol=0.5)
         assert np.abs(np.ptp(mesh.bounds, axis=0) / 2 - balls.AXES).max() < 0.7
         mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=5)

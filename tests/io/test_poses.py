@@ -99,6 +99,7 @@ def test_colmap(tmp_path) -> None:
     colmap(tmp_path)
     found = read_poses(tmp_path)
     agrees(found)
+    assert found.points is not None
     np.testing.assert_allclose(found.points, [[1.5, 2.5, 3.5]])
 
 

@@ -7,6 +7,7 @@ step is a tenth of the gradient).
 
 import json
 import os
+from typing import Any
 
 if __name__ == "__main__":
     os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=8"
@@ -36,10 +37,10 @@ def rays(seed: int = 0) -> Rays:
     o = 2.5 * unit(random.normal(size=(16, 3)))
     d = unit(random.uniform(-0.5, 0.5, (16, 3)) - o)
     rows = o, d, random.random((16, 3)), random.integers(2, size=16)
-    noise = np.arange(16, dtype=np.int32)
     rest = 0.6 * unit(random.normal(size=(16, 3))), unit(random.normal(size=(16, 3)))
-    o, d, rgb, mask = (x.astype(np.float32) for x in rows)
-    return Rays(o, d, rgb, mask, noise, *(x.astype(np.float32) for x in rest))
+    columns: list[Any] = [x.astype(np.float32) for x in (*rows, *rest)]
+    columns.insert(4, np.arange(16, dtype=np.int32))
+    return Rays(*columns)
 
 
 def main() -> None:

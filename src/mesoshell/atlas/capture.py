@@ -9,7 +9,7 @@ The box is the capture's own, if it says one; else that of the visual hull (atla
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +34,7 @@ BACKGROUNDS = {"black": 0.0, "white": 1.0}
 @dataclass(frozen=True)
 class Capture:
     """hull: cells of the box that may hold something, by the masks. points: of the world, inside the box. agreement: that of
-    the masks, the mean over views."""
+    the masks, the mean over views. flash: E⊥ at distance 1 of the world of the light at each camera, if there is one."""
 
     folder: Path
     photos: tuple[Photo, ...]
@@ -46,6 +46,7 @@ class Capture:
     points: Float[np.ndarray, "P 3"] | None
     agreement: float
     warnings: tuple[str, ...]
+    flash: float | None = None
 
     @property
     def manifest(self) -> dict[str, object]:
@@ -96,7 +97,17 @@ def read_capture(folder: Path, background: str | None = None) -> Capture:
         points = poses.points[inside] if inside.any() else None
     rgb = tuple(image for _, image, _ in read)
     return Capture(
-        folder, tuple(photos), rgb, tuple(masks), centre, half, hull, points, float(agreed.mean()), tuple(warnings)
+        folder,
+        tuple(photos),
+        rgb,
+        tuple(masks),
+        centre,
+        half,
+        hull,
+        points,
+        float(agreed.mean()),
+        tuple(warnings),
+        poses.flash,
     )
 
 
@@ -108,8 +119,7 @@ def at_most(capture: Capture, side: int) -> Capture:
         photos.append(shrunk(photo, factor))
         rgb.append(_means(image, factor))
         masks.append(_means(mask, factor))
-    fields = {f: getattr(capture, f) for f in ("folder", "centre", "half", "hull", "points", "agreement", "warnings")}
-    return Capture(photos=tuple(photos), rgb=tuple(rgb), masks=tuple(masks), **fields)
+    return replace(capture, photos=tuple(photos), rgb=tuple(rgb), masks=tuple(masks))
 
 
 def _means(x: np.ndarray, n: int) -> np.ndarray:

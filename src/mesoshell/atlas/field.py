@@ -8,6 +8,7 @@ F_uv        y → u; no encoding, for a smooth map (their section 4.1)
 F_uv⁻¹      u → y, the surface that the texture is wrapped on; no encoding
 F_tex       (u, d) → c = softplus(b(u)) + r(u, d): a texture that no view changes, and what views add to it
 volume      a NeRF beside it, in the same code: c from F_σ's features instead of from u
+reflectance  F_σ has a normal beside σ, F_tex what a surface is made of (atlas/reflect) instead of a colour, and r has no part
 
 F_uv and F_uv⁻¹ are added to the projection from the box's centre, u = y/|y|, and to a sphere's surface: the paper is silent on
 how they begin, and a map without folds has none to undo. Colours are linear; a sum below 0, which r can make, is left so.
@@ -19,6 +20,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from mesoshell.atlas.reflect import Lobes
 from mesoshell.nets.encoding import HashConfig, frequency, hashed, init_tables
 from mesoshell.nets.mlp import Dense, apply_dense, apply_relu, init_dense, init_mlp
 from mesoshell.numerics import normalise, softplus
@@ -33,7 +35,7 @@ SPHERE, FLAT = 0.6, 1e-4
 @dataclass(frozen=True)
 class FieldConfig:
     """sigma, texture, uv, inverse: widths of the hidden layers; views: width of r's. encoding: of F_σ's and F_tex's inputs;
-    octaves: of y, of u, of d."""
+    octaves: of y, of u, of d. flash: of reflectance, E⊥ of the camera's light at distance 1, in the box's units."""
 
     sigma: tuple[int, ...] = (256,) * 8
     texture: tuple[int, ...] = (256,) * 4
@@ -43,7 +45,8 @@ class FieldConfig:
     encoding: Literal["frequency", "hash"] = "frequency"
     octaves: tuple[int, int, int] = (10, 10, 4)
     hash: HashConfig = field(default_factory=HashConfig)
-    colour: Literal["texture", "volume"] = "texture"
+    colour: Literal["texture", "volume", "reflectance"] = "texture"
+    flash: float = 0.0
 
 
 class Net(NamedTuple):
@@ -66,15 +69,16 @@ class Field(NamedTuple):
 
 def init_field(config: FieldConfig, key: Key[Array, ""]) -> Field:
     k = jax.random.split(key, 5)
-    sigma = _net(config, k[0], config.octaves[0], config.sigma, 1)
+    lit = config.colour == "reflectance"
+    sigma = _net(config, k[0], config.octaves[0], config.sigma, 4 if lit else 1)
     if config.colour == "volume":
         texture = Net((), *_layers(k[1], config.sigma[-1], config.texture, 3))
     else:
-        texture = _net(config, k[1], config.octaves[1], config.texture, 3)
+        texture = _net(config, k[1], config.octaves[1], config.texture, 5 if lit else 3)
     seen = config.texture[-1] + 3 * (1 + 2 * config.octaves[2])
     view = Net((), *_layers(k[2], seen, (config.views,), 3, FLAT))
     return Field(
-        sigma._replace(last=sigma.last._replace(bias=sigma.last.bias + EMPTY)),
+        sigma._replace(last=sigma.last._replace(bias=sigma.last.bias.at[0].add(EMPTY))),
         texture,
         view,
         Net((), *_layers(k[3], 3, config.uv, 3, FLAT)),
@@ -86,6 +90,17 @@ def density(config: FieldConfig, field: Field, y: Vec3) -> tuple[Scalar, Float[A
     """σ, and the features that it is made of."""
     features = apply_relu(field.sigma.hidden, _encoded(config, field.sigma, y, config.octaves[0]))
     return DENSITY * softplus(apply_dense(field.sigma.last, features)[0]), features
+
+
+def normal(field: Field, y: Vec3, features: Float[Array, "F"]) -> Vec3:
+    """Of reflectance, at a point of density's `features`; it begins as outward from the box's centre."""
+    return normalise(y + apply_dense(field.sigma.last, features)[1:])
+
+
+def lobes(config: FieldConfig, field: Field, u: Vec3) -> Lobes:
+    """Of reflectance, what the surface is made of there."""
+    x = jax.nn.sigmoid(_applied(field.texture, _encoded(config, field.texture, u, config.octaves[1])))
+    return Lobes(x[:3], x[3], 0.25 * x[4])
 
 
 def to_texture(field: Field, y: Vec3) -> Vec3:

@@ -10,7 +10,7 @@ pixel and the cell's size, so that none is lost that holds something.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -42,7 +42,7 @@ def carve(photos: Sequence[Photo], masks: Sequence[Float[np.ndarray, "_h _w"]]) 
     centre = np.linalg.lstsq(across.sum(axis=0), np.einsum("vij,vj->i", across, origins), rcond=None)[0]
     distances = np.linalg.norm(centre - origins, axis=1)
     half = MARGIN * float(np.max(distances * [wide for _, wide in aims]))
-    away = [distance_transform_edt(mask < 0.5) for mask in masks]
+    away: list[Any] = [distance_transform_edt(mask < 0.5) for mask in masks]
     for _ in range(2):
         if not half > 0:
             return None

@@ -5,6 +5,7 @@ o, d        in the box's units; t in [t0, t1]: inside [−1, 1]³, all of it, in
 occupied    cells of the box where σ can be above what may be passed over, with their neighbours
 ℓ           length of [t0, t1] in occupied cells; the N samples share it evenly: one in each N-th of it, at ξ of that part
 w, T        weights of the samples and transmittance of the ray (render/composite); I = Σ w c
+flash       of reflectance: light comes the way that the camera looks, so that I = Σ w T′ c; T′: what is left before a sample
 
 Samples are where the shared quadrature has them, at ℓ/N from each other: a ray that sees no occupied cell has none, and none
 lies in an empty one. Whether a stretch is occupied is asked PROBES times along it, at less than a cell from each other.
@@ -15,7 +16,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from mesoshell.atlas.field import Field, FieldConfig, density, radiance
+from mesoshell.atlas.field import Field, FieldConfig, density, lobes, normal, radiance, to_texture
+from mesoshell.atlas.reflect import shade
 from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import weights
 from mesoshell.typing import Array, Bool, Float, Scalar, Vec3
@@ -75,5 +77,15 @@ def march(
     y = o[None] + jnp.outer(t, d)
     sigma, features = jax.vmap(lambda y: density(config, field, y))(y)
     w, passed = weights(optical_depth(sigma, jnp.broadcast_to(step, sigma.shape)))
+    if config.colour == "reflectance":
+        c = jax.vmap(lambda y, f, t: flashed(config, field, y, d, f, t))(y, features, t)
+        before = 1 - jnp.concatenate([jnp.zeros_like(w[:1]), jnp.cumsum(w)[:-1]])
+        return Marched((w * before) @ c, passed, w, y, w @ t)
     c = jax.vmap(lambda y, f: radiance(config, field, y, d, f))(y, features)
     return Marched(w @ c, passed, w, y, w @ t)
+
+
+def flashed(config: FieldConfig, field: Field, y: Vec3, d: Vec3, features: Float[Array, "F"], t: Scalar) -> Vec3:
+    """c of a point at distance t from a camera that lights it, but for what lies between."""
+    surface = lobes(config, field, to_texture(field, y))
+    return shade(surface, normal(field, y, features), -d, -d) * (config.flash / jnp.maximum(t, 1e-3) ** 2)

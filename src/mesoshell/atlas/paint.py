@@ -1,7 +1,8 @@
 """The texture as an image, and what an edited image does to an object.
 
 Alphabet
-T           an object's texture, linear: the greatest of its colours over VIEWS directions, as the paper shows it
+T           an object's texture, linear: the greatest of its colours over VIEWS directions, as the paper shows it; or,
+            of reflectance, its albedo
 E, α        an edit: colours and coverage of an image of any layout
 c′ = a + s c    what becomes of a colour c that a view sees at u:
 multiply    s = E, a = 0
@@ -20,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float as NumPyFloat
 
-from mesoshell.atlas.field import Field, FieldConfig, texture, viewed
+from mesoshell.atlas.field import Field, FieldConfig, lobes, texture, viewed
 from mesoshell.atlas.layout import LAYOUTS, Layout, directions, shape, side_of
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_picture
@@ -47,6 +48,8 @@ def _greatest(config: FieldConfig, field: Field, u):
     ways = jnp.asarray(np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1), u.dtype)
 
     def point(u):
+        if config.colour == "reflectance":
+            return lobes(config, field, u).albedo
         base, features = texture(config, field, u)
         return base + jnp.max(jax.vmap(lambda d: viewed(config, field, features, d))(ways), axis=0)
 
@@ -57,8 +60,8 @@ def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.
     """An image, and the layout that it is of: as said, or the only one with its proportions. Raises InputError."""
     image = read_picture(path)
     h, w = image.shape[:2]
-    asked = LAYOUTS if layout is None else (layout,)
-    fit = [name for name in asked if side_of(name, h, w)]
+    asked: tuple[Layout, ...] = LAYOUTS if layout is None else (layout,)
+    fit: list[Layout] = [name for name in asked if side_of(name, h, w)]
     if not fit:
         sizes = " or ".join(f"{name} ({shape(name, 1)[1]}:{shape(name, 1)[0]})" for name in asked)
         raise InputError(path, f"is {w} x {h} pixels, the proportions of no {sizes}")

@@ -88,6 +88,15 @@ class Render:
     layout: Literal["cubemap", "latlong", "square"] | None = None
     #: Show a checkerboard in the texture's place.
     checker: bool = False
+    #: Of an object of reflectance: direction toward a distant light, x y z in the photographs' axes; may be repeated. Without
+    #: any, and without an environment, the camera's flash lights it.
+    light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
+    #: Irradiance of each light on a plane facing it.
+    irradiance: float = 3.0
+    #: Latitude-longitude EXR that lights it.
+    environment: Path | None = None
+    #: The axis of the photographs that points up in the environment.
+    up: Literal["y", "z"] = "y"
     #: Samples a ray; as many as were learned with if not given.
     samples: int | None = None
 

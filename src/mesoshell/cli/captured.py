@@ -12,14 +12,15 @@ from mesoshell.atlas import paint
 from mesoshell.atlas.capture import read_capture
 from mesoshell.atlas.mesh import wrapped
 from mesoshell.atlas.photo import Photo, orbit
-from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.render import Lit, occupancy, picture
 from mesoshell.atlas.store import Captured, read_captured
 from mesoshell.cli.atlas import Mesh, Render, Texture, Train
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.training import learn, read_experiment
 from mesoshell.errors import InputError
-from mesoshell.io.image import write_exr, write_png
+from mesoshell.io.image import read_exr, write_exr, write_png
 from mesoshell.io.wrapped import write_wrapped
+from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
 from mesoshell.train.atlas import AtlasTraining, atlas_as
 from mesoshell.train.atlas_snapshot import board_paint
@@ -67,11 +68,12 @@ def render(options: Render) -> None:
     samples = options.samples or int(found.provenance["config"]["samples"])
     quality = Quality(samples=_at_least_one("--samples", samples))
     occupied = occupancy(found.config, found.field, quality.skip)
+    lit = _lit(found, options)
     options.out.mkdir(parents=True, exist_ok=True)
     cameras = _cameras(found, options)
     console = Console(stderr=True)
     for i, camera in enumerate(track(cameras, "rendering", console=console, transient=True)):
-        rgba = picture(found.config, found.field, found.to_box(camera), quality, occupied, painted).rgba
+        rgba = picture(found.config, found.field, found.to_box(camera), quality, occupied, painted, lit).rgba
         write_exr(options.out / f"{i:04d}.exr", rgba)
         write_png(options.out / f"{i:04d}.png", rgba)
     print(f"{options.out}: {len(cameras)} frames")
@@ -87,6 +89,24 @@ def mesh(options: Mesh) -> None:
     vertices = found.centre + found.half * surface.vertices
     write_wrapped(options.out, vertices, surface.faces, surface.uv, image)
     print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
+
+
+def _lit(found: Captured, options: Render) -> Lit | None:
+    """Other light than the camera's, if some is asked for."""
+    if not (options.light or options.environment):
+        return None
+    if found.config.colour != "reflectance":
+        raise InputError(options.object, "has colours as they were photographed, and no reflectance that could be lit")
+    lights = []
+    for v in options.light:
+        length = float(np.linalg.norm(v))
+        if not (np.isfinite(length) and length > 0):
+            raise InputError("--light", f"{v} is no direction")
+        lights.append(Distant(np.array(v) / length, np.full(3, options.irradiance)))
+    sky = None
+    if options.environment:
+        sky = environment(read_exr(options.environment)[..., :3], {"y": 1, "z": 2}[options.up])
+    return Lit(tuple(lights), sky)
 
 
 def _config(options: Train) -> AtlasTraining:
@@ -110,7 +130,7 @@ def _found(path: Path) -> Captured:
 
 def _textured(path: Path) -> Captured:
     found = _found(path)
-    if found.config.colour != "texture":
+    if found.config.colour == "volume":
         raise InputError(path, "has its colours in the volume, and no texture")
     return found
 

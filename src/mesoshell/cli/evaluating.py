@@ -81,7 +81,7 @@ def _views(config: AtlasTraining, capture: Capture, options: Options) -> _Measur
     tested = atlas.held_out(capture)[1]
     if not tested:
         raise InputError(options.run, "held no view out: it has fewer than 8")
-    names = VIEWS + (CHART if config.field.colour == "texture" else ())
+    names = VIEWS + (() if config.field.colour == "volume" else CHART)
     return _Measure(
         names, len(tested), "held-out views", lambda path: score_views(read_captured(path), capture, config.samples)
     )

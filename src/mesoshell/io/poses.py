@@ -42,12 +42,14 @@ class Posed:
 
 @dataclass(frozen=True)
 class Poses:
-    """source: the file that says them. box: centre and half side of the box that the object lies in, if they say that too."""
+    """source: the file that says them. box: centre and half side of the box that the object lies in; flash: E⊥ at distance 1 of
+    a light at the camera, on each channel; if they say these too."""
 
     source: Path
     views: tuple[Posed, ...]
     points: Float[np.ndarray, "P 3"] | None
     box: tuple[Float[np.ndarray, "3"], float] | None = None
+    flash: float | None = None
 
 
 def read_poses(folder: Path) -> Poses:
@@ -90,7 +92,11 @@ def read_transforms(path: Path) -> Poses:
         matrix = _rigid(path, f"transform_matrix of frame {i}", frame.get("transform_matrix"))
         views.append(Posed(image, matrix, lens, size, mask, angle))
     cloud = said.get("ply_file_path")
-    return Poses(path, tuple(views), _cloud(path.parent / cloud) if isinstance(cloud, str) else None)
+    flash = said.get("flash")
+    if flash is not None and not (isinstance(flash, int | float) and np.isfinite(flash) and flash > 0):
+        raise InputError(path, f"flash must be a number above 0, not {flash!r}")
+    points = _cloud(path.parent / cloud) if isinstance(cloud, str) else None
+    return Poses(path, tuple(views), points, flash=None if flash is None else float(flash))
 
 
 def read_idr(path: Path) -> Poses:
@@ -160,7 +166,7 @@ def read_colmap(path: Path) -> Poses:
         kind = camera.model.name
         if kind not in ("PINHOLE", "SIMPLE_PINHOLE"):
             raise InputError(path, f"{image.name} has a {kind} camera: run `colmap image_undistorter` first")
-        pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
+        pose: Any = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
         world = np.eye(4)
         world[:3] = np.asarray(pose.inverse().matrix(), np.float64)
         lens = (camera.focal_length_x, camera.focal_length_y, camera.principal_point_x, camera.principal_point_y)

@@ -47,13 +47,13 @@ def score_views(found: Captured, capture: Capture, samples: int) -> dict[str, Es
         name: Estimate(float(m), float(m - r), float(m + r))
         for name, m, r in zip(VIEWS, table.mean(axis=0), reach, strict=True)
     }
-    if found.config.colour != "texture":
+    if found.config.colour == "volume":
         return scores
     numbers = _charted(found, at_most(capture, SIDE), shown)
     return scores | {name: Estimate(x, x, x) for name, x in zip(CHART, numbers, strict=True)}
 
 
-def _charted(found: Captured, capture: Capture, shown) -> tuple[float, float, float, float]:
+def _charted(found: Captured, capture: Capture, shown) -> tuple[float, ...]:
     ys, us, hits, cycles = [], [], [], []
     for photo in capture.photos:
         seen, (o, d) = shown(photo), photo_rays(found.to_box(photo), pixel_centres(photo))

@@ -120,7 +120,14 @@ def atlas_as(preset: TrainConfig, encoding: str = "hash") -> AtlasTraining:
 
 
 def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capture]:
-    """The configuration for a capture, and the capture at the size that it asks for. Raises InputError if no view is left."""
+    """The configuration for a capture, and the capture at the size that it asks for. Raises InputError if reflectance is to be
+    learned, and no light is known."""
+    if config.field.colour == "reflectance":
+        if capture.flash is None:
+            raise InputError(
+                capture.folder, "says no `flash`: reflectance is learned from photographs lit by the camera alone"
+            )
+        config = replace(config, field=replace(config.field, flash=capture.flash / capture.half**2))
     return replace(config, cloud=capture.points is not None), at_most(capture, config.side)
 
 
@@ -154,12 +161,9 @@ def feed(config: AtlasTraining, capture: Capture, host: int = 0, hosts: int = 1)
         o, d = rays_of(photos, pixel[mine])
         rows = capture.to_box(o), d, rgb[pixel[mine]], masks[pixel[mine]]
         u /= np.linalg.norm(u, axis=1, keepdims=True)
-        return Rays(
-            *(x.astype(np.float32) for x in rows),
-            noise[mine].astype(np.int32),
-            point[mine].astype(np.float32),
-            u[mine].astype(np.float32),
-        )
+        columns: list[Any] = [x.astype(np.float32) for x in (*rows, point[mine], u[mine])]
+        columns.insert(4, noise[mine].astype(np.int32))
+        return Rays(*columns)
 
     return at
 
@@ -204,7 +208,8 @@ def step(
     bad = jnp.stack([~jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient)])
     grid = asked(config, field, state.grid, state.step, key)
     rows = batch.mask.shape[0] if across.everyone is None else across.everyone(batch.mask)[0].shape[0]
-    return AtlasState(field, adam, grid, state.step + 1, state.images + rows), AtlasReport(*parts, bad)
+    after = AtlasState(field, adam, grid, state.step + 1, state.images + rows)
+    return after, AtlasReport(*parts, bad=bad)
 
 
 def asked(config: AtlasTraining, field: Field, grid: Float[Array, "n n n"], step: Int[Array, ""], key: Array) -> Array:
@@ -240,7 +245,7 @@ def _ray(
     found = march(config.field, field, o, d, occupied, jax.random.uniform(xi, (config.samples,), o.dtype))
     render = jnp.sum((encoded(found.colour) - encoded(rgb)) ** 2)
     cycle = jnp.zeros((), o.dtype)
-    if config.cycle and config.field.colour == "texture":
+    if config.cycle and config.field.colour != "volume":
         w = jax.lax.stop_gradient(found.w)
         through = jnp.cumsum(w)
         i = jnp.sum(through < jax.random.uniform(pick, (), o.dtype) * through[-1])

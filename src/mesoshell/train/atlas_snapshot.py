@@ -61,7 +61,7 @@ def sheet(config: AtlasTraining, capture: Capture, state: AtlasState) -> Float[n
     now, quality = captured(config, capture, state), quality_of(config)
     occupied = occupancy(now.config, now.field, quality.skip)
     chosen = (held_out(capture)[1] or list(range(len(capture.photos))))[:2]
-    mapped = now.config.colour == "texture"
+    mapped = now.config.colour != "volume"
     board = ("cubemap", board_paint()) if mapped else None
     row = []
     for i in chosen:

@@ -1,0 +1,38 @@
+"""What a point of a surface sends on of light from one direction (NeuTex, section 5.4, after Neural Reflectance Fields).
+
+Alphabet
+n, v, l     normal, directions to the viewer and to the light; unit vectors, h halfway between v and l
+albedo      of the diffuse part; f₀: reflectance head on of the glossy part, the same for all colours; α: roughness squared
+shade       (albedo/π + D F G / (4 n·v n·l)) n·l: D of GGX, G of Smith, height-correlated, F of Schlick; 0 where l lies behind
+
+Finite for all unit vectors: n·v is not below 1e-3, α not below LEAST².
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from mesoshell.numerics import normalise
+from mesoshell.typing import Scalar, Vec3
+
+LEAST = 0.08
+
+
+class Lobes(NamedTuple):
+    """Of a point of the texture."""
+
+    albedo: Vec3
+    roughness: Scalar
+    specular: Scalar
+
+
+def shade(of: Lobes, n: Vec3, v: Vec3, l: Vec3) -> Vec3:
+    """Radiance toward v over irradiance on the plane that faces l."""
+    h = normalise(v + l)
+    nl, nv, nh, vh = jnp.maximum(n @ l, 0), jnp.maximum(n @ v, 1e-3), jnp.clip(n @ h, 0, 1), jnp.clip(v @ h, 0, 1)
+    a = jnp.maximum(of.roughness, LEAST) ** 2
+    d = a**2 / (jnp.pi * (nh**2 * (a**2 - 1) + 1) ** 2)
+    # G / (4 n·v n·l), times n·l
+    masked = nl / (2 * (nl * jnp.sqrt(a**2 + (1 - a**2) * nv**2) + nv * jnp.sqrt(a**2 + (1 - a**2) * nl**2)))
+    f = of.specular + (1 - of.specular) * (1 - vh) ** 5
+    return of.albedo / jnp.pi * nl + d * f * masked

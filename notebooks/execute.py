@@ -11,7 +11,7 @@ import jupytext
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parent
-NEEDS_BLENDER = {"datasets.py"}
+NEEDS_BLENDER = {"atlas.py", "datasets.py"}
 
 
 def main() -> None:

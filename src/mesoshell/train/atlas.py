@@ -113,7 +113,7 @@ def atlas_as(preset: TrainConfig, encoding: str = "hash") -> AtlasTraining:
     small = FieldConfig(**widths, uv=(64, 64), inverse=(128, 128), encoding=encoding, hash=HashConfig())  # type: ignore[arg-type]
     if texels > 16:
         return AtlasTraining(
-            small, side=128, samples=48, batch=1024, kimg=1024 * 12.0, rate=2e-3, snapshot_kimg=1024 * 2.0
+            small, side=128, samples=32, batch=1024, kimg=1024 * 8.0, rate=2e-3, snapshot_kimg=1024 * 1.0
         )
     small = replace(small, hash=HashConfig(levels=5, rows=12, finest=32))
     return AtlasTraining(small, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, snapshot_kimg=512 * 0.2)

@@ -1,0 +1,83 @@
+"""Held-out PSNR against training minutes, of runs of `mesoshell atlas train`: python -m benchmarks.atlas RUN ... [--out p.png]
+
+Prints for each run its scores at the end, minutes to 95% of the final PSNR's rise above that of a black picture, rays a second
+over the run, and the share of this machine's matrix rate that its steps reach. Scores are those of `mesoshell evaluate`, which
+must have been run; minutes are the log's, so runs are to be compared only if each had the machine to itself.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+import tyro
+
+from benchmarks.rates import matrix_rate
+from mesoshell.atlas.capture import Capture, read_capture
+from mesoshell.io.image import linear_to_srgb
+from mesoshell.measure.image import psnr
+from mesoshell.measure.operations import count_operations
+from mesoshell.train import atlas
+from mesoshell.train.record import read_record
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to compare."""
+
+    #: Folders of runs.
+    runs: tyro.conf.Positional[tuple[Path, ...]]
+    #: The plot to write.
+    out: Path | None = None
+
+
+def main(options: Options) -> None:
+    rate, curves = matrix_rate(), {}
+    for run in options.runs:
+        config, data = read_record(run)
+        assert isinstance(config, atlas.AtlasTraining)
+        config, capture = atlas.fitted(config, read_capture(Path(data["folder"])))
+        log = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+        scores = [json.loads(line) for line in (run / "evaluation.jsonl").read_text().splitlines()]
+        kimg = np.array([row["kimg"] for row in log])
+        seconds = np.cumsum(np.diff(kimg, prepend=0) * 1000 / np.array([row["images_per_s"] for row in log]))
+        last = {row["name"]: row["value"] for row in scores if row["kimg"] == max(r["kimg"] for r in scores)}
+        curve = sorted(
+            (float(np.interp(r["kimg"], kimg, seconds)) / 60, r["value"]) for r in scores if r["name"] == "PSNR"
+        )
+        black = black_psnr(capture)
+        enough = next(m for m, v in curve if v - black >= 0.95 * (last["PSNR"] - black))
+        state = jax.eval_shape(lambda config=config: atlas.start(config, jax.random.key(0)))
+        work = count_operations(lambda s, b, c=config: atlas.step(c, s, b), state, atlas.feed(config, capture)(0))
+        speed = kimg[-1] * 1000 / seconds[-1]
+        share = work / config.batch * speed / rate
+        print(f"{run.name}: {seconds[-1] / 60:.1f} minutes, {speed:.0f} rays/s, {share:.2f} of the matrix rate")
+        print(
+            f"    95% after {enough:.1f} minutes; " + ", ".join(f"{name} {value:.4g}" for name, value in last.items())
+        )
+        curves[run.name] = curve
+    if options.out:
+        plot(curves, options.out)
+
+
+def black_psnr(capture: Capture) -> float:
+    """Of a black picture, the mean over held-out views."""
+    views = (linear_to_srgb(np.clip(capture.rgb[i], 0, 1)) for i in atlas.held_out(capture)[1])
+    return float(np.mean([psnr(view, np.zeros_like(view)) for view in views]))
+
+
+def plot(curves: dict[str, list[tuple[float, float]]], out: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for name, curve in curves.items():
+        axes.plot(*zip(*curve, strict=True), marker="o", markersize=3, label=name)
+    axes.set(xlabel="training minutes, two cores", ylabel="held-out PSNR, dB")
+    axes.legend()
+    figure.savefig(out, dpi=130)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))

@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 from benchmarks.rates import matrix_rate
-from mesoshell.atlas.capture import Capture, read_capture
+from mesoshell.atlas.capture import Capture
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.image import psnr
 from mesoshell.measure.operations import count_operations
@@ -37,8 +37,11 @@ def main(options: Options) -> None:
     for run in options.runs:
         config, data = read_record(run)
         assert isinstance(config, atlas.AtlasTraining)
-        config, capture = atlas.fitted(config, read_capture(Path(data["folder"])))
-        log = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+        config, capture = atlas.fitted(config, atlas.recorded(data, config.side))
+        rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+        log = sorted(
+            {row["kimg"]: row for row in rows}.values(), key=lambda row: row["kimg"]
+        )  # a killed run says some twice
         scores = [json.loads(line) for line in (run / "evaluation.jsonl").read_text().splitlines()]
         kimg = np.array([row["kimg"] for row in log])
         seconds = np.cumsum(np.diff(kimg, prepend=0) * 1000 / np.array([row["images_per_s"] for row in log]))

@@ -1,8 +1,9 @@
 """Entry point of another kind: photographs of a mesh from given cameras, one line out for each, then the end.
 
-    python -m data_gen.photographer '{"mesh": "mesh.npz", "frames": [{"file": …, "camera_to_world": …}, …], …}'
+    python -m data_gen.photographer settings.json
 
 Alphabet
+    settings  mesh, frames ([{"file": …, "camera_to_world": …}, …]), fov, size, samples_per_pixel, paint, flash, sun, threads
     mesh      arrays `vertices` (V, 3), `faces` (T, 3), `uv` (T, 3, 2)
     flash     light from the camera alone: a point there, dark around; else a grey sky, and a sun from direction `sun`
     intensity of the flash: E⊥ at distance r is intensity / r², on each channel
@@ -14,6 +15,7 @@ import json
 import math
 import os
 import sys
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -25,14 +27,14 @@ from data_gen.studio import black_world, set_cycles, set_output
 
 SKY, SUN = 0.55, 2.2
 #: Blender's watts of a point light, over its E⊥ at distance 1 (measured: see the README).
-WATTS = 4 * math.pi**2
+WATTS = 4 * math.pi
 
 
 def main() -> int:
     out = os.fdopen(os.dup(1), "w", buffering=1)
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)  # Blender writes to descriptor 1 from C, past sys.stdout
-    settings = json.loads(sys.argv[1])
+    settings = json.loads(Path(sys.argv[1]).read_text())
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.world = black_world()

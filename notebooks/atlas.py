@@ -26,7 +26,7 @@ from mesoshell.atlas import paint
 from mesoshell.atlas.capture import read_capture
 from mesoshell.atlas.layout import directions
 from mesoshell.atlas.mesh import wrapped
-from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.render import picture, view
 from mesoshell.atlas.store import read_captured
 from mesoshell.farm.photograph import Shooting, photograph
 from mesoshell.geometry.mesh import load_mesh
@@ -65,7 +65,7 @@ print(f"centre {capture.centre.round(3)}, half side {capture.half:.3f}")
 print(f"agreement {capture.agreement:.1%}, warnings: {capture.warnings}")
 figure, axes = plt.subplots(1, 3, figsize=(9, 3))
 for axis, along in zip(axes, range(3), strict=True):
-    axis.imshow(capture.hull.sum(axis=along).T[::-1], cmap="gray")
+    axis.imshow(capture.hull.inside.sum(axis=along).T[::-1], cmap="gray")
     axis.set(title=f"hull, along {'xyz'[along]}", xticks=[], yticks=[])
 
 # %% [markdown]
@@ -89,19 +89,17 @@ axis.legend()
 # A view that was not learned from: photograph, render, and a checkerboard in the texture's place. Where squares are of one
 # size and none is torn, the texture can be painted on.
 
+
 # %%
-quality = Quality(samples=48)
-occupied = occupancy(found.config, found.field, quality.skip)
-
-
-def seen(i, edit=None):
-    return picture(found.config, found.field, found.to_box(capture.photos[i]), quality, occupied, edit).rgba[..., :3]
+def seen(i, edit=None, **changes):
+    how = view(found.config, found.field, Quality(**{"samples": 48, **changes}), edit)
+    return picture(found.config, found.field, found.to_box(capture.photos[i]), how).rgba[..., :3]
 
 
 figure, axes = plt.subplots(1, 3, figsize=(9, 3))
 show(axes[0], capture.rgb[7], "photograph")
 show(axes[1], seen(7), "render")
-show(axes[2], seen(7, ("cubemap", board_paint())), "checkerboard")
+show(axes[2], seen(7, board_paint()), "checkerboard")
 
 # %% [markdown]
 # ## Painting on it
@@ -113,7 +111,7 @@ texture = paint.texture_image(found.config, found.field, "latlong", 128)
 u = directions("latlong", 128)
 ring = np.abs(u @ np.array([0.0, 0.8, 0.6]) - 0.3)[..., None] < 0.12
 edited = np.where(ring, np.array([0.05, 0.2, 0.9]), texture).astype(np.float32)
-edit = "latlong", paint.painted(found.config, found.field, "latlong", edited, "replace")
+edit = paint.painted(found.config, found.field, "latlong", edited, "replace")
 figure, axes = plt.subplots(1, 4, figsize=(14, 3))
 show(axes[0], texture, "texture")
 show(axes[1], edited, "edited")
@@ -126,16 +124,9 @@ show(axes[3], seen(10, edit), "from another")
 # Samples a ray, against many.
 
 # %%
-reference = picture(
-    found.config,
-    found.field,
-    found.to_box(capture.photos[7]),
-    Quality(samples=256, early_stop=0, skip=0),
-    occupancy(found.config, found.field, 0.0),
-).rgba
+reference = seen(7, samples=256, early_stop=0.0, skip=0.0)
 for samples in (8, 16, 32, 64):
-    made = picture(found.config, found.field, found.to_box(capture.photos[7]), Quality(samples=samples), occupied).rgba
-    print(f"{samples:3d} samples: mean error {np.abs(made - reference).mean():.2g}")
+    print(f"{samples:3d} samples: mean error {np.abs(seen(7, samples=samples) - reference).mean():.2g}")
 
 # %% [markdown]
 # ## The surface as a mesh
@@ -143,7 +134,7 @@ for samples in (8, 16, 32, 64):
 # The inverse map wraps a sphere around the object: a closed mesh with the texture's own coordinates, that shells grow on.
 
 # %%
-surface = wrapped(found.field, 24)
+surface = wrapped(found.field, 24, 64)
 figure = plt.figure(figsize=(5, 5))
 axes = figure.add_subplot(projection="3d")
 x, y, z = surface.vertices.T

@@ -58,8 +58,8 @@ def cloud(n: int = 500, noise: float = 0.02) -> np.ndarray:
     return CENTRE + u / np.linalg.norm(u / AXES, axis=1, keepdims=True) + noise * random.normal(size=(n, 3))
 
 
-def write_capture(folder: Path, views: int = 16, size: int = 48, points: bool = True) -> Path:
-    """transforms.json, RGBA images, and points.ply."""
+def write_capture(folder: Path, views: int = 16, size: int = 48, flash: float | None = None) -> Path:
+    """transforms.json, RGBA images, and points.ply. flash: said of the photographs, and not so."""
     import trimesh
 
     (folder / "images").mkdir(parents=True)
@@ -68,9 +68,8 @@ def write_capture(folder: Path, views: int = 16, size: int = 48, points: bool = 
         write_png(folder / f"images/{i:03d}.png", picture(photo))
     fx, fy, cx, cy = said[0].lens
     about = {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": size, "h": size}
-    if points:
-        trimesh.PointCloud(cloud()).export(folder / "points.ply")
-        about["ply_file_path"] = "points.ply"
+    trimesh.PointCloud(cloud()).export(folder / "points.ply")
+    about |= {"ply_file_path": "points.ply"} | ({"flash": flash} if flash else {})
     frames = [{"file_path": f"images/{i:03d}.png", "transform_matrix": p.to_world.tolist()} for i, p in enumerate(said)]
     (folder / "transforms.json").write_text(json.dumps({**about, "frames": frames}))
     return folder

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mesoshell.atlas.capture import at_most, read_capture
+from mesoshell.atlas.hull import CELLS
 from mesoshell.atlas.photo import photo_rays, rays_of
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_png, write_exr, write_png
@@ -38,8 +39,8 @@ def test_the_box_holds_the_object_closely(ball) -> None:
     assert balls.AXES.max() < capture.half < 1.25 * balls.AXES.max()
     surface = capture.to_box(balls.cloud(noise=0.0))
     assert np.abs(surface).max() < 1
-    cell = np.floor((surface + 1) * capture.hull.shape[0] / 2).astype(int)
-    assert capture.hull[tuple(cell.T)].mean() > 0.97
+    cell = np.floor((surface + 1) * CELLS / 2).astype(int)
+    assert capture.hull.inside[tuple(cell.T)].mean() > 0.97
     assert capture.points is not None and len(capture.points) > 480
 
 
@@ -70,19 +71,25 @@ def test_smaller_pictures_are_means_seen_by_the_same_camera(ball) -> None:
         photo_rays(small.photos[0], corner)[1], photo_rays(capture.photos[0], corner)[1], atol=1e-12
     )
     assert at_most(capture, 48).rgb[0].shape == (48, 48, 3)
+    read = read_capture(ball, side=16)
+    np.testing.assert_array_equal(read.rgb[0], small.rgb[0])
+    np.testing.assert_allclose(read.half, capture.half, rtol=0.2)  # a pixel wider
 
 
 @pytest.mark.parametrize("colour", ["black", "white"])
-def test_a_background_stands_for_masks(own, colour) -> None:
+def test_a_background_stands_for_masks(ball, own, colour) -> None:
+    truth = read_capture(ball)
     for path in (own / "images").iterdir():
         rgba = read_png(path)
         write_png(path, rgba[..., :3] + (colour == "white") * (1 - rgba[..., 3:]))
     with pytest.raises(InputError, match=r"000.png: has neither a mask nor alpha: say --background"):
         read_capture(own)
     capture = read_capture(own, colour)
-    truth = read_png(own / "images/000.png")[..., 3:]
     np.testing.assert_allclose(capture.half, 1.75, atol=0.2)
-    assert truth.size == 0 and capture.agreement > 0.97
+    assert capture.agreement > 0.97 and capture.background == colour
+    sure = (truth.masks[0] == 0) | (truth.masks[0] == 1)
+    np.testing.assert_array_equal(capture.masks[0][sure], truth.masks[0][sure])
+    np.testing.assert_allclose(capture.rgb[0][sure], truth.rgb[0][sure], atol=0.01)
 
 
 def test_masks_may_be_files(own) -> None:

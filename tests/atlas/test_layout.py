@@ -46,15 +46,15 @@ def test_proportions_tell_the_layout() -> None:
     )
 
 
-def test_cubemap_squares_are_seen_from_inside() -> None:
-    """Of a square's pixels, those to the right and upward are where a viewer in the middle has right and up."""
+def test_cubemap_squares_are_seen_from_outside() -> None:
+    """Of a square's pixels, those to the right and upward are where a viewer before it has right and up: text can be read."""
     u = directions("cubemap", 8)
     for row in range(2):
         for column in range(3):
             face = u[8 * row : 8 * row + 8, 8 * column : 8 * column + 8]
             ahead = face.mean(axis=(0, 1))
             right, up = face[:, -1].mean(axis=0) - face[:, 0].mean(axis=0), face[0].mean(axis=0) - face[-1].mean(axis=0)
-            assert np.cross(right, up) @ ahead < 0
+            assert np.cross(right, up) @ ahead > 0
 
 
 def test_latlong_goes_around() -> None:

@@ -11,19 +11,22 @@ import pytest
 import trimesh
 
 from mesoshell.atlas.field import FieldConfig, init_field, to_surface, to_texture
-from mesoshell.atlas.layout import LAYOUTS, checkerboard, shape
+from mesoshell.atlas.layout import LAYOUTS, checkerboard, directions, shape
 from mesoshell.atlas.march import CELLS, march
 from mesoshell.atlas.mesh import wrapped
 from mesoshell.atlas.paint import painted, read_edit, texture_image
 from mesoshell.atlas.photo import Photo, photo_rays, pixel_centres
-from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.render import Lit, Paint, View, occupancy, picture
 from mesoshell.atlas.store import Captured, read_captured, write_captured
 from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.archive import read_arrays, write_arrays
-from mesoshell.io.image import write_png
+from mesoshell.io.image import srgb_to_linear, write_png
+from mesoshell.io.wrapped import write_wrapped
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.nets.mlp import Dense
 from mesoshell.render.camera import look_at
+from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
 
 CONFIG = FieldConfig((16, 16), (16,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 1), hash=HashConfig(3, 2, 8, 4, 12))
@@ -50,7 +53,7 @@ def field():
 
 
 def test_a_picture_is_its_rays(field) -> None:
-    found = picture(CONFIG, field, PHOTO, EXACT, FULL)
+    found = picture(CONFIG, field, PHOTO, View(EXACT, FULL))
     o, d = (jnp.asarray(x, jnp.float32) for x in photo_rays(PHOTO, pixel_centres(PHOTO)))
     each = jax.vmap(lambda o, d: march(CONFIG, field, o, d, FULL, jnp.full(64, 0.5)))(o, d)
     alpha = 1 - np.asarray(each.passed).reshape(16, 20)
@@ -64,19 +67,19 @@ def test_a_picture_is_its_rays(field) -> None:
 
 @pytest.mark.parametrize("stop", [0.01, 0.3])
 def test_stopping_early_misses_no_more_than_it_says(field, stop) -> None:
-    exact = picture(CONFIG, field, PHOTO, EXACT, FULL).rgba
-    found = picture(CONFIG, field, PHOTO, EXACT.with_changes(early_stop=stop), FULL).rgba
+    exact = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
+    found = picture(CONFIG, field, PHOTO, View(EXACT.with_changes(early_stop=stop), FULL)).rgba
     assert np.abs(found[..., 3] - exact[..., 3]).max() <= stop + 1e-5
 
 
 def test_skipping_misses_no_more_than_it_says(field) -> None:
     """With many samples, so that what is left is what was skipped and not where samples lie."""
     fine = EXACT.with_changes(samples=512)
-    exact = picture(CONFIG, field, PHOTO, fine, FULL).rgba[..., 3]
+    exact = picture(CONFIG, field, PHOTO, View(fine, FULL)).rgba[..., 3]
     skip = 0.3
     occupied = occupancy(CONFIG, field, skip)
     assert not bool(occupied.all())
-    found = picture(CONFIG, field, PHOTO, fine, occupied).rgba[..., 3]
+    found = picture(CONFIG, field, PHOTO, View(fine, occupied)).rgba[..., 3]
     assert (exact - found).max() <= 1 - np.exp(-skip) + 0.01
 
 
@@ -88,18 +91,16 @@ def test_nothing_is_skipped_unless_it_may_be(field) -> None:
 def test_the_texture_put_back_changes_nothing(field, layout) -> None:
     image = texture_image(CONFIG, field, layout, 32)
     assert image.shape == (*shape(layout, 32), 3) and (image >= 0).all() and image.std() > 0.01
-    plain = picture(CONFIG, field, PHOTO, EXACT, FULL).rgba
-    again = picture(CONFIG, field, PHOTO, EXACT, FULL, (layout, painted(CONFIG, field, layout, image, "replace"))).rgba
+    plain = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
+    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, painted(CONFIG, field, layout, image, "replace"))).rgba
     np.testing.assert_allclose(again, plain, atol=1e-4)
 
 
 @pytest.mark.parametrize("edit", ["replace", "multiply"])
 def test_what_is_transparent_changes_nothing(field, edit) -> None:
     nothing = np.zeros((32, 64, 4), np.float32)
-    plain = picture(CONFIG, field, PHOTO, EXACT, FULL).rgba
-    again = picture(
-        CONFIG, field, PHOTO, EXACT, FULL, ("latlong", painted(CONFIG, field, "latlong", nothing, edit))
-    ).rgba
+    plain = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
+    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, painted(CONFIG, field, "latlong", nothing, edit))).rgba
     np.testing.assert_allclose(again, plain, atol=1e-6)
 
 
@@ -107,10 +108,8 @@ def test_multiplying_by_a_colour_multiplies_every_view(field) -> None:
     tint = np.array([0.5, 1.0, 0.25], np.float32)
     image = np.broadcast_to(tint, (16, 16, 3))
     quiet = field._replace(view=jax.tree.map(jnp.zeros_like, field.view))
-    plain = picture(CONFIG, quiet, PHOTO, EXACT, FULL).rgba
-    found = picture(
-        CONFIG, quiet, PHOTO, EXACT, FULL, ("square", painted(CONFIG, quiet, "square", image, "multiply"))
-    ).rgba
+    plain = picture(CONFIG, quiet, PHOTO, View(EXACT, FULL)).rgba
+    found = picture(CONFIG, quiet, PHOTO, View(EXACT, FULL, painted(CONFIG, quiet, "square", image, "multiply"))).rgba
     np.testing.assert_allclose(found[..., :3], plain[..., :3] * tint, atol=1e-5)
     np.testing.assert_array_equal(found[..., 3], plain[..., 3])
 
@@ -120,8 +119,8 @@ def test_replacing_by_a_colour_leaves_what_views_add(field) -> None:
     image = np.full((16, 16, 3), 0.2, np.float32)
     quiet = field._replace(view=jax.tree.map(jnp.zeros_like, field.view))
     for made, slack in ((quiet, 0.02), (field, 0.05)):
-        edit = "square", painted(CONFIG, made, "square", image, "replace")
-        found = picture(CONFIG, made, PHOTO, EXACT, FULL, edit).rgba
+        edit = painted(CONFIG, made, "square", image, "replace")
+        found = picture(CONFIG, made, PHOTO, View(EXACT, FULL, edit)).rgba
         assert (found[..., :3] <= 0.2 * found[..., 3:] + slack).all()
         if made is quiet:
             np.testing.assert_allclose(found[..., :3], 0.2 * np.repeat(found[..., 3:], 3, axis=-1), atol=0.02)
@@ -135,11 +134,11 @@ def test_an_edit_stays_where_it_is_in_every_view(field) -> None:
         sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, 60.0))),
         view=jax.tree.map(jnp.zeros_like, field.view),
     )
-    paint = "latlong", painted(CONFIG, dense, "latlong", image, "replace")
+    paint = painted(CONFIG, dense, "latlong", image, "replace")
     for eye in ((2.5, 0.8, 0.6), (-0.7, 2.4, -0.9)):
         photo = PHOTO._replace(to_world=look_at(eye, (0, 0, 0), (0, 0, 1)))
-        seen = picture(CONFIG, dense, photo, EXACT, FULL)
-        red = picture(CONFIG, dense, photo, EXACT, FULL, paint)
+        seen = picture(CONFIG, dense, photo, View(EXACT, FULL))
+        red = picture(CONFIG, dense, photo, View(EXACT, FULL, paint))
         o, d = photo_rays(photo, pixel_centres(photo))
         y = jnp.asarray(o + seen.depth.reshape(-1, 1) * d, jnp.float32)
         u = np.asarray(jax.vmap(lambda y: to_texture(dense, y))(y)).reshape(16, 20, 3)
@@ -161,10 +160,10 @@ def test_edits_are_read_by_their_proportions(tmp_path) -> None:
 
 
 def test_the_mesh_is_closed_outside_out_and_where_the_map_says(field) -> None:
-    found = wrapped(field, 12)
-    mesh = trimesh.Trimesh(found.vertices, found.faces, process=False)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=6)
-    assert mesh.is_watertight and mesh.euler_number == 2
+    found = wrapped(field, 12, 64)
+    one, of = np.unique(found.vertices, axis=0, return_inverse=True)  # the same bits, as meshes are welded
+    mesh = trimesh.Trimesh(one, of.ravel()[found.faces], process=False)
+    assert len(one) == 6 * 12**2 + 2 and mesh.is_watertight and mesh.euler_number == 2
     wanted = jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32))
     np.testing.assert_allclose(found.vertices, wanted, atol=1e-6)
     middle = found.vertices[found.faces].mean(axis=1)
@@ -175,9 +174,7 @@ def test_the_mesh_is_closed_outside_out_and_where_the_map_says(field) -> None:
 
 def test_the_meshs_coordinates_are_the_cubemaps(field) -> None:
     """Each vertex finds its direction in an image of directions, and no triangle leaves its square."""
-    found = wrapped(field, 8)
-    from mesoshell.atlas.layout import directions
-
+    found = wrapped(field, 8, 128)
     image = directions("cubemap", 128)
     h, w = image.shape[:2]
     inside = np.abs(found.uv * [3, 2] - np.round(found.uv * [3, 2])).min(axis=1) > 0.02
@@ -241,9 +238,94 @@ def test_a_volume_has_the_same_file(tmp_path) -> None:
 def test_the_checkerboard_shows_as_it_is(field) -> None:
     """All of the object's own colours are gone."""
     board = checkerboard("cubemap", 16, 4)
-    paint = "cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1)
-    a = picture(CONFIG, field, PHOTO, EXACT, FULL, paint).rgba
+    paint = Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
+    a = picture(CONFIG, field, PHOTO, View(EXACT, FULL, paint)).rgba
     b = picture(
-        CONFIG, field._replace(texture=jax.tree.map(jnp.zeros_like, field.texture)), PHOTO, EXACT, FULL, paint
+        CONFIG, field._replace(texture=jax.tree.map(jnp.zeros_like, field.texture)), PHOTO, View(EXACT, FULL, paint)
     ).rgba
     np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+LIT = replace(CONFIG, colour="reflectance", flash=4.0)
+
+
+@pytest.fixture(scope="module")
+def stone():
+    """The same octahedron, dense, of a grey matt surface whose normals point out of the box's middle."""
+    made: Any = init_field(LIT, jax.random.key(3))
+    grey = jax.tree.map(jnp.zeros_like, made.texture)
+    first, second = np.zeros((9, 16), np.float32), np.zeros((16, 16), np.float32)
+    first[:3, :6], second[:6, :6] = np.concatenate([np.eye(3), -np.eye(3)], axis=1), np.eye(6)
+    last = np.zeros((16, 4), np.float32)
+    last[:6, 0] = -200
+    hidden = [Dense(jnp.asarray(k), jnp.zeros(16)) for k in (first, second)]
+    bias = jnp.array([120.0, 0, 0, 0])
+    # sigmoid(0) is an albedo and a roughness of a half; no gloss
+    dull = grey._replace(last=Dense(grey.last.kernel, jnp.array([0.0, 0, 0, 0, -40])))
+    return made._replace(sigma=made.sigma._replace(hidden=hidden, last=Dense(jnp.asarray(last), bias)), texture=dull)
+
+
+def outward(found, o, d) -> np.ndarray:
+    """Directions from the middle of the box to where rays end."""
+    n = o + found.depth.reshape(-1, 1) * d
+    return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+
+
+def test_a_flash_lights_what_the_camera_sees(stone) -> None:
+    """By the closed form at the surface, albedo/π · cos · flash/t²; the march that training sees agrees with it."""
+    found = picture(LIT, stone, PHOTO, View(EXACT.with_changes(samples=256), FULL))
+    o, d = photo_rays(PHOTO, pixel_centres(PHOTO))
+    cosine = np.einsum("ij,ij->i", outward(found, o, d), -d)
+    wanted = 0.5 / np.pi * cosine * 4.0 / np.maximum(found.depth.ravel(), 1) ** 2
+    hit = (found.rgba[..., 3].ravel() > 0.999) & (cosine > 0.1)
+    assert hit.sum() > 20
+    np.testing.assert_allclose(found.rgba.reshape(-1, 4)[hit, 0], wanted[hit], rtol=0.03)
+    rays = (jnp.asarray(x, jnp.float32) for x in (o, d))
+    each = jax.vmap(lambda o, d: march(LIT, stone, o, d, FULL, jnp.full(256, 0.5)))(*rays)
+    np.testing.assert_allclose(found.rgba.reshape(-1, 4)[:, :3], each.colour, atol=1e-4)
+
+
+def test_a_distant_light_and_its_shadow(stone) -> None:
+    """What faces the light is lit by its cosine; what faces away is black; and the object blocks a light behind it."""
+    toward = np.array([0.0, 0.8, 0.6])
+    lit = Lit((Distant(toward, np.full(3, 2.0)),), None)
+    found = picture(LIT, stone, PHOTO, View(EXACT.with_changes(samples=256), FULL, None, lit))
+    cosine = outward(found, *photo_rays(PHOTO, pixel_centres(PHOTO))) @ toward
+    hit = found.rgba[..., 3].ravel() > 0.999
+    shown = found.rgba.reshape(-1, 4)[:, 0]
+    bright, dark = hit & (cosine > 0.6), hit & (cosine < -0.1)
+    assert bright.sum() > 5 and dark.sum() > 3
+    np.testing.assert_allclose(shown[bright], 0.5 / np.pi * cosine[bright] * 2.0, rtol=0.1)
+    assert shown[dark].max() < 1e-3
+    behind = Lit((Distant(-toward, np.full(3, 2.0)),), None)
+    assert picture(LIT, stone, PHOTO, View(EXACT, FULL, None, behind)).rgba[..., 0].ravel()[bright].max() < 1e-3
+
+
+def test_an_even_sky_lights_it_as_a_furnace(stone) -> None:
+    """Under radiance 1 from everywhere a convex matt thing shows its albedo, but for noise and Schlick's rim."""
+    sky = environment(np.ones((8, 16, 3), np.float32), 2)
+    view = View(EXACT.with_changes(environment_samples=64), FULL, None, Lit((), sky))
+    found = picture(LIT, stone, PHOTO, view)
+    hit = found.rgba[..., 3] > 0.999
+    assert found.rgba[hit][:, 0].mean() == pytest.approx(0.5, abs=0.06)
+
+
+def test_albedo_is_what_is_painted(stone) -> None:
+    assert texture_image(LIT, stone, "square", 16) == pytest.approx(0.5, abs=1e-5)
+    half = painted(LIT, stone, "square", np.full((16, 16, 3), 0.5, np.float32), "multiply")
+    plain, found = (picture(LIT, stone, PHOTO, View(EXACT, FULL, paint)).rgba[..., 0] for paint in (None, half))
+    np.testing.assert_allclose(found, plain / 2, rtol=0.03, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["a.glb", "a.obj"])
+def test_a_files_texture_lies_where_the_map_says(field, tmp_path, name) -> None:
+    """Colours found through the file's coordinates are those of the image at each vertex's direction; welded, it is closed."""
+    found = wrapped(field, 8, 64)
+    smooth = np.clip(0.5 + 0.4 * directions("cubemap", 64), 0, 1)
+    write_wrapped(tmp_path / name, found.vertices, found.faces, found.uv, smooth)
+    mesh: Any = trimesh.load_mesh(tmp_path / name)
+    colours = srgb_to_linear(mesh.visual.to_color().vertex_colors[:, :3].astype(np.float32) / 255)
+    near = np.linalg.norm(mesh.vertices[:, None] - found.vertices[None], axis=-1).argmin(axis=1)
+    np.testing.assert_allclose(colours, 0.5 + 0.4 * found.u[near], atol=0.03)
+    loaded = load_mesh(tmp_path / name)
+    assert len(loaded.vertices) == 6 * 8**2 + 2 and len(loaded.faces) == 12 * 8**2

@@ -116,8 +116,8 @@ def test_colmap_with_distortion_is_refused(tmp_path) -> None:
         ({"frames": []}, "has no frames"),
         ({"frames": [{}]}, "frame 0 has no file_path"),
         ({"k1": 0.1}, r"frame 0 is distorted \(k1 is 0.1\): undistort the images first"),
-        ({"fl_x": -3}, "frame 0 has no focal length"),
-        ({"fl_x": "wide"}, "frame 0 has no focal length"),
+        ({"fl_x": -3}, "frame 0 has no lens"),
+        ({"fl_x": "wide"}, "frame 0 has no lens"),
         ({"frames": [{"file_path": "a", "transform_matrix": [[1]]}]}, "transform_matrix of frame 0 is no 4 x 4 matrix"),
         (
             {"frames": [{"file_path": "a", "transform_matrix": np.diag([1.0, 1, -1, 1]).tolist()}]},
@@ -143,6 +143,16 @@ def test_faults_of_idr(tmp_path) -> None:
     idr(tmp_path, world_mat_2=np.zeros((4, 4)))
     with pytest.raises(InputError, match=r"cameras.npz: world_mat_2 is no camera"):
         read_poses(tmp_path)
+    np.savez(tmp_path / "cameras.npz", world_mat_0=np.eye(4))
+    with pytest.raises(InputError, match=r"cameras.npz: has 1 cameras for 4 images"):
+        read_poses(tmp_path)
+    np.savez(
+        tmp_path / "cameras.npz",
+        world_mat_0=np.eye(4),
+        world_mat_1=np.eye(4),
+        world_mat_2=np.eye(4),
+        world_mat_3=np.eye(4),
+    )
     (tmp_path / "mask/003.png").unlink()
     with pytest.raises(InputError, match=r"mask: has 3 masks for 4 images"):
         read_poses(tmp_path)

@@ -1,6 +1,8 @@
 """Learning an object: what a step sees and minimises, that phases move what they should, and that runs go on to the bit."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -31,12 +33,13 @@ from mesoshell.train.atlas import (
     feed,
     fitted,
     held_out,
+    recorded,
     start,
     step,
 )
 from mesoshell.train.method import ATLAS, method_of
 from mesoshell.train.presets import PAPER, SMALL, TINY
-from mesoshell.train.record import read_record, snapshots
+from mesoshell.train.record import keep_record, read_record, snapshots
 from mesoshell.train.run import train
 from tests import balls
 
@@ -201,22 +204,52 @@ def test_presets_grow() -> None:
 
 
 def test_a_run_is_resumed_to_the_bit_and_kept(capture, tmp_path) -> None:
-    config = replace(CONFIG, kimg=0.08, side=16)
-    train(config, capture, tmp_path / "a")
-    read, _ = read_record(tmp_path / "a")
-    assert method_of(read) is ATLAS and read == fitted(config, capture)[0]
-    on = train(replace(config, kimg=0.16), capture, tmp_path / "a")
-    whole = train(replace(config, kimg=0.16), capture, tmp_path / "whole")
-    # rates fall along the whole run's length, which the first half did not know
-    assert int(on.images) == int(whole.images) == 160
-    again = train(replace(config, kimg=0.16), capture, tmp_path / "again")
-    for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(whole), strict=True):
+    """Stopped by SIGTERM half way, it goes on to the same bits as one that was not."""
+    config = replace(CONFIG, kimg=16 * 64 / 1000, snapshot_kimg=16 * 32 / 1000, side=16)
+    whole = train(config, capture, tmp_path / "whole")
+
+    def stop(row):
+        if row["kimg"] == 16 * 32 / 1000:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    half = train(config, capture, tmp_path / "a", show=stop)
+    assert 0 < int(half.images) < int(whole.images)
+    on = train(config, capture, tmp_path / "a")
+    for a, b in zip(jax.tree.leaves(on), jax.tree.leaves(whole), strict=True):
         np.testing.assert_array_equal(a, b)
+    read, about = read_record(tmp_path / "a")
+    assert method_of(read) is ATLAS and read == fitted(config, capture)[0]
+    assert len(recorded(about).photos) == 16
     images, path = snapshots(tmp_path / "a")[-1]
     kept = read_captured(path)
-    assert images == 160 and kept.tested == (7, 15)
+    assert images == 1024 and kept.tested == (7, 15)
     np.testing.assert_allclose(kept.centre, capture.centre)
     assert (tmp_path / "a/report.html").exists() and list((tmp_path / "a/sheets").glob("*.png"))
+
+
+def test_a_background_belongs_to_a_run(capture, tmp_path) -> None:
+    config = replace(CONFIG, side=16)
+    keep_record(config, replace(capture, background="white"), tmp_path)
+    with pytest.raises(InputError, match=r"data.background is white, asked for black"):
+        keep_record(config, replace(capture, background="black"), tmp_path)
+
+
+def test_reflectance_is_learned_from_a_flash(capture) -> None:
+    """Without one it is refused; with one, E⊥ comes in the box's units, and a step moves all but the colours of views."""
+    config = replace(CONFIG, field=replace(CONFIG.field, colour="reflectance"))
+    with pytest.raises(InputError, match="says no `flash`"):
+        fitted(config, capture)
+    made, _ = fitted(config, replace(capture, flash=30.0))
+    assert made.field.flash == pytest.approx(30 / capture.half**2)
+    begin, after, report = stepped(replace(made, batch=16), 0.6)
+    assert moved(begin, after) == {"sigma": True, "texture": True, "view": False, "uv": True, "inverse": True}
+    assert all(bool(jnp.isfinite(x).all()) for x in jax.tree.leaves(after)) and not bool(report.bad.any())
+
+
+def test_objects_that_shrink_to_nothing_are_refused(capture) -> None:
+    thin = replace(capture, masks=tuple(np.full_like(m, 0.3) for m in capture.masks))
+    with pytest.raises(InputError, match="at 16 pixels a side no pixel is half covered"):
+        fitted(CONFIG, thin)
 
 
 def test_it_learns_a_painted_ball(capture, tmp_path, optimised) -> None:

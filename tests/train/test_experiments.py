@@ -50,7 +50,9 @@ def larger(tmp_path_factory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory) -> Capture:
-    return read_capture(balls.write_capture(tmp_path_factory.mktemp("captures") / "ball", views=10, size=24))
+    return read_capture(
+        balls.write_capture(tmp_path_factory.mktemp("captures") / "ball", views=10, size=24, flash=30.0)
+    )
 
 
 @pytest.fixture(scope="module")

@@ -33,8 +33,9 @@ BACKGROUNDS = {"black": 0.0, "white": 1.0}
 
 @dataclass(frozen=True)
 class Capture:
-    """hull: cells of the box that may hold something, by the masks. points: of the world, inside the box. agreement: that of
-    the masks, the mean over views. flash: E⊥ at distance 1 of the world of the light at each camera, if there is one."""
+    """hull: where it may be, by the masks; its own box is the capture's unless that says another. points: of the world, inside
+    the hull. agreement: that of the masks, the mean over views. flash: E⊥ at distance 1 of the world of the light at each
+    camera, if there is one."""
 
     folder: Path
     photos: tuple[Photo, ...]
@@ -42,16 +43,18 @@ class Capture:
     masks: tuple[Float[np.ndarray, "_h _w"], ...]
     centre: Float[np.ndarray, "3"]
     half: float
-    hull: Bool[np.ndarray, "n n n"]
+    hull: Hull
     points: Float[np.ndarray, "P 3"] | None
     agreement: float
     warnings: tuple[str, ...]
     flash: float | None = None
+    background: str | None = None
 
     @property
     def manifest(self) -> dict[str, object]:
         """What a run's record keeps of it."""
-        return {"source": f"{len(self.photos)} photographs", "size": [self.photos[0].width, self.photos[0].height]}
+        said: dict[str, object] = {"source": f"{len(self.photos)} photographs"}
+        return said | ({"background": self.background} if self.background else {})
 
     @property
     def recipe(self) -> str:
@@ -62,13 +65,14 @@ class Capture:
         return (x - self.centre) / self.half
 
 
-def read_capture(folder: Path, background: str | None = None) -> Capture:
-    """All of a capture. background: a name of BACKGROUNDS, for images that have neither masks nor alpha. Raises InputError that
-    names the file and the fault; what can be used but looks wrong is in `warnings`."""
+def read_capture(folder: Path, background: str | None = None, side: int | None = None) -> Capture:
+    """All of a capture. background: a name of BACKGROUNDS, for images that have neither masks nor alpha. side: of the images at
+    most, pixels; larger ones are shrunk as they are read. Raises InputError that names the file and the fault; what can be used
+    but looks wrong is in `warnings`."""
     poses = read_poses(folder)
     if len(poses.views) < 2:
         raise InputError(poses.source, f"has {len(poses.views)} view: a shape needs at least 2")
-    read = [_read(poses.source, view, background) for view in poses.views]
+    read = [_shrunk(*_read(poses.source, view, background), side) for view in poses.views]
     photos, masks = [photo for photo, _, _ in read], [mask for _, _, mask in read]
     _see(poses.source, [view.image for view in poses.views], masks)
     found = carve(photos, masks)
@@ -85,7 +89,7 @@ def read_capture(folder: Path, background: str | None = None) -> Capture:
             f"masks of different views agree on {agreed.mean():.0%} of what they show ({worst}: {agreed.min():.0%}): wrong "
             "poses, lenses or masks?"
         )
-    centre, half, hull = _boxed(found, poses.box)
+    centre, half = poses.box or (found.centre, found.half)
     points = None
     if poses.points is not None:
         # noisy points lie on both sides of a surface that the hull's cells just hold
@@ -103,23 +107,27 @@ def read_capture(folder: Path, background: str | None = None) -> Capture:
         tuple(masks),
         centre,
         half,
-        hull,
+        found,
         points,
         float(agreed.mean()),
         tuple(warnings),
         poses.flash,
+        background,
     )
 
 
 def at_most(capture: Capture, side: int) -> Capture:
     """The same with images of at most `side` pixels a side, by means over whole pixels."""
-    photos, rgb, masks = [], [], []
-    for photo, image, mask in zip(capture.photos, capture.rgb, capture.masks, strict=True):
-        factor = -(-max(photo.width, photo.height) // side)
-        photos.append(shrunk(photo, factor))
-        rgb.append(_means(image, factor))
-        masks.append(_means(mask, factor))
-    return replace(capture, photos=tuple(photos), rgb=tuple(rgb), masks=tuple(masks))
+    views = zip(capture.photos, capture.rgb, capture.masks, strict=True)
+    photos, rgb, masks = zip(*(_shrunk(*view, side) for view in views), strict=True)
+    return replace(capture, photos=photos, rgb=rgb, masks=masks)
+
+
+def _shrunk(
+    photo: Photo, image: np.ndarray, mask: np.ndarray, side: int | None
+) -> tuple[Photo, np.ndarray, np.ndarray]:
+    factor = -(-max(photo.width, photo.height) // (side or max(photo.width, photo.height)))
+    return shrunk(photo, factor), _means(image, factor), _means(mask, factor)
 
 
 def _means(x: np.ndarray, n: int) -> np.ndarray:
@@ -172,16 +180,6 @@ def _see(source: Path, names: Sequence[Path], masks: Sequence[np.ndarray]) -> No
         raise InputError(source, f"{all_of} empty: nothing there is the object")
     if all((mask >= 0.5).all() for mask in masks):
         raise InputError(source, "all masks are full: nothing tells the object from what is behind it")
-
-
-def _boxed(found: Hull, said: tuple[np.ndarray, float] | None) -> tuple[np.ndarray, float, np.ndarray]:
-    """The box, and the hull's cells in it."""
-    if said is None:
-        return found.centre, found.half, found.inside
-    centre, half = said
-    axis = (np.arange(CELLS) + 0.5) / CELLS * 2 - 1
-    x = centre + half * np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
-    return centre, half, _in_hull(x.reshape(-1, 3), found).reshape(CELLS, CELLS, CELLS)
 
 
 def _in_hull(x: Float[np.ndarray, "n 3"], hull: Hull) -> Bool[np.ndarray, "n"]:

@@ -49,11 +49,11 @@ def carve(photos: Sequence[Photo], masks: Sequence[Float[np.ndarray, "_h _w"]]) 
         inside = _kept(photos, away, centre, half)
         if not inside.any():
             return None
-        hull = Hull(centre, half, inside)
         low, high = (f(np.argwhere(inside), axis=0) for f in (np.min, np.max))
         edges = centre - half + np.array([low, high + 1]) * (2 * half / CELLS)
         centre, half = edges.mean(axis=0), MARGIN * float(np.ptp(edges, axis=0).max()) / 2
-    return Hull(centre, half, _kept(photos, away, centre, half)) if hull else None
+    inside = _kept(photos, away, centre, half)
+    return Hull(centre, half, inside) if inside.any() else None
 
 
 def agreement(hull: Hull, photo: Photo, mask: Float[np.ndarray, "_h _w"]) -> float:

@@ -3,7 +3,7 @@
 Alphabet
 u           a unit vector
 (x, y)      place in the image, [0, 1]², x right and y down
-cubemap     six squares, 3 across and 2 down: +x −x +y over −y +z −z; each is seen from the centre
+cubemap     six squares, 3 across and 2 down: +x −x +y over −y +z −z; each as it is seen from outside
 latlong     twice as wide as high: azimuth across, from −π to π; +z on top
 square      octahedron, unfolded: +z in the middle, −z in the corners
 
@@ -23,12 +23,12 @@ LAYOUTS: tuple[Layout, ...] = ("cubemap", "latlong", "square")
 #: Of each square of the cubemap: what lies to the right, upward, and ahead.
 FACES = np.array(
     [
-        [[0, -1, 0], [0, 0, 1], [1, 0, 0]],
-        [[0, 1, 0], [0, 0, 1], [-1, 0, 0]],
-        [[1, 0, 0], [0, 0, 1], [0, 1, 0]],
-        [[-1, 0, 0], [0, 0, 1], [0, -1, 0]],
-        [[0, -1, 0], [-1, 0, 0], [0, 0, 1]],
-        [[0, -1, 0], [1, 0, 0], [0, 0, -1]],
+        [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
+        [[0, -1, 0], [0, 0, 1], [-1, 0, 0]],
+        [[-1, 0, 0], [0, 0, 1], [0, 1, 0]],
+        [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+        [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
     ],
     np.float32,
 )
@@ -56,7 +56,7 @@ def place(layout: Layout, u: Vec3, side: int) -> Vec2:
         return jnp.stack([p[0] + 1, 1 - p[1]]) / 2
     axis = jnp.argmax(jnp.abs(u))
     face = 2 * axis + (u[axis] < 0).astype(axis.dtype)
-    local = jnp.asarray(FACES, u.dtype)[face] @ u
+    local = jnp.sum(jnp.asarray(FACES, u.dtype)[face] * u[None], axis=1)
     p = jnp.clip(jnp.stack([local[0] + local[2], local[2] - local[1]]) / (2 * local[2]), 0.5 / side, 1 - 0.5 / side)
     corner = jnp.stack([face % 3, face // 3]).astype(u.dtype)
     return (corner + p) / jnp.array([3, 2], u.dtype)

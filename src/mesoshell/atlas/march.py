@@ -5,7 +5,8 @@ o, d        in the box's units; t in [t0, t1]: inside [−1, 1]³, all of it, in
 occupied    cells of the box where σ can be above what may be passed over, with their neighbours
 ℓ           length of [t0, t1] in occupied cells; the N samples share it evenly: one in each N-th of it, at ξ of that part
 w, T        weights of the samples and transmittance of the ray (render/composite); I = Σ w c
-flash       of reflectance: light comes the way that the camera looks, so that I = Σ w T′ c; T′: what is left before a sample
+flash       of reflectance: light comes the way that the camera looks; all that the camera sees is lit, as of a surface: in the
+            depth of a fog light would be dimmed once more
 
 Samples are where the shared quadrature has them, at ℓ/N from each other: a ray that sees no occupied cell has none, and none
 lies in an empty one. Whether a stretch is occupied is asked PROBES times along it, at less than a cell from each other.
@@ -17,7 +18,7 @@ import jax
 import jax.numpy as jnp
 
 from mesoshell.atlas.field import Field, FieldConfig, density, lobes, normal, radiance, to_texture
-from mesoshell.atlas.reflect import shade
+from mesoshell.atlas.reflect import Lobes, shade
 from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import weights
 from mesoshell.typing import Array, Bool, Float, Scalar, Vec3
@@ -78,14 +79,14 @@ def march(
     sigma, features = jax.vmap(lambda y: density(config, field, y))(y)
     w, passed = weights(optical_depth(sigma, jnp.broadcast_to(step, sigma.shape)))
     if config.colour == "reflectance":
-        c = jax.vmap(lambda y, f, t: flashed(config, field, y, d, f, t))(y, features, t)
-        before = 1 - jnp.concatenate([jnp.zeros_like(w[:1]), jnp.cumsum(w)[:-1]])
-        return Marched((w * before) @ c, passed, w, y, w @ t)
-    c = jax.vmap(lambda y, f: radiance(config, field, y, d, f))(y, features)
+        made = jax.vmap(lambda y: lobes(config, field, to_texture(field, y)))(y)
+        n = jax.vmap(lambda y, f: normal(field, y, f))(y, features)
+        c = jax.vmap(lambda made, n, t: flashed(config, made, n, d, t))(made, n, t)
+    else:
+        c = jax.vmap(lambda y, f: radiance(config, field, y, d, f))(y, features)
     return Marched(w @ c, passed, w, y, w @ t)
 
 
-def flashed(config: FieldConfig, field: Field, y: Vec3, d: Vec3, features: Float[Array, "F"], t: Scalar) -> Vec3:
+def flashed(config: FieldConfig, made: Lobes, n: Vec3, d: Vec3, t: Scalar) -> Vec3:
     """c of a point at distance t from a camera that lights it, but for what lies between."""
-    surface = lobes(config, field, to_texture(field, y))
-    return shade(surface, normal(field, y, features), -d, -d) * (config.flash / jnp.maximum(t, 1e-3) ** 2)
+    return shade(made, n, -d, -d) * (config.flash / jnp.maximum(t, 1e-3) ** 2)

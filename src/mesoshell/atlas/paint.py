@@ -23,6 +23,7 @@ from jaxtyping import Float as NumPyFloat
 
 from mesoshell.atlas.field import Field, FieldConfig, lobes, texture, viewed
 from mesoshell.atlas.layout import LAYOUTS, Layout, directions, shape, side_of
+from mesoshell.atlas.render import Paint
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_picture
 from mesoshell.nets.batches import run
@@ -59,6 +60,8 @@ def _greatest(config: FieldConfig, field: Field, u):
 def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.ndarray, "h w c"]]:
     """An image, and the layout that it is of: as said, or the only one with its proportions. Raises InputError."""
     image = read_picture(path)
+    if not np.isfinite(image).all():
+        raise InputError(path, "has pixels that are not finite")
     h, w = image.shape[:2]
     asked: tuple[Layout, ...] = LAYOUTS if layout is None else (layout,)
     fit: list[Layout] = [name for name in asked if side_of(name, h, w)]
@@ -70,14 +73,14 @@ def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.
 
 def painted(
     config: FieldConfig, field: Field, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit
-) -> NumPyFloat[np.ndarray, "h w 6"]:
-    """a and s of an edit. image: linear RGB, or premultiplied RGBA."""
+) -> Paint:
+    """What an edit does. image: linear RGB, or premultiplied RGBA."""
     alpha = image[..., 3:] if image.shape[2] == 4 else np.ones_like(image[..., :1])
     rgb = image[..., :3]  # α E
     if edit == "multiply":
-        return np.concatenate([np.zeros_like(rgb), rgb + (1 - alpha)], axis=-1)
+        return Paint(layout, np.concatenate([np.zeros_like(rgb), rgb + (1 - alpha)], axis=-1))
     side = side_of(layout, *image.shape[:2])
     assert side
     now = texture_image(config, field, layout, side)
     s = np.minimum(alpha, rgb / np.maximum(now, DARKEST))  # α s
-    return np.concatenate([rgb - s * now, s + (1 - alpha)], axis=-1)
+    return Paint(layout, np.concatenate([rgb - s * now, s + (1 - alpha)], axis=-1))

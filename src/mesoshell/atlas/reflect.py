@@ -29,7 +29,8 @@ class Lobes(NamedTuple):
 def shade(of: Lobes, n: Vec3, v: Vec3, l: Vec3) -> Vec3:
     """Radiance toward v over irradiance on the plane that faces l."""
     h = normalise(v + l)
-    nl, nv, nh, vh = jnp.maximum(n @ l, 0), jnp.maximum(n @ v, 1e-3), jnp.clip(n @ h, 0, 1), jnp.clip(v @ h, 0, 1)
+    nl, nv, nh, vh = (jnp.sum(a * b) for a, b in ((n, l), (n, v), (n, h), (v, h)))  # in full precision, on any backend
+    nl, nv, nh, vh = jnp.maximum(nl, 0), jnp.maximum(nv, 1e-3), jnp.clip(nh, 0, 1), jnp.clip(vh, 0, 1)
     a = jnp.maximum(of.roughness, LEAST) ** 2
     d = a**2 / (jnp.pi * (nh**2 * (a**2 - 1) + 1) ** 2)
     # G / (4 n·v n·l), times n·l

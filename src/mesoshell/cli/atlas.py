@@ -21,7 +21,7 @@ class Capture:
     size: int = 128
     #: Light paths a pixel.
     spp: int = 64
-    #: Image that the mesh is painted with, by its texture coordinates; a checkered pattern in space if not given.
+    #: Image that the mesh is painted with, by its texture coordinates; cream with brown patches if not given.
     paint: Path | None = None
     #: Light from the camera alone, in otherwise black surroundings.
     flash: bool = False
@@ -42,8 +42,8 @@ class Train:
     run: Path
     #: tiny shows that all works; small is for two cores; paper is as published, for a GPU.
     preset: Literal["tiny", "small", "paper"] = "small"
-    #: How networks see a point: hash is faster to learn, frequency is the paper's. Of no experiment.
-    encoding: Literal["hash", "frequency"] = "hash"
+    #: How networks see a point: hash is faster to learn, frequency is the paper's and that of its preset. Of no experiment.
+    encoding: Literal["hash", "frequency"] | None = None
     #: A Python file whose `variant` makes a mesoshell.train.atlas.AtlasTraining of a preset; instead of --encoding.
     experiment: Path | None = None
     #: What is behind the object, in photographs that have neither masks nor alpha.
@@ -60,7 +60,7 @@ class Texture:
     object: tyro.conf.Positional[Path]
     #: PNG (sRGB), or EXR (linear).
     out: Path
-    #: Six squares of a cube, 3 across; twice as wide as high; or one square.
+    #: Six squares of a cube, seen from outside, 3 across; twice as wide as high; or one square.
     layout: Literal["cubemap", "latlong", "square"] = "cubemap"
     #: Pixels of a square's side; of latlong, its height.
     size: int = 512

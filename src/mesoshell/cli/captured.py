@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -12,7 +11,7 @@ from mesoshell.atlas import paint
 from mesoshell.atlas.capture import read_capture
 from mesoshell.atlas.mesh import wrapped
 from mesoshell.atlas.photo import Photo, orbit
-from mesoshell.atlas.render import Lit, occupancy, picture
+from mesoshell.atlas.render import Lit, picture, view
 from mesoshell.atlas.store import Captured, read_captured
 from mesoshell.cli.atlas import Mesh, Render, Texture, Train
 from mesoshell.cli.compiled import keep_compiled
@@ -38,9 +37,7 @@ def train(options: Train) -> None:
         config = replace(config, kimg=options.kimg)
     console = Console(stderr=True, highlight=False)
     with console.status("reading photographs"):
-        capture = read_capture(options.capture, options.background)
-    for warning in capture.warnings:
-        console.print(f"warning: {options.capture}: {warning}", soft_wrap=True, markup=False)
+        capture = read_capture(options.capture, options.background, config.side)
     learn(config, capture, options.run)
 
 
@@ -49,7 +46,7 @@ def texture(options: Texture) -> None:
     _suffix(options.out, (".png", ".exr"))
     found = _textured(options.object)
     image = paint.texture_image(found.config, found.field, options.layout, _at_least_one("--size", options.size))
-    options.out.parent.mkdir(parents=True, exist_ok=True)
+    _folder(options.out.parent)
     write = write_png if options.out.suffix.lower() == ".png" else write_exr
     write(options.out, image)
     print(f"{options.out}: {image.shape[1]} x {image.shape[0]}, {options.layout}")
@@ -61,19 +58,20 @@ def render(options: Render) -> None:
         raise InputError("--checker", "stands in the texture's place: give one of --checker and --texture")
     keep_compiled()
     found = _textured(options.object) if options.checker or options.texture else _found(options.object)
-    painted: Any = ("cubemap", board_paint()) if options.checker else None
+    painted = board_paint() if options.checker else None
     if options.texture:
         layout, image = paint.read_edit(options.texture, options.layout)
-        painted = layout, paint.painted(found.config, found.field, layout, image, options.edit)
-    samples = options.samples or int(found.provenance["config"]["samples"])
+        painted = paint.painted(found.config, found.field, layout, image, options.edit)
+    samples = options.samples
+    if samples is None:
+        samples = int(found.provenance.get("config", {}).get("samples", Quality().samples))
     quality = Quality(samples=_at_least_one("--samples", samples))
-    occupied = occupancy(found.config, found.field, quality.skip)
-    lit = _lit(found, options)
-    options.out.mkdir(parents=True, exist_ok=True)
+    how = view(found.config, found.field, quality, painted, _lit(found, options))
     cameras = _cameras(found, options)
+    _folder(options.out)
     console = Console(stderr=True)
     for i, camera in enumerate(track(cameras, "rendering", console=console, transient=True)):
-        rgba = picture(found.config, found.field, found.to_box(camera), quality, occupied, painted, lit).rgba
+        rgba = picture(found.config, found.field, found.to_box(camera), how).rgba
         write_exr(options.out / f"{i:04d}.exr", rgba)
         write_png(options.out / f"{i:04d}.png", rgba)
     print(f"{options.out}: {len(cameras)} frames")
@@ -83,9 +81,10 @@ def mesh(options: Mesh) -> None:
     """`mesoshell atlas mesh`."""
     _suffix(options.out, (".glb", ".obj"))
     found = _textured(options.object)
-    surface = wrapped(found.field, _at_least_one("--quads", options.quads))
-    image = paint.texture_image(found.config, found.field, "cubemap", _at_least_one("--size", options.size))
-    options.out.parent.mkdir(parents=True, exist_ok=True)
+    side = _at_least_one("--size", options.size)
+    surface = wrapped(found.field, _at_least_one("--quads", options.quads), side)
+    image = paint.texture_image(found.config, found.field, "cubemap", side)
+    _folder(options.out.parent)
     vertices = found.centre + found.half * surface.vertices
     write_wrapped(options.out, vertices, surface.faces, surface.uv, image)
     print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
@@ -97,6 +96,8 @@ def _lit(found: Captured, options: Render) -> Lit | None:
         return None
     if found.config.colour != "reflectance":
         raise InputError(options.object, "has colours as they were photographed, and no reflectance that could be lit")
+    if not (np.isfinite(options.irradiance) and options.irradiance >= 0):
+        raise InputError("--irradiance", f"must be finite and not negative, not {options.irradiance}")
     lights = []
     for v in options.light:
         length = float(np.linalg.norm(v))
@@ -105,7 +106,12 @@ def _lit(found: Captured, options: Render) -> Lit | None:
         lights.append(Distant(np.array(v) / length, np.full(3, options.irradiance)))
     sky = None
     if options.environment:
-        sky = environment(read_exr(options.environment)[..., :3], {"y": 1, "z": 2}[options.up])
+        radiance = read_exr(options.environment)[..., :3]
+        if not (np.isfinite(radiance).all() and (radiance >= 0).all() and radiance.any()):
+            raise InputError(
+                options.environment, "is no environment: it has negative or infinite pixels, or is all black"
+            )
+        sky = environment(radiance, {"y": 1, "z": 2}[options.up])
     return Lit(tuple(lights), sky)
 
 
@@ -150,10 +156,15 @@ def around(found: Captured, frames: int, size: tuple[int, int]) -> list[Photo]:
     middle, with their angle of view."""
     worlds = np.stack([p.to_world for p in found.photos])
     up = worlds[:, :3, 1].mean(axis=0)
+    if not np.linalg.norm(up) > 1e-3:
+        raise InputError(
+            "--path", "the photographs have no common upward direction to go around: give photographs or held-out"
+        )
     up /= np.linalg.norm(up)
     arms = worlds[:, :3, 3] - found.centre
     far, high = np.median(np.linalg.norm(arms, axis=1)), np.median(arms @ up / np.linalg.norm(arms, axis=1))
-    side = arms[0] - up * (arms[0] @ up)
+    sides = arms - np.outer(arms @ up, up)
+    side = sides[np.argmax(np.linalg.norm(sides, axis=1))]
     arm = far * (high * up + np.sqrt(max(1 - high**2, 0)) * side / max(np.linalg.norm(side), 1e-9))
     width, height = (_at_least_one("--size", n) for n in size)
     first = found.photos[0]
@@ -165,6 +176,13 @@ def around(found: Captured, frames: int, size: tuple[int, int]) -> list[Photo]:
 def _suffix(path: Path, allowed: tuple[str, ...]) -> None:
     if path.suffix.lower() not in allowed:
         raise InputError(path, f"must end in {' or '.join(allowed)}")
+
+
+def _folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(path, f"cannot be made: {error.strerror}") from error
 
 
 def _at_least_one(name: str, n: int) -> int:

@@ -16,7 +16,7 @@ from mesoshell.cli.evaluate import Options
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.patches import Patches
-from mesoshell.measure.captured import CHART, VIEWS, score_views
+from mesoshell.measure.captured import CHART, LEAST_SIDE, VIEWS, score_views
 from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
 from mesoshell.measure.queries import QUERIES, score
@@ -42,7 +42,9 @@ def evaluate(options: Options) -> None:
     config, data = read_record(options.run)
     found = snapshots(options.run)
     method = method_of(config)
-    config, dataset = method.fitted(config, method.read(options.data or data["folder"]))
+    folder = options.data or data["folder"]
+    read = atlas.recorded({**data, "folder": folder}) if isinstance(config, AtlasTraining) else method.read(folder)
+    config, dataset = method.fitted(config, read)
     measures = {SurfaceTraining: _queries, AtlasTraining: _views}
     measure = measures.get(type(config), _pictures)(config, dataset, options)
     chosen = [found[i] for i in sorted(set(np.linspace(len(found) - 1, 0, options.snapshots).round().astype(int)))]
@@ -81,6 +83,10 @@ def _views(config: AtlasTraining, capture: Capture, options: Options) -> _Measur
     tested = atlas.held_out(capture)[1]
     if not tested:
         raise InputError(options.run, "held no view out: it has fewer than 8")
+    if min(min(photo.width, photo.height) for photo in capture.photos) < LEAST_SIDE:
+        raise InputError(
+            options.run, f"has pictures of fewer than {LEAST_SIDE} pixels a side, which SSIM cannot compare"
+        )
     names = VIEWS + (() if config.field.colour == "volume" else CHART)
     return _Measure(
         names, len(tested), "held-out views", lambda path: score_views(read_captured(path), capture, config.samples)

@@ -51,12 +51,14 @@ def learn(
 ) -> None:
     """Train, with a bar and lines on the console; exit status 1 if something is not finite."""
     console = Console(stderr=True, highlight=False)
+    for warning in getattr(dataset, "warnings", ()):
+        console.print(f"warning: {dataset.folder}: {warning}", soft_wrap=True, markup=False)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("compiling", total=config.kimg)
 
         def show(row: dict[str, float]) -> None:
-            said = " ".join(f"{k} {row[k]:.3f}" for k in method_of(config).losses)
+            said = " ".join(f"{k} {row[k]:.3g}" for k in method_of(config).losses)
             line = f"{row['kimg']:.3f} kimg, {row['images_per_s']:.2f} images/s, losses {said}"
             bar.update(task, completed=row["kimg"], description=line)
             if not console.is_terminal:

@@ -7,9 +7,10 @@ cloud       points of the surface, by area, moved by a normal deviation of `nois
 """
 
 import json
+import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,26 +46,36 @@ class Shooting:
 
 
 def photograph(mesh: Mesh, shooting: Shooting, out: Path, show: Callable[[int], None]) -> None:
-    """Write the capture's folder. Raises InputError if it exists, or Blender is not there or fails."""
+    """Write the capture's folder, whole or not at all. Raises InputError if it exists, or Blender is not there or fails."""
     if out.exists():
         raise InputError(out, "exists")
-    vertices = np.asarray(mesh.vertices, np.float64)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    centre = (low + high) / 2
-    radius = np.linalg.norm(vertices - centre, axis=1).max()
-    distance = radius / np.sin(FILL * FIELD_OF_VIEW / 2)
-    poses = [
-        look_at(tuple(centre + distance * u), tuple(centre), tuple(np.eye(3)[shooting.up])) for u in dome(shooting)
-    ]
+    command = blender_command("data_gen.photographer")
     partial = out.with_name(out.name + ".partial")
-    (partial / "images").mkdir(parents=True, exist_ok=True)
-    suffix = "exr" if shooting.flash else "png"
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        (partial / "images").mkdir(parents=True)
+        _write(mesh, shooting, partial, command, show)
+        partial.rename(out)
+    except OSError as error:
+        raise InputError(out, f"cannot be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _write(
+    mesh: Mesh, shooting: Shooting, folder: Path, command: tuple[list[str], Path], show: Callable[[int], None]
+) -> None:
+    low, high = mesh.vertices.min(axis=0).astype(float), mesh.vertices.max(axis=0).astype(float)
+    centre = (low + high) / 2
+    distance = np.linalg.norm(mesh.vertices - centre, axis=1).max() / np.sin(FILL * FIELD_OF_VIEW / 2)
+    up = tuple(np.eye(3)[shooting.up])
+    poses = [look_at(tuple(centre + distance * u), tuple(centre), up).tolist() for u in dome(shooting)]
+    suffix, write = ("exr", write_exr) if shooting.flash else ("png", write_png)
     with tempfile.TemporaryDirectory() as scratch:
-        np.savez(Path(scratch) / "mesh.npz", vertices=vertices, faces=mesh.faces, uv=mesh.uv)
-        frames = [{"file": f"{scratch}/{i}.exr", "camera_to_world": m.tolist()} for i, m in enumerate(poses)]
+        np.savez(Path(scratch) / "mesh.npz", vertices=mesh.vertices, faces=mesh.faces, uv=mesh.uv)
         settings = {
             "mesh": f"{scratch}/mesh.npz",
-            "frames": frames,
+            "frames": [{"file": f"{scratch}/{i}.exr", "camera_to_world": m} for i, m in enumerate(poses)],
             "fov": FIELD_OF_VIEW,
             "size": shooting.size,
             "samples_per_pixel": shooting.spp,
@@ -73,28 +84,17 @@ def photograph(mesh: Mesh, shooting: Shooting, out: Path, show: Callable[[int], 
             "sun": np.roll([0.5, -0.35, 0.8], shooting.up - 2).tolist(),
             "threads": 0,
         }
-        for i in _shot(settings):
-            image = read_exr(f"{scratch}/{i}.exr")
-            (write_exr if shooting.flash else write_png)(partial / f"images/{i:03d}.{suffix}", image)
+        (Path(scratch) / "settings.json").write_text(json.dumps(settings))
+        for i in _shot(command, f"{scratch}/settings.json"):
+            write(folder / f"images/{i:03d}.{suffix}", read_exr(f"{scratch}/{i}.exr"))
             show(i + 1)
-    _cloud(mesh, shooting, float((high - low).max())).export(partial / "points.ply")
-    f = shooting.size / 2 / np.tan(FIELD_OF_VIEW / 2)
-    about = {
-        "fl_x": f,
-        "fl_y": f,
-        "cx": shooting.size / 2,
-        "cy": shooting.size / 2,
-        "w": shooting.size,
-        "h": shooting.size,
-        "ply_file_path": "points.ply",
-        "frames": [
-            {"file_path": f"images/{i:03d}.{suffix}", "transform_matrix": m.tolist()} for i, m in enumerate(poses)
-        ],
-    }
-    if shooting.flash:
-        about["flash"] = FLASH * distance**2
-    replace_file(partial / "transforms.json", (json.dumps(about, indent=1) + "\n").encode())
-    partial.rename(out)
+    _cloud(mesh, shooting, float((high - low).max())).export(folder / "points.ply")
+    f, middle = shooting.size / 2 / np.tan(FIELD_OF_VIEW / 2), shooting.size / 2
+    about = {"fl_x": f, "fl_y": f, "cx": middle, "cy": middle, "w": shooting.size, "h": shooting.size}
+    about |= {"flash": settings["flash"]} if shooting.flash else {}
+    frames = [{"file_path": f"images/{i:03d}.{suffix}", "transform_matrix": m} for i, m in enumerate(poses)]
+    text = json.dumps({**about, "ply_file_path": "points.ply", "frames": frames}, indent=1)
+    replace_file(folder / "transforms.json", f"{text}\n".encode())
 
 
 def dome(shooting: Shooting) -> Float[np.ndarray, "V 3"]:
@@ -109,13 +109,11 @@ def dome(shooting: Shooting) -> Float[np.ndarray, "V 3"]:
     return found
 
 
-def _shot(settings: Mapping[str, object]):
+def _shot(command: tuple[list[str], Path], settings: str) -> Iterator[int]:
     """Numbers of the photographs, as they are there."""
-    command, root = blender_command("data_gen.photographer")
+    words, root = command
     with tempfile.TemporaryFile("w+", errors="replace") as errors:
-        process = subprocess.Popen(
-            [*command, json.dumps(settings)], cwd=root, stdout=subprocess.PIPE, stderr=errors, text=True
-        )
+        process = subprocess.Popen([*words, settings], cwd=root, stdout=subprocess.PIPE, stderr=errors, text=True)
         assert process.stdout
         try:
             for line in process.stdout:

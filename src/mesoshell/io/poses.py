@@ -65,6 +65,10 @@ def read_poses(folder: Path) -> Poses:
     for path, read in ways:
         if path.exists():
             return read(path)
+    if (folder / "transforms_train.json").exists():
+        raise InputError(
+            folder / "transforms_train.json", "is half of a capture: copy it to transforms.json, and it is used"
+        )
     raise InputError(folder, "no capture: it has no transforms.json, no cameras.npz and no COLMAP model (sparse/0)")
 
 
@@ -82,11 +86,13 @@ def read_transforms(path: Path) -> Poses:
         bent = [k for k in DISTORTION if own.get(k)]
         if bent:
             raise InputError(path, f"frame {i} is distorted ({bent[0]} is {own[bent[0]]}): undistort the images first")
+        if "FISHEYE" in str(own.get("camera_model")).upper():
+            raise InputError(path, f"frame {i} has a {own['camera_model']} camera: undistort the images first")
         try:
             size = (int(own["w"]), int(own["h"])) if "w" in own and "h" in own else None
             lens, angle = _lens(own, size)
-        except (KeyError, TypeError, ValueError):
-            raise InputError(path, f"frame {i} has no focal length: neither fl_x nor camera_angle_x") from None
+        except (KeyError, TypeError, ValueError, OverflowError):
+            raise InputError(path, f"frame {i} has no lens: it needs fl_x with w and h, or camera_angle_x") from None
         image = _image(path.parent / frame["file_path"])
         mask = path.parent / frame["mask_path"] if isinstance(frame.get("mask_path"), str) else None
         matrix = _rigid(path, f"transform_matrix of frame {i}", frame.get("transform_matrix"))
@@ -114,6 +120,9 @@ def read_idr(path: Path) -> Poses:
     images, masks = (_files(path.parent / name) for name in ("image", "mask"))
     if not images:
         raise InputError(path.parent / "image", "has no images")
+    cameras = sum(name.startswith("world_mat_") for name in arrays)
+    if cameras != len(images):
+        raise InputError(path, f"has {cameras} cameras for {len(images)} images")
     if masks and len(masks) != len(images):
         raise InputError(path.parent / "mask", f"has {len(masks)} masks for {len(images)} images")
     views = []

@@ -1,4 +1,4 @@
-"""A mesh with its texture as GLB, or as OBJ with MTL and PNG beside it (trimesh, Pillow; floor 2)."""
+"""A mesh with its texture as GLB, or as OBJ with MTL and _texture.png beside it (trimesh, Pillow; floor 2)."""
 
 import io
 from pathlib import Path
@@ -19,8 +19,9 @@ def write_wrapped(
 ) -> None:
     """uv: (0, 0) at the image's lower left corner; image: linear. Raises InputError if a file cannot be written."""
     if path.suffix.lower() == ".obj":
-        write_png(path.with_suffix(".png"), image)
-        replace_file(path.with_suffix(".mtl"), f"newmtl texture\nmap_Kd {path.with_suffix('.png').name}\n".encode())
+        picture = path.with_name(f"{path.stem}_texture.png")
+        write_png(picture, image)
+        replace_file(path.with_suffix(".mtl"), f"newmtl texture\nmap_Kd {picture.name}\n".encode())
         corners = faces + 1
         lines = [f"mtllib {path.with_suffix('.mtl').name}", "usemtl texture"]
         lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]

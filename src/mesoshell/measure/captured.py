@@ -14,7 +14,7 @@ import numpy as np
 from mesoshell.atlas.capture import Capture, at_most
 from mesoshell.atlas.field import to_surface, to_texture
 from mesoshell.atlas.photo import photo_rays, pixel_centres
-from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.render import picture, view
 from mesoshell.atlas.store import Captured
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.chart import chart
@@ -25,17 +25,18 @@ from mesoshell.render.quality import Quality
 from mesoshell.train.atlas import held_out
 
 SIDE = 64
+#: Pixels that SSIM needs.
+LEAST_SIDE = 11
 VIEWS = ("PSNR", "SSIM")
 CHART = ("cycle error, % of the box", "texture distortion", "texture folded", "texture used")
 
 
 def score_views(found: Captured, capture: Capture, samples: int) -> dict[str, Estimate]:
     """Means over held-out views with 1.96 standard errors; of the texture, numbers without an interval."""
-    quality = Quality(samples=samples)
-    occupied = occupancy(found.config, found.field, quality.skip)
+    how = view(found.config, found.field, Quality(samples=samples))
 
     def shown(photo):
-        return picture(found.config, found.field, found.to_box(photo), quality, occupied)
+        return picture(found.config, found.field, found.to_box(photo), how)
 
     each = []
     for i in held_out(capture)[1]:
@@ -67,9 +68,10 @@ def _charted(found: Captured, capture: Capture, shown) -> tuple[float, ...]:
         hits.append(hit)
         cycles.append(np.sum((back - y) ** 2, axis=1)[hit.ravel()])
     error = np.concatenate(cycles)
-    if not error.size:
+    try:
+        return 50 * float(np.sqrt(error.sum() / max(error.size, 1))), *chart(ys, us, hits)
+    except ValueError:  # nothing is opaque yet
         return float("nan"), float("nan"), float("nan"), 0.0
-    return 50 * float(np.sqrt(error.mean())), *chart(ys, us, hits)
 
 
 @jax.jit

@@ -15,6 +15,7 @@ grid         the greatest σ seen in each cell, forgotten slowly; a step asks on
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -22,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from mesoshell.atlas.capture import Capture, at_most
+from mesoshell.atlas.capture import Capture, at_most, read_capture
 from mesoshell.atlas.field import (
     DENSITY,
     Field,
@@ -102,9 +103,11 @@ class AtlasReport(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def atlas_as(preset: TrainConfig, encoding: str = "hash") -> AtlasTraining:
-    """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute."""
+def atlas_as(preset: TrainConfig, encoding: str | None = None) -> AtlasTraining:
+    """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
+    `paper` and hash grids for the others, if not given."""
     texels = preset.picture.texels
+    encoding = encoding or ("frequency" if texels > 64 else "hash")
     if texels > 64:
         return AtlasTraining(FieldConfig(encoding=encoding))  # type: ignore[arg-type]
     widths = {"sigma": (64,) * 2, "texture": (64,) * 2, "views": 32} if encoding == "hash" else {}
@@ -121,14 +124,22 @@ def atlas_as(preset: TrainConfig, encoding: str = "hash") -> AtlasTraining:
 
 def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capture]:
     """The configuration for a capture, and the capture at the size that it asks for. Raises InputError if reflectance is to be
-    learned, and no light is known."""
+    learned and no light is known, or nothing is left at that size."""
     if config.field.colour == "reflectance":
         if capture.flash is None:
             raise InputError(
                 capture.folder, "says no `flash`: reflectance is learned from photographs lit by the camera alone"
             )
         config = replace(config, field=replace(config.field, flash=capture.flash / capture.half**2))
-    return replace(config, cloud=capture.points is not None), at_most(capture, config.side)
+    capture = at_most(capture, config.side)
+    if not any((capture.masks[i] >= 0.5).any() for i in held_out(capture)[0]):
+        raise InputError(capture.folder, f"at {config.side} pixels a side no pixel is half covered by the object")
+    return replace(config, cloud=capture.points is not None), capture
+
+
+def recorded(data: dict[str, Any], side: int | None = None) -> Capture:
+    """The capture that a run's record speaks of."""
+    return read_capture(Path(data["folder"]), data.get("background"), side)
 
 
 def held_out(capture: Capture) -> tuple[list[int], list[int]]:
@@ -262,7 +273,9 @@ def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:
         all_surface, all_points = across.everyone(surface)[0], across.everyone(batch.point)[0]
 
     def nearest(a: Array, b: Array) -> Scalar:
-        squares = jnp.sum(a**2, axis=1)[:, None] + jnp.sum(b**2, axis=1)[None] - 2 * a @ b.T
+        squares = (
+            jnp.sum(a**2, axis=1)[:, None] + jnp.sum(b**2, axis=1)[None] - 2 * jnp.matmul(a, b.T, precision="highest")
+        )
         return jnp.mean(jnp.min(jnp.maximum(squares, 0), axis=1))
 
     return nearest(batch.point, all_surface) + nearest(surface, all_points)

@@ -16,7 +16,7 @@ from mesoshell.atlas.capture import Capture
 from mesoshell.atlas.layout import checkerboard
 from mesoshell.atlas.paint import texture_image
 from mesoshell.atlas.photo import Photo
-from mesoshell.atlas.render import occupancy, picture
+from mesoshell.atlas.render import Paint, picture, view
 from mesoshell.atlas.store import Captured, read_captured, write_captured
 from mesoshell.render.quality import Quality
 from mesoshell.train.atlas import AtlasState, AtlasTraining, held_out
@@ -47,28 +47,26 @@ def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> Capt
 def painter(config: AtlasTraining, path: Path) -> Callable[[list[Photo]], list[np.ndarray]]:
     """What renders cameras by a snapshot: linear premultiplied RGBA."""
     found = read_captured(path)
-    quality = quality_of(config)
-    occupied = occupancy(found.config, found.field, quality.skip)
+    how = view(found.config, found.field, quality_of(config))
 
     def pictures(photos: list[Photo]) -> list[np.ndarray]:
-        return [picture(found.config, found.field, found.to_box(p), quality, occupied).rgba for p in photos]
+        return [picture(found.config, found.field, found.to_box(p), how).rgba for p in photos]
 
     return pictures
 
 
 def sheet(config: AtlasTraining, capture: Capture, state: AtlasState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of the object, linear."""
-    now, quality = captured(config, capture, state), quality_of(config)
-    occupied = occupancy(now.config, now.field, quality.skip)
+    now = captured(config, capture, state)
+    how = view(now.config, now.field, quality_of(config))
     chosen = (held_out(capture)[1] or list(range(len(capture.photos))))[:2]
     mapped = now.config.colour != "volume"
-    board = ("cubemap", board_paint()) if mapped else None
     row = []
     for i in chosen:
         photo = now.to_box(capture.photos[i])
-        row += [capture.rgb[i], picture(now.config, now.field, photo, quality, occupied).rgba[..., :3]]
+        row += [capture.rgb[i], picture(now.config, now.field, photo, how).rgba[..., :3]]
         if mapped:
-            row.append(picture(now.config, now.field, photo, quality, occupied, board).rgba[..., :3])
+            row.append(picture(now.config, now.field, photo, how._replace(paint=board_paint())).rgba[..., :3])
     height = min(x.shape[0] for x in row)
     whole = np.concatenate([x[:height] for x in row], axis=1)
     if mapped:
@@ -79,10 +77,10 @@ def sheet(config: AtlasTraining, capture: Capture, state: AtlasState) -> Float[n
     return np.asarray(np.clip(whole, 0, 1), np.float32)
 
 
-def board_paint() -> Float[np.ndarray, "h w 6"]:
+def board_paint() -> Paint:
     """A checkerboard in the object's place: nothing of its own colours is left."""
     board = checkerboard("cubemap", BOARD, SQUARES)
-    return np.concatenate([board, np.zeros_like(board)], axis=-1)
+    return Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
 
 
 def quality_of(config: AtlasTraining) -> Quality:

@@ -30,7 +30,19 @@ METHODS: dict[str, type[RunConfig]] = {
     "atlas": AtlasTraining,
 }
 #: Of a dataset's manifest, what says which data a run was begun with.
-KEPT = ("recipe", "source", "version", "size", "seed", "parameters", "depth", "curvature", "queries", "spp")
+KEPT = (
+    "recipe",
+    "source",
+    "background",
+    "version",
+    "size",
+    "seed",
+    "parameters",
+    "depth",
+    "curvature",
+    "queries",
+    "spp",
+)
 #: What a run may be resumed with another value of.
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 

@@ -153,7 +153,7 @@ def _said(i: int, report: Any, names: list[str], folder: Path, good: int | None)
 
 def _row(config: RunConfig, steps: int, rate: float, heard: list[dict[str, float]]) -> dict[str, float]:
     row = {"kimg": steps * config.batch / 1000, "images_per_s": round(rate, 3)}
-    return row | {k: round(float(np.mean([numbers[k] for numbers in heard])), 5) for k in heard[0]}
+    return row | {k: float(f"{np.mean([numbers[k] for numbers in heard]):.5g}") for k in heard[0]}
 
 
 def _numbers(report: Any) -> dict[str, float]:

@@ -18,7 +18,7 @@ from mesoshell.atlas.capture import Capture
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.image import psnr
 from mesoshell.measure.operations import count_operations
-from mesoshell.train import atlas
+from mesoshell.train import atlas, photographed
 from mesoshell.train.record import read_record
 
 
@@ -37,7 +37,7 @@ def main(options: Options) -> None:
     for run in options.runs:
         config, data = read_record(run)
         assert isinstance(config, atlas.AtlasTraining)
-        config, capture = atlas.fitted(config, atlas.recorded(data, config.side))
+        config, capture = atlas.fitted(config, photographed.recorded(data, config.side))
         rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
         log = sorted(
             {row["kimg"]: row for row in rows}.values(), key=lambda row: row["kimg"]
@@ -66,7 +66,7 @@ def main(options: Options) -> None:
 
 def black_psnr(capture: Capture) -> float:
     """Of a black picture, the mean over held-out views."""
-    views = (linear_to_srgb(np.clip(capture.rgb[i], 0, 1)) for i in atlas.held_out(capture)[1])
+    views = (linear_to_srgb(np.clip(capture.rgb[i], 0, 1)) for i in photographed.held_out(capture)[1])
     return float(np.mean([psnr(view, np.zeros_like(view)) for view in views]))
 
 

@@ -18,8 +18,9 @@ import numpy as np
 
 from mesoshell.atlas.field import FieldConfig
 from mesoshell.nets.encoding import HashConfig
-from mesoshell.train.atlas import AtlasTraining, Rays, start, step
+from mesoshell.train.atlas import AtlasTraining, start, step
 from mesoshell.train.parallel import spread_step
+from mesoshell.train.photographed import Rays
 
 FIELD = FieldConfig((8, 8), (8,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 1), hash=HashConfig(3, 2, 8, 4, 12))
 CONFIG = AtlasTraining(

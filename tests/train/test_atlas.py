@@ -26,18 +26,16 @@ from mesoshell.train.atlas import (
     EACH,
     KEEP,
     AtlasTraining,
-    Rays,
     asked,
     atlas_as,
     encoded,
     feed,
     fitted,
-    held_out,
-    recorded,
     start,
     step,
 )
 from mesoshell.train.method import ATLAS, method_of
+from mesoshell.train.photographed import Rays, held_out, recorded
 from mesoshell.train.presets import PAPER, SMALL, TINY
 from mesoshell.train.record import keep_record, read_record, snapshots
 from mesoshell.train.run import train

@@ -20,7 +20,7 @@ from mesoshell.measure.captured import CHART, LEAST_SIDE, VIEWS, score_views
 from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
 from mesoshell.measure.queries import QUERIES, score
-from mesoshell.train import atlas
+from mesoshell.train import photographed
 from mesoshell.train.atlas import AtlasTraining
 from mesoshell.train.method import method_of
 from mesoshell.train.parametric import ParametricConfig
@@ -43,7 +43,9 @@ def evaluate(options: Options) -> None:
     found = snapshots(options.run)
     method = method_of(config)
     folder = options.data or data["folder"]
-    read = atlas.recorded({**data, "folder": folder}) if isinstance(config, AtlasTraining) else method.read(folder)
+    read = (
+        photographed.recorded({**data, "folder": folder}) if isinstance(config, AtlasTraining) else method.read(folder)
+    )
     config, dataset = method.fitted(config, read)
     measures = {SurfaceTraining: _queries, AtlasTraining: _views}
     measure = measures.get(type(config), _pictures)(config, dataset, options)
@@ -80,7 +82,7 @@ class _Measure(NamedTuple):
 
 def _views(config: AtlasTraining, capture: Capture, options: Options) -> _Measure:
     """Renders of the views that were held out, beside their photographs, and how the surface lies in its texture."""
-    tested = atlas.held_out(capture)[1]
+    tested = photographed.held_out(capture)[1]
     if not tested:
         raise InputError(options.run, "held no view out: it has fewer than 8")
     if min(min(photo.width, photo.height) for photo in capture.photos) < LEAST_SIDE:

@@ -22,7 +22,7 @@ from mesoshell.measure.distribution import Estimate
 from mesoshell.measure.image import psnr, ssim
 from mesoshell.nets.batches import run
 from mesoshell.render.quality import Quality
-from mesoshell.train.atlas import held_out
+from mesoshell.train.photographed import held_out
 
 SIDE = 64
 #: Pixels that SSIM needs.

@@ -1,7 +1,7 @@
 """Learning an object from its photographs (NeuTex, sections 3.4 and 4.2).
 
 Alphabet
-B            rays a step: two thirds through the object's masks, one third beside them, of all views that are learned from
+B            rays a step (train/photographed)
 I, T         colour and transmittance of a ray; M: its pixel's mask
 render       Σ (sRGB(I) − sRGB(I_gt))², for linear colours: what their photographs' own values are (equation 9)
 cycle        Σ w ‖F_uv⁻¹(F_uv(y)) − y‖² (equation 12), from one sample a ray, drawn by w: the same mean at 1/N of the cost. It
@@ -15,15 +15,13 @@ grid         the greatest σ seen in each cell, forgotten slowly; a step asks on
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 
-from mesoshell.atlas.capture import Capture, at_most, read_capture
+from mesoshell.atlas.capture import Capture, at_most
 from mesoshell.atlas.field import (
     DENSITY,
     Field,
@@ -34,15 +32,13 @@ from mesoshell.atlas.field import (
     to_texture,
 )
 from mesoshell.atlas.march import CELLS, march, widened
-from mesoshell.atlas.photo import rays_of
 from mesoshell.errors import InputError
 from mesoshell.nets.encoding import HashConfig
+from mesoshell.train.photographed import Rays, held_out, rays_for
 from mesoshell.train.state import TrainConfig
 from mesoshell.train.step import HERE, Across
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar, Vec3
 
-#: Views that the paper holds out, of captures with as many; of fewer, one in eight.
-HELD = (6, 13, 30, 35)
 #: Cells of the grid are asked in so many turns; what is left of a cell's σ at each; and what is passed over.
 EACH, KEEP, SPARSE = 16, 0.9, 0.05
 #: Of the run's learning rates, at its end.
@@ -71,18 +67,6 @@ class AtlasTraining:
     cloud: bool = False
 
 
-class Rays(NamedTuple):
-    """A batch, in the box's units. noise: of a row's random numbers. point, u: of the cloud, and of the texture."""
-
-    o: Float[Array, "B 3"]
-    d: Float[Array, "B 3"]
-    rgb: Float[Array, "B 3"]
-    mask: Float[Array, "B"]
-    noise: Int[Array, "B"]
-    point: Float[Array, "B 3"]
-    u: Float[Array, "B 3"]
-
-
 class AtlasState(NamedTuple):
     """A run under way; a pytree of arrays. images: rays seen."""
 
@@ -103,23 +87,21 @@ class AtlasReport(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def atlas_as(preset: TrainConfig, encoding: str | None = None) -> AtlasTraining:
+def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
     """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
-    `paper` and hash grids for the others, if not given."""
+    `paper` and hash grids for the others, if not given. The maps have the paper's widths at every size: they cost little."""
     texels = preset.picture.texels
-    encoding = encoding or ("frequency" if texels > 64 else "hash")
     if texels > 64:
-        return AtlasTraining(FieldConfig(encoding=encoding))  # type: ignore[arg-type]
-    widths = {"sigma": (64,) * 2, "texture": (64,) * 2, "views": 32} if encoding == "hash" else {}
+        grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))
+        return AtlasTraining(grids if encoding == "hash" else FieldConfig())
     if encoding == "frequency":
-        widths = {"sigma": (96,) * 4, "texture": (96,) * 3, "views": 32, "octaves": (6, 6, 2)}
-    small = FieldConfig(**widths, uv=(64, 64), inverse=(128, 128), encoding=encoding, hash=HashConfig())  # type: ignore[arg-type]
+        field = FieldConfig((96,) * 4, (96,) * 3, views=32, octaves=(6, 6, 2))
+    else:
+        field = FieldConfig((64,) * 2, (64,) * 2, views=32, encoding="hash")
     if texels > 16:
-        return AtlasTraining(
-            small, side=128, samples=32, batch=1024, kimg=1024 * 8.0, rate=2e-3, snapshot_kimg=1024 * 1.0
-        )
-    small = replace(small, hash=HashConfig(levels=5, rows=12, finest=32))
-    return AtlasTraining(small, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, snapshot_kimg=512 * 0.2)
+        return AtlasTraining(field, side=128, samples=32, batch=1024, kimg=1024 * 4, rate=2e-3, snapshot_kimg=512.0)
+    field = replace(field, hash=HashConfig(levels=5, rows=12, finest=32))
+    return AtlasTraining(field, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, snapshot_kimg=512 * 0.2)
 
 
 def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capture]:
@@ -137,46 +119,9 @@ def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capt
     return replace(config, cloud=capture.points is not None), capture
 
 
-def recorded(data: dict[str, Any], side: int | None = None) -> Capture:
-    """The capture that a run's record speaks of."""
-    return read_capture(Path(data["folder"]), data.get("background"), side)
-
-
-def held_out(capture: Capture) -> tuple[list[int], list[int]]:
-    """Views to learn from, and views to test with."""
-    n = len(capture.photos)
-    tested = [i for i in (HELD if n > max(HELD) else range(7, n, 8)) if i < n]
-    return [i for i in range(n) if i not in tested], tested
-
-
 def feed(config: AtlasTraining, capture: Capture, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
     """This host's rays of step i. Raises InputError if hosts cannot share them evenly."""
-    if config.batch % hosts:
-        raise InputError("batch", f"{config.batch} rays do not come evenly from {hosts} hosts")
-    photos = [capture.photos[v] for v in held_out(capture)[0]]
-    masks, rgb = (
-        np.concatenate([x[v].reshape(-1, *x[v].shape[2:]) for v in held_out(capture)[0]])
-        for x in (capture.masks, capture.rgb)
-    )
-    inside, beside = np.flatnonzero(masks >= 0.5), np.flatnonzero(masks < 0.5)
-    cloud = np.zeros((1, 3)) if capture.points is None else capture.to_box(capture.points)
-    foreground = config.batch - (config.batch // 3 if len(beside) else 0)
-
-    def at(step: int) -> Rays:
-        random = np.random.default_rng([config.seed, step])
-        pixel = np.concatenate([random.choice(inside, foreground), random.choice(beside, config.batch - foreground)])
-        noise, u = random.integers(2**31 - 1, size=config.batch), random.normal(size=(config.batch, 3))
-        point = cloud[random.integers(len(cloud), size=config.batch)]
-        # a host has as many of either kind as another
-        mine = slice(host, None, hosts)
-        o, d = rays_of(photos, pixel[mine])
-        rows = capture.to_box(o), d, rgb[pixel[mine]], masks[pixel[mine]]
-        u /= np.linalg.norm(u, axis=1, keepdims=True)
-        columns: list[Any] = [x.astype(np.float32) for x in (*rows, point[mine], u[mine])]
-        columns.insert(4, noise[mine].astype(np.int32))
-        return Rays(*columns)
-
-    return at
+    return rays_for(config.batch, config.seed, capture, host, hosts)
 
 
 def start(config: AtlasTraining, key: Key[Array, ""]) -> AtlasState:

@@ -19,7 +19,8 @@ from mesoshell.atlas.photo import Photo
 from mesoshell.atlas.render import Paint, picture, view
 from mesoshell.atlas.store import Captured, read_captured, write_captured
 from mesoshell.render.quality import Quality
-from mesoshell.train.atlas import AtlasState, AtlasTraining, held_out
+from mesoshell.train.atlas import AtlasState, AtlasTraining
+from mesoshell.train.photographed import held_out
 from mesoshell.train.snapshot import commit
 
 #: Of the sheet: squares a face's side, pixels of the checkerboard's and of the texture's faces.

@@ -1,4 +1,4 @@
-"""Photographs of meshes by Blender: a capture that is read, a flash as strong as it says, and folders that are whole or absent."""
+"""Photographs of meshes by Blender: a capture that is read, a flash as strong as it says, folders that are whole or absent."""
 
 import json
 import math

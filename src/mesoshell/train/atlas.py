@@ -89,15 +89,16 @@ class AtlasReport(NamedTuple):
 
 def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
     """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
-    `paper` and hash grids for the others, if not given. The maps have the paper's widths at every size: they cost little."""
+    `paper` and hash grids for the others, if not given. Maps as wide as the paper's, at a rate that ends in minutes, fold: they are
+    narrower on a CPU (docs/atlas.md)."""
     texels = preset.picture.texels
     if texels > 64:
         grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))
         return AtlasTraining(grids if encoding == "hash" else FieldConfig())
     if encoding == "frequency":
-        field = FieldConfig((96,) * 4, (96,) * 3, views=32, octaves=(6, 6, 2))
+        field = FieldConfig((96,) * 4, (96,) * 3, (64, 64), (128, 128), 32, octaves=(6, 6, 2))
     else:
-        field = FieldConfig((64,) * 2, (64,) * 2, views=32, encoding="hash")
+        field = FieldConfig((64,) * 2, (64,) * 2, (64, 64), (128, 128), 32, "hash")
     if texels > 16:
         return AtlasTraining(field, side=128, samples=32, batch=1024, kimg=1024 * 4, rate=2e-3, snapshot_kimg=512.0)
     field = replace(field, hash=HashConfig(levels=5, rows=12, finest=32))

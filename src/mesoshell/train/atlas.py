@@ -89,8 +89,8 @@ class AtlasReport(NamedTuple):
 
 def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
     """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
-    `paper` and hash grids for the others, if not given. Maps as wide as the paper's, at a rate that ends in minutes, fold: they are
-    narrower on a CPU (docs/atlas.md)."""
+    `paper` and hash grids for the others, if not given. Maps as wide as the paper's, at a rate that is done in minutes, fold:
+    they are narrower on a CPU (docs/atlas.md)."""
     texels = preset.picture.texels
     if texels > 64:
         grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))

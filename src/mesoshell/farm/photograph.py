@@ -116,8 +116,9 @@ def _shot(command: tuple[list[str], Path], settings: str) -> Iterator[int]:
         process = subprocess.Popen([*words, settings], cwd=root, stdout=subprocess.PIPE, stderr=errors, text=True)
         assert process.stdout
         try:
-            for line in process.stdout:
-                yield json.loads(line)["index"]
+            with process.stdout:
+                for line in process.stdout:
+                    yield json.loads(line)["index"]
             status = process.wait()
         finally:
             process.kill()

@@ -100,7 +100,7 @@ def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None 
     else:
         field = FieldConfig((64,) * 2, (64,) * 2, (64, 64), (128, 128), 32, "hash")
     if texels > 16:
-        return AtlasTraining(field, side=128, samples=32, batch=1024, kimg=1024 * 4, rate=2e-3, snapshot_kimg=512.0)
+        return AtlasTraining(field, side=128, samples=32, batch=1024, kimg=1024 * 4.0, rate=2e-3, snapshot_kimg=512.0)
     field = replace(field, hash=HashConfig(levels=5, rows=12, finest=32))
     return AtlasTraining(field, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, snapshot_kimg=512 * 0.2)
 

@@ -1,5 +1,5 @@
-"""An object from its photographs, with a texture that it discovers itself (NeuTex). Encoded by hash grids; docs/atlas.md has
-what either encoding takes."""
+"""An object from its photographs, with a texture that it discovers itself (NeuTex). Encoded by hash grids;
+atlas_frequency has the paper's sines and cosines."""
 
 from mesoshell.train.atlas import AtlasTraining, atlas_as
 from mesoshell.train.presets import SMALL

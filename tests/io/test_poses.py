@@ -95,7 +95,7 @@ def test_idr_up_to_any_scale(tmp_path, scale) -> None:
 
 
 def test_colmap(tmp_path) -> None:
-    pytest.importorskip("pycolmap")
+    pytest.importorskip("pycolmap", reason="the extra `capture` is not installed")
     colmap(tmp_path)
     found = read_poses(tmp_path)
     agrees(found)
@@ -104,7 +104,7 @@ def test_colmap(tmp_path) -> None:
 
 
 def test_colmap_with_distortion_is_refused(tmp_path) -> None:
-    pytest.importorskip("pycolmap")
+    pytest.importorskip("pycolmap", reason="the extra `capture` is not installed")
     colmap(tmp_path, "SIMPLE_RADIAL", (30.0, 12.0, 12.0, 0.1))
     with pytest.raises(InputError, match=r"000.png has a SIMPLE_RADIAL camera: run `colmap image_undistorter` first"):
         read_poses(tmp_path)

@@ -37,7 +37,7 @@ def test_a_fold_is_seen() -> None:
     assert found.folded == pytest.approx(0.25, abs=0.02)
 
 
-def test_all_in_one_place_uses_one_cell_and_is_most_uneven() -> None:
+def test_all_in_one_place_uses_one_cell() -> None:
     y = directions("latlong", 48).astype(float)
     u = np.broadcast_to([0.0, 0.6, 0.8], y.shape) + 1e-9 * y
     found = chart([y], [u], [np.ones(y.shape[:2], bool)])

@@ -153,8 +153,9 @@ def test_one_drawn_sample_stands_for_all_of_a_rays() -> None:
     field = start(CONFIG, jax.random.key(2)).field
     o, d = jnp.array([0.3, 0.2, -2.0]), jnp.array([0.0, 0.0, 1.0])
     occupied = jnp.ones((32,) * 3, bool)
+    none, zero = jnp.zeros(3), jnp.zeros(())
     drawn = jax.vmap(
-        lambda n: atlas._ray(CONFIG, field, occupied, jax.random.key(0), o, d, jnp.zeros(3), jnp.zeros(()), n)[1]
+        lambda n: atlas._ray(CONFIG, field, occupied, jax.random.key(0), Rays(o, d, none, zero, n, none, none))[1]
     )(jnp.arange(4096))
     from mesoshell.atlas.march import march
 

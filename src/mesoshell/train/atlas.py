@@ -37,7 +37,7 @@ from mesoshell.nets.encoding import HashConfig
 from mesoshell.train.photographed import Rays, held_out, rays_for
 from mesoshell.train.state import TrainConfig
 from mesoshell.train.step import HERE, Across
-from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar, Vec3
+from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 #: Cells of the grid are asked in so many turns; what is left of a cell's σ at each; and what is passed over.
 EACH, KEEP, SPARSE = 16, 0.9, 0.05
@@ -141,9 +141,7 @@ def step(
     key = jax.random.key(config.seed)
 
     def loss(field: Field) -> tuple[Scalar, tuple[Scalar, ...]]:
-        parts = jax.vmap(lambda *row: _ray(config, field, occupied, key, *row))(
-            batch.o, batch.d, batch.rgb, batch.mask, batch.noise
-        )
+        parts = jax.vmap(lambda row: _ray(config, field, occupied, key, row))(batch)
         render, cycle, mask = (jnp.mean(x) for x in parts)
         near = jax.lax.cond(early, lambda: _chamfer(field, batch, across), lambda: jnp.zeros(()))
         total = render + jnp.where(early, 0, config.cycle * cycle + config.mask * mask) + near
@@ -186,29 +184,20 @@ def encoded(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jnp.where(x <= knee, 12.92 * x, 1.055 * jnp.maximum(x, knee) ** (1 / 2.4) - 0.055)
 
 
-def _ray(
-    config: AtlasTraining,
-    field: Field,
-    occupied: Array,
-    key: Array,
-    o: Vec3,
-    d: Vec3,
-    rgb: Vec3,
-    mask: Scalar,
-    noise: Array,
-) -> tuple[Scalar, Scalar, Scalar]:
-    """Parts of the loss of one ray: render, cycle and mask."""
-    xi, pick = jax.random.split(jax.random.fold_in(key, noise))
-    found = march(config.field, field, o, d, occupied, jax.random.uniform(xi, (config.samples,), o.dtype))
-    render = jnp.sum((encoded(found.colour) - encoded(rgb)) ** 2)
-    cycle = jnp.zeros((), o.dtype)
+def _ray(config: AtlasTraining, field: Field, occupied: Array, key: Array, row: Rays) -> tuple[Scalar, Scalar, Scalar]:
+    """Parts of the loss of one ray: render, cycle and mask (equations 9, 12 and 13). row: of a batch."""
+    xi, pick = jax.random.split(jax.random.fold_in(key, row.noise))
+    places = jax.random.uniform(xi, (config.samples,), row.o.dtype)
+    found = march(config.field, field, row.o, row.d, occupied, places)
+    render = jnp.sum((encoded(found.colour) - encoded(row.rgb)) ** 2)
+    cycle = jnp.zeros((), row.o.dtype)
     if config.cycle and config.field.colour != "volume":
         w = jax.lax.stop_gradient(found.w)
         through = jnp.cumsum(w)
-        i = jnp.sum(through < jax.random.uniform(pick, (), o.dtype) * through[-1])
+        i = jnp.sum(through < jax.random.uniform(pick, (), row.o.dtype) * through[-1])
         y = jax.lax.stop_gradient(found.y[jnp.minimum(i, config.samples - 1)])
         cycle = through[-1] * jnp.sum((to_surface(field, to_texture(field, y)) - y) ** 2)
-    return render, cycle, (mask - (1 - found.passed)) ** 2
+    return render, cycle, (row.mask - (1 - found.passed)) ** 2
 
 
 def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:

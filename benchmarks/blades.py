@@ -3,10 +3,13 @@
 The recipe's own patch of blades (version 2, which the bundled grass shows) as triangles, repeated over a plane, and the bundled
 grass as a shell over the same plane: same camera, same lights, both in Mitsuba. Prints the shell's error against the
 converged blades, seconds that each needs to be as close as the shell comes, and writes pairs of pictures. `memory` prints
-what blades take that are all their own, as triangles and as curves, and what a shell takes.
+what blades take that are all their own, as triangles and as curves, and what a shell takes: of one texture that repeats, and
+of one with texels of its own for each patch, as a generator's is.
 """
 
 import argparse
+import dataclasses
+import multiprocessing
 import resource
 import subprocess
 import sys
@@ -20,13 +23,17 @@ import numpy as np
 
 from benchmarks import leaf
 from data_gen import grass
+from mesoshell.io.bundle import MANIFEST, checked_manifest, read_bundle
 from mesoshell.io.image import write_png
+from mesoshell.io.material import find
 from mesoshell.measure.flip import flip
 from mesoshell.pathtracer import load_dict
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
 AGE, PATCH = 0.2, 20230
+#: Level of the bundled grass whose texels a patch are a generator's, and cells of a σ grid along a patch's side there.
+OWN_LEVEL, CELLS = 2, 8
 #: Patches along the side of what is made at a time.
 TILE = 32
 #: Times are until a picture's error is so many times that of the converged shell.
@@ -172,8 +179,16 @@ def memory(kind: str, count: int) -> None:
     side = max(round((count / 220) ** 0.5), 1)
     side -= side % -(-side // TILE)
     leaf.register()
+    folder = Path(tempfile.mkdtemp())
+    if kind == "own texels":  # in yet another process: what making it takes is not asked
+        making = multiprocessing.get_context("spawn").Process(target=own_texels, args=(folder, side))
+        making.start()
+        making.join()
     begin = time.perf_counter()
-    scene: Any = {"triangles": unique, "curves": curves, "shell": shell}[kind](side)
+    if kind in ("triangles", "curves"):
+        scene = {"triangles": unique, "curves": curves}[kind](side)
+    else:
+        scene = shell(side, "grass" if kind == "shell" else str(folder))
     mi.render(scene, spp=1).numpy()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
     print(f"| {side**2 * 220:,} | {side**2:,} | {kind} | {peak:,.0f} MiB | {time.perf_counter() - begin:.1f} s |")
@@ -215,9 +230,28 @@ def tiles(side: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         yield (points + corner).astype(np.float32), *(c[:, [0, -1]].astype(np.float32) for c in colours)
 
 
-def shell(side: int) -> mi.Scene:
-    turf = {"type": "mesoshell", "material": "grass", "thickness": 1.0, "scale": 1.0, "age": AGE}
+def shell(side: int, material: str) -> mi.Scene:
+    turf = {"type": "mesoshell", "material": material, "thickness": 1.0, "scale": 1.0, "age": AGE}
     return load_dict(overview(side) | {"turf": plane(side) | {"bsdf": turf}})
+
+
+def own_texels(folder: Path, side: int) -> None:
+    """The bundled grass as a texture of side × side patches that does not repeat, as `mesoshell texture` writes it."""
+    grass_bundle = read_bundle(find("grass"))
+    arrays = {k: v for k, v in grass_bundle.arrays.items() if not k.startswith(("features/", "grid/"))}
+    levels = sum(k.startswith("features/") for k in grass_bundle.arrays) - OWN_LEVEL
+    for i in range(levels):
+        texels = grass_bundle.arrays[f"features/{i + OWN_LEVEL}"]
+        cells = grass_bundle.arrays[f"grid/{i + OWN_LEVEL}"]
+        n, most = len(texels), min(CELLS, len(texels))
+        wide = cells.reshape(len(cells), most, n // most, most, n // most).max(axis=(2, 4))
+        arrays |= {f"features/{i}": np.tile(texels, (side, side, 1)), f"grid/{i}": np.tile(wide, (1, side, side))}
+    density = len(grass_bundle.arrays[f"features/{OWN_LEVEL}"])
+    made = dataclasses.replace(grass_bundle, texel_density=density, wraps=False, arrays=arrays)
+    (folder / MANIFEST).write_bytes(checked_manifest(folder, made))
+    for key, value in arrays.items():
+        (folder / f"{key}.npy").parent.mkdir(parents=True, exist_ok=True)
+        np.save(folder / f"{key}.npy", value)
 
 
 def main() -> None:
@@ -237,7 +271,7 @@ def main() -> None:
             flush=True,
         )
         for count in (1e3, 1e4, 1e5, 1e6, 1e7):
-            for kind in ("triangles", "curves", "shell"):
+            for kind in ("triangles", "curves", "shell", "own texels"):
                 command = [sys.executable, "-m", "benchmarks.blades", "--one", kind, str(int(count))]
                 done = subprocess.run(command, capture_output=True, text=True)
                 print(done.stdout.strip() or f"| {count:,.0f} | | {kind} | exit {done.returncode} | |", flush=True)

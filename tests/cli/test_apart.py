@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesoshell.cli.apart import PICTURES, RADII, SIDE, errors_by_radius
+from mesoshell.cli.apart import PICTURES, SIDE, errors_by_radius, radii
 from mesoshell.io.patches import COLUMNS
-from mesoshell.mesostructure.render import FINEST, WIDEST
+from mesoshell.mesostructure.render import FINEST
 from mesoshell.mesostructure.tile import Placing
 
 C = {name: i for i, name in enumerate(COLUMNS)}
-CURVATURE = (-1.0, 1.5)
+CURVATURE, WIDEST = (-1.0, 1.5), 0.5
 
 
 def told(u: np.ndarray, toward: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -44,10 +44,11 @@ def painter(scale: float, opacity: float = 1.0):
 def test_the_same_is_no_different() -> None:
     """And every octave is asked for, with directions, curvature and lights of its own."""
     answers, seen = painter(1.0)
-    found = errors_by_radius(teacher, answers, CURVATURE)
-    assert [r for r, _ in found] == list(RADII) and (RADII[0], RADII[-1]) == (FINEST, WIDEST)
+    found = errors_by_radius(teacher, answers, CURVATURE, WIDEST)
+    octaves = [r for r, _ in found]
+    assert octaves == list(radii(WIDEST)) and (octaves[0], octaves[-1], len(octaves)) == (FINEST, WIDEST, 9)
     assert max(e for _, e in found) < 1e-3
-    assert len(seen) == PICTURES * len(RADII) and all(len(rows) == SIDE**2 for rows in seen)
+    assert len(seen) == PICTURES * len(octaves) and all(len(rows) == SIDE**2 for rows in seen)
     kappa = np.array([rows[0, C["kappa"]] for rows in seen])
     assert (kappa >= -1).all() and (kappa <= 1.5).all() and len(np.unique(kappa)) == len(kappa) and np.ptp(kappa) > 2
     assert all((rows[:, C["lz"]] >= 0).all() and (rows[:, C["wz"]] > 0).all() for rows in seen)
@@ -55,10 +56,12 @@ def test_the_same_is_no_different() -> None:
 
 @pytest.mark.parametrize("off", [{"scale": 0.95}, {"scale": 1.05}, {"scale": 1.0, "opacity": 0.9}])
 def test_what_is_wrong_is_seen(off: dict[str, Any]) -> None:
-    errors = [e for _, e in errors_by_radius(teacher, painter(**off)[0], CURVATURE)]
+    errors = [e for _, e in errors_by_radius(teacher, painter(**off)[0], CURVATURE, WIDEST)]
     assert 0.005 < min(errors) < max(errors) < 0.3
 
 
 def test_more_wrong_looks_more_different() -> None:
-    rising = [np.mean([e for _, e in errors_by_radius(teacher, painter(s)[0], CURVATURE)]) for s in (0.98, 0.9, 0.7)]
+    rising = [
+        np.mean([e for _, e in errors_by_radius(teacher, painter(s)[0], CURVATURE, WIDEST)]) for s in (0.98, 0.9, 0.7)
+    ]
     assert rising[0] < 0.5 * rising[1] < 0.5 * rising[2]

@@ -228,18 +228,17 @@ def test_images_vary_geometry_and_appearance(combed, tmp_path) -> None:
 
 
 def test_a_texture_takes_images_of_geometry_alone(combed, tmp_path, capsys) -> None:
+    # into a folder, from which it is rendered like a file
     material, image = combed
     given = ["texture", material, "--extent", 10, 2, "--param"]
-    main([*map(str, given), f"length={image}", "--out", str(tmp_path / "f.npz")])
-    field = read_bundle(tmp_path / "f.npz")
+    main([*map(str, given), f"length={image}", "--out", str(tmp_path / "f")])
+    field = read_bundle(tmp_path / "f")
     heights = field.arrays["heights/0"].astype(np.float32)
     assert field.provenance["varies"] == ["length"] and heights.shape[:2] == (3, 11)
     np.testing.assert_array_equal(heights[:, :5], np.broadcast_to(heights[:1, :1], heights[:, :5].shape))
     np.testing.assert_array_equal(heights[:, 5:], np.broadcast_to(heights[:1, -1:], heights[:, 5:].shape))
     assert np.abs(heights[0, 0] - heights[0, -1]).max() > 0.01
-    main(
-        ["render", str(MESH), "--material", str(tmp_path / "f.npz"), "--size", "16", "16", "--out", str(tmp_path / "r")]
-    )
+    main(["render", str(MESH), "--material", str(tmp_path / "f"), "--size", "16", "16", "--out", str(tmp_path / "r")])
     assert "age: a texture holds no appearance that varies" in fault(
         capsys, *given, f"age={image}", "--out", tmp_path / "g.npz"
     )
@@ -247,7 +246,7 @@ def test_a_texture_takes_images_of_geometry_alone(combed, tmp_path, capsys) -> N
         capsys, *given, "length=nothing.png", "--out", tmp_path / "g.npz"
     )
     assert "length is baked into" in fault(
-        capsys, "render", MESH, "--material", tmp_path / "f.npz", "--param", f"length={image}"
+        capsys, "render", MESH, "--material", tmp_path / "f", "--param", f"length={image}"
     )
 
 

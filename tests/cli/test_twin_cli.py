@@ -91,12 +91,32 @@ def test_distill_makes_both_files(folder, capsys) -> None:
     for key, array in surface.arrays.items():
         np.testing.assert_array_equal(bundle.twin.surface.arrays[key], array)
     radii, errors = np.array(bundle.twin.errors).T
-    assert (np.diff(radii) > 0).all() and radii[-1] == 0.25 and np.isfinite(errors).all() and (errors > 0).all()
+    assert (np.diff(radii) > 0).all() and radii[-1] == 2 and np.isfinite(errors).all() and (errors > 0).all()
+
+
+def test_geometry_is_distilled_too(folder, capsys) -> None:
+    """By its name or as an image of heights; what only a shell has is refused."""
+    Image.fromarray(np.arange(64, dtype=np.uint8).reshape(8, 8)).save(folder / "heights.png")
+    few = ["--preset", "tiny", "--patches", "2", "--queries", "256", "--spp", "1", "--kimg", "2.048"]
+    for name, depth in (("spheres", 0.2), (str(folder / "heights.png"), 0.12)):
+        out = folder / "geometry" / f"{depth}.npz"
+        main(["distill", name, "--out", str(out), *few])
+        surface = read_surface(out)
+        assert surface.depth == depth and surface.curvature == (-1.0, 2.0)
+        assert surface.provenance["dataset"]["source"] == name
+    for more in (("--base", "0", "0", "0"), ("--twin", str(folder / "t.npz")), ("--param", "age=1")):
+        with pytest.raises(SystemExit):
+            main(["distill", "spheres", "--out", str(folder / "none.npz"), *more])
+        assert (
+            f"mesoshell: {more[0]}: is of a shell: spheres is geometry\n"
+            == capsys.readouterr().err.splitlines(True)[-1]
+        )
 
 
 @pytest.mark.parametrize(
     ("more", "said"),
     [
+        (("--spp", "4"), "--spp: is of geometry: a shell is marched"),
         (("--patches", "1"), "--patches: must be at least 2, not 1"),
         (("--thickness", "0"), "--thickness: must be above 0 and below 10, not 0"),
         (("--base", "-1", "0", "0"), "--base: must be finite and not negative"),

@@ -275,9 +275,8 @@ def test_a_row_is_a_query_that_can_be_asked_again(settings, index, monkeypatch):
     """By its columns alone: a new patch whose middle is (u, v) and whose axis lies across ω, of curvature κ, asked there in its
     own frame. Whatever the rows were turned, shifted and moved by, answers agree."""
     monkeypatch.setattr("mesoshell.mesostructure.render.FINEST", 1e-7)
-    monkeypatch.setattr("mesoshell.mesostructure.render.WIDEST", 2e-7)
     tile = dimmed(source(settings.source, settings.depth))
-    rows, _ = sample(replace(settings, spp=1), of_geometry(tile, 1), index)
+    rows, _ = sample(replace(settings, spp=1, widest=2e-7), of_geometry(tile, 1), index)
     q = named(rows)
     again, wrong = [], []
     for k in range(40):

@@ -14,12 +14,10 @@ from jaxtyping import Float
 
 from mesoshell.io.patches import COLUMNS
 from mesoshell.measure.flip import flip
-from mesoshell.mesostructure.render import FINEST, LEAST, WIDEST, Answers, rows_of
+from mesoshell.mesostructure.render import FINEST, LEAST, Answers, rows_of
 from mesoshell.mesostructure.tile import Placing
 
 SIDE, PICTURES, BEHIND = 32, 12, 0.25
-#: Radii: octaves up to the widest that is trained.
-RADII = tuple(float(r) for r in WIDEST / 2.0 ** np.arange(int(np.log2(WIDEST / FINEST)), -1, -1))
 _ALPHA, _RGB = COLUMNS.index("alpha"), slice(COLUMNS.index("r"), COLUMNS.index("b") + 1)
 
 #: Of rows of queries: α, the silhouette cosine and ρ.
@@ -27,14 +25,19 @@ Painter = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 def errors_by_radius(
-    answers: Answers, painter: Painter, curvature: tuple[float, float]
+    answers: Answers, painter: Painter, curvature: tuple[float, float], widest: float
 ) -> tuple[tuple[float, float], ...]:
-    """(radius, error) of RADII: the mean over pictures and 1.96 standard errors."""
+    """(radius, error), octaves up to the widest that was trained: the mean over pictures and 1.96 standard errors."""
     found = []
-    for k, radius in enumerate(RADII):
+    for k, radius in enumerate(radii(widest)):
         each = [_error(answers, painter, curvature, radius, np.random.default_rng([k, i])) for i in range(PICTURES)]
         found.append((radius, float(np.mean(each) + 1.96 * np.std(each, ddof=1) / PICTURES**0.5)))
     return tuple(found)
+
+
+def radii(widest: float) -> tuple[float, ...]:
+    """Octaves from the finest radius, or just above it, to the widest."""
+    return tuple(float(r) for r in widest / 2.0 ** np.arange(int(np.log2(widest / FINEST)), -1, -1))
 
 
 def _error(

@@ -74,6 +74,9 @@ def render(options: Render) -> None:
         rgba = picture(found.config, found.field, found.to_box(camera), how).rgba
         write_exr(options.out / f"{i:04d}.exr", rgba)
         write_png(options.out / f"{i:04d}.png", rgba)
+    for old in options.out.glob("[0-9][0-9][0-9][0-9].*"):  # of a longer path that was rendered here before
+        if int(old.stem) >= len(cameras) and old.suffix in (".exr", ".png"):
+            old.unlink()
     print(f"{options.out}: {len(cameras)} frames")
 
 

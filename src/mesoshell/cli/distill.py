@@ -1,4 +1,4 @@
-"""`mesoshell distill`: a surface material that looks like a neural shell, for one query a hit."""
+"""`mesoshell distill`: a surface material that looks like a neural shell or like geometry, for one query a hit."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,37 +9,40 @@ import tyro
 
 @dataclass(frozen=True)
 class Options:
-    """Learn a surface material from a neural shell: queries are marched through it on cylinders, then fitted. What was done
-    is kept in a folder, and a run that was interrupted goes on."""
+    """Learn a surface material from a neural shell or from geometry: queries are asked of it on cylinders, then fitted. What
+    was done is kept in a folder, and a run that was interrupted goes on."""
 
-    #: A bundled shell's name, or a .npz file, with its texture.
+    #: A bundled shell's name, or a .npz file, with its texture; or geometry: weave, scales, spheres or fibres, or an image
+    #: file with heights.
     material: tyro.conf.Positional[str]
     #: The bundle to write.
     out: Path
-    #: A further file: the shell's bundle with the surface material in it, of which `mesoshell render` takes the latter where
-    #: footprints are so wide that it is as good.
+    #: Of a shell, a further file: its bundle with the surface material in it, of which `mesoshell render` takes the latter
+    #: where footprints are so wide that it is as good.
     twin: Path | None = None
     #: Folder of queries, checkpoints and log; OUT without .npz if not given.
     run: Path | None = None
     #: NAME=VALUE of the shell's parameters; may be repeated. A surface material has none of its own.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    #: Height of the shell over the side of a patch, which becomes a period.
-    thickness: float = 0.5
-    #: Diffuse colour of the surface under the shell, linear R G B; it becomes part of the material.
-    base: tuple[float, float, float] = (0.09, 0.06, 0.035)
-    #: Least and greatest curvature, 1 / patch; positive is seen from outside.
-    curvature: tuple[float, float] = (-1.0, 1.5)
-    #: Number of cylinders, and of queries on each.
-    patches: int = 160
-    queries: int = 65536
+    #: Height over the side of a patch, which becomes a period. Default: 0.5 of a shell, geometry's own, 0.12 of images.
+    thickness: float | None = None
+    #: Diffuse colour of the surface under a shell, linear R G B; it becomes part of the material. Default: bare earth.
+    base: tuple[float, float, float] | None = None
+    #: Least and greatest curvature, 1 / patch; positive is seen from outside. Default: -1 1.5 of a shell, -1 2 of geometry.
+    curvature: tuple[float, float] | None = None
+    #: Number of cylinders, and of queries on each. Default: 4096 and 2048 of a shell, 1024 and 8192 of geometry.
+    patches: int | None = None
+    queries: int | None = None
+    #: Light paths a query, of geometry. Default: 16.
+    spp: int | None = None
     #: Thousands of queries to learn from; the preset's if not given.
     kimg: float | None = None
-    #: tiny shows that all works; mini takes a fifth of small's steps; small is half an hour on two cores.
+    #: tiny shows that all works; mini takes a fifth of small's steps; small is half an hour on two cores, more of a shell.
     preset: Literal["tiny", "mini", "small"] = "small"
 
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
-    """Learn a surface material from a neural shell: one query a hit in the place of a march."""
+    """Learn a surface material from a neural shell or from geometry: one query a hit."""
     from mesoshell.cli import distilling
 
     distilling.distill(options)

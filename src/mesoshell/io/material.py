@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import InputError
-from mesoshell.io.bundle import Bundle
+from mesoshell.io.bundle import MANIFEST, Bundle
 
 
 def bundled() -> dict[str, Path]:
@@ -22,12 +22,15 @@ def bundled() -> dict[str, Path]:
 
 
 def find(name: str) -> Path:
-    """A bundled material's file, or the file that `name` itself is. Raises InputError if it is neither."""
+    """A bundled material's file, or the file or folder that `name` itself is. Raises InputError if it is neither."""
     if name in bundled():
         return bundled()[name]
-    if Path(name).is_file():
+    if Path(name).is_file() or (Path(name) / MANIFEST).is_file():
         return Path(name)
-    raise InputError(name, f"no such material: give a .npz file, or one of {', '.join(bundled()) or '(none bundled)'}")
+    raise InputError(
+        name,
+        f"no such material: give a .npz file, a material's folder, or one of {', '.join(bundled()) or '(none bundled)'}",
+    )
 
 
 def check_name(bundle: Bundle, name: str, source: str = "--param") -> None:

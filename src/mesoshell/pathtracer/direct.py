@@ -73,7 +73,6 @@ def light_directly(settings, scene, sampler, ray, active):
     met = si.is_valid()
     first.tmax = dr.select(met, mi.Float64(si.t), dr.inf)
     light, through, queries = gather_light(world, scene, first, sampler.next_1d())
-    world.count(queries)
     bsdf = si.bsdf()
     for direction, irradiance in world.lights:
         toward = mi.Vector3f(*direction)
@@ -81,6 +80,8 @@ def light_directly(settings, scene, sampler, ray, active):
         lit = met & (dr.max(value) > 0)
         away = si.spawn_ray(toward)
         lit &= ~scene.ray_test(away, lit)
-        dim = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit).depth
-        light += dr.select(lit, through * value * dr.exp(-dim), 0)
+        dimmed = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit)
+        queries += dimmed.queries
+        light += dr.select(lit, through * value * dr.exp(-dimmed.depth), 0)
+    world.count(queries)
     return light, met | (sampler.next_1d() > through)

@@ -1,0 +1,117 @@
+"""A march against the surface material distilled from it: python -m benchmarks.twins grass_twin.npz [--out plot.png]
+
+One view of a sphere, a torus and a cow, near (256²) and from where a pixel is eight times as wide (32²). What both are
+compared with is the march in `reference` quality with 512 samples. Prints FLIP and IoU of what is opaque, queries of a network
+a ray, and seconds of a picture, for marches of 8 to 128 samples and for the surface material.
+"""
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+import tyro
+
+from benchmarks.silhouettes import SPOT, over, torus
+from mesoshell.cli.marching import build_scene, facts
+from mesoshell.cli.render import Options as Render
+from mesoshell.cli.standing import twin_scene
+from mesoshell.geometry.mesh import is_convex
+from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.image import tonemap
+from mesoshell.measure.flip import flip
+from mesoshell.render.effects import plan_effects
+from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.shell import renderer as march
+from mesoshell.shell.scene import Scene
+from mesoshell.silhouette import renderer as surface
+
+VIEWS = {"near": 256, "far": 32}
+SAMPLES = (8, 16, 32, 64, 128)
+TRUE = PRESETS["reference"].with_changes(samples=512)
+#: Length of a patch over the largest side of a mesh.
+PATCH = 0.1
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to compare."""
+
+    #: The shell's bundle with the surface material in it (`mesoshell distill --twin`).
+    bundle: tyro.conf.Positional[Path]
+    #: A plot of FLIP against seconds.
+    out: Path | None = None
+
+
+def main(options: Options) -> None:
+    bundle, points = read_bundle(options.bundle), []
+    assert bundle.twin is not None, f"{options.bundle}: has no twin"
+    depth = bundle.twin.surface.depth
+    print("| mesh | view | | FLIP | IoU | queries a ray | seconds |\n|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        ball = Path(folder) / "sphere.ply"
+        trimesh.creation.icosphere(4).export(ball)
+        meshes = {"sphere": ball, "torus": torus(Path(folder) / "torus.obj"), "spot": SPOT}
+        for name, mesh in meshes.items():
+            for view, side in VIEWS.items():
+                patch = PATCH * float(np.ptp(trimesh.load(mesh, force="mesh").bounds, axis=0).max())
+                scene = build_scene(Render(mesh, thickness=depth * patch, scale=patch, size=(side, side)), bundle)[0]
+                true, *_ = marched(scene, TRUE)
+                tried = [(f"march, {n}", marched(scene, PRESETS["normal"].with_changes(samples=n))) for n in SAMPLES]
+                tried.append(("distilled", distilled(scene, bundle, PRESETS["normal"])))
+                for what, (image, queries, seconds) in tried:
+                    a, b = true[..., 3] > 0.5, image[..., 3] > 0.5
+                    error = float(flip(tonemap(over(true)), tonemap(over(image))))
+                    iou = (a & b).sum() / (a | b).sum()
+                    print(
+                        f"| {name} | {view} | {what} | {error:.3f} | {iou:.4f} | {queries:.1f} | {seconds:.2f} |",
+                        flush=True,
+                    )
+                    points.append((f"{name}, {view}", what, error, seconds))
+    if options.out:
+        plot(points, options.out)
+
+
+def marched(scene: Scene, quality: Quality) -> tuple[np.ndarray, float, float]:
+    """The picture, queries a ray, and seconds of a second one."""
+    effects = plan_effects(facts(scene, quality), quality)
+    march.render(scene, quality, effects)
+    begin = time.perf_counter()
+    image, report = march.render(scene, quality, effects)
+    seconds, counts = time.perf_counter() - begin, report.counts
+    queries = sum(counts.get(k, 0) for k in ("density_queries", "transport_queries", "surface_queries"))
+    return image, queries / counts["rays"], seconds
+
+
+def distilled(scene: Scene, bundle: Bundle, quality: Quality) -> tuple[np.ndarray, float, float]:
+    """The same of the surface material."""
+    assert bundle.twin is not None
+    standing = twin_scene(scene, bundle.twin)
+    effects = surface.plan(standing, is_convex(standing.mesh))
+    surface.render(standing, quality, effects)
+    begin = time.perf_counter()
+    image, report = surface.render(standing, quality, effects)
+    seconds = time.perf_counter() - begin
+    return image, report.counts["queries"] / report.counts["rays"], seconds
+
+
+def plot(points: list[tuple[str, str, float, float]], out: Path) -> None:
+    from matplotlib.figure import Figure
+
+    scenes = list(dict.fromkeys(scene for scene, *_ in points))
+    figure = Figure(figsize=(10, 5.5), layout="constrained")
+    for axes, scene in zip(figure.subplots(2, 3, sharey="row").T.ravel(), scenes, strict=True):
+        rows = [row for row in points if row[0] == scene]
+        axes.loglog([r[3] for r in rows[:-1]], [r[2] for r in rows[:-1]], marker="o", markersize=3, label="marched")
+        for _, what, error, seconds in rows[:-1]:
+            axes.annotate(what.removeprefix("march, "), (seconds, error), fontsize=7)
+        axes.plot(rows[-1][3], rows[-1][2], marker="D", linestyle="", label="distilled")
+        axes.set(title=scene, xlabel="seconds a picture", ylabel="FLIP")
+    figure.axes[0].legend()
+    figure.savefig(out, dpi=110)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))

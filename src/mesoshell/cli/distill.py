@@ -33,7 +33,7 @@ class Options:
     #: Number of cylinders, and of queries on each. Default: 4096 and 2048 of a shell, 1024 and 8192 of geometry.
     patches: int | None = None
     queries: int | None = None
-    #: Light paths a query, of geometry. Default: 16.
+    #: Light paths a query, of geometry. Default: 8.
     spp: int | None = None
     #: Thousands of queries to learn from; the preset's if not given.
     kimg: float | None = None

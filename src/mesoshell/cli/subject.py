@@ -89,7 +89,7 @@ def _geometry(options: Options) -> Subject:
     for name in ("twin", "base", "param"):
         if getattr(options, name):
             raise InputError(f"--{name}", f"is of a shell: {options.material} is geometry")
-    tile, spp = source(options.material, options.thickness), options.spp or 16
+    tile, spp = source(options.material, options.thickness), options.spp or 8
     patches, queries = options.patches or OF_GEOMETRY[0], options.queries or OF_GEOMETRY[1]
     settings = Settings(options.material, tile.depth, options.curvature or (-1.0, 2.0), queries, spp, 0)
     return Subject(settings, patches, of_geometry(tile, spp), _config(options))

@@ -108,7 +108,7 @@ def stage(view: str, lights: str, pixels: int, depth: int) -> dict[str, Any]:
 
 
 def of_blades(view: str, lights: str, pixels: int) -> mi.Scene:
-    """All blades as one mesh: instances of a patch, whose bounds overlap, take 140 µs a path from far away, and this 2."""
+    """All blades as one mesh: instances of a patch, whose bounds overlap, take 140 µs a path from far away, and this 1."""
     side = VIEWS[view][0]
     scene = stage(view, lights, pixels, 16)
     at = np.arange(side) - side / 2
@@ -179,17 +179,20 @@ def memory(kind: str, count: int) -> None:
     side = max(round((count / 220) ** 0.5), 1)
     side -= side % -(-side // TILE)
     leaf.register()
-    folder = Path(tempfile.mkdtemp())
-    if kind == "own texels":  # in yet another process: what making it takes is not asked
-        making = multiprocessing.get_context("spawn").Process(target=own_texels, args=(folder, side))
-        making.start()
-        making.join()
-    begin = time.perf_counter()
-    if kind in ("triangles", "curves"):
-        scene = {"triangles": unique, "curves": curves}[kind](side)
-    else:
-        scene = shell(side, "grass" if kind == "shell" else str(folder))
-    mi.render(scene, spp=1).numpy()
+    with tempfile.TemporaryDirectory() as folder:
+        if kind == "own texels":  # in yet another process: what making it takes is not asked
+            making = multiprocessing.get_context("spawn").Process(target=own_texels, args=(Path(folder), side))
+            making.start()
+            making.join()
+            if making.exitcode:
+                sys.exit(f"making it ended with {making.exitcode}")
+        begin = time.perf_counter()
+        scene: Any
+        if kind in ("triangles", "curves"):
+            scene = {"triangles": unique, "curves": curves}[kind](side)
+        else:
+            scene = shell(side, "grass" if kind == "shell" else folder)
+        mi.render(scene, spp=1).numpy()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
     print(f"| {side**2 * 220:,} | {side**2:,} | {kind} | {peak:,.0f} MiB | {time.perf_counter() - begin:.1f} s |")
 

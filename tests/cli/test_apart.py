@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesoshell.cli.apart import PICTURES, SIDE, errors_by_radius, radii
+from mesoshell.cli.apart import LIGHTS, PICTURES, SIDE, errors_by_radius, radii
 from mesoshell.io.patches import COLUMNS
 from mesoshell.mesostructure.render import FINEST
 from mesoshell.mesostructure.tile import Placing
@@ -48,9 +48,14 @@ def test_the_same_is_no_different() -> None:
     octaves = [r for r, _ in found]
     assert octaves == list(radii(WIDEST)) and (octaves[0], octaves[-1], len(octaves)) == (FINEST, WIDEST, 9)
     assert max(e for _, e in found) < 1e-3
-    assert len(seen) == PICTURES * len(octaves) and all(len(rows) == SIDE**2 for rows in seen)
+    assert len(seen) == PICTURES * len(octaves) * len(LIGHTS) and all(len(rows) == SIDE**2 for rows in seen)
     kappa = np.array([rows[0, C["kappa"]] for rows in seen])
-    assert (kappa >= -1).all() and (kappa <= 1.5).all() and len(np.unique(kappa)) == len(kappa) and np.ptp(kappa) > 2
+    assert (
+        (kappa >= -1).all()
+        and (kappa <= 1.5).all()
+        and len(np.unique(kappa)) * len(LIGHTS) == len(kappa)
+        and np.ptp(kappa) > 2
+    )
     assert all((rows[:, C["lz"]] >= 0).all() and (rows[:, C["wz"]] > 0).all() for rows in seen)
 
 

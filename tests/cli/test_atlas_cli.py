@@ -81,11 +81,11 @@ def test_an_edited_texture_is_seen_from_two_sides(folder, tmp_path) -> None:
 def test_photographs_are_rendered_again(folder, tmp_path) -> None:
     """Over the frames of a longer path, of which none are left; what else is there stays."""
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "0010.txt").write_text("mine")
+    (tmp_path / "out" / "0010.png").write_text("mine")
     for path, count in (("photographs", 10), ("held-out", 1)):
         main(["atlas", "render", str(folder / "run"), "--path", path, "--checker", "--out", str(tmp_path / "out")])
-        assert len(list((tmp_path / "out").glob("*.png"))) == len(list((tmp_path / "out").glob("*.exr"))) == count
-    assert (tmp_path / "out" / "0010.txt").exists()
+        assert len(list((tmp_path / "out").glob("*.png"))) - 1 == len(list((tmp_path / "out").glob("*.exr"))) == count
+    assert (tmp_path / "out" / "0010.png").read_text() == "mine"
 
 
 def test_a_mesh_is_where_the_object_was_and_renders(folder, tmp_path) -> None:

@@ -3,15 +3,18 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from mesoshell.cli.distill import Options
 from mesoshell.cli.main import main
+from mesoshell.cli.subject import subject
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.image import read_exr
-from mesoshell.io.surface import read_surface
+from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.io.twin import Twin
 from tests.silhouette import wearing
 
@@ -104,13 +107,52 @@ def test_geometry_is_distilled_too(folder, capsys) -> None:
         surface = read_surface(out)
         assert surface.depth == depth and surface.curvature == (-1.0, 2.0)
         assert surface.provenance["dataset"]["source"] == name
-    for more in (("--base", "0", "0", "0"), ("--twin", str(folder / "t.npz")), ("--param", "age=1")):
-        with pytest.raises(SystemExit):
-            main(["distill", "spheres", "--out", str(folder / "none.npz"), *more])
-        assert (
-            f"mesoshell: {more[0]}: is of a shell: spheres is geometry\n"
-            == capsys.readouterr().err.splitlines(True)[-1]
-        )
+
+
+def test_a_run_belongs_to_what_it_was_begun_with(folder) -> None:
+    """The shell's bytes, and how many cylinders."""
+    few = ["--preset", "tiny", "--queries", "16", "--kimg", "2.048", "--out", str(folder / "begun" / "a.npz")]
+    shell = folder / "begun.npz"
+    shell.write_bytes((folder / "plain.npz").read_bytes())
+    main(["distill", str(shell), *few, "--patches", "2"])
+    for patches, material in (("3", "plain.npz"), ("2", "both.npz")):
+        shell.write_bytes((folder / material).read_bytes())
+        with pytest.raises(SystemExit) as caught:
+            main(["distill", str(shell), *few, "--patches", patches])
+        assert caught.value.code == 2
+
+
+@pytest.mark.parametrize("preset, widths", [("small", (64, 64, 64)), ("mini", (64, 64, 64)), ("tiny", (16, 16))])
+def test_a_shell_is_given_wider_networks_than_geometry(folder, preset: Any, widths: tuple[int, ...]) -> None:
+    shell = subject(Options(str(folder / "plain.npz"), folder / "x.npz", preset=preset))
+    weave = subject(Options("weave", folder / "x.npz", preset=preset))
+    assert shell.config.surface.hidden == widths and (shell.patches, shell.settings.queries) == (4096, 2048)
+    assert weave.config.surface.hidden == (widths if preset == "tiny" else (24, 24, 24))
+    assert (weave.patches, weave.settings.queries, weave.settings.widest) == (1024, 8192, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("spheres", "--base", "0", "0", "0"), "--base: is of a shell: spheres is geometry"),
+        (("spheres", "--twin", "{folder}/t.npz"), "--twin: is of a shell: spheres is geometry"),
+        (("spheres", "--param", "age=1"), "--param: is of a shell: spheres is geometry"),
+        (("spheres", "--thickness", "2"), "--thickness: of geometry is at most 1, not 2"),
+        (("spheres", "--thickness", "0.6"), "--curvature: "),
+        (("nothing",), "nothing: neither a material, nor an image of heights, nor one of grass, weave, "),
+        (("{folder}/square.obj",), "{folder}/square.obj: "),
+        (("{folder}",), "{folder}: no such material"),
+        (("{folder}/surface.npz",), "{folder}/surface.npz: is a surface material already"),
+    ],
+)
+def test_what_cannot_be_learned_from_is_one_line(folder, capsys, given: tuple[str, ...], said: str) -> None:
+    write_surface(folder / "surface.npz", wearing.constant(1.0, 0.2, depth=0.5, curvature=(-1.0, 1.0)))
+    out = folder / "none.npz"
+    with pytest.raises(SystemExit) as caught:
+        main(["distill", *(x.format(folder=folder) for x in given), "--out", str(out)])
+    line = capsys.readouterr().err
+    assert caught.value.code == 2 and line.startswith(f"mesoshell: {said.format(folder=folder)}"), line
+    assert line.count("\n") == 1 and not out.exists() and not out.with_suffix("").exists()
 
 
 @pytest.mark.parametrize(
@@ -118,6 +160,9 @@ def test_geometry_is_distilled_too(folder, capsys) -> None:
     [
         (("--spp", "4"), "--spp: is of geometry: a shell is marched"),
         (("--patches", "1"), "--patches: must be at least 2, not 1"),
+        (("--queries", "100"), "--queries: 100 on a cylinder: a step takes 256"),
+        (("--kimg", "0"), "--kimg: must be above 0, not 0"),
+        (("--out", "{folder}/none"), "--out: {folder}/none must end in .npz"),
         (("--thickness", "0"), "--thickness: must be above 0 and below 10, not 0"),
         (("--base", "-1", "0", "0"), "--base: must be finite and not negative"),
         (

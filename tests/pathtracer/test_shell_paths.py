@@ -112,6 +112,17 @@ def test_many_samples_are_lit_like_few(materials) -> None:
     np.testing.assert_allclose(many[..., :3].mean(), few[..., :3].mean(), rtol=0.05)
 
 
+def test_all_densities_that_are_asked_for_are_counted(materials) -> None:
+    """Straight down on lit ground: a ray's samples, and as many on the way from the ground to the light."""
+    down = mi.ScalarTransform4f().look_at([0.5, 0.5, 5], [0.5, 0.5, 0], [0, 1, 0])
+    light = {"type": "directional", "direction": [0, 0, -1], "irradiance": 3.0}
+    white = {"inner": {"type": "diffuse"}}
+    parts = scene(shell(materials, "thin", asked=white), light=light, eye=sensor(to_world=down, fov=5))
+    made = loaded(parts, QUALITY.with_changes(samples=16, skip=0.0, early_stop=0.0))
+    mi.render(made, spp=1).numpy()
+    assert made.integrator().world.queries == 2 * 16 * SIZE**2
+
+
 POINT = {"type": "point", "position": [-0.5, 0.2, 1.5], "intensity": 10.0}
 
 

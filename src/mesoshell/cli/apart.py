@@ -2,8 +2,8 @@
 
 Alphabet
 radius       standard deviation of a pixel's footprint, periods; pixels are two of them apart
-picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under one light: both drawn anew
-             for each. It is as bright as a screen can show it, before BEHIND
+picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under LIGHTS of any direction:
+             all drawn anew for each. It is exposed as a camera does: on average it is middle grey, before what is BEHIND
 error        FLIP of the picture by the material against that by its teacher: 0 is the same, 1 the most
 """
 
@@ -12,12 +12,16 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.cli.description import BOUNCE, FILL
 from mesoshell.io.patches import COLUMNS
 from mesoshell.measure.flip import flip
 from mesoshell.mesostructure.render import FINEST, LEAST, Answers, rows_of
 from mesoshell.mesostructure.tile import Placing
 
-SIDE, PICTURES, BEHIND = 32, 12, 0.25
+SIDE, PICTURES, BEHIND = 32, 24, 0.18
+#: Irradiances of the lights that `mesoshell render` has by itself.
+LIGHTS = (1.0, FILL, BOUNCE)
+GREY, LUMINANCE = 0.18, np.array([0.2126, 0.7152, 0.0722])
 _ALPHA, _RGB = COLUMNS.index("alpha"), slice(COLUMNS.index("r"), COLUMNS.index("b") + 1)
 
 #: Of rows of queries: α, the silhouette cosine and ρ.
@@ -44,20 +48,25 @@ def _error(
     answers: Answers, painter: Painter, curvature: tuple[float, float], radius: float, random: np.random.Generator
 ) -> float:
     placing = Placing(random.uniform(*curvature), random.uniform(0, 2 * np.pi), tuple(random.random(2)))
-    cosine, up, around = random.uniform(LEAST, 1), random.random(), random.uniform(0, 2 * np.pi)
-    level = np.sqrt(1 - up**2)
+    cosine = max(LEAST, random.random() ** 0.5)  # as the pixels of a ball have it
     i = (np.arange(SIDE) + 0.5 - SIDE / 2) * 2 * radius
     n = SIDE**2
     asked = {
         "place": np.stack(np.meshgrid(i, i), axis=-1).reshape(n, 2),
         "radius": np.full(n, radius),
         "toward": np.tile([np.sqrt(1 - cosine**2), 0, cosine], (n, 1)),
-        "light": np.tile([level * np.cos(around), level * np.sin(around), up], (n, 1)),
     }
-    rows = rows_of(placing, asked, answers(placing, asked, 0)[0], 0)
-    alpha, _, rho = painter(rows)
-    bright = max(float(np.quantile(rows[:, _RGB], 0.99)), 1e-6)
-    return flip(_shown(rows[:, _ALPHA], rows[:, _RGB] / bright), _shown(alpha, alpha[:, None] * rho / bright))
+    true, ours = np.zeros((n, 3)), np.zeros((n, 3))
+    for irradiance in LIGHTS:
+        up, around = random.random(), random.uniform(0, 2 * np.pi)
+        level = np.sqrt(1 - up**2)
+        light = np.tile([level * np.cos(around), level * np.sin(around), up], (n, 1))
+        rows = rows_of(placing, asked | {"light": light}, answers(placing, asked | {"light": light}, 0)[0], 0)
+        alpha, _, rho = painter(rows)
+        true += irradiance * rows[:, _RGB]
+        ours += irradiance * alpha[:, None] * rho
+    exposure = GREY / max(float(true.mean(axis=0) @ LUMINANCE), 1e-6)
+    return flip(_shown(rows[:, _ALPHA], exposure * true), _shown(alpha, exposure * ours))
 
 
 def _shown(alpha: Float[np.ndarray, "N"], rgb: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "S S 3"]:

@@ -72,7 +72,7 @@ class Render:
 
     #: Folder of a run, or one of its snapshots.
     object: tyro.conf.Positional[Path]
-    #: Folder for the frames, NNNN.png and NNNN.exr (linear RGBA).
+    #: Folder for the frames, NNNN.png and NNNN.exr (linear RGBA). Those of a longer path rendered there before are removed.
     out: Path
     #: Once around the object, the photographs' cameras, or those that were held out.
     path: Literal["orbit", "photographs", "held-out"] = "orbit"

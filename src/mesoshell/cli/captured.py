@@ -74,9 +74,11 @@ def render(options: Render) -> None:
         rgba = picture(found.config, found.field, found.to_box(camera), how).rgba
         write_exr(options.out / f"{i:04d}.exr", rgba)
         write_png(options.out / f"{i:04d}.png", rgba)
-    for old in options.out.glob("[0-9][0-9][0-9][0-9].*"):  # of a longer path that was rendered here before
-        if int(old.stem) >= len(cameras) and old.suffix in (".exr", ".png"):
+    for old in options.out.glob("[0-9][0-9][0-9][0-9].exr"):  # of a longer path that was rendered here before
+        shown = old.with_suffix(".png")
+        if int(old.stem) >= len(cameras) and shown.exists():
             old.unlink()
+            shown.unlink()
     print(f"{options.out}: {len(cameras)} frames")
 
 

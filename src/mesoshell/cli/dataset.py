@@ -57,7 +57,7 @@ class RenderPatches:
     #: Queries a patch.
     queries: int = 65536
     #: Light paths a query.
-    spp: int = 8
+    spp: int = 16
     #: Depth of the mesostructure over the side of its period; its own if not given (0.12 of images).
     depth: float | None = None
     #: Least and greatest curvature, 1 / period; positive is seen from outside.

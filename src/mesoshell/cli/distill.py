@@ -12,8 +12,8 @@ class Options:
     """Learn a surface material from a neural shell or from geometry: queries are asked of it on cylinders, then fitted. What
     was done is kept in a folder, and a run that was interrupted goes on."""
 
-    #: A bundled shell's name, or a .npz file, with its texture; or geometry: weave, scales, spheres or fibres, or an image
-    #: file with heights.
+    #: A bundled shell's name, or a .npz file or folder, with its texture; or geometry, for which mesoshell[mitsuba] is
+    #: needed: weave, scales, spheres or fibres, or an image file with heights.
     material: tyro.conf.Positional[str]
     #: The bundle to write.
     out: Path
@@ -33,7 +33,7 @@ class Options:
     #: Number of cylinders, and of queries on each. Default: 4096 and 2048 of a shell, 1024 and 8192 of geometry.
     patches: int | None = None
     queries: int | None = None
-    #: Light paths a query, of geometry. Default: 8.
+    #: Light paths a query, of geometry. Default: 16.
     spp: int | None = None
     #: Thousands of queries to learn from; the preset's if not given.
     kimg: float | None = None

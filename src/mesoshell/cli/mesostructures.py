@@ -1,5 +1,6 @@
 """The work of `mesoshell dataset render-patches`: queries for materials with silhouettes."""
 
+import json
 import time
 from pathlib import Path
 
@@ -43,7 +44,11 @@ def written(settings: Settings, answers: Answers, count: int, folder: Path) -> N
     print(f"{folder}: {count - new} patches were there, {new} are new")
     if new:
         rate = new * settings.queries / seconds * 60
-        print(
-            f"{rate / 1e6:.2f} million queries a minute; seconds a patch: geometry {spent['geometry'] / new:.2f}, "
-            f"light {spent['light'] / new:.2f}"
-        )
+        stages = ", ".join(f"{name} {spent[name] / new:.2f}" for name in ("geometry", "light") if spent[name])
+        print(f"{rate / 1e6:.2f} million queries a minute" + (f"; seconds a patch: {stages}" if stages else ""))
+
+
+def planned(folder: Path) -> int | None:
+    """How many patches a dataset was begun with, or none if it was not."""
+    manifest = folder / "manifest.json"
+    return json.loads(manifest.read_text())["count"] if manifest.exists() else None

@@ -16,7 +16,7 @@ class Options:
     #: OBJ, PLY, GLB or STL file; without texture coordinates it is unwrapped. Or, with --engine mitsuba, an XML scene of
     #: Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
-    #: A bundled material's name, or a .npz file.
+    #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
     #: generator also varies geometry: an image of a carpet's lean angle combs it.

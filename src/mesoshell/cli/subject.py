@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from zipfile import is_zipfile
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,10 +11,12 @@ from mesoshell.cli.distill import Options
 from mesoshell.cli.material import given
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
-from mesoshell.io.material import bundled, find, normalised
+from mesoshell.io.material import bundled, digest, find, normalised
+from mesoshell.io.surface import KIND, kind_of
 from mesoshell.mesostructure.render import Answers, Settings, of_geometry
 from mesoshell.mesostructure.sources import PROCEDURES, source
 from mesoshell.shell.scene import ready
+from mesoshell.silhouette.material import SurfaceConfig
 from mesoshell.train.presets import PRESETS
 from mesoshell.train.surface import SurfaceTraining, surface_as
 from mesoshell.train.teach import Teacher, answers
@@ -49,19 +52,22 @@ class ShellSubject(Subject):
 
 def subject(options: Options) -> Subject:
     """What the options name. Raises InputError."""
-    name = options.material
-    if name in PROCEDURES or (Path(name).is_file() and Path(name).suffix != ".npz" and name not in bundled()):
+    name, path = options.material, Path(options.material)
+    if name in bundled() or path.is_dir() or path.suffix == ".npz" or (path.is_file() and is_zipfile(path)):
+        return _shell(options)
+    if name in PROCEDURES or path.is_file():
         return _geometry(options)
-    if name not in bundled() and not Path(name).exists():
-        known = ", ".join((*bundled(), *PROCEDURES))
-        raise InputError(name, f"neither a material's .npz, nor an image of heights, nor one of {known}")
-    return _shell(options)
+    raise InputError(
+        name, f"neither a material, nor an image of heights, nor one of {', '.join((*bundled(), *PROCEDURES))}"
+    )
 
 
 def _shell(options: Options) -> ShellSubject:
     if options.spp is not None:
         raise InputError("--spp", "is of geometry: a shell is marched")
     path = find(options.material)
+    if kind_of(path) == KIND:
+        raise InputError(options.material, "is a surface material already")
     bundle = read_bundle(path)
     if not bundle.baked or not bundle.wraps:
         raise InputError(
@@ -76,25 +82,24 @@ def _shell(options: Options) -> ShellSubject:
         raise InputError("--base", "must be finite and not negative")
     depth, colour = (jnp.asarray(x, jnp.float32) for x in (thickness, base))
     taught = answers(found.layout, Teacher(found.material, jnp.asarray(alpha), depth, colour))
-    about = " ".join([str(path.resolve()), *options.param, *map(str, base)])
+    about = " ".join([options.material, digest(path)[:16], *options.param, *map(str, base)])
     patches, queries = options.patches or OF_SHELL[0], options.queries or OF_SHELL[1]
     settings = Settings(about, thickness, options.curvature or (-1.0, 1.5), queries, 1, 0, WIDEST)
-    config = _config(options)
-    if options.preset != "tiny":
-        config = replace(config, surface=replace(config.surface, hidden=WIDTHS))
-    return ShellSubject(settings, patches, taught, config, bundle, tuple(map(float, alpha)), base)
+    return ShellSubject(settings, patches, taught, _config(options, WIDTHS), bundle, tuple(map(float, alpha)), base)
 
 
 def _geometry(options: Options) -> Subject:
     for name in ("twin", "base", "param"):
         if getattr(options, name):
             raise InputError(f"--{name}", f"is of a shell: {options.material} is geometry")
-    tile, spp = source(options.material, options.thickness), options.spp or 8
+    if (options.thickness or 0) > 1:
+        raise InputError("--thickness", f"of geometry is at most 1, not {options.thickness:g}")
+    tile, spp = source(options.material, options.thickness), options.spp or 16
     patches, queries = options.patches or OF_GEOMETRY[0], options.queries or OF_GEOMETRY[1]
     settings = Settings(options.material, tile.depth, options.curvature or (-1.0, 2.0), queries, spp, 0)
-    return Subject(settings, patches, of_geometry(tile, spp), _config(options))
+    return Subject(settings, patches, of_geometry(tile, spp), _config(options, SurfaceConfig.hidden))
 
 
-def _config(options: Options) -> SurfaceTraining:
-    config = surface_as(PRESETS[options.preset])
+def _config(options: Options, hidden: tuple[int, ...]) -> SurfaceTraining:
+    config = surface_as(PRESETS[options.preset], hidden)
     return config if options.kimg is None else replace(config, kimg=options.kimg)

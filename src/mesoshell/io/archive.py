@@ -62,9 +62,11 @@ def _mapped(folder: Path) -> dict[str, np.ndarray]:
     arrays = {}
     for file in sorted(p for p in folder.rglob("*") if p.is_file()):
         key = file.relative_to(folder).as_posix()
-        if file.suffix != ".npy":
+        if key == "manifest.json":
             arrays[key] = np.frombuffer(read_file(file), np.uint8)
             continue
+        if file.suffix != ".npy":
+            raise InputError(file, "is no part of a material: KEY.npy and manifest.json are")
         try:
             arrays[key.removesuffix(".npy")] = np.load(file, mmap_mode="r", allow_pickle=False)
         except (OSError, ValueError, EOFError) as error:

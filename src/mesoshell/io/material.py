@@ -4,6 +4,7 @@ Alphabet
 α, β        appearance and geometry parameters in the order of the bundle, each normalised to [0, 1] by its range
 """
 
+import hashlib
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
@@ -31,6 +32,16 @@ def find(name: str) -> Path:
         name,
         f"no such material: give a .npz file, a material's folder, or one of {', '.join(bundled()) or '(none bundled)'}",
     )
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a material's bytes: of its file, or of all files of its folder."""
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    total = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            total.update(hashlib.file_digest(stream, "sha256").digest())
+    return total.hexdigest()
 
 
 def check_name(bundle: Bundle, name: str, source: str = "--param") -> None:

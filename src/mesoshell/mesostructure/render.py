@@ -113,7 +113,7 @@ def sample(settings: Settings, answers: Answers, index: int) -> tuple[np.ndarray
     low, high = settings.curvature
     curvature = 0.0 if index % 8 == 7 else random.uniform(low, high)
     placing = Placing(curvature, random.uniform(0, 2 * np.pi), tuple(random.random(2)))
-    asked = questions(settings, random)
+    asked = questions(settings.queries, settings.widest, random)
     found, seconds = answers(placing, asked, int(random.integers(2**31)))
     return rows_of(placing, asked, found, index), seconds
 
@@ -130,16 +130,15 @@ def rows_of(
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
-def questions(settings: Settings, random: np.random.Generator) -> dict[str, np.ndarray]:
+def questions(count: int, widest: float, random: np.random.Generator) -> dict[str, np.ndarray]:
     """What is asked of one patch, as columns (trace.queries)."""
-    count = settings.queries
     cosine = np.where(
         random.random(count) < 0.25, random.uniform(LEAST, GRAZING, count), random.uniform(LEAST, 1, count)
     )
     sine = np.sqrt(1 - cosine**2) * np.where(random.random(count) < 0.5, 1, -1)
     z = random.random(count) * np.where(random.random(count) < 0.25, -1, 1)
     angle, level = random.uniform(0, 2 * np.pi, count), np.sqrt(1 - z**2)
-    wide = FINEST * (settings.widest / FINEST) ** random.random(count)
+    wide = FINEST * (widest / FINEST) ** random.random(count)
     return {
         "place": random.uniform(-0.5, 0.5, (count, 2)),
         "radius": np.where(random.random(count) < 0.5, FINEST, wide),

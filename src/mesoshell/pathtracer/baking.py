@@ -17,6 +17,7 @@ from jaxtyping import Float
 from mesoshell import __version__
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.material import digest
 from mesoshell.shell.chart import fits, patches_of
 
 
@@ -57,7 +58,7 @@ def textured(
 def _made(path: Path, patches: tuple[int, ...], asked: Asked) -> Path:
     options = ["--extent", str(patches[1]), str(patches[0]), "--seed", str(asked.seed), "--texels", str(asked.texels)]
     options += [x for k, v in sorted(asked.values.items()) for x in ("--param", f"{k}={v!r}")]
-    key = hashlib.sha256(path.read_bytes() + repr((__version__, options)).encode()).hexdigest()[:32]
+    key = hashlib.sha256(repr((digest(path), __version__, options)).encode()).hexdigest()[:32]
     file = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesoshell" / "textures" / f"{key}.npz"
     if not file.exists():
         command = [sys.executable, "-m", "mesoshell", "texture", str(path), *options, "--out", str(file)]

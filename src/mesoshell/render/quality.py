@@ -43,8 +43,8 @@ class Quality:
     #: In path tracing, how wide footprints open at an event: of the radius of a circle that the drawn direction's density
     #: stands for. 0 is the camera's own cone; wider blurs what is seen by way of something else.
     bounce_spread: float = 0.25
-    #: FLIP up to which a distilled surface material may stand in for a march; 0 is never. A step of lightness that one can
-    #: just see (L* by 1) is 0.058.
+    #: FLIP, on average, up to which a distilled surface material may stand in for a march; 0 is never. A step of lightness
+    #: that one can just see (L* by 1) is 0.058, and draft allows two.
     twin: float = 0.05
     #: Of surface materials: the least curvature on a "curve" through a hit along the ray, or that at the "point". To see what
     #: these are for: the "mean" of all directions, or that of the curve "unscaled", as if a period were one unit long.

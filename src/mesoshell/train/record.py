@@ -42,6 +42,7 @@ KEPT = (
     "curvature",
     "queries",
     "spp",
+    "widest",
 )
 #: What a run may be resumed with another value of.
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")

@@ -79,11 +79,13 @@ class SurfaceReport(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def surface_as(preset: TrainConfig) -> SurfaceTraining:
-    """A run at a preset's size: `small` and above are 30 000 steps, `mini` 6000, `tiny` is over in a minute."""
+def surface_as(preset: TrainConfig, hidden: tuple[int, ...] = SurfaceConfig.hidden) -> SurfaceTraining:
+    """A run at a preset's size: `small` and above are 30 000 steps, `mini` 6000, `tiny` is over in a minute and has networks
+    of its own. hidden: their layers."""
     if preset.picture.texels < 32:
         return SurfaceTraining(SurfaceConfig(32, hidden=(16, 16)), batch=1024, kimg=200 * 1.024, snapshot_kimg=102.4)
-    return SurfaceTraining() if preset.picture.texels > 32 else SurfaceTraining(kimg=16384 * 6.0)
+    surface = SurfaceConfig(hidden=hidden)
+    return SurfaceTraining(surface) if preset.picture.texels > 32 else SurfaceTraining(surface, kimg=16384 * 6.0)
 
 
 def fitted(config: SurfaceTraining, data: Patches) -> tuple[SurfaceTraining, Patches]:

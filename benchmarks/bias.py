@@ -23,7 +23,7 @@ PLACES = 129
 def bias(name: str, spp: int) -> tuple[float, float]:
     """Of what is learned, relative; at the finest footprints, and at all."""
     tile = source(name)
-    asked = questions(QUERIES, WIDEST, np.random.default_rng(0))
+    asked = questions(QUERIES, WIDEST, 0.5, np.random.default_rng(0))
     fine = asked["radius"] <= FINEST
     learned, mean = [], []
     for curvature in CURVATURES:

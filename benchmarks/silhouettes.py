@@ -101,7 +101,7 @@ def compare(name: str, bundle: Path, mesh: Path, period: float | None, asked: ar
     )
     asked.folder.mkdir(exist_ok=True)
     pair = np.concatenate([over(true), np.ones((asked.side, 6, 3)), over(ours)], axis=1)
-    write_png(asked.folder / f"silhouettes_{name}_{mesh.stem}_{d.period:.3g}_{asked.filter}.png", pair)
+    write_png(asked.folder / f"silhouettes_{Path(name).stem}_{mesh.stem}_{d.period:.3g}_{asked.filter}.png", pair)
 
 
 def over(image: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mesoshell.measure.flip import flip, flip_map
+from mesoshell.render.quality import PRESETS
 
 Y, X = np.mgrid[:40, :56] / 40
 WAVE = np.stack([0.5 + 0.4 * np.sin(9 * X), 0.5 + 0.4 * np.cos(7 * Y), 0.3 + 0.2 * np.sin(11 * (X + Y))], axis=-1)
@@ -44,3 +45,11 @@ def test_more_noise_is_a_greater_difference():
     assert found == sorted(found) and found[-1] > 10 * found[0]
     every = flip_map(WAVE, WAVE + 0.2 * noise)
     assert every.shape == WAVE.shape[:2] and every.min() >= 0 and every.max() <= 1
+
+
+def test_a_step_of_lightness_that_one_can_just_see():
+    """L* by 1, of greys: what the bounds of `Quality.twin` are chosen by, just below one such step and below two."""
+    for lightness in (20, 50, 80):
+        a, b = (np.full((16, 16, 3), ((l + 16) / 116) ** 3) for l in (lightness, lightness + 1))
+        assert flip(a, b) == pytest.approx(0.0575, abs=5e-4)
+    assert PRESETS["normal"].twin < 0.0575 < PRESETS["draft"].twin < 2 * 0.0575 and PRESETS["reference"].twin == 0

@@ -26,6 +26,9 @@ from mesoshell.train.teach import Teacher, answers
 WIDTHS = (64, 64, 64)
 #: Radius of a shell's widest footprints, patches: twice as wide there is next to nothing left that differs from place to place.
 WIDEST = 2.0
+#: Share of queries at the finest footprints beside those of their octave: none, as a twin is there for the wide ones, and what
+#: cannot be learned of the finest disturbs these.
+FINEST = 0.0
 #: Cylinders and queries on each. Curvature and the direction across are a cylinder's: many are better than large ones, but
 #: geometry has to be bent onto each.
 OF_SHELL, OF_GEOMETRY = (4096, 2048), (1024, 8192)
@@ -84,7 +87,7 @@ def _shell(options: Options) -> ShellSubject:
     taught = answers(found.layout, Teacher(found.material, jnp.asarray(alpha), depth, colour))
     about = " ".join([options.material, digest(path)[:16], *options.param, *map(str, base)])
     patches, queries = options.patches or OF_SHELL[0], options.queries or OF_SHELL[1]
-    settings = Settings(about, thickness, options.curvature or (-1.0, 1.5), queries, 1, 0, WIDEST)
+    settings = Settings(about, thickness, options.curvature or (-1.0, 1.5), queries, 1, 0, WIDEST, FINEST)
     return ShellSubject(settings, patches, taught, _config(options, WIDTHS), bundle, tuple(map(float, alpha)), base)
 
 

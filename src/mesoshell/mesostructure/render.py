@@ -5,7 +5,7 @@ Alphabet
 place        in the middle of the patch, one period wide
 ω            across the cylinder's axis, from either side; one in four is GRAZING
 ω′           one in four below the horizon
-radius       one in two at its least, else up to the settings' widest, uniform in its logarithm
+radius       a share of them at its least, the others up to the settings' widest, uniform in the logarithm
 
 A patch depends on the settings and its number alone. A run that was interrupted goes on where it stopped.
 """
@@ -42,7 +42,7 @@ Answers = Callable[[Placing, dict[str, np.ndarray], int], tuple[dict[str, np.nda
 @dataclass(frozen=True)
 class Settings:
     """What two runs must share to write one dataset. source: a procedure, or an image's or a material's file; depth: periods;
-    curvature: least and greatest, 1 / period; widest: radius, periods."""
+    curvature: least and greatest, 1 / period; widest: radius, periods; finest: share of queries at the least radius."""
 
     source: str
     depth: float
@@ -51,6 +51,7 @@ class Settings:
     spp: int
     seed: int
     widest: float = WIDEST
+    finest: float = 0.5
 
 
 def of_geometry(tile: Tile, spp: int) -> Answers:
@@ -113,7 +114,7 @@ def sample(settings: Settings, answers: Answers, index: int) -> tuple[np.ndarray
     low, high = settings.curvature
     curvature = 0.0 if index % 8 == 7 else random.uniform(low, high)
     placing = Placing(curvature, random.uniform(0, 2 * np.pi), tuple(random.random(2)))
-    asked = questions(settings.queries, settings.widest, random)
+    asked = questions(settings.queries, settings.widest, settings.finest, random)
     found, seconds = answers(placing, asked, int(random.integers(2**31)))
     return rows_of(placing, asked, found, index), seconds
 
@@ -130,7 +131,7 @@ def rows_of(
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
-def questions(count: int, widest: float, random: np.random.Generator) -> dict[str, np.ndarray]:
+def questions(count: int, widest: float, finest: float, random: np.random.Generator) -> dict[str, np.ndarray]:
     """What is asked of one patch, as columns (trace.queries)."""
     cosine = np.where(
         random.random(count) < 0.25, random.uniform(LEAST, GRAZING, count), random.uniform(LEAST, 1, count)
@@ -141,7 +142,7 @@ def questions(count: int, widest: float, random: np.random.Generator) -> dict[st
     wide = FINEST * (widest / FINEST) ** random.random(count)
     return {
         "place": random.uniform(-0.5, 0.5, (count, 2)),
-        "radius": np.where(random.random(count) < 0.5, FINEST, wide),
+        "radius": np.where(random.random(count) < finest, FINEST, wide),
         "toward": np.stack([sine, np.zeros(count), cosine], axis=-1),
         "light": np.stack([level * np.cos(angle), level * np.sin(angle), z], axis=-1),
     }

@@ -43,6 +43,7 @@ KEPT = (
     "queries",
     "spp",
     "widest",
+    "finest",
 )
 #: What a run may be resumed with another value of.
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")

@@ -49,6 +49,8 @@ def written(settings: Settings, answers: Answers, count: int, folder: Path) -> N
 
 
 def planned(folder: Path) -> int | None:
-    """How many patches a dataset was begun with, or none if it was not."""
-    manifest = folder / "manifest.json"
-    return json.loads(manifest.read_text())["count"] if manifest.exists() else None
+    """How many patches a dataset was begun with, or none if there is none that can be read."""
+    try:
+        return json.loads((folder / "manifest.json").read_text())["count"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

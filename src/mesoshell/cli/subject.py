@@ -29,8 +29,7 @@ WIDEST = 2.0
 #: Share of queries at the finest footprints beside those of their octave: none. A twin is there for the wide ones, of which the
 #: median query is 4% off so, and 5% with a half.
 FINEST = 0.0
-#: Cylinders and queries on each. Curvature and the direction across are a cylinder's: many are better than large ones, but
-#: geometry has to be bent onto each.
+#: Cylinders and queries on each. Curvature and the direction across are a cylinder's, but geometry has to be bent onto each.
 OF_SHELL, OF_GEOMETRY = (4096, 2048), (1024, 8192)
 
 

@@ -41,8 +41,9 @@ Answers = Callable[[Placing, dict[str, np.ndarray], int], tuple[dict[str, np.nda
 
 @dataclass(frozen=True)
 class Settings:
-    """What two runs must share to write one dataset. source: a procedure, or an image's or a material's file; depth: periods;
-    curvature: least and greatest, 1 / period; widest: radius, periods; finest: share of queries at the least radius."""
+    """What two runs must share to write one dataset. source: a procedure, an image's file, or a material with its digest,
+    parameters and base; depth: periods; curvature: least and greatest, 1 / period; widest: radius, periods; finest: share
+    of queries at the least radius."""
 
     source: str
     depth: float

@@ -26,7 +26,12 @@ def settings(recipe: str, **own) -> dict:
     return shared | {"coverage": None, "patch": None} | own
 
 
-@pytest.fixture(scope="module", params=sorted(RECIPES))
+#: The carpet with fewer parameters: the same blades by the same code.
+RESTRICTED = ("carpet2", "carpet4", "carpet6")
+EACH = [pytest.param(name, marks=pytest.mark.slow if name in RESTRICTED else ()) for name in sorted(RECIPES)]
+
+
+@pytest.fixture(scope="module", params=EACH)
 def made(request, tmp_path_factory) -> tuple[str, Path]:
     folder = tmp_path_factory.mktemp(request.param)
     report = render_dataset(settings(request.param), COUNT, folder, Farm(2, 2), lambda *_: None)

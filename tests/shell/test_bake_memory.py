@@ -19,6 +19,7 @@ SHARE = 0.05
 SIDES = (512, 1024, 2048)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("optimised")
 def test_four_times_the_texture_needs_no_more_memory(tmp_path: Path) -> None:
     sizes = ["--texels", "256", "--base", "512", "--most", "4", "--folder", str(tmp_path)]

@@ -251,6 +251,7 @@ def test_objects_that_shrink_to_nothing_are_refused(capture) -> None:
         fitted(CONFIG, thin)
 
 
+@pytest.mark.slow
 def test_it_learns_a_painted_ball(capture, tmp_path, optimised) -> None:
     """Views that were held out are shown, and the surface lies once, and evenly, in its texture."""
     config = replace(atlas_as(TINY), batch=256, kimg=256 * 0.3)

@@ -109,17 +109,26 @@ def test_geometry_is_distilled_too(folder, capsys) -> None:
         assert surface.provenance["dataset"]["source"] == name
 
 
-def test_a_run_belongs_to_what_it_was_begun_with(folder) -> None:
-    """The shell's bytes, and how many cylinders."""
+def test_a_run_belongs_to_what_it_was_begun_with(folder, capsys) -> None:
+    """The shell's bytes, and how many cylinders; and a manifest that is none is said to be."""
     few = ["--preset", "tiny", "--queries", "16", "--kimg", "2.048", "--out", str(folder / "begun" / "a.npz")]
     shell = folder / "begun.npz"
     shell.write_bytes((folder / "plain.npz").read_bytes())
     main(["distill", str(shell), *few, "--patches", "2"])
-    for patches, material in (("3", "plain.npz"), ("2", "both.npz")):
+    queries = folder / "begun" / "a" / "queries"
+    manifest, text = queries / "manifest.json", (queries / "manifest.json").read_text()
+    for patches, material, written, said in (
+        ("3", "plain.npz", text, f"--patches: {queries} was begun with 2, not 3"),
+        ("2", "both.npz", text, f"{manifest}: has source "),
+        ("2", "plain.npz", "{", f"{manifest}: not a manifest"),
+    ):
         shell.write_bytes((folder / material).read_bytes())
+        manifest.write_text(written)
+        capsys.readouterr()
         with pytest.raises(SystemExit) as caught:
             main(["distill", str(shell), *few, "--patches", patches])
-        assert caught.value.code == 2
+        line = capsys.readouterr().err
+        assert caught.value.code == 2 and line.startswith(f"mesoshell: {said}") and line.count("\n") == 1, line
 
 
 @pytest.mark.parametrize("preset, widths", [("small", (64, 64, 64)), ("mini", (64, 64, 64)), ("tiny", (16, 16))])

@@ -37,7 +37,7 @@ class Options:
     spp: int | None = None
     #: Thousands of queries to learn from; the preset's if not given.
     kimg: float | None = None
-    #: tiny shows that all works; mini takes a fifth of small's steps; small is half an hour on two cores, more of a shell.
+    #: tiny shows that all works; mini takes twenty minutes of two cores, thirty of a shell; small has five times its steps.
     preset: Literal["tiny", "mini", "small"] = "small"
 
 

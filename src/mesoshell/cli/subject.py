@@ -9,6 +9,7 @@ import numpy as np
 
 from mesoshell.cli.distill import Options
 from mesoshell.cli.material import given
+from mesoshell.cli.render import Options as Render
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import bundled, digest, find, normalised
@@ -79,7 +80,7 @@ def _shell(options: Options) -> ShellSubject:
     if maps:
         raise InputError("--param", f"{next(iter(maps))} is an image: a surface material is the same everywhere")
     alpha, found = normalised(bundle, values), ready(bundle)
-    thickness, base = options.thickness or 0.5, options.base or (0.09, 0.06, 0.035)
+    thickness, base = options.thickness or 0.5, options.base or Render.base
     if not all(np.isfinite(v) and v >= 0 for v in base):
         raise InputError("--base", "must be finite and not negative")
     depth, colour = (jnp.asarray(x, jnp.float32) for x in (thickness, base))

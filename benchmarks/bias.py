@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 
-from mesoshell.mesostructure.render import FINEST, REACH, WIDEST, questions
+from mesoshell.mesostructure.render import FINEST, REACH, Settings, questions
 from mesoshell.mesostructure.sources import PROCEDURES, source
 from mesoshell.mesostructure.tile import Placing
 from mesoshell.mesostructure.trace import Patch, queries
@@ -23,7 +23,7 @@ PLACES = 129
 def bias(name: str, spp: int) -> tuple[float, float]:
     """Of what is learned, relative; at the finest footprints, and at all."""
     tile = source(name)
-    asked = questions(QUERIES, WIDEST, 0.5, np.random.default_rng(0))
+    asked = questions(Settings("", 0.0, (0.0, 0.0), QUERIES, 1, 0), np.random.default_rng(0))
     fine = asked["radius"] <= FINEST
     learned, mean = [], []
     for curvature in CURVATURES:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesoshell.cli.apart import LIGHTS, PICTURES, SIDE, errors_by_radius, radii
+from mesoshell.cli.apart import LIGHTS, PICTURES, RAYS, SIDE, errors_by_radius, radii
 from mesoshell.io.patches import COLUMNS
 from mesoshell.mesostructure.render import FINEST
 from mesoshell.mesostructure.tile import Placing
@@ -44,9 +44,9 @@ def painter(scale: float, opacity: float = 1.0):
 def test_the_same_is_no_different() -> None:
     """And every octave is asked for, with directions, curvature and lights of its own."""
     answers, seen = painter(1.0)
-    found = errors_by_radius(teacher, answers, CURVATURE, WIDEST)
+    found = errors_by_radius(teacher, answers, CURVATURE, FINEST, WIDEST)
     octaves = [r for r, _ in found]
-    assert octaves == list(radii(WIDEST)) and (octaves[0], octaves[-1], len(octaves)) == (FINEST, WIDEST, 9)
+    assert octaves == list(radii(FINEST, WIDEST)) and (octaves[0], octaves[-1], len(octaves)) == (FINEST, WIDEST, 9)
     assert max(e for _, e in found) < 1e-3
     assert len(seen) == PICTURES * len(octaves) * len(LIGHTS) and all(len(rows) == SIDE**2 for rows in seen)
     kappa = np.array([rows[0, C["kappa"]] for rows in seen])
@@ -61,12 +61,26 @@ def test_the_same_is_no_different() -> None:
 
 @pytest.mark.parametrize("off", [{"scale": 0.95}, {"scale": 1.05}, {"scale": 1.0, "opacity": 0.9}])
 def test_what_is_wrong_is_seen(off: dict[str, Any]) -> None:
-    errors = [e for _, e in errors_by_radius(teacher, painter(**off)[0], CURVATURE, WIDEST)]
+    errors = [e for _, e in errors_by_radius(teacher, painter(**off)[0], CURVATURE, FINEST, WIDEST)]
     assert 0.005 < min(errors) < max(errors) < 0.3
 
 
 def test_more_wrong_looks_more_different() -> None:
     rising = [
-        np.mean([e for _, e in errors_by_radius(teacher, painter(s)[0], CURVATURE, WIDEST)]) for s in (0.98, 0.9, 0.7)
+        np.mean([e for _, e in errors_by_radius(teacher, painter(s)[0], CURVATURE, FINEST, WIDEST)])
+        for s in (0.98, 0.9, 0.7)
     ]
     assert rising[0] < 0.5 * rising[1] < 0.5 * rising[2]
+
+
+def test_a_teacher_that_is_grainy_is_asked_several_times() -> None:
+    """Its mean is the same: what is left is the grain over the root of how many rays."""
+
+    def grainy(placing: Placing, asked: dict[str, np.ndarray], seed: int):
+        found, spent = teacher(placing, asked, seed)
+        grain = np.random.default_rng(seed).choice([0.8, 1.2], size=(len(asked["radius"]), 1))
+        return found | {"reflectance": grain * found["reflectance"]}, spent
+
+    errors = [e for _, e in errors_by_radius(grainy, painter(1.0)[0], CURVATURE, FINEST, WIDEST)]
+    once = [e for _, e in errors_by_radius(teacher, painter(0.8)[0], CURVATURE, FINEST, WIDEST)]
+    assert 1e-3 < max(errors) < 2 * max(once) / RAYS**0.5

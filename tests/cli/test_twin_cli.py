@@ -14,6 +14,7 @@ from mesoshell.cli.main import main
 from mesoshell.cli.subject import subject
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.image import read_exr
+from mesoshell.io.patches import COLUMNS, read_patches
 from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.io.twin import Twin
 from tests.silhouette import wearing
@@ -83,18 +84,28 @@ def test_nor_one_that_bends_more_than_was_learned(folder) -> None:
 
 
 def test_distill_makes_both_files(folder, capsys) -> None:
-    """Half a minute's worth; and it is what the shell looks like, from where footprints are a patch, to its own bound."""
+    """Or one of them. The twin is of wide footprints alone, with a bound for each octave of these."""
+    few = ["--preset", "tiny", "--patches", "4", "--queries", "2048", "--kimg", "20.48", "--param", "dryness=1"]
     out, both = folder / "d" / "surface.npz", folder / "d" / "twin.npz"
-    given = ["--preset", "tiny", "--patches", "4", "--queries", "2048", "--kimg", "20.48", "--param", "dryness=1"]
-    main(["distill", str(folder / "plain.npz"), "--out", str(out), "--twin", str(both), *given])
-    assert capsys.readouterr().out.splitlines()[-2:] == [str(out), str(both)]
+    main(["distill", str(folder / "plain.npz"), "--out", str(out), "--twin", str(both), *few])
+    assert capsys.readouterr().out.splitlines()[-1] == str(both)
     surface, bundle = read_surface(out), read_bundle(both)
-    assert surface.depth == 0.5 and surface.curvature == (-1.0, 1.5) and bundle.twin is not None
+    assert surface.depth == 0.5 and surface.curvature == (-1.0, 1.5) and surface.texels == 32
+    assert bundle.twin is not None and bundle.twin.surface.texels == 4
     assert bundle.twin.alpha == (0.5,) and bundle.twin.base == BASE
-    for key, array in surface.arrays.items():
-        np.testing.assert_array_equal(bundle.twin.surface.arrays[key], array)
     radii, errors = np.array(bundle.twin.errors).T
-    assert (np.diff(radii) > 0).all() and radii[-1] == 2 and np.isfinite(errors).all() and (errors > 0).all()
+    np.testing.assert_array_equal(radii, [0.25, 0.5, 1, 2])
+    assert np.isfinite(errors).all() and (errors > 0).all()
+    asked = [read_patches(folder / "d" / "surface" / run / "queries") for run in ("", "afar")]
+    assert [d.manifest["narrowest"] for d in asked] == [1 / 512, 0.25]
+    for data, (low, high) in zip(asked, ((1 / 512, 0.01), (0.25, 0.27)), strict=True):
+        least = min(rows[:, COLUMNS.index("radius")].min() for rows in data.patches)
+        assert low <= least * (1 + 1e-6) and least < high
+    main(["distill", str(folder / "plain.npz"), "--twin", str(folder / "d" / "alone.npz"), *few])
+    alone = read_bundle(folder / "d" / "alone.npz").twin
+    assert alone is not None and alone.errors == bundle.twin.errors
+    for key, array in alone.surface.arrays.items():
+        np.testing.assert_array_equal(bundle.twin.surface.arrays[key], array)
 
 
 def test_geometry_is_distilled_too(folder, capsys) -> None:
@@ -164,6 +175,13 @@ def test_what_cannot_be_learned_from_is_one_line(folder, capsys, given: tuple[st
     assert line.count("\n") == 1 and not out.exists() and not out.with_suffix("").exists()
 
 
+def test_something_must_be_asked_for(folder, capsys) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["distill", str(folder / "plain.npz")])
+    assert caught.value.code == 2
+    assert capsys.readouterr().err == "mesoshell: --out: or --twin must name a file to write\n"
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [
@@ -172,6 +190,7 @@ def test_what_cannot_be_learned_from_is_one_line(folder, capsys, given: tuple[st
         (("--queries", "100"), "--queries: 100 on a cylinder: a step takes 256"),
         (("--kimg", "0"), "--kimg: must be above 0, not 0"),
         (("--out", "{folder}/none"), "--out: {folder}/none must end in .npz"),
+        (("--twin", "{folder}/none.txt"), "--twin: {folder}/none.txt must end in .npz"),
         (("--thickness", "0"), "--thickness: must be above 0 and below 10, not 0"),
         (("--base", "-1", "0", "0"), "--base: must be finite and not negative"),
         (

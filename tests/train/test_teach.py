@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesoshell.mesostructure.tile import bent
-from mesoshell.shell.field import Field
-from mesoshell.train.teach import SAMPLES, Lay, Lesson, Teacher, answer, frame, span
+from mesoshell.mesostructure.tile import Placing, bent
+from mesoshell.shell.field import Field, Layout
+from mesoshell.train import teach
+from mesoshell.train.teach import BATCH, SAMPLES, Lay, Lesson, Teacher, answer, answers, frame, span
 
 DEPTH = 0.4
 TURN, SHIFT, PLACE = 0.7, np.array([0.3, -0.2]), np.array([0.1, 0.25])
@@ -153,3 +154,28 @@ def test_the_texture_lies_turned_and_shifted() -> None:
         missed = answer(field, teacher(), lay(curvature), lesson._replace(place=lesson.place + 0.2))
         np.testing.assert_allclose(hit[:3], 1, rtol=1e-4)
         np.testing.assert_allclose(missed[:3], 0, atol=1e-6)
+
+
+def test_a_footprint_is_about_the_place_on_the_surface(monkeypatch) -> None:
+    """However flat a ray is: half of the variance is the filter's, half where rays are marched; seeds draw others."""
+    seen: list[Lesson] = []
+    monkeypatch.setattr(teach, "_taught", lambda layout, teacher, lay, part: seen.append(part) or np.zeros((BATCH, 4)))
+    n = 3 * BATCH - 5
+    columns = {
+        "place": np.tile(PLACE, (n, 1)),
+        "radius": np.full(n, 0.5),
+        "toward": np.tile(unit(1, 0, 0.05), (n, 1)),
+        "light": np.tile(unit(0, 0, 1), (n, 1)),
+    }
+    of = answers(Layout(((1, 1),), ((1, 1),), 1.0, 0), teacher())
+    drawn = []
+    for seed in (0, 0, 1):
+        seen.clear()
+        found, _ = of(Placing(0.5, TURN, (0.3, -0.2)), columns, seed)
+        assert found["alpha"].shape == (n, 1) and found["reflectance"].shape == (n, 3)
+        drawn.append(np.concatenate([part.place for part in seen])[:n])
+        np.testing.assert_allclose(np.concatenate([part.radius for part in seen]), 0.5 / np.sqrt(2), rtol=1e-6)
+    np.testing.assert_array_equal(drawn[0], drawn[1])
+    assert np.abs(drawn[2] - drawn[0]).min(axis=0).max() > 0
+    np.testing.assert_allclose(np.cov(drawn[0].T), 0.125 * np.eye(2), atol=0.02)
+    np.testing.assert_allclose(drawn[0].mean(axis=0), PLACE, atol=0.03)

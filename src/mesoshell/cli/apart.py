@@ -3,7 +3,8 @@
 Alphabet
 radius       standard deviation of a pixel's footprint, periods; pixels are two of them apart
 picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under LIGHTS of any direction:
-             all drawn anew for each. It is exposed as a camera does: on average it is middle grey, before what is BEHIND
+             all drawn anew for each. It is exposed as a camera does: on average it is middle grey, before what is BEHIND.
+             The teacher's is the mean of RAYS a pixel
 error        FLIP of the picture by the material against that by its teacher: 0 is the same, 1 the most
 """
 
@@ -15,10 +16,10 @@ from jaxtyping import Float
 from mesoshell.cli.description import BOUNCE, FILL
 from mesoshell.io.patches import COLUMNS
 from mesoshell.measure.flip import flip
-from mesoshell.mesostructure.render import FINEST, LEAST, Answers, rows_of
+from mesoshell.mesostructure.render import LEAST, Answers, rows_of
 from mesoshell.mesostructure.tile import Placing
 
-SIDE, PICTURES, BEHIND = 32, 24, 0.18
+SIDE, PICTURES, RAYS, BEHIND = 32, 24, 8, 0.18
 #: Irradiances of the lights that `mesoshell render` has by itself.
 LIGHTS = (1.0, FILL, BOUNCE)
 GREY, LUMINANCE = 0.18, np.array([0.2126, 0.7152, 0.0722])
@@ -29,19 +30,19 @@ Painter = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 def errors_by_radius(
-    answers: Answers, painter: Painter, curvature: tuple[float, float], widest: float
+    answers: Answers, painter: Painter, curvature: tuple[float, float], narrowest: float, widest: float
 ) -> tuple[tuple[float, float], ...]:
-    """(radius, error), octaves up to the widest that was trained: the mean over pictures and 1.96 standard errors."""
+    """(radius, error), octaves of what was trained: the mean over pictures and 1.96 standard errors."""
     found = []
-    for k, radius in enumerate(radii(widest)):
+    for k, radius in enumerate(radii(narrowest, widest)):
         each = [_error(answers, painter, curvature, radius, np.random.default_rng([k, i])) for i in range(PICTURES)]
         found.append((radius, float(np.mean(each) + 1.96 * np.std(each, ddof=1) / PICTURES**0.5)))
     return tuple(found)
 
 
-def radii(widest: float) -> tuple[float, ...]:
-    """Octaves from the finest radius, or just above it, to the widest."""
-    return tuple(float(r) for r in widest / 2.0 ** np.arange(int(np.log2(widest / FINEST)), -1, -1))
+def radii(narrowest: float, widest: float) -> tuple[float, ...]:
+    """Octaves from the narrowest radius, or just above it, to the widest."""
+    return tuple(float(r) for r in widest / 2.0 ** np.arange(int(np.log2(widest / narrowest)), -1, -1))
 
 
 def _error(
@@ -61,7 +62,9 @@ def _error(
         up, around = random.random(), random.uniform(0, 2 * np.pi)
         level = np.sqrt(1 - up**2)
         light = np.tile([level * np.cos(around), level * np.sin(around), up], (n, 1))
-        rows = rows_of(placing, asked | {"light": light}, answers(placing, asked | {"light": light}, 0)[0], 0)
+        lit, seeds = asked | {"light": light}, random.integers(2**31, size=RAYS)
+        each = [rows_of(placing, lit, answers(placing, lit, int(seed))[0], 0) for seed in seeds]
+        rows = np.mean(each, axis=0)
         alpha, _, rho = painter(rows)
         true += irradiance * rows[:, _RGB]
         ours += irradiance * alpha[:, None] * rho

@@ -15,12 +15,12 @@ class Options:
     #: A bundled shell's name, or a .npz file or folder, with its texture; or geometry, for which mesoshell[mitsuba] is
     #: needed: weave, scales, spheres or fibres, or an image file with heights.
     material: tyro.conf.Positional[str]
-    #: The bundle to write.
-    out: Path
-    #: Of a shell, a further file: its bundle with the surface material in it, of which `mesoshell render` takes the latter
-    #: where footprints are so wide that it is as good.
+    #: The surface material to write.
+    out: Path | None = None
+    #: Of a shell, its bundle with a surface material of wide footprints in it, which `mesoshell render` takes where it looks
+    #: as the march does. Instead of --out, or as well.
     twin: Path | None = None
-    #: Folder of queries, checkpoints and log; OUT without .npz if not given.
+    #: Folder of queries, checkpoints and log; OUT, or TWIN, without .npz if not given.
     run: Path | None = None
     #: NAME=VALUE of the shell's parameters; may be repeated. A surface material has none of its own.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()

@@ -26,10 +26,10 @@ from mesoshell.train.teach import Teacher, answers
 #: network of 24 numbers a layer learned the median query to 4%, this to 2%.
 WIDTHS = (64, 64, 64)
 #: Radius of a shell's widest footprints, patches: twice as wide there is next to nothing left that differs from place to place.
-WIDEST = 2.0
-#: Share of queries at the finest footprints beside those of their octave: none. A twin is there for the wide ones, of which the
-#: median query is 4% off so, and 5% with a half.
-FINEST = 0.0
+#: And of the narrowest of its twin, which is there for wide ones alone: nearer, networks of this size look too different.
+WIDEST, NARROWEST = 2.0, 0.25
+#: Texels of a twin along a patch: its narrowest footprints read two of them.
+TEXELS = 4
 #: Cylinders and queries on each. Curvature and the direction across are a cylinder's, but geometry has to be bent onto each.
 OF_SHELL, OF_GEOMETRY = (4096, 2048), (1024, 8192)
 
@@ -87,8 +87,14 @@ def _shell(options: Options) -> ShellSubject:
     taught = answers(found.layout, Teacher(found.material, jnp.asarray(alpha), depth, colour))
     about = " ".join([options.material, digest(path)[:16], *options.param, *map(str, base)])
     patches, queries = options.patches or OF_SHELL[0], options.queries or OF_SHELL[1]
-    settings = Settings(about, thickness, options.curvature or (-1.0, 1.5), queries, 1, 0, WIDEST, FINEST)
+    settings = Settings(about, thickness, options.curvature or (-1.0, 1.5), queries, 1, 0, widest=WIDEST, finest=0.0)
     return ShellSubject(settings, patches, taught, _config(options, WIDTHS), bundle, tuple(map(float, alpha)), base)
+
+
+def from_afar(subject: ShellSubject) -> ShellSubject:
+    """What a twin is distilled from: wide footprints alone."""
+    config = replace(subject.config, surface=replace(subject.config.surface, texels=TEXELS))
+    return replace(subject, settings=replace(subject.settings, narrowest=NARROWEST), config=config)
 
 
 def _geometry(options: Options) -> Subject:

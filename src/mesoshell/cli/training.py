@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mesoshell.cli.compiled import keep_compiled
+from mesoshell.cli.memory import keep_memory
 from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
 from mesoshell.measure.operations import count_operations
@@ -50,6 +51,7 @@ def learn(
     transfer: Path | None = None,
 ) -> None:
     """Train, with a bar and lines on the console; exit status 1 if something is not finite."""
+    keep_memory()
     console = Console(stderr=True, highlight=False)
     for warning in getattr(dataset, "warnings", ()):
         console.print(f"warning: {dataset.folder}: {warning}", soft_wrap=True, markup=False)

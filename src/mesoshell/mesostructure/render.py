@@ -5,7 +5,7 @@ Alphabet
 place        in the middle of the patch, one period wide
 ω            across the cylinder's axis, from either side; one in four is GRAZING
 ω′           one in four below the horizon
-radius       a share of them at its least, the others up to the settings' widest, uniform in the logarithm
+radius       a share of them at the settings' narrowest, the others up to the widest, uniform in the logarithm
 
 A patch depends on the settings and its number alone. A run that was interrupted goes on where it stopped.
 """
@@ -29,7 +29,7 @@ from mesoshell.mesostructure.tile import Placing, Tile
 VERSION = 2
 #: Of ω_z: the least, and the greatest of rays that graze.
 LEAST, GRAZING = 0.03, 0.35
-#: Of radii, periods; the widest of geometry, of which there is REACH.
+#: Of radii, periods: the narrowest, and the widest of geometry, of which there is REACH.
 FINEST, WIDEST = 1 / 512, 1 / 4
 #: What there is of the mesostructure about the middle, across the axis and along it, periods.
 REACH = (2.5, 2.0)
@@ -42,8 +42,8 @@ Answers = Callable[[Placing, dict[str, np.ndarray], int], tuple[dict[str, np.nda
 @dataclass(frozen=True)
 class Settings:
     """What two runs must share to write one dataset. source: a procedure, an image's file, or a material with its digest,
-    parameters and base; depth: periods; curvature: least and greatest, 1 / period; widest: radius, periods; finest: share
-    of queries at the least radius."""
+    parameters and base; depth: periods; curvature: least and greatest, 1 / period; narrowest, widest: radii, periods;
+    finest: share of queries at the narrowest."""
 
     source: str
     depth: float
@@ -51,6 +51,7 @@ class Settings:
     queries: int
     spp: int
     seed: int
+    narrowest: float = FINEST
     widest: float = WIDEST
     finest: float = 0.5
 
@@ -115,7 +116,7 @@ def sample(settings: Settings, answers: Answers, index: int) -> tuple[np.ndarray
     low, high = settings.curvature
     curvature = 0.0 if index % 8 == 7 else random.uniform(low, high)
     placing = Placing(curvature, random.uniform(0, 2 * np.pi), tuple(random.random(2)))
-    asked = questions(settings.queries, settings.widest, settings.finest, random)
+    asked = questions(settings, random)
     found, seconds = answers(placing, asked, int(random.integers(2**31)))
     return rows_of(placing, asked, found, index), seconds
 
@@ -132,18 +133,19 @@ def rows_of(
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
-def questions(count: int, widest: float, finest: float, random: np.random.Generator) -> dict[str, np.ndarray]:
+def questions(settings: Settings, random: np.random.Generator) -> dict[str, np.ndarray]:
     """What is asked of one patch, as columns (trace.queries)."""
+    count, narrowest = settings.queries, settings.narrowest
     cosine = np.where(
         random.random(count) < 0.25, random.uniform(LEAST, GRAZING, count), random.uniform(LEAST, 1, count)
     )
     sine = np.sqrt(1 - cosine**2) * np.where(random.random(count) < 0.5, 1, -1)
     z = random.random(count) * np.where(random.random(count) < 0.25, -1, 1)
     angle, level = random.uniform(0, 2 * np.pi, count), np.sqrt(1 - z**2)
-    wide = FINEST * (widest / FINEST) ** random.random(count)
+    wide = narrowest * (settings.widest / narrowest) ** random.random(count)
     return {
         "place": random.uniform(-0.5, 0.5, (count, 2)),
-        "radius": np.where(random.random(count) < finest, FINEST, wide),
+        "radius": np.where(random.random(count) < settings.finest, narrowest, wide),
         "toward": np.stack([sine, np.zeros(count), cosine], axis=-1),
         "light": np.stack([level * np.cos(angle), level * np.sin(angle), z], axis=-1),
     }

@@ -42,6 +42,7 @@ KEPT = (
     "curvature",
     "queries",
     "spp",
+    "narrowest",
     "widest",
     "finest",
 )

@@ -26,7 +26,7 @@ from mesoshell.train.record import keep_record, read_record
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.step import Across
 from mesoshell.train.surface import (
-    FINE,
+    COARSE,
     FREEZE,
     HELD,
     SHRINK,
@@ -51,7 +51,7 @@ from tests.silhouette import wearing
 pytestmark = pytest.mark.xdist_group("train_surface")
 
 CONFIG = SurfaceTraining(
-    SurfaceConfig(8, 3, (8,)), batch=256, kimg=256 * 0.1, snapshot_kimg=256 * 0.05, curvature=(-1.0, 2.0)
+    SurfaceConfig(8, 3, (8,)), batch=256, kimg=256 * 0.1, snapshot_kimg=256 * 0.05, curvature=(-1.0, 2.0), fine=COARSE
 )
 FORMS = ("direct", "cosine", "none")
 
@@ -247,7 +247,7 @@ def test_losses_and_their_slopes(opacity: Any, share: float) -> None:
 
     both = jax.jit(lambda s, b: (step(config, s, b, Across(mean=overheard)), heard[0][1]))
     (_, report), gradient = both(state, batch)
-    blur = WIDE * (FINE / WIDE) ** min(share / SHRINK, 1)
+    blur = WIDE * (COARSE / WIDE) ** min(share / SHRINK, 1)
     begun, random = as_bundle(config, lively), np.random.default_rng(3)
     wanted = losses_of(begun, blur, batch)
     np.testing.assert_allclose([report.reflectance, report.opacity], wanted, rtol=1e-4)
@@ -267,13 +267,21 @@ def test_losses_and_their_slopes(opacity: Any, share: float) -> None:
 
 def test_the_blur_goes_from_wide_to_fine_geometrically() -> None:
     def at(share: float) -> float:
-        return float(blur_at(jnp.float32(share)))
+        return float(blur_at(CONFIG, jnp.float32(share)))
 
-    np.testing.assert_allclose(
-        [at(0), at(SHRINK / 2), at(SHRINK), at(0.9), at(7.0)], [8, 0.8**0.5, 0.1, 0.1, 0.1], rtol=1e-5
-    )
+    np.testing.assert_allclose([at(0), at(SHRINK / 2), at(SHRINK), at(0.9), at(7.0)], [8, 8**0.5, 1, 1, 1], rtol=1e-5)
     steps = [at(x) for x in np.linspace(0, SHRINK, 7)]
-    np.testing.assert_allclose(np.diff(np.log(steps)), np.log(FINE / WIDE) / 6, rtol=1e-4)
+    np.testing.assert_allclose(np.diff(np.log(steps)), np.log(COARSE / WIDE) / 6, rtol=1e-4)
+
+
+@pytest.mark.parametrize("each, fine", [(8, 1.0), (512, 0.5), (2048, 0.25), (12800, 0.1), (51200, 0.1)])
+def test_the_fewer_queries_the_wider_the_least_blur(data, each: int, fine: float) -> None:
+    """As many queries a texel are learned from; those that are held out count for nothing."""
+    rows = np.zeros((each, 16), np.float32)
+    config = replace(CONFIG, surface=replace(CONFIG.surface, texels=1))
+    found, _ = fitted(config, replace(data, patches=(rows, rows)))
+    assert found.fine == pytest.approx(fine) and found == replace(config, curvature=found.curvature, fine=found.fine)
+    assert float(blur_at(found, jnp.float32(1))) == pytest.approx(fine)
 
 
 def test_devices_that_hold_rows_of_their_own_agree_with_one() -> None:
@@ -329,7 +337,7 @@ def test_a_known_constant_is_learned(opacity: Any) -> None:
 
     state, losses = learned(config, [batch_of(answer, seed=k) for k in range(6)], 150)
     fresh = batch_of(answer, seed=99)
-    found, made = answered(config, state.surface, fresh, FINE)
+    found, made = answered(config, state.surface, fresh, COARSE)
     assert losses[-1][0] < 0.1 * losses[0][0]
     assert np.median(np.abs(np.asarray(made) / rho - 1)) < 0.05
     if opacity == "direct":
@@ -466,7 +474,7 @@ def test_a_snapshot_is_the_material_as_it_is(data, tmp_path, opacity: Any) -> No
     rows = np.asarray(data.patches[0])
     alpha, cosine, rho = painter(config, tmp_path / "a.npz")(rows)
     batch = jax.tree.map(jnp.asarray, asked(rows))
-    wanted, wanted_rho = answered(config, lively, batch, WIDE * (FINE / WIDE) ** 0.5)
+    wanted, wanted_rho = answered(config, lively, batch, WIDE * (COARSE / WIDE) ** 0.5)
     assert np.asarray(wanted_rho).std() > 1e-3
     np.testing.assert_allclose(alpha, wanted.alpha, atol=2e-3 if opacity != "cosine" else 0.05)
     np.testing.assert_allclose(cosine, wanted.cosine, atol=1e-3)

@@ -38,7 +38,7 @@ def save(path: Path, config: SurfaceTraining, data: Patches, state: SurfaceState
 
 def bundle(config: SurfaceTraining, data: Patches, state: SurfaceState) -> SurfaceBundle:
     """The material as a bundle: half-precision textures, blurred."""
-    blur = jnp.maximum(blur_at(state.images.astype(jnp.float32) / (config.kimg * 1000)), 1e-3)
+    blur = jnp.maximum(blur_at(config, state.images.astype(jnp.float32) / (config.kimg * 1000)), 1e-3)
     arrays: dict[str, np.ndarray] = {}
     for name, module in state.surface._asdict().items():
         for i, level in enumerate(module.texture):
@@ -103,7 +103,7 @@ def sheet(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Float[
 
 @partial(jax.jit, static_argnums=0)
 def _current(config: SurfaceTraining, state: SurfaceState, batch: Asked) -> Any:
-    return ask(config, state.surface, batch, blur_at(state.images.astype(jnp.float32) / (config.kimg * 1000)))
+    return ask(config, state.surface, batch, blur_at(config, state.images.astype(jnp.float32) / (config.kimg * 1000)))
 
 
 @partial(jax.jit, static_argnums=0)

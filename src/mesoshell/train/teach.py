@@ -10,9 +10,9 @@ s            arc length on the bounding surface: atan2(κx, 1 + κz) / κ
 G            D (2 − κD): the body is met where κt² − 2 ω_z t + G = 0, the surface again where t = 2 ω_z / κ
 J            columns (1 + κη) ŝ, ŷ, D n̂: from canonical (u, v, h) of the shell, h = 1 + η/D, to patches
 
-A query's footprint is a Gaussian about its place on the bounding surface (mesostructure/trace): half of its variance is the
-filter's of the ray that is marched, half the ray's own place, at random: at flat angles the filter alone leaves out what lies
-beside the ray.
+A query's footprint is a Gaussian about its place on the bounding surface (mesostructure/trace): three quarters of its
+variance are the filter's of the ray that is marched, a quarter the ray's own place, at random: at flat angles the filter alone
+leaves out what lies beside the ray.
 
 Samples are spaced equally in t and stand for their canonical length, as in training. What the bare surface beneath reflects
 comes through the shell twice; its own way to the light is that of a flat shell (shell/lighting).
@@ -71,9 +71,9 @@ def answers(layout: Layout, teacher: Teacher):
         c, s = np.cos(placing.turn), np.sin(placing.turn)
         values = placing.curvature, np.array([[c, -s], [s, c]]), np.array(placing.shift)
         lay = Lay(*(jnp.asarray(x, jnp.float32) for x in values))
-        count, radius = len(asked["radius"]), asked["radius"] / 2**0.5
-        place = asked["place"] + radius[:, None] * np.random.default_rng(seed).standard_normal((count, 2))
-        lessons = Lesson(*(np.asarray(x, np.float32) for x in (place, radius, asked["toward"], asked["light"])))
+        count, half = len(asked["radius"]), asked["radius"] / 2
+        place = asked["place"] + half[:, None] * np.random.default_rng(seed).standard_normal((count, 2))
+        lessons = Lesson(*(np.asarray(x, np.float32) for x in (place, 3**0.5 * half, asked["toward"], asked["light"])))
         padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[:1], -count % BATCH, axis=0)]), lessons)
         rgba = np.concatenate([_taught(layout, teacher, lay, part) for part in _parts(padded)])[:count]
         grazing = max(placing.curvature * float(teacher.depth) * (2 - placing.curvature * float(teacher.depth)), 0.0)

@@ -83,9 +83,10 @@ def test_nor_one_that_bends_more_than_was_learned(folder) -> None:
     assert not record["effects"]["twin"]["on"]
 
 
-def test_distill_makes_both_files(folder, capsys) -> None:
+def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
     """Or one of them. The twin is of wide footprints alone, with a bound for each octave of these."""
-    few = ["--preset", "tiny", "--patches", "4", "--queries", "2048", "--kimg", "20.48", "--param", "dryness=1"]
+    monkeypatch.setattr("mesoshell.cli.apart.PICTURES", 2)
+    few = ["--preset", "tiny", "--patches", "2", "--queries", "256", "--kimg", "4.096", "--param", "dryness=1"]
     out, both = folder / "d" / "surface.npz", folder / "d" / "twin.npz"
     main(["distill", str(folder / "plain.npz"), "--out", str(out), "--twin", str(both), *few])
     assert capsys.readouterr().out.splitlines()[-1] == str(both)

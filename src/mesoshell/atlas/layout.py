@@ -20,6 +20,8 @@ from mesoshell.typing import Array, Float, Vec2, Vec3
 
 Layout = Literal["cubemap", "latlong", "square"]
 LAYOUTS: tuple[Layout, ...] = ("cubemap", "latlong", "square")
+#: Of a component that might as well be 0.
+TINY = 1e-30
 #: Of each square of the cubemap: what lies to the right, upward, and ahead.
 FACES = np.array(
     [
@@ -48,6 +50,7 @@ def side_of(layout: Layout, height: int, width: int) -> int | None:
 def place(layout: Layout, u: Vec3, side: int) -> Vec2:
     """(x, y) of a direction. In a cubemap it stays half a pixel inside its square, so that none of another's is mixed in."""
     if layout == "latlong":
+        u = jnp.where(jnp.abs(u) < TINY, 0, u)  # XLA's atan2 of two subnormal numbers is NaN
         return jnp.stack([jnp.arctan2(u[1], u[0]) / (2 * jnp.pi) + 0.5, jnp.arccos(jnp.clip(u[2], -1, 1)) / jnp.pi])
     if layout == "square":
         p = u[:2] / jnp.sum(jnp.abs(u))

@@ -73,7 +73,8 @@ def answers(layout: Layout, teacher: Teacher):
         lay = Lay(*(jnp.asarray(x, jnp.float32) for x in values))
         count, half = len(asked["radius"]), asked["radius"] / 2
         place = asked["place"] + half[:, None] * np.random.default_rng(seed).standard_normal((count, 2))
-        lessons = Lesson(*(np.asarray(x, np.float32) for x in (place, 3**0.5 * half, asked["toward"], asked["light"])))
+        columns: Any = [np.asarray(x, np.float32) for x in (place, 3**0.5 * half, asked["toward"], asked["light"])]
+        lessons = Lesson(*columns)
         padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[:1], -count % BATCH, axis=0)]), lessons)
         rgba = np.concatenate([_taught(layout, teacher, lay, part) for part in _parts(padded)])[:count]
         grazing = max(placing.curvature * float(teacher.depth) * (2 - placing.curvature * float(teacher.depth)), 0.0)

@@ -1,7 +1,7 @@
 """Memory that a process keeps for itself.
 
 XLA frees a step's buffers after the step. glibc's malloc gives them back to the system, which then clears each page anew when
-the next step touches it: up to half of a step's time on a CPU. Kept, a process holds what it needed at most.
+the next step touches it: a quarter of a step's time on a CPU. Kept, a process holds what it needed at most.
 """
 
 import ctypes

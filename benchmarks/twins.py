@@ -67,7 +67,8 @@ def main(given: Options) -> None:
                 scene = build_scene(options, bundle)[0]
                 true, *_ = marched(scene, TRUE)
                 tried = [(f"march, {n}", marched(scene, PRESETS["normal"].with_changes(samples=n))) for n in SAMPLES]
-                for twin in [t for t in ({"near": near, "far": bundle.twin}[view],) if t]:
+                twin = near if view == "near" else bundle.twin
+                if twin is not None:
                     found = twin_facts(options, replace(bundle, twin=twin), scene, PRESETS["normal"])
                     whose = f"distilled ({found.misfit})" if found and found.misfit else "distilled"
                     tried.append((whose, distilled(scene, twin, PRESETS["normal"])))

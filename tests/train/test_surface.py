@@ -27,6 +27,7 @@ from mesoshell.train.run import Diverged, train
 from mesoshell.train.step import Across
 from mesoshell.train.surface import (
     COARSE,
+    FINE,
     FREEZE,
     HELD,
     SHRINK,
@@ -265,13 +266,15 @@ def test_losses_and_their_slopes(opacity: Any, share: float) -> None:
     np.testing.assert_allclose(slope, (total(h) - total(-h)) / (2 * h), rtol=2e-3)
 
 
-def test_the_blur_goes_from_wide_to_fine_geometrically() -> None:
+@pytest.mark.parametrize("fine", [FINE, COARSE])
+def test_the_blur_goes_from_wide_to_fine_geometrically(fine: float) -> None:
     def at(share: float) -> float:
-        return float(blur_at(CONFIG, jnp.float32(share)))
+        return float(blur_at(replace(CONFIG, fine=fine), jnp.float32(share)))
 
-    np.testing.assert_allclose([at(0), at(SHRINK / 2), at(SHRINK), at(0.9), at(7.0)], [8, 8**0.5, 1, 1, 1], rtol=1e-5)
+    wanted = [8, (8 * fine) ** 0.5, fine, fine, fine]
+    np.testing.assert_allclose([at(0), at(SHRINK / 2), at(SHRINK), at(0.9), at(7.0)], wanted, rtol=1e-5)
     steps = [at(x) for x in np.linspace(0, SHRINK, 7)]
-    np.testing.assert_allclose(np.diff(np.log(steps)), np.log(COARSE / WIDE) / 6, rtol=1e-4)
+    np.testing.assert_allclose(np.diff(np.log(steps)), np.log(fine / WIDE) / 6, rtol=1e-4)
 
 
 @pytest.mark.parametrize("each, fine", [(8, 1.0), (512, 0.5), (2048, 0.25), (12800, 0.1), (51200, 0.1)])

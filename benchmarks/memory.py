@@ -15,7 +15,7 @@ def one(size: int) -> None:
     from mesoshell.shell.renderer import render
 
     scene, quality = spot(size), PRESETS["draft"]
-    render(scene, quality, plan_effects(facts(scene, quality), quality))
+    render(scene, quality, plan_effects(facts(scene), quality))
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 
 

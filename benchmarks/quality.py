@@ -20,7 +20,7 @@ SIZE = 128
 
 
 def picture(scene, quality: Quality) -> tuple[np.ndarray, float]:
-    effects = plan_effects(facts(scene, quality), quality)
+    effects = plan_effects(facts(scene), quality)
     render(scene, quality, effects)
     begin = time.perf_counter()
     image, _ = render(scene, quality, effects)
@@ -35,7 +35,7 @@ def tonemapped(image: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     scene = spot(SIZE)
-    truth = tonemapped(reference.picture(scene, REFERENCE, plan_effects(facts(scene, REFERENCE), REFERENCE)))
+    truth = tonemapped(reference.picture(scene, REFERENCE, plan_effects(facts(scene), REFERENCE)))
     single, _ = picture(scene, REFERENCE)
     covered = truth[..., 3] > 0
     print(f"2048 samples in float32: error {np.sqrt(np.mean((single - truth)[covered] ** 2)):.1e}\n")

@@ -41,7 +41,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|---|---|")
     for name in ("draft", "normal"):
         quality = PRESETS[name]
-        effects = plan_effects(facts(scene, quality), quality)
+        effects = plan_effects(facts(scene), quality)
         render(scene, quality, effects)
         _, report = render(scene, quality, effects)
         c, s = report.counts, report.seconds

@@ -101,7 +101,7 @@ def pictured(material: Ready, mesh: Mesh, size: int, quality: str) -> tuple[np.n
     lights = (Distant(np.array([0.48, 0.36, 0.8]), np.full(3, 12.0)),)
     scene = Scene(mesh, shell, material, camera, lights, alpha=np.full(len(material.names), 0.3, np.float32))
     chosen = PRESETS[quality]
-    draw = partial(render, scene, chosen, plan_effects(facts(scene, chosen), chosen))
+    draw = partial(render, scene, chosen, plan_effects(facts(scene), chosen))
     draw()
     return draw()
 

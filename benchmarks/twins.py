@@ -16,20 +16,23 @@ import trimesh
 import tyro
 
 from benchmarks.silhouettes import SPOT, over, torus
-from mesoshell.cli.marching import build_scene, facts
+from mesoshell.cli.description import Description, describe
+from mesoshell.cli.marching import facts, scene_of
 from mesoshell.cli.render import Options as Render
-from mesoshell.cli.standing import twin_facts, twin_scene
+from mesoshell.cli.standing import in_place, twin_facts
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.image import tonemap
 from mesoshell.io.surface import read_surface
 from mesoshell.io.twin import Twin
 from mesoshell.measure.flip import flip
+from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell import renderer as march
 from mesoshell.shell.scene import Scene
 from mesoshell.silhouette import renderer as surface
+from mesoshell.silhouette.ready import ready
 
 #: Length of a patch over the largest side of a mesh.
 VIEWS = {"near": 0.1, "far": 0.0125}
@@ -64,14 +67,15 @@ def main(given: Options) -> None:
             for view, length in VIEWS.items():
                 patch = length * float(np.ptp(trimesh.load(mesh, force="mesh").bounds, axis=0).max())
                 options = Render(mesh, thickness=depth * patch, scale=patch, size=(SIDE, SIDE), base=bundle.twin.base)
-                scene = build_scene(options, bundle)[0]
+                d = describe(options, bundle)
+                scene = scene_of(d)
                 true, *_ = marched(scene, TRUE)
                 tried = [(f"march, {n}", marched(scene, PRESETS["normal"].with_changes(samples=n))) for n in SAMPLES]
                 twin = near if view == "near" else bundle.twin
                 if twin is not None:
-                    found = twin_facts(options, replace(bundle, twin=twin), scene, PRESETS["normal"])
+                    found = twin_facts(options, replace(bundle, twin=twin), d, PRESETS["normal"])
                     whose = f"distilled ({found.misfit})" if found and found.misfit else "distilled"
-                    tried.append((whose, distilled(scene, twin, PRESETS["normal"])))
+                    tried.append((whose, distilled(d, twin, PRESETS["normal"])))
                 for what, (image, queries, seconds) in tried:
                     a, b = true[..., 3] > 0.5, image[..., 3] > 0.5
                     error = float(flip(tonemap(over(true)), tonemap(over(image))))
@@ -87,27 +91,27 @@ def main(given: Options) -> None:
 
 def marched(scene: Scene, quality: Quality) -> tuple[np.ndarray, float, float]:
     """The picture, queries a ray, and seconds of a second one."""
-    effects = plan_effects(facts(scene, quality), quality)
+    effects = plan_effects(facts(scene), quality)
     march.render(scene, quality, effects)
     begin = time.perf_counter()
     image, report = march.render(scene, quality, effects)
-    return image, asked(report.counts, scene, quality), time.perf_counter() - begin
+    return image, asked(report.counts, scene.camera, quality), time.perf_counter() - begin
 
 
-def distilled(scene: Scene, twin: Twin, quality: Quality) -> tuple[np.ndarray, float, float]:
+def distilled(d: Description, twin: Twin, quality: Quality) -> tuple[np.ndarray, float, float]:
     """The same of the surface material."""
-    standing = twin_scene(scene, twin)
+    standing = surface.SurfaceScene(**vars(in_place(d)), ready=ready(twin.surface))
     effects = surface.plan(standing, is_convex(standing.mesh))
     surface.render(standing, quality, effects)
     begin = time.perf_counter()
     image, report = surface.render(standing, quality, effects)
     seconds = time.perf_counter() - begin - report.seconds["prepare"]
-    return image, asked(report.counts, scene, quality), seconds
+    return image, asked(report.counts, d.camera, quality), seconds
 
 
-def asked(counts: dict[str, int], scene: Scene, quality: Quality) -> float:
+def asked(counts: dict[str, int], camera: Camera, quality: Quality) -> float:
     """Evaluations of a network, of any of a material's, a camera ray."""
-    rays = scene.camera.width * scene.camera.height * quality.pixel_samples
+    rays = camera.width * camera.height * quality.pixel_samples
     return sum(n for name, n in counts.items() if name.endswith("queries")) / rays
 
 

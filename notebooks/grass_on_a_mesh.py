@@ -82,7 +82,7 @@ plt.title(f"{traced.walked} visits, {traced.redone} of them repeated in float64"
 
 # %%
 quality = PRESETS["draft"]
-effects = plan_effects(facts(scene, quality), quality)
+effects = plan_effects(facts(scene), quality)
 for name, effect in vars(effects).items():
     print("on " if effect.on else "off", name, "-", effect.why)
 

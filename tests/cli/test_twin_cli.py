@@ -60,6 +60,19 @@ def test_from_afar_it_stands_in_and_from_nearby_it_does_not(folder, capsys) -> N
     assert record["counts"]["density_queries"] > 0 and np.ptp(image[4:8, 4:8, :3]) > 1e-3
 
 
+def test_and_in_the_path_tracer(folder, capsys) -> None:
+    """By the same decision: a surface material is asked, with the same colour, and no shell is marched."""
+    traced = ("--engine", "mitsuba", "--spp", "16", "--max-depth", "2", "--explain")
+    image, record = shown(folder, FAR, *traced)
+    said = capsys.readouterr().err
+    assert "on  twin: footprints begin at" in said and "off shells: no shells" in said
+    assert record["effects"]["twin"]["on"] and record["effects"]["surface_materials"]["on"]
+    np.testing.assert_allclose(image[6, 6], [0.4, 0.4, 0.4, 1], rtol=1e-3)
+    image, record = shown(folder, NEAR, *traced)
+    assert not record["effects"]["twin"]["on"] and record["effects"]["shells"]["on"]
+    assert not record["effects"]["surface_materials"]["on"] and np.ptp(image[4:8, 4:8, :3]) > 1e-3
+
+
 @pytest.mark.parametrize(
     ("more", "why"),
     [

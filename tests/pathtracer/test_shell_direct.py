@@ -17,8 +17,7 @@ from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.quadrature import Ray
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
-from mesoshell.render.camera import Camera, look_at, pixel_grid, rays
-from mesoshell.render.cone import pixel_radius
+from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, rays
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
@@ -65,7 +64,7 @@ def test_the_engines_agree(name) -> None:
         patches_per_uv=patches_per_uv(mesh, shell),
         base_colour=(0.0, 0.0, 0.0),
     )
-    expected, _ = render(scene, QUALITY, plan_effects(facts(scene, QUALITY), QUALITY))
+    expected, _ = render(scene, QUALITY, plan_effects(facts(scene), QUALITY))
     o, d = rays(camera, pixel_grid(camera, 1, 0))
     o, d = (mi.Vector3d(x.astype(np.float32).astype(np.float64).T.copy()) for x in (o, d))
     surfaces = surface(mesh)

@@ -12,8 +12,7 @@ import pytest
 
 from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex
 from mesoshell.io.surface import SurfaceBundle
-from mesoshell.render.camera import Camera, look_at, pixel_grid, rays
-from mesoshell.render.cone import pixel_radius
+from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, rays
 from mesoshell.render.effects import Effect
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesoshell.render.cone import cone_gaussian, pixel_radius
+from mesoshell.render.camera import pixel_radius
+from mesoshell.render.cone import cone_gaussian
 
 mpmath.mp.dps = 60
 gaussian = jax.jit(cone_gaussian)

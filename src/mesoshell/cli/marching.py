@@ -13,20 +13,21 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.description import describe
+from mesoshell.cli.description import Description, describe
 from mesoshell.cli.render import Options
 from mesoshell.cli.rendering import Picture, say_effects
-from mesoshell.cli.standing import twin_facts, twin_scene
+from mesoshell.cli.standing import in_place, twin_facts
 from mesoshell.cli.surfacing import shown
 from mesoshell.geometry.mesh import bounding_box, is_convex, uv_stretch
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import find
-from mesoshell.render.cone import pixel_radius
-from mesoshell.render.effects import Facts, plan_effects
-from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.render.camera import pixel_radius
+from mesoshell.render.effects import Facts, plan_effects, plan_twin
+from mesoshell.render.quality import PRESETS
 from mesoshell.shell.renderer import render
 from mesoshell.shell.scene import Scene, ready
-from mesoshell.silhouette.renderer import plan
+from mesoshell.silhouette.ready import ready as ready_surface
+from mesoshell.silhouette.renderer import SurfaceScene, plan
 
 
 def picture(options: Options, console: Console) -> Picture:
@@ -38,21 +39,23 @@ def picture(options: Options, console: Console) -> Picture:
     columns = (TextColumn("growing"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
-        scene, notes = build_scene(options, bundle, lambda share: bar.update(task, completed=share))
-    for note in notes:
+        d = describe(options, bundle, lambda share: bar.update(task, completed=share))
+    for note in d.notes:
         console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
-    twin = twin_facts(options, bundle, scene, quality)
-    effects = plan_effects(replace(facts(scene, quality), twin=twin), quality)
-    if bundle.twin is not None and effects.twin.on:
-        standing = twin_scene(scene, bundle.twin)
+    found = twin_facts(options, bundle, d, quality)
+    twin = plan_twin(found, quality)
+    if bundle.twin is not None and twin.on:
+        standing = SurfaceScene(**vars(in_place(d)), ready=ready_surface(bundle.twin.surface))
         own = plan(standing, is_convex(standing.mesh))
         if options.explain:
-            say_effects(console, {"twin": effects.as_dict()["twin"]} | own.as_dict())
+            say_effects(console, {"twin": vars(twin)} | own.as_dict())
         setup = time.perf_counter() - begin
         image, seconds, record = shown(standing, quality, own, console)
-        record["effects"] |= {"twin": effects.as_dict()["twin"]}
+        record["effects"] |= {"twin": vars(twin)}
         record |= {"provenance": bundle.provenance, "compile_seconds": sum(compiled)}
         return Picture(image, {"setup": setup} | seconds, record)
+    scene = scene_of(d)
+    effects = plan_effects(replace(facts(scene), twin=found), quality)
     if options.explain:
         say_effects(console, effects.as_dict())
     setup = time.perf_counter() - begin
@@ -78,7 +81,12 @@ def build_scene(
 ) -> tuple[Scene, tuple[str, ...]]:
     """The scene that the options describe, and what the user should know about it. progress: of growing a texture."""
     d = describe(options, bundle, progress)
-    scene = Scene(
+    return scene_of(d), d.notes
+
+
+def scene_of(d: Description) -> Scene:
+    """What was described, ready for the renderer."""
+    return Scene(
         mesh=d.mesh,
         shell=d.shell,
         ready=ready(d.material, d.origin),
@@ -92,10 +100,9 @@ def build_scene(
         objects=d.objects,
         transparent=d.transparent,
     )
-    return scene, d.notes
 
 
-def facts(scene: Scene, quality: Quality) -> Facts:
+def facts(scene: Scene) -> Facts:
     """What the effects are planned from."""
     corners = bounding_box(scene.mesh)
     far = np.linalg.norm(np.abs(corners - scene.camera.to_world[:3, 3]).max(axis=0))

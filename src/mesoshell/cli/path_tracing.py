@@ -11,16 +11,18 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from mesoshell.cli.description import Description, describe, describe_surface
 from mesoshell.cli.render import Options
 from mesoshell.cli.rendering import Picture, say_effects
+from mesoshell.cli.standing import in_place, twin_facts
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
-from mesoshell.io.surface import KIND, kind_of, read_surface
+from mesoshell.io.surface import KIND, SurfaceBundle, kind_of, read_surface
 from mesoshell.pathtracer import assemble, integrator, load_file
 from mesoshell.pathtracer.load import Grown, stand_on
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.worn import SurfaceMaterial
+from mesoshell.render.effects import plan_twin
 from mesoshell.render.quality import PRESETS
 from mesoshell.silhouette.scene import SurfaceDescription
 from mesoshell.silhouette.wear import wear
@@ -42,13 +44,13 @@ def picture(options: Options, console: Console) -> Picture:
             default = field.default_factory() if field.default_factory is not MISSING else field.default
             if field.name not in _OF_SCENES and getattr(options, field.name) != default:
                 raise InputError(f"--{field.name.replace('_', '-')}", f"{options.mesh} says that itself")
-        scene, provenance = load_file(options.mesh, PRESETS[options.quality]), {}
+        scene, provenance, effects = load_file(options.mesh, PRESETS[options.quality]), {}, {}
         samples = options.spp or scene.sensors()[0].sampler().sample_count()
     else:
-        scene, provenance = _scene(options, console)
+        scene, provenance, effects = _scene(options, console)
         samples = options.spp or SAMPLES
     world = getattr(scene.integrator(), "world", None)
-    effects = {} if world is None else world.effects.as_dict()
+    effects |= {} if world is None else world.effects.as_dict()
     _say(console, () if world is None else world.notes)
     if options.explain:
         say_effects(console, effects)
@@ -71,31 +73,36 @@ def _say(console: Console, notes: tuple[str, ...]) -> None:
         console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
 
 
-def _scene(options: Options, console: Console) -> tuple[mi.Scene, dict[str, Any]]:
-    """A scene of Mitsuba's with what the options describe, and the material's provenance."""
+def _scene(options: Options, console: Console) -> tuple[mi.Scene, dict[str, Any], dict[str, Any]]:
+    """A scene of Mitsuba's with what the options describe, the material's provenance, and what was decided before."""
+    quality = PRESETS[options.quality]
     if kind_of(find(options.material)) == KIND:
-        return _dressed(options, console)
+        material, d = read_surface(find(options.material)), describe_surface(options)
+        return _dressed(options, d, material, console), material.provenance, {}
     bundle = read_bundle(find(options.material))
     d = describe(options, bundle)
     _say(console, d.notes)
+    twin = plan_twin(twin_facts(options, bundle, d, quality), quality)
+    decided = {"twin": vars(twin)}
+    if bundle.twin is not None and twin.on:
+        return _dressed(options, in_place(d), bundle.twin.surface, console), bundle.provenance, decided
     scene = mi.load_dict(_parts(options, d) | {"surface": assemble.surface(d.mesh, d.base_colour)})
     names = [p.name for p in bundle.parameters if p.role == "alpha"]
     maps = {name: assemble.over_uv(image) for name, image in d.maps.items()}
     alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
     medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
-    stand_on(scene, Grown([(d.shell, medium)], alone=is_convex(d.mesh)), PRESETS[options.quality])
-    return scene, bundle.provenance
+    stand_on(scene, Grown([(d.shell, medium)], alone=is_convex(d.mesh)), quality)
+    return scene, bundle.provenance, decided
 
 
-def _dressed(options: Options, console: Console) -> tuple[mi.Scene, dict[str, Any]]:
-    """The same for a surface material."""
-    bundle, quality = read_surface(find(options.material)), PRESETS[options.quality]
-    d = describe_surface(options)
+def _dressed(options: Options, d: SurfaceDescription, bundle: SurfaceBundle, console: Console) -> mi.Scene:
+    """The same of a mesh that wears a surface material."""
+    quality = PRESETS[options.quality]
     worn = wear(d.mesh, d.period, quality)
     _say(console, (*d.mesh.notes, *worn.notes(bundle.curvature)))
     scene = mi.load_dict(_parts(options, d))
     stand_on(scene, Grown([], [(worn, SurfaceMaterial(bundle))]), quality)
-    return scene, bundle.provenance
+    return scene
 
 
 def _parts(options: Options, d: Description | SurfaceDescription) -> dict[str, Any]:

@@ -65,7 +65,7 @@ def render_to_files(options: Options) -> None:
         stages = ", ".join(f"{k} {v:.2f} s" for k, v in seconds.items())
         compiling = found.record.get("compile_seconds")
         said = "" if compiling is None else f"; {compiling:.1f} s of this compiling"
-        console.print(stages + said, highlight=False)
+        console.print(stages + said, highlight=False, soft_wrap=True)
     print(out, file=sys.stdout)
 
 

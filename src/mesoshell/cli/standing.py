@@ -1,53 +1,51 @@
-"""A distilled surface material in the place of a shell, where the scene allows it: `Effects.twin`."""
+"""A distilled surface material in the place of a shell, where the scene allows it: `plan_twin` (no JAX)."""
 
 import numpy as np
 
+from mesoshell.cli.description import Description
 from mesoshell.cli.render import Options, parse_params
 from mesoshell.geometry.mesh import Mesh, bounding_box, uv_stretch
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.twin import Twin
-from mesoshell.render.cone import pixel_radius
+from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import TwinFacts, twin_reach
 from mesoshell.render.quality import Quality
 from mesoshell.shell.extrude import Shell
-from mesoshell.shell.scene import Scene
-from mesoshell.silhouette.ready import ready
-from mesoshell.silhouette.renderer import SurfaceScene
+from mesoshell.silhouette.scene import SurfaceDescription
 from mesoshell.silhouette.wear import wear
 
 #: By how much thickness over patch may differ from what was distilled, and a colour or a parameter.
 THICKNESS, VALUE = 0.1, 1e-3
 
 
-def twin_facts(options: Options, bundle: Bundle, scene: Scene, quality: Quality) -> TwinFacts | None:
-    """What decides whether the bundle's twin may stand in for the scene's shell."""
+def twin_facts(options: Options, bundle: Bundle, d: Description, quality: Quality) -> TwinFacts | None:
+    """What decides whether the bundle's twin may stand in for the shell that is described."""
     if bundle.twin is None:
         return None
-    top = surface(scene.shell)
+    top = surface(d.shell)
     low, high = bounding_box(top)
-    eye = scene.camera.to_world[:3, 3]
+    eye = d.camera.to_world[:3, 3]
     near = float(np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0)))
-    finest = float(pixel_radius(scene.camera.spread) / 2 * near / uv_stretch(top))
-    misfit = _misfit(options, bundle, scene, bundle.twin)
+    finest = float(pixel_radius(d.camera.spread) / 2 * near / uv_stretch(top))
+    misfit = _misfit(options, bundle, d, bundle.twin)
     if not misfit and finest >= twin_reach(bundle.twin.errors, quality.twin):
         misfit = _bent(top, bundle.twin, quality)
     return TwinFacts(finest, bundle.twin.errors, misfit)
 
 
-def twin_scene(scene: Scene, twin: Twin) -> SurfaceScene:
-    """The same scene, of a mesh that is the shell's top."""
-    top = surface(scene.shell)
-    return SurfaceScene(
+def in_place(d: Description) -> SurfaceDescription:
+    """The same, of a mesh that is the shell's top."""
+    top = surface(d.shell)
+    return SurfaceDescription(
         mesh=top,
         period=uv_stretch(top),
-        camera=scene.camera,
-        lights=scene.lights,
-        environment=scene.environment,
-        base_colour=scene.base_colour,
-        objects=scene.objects,
-        transparent=scene.transparent,
-        ready=ready(twin.surface),
+        camera=d.camera,
+        lights=d.lights,
+        environment=d.environment,
+        base_colour=d.base_colour,
+        objects=d.objects,
+        transparent=d.transparent,
     )
 
 
@@ -57,21 +55,21 @@ def surface(shell: Shell) -> Mesh:
     return Mesh(top, shell.faces, shell.uv, vertex_normals(top, shell.faces)[0].astype(np.float32), ())
 
 
-def _misfit(options: Options, bundle: Bundle, scene: Scene, twin: Twin) -> str:
+def _misfit(options: Options, bundle: Bundle, d: Description, twin: Twin) -> str:
     given = parse_params(options.param)
     shape = [p.name for p in bundle.parameters if p.role == "beta" and p.name in given]
     if bundle.generator is not None and (not bundle.baked or options.seed is not None or shape):
         return "a texture is grown"
-    if scene.maps:
-        return f"{next(iter(scene.maps))} varies"
-    if not np.allclose(scene.alpha, twin.alpha, rtol=0, atol=VALUE):
+    if d.maps:
+        return f"{next(iter(d.maps))} varies"
+    if not np.allclose(d.alpha, twin.alpha, rtol=0, atol=VALUE):
         return "it has other parameters"
-    if not np.allclose(scene.base_colour, twin.base, rtol=0, atol=VALUE):
+    if not np.allclose(d.base_colour, twin.base, rtol=0, atol=VALUE):
         return "the surface under it has another colour"
-    if len(scene.shell.faces) < len(scene.mesh.faces):
+    if len(d.shell.faces) < len(d.mesh.faces):
         return "parts of the mesh carry none"
-    patch = uv_stretch(scene.mesh) / scene.patches_per_uv
-    thickness = np.linalg.norm(scene.shell.offset, axis=1) / patch
+    patch = uv_stretch(d.mesh) / d.patches_per_uv
+    thickness = np.linalg.norm(d.shell.offset, axis=1) / patch
     if np.abs(thickness / twin.surface.depth - 1).max() > THICKNESS:
         return (
             f"it is {thickness.min():.2g} to {thickness.max():.2g} of a patch thick, and not {twin.surface.depth:.2g}"

@@ -7,9 +7,10 @@ import drjit as dr
 import mitsuba as mi
 
 from mesoshell.pathtracer.quadrature import Ray
+from mesoshell.render.camera import pixel_radius
 
-#: Radius of a pixel's cone over the distance of neighbouring pixels' rays: a disc of the pixel's variance (mip-NeRF).
-RADIUS = 2 / 12**0.5
+#: Radius of a pixel's cone over the distance of neighbouring pixels' rays.
+RADIUS = pixel_radius(1.0)
 
 
 class World:

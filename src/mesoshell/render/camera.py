@@ -48,6 +48,12 @@ def look_at(eye: tuple, target: tuple, up: tuple = (0.0, 1.0, 0.0)) -> Float[np.
     return m
 
 
+def pixel_radius(spread: float) -> float:
+    """Radius, at distance 1, of the cone of a box pixel of width `spread`: the disc of the box's variance, w²/12 an axis
+    (Barron et al. 2021)."""
+    return spread * 2 / 12**0.5
+
+
 def rays(camera: Camera, xy: Float[np.ndarray, "R 2"]) -> tuple[Float[np.ndarray, "R 3"], Float[np.ndarray, "R 3"]]:
     """Origins and unit directions through the image points `xy`, in float64, (R, 3) each."""
     x = (xy[:, 0] - camera.width / 2) * camera.spread

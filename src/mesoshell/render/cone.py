@@ -32,8 +32,3 @@ def cone_gaussian(t0: Scalar, t1: Scalar, radius: Scalar) -> ConeGaussian:
     along = delta * delta / 3 - 4 / 15 * share * share * (12 * mu * mu - delta * delta)
     across = radius * radius * (mu * mu / 4 + 5 / 12 * delta * delta - 4 / 15 * delta * delta * share)
     return ConeGaussian(mean, jnp.maximum(along, 0), jnp.maximum(across, 0))
-
-
-def pixel_radius(spread: float) -> float:
-    """ṙ of a box pixel that subtends `spread`: the disc whose variance is the box's, w²/12 an axis."""
-    return spread * 2 / 12**0.5

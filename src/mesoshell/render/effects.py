@@ -83,7 +83,7 @@ def plan_effects(facts: Facts, quality: Quality) -> Effects:
             if facts.environment and not facts.transparent
             else "the background is transparent",
         ),
-        twin=_twin(facts.twin, quality),
+        twin=plan_twin(facts.twin, quality),
     )
 
 
@@ -97,7 +97,8 @@ def twin_reach(errors: tuple[tuple[float, float], ...], bound: float) -> float:
     return reach
 
 
-def _twin(twin: TwinFacts | None, quality: Quality) -> Effect:
+def plan_twin(twin: TwinFacts | None, quality: Quality) -> Effect:
+    """Whether a distilled surface material stands in for the shell, in either engine."""
     if twin is None:
         return Effect(False, "the material has no distilled twin")
     if quality.twin == 0:

@@ -22,8 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.nets.batches import CAPACITY, batches, pad, run
-from mesoshell.render.camera import pixel_grid, rays
-from mesoshell.render.cone import pixel_radius
+from mesoshell.render.camera import pixel_grid, pixel_radius, rays
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality

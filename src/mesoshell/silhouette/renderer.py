@@ -25,8 +25,7 @@ from jaxtyping import Float
 
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
-from mesoshell.render.camera import pixel_grid, rays
-from mesoshell.render.cone import pixel_radius
+from mesoshell.render.camera import pixel_grid, pixel_radius, rays
 from mesoshell.render.effects import Effect
 from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality

@@ -19,8 +19,9 @@ import jax
 import jax.numpy as jnp
 
 from mesoshell.numerics import normalise, optical_depth
+from mesoshell.render.camera import pixel_radius
 from mesoshell.render.composite import tonemap, weights
-from mesoshell.render.cone import cone_gaussian, pixel_radius
+from mesoshell.render.cone import cone_gaussian
 from mesoshell.shell import decoder as net
 from mesoshell.shell.decoder import Decoder
 from mesoshell.shell.field import Layout, Material, Point

@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.io.dataset import Dataset, Sample, load_images
-from mesoshell.render.camera import Camera, pixel_grid, rays
-from mesoshell.render.cone import pixel_radius
+from mesoshell.render.camera import Camera, pixel_grid, pixel_radius, rays
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.extrude import Shell
 

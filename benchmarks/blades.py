@@ -1,6 +1,6 @@
 """A shell against the blades that it was made from: python -m benchmarks.blades [--side 256] [--folder out]
 
-The recipe's own patch of blades (version 2, which the bundled grass shows) as triangles, repeated over a plane, and the bundled
+The recipe's own patch of blades (the one that the bundled grass shows) as triangles, repeated over a plane, and the bundled
 grass as a shell over the same plane: same camera, same lights, both in Mitsuba. Prints the shell's error against the
 converged blades, seconds that each needs to be as close as the shell comes, and writes pairs of pictures. `memory` prints
 what blades take that are all their own, as triangles and as curves, and what a shell takes: of one texture that repeats, and
@@ -31,7 +31,7 @@ from mesoshell.pathtracer import load_dict
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
-AGE, PATCH = 0.2, 20230
+AGE, PATCH = 0.2, 0
 #: Level of the bundled grass whose texels a patch are a generator's, and cells of a σ grid along a patch's side there.
 OWN_LEVEL, CELLS = 2, 8
 #: Patches along the side of what is made at a time.
@@ -55,12 +55,10 @@ ALONG = np.append(np.repeat(np.arange(grass.ROWS - 1), 2), grass.ROWS - 1) / (gr
 
 def blades(rng: np.random.Generator, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices (n, K, 3) of the blades of side × side patches, with R and T at each."""
-    points = np.concatenate([grass.blades(habit, side, rng) for habit in grass.KINDS])
-    n = len(points)
-    tone, resist = rng.random(n), rng.random(n)
-    dry = np.where(rng.random(n) < grass.DRY_SHARE, rng.uniform(0.6, 1.0, n), 0.0)
-    dead = np.clip(1.5 * AGE - 0.5 * resist + dry, 0, 1)[:, None, None]
-    shade = ((0.75 * ALONG + 0.45) * (0.5 * tone + 0.75)[:, None])[..., None]
+    grown = grass.grow(rng, side, {})
+    points, own = grown.points, grown.own
+    dead = np.clip(1.5 * AGE - 0.5 * own["resist"] + own["dry"], 0, 1)[:, None, None]
+    shade = ((0.75 * ALONG + 0.45) * (0.5 * own["tone"] + 0.75)[:, None])[..., None]
     pairs = ((grass.FRESH_R, grass.DEAD_R), (grass.FRESH_T, grass.DEAD_T))
     reflect, transmit = (shade * ((1 - dead) * np.array(a) + dead * np.array(b)) for a, b in pairs)
     return points, reflect, transmit

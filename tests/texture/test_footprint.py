@@ -26,7 +26,7 @@ def test_the_ellipse_is_the_projected_gaussian(seed: int):
     values, vectors = np.linalg.eigh(covariance[:2, :2])
     np.testing.assert_allclose([f.minor, f.major], np.sqrt(values), rtol=2e-3)
     np.testing.assert_allclose(abs(vectors[:, 1] @ np.asarray(f.axis)), 1, atol=1e-4)
-    np.testing.assert_allclose(f.height, np.sqrt(covariance[2, 2]), rtol=1e-4)
+    np.testing.assert_allclose(f.height, abs(inverse[2] @ d) * np.sqrt(along), rtol=1e-4)
 
 
 @given(st.lists(st.floats(-10, 10, width=32), min_size=12, max_size=12), st.floats(0, 1e4), st.floats(0, 1e4))
@@ -43,3 +43,12 @@ def test_any_ellipse_is_finite_and_ordered(numbers, along: float, across: float)
 def test_a_round_gaussian_seen_from_above_is_round():
     f = footprint(jnp.eye(3), jnp.float32([0, 0, -1]), jnp.float32(9.0), jnp.float32(4.0))
     np.testing.assert_allclose([f.minor, f.major, f.height], [2, 2, 3], rtol=1e-6)
+
+
+def test_what_lies_across_a_ray_does_not_blur_the_height():
+    """Its neighbours in the cone come through the same heights: only along the ray is a sample's height uncertain."""
+    d = jnp.float32([0.8, 0, -0.6])
+    narrow, wide = (footprint(jnp.eye(3), d, jnp.float32(0.01), jnp.float32(across)) for across in (1e-6, 4.0))
+    np.testing.assert_allclose([narrow.height, wide.height], 0.06, rtol=1e-5)
+    level = footprint(jnp.eye(3), jnp.float32([1, 0, 0]), jnp.float32(0.01), jnp.float32(4.0))
+    assert float(level.height) == 0

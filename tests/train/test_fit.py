@@ -11,9 +11,10 @@ import pytest
 
 from mesoshell.io.dataset import Dataset
 from mesoshell.train import loop
-from mesoshell.train.fit import Batch, FitConfig, State, predict, start
+from mesoshell.train.fit import Batch, FitConfig, State, predict, residual, start
 from mesoshell.train.holdout import score
 from mesoshell.train.rays import RayTable, image_table, ray_table
+from mesoshell.typing import Scalar
 
 CONFIG = FitConfig(
     texels=4, channels=4, height_rows=4, octaves=1, trunk=(16,), head=(16,), rays=128, candidates=16, decoded=1.0
@@ -80,3 +81,21 @@ def test_empty_cells_are_not_decoded(dataset: Dataset):
     all_, _, _ = predict(CONFIG, state.parameters, batch, state.occupancy, jitter)
     assert 0.5 < float(wanted) < 1.5  # half of the candidates, over a budget of half of them
     assert (y[complete, 3] < all_[complete, 3] - 1e-3).mean() > 0.5
+
+
+def test_the_best_answer_for_pixels_that_look_alike_is_their_mean():
+    """Of radiance, not of x/(1+x), whose mean is 0.57 here in place of 1.05; small differences are those of y."""
+    target = jnp.asarray([[tonemapped(x)] * 3 + [1.0] for x in (0.1, 2.0)], jnp.float32)
+
+    def loss(x: Scalar) -> Scalar:
+        y = jnp.broadcast_to(jnp.append(jnp.full(3, x / (1 + x)), 1.0), (2, 4))
+        return jnp.mean(jnp.square(residual(y, target)))
+
+    slopes = [float(jax.grad(loss)(jnp.asarray(x, jnp.float32))) for x in (1.04, 1.05, 1.06)]
+    assert slopes[0] < -1e-4 < slopes[1] < 1e-4 < slopes[2]
+    y = target + jnp.asarray([[1e-3, -1e-3, 0, 1e-3]] * 2, jnp.float32)
+    np.testing.assert_allclose(residual(y, target), y - target, rtol=5e-3, atol=1e-6)
+
+
+def tonemapped(x: float) -> float:
+    return x / (1 + x)

@@ -108,7 +108,9 @@ def _parameters(datasets: list[Dataset]) -> tuple[Parameter, ...]:
 
 
 def _said(scores: dict[str, float]) -> str:
-    return ", ".join(f"{k} {v:.2f}{'' if k == 'ssim' else ' dB'}" for k, v in scores.items())
+    return ", ".join(
+        f"{k} {v:+.1%}" if k == "mean" else f"{k} {v:.2f}{'' if k == 'ssim' else ' dB'}" for k, v in scores.items()
+    )
 
 
 def _sheet(y: np.ndarray, columns: int = 6) -> np.ndarray:

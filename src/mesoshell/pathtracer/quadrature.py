@@ -5,7 +5,7 @@ J⁻¹         inverse of ∂P/∂(u, v, h) in the middle of a piece; E: (u, v) 
 ℓ           canonical length of a piece, |ξ1 − ξ0|; L: of all of a ray's pieces; N samples stand for L/N each
 f           position of a sample on its piece, 0 to 1
 ṙ, a        a cone's radius at t is ṙ (t + a)
-Σ           σ_t² ddᵀ + σ_r² (1 − ddᵀ), the cone's piece as a Gaussian; J⁻¹ Σ J⁻ᵀ in canonical space
+Σ           σ_t² ddᵀ + σ_r² (1 − ddᵀ), the cone's piece as a Gaussian; J⁻¹ Σ J⁻ᵀ in canonical space (texture/footprint)
 
 A ray is walked twice: L is measured first. The second walk stops at each sample that may hold something; what follows (the
 network) is compiled once, at the place where `seek` returns.
@@ -184,8 +184,7 @@ def footprint(here: Here, d, along, across):
     s = across * dr.dot(here.a, here.b) + more * e.x * e.y
     largest = dr.maximum((p + q) / 2 + dr.sqrt(dr.square((p - q) / 2) + s * s), 0)
     smallest = dr.select(largest > 0, (p * q - s * s) / dr.select(largest > 0, largest, 1), 0)
-    height = across * dr.dot(here.c, here.c) + more * e.z * e.z
-    return dr.sqrt(dr.maximum(smallest, 0)), dr.sqrt(dr.maximum(height, 0))
+    return dr.sqrt(dr.maximum(smallest, 0)), dr.abs(e.z) * dr.sqrt(along)
 
 
 def canonical(here: Here, d):

@@ -24,13 +24,15 @@ _RAYS, _CANDIDATES = 1024, 96
 
 
 class Scores(NamedTuple):
-    """dB, except ssim. constant: foreground of the best single colour in the true mask, the floor of the scale."""
+    """dB, except ssim and mean: predicted radiance of all pixels over the true, less 1. constant: foreground of the best single
+    colour in the true mask, the floor of the scale."""
 
     foreground: float
     alpha: float
     blocks: float
     ssim: float
     constant: float
+    mean: float
 
 
 def predict_images(config: FitConfig, state: State, dataset: Dataset, table: RayTable) -> Float[np.ndarray, "N H W 4"]:
@@ -75,9 +77,16 @@ def compare(found: Float[np.ndarray, "N H W 4"], truth: Float[np.ndarray, "N H W
         blocks=psnr_blocks(y[..., :3], true[..., :3], 4),
         ssim=float(np.mean([ssim(a[..., :3], b[..., :3]) for a, b in zip(found, truth, strict=True)])),
         constant=psnr_masked(flat, true[..., :3], mask),
+        mean=_radiance(y) / _radiance(true) - 1,
     )
 
 
 def _tall(y: Float[np.ndarray, "N H W 4"]) -> Float[np.ndarray, "M W 4"]:
     """All images one below the other."""
     return y.reshape(-1, *y.shape[2:])
+
+
+def _radiance(y: Float[np.ndarray, "... 4"]) -> float:
+    """Of all pixels together."""
+    colour = y[..., :3].astype(np.float64)
+    return float((colour / (1 - colour)).sum())

@@ -20,6 +20,8 @@ from mesoshell.shell.field import Layout, Material, Point, neural_field
 from mesoshell.typing import Array, Float, Key
 
 MARGIN = 1.5
+#: The largest deviation along the height that is probed: what each of 16 samples through a layer stands for, at a slant.
+DEEPEST = 0.05
 
 
 def bounds(
@@ -66,7 +68,7 @@ def _sigma(layout: Layout, material: Material, xi: Array, level: Array, key: Arr
     k, n = jax.random.split(key, 3), xi.shape[0]
     at = level + jnp.maximum(jax.random.uniform(k[0], (n,), minval=-1.0), 0)
     radius = jnp.where(at == 0, 0.0, 2.0**at / (2 * layout.texel_density))
-    deviation = radius * jax.random.uniform(k[1], (n,), maxval=2.0)
+    deviation = jax.random.uniform(k[1], (n,), maxval=DEEPEST)
     encoded = layout.octaves * 2 + 1 + material.texture.rows.shape[1]
     alpha = jax.random.uniform(k[2], (n, material.decoder.trunk[0].kernel.shape[0] - encoded))
     points = Point(xi.at[:, 2].set(jnp.clip(xi[:, 2], 0, 1)), radius, deviation, alpha)

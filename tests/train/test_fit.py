@@ -97,5 +97,14 @@ def test_the_best_answer_for_pixels_that_look_alike_is_their_mean():
     np.testing.assert_allclose(residual(y, target), y - target, rtol=5e-3, atol=1e-6)
 
 
+@pytest.mark.parametrize("target", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("predicted", [0.0, 0.5, 1.0])
+def test_infinite_radiance_is_a_bounded_error(predicted: float, target: float):
+    """y is 1 from 2e7 on in single precision: a firefly, or a prediction that diverged."""
+    y, true = (jnp.full(4, v, jnp.float32) for v in (predicted, target))
+    error, gradient = jax.value_and_grad(lambda y: jnp.sum(jnp.square(residual(y, true))))(y)
+    assert np.isfinite(error) and np.isfinite(np.asarray(gradient)).all() and float(error) < 1e5
+
+
 def tonemapped(x: float) -> float:
     return x / (1 + x)

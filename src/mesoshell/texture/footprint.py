@@ -11,7 +11,7 @@ a ≥ b       the ellipse's standard deviations; r = min(a, b) = b              
 The paper takes σ_h from all of Σ. But a cone is a bundle of rays that come through the same heights one after the other: what
 lies across a ray at a sample, higher or deeper, its neighbours meet before it or after, at samples that stand for those
 heights. Blurring by it as well mixes tips with roots, and the network is not linear in features: seen wide and flat, grass
-that was fitted from nearby was five times too bright.
+that was fitted from nearby was four to seven times too bright.
 """
 
 from typing import NamedTuple

@@ -34,6 +34,9 @@ from mesoshell.typing import Array, Bool, Float, Key, Scalar
 
 #: Samples a tile of the network: forward and backward pass of one tile stay in a core's cache.
 _TILE = 1024
+#: 1 − y of the brightest target and prediction that count as such: a firefly is of radiance 99 (renders of the recipe stay
+#: below 14), and a prediction never infinite.
+_FIREFLY, _DARKEST = 1e-2, 1e-6
 
 
 @dataclass(frozen=True)
@@ -191,7 +194,7 @@ def residual(y: Float[Array, "*batch 4"], target: Float[Array, "*batch 4"]) -> F
     To first order that is the difference of y. But where the material cannot tell pixels apart, the best x is their mean
     (Lehtinen et al. 2018, section 3.4); the mean of y is darker, the more the pixels differ: 7% for grass over 4 × 4 of them.
     """
-    dark, true = 1 - y[..., :3], 1 - target[..., :3]
+    dark, true = jnp.maximum(1 - y[..., :3], _DARKEST), jnp.maximum(1 - target[..., :3], _FIREFLY)
     colour = jnp.square(jax.lax.stop_gradient(dark)) * (1 / dark - 1 / true)
     return jnp.concatenate([colour, y[..., 3:] - target[..., 3:]], axis=-1)
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from mesoshell.atlas.field import FieldConfig, init_field, to_surface, to_texture
+from mesoshell.atlas.field import FieldConfig, density, init_field, to_surface, to_texture
 from mesoshell.atlas.layout import LAYOUTS, checkerboard, directions, shape
 from mesoshell.atlas.march import CELLS, march
-from mesoshell.atlas.mesh import wrapped
+from mesoshell.atlas.mesh import REACH, wrapped
 from mesoshell.atlas.paint import painted, read_edit, texture_image
 from mesoshell.atlas.photo import Photo, photo_rays, pixel_centres
 from mesoshell.atlas.render import Lit, Paint, View, occupancy, picture
@@ -160,21 +160,47 @@ def test_edits_are_read_by_their_proportions(tmp_path) -> None:
 
 
 def test_the_mesh_is_closed_outside_out_and_where_the_map_says(field) -> None:
-    found = wrapped(field, 12, 64)
+    found = wrapped(CONFIG, field, 12, 64)
     one, of = np.unique(found.vertices, axis=0, return_inverse=True)  # the same bits, as meshes are welded
     mesh = trimesh.Trimesh(one, of.ravel()[found.faces], process=False)
     assert len(one) == 6 * 12**2 + 2 and mesh.is_watertight and mesh.euler_number == 2
-    wanted = jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32))
-    np.testing.assert_allclose(found.vertices, wanted, atol=1e-6)
     middle = found.vertices[found.faces].mean(axis=1)
     corners = found.vertices[found.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (np.einsum("ij,ij->i", normals, middle) > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1, atol=1e-9)
+    of_corners = np.einsum("tki,ti->tk", found.normals[found.faces], normals)
+    assert (of_corners > 0).all()
+
+
+def test_the_mesh_lies_where_half_of_the_light_is_through(field) -> None:
+    """Along the way that a vertex moved from F_uv⁻¹'s surface, by fine steps."""
+    found = wrapped(CONFIG, field, 6, 64)
+    wrap = np.asarray(jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32)), np.float64)
+    moved = found.vertices - wrap
+    moved, wrap, u = (x[np.linalg.norm(moved, axis=1) > 1e-3] for x in (moved, wrap, found.u))
+    out = moved / np.linalg.norm(moved, axis=1, keepdims=True)
+    out *= np.sign(np.einsum("ij,ij->i", out, u))[:, None]
+    s = (np.arange(2000) + 0.5) / 2000 * 2 * REACH
+    y = wrap[:, None] + (REACH - s)[:, None] * out[:, None]
+    sigma = jax.vmap(jax.vmap(lambda y: density(CONFIG, field, y)[0]))(jnp.asarray(y, jnp.float32))
+    deep = np.cumsum(np.asarray(sigma, np.float64), axis=1) * (2 * REACH / 2000)
+    half = (deep < np.log(2)).sum(axis=1)
+    there = (half > 100) & (half < 2000)
+    assert there.sum() > 20
+    np.testing.assert_allclose(np.einsum("ij,ij->i", moved, out)[there], (REACH - s[half % 2000])[there], atol=2e-3)
+
+
+def test_a_mesh_of_nothing_is_the_inverse_maps(field) -> None:
+    empty = field._replace(sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, -40.0))))
+    found = wrapped(CONFIG, empty, 8, 64)
+    wanted = jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32))
+    np.testing.assert_allclose(found.vertices, wanted, atol=1e-6)
 
 
 def test_the_meshs_coordinates_are_the_cubemaps(field) -> None:
     """Each vertex finds its direction in an image of directions, and no triangle leaves its square."""
-    found = wrapped(field, 8, 128)
+    found = wrapped(CONFIG, field, 8, 128)
     image = directions("cubemap", 128)
     h, w = image.shape[:2]
     inside = np.abs(found.uv * [3, 2] - np.round(found.uv * [3, 2])).min(axis=1) > 0.02
@@ -320,9 +346,9 @@ def test_albedo_is_what_is_painted(stone) -> None:
 @pytest.mark.parametrize("name", ["a.glb", "a.obj"])
 def test_a_files_texture_lies_where_the_map_says(field, tmp_path, name) -> None:
     """Colours found through the file's coordinates are those of the image at each vertex's direction; welded, it is closed."""
-    found = wrapped(field, 8, 64)
+    found = wrapped(CONFIG, field, 8, 64)
     smooth = np.clip(0.5 + 0.4 * directions("cubemap", 64), 0, 1)
-    write_wrapped(tmp_path / name, found.vertices, found.faces, found.uv, smooth)
+    write_wrapped(tmp_path / name, found.vertices, found.faces, found.uv, found.normals, smooth)
     mesh: Any = trimesh.load_mesh(tmp_path / name)
     colours = srgb_to_linear(mesh.visual.to_color().vertex_colors[:, :3].astype(np.float32) / 255)
     near = np.linalg.norm(mesh.vertices[:, None] - found.vertices[None], axis=-1).argmin(axis=1)

@@ -3,32 +3,45 @@
 Alphabet
 cube        six squares of n × n quads, the cubemap's: no triangle crosses a side of the texture's image
 lattice     places of the cube's corners of quads in whole numbers, 0 to n on each axis; squares share those on an edge
-vertices    F_uv⁻¹ of their directions, one for each corner of a square; those of one lattice point are the same number
+wrap        F_uv⁻¹ of the lattice's directions u, with normals n: closed, as F_uv⁻¹ is continuous on the sphere, and smooth
+T           transmittance along y + (REACH − s) n, from outside inward
+vertices    the wrap's, moved along n to where T is a half, one for each corner of a square; those of one lattice point are the
+            same number. Where T stays above a half, or is below it from the start, a vertex moves as its neighbours do
 
-It is closed wherever F_uv⁻¹ is: everywhere, since it is continuous on the sphere. Texture coordinates stay half a pixel inside
-their square, so that none of another's is mixed in.
+Texture coordinates stay half a pixel inside their square, so that none of another's is mixed in.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.atlas.field import Field, to_surface
+from mesoshell.atlas.field import Field, FieldConfig, density, to_surface
 from mesoshell.atlas.layout import on_faces
+from mesoshell.nets.batches import run
+from mesoshell.nets.mlp import in_tiles
+from mesoshell.typing import Array
+
+#: How far vertices are moved at most, in the box's units, and samples of σ on the way from there to as far inside.
+REACH, SAMPLES = 0.1, 48
+#: Rounds in which vertices that found no surface take the mean of their neighbours' moves.
+ROUNDS = 24
 
 
 class Wrapped(NamedTuple):
-    """uv: of the cubemap's image, v upward; u: directions of the vertices."""
+    """uv: of the cubemap's image, v upward; u: directions of the vertices; normals: unit, outward."""
 
     vertices: Float[np.ndarray, "V 3"]
     faces: Int[np.ndarray, "T 3"]
     uv: Float[np.ndarray, "V 2"]
     u: Float[np.ndarray, "V 3"]
+    normals: Float[np.ndarray, "V 3"]
 
 
-def wrapped(field: Field, n: int, side: int) -> Wrapped:
+def wrapped(config: FieldConfig, field: Field, n: int, side: int) -> Wrapped:
     """In the box's units; n: quads a side of the cube; side: pixels a side of the cubemap's squares."""
     grid = np.linspace(0, 1, n + 1)
     y, x = np.meshgrid(grid, grid, indexing="ij")
@@ -39,11 +52,56 @@ def wrapped(field: Field, n: int, side: int) -> Wrapped:
     # equal angles, not equal lengths: triangles of one size on the sphere
     u = np.tan((2 * one / n - 1) * np.pi / 4)
     u /= np.linalg.norm(u, axis=1, keepdims=True)
-    vertices = np.asarray(_surface(field, u.astype(np.float32)), np.float64)
+    of, faces = of.ravel(), _triangles(n)
+    points = np.asarray(_surface(field, u.astype(np.float32)), np.float64)
+    normals = _normals(points, of[faces], u)
+    points = points + _moves(config, field, points, normals, of[faces])[:, None] * normals
+    normals = _normals(points, of[faces], u)
     inset = np.clip(0.5 + np.tan((square - 0.5) * np.pi / 2) / 2, 0.5 / side, 1 - 0.5 / side)
     at = (inset + np.stack([face % 3, face // 3], axis=1)) / np.array([3, 2])
-    of = of.ravel()
-    return Wrapped(vertices[of], _triangles(n), np.stack([at[:, 0], 1 - at[:, 1]], axis=1), u[of])
+    return Wrapped(points[of], faces, np.stack([at[:, 0], 1 - at[:, 1]], axis=1), u[of], normals[of])
+
+
+def _normals(points: np.ndarray, faces: np.ndarray, otherwise: np.ndarray) -> Float[np.ndarray, "V 3"]:
+    """Of the faces around each vertex, by area; otherwise: where they have none."""
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    total = np.stack([np.bincount(faces.ravel(), across[:, k], len(points)) for k in range(3)], axis=1)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.where(length > 0, total / np.maximum(length, 1e-300), otherwise)
+
+
+def _moves(
+    config: FieldConfig, field: Field, points: np.ndarray, normals: np.ndarray, faces: np.ndarray
+) -> Float[np.ndarray, "V"]:
+    """How far each vertex moves outward."""
+    move, found = run(lambda *x: _surface_near(config, field, *x), np.float32(points), np.float32(normals))
+    move, found = move.astype(np.float64), found > 0
+    if not found.any():
+        return np.zeros(len(points))
+    a, b = faces.ravel(), np.roll(faces, 1, axis=1).ravel()  # each edge is met once from each of its sides
+    count = np.bincount(a, minlength=len(points))
+    move = np.where(found, move, 0)
+    for _ in range(ROUNDS):
+        move = np.where(found, move, np.bincount(a, move[b], len(points)) / count)
+    return move
+
+
+@partial(jax.jit, static_argnums=0)
+def _surface_near(config: FieldConfig, field: Field, y: Array, n: Array, count: Array) -> tuple[Array, Array]:
+    """Where T is a half, and whether it gets there."""
+    step = 2 * REACH / SAMPLES
+    outward = REACH - step * (jnp.arange(SAMPLES, dtype=jnp.float32) + 0.5)
+
+    def one(y: Array, n: Array) -> tuple[Array, Array]:
+        sigma = jax.vmap(lambda t: density(config, field, y + t * n)[0])(outward)
+        deep = jnp.cumsum(sigma) * step  # −ln T at the end of each sample
+        i = jnp.argmax(deep >= jnp.log(2.0))
+        share = 1 - (deep[i] - jnp.log(2.0)) / jnp.maximum(sigma[i] * step, 1e-12)
+        found = (deep[-1] >= jnp.log(2.0)) & (i > 0)
+        return REACH - step * (i.astype(jnp.float32) + share), found.astype(jnp.float32)
+
+    return in_tiles(jax.vmap(one), count, (y, n), ((0, jnp.float32), (0, jnp.float32)))
 
 
 def _triangles(n: int) -> Int[np.ndarray, "T 3"]:

@@ -87,11 +87,11 @@ def mesh(options: Mesh) -> None:
     _suffix(options.out, (".glb", ".obj"))
     found = _textured(options.object)
     side = _at_least_one("--size", options.size)
-    surface = wrapped(found.field, _at_least_one("--quads", options.quads), side)
+    surface = wrapped(found.config, found.field, _at_least_one("--quads", options.quads), side)
     image = paint.texture_image(found.config, found.field, "cubemap", side)
     _folder(options.out.parent)
     vertices = found.centre + found.half * surface.vertices
-    write_wrapped(options.out, vertices, surface.faces, surface.uv, image)
+    write_wrapped(options.out, vertices, surface.faces, surface.uv, surface.normals, image)
     print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
 
 

@@ -15,6 +15,7 @@ def write_wrapped(
     vertices: Float[np.ndarray, "V 3"],
     faces: Int[np.ndarray, "T 3"],
     uv: Float[np.ndarray, "V 2"],
+    normals: Float[np.ndarray, "V 3"],
     image: Float[np.ndarray, "h w 3"],
 ) -> None:
     """uv: (0, 0) at the image's lower left corner; image: linear. Raises InputError if a file cannot be written."""
@@ -26,7 +27,8 @@ def write_wrapped(
         lines = [f"mtllib {path.with_suffix('.mtl').name}", "usemtl texture"]
         lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
         lines += [f"vt {u:.9g} {v:.9g}" for u, v in uv]
-        lines += [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in corners]
+        lines += [f"vn {x:.6g} {y:.6g} {z:.6g}" for x, y, z in normals]
+        lines += [f"f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}" for a, b, c in corners]
         replace_file(path, ("\n".join(lines) + "\n").encode())
         return
     import trimesh
@@ -38,5 +40,5 @@ def write_wrapped(
     )
     visual = trimesh.visual.TextureVisuals(uv=uv, material=material)  # type: ignore[attr-defined]
     stream = io.BytesIO()
-    trimesh.Trimesh(vertices, faces, visual=visual, process=False).export(stream, file_type="glb")
+    trimesh.Trimesh(vertices, faces, vertex_normals=normals, visual=visual, process=False).export(stream, file_type="glb")
     replace_file(path, stream.getvalue())

@@ -4,7 +4,8 @@ Alphabet
 period       world length of one period of the texture; u and v of the mesh are counted in periods
 P, n         point and interpolated unit normal of the mesh at (u, v): a vertex (u, v, h) of the tile comes to P + period h n
 
-A triangle that does not lie within one chart is left out, so seams stay bare down to the body.
+A mesh whose coordinates go through a whole number of periods along u or v is taken to close there, as a torus does: what crosses
+the seam goes on behind it. Elsewhere a triangle that does not lie within one chart is left out, so seams stay bare down to the body.
 """
 
 import numpy as np
@@ -17,6 +18,8 @@ from mesoshell.mesostructure.tile import Tile
 
 #: Edges that are longer than so many times what they are in the texture cross a seam.
 LONGEST = 3.0
+#: How far from whole a number of periods may be.
+WHOLE = 1e-3
 
 
 def dressed(
@@ -26,17 +29,20 @@ def dressed(
     periods = uv_stretch(mesh) / period
     uv = mesh.uv.astype(np.float64) * periods
     low, high = np.floor(uv.min(axis=(0, 1))), np.ceil(uv.max(axis=(0, 1)))
-    chart = _Chart(uv)
+    chart, span = _Chart(uv), np.ptp(uv, axis=(0, 1))
+    closed = (np.abs(span - np.round(span)) < WHOLE) & (span > 0.5)
     points, faces, colours, count = [], [], [], 0
     for shift in np.stack(np.meshgrid(*map(np.arange, low - 1, high + 1), indexing="ij"), axis=-1).reshape(-1, 2):
         at = tile.vertices[:, :2] + shift
-        face, bary = chart.locate(at)
+        face, bary = chart.locate(at, np.where(closed, np.round(span), 0))
         if (face < 0).all():
             continue
         place, normal = (np.einsum("vk,vki->vi", bary, x[mesh.faces[face]]) for x in (mesh.vertices, mesh.normals))
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
         world = place + period * tile.vertices[:, 2:] * normal
-        kept = tile.faces[(face[tile.faces] >= 0).all(axis=1)]
+        middle = at[tile.faces].mean(axis=1)
+        once = ((middle >= uv.min(axis=(0, 1))) & (middle < uv.max(axis=(0, 1))) | ~closed).all(axis=1)
+        kept = tile.faces[(face[tile.faces] >= 0).all(axis=1) & once]
         kept = kept[_short(world[kept], tile.vertices[kept] * period)]
         points.append(world)
         faces.append(kept + count)
@@ -60,8 +66,13 @@ class _Chart:
         self.scene = EmbreeScene()
         TriangleMesh(self.scene, np.ascontiguousarray(corners, np.float32))
 
-    def locate(self, at: Float[np.ndarray, "V 2"]) -> tuple[np.ndarray, np.ndarray]:
-        """The face that holds each point, −1 for none, and barycentric coordinates there."""
+    def locate(
+        self, at: Float[np.ndarray, "V 2"], around: Float[np.ndarray, "2"]
+    ) -> tuple[Int[np.ndarray, "V"], Float[np.ndarray, "V 3"]]:
+        """The face that holds each point, −1 for none, and barycentric coordinates there. around: periods after which the
+        coordinates begin anew, 0 where they do not."""
+        low = self.uv.min(axis=(0, 1))
+        at = np.where(around > 0, low + (at - low) % np.where(around > 0, around, 1), at)
         origin = np.concatenate([at - self.centre, np.ones((len(at), 1))], axis=1).astype(np.float32)
         down = np.tile(np.array([0, 0, -1], np.float32), (len(at), 1))
         found = self.scene.run(np.ascontiguousarray(origin), down, output=True)

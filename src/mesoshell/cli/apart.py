@@ -3,7 +3,8 @@
 Alphabet
 radius       standard deviation of a pixel's footprint, periods; pixels are two of them apart
 picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under LIGHTS of any direction:
-             all drawn anew for each. It is exposed as a camera does: on average it is middle grey, before what is BEHIND.
+             all drawn anew for each. It is exposed as a camera does: what is opaque of it is middle grey on average, and it
+             stands before what is BEHIND.
              The teacher's is the mean of RAYS a pixel
 error        FLIP of the picture by the material against that by its teacher: 0 is the same, 1 the most
 """
@@ -68,7 +69,8 @@ def _error(
         alpha, _, rho = painter(rows)
         true += irradiance * rows[:, _RGB]
         ours += irradiance * alpha[:, None] * rho
-    exposure = GREY / max(float(true.mean(axis=0) @ LUMINANCE), 1e-6)
+    there = rows[:, _ALPHA].mean()
+    exposure = GREY * there / max(float(true.mean(axis=0) @ LUMINANCE), 1e-6)
     return flip(_shown(rows[:, _ALPHA], exposure * true), _shown(alpha, exposure * ours))
 
 

@@ -28,7 +28,8 @@ class Options:
     thickness: float | None = None
     #: Diffuse colour of the surface under a shell, linear R G B; it becomes part of the material. Default: bare earth.
     base: tuple[float, float, float] | None = None
-    #: Least and greatest curvature, 1 / patch; positive is seen from outside. Default: -1 1.5 of a shell, -1 2 of geometry.
+    #: Least and greatest curvature, 1 / patch; positive is seen from outside. Default: -1 1.5 of a shell,
+    #: -0.5 0.5 of its twin, -1 2 of geometry.
     curvature: tuple[float, float] | None = None
     #: Number of cylinders, and of queries on each. Default: 4096 and 2048 of a shell, 1024 and 8192 of geometry.
     patches: int | None = None

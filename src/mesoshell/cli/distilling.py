@@ -34,7 +34,7 @@ def distill(options: Options) -> None:
         write_surface(options.out, surface)
         print(options.out)
     if options.twin is not None and isinstance(of, ShellSubject):
-        twin = _twin(from_afar(of), run / AFAR)
+        twin = _twin(from_afar(of, options.curvature), run / AFAR)
         options.twin.parent.mkdir(parents=True, exist_ok=True)
         write_bundle(options.twin, replace(of.bundle, twin=twin))
         print(options.twin)

@@ -28,6 +28,8 @@ WIDTHS = (64, 64, 64)
 #: Radius of a shell's widest footprints, patches: twice as wide there is next to nothing left that differs from place to place.
 #: And of the narrowest of its twin, which is there for wide ones alone: nearer, networks of this size look too different.
 WIDEST, NARROWEST = 2.0, 0.25
+#: Curvature that a shell and its twin are learned for: of what is seen from so far, a patch is a small part.
+CURVATURE, FROM_AFAR = (-1.0, 1.5), (-0.5, 0.5)
 #: Texels of a twin along a patch: its narrowest footprints read two of them.
 TEXELS = 4
 #: Cylinders and queries on each. Curvature and the direction across are a cylinder's, but geometry has to be bent onto each.
@@ -87,14 +89,15 @@ def _shell(options: Options) -> ShellSubject:
     taught = answers(found.layout, Teacher(found.material, jnp.asarray(alpha), depth, colour))
     about = " ".join([options.material, digest(path)[:16], *options.param, *map(str, base)])
     patches, queries = options.patches or OF_SHELL[0], options.queries or OF_SHELL[1]
-    settings = Settings(about, thickness, options.curvature or (-1.0, 1.5), queries, 1, 0, widest=WIDEST, finest=0.0)
+    settings = Settings(about, thickness, options.curvature or CURVATURE, queries, 1, 0, widest=WIDEST, finest=0.0)
     return ShellSubject(settings, patches, taught, _config(options, WIDTHS), bundle, tuple(map(float, alpha)), base)
 
 
-def from_afar(subject: ShellSubject) -> ShellSubject:
-    """What a twin is distilled from: wide footprints alone."""
+def from_afar(subject: ShellSubject, curvature: tuple[float, float] | None) -> ShellSubject:
+    """What a twin is distilled from: wide footprints alone. curvature: if another was asked for."""
     config = replace(subject.config, surface=replace(subject.config.surface, texels=TEXELS))
-    return replace(subject, settings=replace(subject.settings, narrowest=NARROWEST), config=config)
+    settings = replace(subject.settings, narrowest=NARROWEST, curvature=curvature or FROM_AFAR)
+    return replace(subject, settings=settings, config=config)
 
 
 def _geometry(options: Options) -> Subject:

@@ -66,6 +66,20 @@ def test_what_is_wrong_is_seen(off: dict[str, Any]) -> None:
     assert 0.005 < min(errors) < max(errors) < 0.3
 
 
+def test_what_is_hardly_there_is_hardly_seen() -> None:
+    """A camera exposes for what is opaque, not for what a fiftieth of it lets through."""
+
+    def thin(placing: Placing, asked: dict[str, np.ndarray], seed: int):
+        found, seconds = teacher(placing, asked, seed)
+        return {name: x / 50 for name, x in found.items()}, seconds
+
+    def twice(rows: np.ndarray) -> tuple[np.ndarray, ...]:
+        alpha, cosine, rho = painter(1.0)[0](rows)
+        return alpha / 50, cosine, 2 * rho
+
+    assert max(e for _, e in errors_by_radius(thin, twice, CURVATURE, FINEST, WIDEST)) < 0.1
+
+
 def test_more_wrong_looks_more_different() -> None:
     rising = [
         np.mean([e for _, e in errors_by_radius(teacher, painter(s)[0], CURVATURE, FINEST, WIDEST)])

@@ -53,11 +53,11 @@ VIEWS = {"near": (8, (1.2, -3.6, 3.4), (0.0, 0.0, 0.4), 32), "far": (40, (2.0, -
 ALONG = np.append(np.repeat(np.arange(grass.ROWS - 1), 2), grass.ROWS - 1) / (grass.ROWS - 1)
 
 
-def blades(rng: np.random.Generator, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def blades(rng: np.random.Generator, side: int, age: float = AGE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices (n, K, 3) of the blades of side × side patches, with R and T at each."""
     grown = grass.grow(rng, side, {})
     points, own = grown.points, grown.own
-    dead = np.clip(1.5 * AGE - 0.5 * own["resist"] + own["dry"], 0, 1)[:, None, None]
+    dead = np.clip(1.5 * age - 0.5 * own["resist"] + own["dry"], 0, 1)[:, None, None]
     shade = ((0.75 * ALONG + 0.45) * (0.5 * own["tone"] + 0.75)[:, None])[..., None]
     pairs = ((grass.FRESH_R, grass.DEAD_R), (grass.FRESH_T, grass.DEAD_T))
     reflect, transmit = (shade * ((1 - dead) * np.array(a) + dead * np.array(b)) for a, b in pairs)

@@ -33,7 +33,8 @@ from mesoshell.silhouette.scene import SurfaceDescription
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
 SPOT = Path(__file__).parent.parent / "tests/data/spot.obj"
-#: Lengths of a period on the torus, whose tube is of radius 0.382: curvature up to 0.8, 1.6 and 3.1. All divide both ways around.
+#: Lengths of a period on the torus, whose tube is of radius 0.382: curvature up to 0.8, 1.6 and 3.1. All divide both ways
+#: around.
 PERIODS = (0.3, 0.6, 1.2)
 BEHIND = np.array([0.18, 0.18, 0.35])
 
@@ -90,7 +91,9 @@ def apart(true: np.ndarray, ours: np.ndarray) -> tuple[float, float, float, floa
 
 
 def compare(name: str, bundle: Path, mesh: Path, period: float | None, asked: argparse.Namespace) -> None:
-    if period is not None:  # in units of the texture; triangles lie within the torus, so its surface is a little smaller
+    if (
+        period is not None
+    ):  # in units of the texture; triangles lie within the torus, so its surface is a little smaller
         period *= uv_stretch(load_mesh(mesh))
     options = Options(
         mesh, material=str(bundle), scale=period, size=(asked.side, asked.side), irradiance=4.0, camera=asked.camera

@@ -1,21 +1,26 @@
-"""A march against the surface material distilled from it: python -m benchmarks.twins grass_twin.npz [--out plot.png]
+"""A march, the surface material distilled from it, and blades: python -m benchmarks.twins grass_twin.npz [--out plot.png]
 
-One view of a sphere, a torus and a cow, with patches of a tenth of the mesh (near), and of an eighth of that (far). What both
+One view of a sphere, a torus and a cow, with patches of a tenth of the mesh (near), and of a fifth of that (far). What all
 are compared with is a march of 256 samples, 16 rays a pixel. Prints FLIP and IoU of what is opaque, network evaluations
 a ray, and seconds of a picture once its mesh is made ready, for marches of 8 to 128 samples and for the surface material: far
-the twin, near another one, of all footprints, if there is one.
+the twin, near another one, of all footprints, if there is one; and for the blades that the shell was made from, as triangles on
+the same mesh, path-traced with 256 paths a pixel (its seconds are for as many as the others have rays).
 """
 
 import tempfile
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
 import tyro
 
+from benchmarks import leaf
+from benchmarks.blades import PATCH, blades
 from benchmarks.silhouettes import SPOT, over, torus
+from data_gen import grass
 from mesoshell.cli.description import Description, describe
 from mesoshell.cli.marching import facts, scene_of
 from mesoshell.cli.render import Options as Render
@@ -26,6 +31,9 @@ from mesoshell.io.image import tonemap
 from mesoshell.io.surface import read_surface
 from mesoshell.io.twin import Twin
 from mesoshell.measure.flip import flip
+from mesoshell.mesostructure.dress import dressed
+from mesoshell.mesostructure.tile import Tile
+from mesoshell.pathtracer import assemble
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS, Quality
@@ -34,10 +42,13 @@ from mesoshell.shell.scene import Scene
 from mesoshell.silhouette import renderer as surface
 from mesoshell.silhouette.ready import ready
 
+import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
+
 #: Length of a patch over the largest side of a mesh.
-VIEWS = {"near": 0.1, "far": 0.0125}
+VIEWS = {"near": 0.1, "far": 0.02}
 SIDE = 128
 SAMPLES = (8, 16, 32, 64, 128)
+PATHS = 256
 TRUE = PRESETS["normal"].with_changes(samples=256, pixel_samples=16, early_stop=0.0, skip=0.0, weight_cut=0.0)
 
 
@@ -54,6 +65,7 @@ class Options:
 
 
 def main(given: Options) -> None:
+    leaf.register()
     bundle, points = read_bundle(given.bundle), []
     assert bundle.twin is not None, f"{given.bundle}: has no twin"
     depth = bundle.twin.surface.depth
@@ -76,6 +88,8 @@ def main(given: Options) -> None:
                     found = twin_facts(options, replace(bundle, twin=twin), d, PRESETS["normal"])
                     whose = f"distilled ({found.misfit})" if found and found.misfit else "distilled"
                     tried.append((whose, distilled(d, twin, PRESETS["normal"])))
+                image, seconds, triangles = traced(d, bundle.twin.alpha[0])
+                tried.append((f"{triangles:,} triangles", (image, 0.0, seconds)))
                 for what, (image, queries, seconds) in tried:
                     a, b = true[..., 3] > 0.5, image[..., 3] > 0.5
                     error = float(flip(tonemap(over(true)), tonemap(over(image))))
@@ -109,6 +123,66 @@ def distilled(d: Description, twin: Twin, quality: Quality) -> tuple[np.ndarray,
     return image, asked(report.counts, d.camera, quality), seconds
 
 
+def traced(d: Description, age: float) -> tuple[np.ndarray, float, int]:
+    """The picture of the recipe's blades where the shell is, seconds for `normal`'s rays a pixel, and triangles."""
+    there = in_place(d)
+    grown, *colours = blades(np.random.default_rng(PATCH), 1, age)
+    at, depth = grown.reshape(-1, 3), float(np.linalg.norm(d.shell.offset, axis=1).mean()) / there.period
+    faces = np.arange(len(grown))[:, None, None] * grown.shape[1] + grass.strip_triangles(grass.ROWS)
+    place = np.stack([at[:, 0], at[:, 1], (at[:, 2] - 1) * depth], axis=1)
+    number = np.repeat(np.arange(len(at), dtype=float)[:, None], 3, axis=1)  # in the place of an albedo
+    tile = Tile(place, faces.reshape(-1, 3), number, depth, (-1.0, -1.0, -1.0))
+    points, faces, of = dressed(tile, there.mesh, there.period)
+    of = of[:, 0].astype(int)
+    body = of[faces[:, 0]] < 0
+    attributes = {name: c.reshape(-1, 3)[of] for name, c in zip(("reflect", "transmit"), colours, strict=True)}
+    parts = {
+        "blades": triangles(points, faces[~body], leaf_of(attributes), attributes),
+        "body": triangles(points, faces[body], {"type": "diffuse", "reflectance": _rgb(d.base_colour)}, {}),
+    }
+    lights = {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
+    scene: Any = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 16, "hide_emitters": True},
+            "sensor": assemble.sensor(d.camera, PATHS),
+        }
+        | parts
+        | lights
+    )
+    mi.render(scene, spp=PATHS, seed=mi.UInt32(0)).numpy()
+    begin = time.perf_counter()
+    image = mi.render(scene, spp=PATHS, seed=mi.UInt32(1)).numpy()
+    seconds = (time.perf_counter() - begin) * PRESETS["normal"].pixel_samples / PATHS
+    return image, seconds, int((~body).sum())
+
+
+def leaf_of(attributes: dict[str, np.ndarray]) -> dict[str, Any]:
+    return {"type": "grass_leaf"} | {k: {"type": "mesh_attribute", "name": f"vertex_{k}"} for k in attributes}
+
+
+def triangles(
+    points: np.ndarray, faces: np.ndarray, bsdf: dict[str, Any], attributes: dict[str, np.ndarray]
+) -> mi.Mesh:
+    """Of these faces, with smooth normals."""
+    used, faces = np.unique(faces, return_inverse=True)
+    props = mi.Properties()
+    props["bsdf"] = mi.load_dict(bsdf)
+    made = mi.Mesh("made", len(used), faces.size // 3, props=props, has_vertex_normals=True)
+    for name, values in attributes.items():
+        made.add_attribute(f"vertex_{name}", 3, values[used].astype(np.float32).ravel())
+    parameters = mi.traverse(made)
+    parameters["vertex_positions"] = mi.Float(points[used].astype(np.float32).ravel())
+    parameters["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
+    parameters.update()
+    made.recompute_vertex_normals()
+    return made
+
+
+def _rgb(colour: tuple[float, ...]) -> dict[str, Any]:
+    return {"type": "rgb", "value": list(colour)}
+
+
 def asked(counts: dict[str, int], camera: Camera, quality: Quality) -> float:
     """Evaluations of a network, of any of a material's, a camera ray."""
     rays = camera.width * camera.height * quality.pixel_samples
@@ -125,8 +199,15 @@ def plot(points: list[tuple[str, str, float, float]], out: Path) -> None:
         axes.loglog([r[3] for r in marches], [r[2] for r in marches], marker="o", markersize=3, label="marched")
         for _, what, error, seconds in marches:
             axes.annotate(what.removeprefix("march, "), (seconds, error), fontsize=7)
-        for _, _, error, seconds in [row for row in points if row[0] == scene and row not in marches]:
-            axes.plot(seconds, error, marker="D", linestyle="", label="distilled")
+        for _, what, error, seconds in [row for row in points if row[0] == scene and row not in marches]:
+            explicit = what.endswith("triangles")
+            axes.plot(
+                seconds,
+                error,
+                marker="^" if explicit else "D",
+                linestyle="",
+                label="blades" if explicit else "distilled",
+            )
         axes.set(title=scene, xlabel="seconds a picture", ylabel="FLIP")
     figure.axes[1].legend()
     figure.savefig(out, dpi=110)

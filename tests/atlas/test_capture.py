@@ -5,12 +5,16 @@ import shutil
 
 import numpy as np
 import pytest
+import trimesh
+from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from mesoshell.atlas.capture import at_most, read_capture
 from mesoshell.atlas.hull import CELLS
 from mesoshell.atlas.photo import photo_rays, rays_of
 from mesoshell.errors import InputError
-from mesoshell.io.image import read_png, write_exr, write_png
+from mesoshell.io.image import linear_to_srgb, read_png, write_exr, write_png
+from mesoshell.io.poses import FLIP
 from tests import balls
 
 
@@ -105,6 +109,61 @@ def test_masks_may_be_files(own) -> None:
     capture = read_capture(own)
     np.testing.assert_allclose(capture.centre, wanted.centre, atol=0.05)
     assert (capture.rgb[0][capture.masks[0] == 0] == 0).all()
+
+
+def as_idr(folder) -> None:
+    (folder / "mask").mkdir()
+    said = balls.photos()
+    arrays = {}
+    for i, photo in enumerate(said):
+        fx, fy, cx, cy = photo.lens
+        lens = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])  # whole numbers are pixel centres
+        arrays[f"world_mat_{i}"] = np.vstack([lens @ np.linalg.inv(photo.to_world @ FLIP)[:3], [0, 0, 0, 1]])
+        Image.fromarray(codes(balls.picture(photo))).save(folder / f"image/{i:03d}.jpg", quality=95)
+        write_png(folder / f"mask/{i:03d}.png", np.repeat(balls.picture(photo)[..., 3:], 3, axis=-1))
+    np.savez(folder / "cameras.npz", **arrays)
+    trimesh.PointCloud(balls.cloud()).export(folder / "points.ply")
+
+
+def as_colmap(folder) -> None:
+    pytest.importorskip("pycolmap", reason="the extra `capture` is not installed")
+    (folder / "sparse/0").mkdir(parents=True)
+    (folder / "masks").mkdir()
+    said = balls.photos()
+    (folder / "sparse/0/cameras.txt").write_text(f"1 PINHOLE 48 48 {' '.join(map(str, said[0].lens))}\n")
+    lines = []
+    for i, photo in enumerate(said):
+        view = np.linalg.inv(photo.to_world @ FLIP)
+        x, y, z, w = Rotation.from_matrix(view[:3, :3]).as_quat()
+        lines += [f"{i + 1} {w} {x} {y} {z} {' '.join(map(str, view[:3, 3]))} 1 {i:03d}.jpg", ""]
+        Image.fromarray(codes(balls.picture(photo))).save(folder / f"images/{i:03d}.jpg", quality=95)
+        write_png(folder / f"masks/{i:03d}.jpg.png", np.repeat(balls.picture(photo)[..., 3:], 3, axis=-1))
+    (folder / "sparse/0/images.txt").write_text("\n".join(lines) + "\n")
+    points = [f"{i + 1} {' '.join(map(str, p))} 0 0 0 0.1" for i, p in enumerate(balls.cloud())]
+    (folder / "sparse/0/points3D.txt").write_text("\n".join(points) + "\n")
+
+
+def codes(rgba: np.ndarray) -> np.ndarray:
+    """sRGB, before a grey wall."""
+    return (linear_to_srgb(rgba[..., :3] + 0.2 * (1 - rgba[..., 3:])) * 255 + 0.5).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("form", "images"), [(as_idr, "image"), (as_colmap, "images")])
+def test_other_forms_say_the_same(ball, tmp_path, form, images) -> None:
+    """JPEG images with masks beside them, as IDR and COLMAP have them: the box, cameras, colours and points are the same."""
+    (tmp_path / images).mkdir()
+    form(tmp_path)
+    found, wanted = read_capture(tmp_path), read_capture(ball)
+    np.testing.assert_allclose(found.centre, wanted.centre, atol=0.05)
+    assert found.half == pytest.approx(wanted.half, rel=0.05) and found.agreement > 0.99 and not found.warnings
+    assert found.points is not None and len(found.points) > 480
+    for a, b in zip(found.photos, wanted.photos, strict=True):
+        np.testing.assert_allclose(a.to_world, b.to_world, atol=1e-6)
+        np.testing.assert_allclose(a.lens, b.lens, atol=1e-6)
+    for i in range(16):
+        inside = wanted.masks[i] == 1
+        assert np.abs(found.masks[i] - wanted.masks[i]).mean() < 0.02
+        assert np.abs(found.rgb[i] - wanted.rgb[i])[inside].mean() < 0.03
 
 
 def test_one_view_is_not_enough(own) -> None:

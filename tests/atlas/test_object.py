@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mesoshell.atlas.field import FieldConfig, density, init_field, to_surface, to_texture
+from mesoshell.atlas.field import FieldConfig, density, init_field, lobes, to_surface, to_texture
 from mesoshell.atlas.layout import LAYOUTS, checkerboard, directions, shape
 from mesoshell.atlas.march import CELLS, march
 from mesoshell.atlas.mesh import REACH, wrapped
@@ -341,6 +341,24 @@ def test_albedo_is_what_is_painted(stone) -> None:
     half = painted(LIT, stone, "square", np.full((16, 16, 3), 0.5, np.float32), "multiply")
     plain, found = (picture(LIT, stone, PHOTO, View(EXACT, FULL, paint)).rgba[..., 0] for paint in (None, half))
     np.testing.assert_allclose(found, plain / 2, rtol=0.03, atol=1e-5)
+
+
+def test_roughness_is_written_as_it_is(stone, tmp_path) -> None:
+    """As an image of the texture, and in the channel that glTF has for it."""
+    rough = texture_image(LIT, stone, "cubemap", 16, "roughness")
+    at = directions("cubemap", 16)[5, 7]
+    wanted = lobes(LIT, stone, jnp.asarray(at))
+    np.testing.assert_allclose(rough[5, 7], float(wanted.roughness), atol=1e-6)
+    np.testing.assert_allclose(
+        texture_image(LIT, stone, "cubemap", 16, "specular")[5, 7], float(wanted.specular), atol=1e-6
+    )
+    found = wrapped(LIT, stone, 4, 16)
+    image = texture_image(LIT, stone, "cubemap", 16)
+    write_wrapped(tmp_path / "a.glb", found.vertices, found.faces, found.uv, found.normals, image, rough[..., 0])
+    material: Any = trimesh.load_mesh(tmp_path / "a.glb").visual.material
+    kept = np.asarray(material.metallicRoughnessTexture, np.float64)[..., :3] / 255
+    np.testing.assert_allclose(kept[..., 1], rough[..., 0], atol=0.5 / 255 + 1e-6)
+    assert (kept[..., 2] == 0).all()
 
 
 @pytest.mark.parametrize("name", ["a.glb", "a.obj"])

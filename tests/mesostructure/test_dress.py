@@ -15,7 +15,11 @@ RING, TUBE, AROUND, ACROSS = 1.0, 0.4, 60, 24
 def torus() -> Mesh:
     p, t = np.meshgrid(np.arange(AROUND) / AROUND, np.arange(ACROSS) / ACROSS, indexing="ij")
     normal = np.stack(
-        [np.cos(2 * np.pi * t) * np.cos(2 * np.pi * p), np.sin(2 * np.pi * t), -np.cos(2 * np.pi * t) * np.sin(2 * np.pi * p)],
+        [
+            np.cos(2 * np.pi * t) * np.cos(2 * np.pi * p),
+            np.sin(2 * np.pi * t),
+            -np.cos(2 * np.pi * t) * np.sin(2 * np.pi * p),
+        ],
         axis=-1,
     )
     ring = np.stack([np.cos(2 * np.pi * p), 0 * p, -np.sin(2 * np.pi * p)], axis=-1)
@@ -29,7 +33,9 @@ def torus() -> Mesh:
             for k in ((0, 1, 2), (0, 2, 3)):
                 faces.append([number[i] for i in k])
                 uv.append([place[i] for i in k])
-    return Mesh(points, np.array(faces, np.int32), np.array(uv, np.float32), normal.reshape(-1, 3).astype(np.float32), ())
+    return Mesh(
+        points, np.array(faces, np.int32), np.array(uv, np.float32), normal.reshape(-1, 3).astype(np.float32), ()
+    )
 
 
 def bumps():

@@ -2,7 +2,7 @@
 
 Alphabet
 T           an object's texture, linear: the greatest of its colours over VIEWS directions, as the paper shows it; or,
-            of reflectance, its albedo
+            of reflectance, its albedo, roughness (GGX's α is its square) or specular (f₀), grey
 E, α        an edit: colours and coverage of an image of any layout
 c′ = a + s c    what becomes of a colour c that a view sees at u:
 multiply    s = E, a = 0
@@ -29,20 +29,23 @@ from mesoshell.io.image import read_picture
 from mesoshell.nets.batches import run
 
 Edit = Literal["replace", "multiply"]
+Part = Literal["colour", "roughness", "specular"]
 VIEWS = 32
 #: What a texture is taken to have at least, where it is divided by.
 DARKEST = 1e-4
 
 
-def texture_image(config: FieldConfig, field: Field, layout: Layout, side: int) -> NumPyFloat[np.ndarray, "h w 3"]:
-    """T, linear and not negative."""
+def texture_image(
+    config: FieldConfig, field: Field, layout: Layout, side: int, part: Part = "colour"
+) -> NumPyFloat[np.ndarray, "h w 3"]:
+    """T, linear and not negative. part: others than colour are of reflectance."""
     u = directions(layout, side)
-    (found,) = run(lambda u, n: (_greatest(config, field, u),), u.reshape(-1, 3))
+    (found,) = run(lambda u, n: (_greatest(config, part, field, u),), u.reshape(-1, 3))
     return np.maximum(found, 0).reshape(u.shape)
 
 
-@partial(jax.jit, static_argnums=0)
-def _greatest(config: FieldConfig, field: Field, u):
+@partial(jax.jit, static_argnums=(0, 1))
+def _greatest(config: FieldConfig, part: Part, field: Field, u):
     i = np.arange(VIEWS) + 0.5
     z, turn = 1 - 2 * i / VIEWS, i * np.pi * (3 - 5**0.5)
     ring = np.sqrt(1 - z * z)
@@ -50,7 +53,8 @@ def _greatest(config: FieldConfig, field: Field, u):
 
     def point(u):
         if config.colour == "reflectance":
-            return lobes(config, field, u).albedo
+            found = lobes(config, field, u)
+            return found.albedo if part == "colour" else jnp.broadcast_to(getattr(found, part), 3)
         base, features = texture(config, field, u)
         return base + jnp.max(jax.vmap(lambda d: viewed(config, field, features, d))(ways), axis=0)
 

@@ -64,6 +64,8 @@ class Texture:
     layout: Literal["cubemap", "latlong", "square"] = "cubemap"
     #: Pixels of a square's side; of latlong, its height.
     size: int = 512
+    #: Of an object of reflectance: its colour, which is albedo, or its roughness or specular, as numbers in an EXR.
+    part: Literal["colour", "roughness", "specular"] = "colour"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +105,8 @@ class Render:
 
 @dataclass(frozen=True, kw_only=True)
 class Mesh:
-    """Write an object's surface as a mesh with its texture, in the photographs' own frame and units."""
+    """Write an object's surface as a mesh with its texture, in the photographs' own frame and units. A GLB has the roughness
+    of an object of reflectance too."""
 
     #: Folder of a run, or one of its snapshots.
     object: tyro.conf.Positional[Path]

@@ -44,8 +44,12 @@ def train(options: Train) -> None:
 def texture(options: Texture) -> None:
     """`mesoshell atlas texture`."""
     _suffix(options.out, (".png", ".exr"))
-    found = _textured(options.object)
-    image = paint.texture_image(found.config, found.field, options.layout, _at_least_one("--size", options.size))
+    found, size = _textured(options.object), _at_least_one("--size", options.size)
+    if options.part != "colour":
+        if found.config.colour != "reflectance":
+            raise InputError(options.object, f"has colours as they were photographed, and no {options.part}")
+        _suffix(options.out, (".exr",))
+    image = paint.texture_image(found.config, found.field, options.layout, size, options.part)
     _folder(options.out.parent)
     write = write_png if options.out.suffix.lower() == ".png" else write_exr
     write(options.out, image)
@@ -89,9 +93,12 @@ def mesh(options: Mesh) -> None:
     side = _at_least_one("--size", options.size)
     surface = wrapped(found.config, found.field, _at_least_one("--quads", options.quads), side)
     image = paint.texture_image(found.config, found.field, "cubemap", side)
+    rough = None
+    if found.config.colour == "reflectance":
+        rough = paint.texture_image(found.config, found.field, "cubemap", side, "roughness")[..., 0]
     _folder(options.out.parent)
     vertices = found.centre + found.half * surface.vertices
-    write_wrapped(options.out, vertices, surface.faces, surface.uv, surface.normals, image)
+    write_wrapped(options.out, vertices, surface.faces, surface.uv, surface.normals, image, rough)
     print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
 
 

@@ -17,8 +17,10 @@ def write_wrapped(
     uv: Float[np.ndarray, "V 2"],
     normals: Float[np.ndarray, "V 3"],
     image: Float[np.ndarray, "h w 3"],
+    roughness: Float[np.ndarray, "h w"] | None = None,
 ) -> None:
-    """uv: (0, 0) at the image's lower left corner; image: linear. Raises InputError if a file cannot be written."""
+    """uv: (0, 0) at the image's lower left corner; image: linear; roughness: 1 if not given, and of a GLB alone. Raises
+    InputError if a file cannot be written."""
     if path.suffix.lower() == ".obj":
         picture = path.with_name(f"{path.stem}_texture.png")
         write_png(picture, image)
@@ -34,11 +36,21 @@ def write_wrapped(
     import trimesh
     from PIL import Image
 
-    codes = (linear_to_srgb(np.clip(image, 0, 1)) * 255 + 0.5).astype(np.uint8)
+    def picture(x: np.ndarray) -> Image.Image:
+        return Image.fromarray((np.clip(x, 0, 1) * 255 + 0.5).astype(np.uint8))
+
+    rough = None
+    if roughness is not None:  # glTF's channels: occlusion, roughness, metalness
+        rough = picture(np.stack([np.ones_like(roughness), roughness, np.zeros_like(roughness)], axis=-1))
     material = trimesh.visual.material.PBRMaterial(  # type: ignore[attr-defined]
-        baseColorTexture=Image.fromarray(codes), metallicFactor=0.0, roughnessFactor=1.0
+        baseColorTexture=picture(linear_to_srgb(np.clip(image, 0, 1))),
+        metallicRoughnessTexture=rough,
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
     )
     visual = trimesh.visual.TextureVisuals(uv=uv, material=material)  # type: ignore[attr-defined]
     stream = io.BytesIO()
-    trimesh.Trimesh(vertices, faces, vertex_normals=normals, visual=visual, process=False).export(stream, file_type="glb")
+    trimesh.Trimesh(vertices, faces, vertex_normals=normals, visual=visual, process=False).export(
+        stream, file_type="glb"
+    )
     replace_file(path, stream.getvalue())

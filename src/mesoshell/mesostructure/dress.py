@@ -4,8 +4,9 @@ Alphabet
 period       world length of one period of the texture; u and v of the mesh are counted in periods
 P, n         point and interpolated unit normal of the mesh at (u, v): a vertex (u, v, h) of the tile comes to P + period h n
 
-A mesh whose coordinates go through a whole number of periods along u or v is taken to close there, as a torus does: what crosses
-the seam goes on behind it. Elsewhere a triangle that does not lie within one chart is left out, so seams stay bare down to the body.
+A mesh whose coordinates go through a whole number of periods along u or v is taken to close there, as a torus does: what
+crosses the seam goes on behind it. Elsewhere a triangle that does not lie within one chart is left out, so seams stay bare down
+to the body.
 """
 
 import numpy as np

@@ -91,9 +91,8 @@ def apart(true: np.ndarray, ours: np.ndarray) -> tuple[float, float, float, floa
 
 
 def compare(name: str, bundle: Path, mesh: Path, period: float | None, asked: argparse.Namespace) -> None:
-    if (
-        period is not None
-    ):  # in units of the texture; triangles lie within the torus, so its surface is a little smaller
+    # a period is in texture units: triangles lie within the torus, so these are a little shorter in the world
+    if period is not None:
         period *= uv_stretch(load_mesh(mesh))
     options = Options(
         mesh, material=str(bundle), scale=period, size=(asked.side, asked.side), irradiance=4.0, camera=asked.camera

@@ -134,7 +134,7 @@ for samples in (8, 16, 32, 64):
 # The inverse map wraps a sphere around the object: a closed mesh with the texture's own coordinates, that shells grow on.
 
 # %%
-surface = wrapped(found.field, 24, 64)
+surface = wrapped(found.config, found.field, 24, 64)
 figure = plt.figure(figsize=(5, 5))
 axes = figure.add_subplot(projection="3d")
 x, y, z = surface.vertices.T

@@ -108,6 +108,8 @@ def test_faults_are_one_line(folder, tmp_path, capsys) -> None:
     assert "empty: no capture" in fault(capsys, "atlas", "train", tmp_path / "empty", "--run", tmp_path / "r")
     assert not (tmp_path / "r").exists()
     assert "a.jpg: must end in .png or .exr" in fault(capsys, "atlas", "texture", run, "--out", tmp_path / "a.jpg")
+    words = ("--part", "roughness", "--out", tmp_path / "a.exr")
+    assert "has colours as they were photographed, and no roughness" in fault(capsys, "atlas", "texture", run, *words)
     assert "a.ply: must end in .glb or .obj" in fault(capsys, "atlas", "mesh", run, "--out", tmp_path / "a.ply")
     assert "--quads: must be at least 1" in fault(
         capsys, "atlas", "mesh", run, "--quads", 0, "--out", tmp_path / "a.glb"

@@ -107,6 +107,7 @@ def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
     surface, bundle = read_surface(out), read_bundle(both)
     assert surface.depth == 0.5 and surface.curvature == (-1.0, 1.5) and surface.texels == 32
     assert bundle.twin is not None and bundle.twin.surface.texels == 4
+    assert bundle.twin.surface.curvature == (-0.5, 0.5)
     assert bundle.twin.alpha == (0.5,) and bundle.twin.base == BASE
     radii, errors = np.array(bundle.twin.errors).T
     np.testing.assert_array_equal(radii, [0.25, 0.5, 1, 2])

@@ -57,6 +57,21 @@ def test_a_torus_of_whole_periods_is_closed(torus) -> None:
     assert TUBE - 0.105 * period < away.min() and away.max() <= TUBE + 1e-6
 
 
+def test_a_square_of_whole_periods_is_no_torus() -> None:
+    """It counts as closed by its coordinates; what would reach from one side to the other is left out."""
+    corners = np.array([[0, 0], [4, 0], [4, 4], [0, 4]], np.float32)
+    points = np.concatenate([corners, np.zeros((4, 1), np.float32)], axis=1)
+    faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    up = np.tile(np.array([0, 0, 1], np.float32), (4, 1))
+    square = Mesh(points, faces, corners[faces], up, ())
+    tile = bumps()
+    made, of, _ = dressed(tile, square, 1.0)
+    outer = of[: len(of) - 2]
+    assert 0.9 < len(outer) / (16 * len(tile.faces)) < 1
+    edge = np.linalg.norm(made[outer] - made[np.roll(outer, 1, axis=1)], axis=-1)
+    assert edge.max() < 3 * np.hypot(1 / 12, 1 / 12) + 0.1
+
+
 def test_seams_elsewhere_stay_bare(torus) -> None:
     """Of a number of periods that is not whole, what crosses the seam is left out, and nothing else."""
     tile, period = bumps(), float(uv_stretch(torus)) / 1.1  # 5.5 times 2.2 periods

@@ -6,7 +6,8 @@ lattice     places of the cube's corners of quads in whole numbers, 0 to n on ea
 wrap        F_uv⁻¹ of the lattice's directions u, with normals n: closed, as F_uv⁻¹ is continuous on the sphere, and smooth
 T           transmittance along y + (REACH − s) n, from outside inward
 vertices    the wrap's, moved along n to where T is a half, one for each corner of a square; those of one lattice point are the
-            same number. Where T stays above a half, or is below it from the start, a vertex moves as its neighbours do
+            same number. One whose way begins inside (σ there is half of what it is where T is a half, or more), or never gets
+            to a half, moves as those around it do: by Laplace's equation on the lattice's edges
 
 Texture coordinates stay half a pixel inside their square, so that none of another's is mixed in.
 """
@@ -18,6 +19,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import spsolve
 
 from mesoshell.atlas.field import Field, FieldConfig, density, to_surface
 from mesoshell.atlas.layout import on_faces
@@ -27,8 +30,6 @@ from mesoshell.typing import Array
 
 #: How far vertices are moved at most, in the box's units, and samples of σ on the way from there to as far inside.
 REACH, SAMPLES = 0.1, 48
-#: Rounds in which vertices that found no surface take the mean of their neighbours' moves.
-ROUNDS = 24
 
 
 class Wrapped(NamedTuple):
@@ -76,14 +77,13 @@ def _moves(
 ) -> Float[np.ndarray, "V"]:
     """How far each vertex moves outward."""
     move, found = run(lambda *x: _surface_near(config, field, *x), np.float32(points), np.float32(normals))
-    move, found = move.astype(np.float64), found > 0
-    if not found.any():
-        return np.zeros(len(points))
-    a, b = faces.ravel(), np.roll(faces, 1, axis=1).ravel()  # each edge is met once from each of its sides
-    count = np.bincount(a, minlength=len(points))
-    move = np.where(found, move, 0)
-    for _ in range(ROUNDS):
-        move = np.where(found, move, np.bincount(a, move[b], len(points)) / count)
+    found = found > 0
+    move = np.where(found, move.astype(np.float64), 0)
+    if found.any() and not found.all():
+        a, b = faces.ravel(), np.roll(faces, 1, axis=1).ravel()  # each edge is met once from each of its sides
+        edges = csr_array((np.ones(len(a)), (a, b)), (len(points), len(points)))
+        laplace = (diags_array(edges.sum(axis=1)) - edges).tocsr()
+        move[~found] = spsolve(laplace[~found][:, ~found].tocsc(), -laplace[~found][:, found] @ move[found])
     return move
 
 
@@ -94,11 +94,11 @@ def _surface_near(config: FieldConfig, field: Field, y: Array, n: Array, count: 
     outward = REACH - step * (jnp.arange(SAMPLES, dtype=jnp.float32) + 0.5)
 
     def one(y: Array, n: Array) -> tuple[Array, Array]:
-        sigma = jax.vmap(lambda t: density(config, field, y + t * n)[0])(outward)
+        sigma = jax.lax.map(lambda t: density(config, field, y + t * n)[0], outward)
         deep = jnp.cumsum(sigma) * step  # −ln T at the end of each sample
         i = jnp.argmax(deep >= jnp.log(2.0))
         share = 1 - (deep[i] - jnp.log(2.0)) / jnp.maximum(sigma[i] * step, 1e-12)
-        found = (deep[-1] >= jnp.log(2.0)) & (i > 0)
+        found = (deep[-1] >= jnp.log(2.0)) & (sigma[0] < 0.5 * sigma[i])
         return REACH - step * (i.astype(jnp.float32) + share), found.astype(jnp.float32)
 
     return in_tiles(jax.vmap(one), count, (y, n), ((0, jnp.float32), (0, jnp.float32)))

@@ -2,7 +2,7 @@
 
 Alphabet
 T           an object's texture, linear: the greatest of its colours over VIEWS directions, as the paper shows it; or,
-            of reflectance, its albedo, roughness (GGX's α is its square) or specular (f₀), grey
+            of reflectance, its albedo, roughness or specular (atlas/reflect), grey
 E, α        an edit: colours and coverage of an image of any layout
 c′ = a + s c    what becomes of a colour c that a view sees at u:
 multiply    s = E, a = 0
@@ -23,6 +23,7 @@ from jaxtyping import Float as NumPyFloat
 
 from mesoshell.atlas.field import Field, FieldConfig, lobes, texture, viewed
 from mesoshell.atlas.layout import LAYOUTS, Layout, directions, shape, side_of
+from mesoshell.atlas.reflect import LEAST
 from mesoshell.atlas.render import Paint
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_picture
@@ -54,7 +55,8 @@ def _greatest(config: FieldConfig, part: Part, field: Field, u):
     def point(u):
         if config.colour == "reflectance":
             found = lobes(config, field, u)
-            return found.albedo if part == "colour" else jnp.broadcast_to(getattr(found, part), 3)
+            of = {"colour": found.albedo, "roughness": jnp.maximum(found.roughness, LEAST), "specular": found.specular}
+            return jnp.broadcast_to(of[part], 3)
         base, features = texture(config, field, u)
         return base + jnp.max(jax.vmap(lambda d: viewed(config, field, features, d))(ways), axis=0)
 

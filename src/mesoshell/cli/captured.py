@@ -43,12 +43,10 @@ def train(options: Train) -> None:
 
 def texture(options: Texture) -> None:
     """`mesoshell atlas texture`."""
-    _suffix(options.out, (".png", ".exr"))
+    _suffix(options.out, (".png", ".exr") if options.part == "colour" else (".exr",))
     found, size = _textured(options.object), _at_least_one("--size", options.size)
-    if options.part != "colour":
-        if found.config.colour != "reflectance":
-            raise InputError(options.object, f"has colours as they were photographed, and no {options.part}")
-        _suffix(options.out, (".exr",))
+    if options.part != "colour" and found.config.colour != "reflectance":
+        raise InputError(options.object, f"has colours as they were photographed, and no {options.part}")
     image = paint.texture_image(found.config, found.field, options.layout, size, options.part)
     _folder(options.out.parent)
     write = write_png if options.out.suffix.lower() == ".png" else write_exr
@@ -94,7 +92,7 @@ def mesh(options: Mesh) -> None:
     surface = wrapped(found.config, found.field, _at_least_one("--quads", options.quads), side)
     image = paint.texture_image(found.config, found.field, "cubemap", side)
     rough = None
-    if found.config.colour == "reflectance":
+    if found.config.colour == "reflectance" and options.out.suffix.lower() == ".glb":
         rough = paint.texture_image(found.config, found.field, "cubemap", side, "roughness")[..., 0]
     _folder(options.out.parent)
     vertices = found.centre + found.half * surface.vertices

@@ -36,14 +36,14 @@ def write_wrapped(
     import trimesh
     from PIL import Image
 
-    def picture(x: np.ndarray) -> Image.Image:
+    def coded(x: np.ndarray) -> Image.Image:
         return Image.fromarray((np.clip(x, 0, 1) * 255 + 0.5).astype(np.uint8))
 
     rough = None
     if roughness is not None:  # glTF's channels: occlusion, roughness, metalness
-        rough = picture(np.stack([np.ones_like(roughness), roughness, np.zeros_like(roughness)], axis=-1))
+        rough = coded(np.stack([np.ones_like(roughness), roughness, np.zeros_like(roughness)], axis=-1))
     material = trimesh.visual.material.PBRMaterial(  # type: ignore[attr-defined]
-        baseColorTexture=picture(linear_to_srgb(np.clip(image, 0, 1))),
+        baseColorTexture=coded(linear_to_srgb(np.clip(image, 0, 1))),
         metallicRoughnessTexture=rough,
         metallicFactor=0.0,
         roughnessFactor=1.0,

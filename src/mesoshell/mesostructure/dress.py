@@ -30,19 +30,22 @@ def dressed(
     periods = uv_stretch(mesh) / period
     uv = mesh.uv.astype(np.float64) * periods
     low, high = np.floor(uv.min(axis=(0, 1))), np.ceil(uv.max(axis=(0, 1)))
-    chart, span = _Chart(uv), np.ptp(uv, axis=(0, 1))
+    least, span = uv.min(axis=(0, 1)), np.ptp(uv, axis=(0, 1))
     closed = (np.abs(span - np.round(span)) < WHOLE) & (span > 0.5)
+    around = np.where(closed, np.round(span), 0)
+    uv = np.where(closed, least + (uv - least) * around / np.where(closed, span, 1), uv)
+    chart = _Chart(uv)
     points, faces, colours, count = [], [], [], 0
     for shift in np.stack(np.meshgrid(*map(np.arange, low - 1, high + 1), indexing="ij"), axis=-1).reshape(-1, 2):
         at = tile.vertices[:, :2] + shift
-        face, bary = chart.locate(at, np.where(closed, np.round(span), 0))
+        face, bary = chart.locate(np.where(closed, least + (at - least) % np.where(closed, around, 1), at))
         if (face < 0).all():
             continue
         place, normal = (np.einsum("vk,vki->vi", bary, x[mesh.faces[face]]) for x in (mesh.vertices, mesh.normals))
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
         world = place + period * tile.vertices[:, 2:] * normal
         middle = at[tile.faces].mean(axis=1)
-        once = ((middle >= uv.min(axis=(0, 1))) & (middle < uv.max(axis=(0, 1))) | ~closed).all(axis=1)
+        once = ((middle >= least) & (middle < least + around) | ~closed).all(axis=1)
         kept = tile.faces[(face[tile.faces] >= 0).all(axis=1) & once]
         kept = kept[_short(world[kept], tile.vertices[kept] * period)]
         points.append(world)
@@ -67,13 +70,8 @@ class _Chart:
         self.scene = EmbreeScene()
         TriangleMesh(self.scene, np.ascontiguousarray(corners, np.float32))
 
-    def locate(
-        self, at: Float[np.ndarray, "V 2"], around: Float[np.ndarray, "2"]
-    ) -> tuple[Int[np.ndarray, "V"], Float[np.ndarray, "V 3"]]:
-        """The face that holds each point, −1 for none, and barycentric coordinates there. around: periods after which the
-        coordinates begin anew, 0 where they do not."""
-        low = self.uv.min(axis=(0, 1))
-        at = np.where(around > 0, low + (at - low) % np.where(around > 0, around, 1), at)
+    def locate(self, at: Float[np.ndarray, "V 2"]) -> tuple[Int[np.ndarray, "V"], Float[np.ndarray, "V 3"]]:
+        """The face that holds each point, −1 for none, and barycentric coordinates there."""
         origin = np.concatenate([at - self.centre, np.ones((len(at), 1))], axis=1).astype(np.float32)
         down = np.tile(np.array([0, 0, -1], np.float32), (len(at), 1))
         found = self.scene.run(np.ascontiguousarray(origin), down, output=True)

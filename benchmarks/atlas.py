@@ -2,10 +2,12 @@
 
 Prints for each run its scores at the end, minutes to 95% of the final PSNR's rise above that of a black picture, rays a second
 over the run, and the share of this machine's matrix rate that its steps reach. Scores are those of `mesoshell evaluate`, which
-must have been run; minutes are the log's, so runs are to be compared only if each had the machine to itself.
+must have been run; minutes are the log's, so runs are to be compared only if each had the machine to itself. `--samples` prints
+instead, of each run's newest object, PSNR and seconds a held-out view by samples a ray.
 """
 
 import json
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,11 +17,14 @@ import tyro
 
 from benchmarks.rates import matrix_rate
 from mesoshell.atlas.capture import Capture
+from mesoshell.atlas.render import picture, view
+from mesoshell.atlas.store import read_captured
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.image import psnr
 from mesoshell.measure.operations import count_operations
+from mesoshell.render.quality import Quality
 from mesoshell.train import atlas, photographed
-from mesoshell.train.record import read_record
+from mesoshell.train.record import read_record, snapshots
 
 
 @dataclass(frozen=True)
@@ -30,9 +35,16 @@ class Options:
     runs: tyro.conf.Positional[tuple[Path, ...]]
     #: The plot to write.
     out: Path | None = None
+    #: Samples a ray to try.
+    samples: tuple[int, ...] = ()
 
 
 def main(options: Options) -> None:
+    if options.samples:
+        print("| run | samples a ray | PSNR | seconds a view |\n|---|---|---|---|")
+        for run in options.runs:
+            by_samples(run, options.samples)
+        return
     rate, curves = matrix_rate(), {}
     for run in options.runs:
         config, data = read_record(run)
@@ -62,6 +74,24 @@ def main(options: Options) -> None:
         curves[run.name] = curve
     if options.out:
         plot(curves, options.out)
+
+
+def by_samples(run: Path, samples: tuple[int, ...]) -> None:
+    config, data = read_record(run)
+    assert isinstance(config, atlas.AtlasTraining)
+    _, capture = atlas.fitted(config, photographed.recorded(data, config.side))
+    found = read_captured(snapshots(run)[-1][1])
+    for n in samples:
+        how = view(found.config, found.field, Quality(samples=n))
+        errors, seconds = [], []
+        for i in photographed.held_out(capture)[1]:
+            photo = found.to_box(capture.photos[i])
+            picture(found.config, found.field, photo, how)
+            begin = time.perf_counter()
+            shown = picture(found.config, found.field, photo, how).rgba[..., :3]
+            seconds.append(time.perf_counter() - begin)
+            errors.append(psnr(*(linear_to_srgb(np.clip(x, 0, 1)) for x in (shown, capture.rgb[i]))))
+        print(f"| {run.name} | {n} | {np.mean(errors):.2f} | {np.mean(seconds):.2f} |", flush=True)
 
 
 def black_psnr(capture: Capture) -> float:

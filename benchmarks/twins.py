@@ -49,7 +49,8 @@ import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 VIEWS = {"near": 0.1, "far": 0.02}
 #: Of the torus, texture units: both of its sides are so many times as long.
 WHOLE = {"near": 0.3, "far": 0.06}
-SIDE = 128
+#: Pixels along a picture's side: far, one is wider than a patch, for which a twin is learned.
+SIDES = {"near": 128, "far": 64}
 SAMPLES = (8, 16, 32, 64, 128)
 PATHS = 256
 TRUE = PRESETS["normal"].with_changes(samples=256, pixel_samples=16, early_stop=0.0, skip=0.0, weight_cut=0.0)
@@ -85,7 +86,9 @@ def main(given: Options) -> None:
                 patch = length * float(np.ptp(loaded.vertices, axis=0).max())
                 if name == "torus":  # a whole number of patches around: no seam
                     patch = uv_stretch(loaded) * WHOLE[view]
-                options = Render(mesh, thickness=depth * patch, scale=patch, size=(SIDE, SIDE), base=bundle.twin.base)
+                options = Render(
+                    mesh, thickness=depth * patch, scale=patch, size=(SIDES[view],) * 2, base=bundle.twin.base
+                )
                 d = describe(options, bundle)
                 scene = scene_of(d)
                 true, *_ = marched(scene, TRUE)

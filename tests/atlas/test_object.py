@@ -216,7 +216,7 @@ def test_what_knows_no_surface_follows_what_does(field) -> None:
     move = np.linalg.norm(found.vertices - wrap, axis=1)
     # the surface is |y|₁ = 1.1 or so: 0.64 from the middle in the midst of a face, and 1.1 at the tips; the wrap is at 0.6
     tip = np.abs(found.u).max(axis=1) > 0.97
-    assert tip.any() and 0.03 < move[tip].min() and move.max() < REACH
+    assert tip.any() and move[tip].min() > 0.03 and move.max() < REACH
     assert np.abs(move[found.faces[:, 0]] - move[found.faces[:, 1]]).max() < 0.05
 
 
@@ -377,8 +377,8 @@ def test_roughness_is_written_as_it_is(stone, tmp_path) -> None:
     found = wrapped(LIT, stone, 4, 16)
     image = texture_image(LIT, stone, "cubemap", 16)
     write_wrapped(tmp_path / "a.glb", found.vertices, found.faces, found.uv, found.normals, image, rough[..., 0])
-    material: Any = trimesh.load_mesh(tmp_path / "a.glb").visual.material
-    kept = np.asarray(material.metallicRoughnessTexture, np.float64)[..., :3] / 255
+    made: Any = trimesh.load_mesh(tmp_path / "a.glb")
+    kept = np.asarray(made.visual.material.metallicRoughnessTexture, np.float64)[..., :3] / 255
     np.testing.assert_allclose(kept[..., 1], rough[..., 0], atol=0.5 / 255 + 1e-6)
     assert (kept[..., 2] == 0).all()
 

@@ -73,7 +73,7 @@ def test_what_is_hardly_there_is_hardly_seen() -> None:
         found, seconds = teacher(placing, asked, seed)
         return {name: x / 50 for name, x in found.items()}, seconds
 
-    def twice(rows: np.ndarray) -> tuple[np.ndarray, ...]:
+    def twice(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         alpha, cosine, rho = painter(1.0)[0](rows)
         return alpha / 50, cosine, 2 * rho
 

@@ -220,6 +220,18 @@ def test_what_knows_no_surface_follows_what_does(field) -> None:
     assert np.abs(move[found.faces[:, 0]] - move[found.faces[:, 1]]).max() < 0.05
 
 
+def test_no_triangle_folds_however_rough_the_density(field, monkeypatch) -> None:
+    """Each vertex wants to move on its own, by as much as it may."""
+    random = np.random.default_rng(2)
+    found = lambda kernel, y, n: (random.uniform(-REACH, REACH, len(y)), np.ones(len(y)))  # noqa: E731
+    monkeypatch.setattr("mesoshell.atlas.mesh.run", found)
+    mesh = wrapped(CONFIG, field, 24, 64)
+    wrap = np.asarray(jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(mesh.u, jnp.float32)))
+    across = [np.cross(*(x[mesh.faces[:, k]] - x[mesh.faces[:, 0]] for k in (1, 2))) for x in (wrap, mesh.vertices)]
+    assert (np.einsum("ti,ti->t", *across) > 0).all()
+    assert np.linalg.norm(mesh.vertices - wrap, axis=1).mean() > 1e-3
+
+
 def test_the_meshs_coordinates_are_the_cubemaps(field) -> None:
     """Each vertex finds its direction in an image of directions, and no triangle leaves its square."""
     found = wrapped(CONFIG, field, 8, 128)

@@ -7,7 +7,8 @@ wrap        F_uv⁻¹ of the lattice's directions u, with normals n: closed, as 
 T           transmittance along y + (REACH − s) n, from outside inward
 vertices    the wrap's, moved along n to where T is a half, one for each corner of a square; those of one lattice point are the
             same number. One whose way begins inside (σ there is half of what it is where T is a half, or more), or never gets
-            to a half, moves as those around it do: by Laplace's equation on the lattice's edges
+            to a half, moves as those around it do: by Laplace's equation on the lattice's edges. All move less where a triangle
+            would fold
 
 Texture coordinates stay half a pixel inside their square, so that none of another's is mixed in.
 """
@@ -30,6 +31,8 @@ from mesoshell.typing import Array
 
 #: How far vertices are moved at most, in the box's units, and samples of σ on the way from there to as far inside.
 REACH, SAMPLES = 0.1, 48
+#: Triangles turn by no more than what has this cosine: in so many rounds their corners move by 0.7 of what they did.
+LEVEL, ROUNDS = 0.5, 24
 
 
 class Wrapped(NamedTuple):
@@ -65,8 +68,7 @@ def wrapped(config: FieldConfig, field: Field, n: int, side: int) -> Wrapped:
 
 def _normals(points: np.ndarray, faces: np.ndarray, otherwise: np.ndarray) -> Float[np.ndarray, "V 3"]:
     """Of the faces around each vertex, by area; otherwise: where they have none."""
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    across = np.repeat(_across(points, faces), 3, axis=0)
     total = np.stack([np.bincount(faces.ravel(), across[:, k], len(points)) for k in range(3)], axis=1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.where(length > 0, total / np.maximum(length, 1e-300), otherwise)
@@ -84,7 +86,20 @@ def _moves(
         edges = csr_array((np.ones(len(a)), (a, b)), (len(points), len(points)))
         laplace = (diags_array(edges.sum(axis=1)) - edges).tocsr()
         move[~found] = spsolve(laplace[~found][:, ~found].tocsc(), -laplace[~found][:, found] @ move[found])
+    before = _across(points, faces)
+    for _ in range(ROUNDS):
+        after = _across(points + move[:, None] * normals, faces)
+        turned = np.einsum("ti,ti->t", before, after) < LEVEL * np.linalg.norm(before, axis=1) * np.linalg.norm(
+            after, axis=1
+        )
+        move[np.unique(faces[turned])] *= 0.7
     return move
+
+
+def _across(points: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "T 3"]:
+    """Normals of triangles, as long as twice their areas."""
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    return np.cross(b - a, c - a)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -227,8 +227,11 @@ def test_no_triangle_folds_however_rough_the_density(field, monkeypatch) -> None
     monkeypatch.setattr("mesoshell.atlas.mesh.run", found)
     mesh = wrapped(CONFIG, field, 24, 64)
     wrap = np.asarray(jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(mesh.u, jnp.float32)))
-    across = [np.cross(*(x[mesh.faces[:, k]] - x[mesh.faces[:, 0]] for k in (1, 2))) for x in (wrap, mesh.vertices)]
-    assert (np.einsum("ti,ti->t", *across) > 0).all()
+    before, after = (
+        np.cross(x[mesh.faces[:, 1]] - x[mesh.faces[:, 0]], x[mesh.faces[:, 2]] - x[mesh.faces[:, 0]])
+        for x in (wrap, mesh.vertices)
+    )
+    assert (np.einsum("ti,ti->t", before, after) > 0).all()
     assert np.linalg.norm(mesh.vertices - wrap, axis=1).mean() > 1e-3
 
 

@@ -8,9 +8,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from mesoshell.atlas.photo import Photo, photo_rays
 from mesoshell.io.image import write_png
+from mesoshell.io.poses import FLIP
 from mesoshell.render.camera import look_at
 
 CENTRE, AXES = np.array([3.0, -1.0, 2.0]), np.array([1.6, 1.2, 1.0])
@@ -56,6 +58,22 @@ def cloud(n: int = 500, noise: float = 0.02) -> np.ndarray:
     u = random.normal(size=(n, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     return CENTRE + u / np.linalg.norm(u / AXES, axis=1, keepdims=True) + noise * random.normal(size=(n, 3))
+
+
+def write_colmap(folder: Path, photos: list[Photo], camera: str, points: np.ndarray, ending: str = "png") -> None:
+    """A COLMAP model as text; camera: its model and parameters. Images are named 000.png and so on, and not written."""
+    (folder / "sparse/0").mkdir(parents=True)
+    model, *parameters = camera.split()
+    size = f"{photos[0].width} {photos[0].height}"
+    (folder / "sparse/0/cameras.txt").write_text(f"1 {model} {size} {' '.join(parameters)}\n")
+    lines = []
+    for i, photo in enumerate(photos):
+        view = np.linalg.inv(photo.to_world @ FLIP)
+        x, y, z, w = Rotation.from_matrix(view[:3, :3]).as_quat()
+        lines += [f"{i + 1} {w} {x} {y} {z} {' '.join(map(str, view[:3, 3]))} 1 {i:03d}.{ending}", ""]
+    (folder / "sparse/0/images.txt").write_text("\n".join(lines) + "\n")
+    rows = (f"{i + 1} {' '.join(map(str, p))} 0 0 0 0.1\n" for i, p in enumerate(points))
+    (folder / "sparse/0/points3D.txt").write_text("".join(rows))
 
 
 def write_capture(folder: Path, views: int = 16, size: int = 48, flash: float | None = None) -> Path:

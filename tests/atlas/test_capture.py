@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from scipy.spatial.transform import Rotation
 
 from mesoshell.atlas.capture import at_most, read_capture
 from mesoshell.atlas.hull import CELLS
@@ -127,20 +126,12 @@ def as_idr(folder) -> None:
 
 def as_colmap(folder) -> None:
     pytest.importorskip("pycolmap", reason="the extra `capture` is not installed")
-    (folder / "sparse/0").mkdir(parents=True)
-    (folder / "masks").mkdir()
     said = balls.photos()
-    (folder / "sparse/0/cameras.txt").write_text(f"1 PINHOLE 48 48 {' '.join(map(str, said[0].lens))}\n")
-    lines = []
+    balls.write_colmap(folder, said, f"PINHOLE {' '.join(map(str, said[0].lens))}", balls.cloud(), "jpg")
+    (folder / "masks").mkdir()
     for i, photo in enumerate(said):
-        view = np.linalg.inv(photo.to_world @ FLIP)
-        x, y, z, w = Rotation.from_matrix(view[:3, :3]).as_quat()
-        lines += [f"{i + 1} {w} {x} {y} {z} {' '.join(map(str, view[:3, 3]))} 1 {i:03d}.jpg", ""]
         Image.fromarray(codes(balls.picture(photo))).save(folder / f"images/{i:03d}.jpg", quality=95)
         write_png(folder / f"masks/{i:03d}.jpg.png", np.repeat(balls.picture(photo)[..., 3:], 3, axis=-1))
-    (folder / "sparse/0/images.txt").write_text("\n".join(lines) + "\n")
-    points = [f"{i + 1} {' '.join(map(str, p))} 0 0 0 0.1" for i, p in enumerate(balls.cloud())]
-    (folder / "sparse/0/points3D.txt").write_text("\n".join(points) + "\n")
 
 
 def codes(rgba: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """From photographs to an edited object and a mesh with grass on it, by the commands a user calls; one line for each fault."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -136,3 +137,28 @@ def test_what_has_no_texture_says_so(folder, tmp_path, capsys) -> None:
     capsys.readouterr()
     said = fault(capsys, "atlas", "texture", tmp_path / "nerf", "--out", tmp_path / "a.png")
     assert "has its colours in the volume, and no texture" in said
+
+
+def test_reflectance_is_lit_anew_and_its_parts_are_written(folder, tmp_path, capsys) -> None:
+    """Roughness and specular are numbers in an EXR, within what lobes allow; a GLB has the roughness; a light that is not the
+    camera's changes the picture and not what it covers."""
+    capture = shutil.copytree(folder / "capture", tmp_path / "capture")
+    about = json.loads((capture / "transforms.json").read_text())
+    (capture / "transforms.json").write_text(json.dumps({**about, "flash": 30.0}))
+    run, experiment = tmp_path / "run", ["--experiment", "experiments/atlas_reflectance.py"]
+    main(["atlas", "train", str(capture), "--run", str(run), "--preset", "tiny", "--kimg", "5.12", *experiment])
+    for part, most in (("roughness", 1.0), ("specular", 0.25)):
+        words = ["--part", part, "--size", "8", "--out"]
+        main(["atlas", "texture", str(run), *words, str(tmp_path / "a.exr")])
+        image = read_exr(tmp_path / "a.exr")
+        assert (image > 0).all() and (image < most).all() and np.ptp(image) > 0
+        assert "a.png: must end in .exr" in fault(capsys, "atlas", "texture", run, *words, tmp_path / "a.png")
+    main(["atlas", "mesh", str(run), "--quads", "4", "--size", "8", "--out", str(tmp_path / "a.glb")])
+    assert trimesh.load_mesh(tmp_path / "a.glb").visual.material.metallicRoughnessTexture is not None
+    frames = []
+    for light in ([], ["--light", "0", "0", "1"]):
+        words = ["--frames", "1", "--size", "12", "12", "--out", str(tmp_path / "f")]
+        main(["atlas", "render", str(run), *words, *light])
+        frames.append(read_exr(tmp_path / "f/0000.exr"))
+    np.testing.assert_allclose(frames[1][..., 3], frames[0][..., 3], atol=2e-3)
+    assert not np.allclose(frames[1][..., :3], frames[0][..., :3], rtol=0.05)

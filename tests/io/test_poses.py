@@ -37,21 +37,9 @@ def idr(folder, scale=1.0, **changes):
     np.savez(folder / "cameras.npz", **{**arrays, **changes})
 
 
-def colmap(folder, model="PINHOLE", parameters=LENS):
-    (folder / "sparse/0").mkdir(parents=True)
+def colmap(folder, camera="PINHOLE 30 28 11 12.5"):
     (folder / "images").mkdir()
-    from scipy.spatial.transform import Rotation
-
-    (folder / "sparse/0/cameras.txt").write_text(f"1 {model} 24 24 {' '.join(map(str, parameters))}\n")
-    lines = []
-    for i, p in enumerate(PHOTOS):
-        view = np.linalg.inv(p.to_world @ FLIP)
-        x, y, z, w = Rotation.from_matrix(view[:3, :3]).as_quat()
-        lines += [f"{i + 1} {w} {x} {y} {z} {view[0, 3]} {view[1, 3]} {view[2, 3]} 1 {i:03d}.png", ""]
-    (folder / "sparse/0/images.txt").write_text("\n".join(lines) + "\n")
-    (folder / "sparse/0/points3D.txt").write_text("1 1.5 2.5 3.5 0 0 0 0.1\n")
-    for name in ("rigs.txt", "frames.txt"):
-        (folder / "sparse/0" / name).unlink(missing_ok=True)
+    balls.write_colmap(folder, PHOTOS, camera, np.array([[1.5, 2.5, 3.5]]))
 
 
 def agrees(found) -> None:
@@ -105,7 +93,7 @@ def test_colmap(tmp_path) -> None:
 
 def test_colmap_with_distortion_is_refused(tmp_path) -> None:
     pytest.importorskip("pycolmap", reason="the extra `capture` is not installed")
-    colmap(tmp_path, "SIMPLE_RADIAL", (30.0, 12.0, 12.0, 0.1))
+    colmap(tmp_path, "SIMPLE_RADIAL 30 12 12 0.1")
     with pytest.raises(InputError, match=r"000.png has a SIMPLE_RADIAL camera: run `colmap image_undistorter` first"):
         read_poses(tmp_path)
 

@@ -70,8 +70,7 @@ def _normals(points: np.ndarray, faces: np.ndarray, otherwise: np.ndarray) -> Fl
     """Of the faces around each vertex, by area; otherwise: where they have none."""
     across = np.repeat(_across(points, faces), 3, axis=0)
     total = np.stack([np.bincount(faces.ravel(), across[:, k], len(points)) for k in range(3)], axis=1)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(length > 0, total / np.maximum(length, 1e-300), otherwise)
+    return np.where(total.any(axis=1, keepdims=True), _unit(total), otherwise)
 
 
 def _moves(
@@ -86,20 +85,26 @@ def _moves(
         edges = csr_array((np.ones(len(a)), (a, b)), (len(points), len(points)))
         laplace = (diags_array(edges.sum(axis=1)) - edges).tocsr()
         move[~found] = spsolve(laplace[~found][:, ~found].tocsc(), -laplace[~found][:, found] @ move[found])
-    before = _across(points, faces)
+    before = _facing(points, faces)
     for _ in range(ROUNDS):
-        after = _across(points + move[:, None] * normals, faces)
-        turned = np.einsum("ti,ti->t", before, after) < LEVEL * np.linalg.norm(before, axis=1) * np.linalg.norm(
-            after, axis=1
-        )
-        move[np.unique(faces[turned])] *= 0.7
+        turn = np.einsum("ti,ti->t", before, _facing(points + move[:, None] * normals, faces))
+        move[np.unique(faces[turn < LEVEL])] *= 0.7
     return move
+
+
+def _facing(points: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "T 3"]:
+    """Unit normals of triangles, 0 of those without area."""
+    return _unit(_across(points, faces))
 
 
 def _across(points: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "T 3"]:
     """Normals of triangles, as long as twice their areas."""
     a, b, c = np.moveaxis(points[faces], 1, 0)
     return np.cross(b - a, c - a)
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    return x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300)
 
 
 @partial(jax.jit, static_argnums=0)

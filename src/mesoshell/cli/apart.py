@@ -4,8 +4,7 @@ Alphabet
 radius       standard deviation of a pixel's footprint, periods; pixels are two of them apart
 picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under LIGHTS of any direction:
              all drawn anew for each. It is exposed as a camera does: what is opaque of it is middle grey on average, and it
-             stands before what is BEHIND.
-             The teacher's is the mean of RAYS a pixel
+             stands before what is BEHIND. The teacher's is the mean of RAYS a pixel
 error        FLIP of the picture by the material against that by its teacher: 0 is the same, 1 the most
 """
 

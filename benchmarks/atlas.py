@@ -82,7 +82,7 @@ def by_samples(run: Path, samples: tuple[int, ...]) -> None:
     _, capture = atlas.fitted(config, photographed.recorded(data, config.side))
     found = read_captured(snapshots(run)[-1][1])
     for n in samples:
-        how = view(found.config, found.field, Quality(samples=n))
+        how = view(found.config, found.field, Quality(samples=n, pixel_samples=1))
         errors, seconds = [], []
         for i in photographed.held_out(capture)[1]:
             photo = found.to_box(capture.photos[i])

@@ -92,7 +92,7 @@ axis.legend()
 
 # %%
 def seen(i, edit=None, **changes):
-    how = view(found.config, found.field, Quality(**{"samples": 48, **changes}), edit)
+    how = view(found.config, found.field, Quality(**{"samples": 48, "pixel_samples": 1, **changes}), edit)
     return picture(found.config, found.field, found.to_box(capture.photos[i]), how).rgba[..., :3]
 
 
@@ -107,11 +107,11 @@ show(axes[2], seen(7, board_paint()), "checkerboard")
 # A ring, drawn into the texture's image, lies on the surface wherever it is seen from.
 
 # %%
-texture = paint.texture_image(found.config, found.field, "latlong", 128)
+texture = paint.texture_image(found, "latlong", 128)
 u = directions("latlong", 128)
 ring = np.abs(u @ np.array([0.0, 0.8, 0.6]) - 0.3)[..., None] < 0.12
 edited = np.where(ring, np.array([0.05, 0.2, 0.9]), texture).astype(np.float32)
-edit = paint.painted(found.config, found.field, "latlong", edited, "replace")
+edit = paint.painted(found, "latlong", edited, "replace")
 figure, axes = plt.subplots(1, 4, figsize=(14, 3))
 show(axes[0], texture, "texture")
 show(axes[1], edited, "edited")

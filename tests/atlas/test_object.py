@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from mesoshell.atlas.field import FieldConfig, density, init_field, lobes, to_surface, to_texture
+from mesoshell.atlas.field import FieldConfig, density, init_field, lobes, texture, to_surface, to_texture, viewed
 from mesoshell.atlas.layout import LAYOUTS, checkerboard, directions, shape
 from mesoshell.atlas.march import CELLS, march
 from mesoshell.atlas.mesh import REACH, wrapped
 from mesoshell.atlas.paint import painted, read_edit, texture_image
-from mesoshell.atlas.photo import Photo, photo_rays, pixel_centres
+from mesoshell.atlas.photo import Photo, photo_rays, pixels
 from mesoshell.atlas.render import Lit, Paint, View, occupancy, picture
 from mesoshell.atlas.store import Captured, read_captured, write_captured
 from mesoshell.errors import InputError
@@ -31,8 +31,12 @@ from mesoshell.render.quality import Quality
 
 CONFIG = FieldConfig((16, 16), (16,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 1), hash=HashConfig(3, 2, 8, 4, 12))
 PHOTO = Photo(look_at((2.5, 1.0, 1.5), (0, 0, 0), (0, 0, 1)), (20.0, 20.0, 10.0, 8.0), 20, 16)
-EXACT = Quality(samples=64, early_stop=0.0, skip=0.0)
+EXACT = Quality(pixel_samples=1, samples=64, early_stop=0.0, skip=0.0)
 FULL = jnp.ones((CELLS,) * 3, bool)
+
+
+def captured(field, config=CONFIG, centre=(0.0, 0.0, 0.0), half=1.0) -> Captured:
+    return Captured(config, field, np.array(centre), half, (PHOTO, PHOTO), (1,), {"rays": 5})
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +58,7 @@ def field():
 
 def test_a_picture_is_its_rays(field) -> None:
     found = picture(CONFIG, field, PHOTO, View(EXACT, FULL))
-    o, d = (jnp.asarray(x, jnp.float32) for x in photo_rays(PHOTO, pixel_centres(PHOTO)))
+    o, d = (jnp.asarray(x, jnp.float32) for x in photo_rays(PHOTO, pixels(PHOTO)))
     each = jax.vmap(lambda o, d: march(CONFIG, field, o, d, FULL, jnp.full(64, 0.5)))(o, d)
     alpha = 1 - np.asarray(each.passed).reshape(16, 20)
     assert 0.05 < alpha.mean() < 0.95
@@ -89,10 +93,10 @@ def test_nothing_is_skipped_unless_it_may_be(field) -> None:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_texture_put_back_changes_nothing(field, layout) -> None:
-    image = texture_image(CONFIG, field, layout, 32)
+    image = texture_image(captured(field), layout, 32)
     assert image.shape == (*shape(layout, 32), 3) and (image >= 0).all() and image.std() > 0.01
     plain = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
-    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, painted(CONFIG, field, layout, image, "replace"))).rgba
+    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, painted(captured(field), layout, image, "replace"))).rgba
     np.testing.assert_allclose(again, plain, atol=1e-4)
 
 
@@ -100,8 +104,41 @@ def test_the_texture_put_back_changes_nothing(field, layout) -> None:
 def test_what_is_transparent_changes_nothing(field, edit) -> None:
     nothing = np.zeros((32, 64, 4), np.float32)
     plain = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
-    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, painted(CONFIG, field, "latlong", nothing, edit))).rgba
+    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, painted(captured(field), "latlong", nothing, edit))).rgba
     np.testing.assert_allclose(again, plain, atol=1e-6)
+
+
+def test_the_texture_is_as_cameras_before_it_see_it(field) -> None:
+    """What views add is taken from places where photographs were, not from behind the surface: by each texel's own sum. Beneath,
+    where no camera was, straight on."""
+    eyes = [(2.5, 1.0, 1.5), (-1.0, 2.5, 1.5)]
+    photos = tuple(PHOTO._replace(to_world=look_at(eye, (0, 0, 0), (0, 0, 1))) for eye in eyes)
+    u = directions("latlong", 8).reshape(-1, 3)
+    found = texture_image(replace(captured(field), photos=photos), "latlong", 8).reshape(-1, 3)
+    alone = 0
+    for u, wanted in zip(u, found, strict=True):
+        base, features = texture(CONFIG, field, jnp.asarray(u))
+        y = np.asarray(to_surface(field, jnp.asarray(u)))  # all but a sphere yet
+        ways = [w for w in (normalised(np.array(eye) - y) for eye in eyes) if w @ u > 0.1]
+        if any(abs(normalised(np.array(eye) - y) @ u - 0.1) < 0.02 for eye in eyes):
+            continue
+        alone += not ways
+        views = [viewed(CONFIG, field, features, jnp.asarray(-w, jnp.float32)) for w in ways or [u]]
+        np.testing.assert_allclose(wanted, np.maximum(base + np.max(views, axis=0), 0), rtol=2e-2, atol=1e-3)
+    assert 0 < alone < len(found) / 2
+
+
+def test_more_rays_a_pixel_are_the_mean_of_theirs(field) -> None:
+    """Of pictures by cameras whose images are shifted within a pixel, evenly."""
+    places = [pixels(PHOTO, 4, k)[0] for k in range(4)]
+    assert np.ptp(places, axis=0).min() > 0.4
+    each = []
+    for x, y in places:
+        fx, fy, cx, cy = PHOTO.lens
+        moved = PHOTO._replace(lens=(fx, fy, cx + 0.5 - x, cy + 0.5 - y))
+        each.append(picture(CONFIG, field, moved, View(EXACT, FULL)).rgba)
+    found = picture(CONFIG, field, PHOTO, View(EXACT.with_changes(pixel_samples=4), FULL)).rgba
+    np.testing.assert_allclose(found, np.mean(each, axis=0), atol=1e-4)
 
 
 def test_multiplying_by_a_colour_multiplies_every_view(field) -> None:
@@ -109,7 +146,7 @@ def test_multiplying_by_a_colour_multiplies_every_view(field) -> None:
     image = np.broadcast_to(tint, (16, 16, 3))
     quiet = field._replace(view=jax.tree.map(jnp.zeros_like, field.view))
     plain = picture(CONFIG, quiet, PHOTO, View(EXACT, FULL)).rgba
-    found = picture(CONFIG, quiet, PHOTO, View(EXACT, FULL, painted(CONFIG, quiet, "square", image, "multiply"))).rgba
+    found = picture(CONFIG, quiet, PHOTO, View(EXACT, FULL, painted(captured(quiet), "square", image, "multiply"))).rgba
     np.testing.assert_allclose(found[..., :3], plain[..., :3] * tint, atol=1e-5)
     np.testing.assert_array_equal(found[..., 3], plain[..., 3])
 
@@ -119,7 +156,7 @@ def test_replacing_by_a_colour_leaves_what_views_add(field) -> None:
     image = np.full((16, 16, 3), 0.2, np.float32)
     quiet = field._replace(view=jax.tree.map(jnp.zeros_like, field.view))
     for made, slack in ((quiet, 0.02), (field, 0.05)):
-        edit = painted(CONFIG, made, "square", image, "replace")
+        edit = painted(captured(made), "square", image, "replace")
         found = picture(CONFIG, made, PHOTO, View(EXACT, FULL, edit)).rgba
         assert (found[..., :3] <= 0.2 * found[..., 3:] + slack).all()
         if made is quiet:
@@ -134,12 +171,12 @@ def test_an_edit_stays_where_it_is_in_every_view(field) -> None:
         sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, 60.0))),
         view=jax.tree.map(jnp.zeros_like, field.view),
     )
-    paint = painted(CONFIG, dense, "latlong", image, "replace")
+    paint = painted(captured(dense), "latlong", image, "replace")
     for eye in ((2.5, 0.8, 0.6), (-0.7, 2.4, -0.9)):
         photo = PHOTO._replace(to_world=look_at(eye, (0, 0, 0), (0, 0, 1)))
         seen = picture(CONFIG, dense, photo, View(EXACT, FULL))
         red = picture(CONFIG, dense, photo, View(EXACT, FULL, paint))
-        o, d = photo_rays(photo, pixel_centres(photo))
+        o, d = photo_rays(photo, pixels(photo))
         y = jnp.asarray(o + seen.depth.reshape(-1, 1) * d, jnp.float32)
         u = np.asarray(jax.vmap(lambda y: to_texture(dense, y))(y)).reshape(16, 20, 3)
         hit = seen.rgba[..., 3] > 0.99
@@ -247,12 +284,8 @@ def test_the_meshs_coordinates_are_the_cubemaps(field) -> None:
     assert (np.ptp(square, axis=1) <= 1 / 8 * 1.7).all()
 
 
-def captured(field) -> Captured:
-    return Captured(CONFIG, field, np.array([1.0, 2.0, 3.0]), 2.5, (PHOTO, PHOTO), (1,), {"rays": 5})
-
-
 def test_a_file_holds_all_of_it(field, tmp_path) -> None:
-    write_captured(tmp_path / "a.npz", captured(field))
+    write_captured(tmp_path / "a.npz", captured(field, centre=(1.0, 2.0, 3.0), half=2.5))
     found = read_captured(tmp_path / "a.npz")
     assert found.config == CONFIG and found.half == 2.5 and found.tested == (1,) and found.provenance == {"rays": 5}
     for a, b in zip(jax.tree.leaves(found.field), jax.tree.leaves(field), strict=True):
@@ -263,9 +296,9 @@ def test_a_file_holds_all_of_it(field, tmp_path) -> None:
 
 def test_a_point_keeps_its_place_between_world_and_box(field) -> None:
     """A camera moved to the box sees a point there where the world's sees it."""
-    found = captured(field)
-    o, d = photo_rays(found.to_box(PHOTO), pixel_centres(PHOTO))
-    far, towards = photo_rays(PHOTO, pixel_centres(PHOTO))
+    found = captured(field, centre=(1.0, 2.0, 3.0), half=2.5)
+    o, d = photo_rays(found.to_box(PHOTO), pixels(PHOTO))
+    far, towards = photo_rays(PHOTO, pixels(PHOTO))
     np.testing.assert_allclose(found.centre + found.half * (o + 0.7 * d), far + 0.7 * 2.5 * towards, atol=1e-12)
 
 
@@ -328,6 +361,10 @@ def stone():
     return made._replace(sigma=made.sigma._replace(hidden=hidden, last=Dense(jnp.asarray(last), bias)), texture=dull)
 
 
+def normalised(x: np.ndarray) -> np.ndarray:
+    return x / np.linalg.norm(x)
+
+
 def outward(found, o, d) -> np.ndarray:
     """Directions from the middle of the box to where rays end."""
     n = o + found.depth.reshape(-1, 1) * d
@@ -337,7 +374,7 @@ def outward(found, o, d) -> np.ndarray:
 def test_a_flash_lights_what_the_camera_sees(stone) -> None:
     """By the closed form at the surface, albedo/π · cos · flash/t²; the march that training sees agrees with it."""
     found = picture(LIT, stone, PHOTO, View(EXACT.with_changes(samples=256), FULL))
-    o, d = photo_rays(PHOTO, pixel_centres(PHOTO))
+    o, d = photo_rays(PHOTO, pixels(PHOTO))
     cosine = np.einsum("ij,ij->i", outward(found, o, d), -d)
     wanted = 0.5 / np.pi * cosine * 4.0 / np.maximum(found.depth.ravel(), 1) ** 2
     hit = (found.rgba[..., 3].ravel() > 0.999) & (cosine > 0.1)
@@ -353,12 +390,14 @@ def test_a_distant_light_and_its_shadow(stone) -> None:
     toward = np.array([0.0, 0.8, 0.6])
     lit = Lit((Distant(toward, np.full(3, 2.0)),), None)
     found = picture(LIT, stone, PHOTO, View(EXACT.with_changes(samples=256), FULL, None, lit))
-    cosine = outward(found, *photo_rays(PHOTO, pixel_centres(PHOTO))) @ toward
+    cosine = outward(found, *photo_rays(PHOTO, pixels(PHOTO))) @ toward
     hit = found.rgba[..., 3].ravel() > 0.999
     shown = found.rgba.reshape(-1, 4)[:, 0]
-    bright, dark = hit & (cosine > 0.6), hit & (cosine < -0.1)
-    assert bright.sum() > 5 and dark.sum() > 3
+    bright, flat, dark = hit & (cosine > 0.6), hit & (cosine > 0.15) & (cosine < 0.6), hit & (cosine < -0.1)
+    assert bright.sum() > 5 and flat.sum() > 5 and dark.sum() > 3
     np.testing.assert_allclose(shown[bright], 0.5 / np.pi * cosine[bright] * 2.0, rtol=0.1)
+    # what is hit flat lies in no shadow of its own fog
+    np.testing.assert_allclose(shown[flat], 0.5 / np.pi * cosine[flat] * 2.0, rtol=0.2)
     assert shown[dark].max() < 1e-3
     behind = Lit((Distant(-toward, np.full(3, 2.0)),), None)
     assert picture(LIT, stone, PHOTO, View(EXACT, FULL, None, behind)).rgba[..., 0].ravel()[bright].max() < 1e-3
@@ -374,23 +413,23 @@ def test_an_even_sky_lights_it_as_a_furnace(stone) -> None:
 
 
 def test_albedo_is_what_is_painted(stone) -> None:
-    assert texture_image(LIT, stone, "square", 16) == pytest.approx(0.5, abs=1e-5)
-    half = painted(LIT, stone, "square", np.full((16, 16, 3), 0.5, np.float32), "multiply")
+    assert texture_image(captured(stone, LIT), "square", 16) == pytest.approx(0.5, abs=1e-5)
+    half = painted(captured(stone, LIT), "square", np.full((16, 16, 3), 0.5, np.float32), "multiply")
     plain, found = (picture(LIT, stone, PHOTO, View(EXACT, FULL, paint)).rgba[..., 0] for paint in (None, half))
     np.testing.assert_allclose(found, plain / 2, rtol=0.03, atol=1e-5)
 
 
 def test_roughness_is_written_as_it_is(stone, tmp_path) -> None:
     """As an image of the texture, and in the channel that glTF has for it."""
-    rough = texture_image(LIT, stone, "cubemap", 16, "roughness")
+    rough = texture_image(captured(stone, LIT), "cubemap", 16, "roughness")
     at = directions("cubemap", 16)[5, 7]
     wanted = lobes(LIT, stone, jnp.asarray(at))
     np.testing.assert_allclose(rough[5, 7], float(wanted.roughness), atol=1e-6)
     np.testing.assert_allclose(
-        texture_image(LIT, stone, "cubemap", 16, "specular")[5, 7], float(wanted.specular), atol=1e-6
+        texture_image(captured(stone, LIT), "cubemap", 16, "specular")[5, 7], float(wanted.specular), atol=1e-6
     )
     found = wrapped(LIT, stone, 4, 16)
-    image = texture_image(LIT, stone, "cubemap", 16)
+    image = texture_image(captured(stone, LIT), "cubemap", 16)
     write_wrapped(tmp_path / "a.glb", found.vertices, found.faces, found.uv, found.normals, image, rough[..., 0])
     made: Any = trimesh.load_mesh(tmp_path / "a.glb")
     kept = np.asarray(made.visual.material.metallicRoughnessTexture, np.float64)[..., :3] / 255

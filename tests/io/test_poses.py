@@ -33,6 +33,9 @@ def idr(folder, scale=1.0, **changes):
         for i in range(4):
             write_png(folder / name / f"{i:03d}.png", np.ones((24, 24, 3), np.float32))
     arrays = {f"world_mat_{i}": scale * np.vstack([p, [0, 0, 0, 1]]) for i, p in enumerate(matrices())}
+    # those of IDR's and NeuS's data have more beside them
+    arrays |= {f"world_mat_inv_{i}": np.linalg.inv(arrays[f"world_mat_{i}"]) for i in range(4)}
+    arrays |= {"camera_mat_0": np.eye(4), "scale_mat_inv_0": np.eye(4)}
     arrays["scale_mat_0"] = np.array([[2.0, 0, 0, 3], [0, 2, 0, -1], [0, 0, 2, 2], [0, 0, 0, 1]])
     np.savez(folder / "cameras.npz", **{**arrays, **changes})
 

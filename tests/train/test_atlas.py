@@ -16,7 +16,7 @@ import pytest
 
 from mesoshell.atlas.capture import Capture, read_capture
 from mesoshell.atlas.field import DENSITY, to_surface, to_texture
-from mesoshell.atlas.photo import photo_rays, pixel_centres
+from mesoshell.atlas.photo import photo_rays, pixels
 from mesoshell.atlas.store import read_captured
 from mesoshell.errors import InputError
 from mesoshell.io.image import linear_to_srgb
@@ -39,6 +39,7 @@ from mesoshell.train.photographed import Rays, held_out, recorded
 from mesoshell.train.presets import PAPER, SMALL, TINY
 from mesoshell.train.record import keep_record, read_record, snapshots
 from mesoshell.train.run import train
+from mesoshell.train.step import HERE
 from tests import balls
 
 #: One process compiles what its tests share.
@@ -84,7 +85,7 @@ def test_rows_are_pixels_of_the_views_that_are_learned_from(capture) -> None:
     assert tested == [7, 15]
     known = {}
     for v in learned:
-        o, d = photo_rays(capture.photos[v], pixel_centres(capture.photos[v]))
+        o, d = photo_rays(capture.photos[v], pixels(capture.photos[v]))
         for a, b, c in zip(capture.to_box(o), d, capture.rgb[v].reshape(-1, 3), strict=True):
             known[tuple(np.round(np.concatenate([a, b]), 4))] = c
     for o, d, rgb in zip(rows.o, rows.d, rows.rgb, strict=True):
@@ -129,6 +130,31 @@ def test_phases_move_what_they_should() -> None:
     assert moved(begin, late) == dict.fromkeys(begin.field._fields, True) and float(report.chamfer) == 0
     begin, last, _ = stepped(CONFIG, 0.9)
     assert moved(begin, last) == {"sigma": False, "texture": True, "view": True, "uv": False, "inverse": False}
+
+
+def test_at_first_the_cloud_alone_guides() -> None:
+    """However heavy the cycle's and the masks' losses are, they do not move anything before their time; later they do."""
+    batch = jax.tree.map(jnp.asarray, atlas_step.rays())
+
+    def after(share, **weights):
+        return jax.tree.leaves(stepped(replace(CONFIG, **weights), share, batch)[1].field)
+
+    for share, same in ((0.0, True), (0.6, False)):
+        for weights in ({"cycle": 100.0}, {"mask": 100.0}):
+            pairs = zip(after(share), after(share, **weights), strict=True)
+            assert all(bool((a == b).all()) for a, b in pairs) == same
+
+
+def test_chamfer_is_the_mean_square_distance_both_ways() -> None:
+    """Points that lie apart from the sphere that the inverse map begins as: by hand."""
+    field = start(CONFIG, jax.random.key(0)).field
+    field = field._replace(inverse=jax.tree.map(jnp.zeros_like, field.inverse))
+    rows = jax.tree.map(jnp.asarray, atlas_step.rays())
+    u = jnp.asarray([[1, 0, 0], [0, 1, 0], [0, 1, 0]], jnp.float32)
+    point = jnp.asarray([[1.6, 0, 0], [0.6, 0, 0.5], [0.6, 0, 0]], jnp.float32)
+    found = atlas._chamfer(field, rows._replace(u=u, point=point), HERE)
+    # to (0.6, 0, 0): 1, 0.25, 0; from it 0, from (0, 0.6, 0) twice to (0.6, 0, 0): 0.72
+    assert float(found) == pytest.approx(1.25 / 3 + 2 * 0.72 / 3, rel=1e-5)
 
 
 def test_the_cycle_moves_the_maps_alone() -> None:
@@ -218,7 +244,7 @@ def test_a_run_is_resumed_to_the_bit_and_kept(capture, tmp_path) -> None:
         np.testing.assert_array_equal(a, b)
     read, about = read_record(tmp_path / "a")
     assert method_of(read) is ATLAS and read == fitted(config, capture)[0]
-    assert len(recorded(about).photos) == 16
+    assert len(recorded(about, 16).photos) == 16
     images, path = snapshots(tmp_path / "a")[-1]
     kept = read_captured(path)
     assert images == 1024 and kept.tested == (7, 15)
@@ -231,6 +257,30 @@ def test_a_background_belongs_to_a_run(capture, tmp_path) -> None:
     keep_record(config, replace(capture, background="white"), tmp_path)
     with pytest.raises(InputError, match=r"data.background is white, asked for black"):
         keep_record(config, replace(capture, background="black"), tmp_path)
+
+
+def test_a_box_belongs_to_a_run(capture, tmp_path) -> None:
+    """Masks that were mended move it, and networks with it."""
+    config = replace(CONFIG, side=16)
+    keep_record(config, capture, tmp_path)
+    keep_record(config, replace(capture, half=capture.half * (1 + 1e-9)), tmp_path)
+    with pytest.raises(InputError, match="data.box is"):
+        keep_record(config, replace(capture, half=capture.half * 1.01), tmp_path)
+
+
+def test_the_unit_of_length_does_not_matter_to_a_flash(capture) -> None:
+    """The same photographs in metres and in centimetres: E⊥ at one unit's distance has the unit's square in it, and what is
+    learned is the same."""
+    config = replace(CONFIG, field=replace(CONFIG.field, colour="reflectance"))
+    photos = tuple(p._replace(to_world=p.to_world @ np.eye(4)) for p in capture.photos)
+    for p in photos:
+        p.to_world[:3, 3] *= 100
+    large = replace(capture, photos=photos, centre=100 * capture.centre, half=100 * capture.half, flash=30e4)
+    (a, one), (b, other) = (fitted(config, replace(c, points=None)) for c in (replace(capture, flash=30.0), large))
+    assert a.field.flash == pytest.approx(b.field.flash)
+    rows, again = feed(a, one)(2), feed(b, other)(2)
+    np.testing.assert_allclose(rows.o, again.o, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(rows.d, again.d, atol=1e-6)
 
 
 def test_reflectance_is_learned_from_a_flash(capture) -> None:

@@ -53,7 +53,8 @@ class Capture:
     @property
     def manifest(self) -> dict[str, object]:
         """What a run's record keeps of it."""
-        said: dict[str, object] = {"source": f"{len(self.photos)} photographs"}
+        box = [float(f"{x:.5g}") for x in (*self.centre, self.half)]
+        said: dict[str, object] = {"source": f"{len(self.photos)} photographs", "box": box}
         return said | ({"background": self.background} if self.background else {})
 
     @property
@@ -90,6 +91,8 @@ def read_capture(folder: Path, background: str | None = None, side: int | None =
             "poses, lenses or masks?"
         )
     centre, half = poses.box or (found.centre, found.half)
+    if poses.box and (outside := _outside(found, centre, half)) > 0.1:
+        warnings.append(f"{outside:.0%} of what the masks show lies outside of the box that {poses.source.name} says")
     points = None
     if poses.points is not None:
         # noisy points lie on both sides of a surface that the hull's cells just hold
@@ -150,17 +153,19 @@ def _read(source: Path, view: Posed, background: str | None) -> tuple[Photo, np.
         mask = read_picture(view.mask)
         if mask.shape[:2] != (height, width):
             raise InputError(view.mask, f"is {mask.shape[1]} x {mask.shape[0]}; its image is {width} x {height}")
-        mask = (mask[..., :3].mean(axis=-1) >= 0.2).astype(np.float32)  # 0.5 as a code
+        half = 0.5 if view.mask.suffix.lower() == ".exr" else 0.2  # linear; or 0.5 as a code
+        mask = (mask[..., :3].mean(axis=-1) >= half).astype(np.float32)
         rgb = rgb * mask[..., None]
-    elif image.shape[2] == 4:
+    elif image.shape[2] == 4 and (background is None or (image[..., 3] < 1).any()):
         mask = image[..., 3]
     elif background is not None:
         rgb, mask = _from_background(rgb, BACKGROUNDS[background])
     else:
         raise InputError(
-            view.image, "has neither a mask nor alpha: say --background black or white, if that is what it is"
+            view.image, "has neither a mask nor alpha: say `mesoshell atlas train --background` black or white, if that is what it is",
+
         )
-    if not np.isfinite(rgb).all():
+    if not (np.isfinite(rgb).all() and np.isfinite(mask).all()):
         raise InputError(view.image, "has pixels that are not finite")
     return Photo(view.to_world, lens, width, height), rgb.astype(np.float32), np.clip(mask, 0, 1).astype(np.float32)
 
@@ -180,6 +185,12 @@ def _see(source: Path, names: Sequence[Path], masks: Sequence[np.ndarray]) -> No
         raise InputError(source, f"{all_of} empty: nothing there is the object")
     if all((mask >= 0.5).all() for mask in masks):
         raise InputError(source, "all masks are full: nothing tells the object from what is behind it")
+
+
+def _outside(hull: Hull, centre: np.ndarray, half: float) -> float:
+    """Share of the hull's cells that lie outside of a box."""
+    y = hull.centre + hull.half * ((np.argwhere(hull.inside) + 0.5) * (2 / CELLS) - 1)
+    return float((np.abs(y - centre) > half).any(axis=1).mean())
 
 
 def _in_hull(x: Float[np.ndarray, "n 3"], hull: Hull) -> Bool[np.ndarray, "n"]:

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from mesoshell.render.camera import in_pixel, look_at
+
 
 class Photo(NamedTuple):
     """Where a photograph was taken from, and how."""
@@ -24,11 +26,7 @@ class Photo(NamedTuple):
 
 def photo_rays(photo: Photo, xy: Float[np.ndarray, "R 2"]) -> tuple[Float[np.ndarray, "R 3"], Float[np.ndarray, "R 3"]]:
     """Origins and unit directions through image points."""
-    fx, fy, cx, cy = photo.lens
-    local = np.stack([(xy[:, 0] - cx) / fx, (cy - xy[:, 1]) / fy, -np.ones(len(xy))], axis=1)
-    d = local @ photo.to_world[:3, :3].T
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    return np.broadcast_to(photo.to_world[:3, 3], d.shape), d
+    return _through(photo.to_world, np.array(photo.lens), xy)
 
 
 def rays_of(
@@ -39,17 +37,23 @@ def rays_of(
     view = np.searchsorted(ends, pixel, "right")
     width, size = np.array([(p.width, p.width * p.height) for p in photos])[view].T
     y, x = np.divmod(pixel - (ends[view] - size), width)
-    fx, fy, cx, cy = np.array([p.lens for p in photos])[view].T
-    local = np.stack([(x + 0.5 - cx) / fx, (cy - y - 0.5) / fy, -np.ones(len(pixel))], axis=1)
-    worlds = np.stack([p.to_world for p in photos])
-    d = np.einsum("rij,rj->ri", worlds[view, :3, :3], local)
-    return worlds[view, :3, 3], d / np.linalg.norm(d, axis=1, keepdims=True)
+    worlds, lenses = np.stack([p.to_world for p in photos]), np.array([p.lens for p in photos])
+    return _through(worlds[view], lenses[view], np.stack([x, y], axis=1) + 0.5)
 
 
-def pixel_centres(photo: Photo) -> Float[np.ndarray, "R 2"]:
-    """Of all pixels, row by row."""
+def _through(world: np.ndarray, lens: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """world, lens: of each point, or of all."""
+    right, down = ((xy - lens[..., 2:]) / lens[..., :2]).T
+    local = np.stack([right, -down, -np.ones(len(xy))], axis=1)
+    d = np.einsum("...ij,...j->...i", world[..., :3, :3], local)
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    return np.broadcast_to(world[..., :3, 3], d.shape), d
+
+
+def pixels(photo: Photo, samples: int = 1, sample: int = 0) -> Float[np.ndarray, "R 2"]:
+    """Image points of sample `sample` of `samples` in every pixel, row by row; the middles if there is one."""
     y, x = np.divmod(np.arange(photo.width * photo.height), photo.width)
-    return np.stack([x, y], axis=1) + 0.5
+    return np.stack([x, y], axis=1) + in_pixel(samples, sample)
 
 
 def shrunk(photo: Photo, factor: int) -> Photo:
@@ -63,8 +67,6 @@ def orbit(
 ) -> np.ndarray:
     """Camera to world of a camera at centre + arm turned by `turn` about `up`, that looks at the centre."""
     from scipy.spatial.transform import Rotation
-
-    from mesoshell.render.camera import look_at
 
     eye = centre + Rotation.from_rotvec(turn * up).apply(arm)
     return look_at(tuple(eye), tuple(centre), tuple(up))

@@ -1,7 +1,7 @@
 """Pictures of a captured object.
 
 Alphabet
-samples     of a ray: `Quality.samples`, at the middles of their parts
+samples     of a ray: `Quality.samples`, at the middles of their parts; `Quality.pixel_samples` rays a pixel
 occupied    cells where σ reaches Quality.skip over the box's diagonal, asked at ASKED³ points in each, with their neighbours:
             no sample lies elsewhere, and a ray loses at most `skip` of optical depth, as far as those points show
 early_stop  samples are taken CHUNK at a time, until no ray of a tile has more than this transmittance
@@ -18,16 +18,16 @@ from jaxtyping import Float as NumPyFloat
 from mesoshell.atlas.field import Field, FieldConfig, density, lobes, normal, radiance, to_texture
 from mesoshell.atlas.layout import Layout, lookup
 from mesoshell.atlas.march import CELLS, flashed, places, widened
-from mesoshell.atlas.photo import Photo, photo_rays, pixel_centres
+from mesoshell.atlas.photo import Photo, photo_rays, pixels
 from mesoshell.atlas.reflect import shade
-from mesoshell.nets.batches import pad
+from mesoshell.nets.batches import pad, run
 from mesoshell.numerics import opacity, optical_depth
 from mesoshell.render.light import Distant, Environment, beams
 from mesoshell.render.quality import Quality
 from mesoshell.typing import Array, Bool, Float, Scalar
 
 TILE, CHUNK, ASKED = 1024, 8, 3
-#: How far from a surface a light's way begins, in the box's units: outside of the fog that the surface is.
+#: How far along a surface's normal a light's way begins, in the box's units: outside of the fog that the surface is.
 AWAY = 0.06
 
 
@@ -107,9 +107,17 @@ def _greatest(config: FieldConfig, field: Field) -> Float[Array, "n n n"]:
 
 
 def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Picture:
-    """What a camera in the box's units sees, one ray a pixel. Each light other than the flash is blocked by what it passes on
-    its way to where the pixel's ray ends, on the mean."""
-    o, d = (x.astype(np.float32) for x in photo_rays(photo, pixel_centres(photo)))
+    """What a camera in the box's units sees. Each light other than the flash is blocked by what it passes on its way to where
+    a ray ends, on the mean."""
+    n = how.quality.pixel_samples
+    found = sum(_once(config, field, photo_rays(photo, pixels(photo, n, k)), how, k) for k in range(n)) / n
+    size = photo.height, photo.width
+    return Picture(found[:, :4].reshape(*size, 4), found[:, 4].reshape(size))
+
+
+def _once(config: FieldConfig, field: Field, rays: tuple[np.ndarray, np.ndarray], how: View, k: int) -> np.ndarray:
+    """RGBA and depth by one ray a pixel, the k-th."""
+    o, d = (x.astype(np.float32) for x in rays)
     quality, paint = how.quality, how.paint
     form = Form(config, -(-quality.samples // CHUNK) * CHUNK, paint and paint.layout, True)
     thing = Thing(field, how.occupied, jnp.float32(quality.early_stop), paint and jnp.asarray(paint.image, jnp.float32))
@@ -117,17 +125,21 @@ def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Pictu
     if how.lit is not None:
         _, passed, depth = _marched(form._replace(shown=False), thing, o, d)
         y = o + d * (depth / np.maximum(1 - passed, 1e-3))
-        falling = beams(how.lit.lights, how.lit.sky, quality.environment_samples, len(o), np.random.default_rng(0))
+        (n,) = run(lambda y, count: (_normals(config, field, y),), y)
+        falling = beams(how.lit.lights, how.lit.sky, quality.environment_samples, len(o), np.random.default_rng(k))
         toward = np.stack([beam.toward for beam in falling], axis=1).astype(np.float32)
         strength = [
-            beam.strength * _marched(form._replace(shown=False), thing, y + AWAY * toward[:, i], toward[:, i])[1]
+            beam.strength * _marched(form._replace(shown=False), thing, y + AWAY * n, toward[:, i])[1]
             for i, beam in enumerate(falling)
         ]
         light = toward, np.stack(strength, axis=1).astype(np.float32)
     rgb, passed, depth = _marched(form, thing, o, d, light)
-    size = photo.height, photo.width
-    rgba = np.concatenate([np.maximum(rgb, 0), 1 - passed], axis=1)
-    return Picture(rgba.reshape(*size, 4), depth.reshape(size))
+    return np.concatenate([np.maximum(rgb, 0), 1 - passed, depth], axis=1)
+
+
+@partial(jax.jit, static_argnums=0)
+def _normals(config: FieldConfig, field: Field, y):
+    return jax.vmap(lambda y: normal(field, y, density(config, field, y)[1]))(y)
 
 
 def _marched(form: Form, thing: Thing, o, d, light=None):

@@ -99,7 +99,9 @@ class Render:
     environment: Path | None = None
     #: The axis of the photographs that points up in the environment.
     up: Literal["y", "z"] = "y"
-    #: Samples a ray; as many as were learned with if not given.
+    #: What the render may spend: rays a pixel, directions of an environment, what a ray may pass over.
+    quality: Literal["draft", "normal", "reference"] = "normal"
+    #: Samples a ray; as many as were learned with if not given, in reference 256 at least.
     samples: int | None = None
 
 

@@ -1,6 +1,5 @@
 """The work of `mesoshell atlas` after the photographs are there. Imports JAX, so it is loaded only when it runs."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,26 +14,22 @@ from mesoshell.atlas.render import Lit, picture, view
 from mesoshell.atlas.store import Captured, read_captured
 from mesoshell.cli.atlas import Mesh, Render, Texture, Train
 from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.training import learn, read_experiment
+from mesoshell.cli.training import learn, of_length, read_experiment
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr, write_exr, write_png
 from mesoshell.io.wrapped import write_wrapped
 from mesoshell.render.light import Distant, environment
-from mesoshell.render.quality import Quality
+from mesoshell.render.quality import PRESETS
 from mesoshell.train.atlas import AtlasTraining, atlas_as
 from mesoshell.train.atlas_snapshot import board_paint
-from mesoshell.train.presets import PRESETS
+from mesoshell.train.presets import PRESETS as SIZES
 from mesoshell.train.record import read_record, snapshots
 
 
 def train(options: Train) -> None:
     """`mesoshell atlas train`."""
     keep_compiled()
-    config = _config(options)
-    if options.kimg is not None:
-        if not options.kimg > 0:
-            raise InputError("--kimg", f"must be above 0, not {options.kimg}")
-        config = replace(config, kimg=options.kimg)
+    config = of_length(_config(options), options.kimg)
     console = Console(stderr=True, highlight=False)
     with console.status("reading photographs"):
         capture = read_capture(options.capture, options.background, config.side)
@@ -47,7 +42,7 @@ def texture(options: Texture) -> None:
     found, size = _textured(options.object), _at_least_one("--size", options.size)
     if options.part != "colour" and found.config.colour != "reflectance":
         raise InputError(options.object, f"has colours as they were photographed, and no {options.part}")
-    image = paint.texture_image(found.config, found.field, options.layout, size, options.part)
+    image = paint.texture_image(found, options.layout, size, options.part)
     _folder(options.out.parent)
     write = write_png if options.out.suffix.lower() == ".png" else write_exr
     write(options.out, image)
@@ -63,11 +58,13 @@ def render(options: Render) -> None:
     painted = board_paint() if options.checker else None
     if options.texture:
         layout, image = paint.read_edit(options.texture, options.layout)
-        painted = paint.painted(found.config, found.field, layout, image, options.edit)
+        painted = paint.painted(found, layout, image, options.edit)
+    quality = PRESETS[options.quality]
     samples = options.samples
     if samples is None:
-        samples = int(found.provenance.get("config", {}).get("samples", Quality().samples))
-    quality = Quality(samples=_at_least_one("--samples", samples))
+        learned = int(found.provenance.get("config", {}).get("samples", quality.samples))
+        samples = max(learned, quality.samples) if options.quality == "reference" else learned
+    quality = quality.with_changes(samples=_at_least_one("--samples", samples))
     how = view(found.config, found.field, quality, painted, _lit(found, options))
     cameras = _cameras(found, options)
     _folder(options.out)
@@ -90,10 +87,10 @@ def mesh(options: Mesh) -> None:
     found = _textured(options.object)
     side = _at_least_one("--size", options.size)
     surface = wrapped(found.config, found.field, _at_least_one("--quads", options.quads), side)
-    image = paint.texture_image(found.config, found.field, "cubemap", side)
+    image = paint.texture_image(found, "cubemap", side)
     rough = None
     if found.config.colour == "reflectance" and options.out.suffix.lower() == ".glb":
-        rough = paint.texture_image(found.config, found.field, "cubemap", side, "roughness")[..., 0]
+        rough = paint.texture_image(found, "cubemap", side, "roughness")[..., 0]
     _folder(options.out.parent)
     vertices = found.centre + found.half * surface.vertices
     write_wrapped(options.out, vertices, surface.faces, surface.uv, surface.normals, image, rough)
@@ -128,7 +125,9 @@ def _lit(found: Captured, options: Render) -> Lit | None:
 def _config(options: Train) -> AtlasTraining:
     """The experiment's at the preset's size, or the preset's own with the encoding."""
     if options.experiment is None:
-        return atlas_as(PRESETS[options.preset], options.encoding)
+        return atlas_as(SIZES[options.preset], options.encoding)
+    if options.encoding is not None:
+        raise InputError("--encoding", "is the experiment's to say: give one of --encoding and --experiment")
     config = read_experiment(options.experiment, options.preset)
     if not isinstance(config, AtlasTraining):
         raise InputError(options.experiment, "is of another way to learn: its `variant` makes no AtlasTraining")

@@ -42,11 +42,8 @@ def evaluate(options: Options) -> None:
     config, data = read_record(options.run)
     found = snapshots(options.run)
     method = method_of(config)
-    folder = options.data or data["folder"]
-    read = (
-        photographed.recorded({**data, "folder": folder}) if isinstance(config, AtlasTraining) else method.read(folder)
-    )
-    config, dataset = method.fitted(config, read)
+    asked = {**data, "folder": options.data or data["folder"]}
+    config, dataset = method.fitted(config, method.read(config, asked))
     measures = {SurfaceTraining: _queries, AtlasTraining: _views}
     measure = measures.get(type(config), _pictures)(config, dataset, options)
     chosen = [found[i] for i in sorted(set(np.linspace(len(found) - 1, 0, options.snapshots).round().astype(int)))]

@@ -19,6 +19,7 @@ def photograph(options: Capture) -> None:
         ("--size", options.size, 8),
         ("--spp", options.spp, 1),
         ("--points", options.points, 1),
+        ("--seed", options.seed, 0),
     ):
         if value < least:
             raise InputError(name, f"must be at least {least}, not {value}")

@@ -21,6 +21,7 @@ from mesoshell.errors import InputError
 from mesoshell.measure.operations import count_operations
 from mesoshell.train.method import Data, method_of
 from mesoshell.train.presets import PRESETS
+from mesoshell.train.record import read_record
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.stream import RunConfig
 
@@ -29,11 +30,9 @@ def train_from(options: Options) -> None:
     """All of `mesoshell train`."""
     keep_compiled()
     config = read_experiment(options.experiment, options.preset)
-    if options.kimg is not None:
-        if not options.kimg > 0:
-            raise InputError("--kimg", f"must be above 0, not {options.kimg}")
-        config = replace(config, kimg=options.kimg)
-    dataset = method_of(config).read(options.data)
+    config = of_length(config, options.kimg)
+    begun = read_record(options.run)[1] if (options.run / "config.json").exists() else {}
+    dataset = method_of(config).read(config, {**begun, "folder": options.data})
     check_recipe(options.experiment, dataset)
     if options.coordinator:
         _join(options)
@@ -41,6 +40,15 @@ def train_from(options: Options) -> None:
         print(_plan(config, dataset))
         return
     learn(config, dataset, options.run, options.parallel, options.transfer)
+
+
+def of_length(config: Any, kimg: float | None) -> Any:
+    """The configuration with another `kimg`, if one is given. Raises InputError."""
+    if kimg is None:
+        return config
+    if not (np.isfinite(kimg) and kimg > 0):
+        raise InputError("--kimg", f"must be above 0 and finite, not {kimg}")
+    return replace(config, kimg=kimg)
 
 
 def learn(

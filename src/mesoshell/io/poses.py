@@ -9,6 +9,7 @@ All three are read in the frame and the units that they come in. Lenses with dis
 """
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,9 +113,9 @@ def read_idr(path: Path) -> Poses:
 
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {
-                k: np.asarray(file[k], np.float64) for k in file.files if k.startswith(("world_mat_", "scale_mat_"))
-            }
+            # they lie beside their inverses, and others that follow from them
+            names = [k for k in file.files if re.fullmatch(r"(world|scale)_mat_\d+", k)]
+            arrays = {k: np.asarray(file[k], np.float64) for k in names}
     except Exception as error:  # zipfile and NumPy throw a dozen types, by the byte that is wrong
         raise InputError(path, "not an npz file of cameras, or a damaged one") from error
     images, masks = (_files(path.parent / name) for name in ("image", "mask"))
@@ -151,6 +152,8 @@ def read_idr(path: Path) -> Poses:
         s = arrays["scale_mat_0"]
         if s.shape != (4, 4) or not np.isfinite(s).all() or not s[0, 0] > 0:
             raise InputError(path, "scale_mat_0 is no scale and shift")
+        if np.abs(s[:3, :3] / s[0, 0] - np.eye(3)).max() > 1e-4:
+            raise InputError(path, "scale_mat_0 turns, or scales axes differently: it must be one scale and a shift")
         box = s[:3, 3].copy(), float(s[0, 0])
     points = path.parent / "points.ply"
     return Poses(path, tuple(views), _cloud(points) if points.exists() else None, box)

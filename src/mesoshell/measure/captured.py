@@ -13,7 +13,7 @@ import numpy as np
 
 from mesoshell.atlas.capture import Capture, at_most
 from mesoshell.atlas.field import to_surface, to_texture
-from mesoshell.atlas.photo import photo_rays, pixel_centres
+from mesoshell.atlas.photo import photo_rays, pixels
 from mesoshell.atlas.render import picture, view
 from mesoshell.atlas.store import Captured
 from mesoshell.io.image import linear_to_srgb
@@ -33,7 +33,7 @@ CHART = ("cycle error, % of the box", "texture distortion", "texture folded", "t
 
 def score_views(found: Captured, capture: Capture, samples: int) -> dict[str, Estimate]:
     """Means over held-out views with 1.96 standard errors; of the texture, numbers without an interval."""
-    how = view(found.config, found.field, Quality(samples=samples))
+    how = view(found.config, found.field, Quality(samples=samples, pixel_samples=1))
 
     def shown(photo):
         return picture(found.config, found.field, found.to_box(photo), how)
@@ -57,7 +57,7 @@ def score_views(found: Captured, capture: Capture, samples: int) -> dict[str, Es
 def _charted(found: Captured, capture: Capture, shown) -> tuple[float, ...]:
     ys, us, hits, cycles = [], [], [], []
     for photo in capture.photos:
-        seen, (o, d) = shown(photo), photo_rays(found.to_box(photo), pixel_centres(photo))
+        seen, (o, d) = shown(photo), photo_rays(found.to_box(photo), pixels(photo))
         alpha = seen.rgba[..., 3]
         hit = alpha > 0.5
         far = (seen.depth / np.maximum(alpha, 0.5)).reshape(-1, 1)

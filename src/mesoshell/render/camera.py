@@ -69,7 +69,11 @@ def pixel_grid(camera: Camera, samples: int, sample: int, part: slice = slice(No
 
     part: of the pixels so numbered, those to make.
     """
-    golden = 1.324717957244746  # plastic number: the R2 sequence covers the square evenly for any count
-    offset = np.array([0.5, 0.5]) if samples == 1 else (0.5 + sample * np.array([1 / golden, 1 / golden**2])) % 1.0
     y, x = np.divmod(np.arange(*part.indices(camera.height * camera.width)), camera.width)
-    return np.stack([x + offset[0], y + offset[1]], axis=1).astype(np.float64)
+    return np.stack([x, y], axis=1) + in_pixel(samples, sample)
+
+
+def in_pixel(samples: int, sample: int) -> Float[np.ndarray, "2"]:
+    """Place of a sample in its pixel, [0, 1)²."""
+    golden = 1.324717957244746  # plastic number: the R2 sequence covers the square evenly for any count
+    return np.array([0.5, 0.5]) if samples == 1 else (0.5 + sample * np.array([1 / golden, 1 / golden**2])) % 1.0

@@ -71,7 +71,7 @@ def sheet(config: AtlasTraining, capture: Capture, state: AtlasState) -> Float[n
     height = min(x.shape[0] for x in row)
     whole = np.concatenate([x[:height] for x in row], axis=1)
     if mapped:
-        flat = texture_image(now.config, now.field, "cubemap", max(whole.shape[1] // 3, 1))
+        flat = texture_image(now, "cubemap", max(whole.shape[1] // 3, 1))
         beneath = np.zeros((flat.shape[0], whole.shape[1], 3), np.float32)
         beneath[:, : flat.shape[1]] = flat
         whole = np.concatenate([whole, beneath])
@@ -85,5 +85,5 @@ def board_paint() -> Paint:
 
 
 def quality_of(config: AtlasTraining) -> Quality:
-    """As many samples as the run learned with."""
-    return Quality(samples=config.samples)
+    """Rays as the run learned from them."""
+    return Quality(samples=config.samples, pixel_samples=1)

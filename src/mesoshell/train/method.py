@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mesoshell.atlas.capture import Capture, read_capture
+from mesoshell.atlas.capture import Capture
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.patches import Patches, read_patches
 from mesoshell.train import (
@@ -19,6 +19,7 @@ from mesoshell.train import (
     atlas_snapshot,
     parametric,
     parametric_snapshot,
+    photographed,
     snapshot,
     state,
     step,
@@ -34,14 +35,14 @@ Data = Dataset | Patches | Capture
 
 
 class Method(NamedTuple):
-    """read: a folder's data. fitted: the configuration for them, and the data as the method sees them. feed: (config, data,
+    """read: (config, what a record says of its data: `folder`, and what was begun with) → the data. fitted: the configuration for them, and the data as the method sees them. feed: (config, data,
     host, hosts) → this host's rows of the batch of step i. start: (config, key) → state. step: (config, state, shown, across)
     → (state, report); a report's fields are numbers of the log, and `bad`, which leaves of the gradients of `parts` are not
     finite. parts: what learns, by name. together: neighbours in a batch that belong to each other. losses: the report's fields
     that a console shows. save: (path, config, data, state) → a file. sheet: (config, data, state) → a picture. painter:
     (config, saved file) → function from shown to what is scored: as many pictures, or answers."""
 
-    read: Callable[[Path], Any]
+    read: Callable[[Any, dict[str, Any]], Any]
     fitted: Callable[[Any, Any], tuple[Any, Any]]
     feed: Callable[..., Callable[[int], Any]]
     start: Callable[..., Any]
@@ -60,7 +61,7 @@ def _gan_parts(state: TrainState) -> dict[str, Any]:
 
 
 GAN = Method(
-    read=read_dataset,
+    read=lambda config, data: read_dataset(data["folder"]),
     fitted=fitted,
     feed=renders,
     start=state.start,
@@ -73,7 +74,7 @@ GAN = Method(
     painter=snapshot.painter,
 )
 NERF_TEX = Method(
-    read=read_dataset,
+    read=lambda config, data: read_dataset(data["folder"]),
     fitted=fitted_parametric,
     feed=renders,
     start=parametric.start,
@@ -86,7 +87,7 @@ NERF_TEX = Method(
     painter=parametric_snapshot.painter,
 )
 SURFACE = Method(
-    read=read_patches,
+    read=lambda config, data: read_patches(data["folder"]),
     fitted=surface.fitted,
     feed=surface.feed,
     start=surface.start,
@@ -99,7 +100,7 @@ SURFACE = Method(
     painter=surface_snapshot.painter,
 )
 ATLAS = Method(
-    read=read_capture,
+    read=lambda config, data: photographed.recorded(data, config.side),
     fitted=atlas.fitted,
     feed=atlas.feed,
     start=atlas.start,

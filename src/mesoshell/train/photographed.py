@@ -32,7 +32,7 @@ class Rays(NamedTuple):
     u: Float[Array, "B 3"]
 
 
-def recorded(data: dict[str, Any], side: int | None = None) -> Capture:
+def recorded(data: dict[str, Any], side: int) -> Capture:
     """The capture that a run's record speaks of."""
     return read_capture(Path(data["folder"]), data.get("background"), side)
 

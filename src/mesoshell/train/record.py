@@ -34,6 +34,7 @@ KEPT = (
     "recipe",
     "source",
     "background",
+    "box",
     "version",
     "size",
     "seed",

@@ -151,6 +151,7 @@ def test_reflectance_is_lit_anew_and_its_parts_are_written(folder, tmp_path, cap
     (capture / "transforms.json").write_text(json.dumps({**about, "flash": 30.0}))
     run, experiment = tmp_path / "run", ["--experiment", "experiments/atlas_reflectance.py"]
     main(["atlas", "train", str(capture), "--run", str(run), "--preset", "tiny", "--kimg", "5.12", *experiment])
+    capsys.readouterr()
     for part, most in (("roughness", 1.0), ("specular", 0.25)):
         words = ["--part", part, "--size", "8", "--out"]
         main(["atlas", "texture", str(run), *words, str(tmp_path / "a.exr")])

@@ -90,7 +90,7 @@ class AtlasReport(NamedTuple):
 def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
     """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
     `paper` and hash grids for the others, if not given. Maps as wide as the paper's, at a rate that is done in minutes, fold:
-    they are narrower on a CPU (docs/atlas.md)."""
+    they are narrower on a CPU, and their cycle weighs ten times as much (docs/atlas.md)."""
     texels = preset.picture.texels
     if texels > 64:
         grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))
@@ -100,9 +100,13 @@ def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None 
     else:
         field = FieldConfig((64,) * 2, (64,) * 2, (64, 64), (128, 128), 32, "hash")
     if texels > 16:
-        return AtlasTraining(field, side=128, samples=32, batch=1024, kimg=1024 * 4.0, rate=2e-3, snapshot_kimg=512.0)
+        return AtlasTraining(
+            field, side=128, samples=32, batch=1024, kimg=1024 * 4.0, rate=2e-3, cycle=10.0, snapshot_kimg=512.0
+        )
     field = replace(field, hash=HashConfig(levels=5, rows=12, finest=32))
-    return AtlasTraining(field, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, snapshot_kimg=512 * 0.2)
+    return AtlasTraining(
+        field, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, cycle=10.0, snapshot_kimg=512 * 0.2
+    )
 
 
 def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capture]:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,7 +88,9 @@ def test_a_background_stands_for_masks(ball, own, colour) -> None:
         seen = rgba[..., :3] + (colour == "white") * (1 - rgba[..., 3:])
         # an alpha that says nothing is as good as none
         write_png(path, seen if i == 0 else np.concatenate([seen, np.ones_like(seen[..., :1])], axis=-1))
-    with pytest.raises(InputError, match=r"000.png: has neither a mask nor alpha: say `mesoshell atlas train --background` black"):
+    with pytest.raises(
+        InputError, match=r"000.png: has neither a mask nor alpha: say `mesoshell atlas train --background` black"
+    ):
         read_capture(own)
     capture = read_capture(own, colour)
     np.testing.assert_allclose(capture.half, 1.75, atol=0.2)
@@ -113,12 +116,12 @@ def test_masks_may_be_files(own) -> None:
 
 
 def as_arrays(folder, **more: np.ndarray) -> None:
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for i, photo in enumerate(balls.photos()):
         fx, fy, cx, cy = photo.lens
         lens = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])  # whole numbers are pixel centres
         arrays[f"world_mat_{i}"] = np.vstack([lens @ np.linalg.inv(photo.to_world @ FLIP)[:3], [0, 0, 0, 1]])
-    np.savez(folder / "cameras.npz", **arrays, **more)
+    np.savez(folder / "cameras.npz", **(arrays | more))
 
 
 def as_idr(folder) -> None:
@@ -225,7 +228,7 @@ def test_a_box_that_cuts_the_object_is_warned_of(own) -> None:
     found = read_capture(own)
     assert found.half == 0.8 and any("lies outside of the box that cameras.npz says" in w for w in found.warnings)
     as_arrays(own, scale_mat_0=np.array([[2.0, 0, 0, 3], [0, 0, -2, -1], [0, 2, 0, 2], [0, 0, 0, 1]]))
-    with pytest.raises(InputError, match="cameras.npz: scale_mat_0 turns, or scales axes differently"):
+    with pytest.raises(InputError, match=r"cameras\.npz: scale_mat_0 turns, or scales axes differently"):
         read_capture(own)
 
 

@@ -109,14 +109,14 @@ def test_what_is_transparent_changes_nothing(field, edit) -> None:
 
 
 def test_the_texture_is_as_cameras_before_it_see_it(field) -> None:
-    """What views add is taken from places where photographs were, not from behind the surface: by each texel's own sum. Beneath,
-    where no camera was, straight on."""
+    """What views add is taken from places where photographs were, not from behind the surface: by each texel's own sum. Where
+    no camera was, straight on."""
     eyes = [(2.5, 1.0, 1.5), (-1.0, 2.5, 1.5)]
     photos = tuple(PHOTO._replace(to_world=look_at(eye, (0, 0, 0), (0, 0, 1))) for eye in eyes)
-    u = directions("latlong", 8).reshape(-1, 3)
+    all_u = directions("latlong", 8).reshape(-1, 3)
     found = texture_image(replace(captured(field), photos=photos), "latlong", 8).reshape(-1, 3)
     alone = 0
-    for u, wanted in zip(u, found, strict=True):
+    for u, wanted in zip(all_u, found, strict=True):
         base, features = texture(CONFIG, field, jnp.asarray(u))
         y = np.asarray(to_surface(field, jnp.asarray(u)))  # all but a sphere yet
         ways = [w for w in (normalised(np.array(eye) - y) for eye in eyes) if w @ u > 0.1]

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from typing import Any
 
 import numpy as np
 import pytest
@@ -159,7 +160,8 @@ def test_reflectance_is_lit_anew_and_its_parts_are_written(folder, tmp_path, cap
         assert (image > 0).all() and (image < most).all() and np.ptp(image) > 0
         assert "a.png: must end in .exr" in fault(capsys, "atlas", "texture", run, *words, tmp_path / "a.png")
     main(["atlas", "mesh", str(run), "--quads", "4", "--size", "8", "--out", str(tmp_path / "a.glb")])
-    assert trimesh.load_mesh(tmp_path / "a.glb").visual.material.metallicRoughnessTexture is not None
+    made: Any = trimesh.load_mesh(tmp_path / "a.glb")
+    assert made.visual.material.metallicRoughnessTexture is not None
     frames = []
     for light in ([], ["--light", "0", "0", "1", "--quality", "draft"]):
         words = ["--frames", "1", "--size", "12", "12", "--out", str(tmp_path / "f")]

@@ -264,7 +264,7 @@ def test_a_box_belongs_to_a_run(capture, tmp_path) -> None:
     config = replace(CONFIG, side=16)
     keep_record(config, capture, tmp_path)
     keep_record(config, replace(capture, half=capture.half * (1 + 1e-9)), tmp_path)
-    with pytest.raises(InputError, match="data.box is"):
+    with pytest.raises(InputError, match=r"data\.box is"):
         keep_record(config, replace(capture, half=capture.half * 1.01), tmp_path)
 
 

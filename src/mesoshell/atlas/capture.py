@@ -162,8 +162,8 @@ def _read(source: Path, view: Posed, background: str | None) -> tuple[Photo, np.
         rgb, mask = _from_background(rgb, BACKGROUNDS[background])
     else:
         raise InputError(
-            view.image, "has neither a mask nor alpha: say `mesoshell atlas train --background` black or white, if that is what it is",
-
+            view.image,
+            "has neither a mask nor alpha: say `mesoshell atlas train --background` black or white, if that is what it is",
         )
     if not (np.isfinite(rgb).all() and np.isfinite(mask).all()):
         raise InputError(view.image, "has pixels that are not finite")

@@ -3,8 +3,8 @@
 Alphabet
 T           an object's texture, linear: the greatest of its colours over directions d, as the paper shows it; or, of
             reflectance, its albedo, roughness or specular (atlas/reflect), grey
-d           from the photographs' places (VIEWS of them at most) that lie before the surface F_uv⁻¹ there: how a place looks from
-            where none was taken is not known. Where none lies before it, straight on
+d           from the photographs' places (VIEWS of them at most) that lie before the surface F_uv⁻¹ there, as how it looks from
+            elsewhere is not known. Where none lies before it, straight on
 E, α        an edit: colours and coverage of an image of any layout
 c′ = a + s c    what becomes of a colour c that a view sees at u:
 multiply    s = E, a = 0

@@ -110,7 +110,7 @@ def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Pictu
     """What a camera in the box's units sees. Each light other than the flash is blocked by what it passes on its way to where
     a ray ends, on the mean."""
     n = how.quality.pixel_samples
-    found = sum(_once(config, field, photo_rays(photo, pixels(photo, n, k)), how, k) for k in range(n)) / n
+    found = np.mean([_once(config, field, photo_rays(photo, pixels(photo, n, k)), how, k) for k in range(n)], axis=0)
     size = photo.height, photo.width
     return Picture(found[:, :4].reshape(*size, 4), found[:, 4].reshape(size))
 

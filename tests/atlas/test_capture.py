@@ -115,7 +115,7 @@ def test_masks_may_be_files(own) -> None:
     assert (capture.rgb[0][capture.masks[0] == 0] == 0).all()
 
 
-def as_arrays(folder, **more: np.ndarray) -> None:
+def as_arrays(folder, **more: Any) -> None:
     arrays: dict[str, Any] = {}
     for i, photo in enumerate(balls.photos()):
         fx, fy, cx, cy = photo.lens

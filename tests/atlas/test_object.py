@@ -385,6 +385,19 @@ def test_a_flash_lights_what_the_camera_sees(stone) -> None:
     np.testing.assert_allclose(found.rgba.reshape(-1, 4)[:, :3], each.colour, atol=1e-4)
 
 
+def test_what_reflects_and_is_seen_from_behind_is_counted(stone) -> None:
+    """A normal that all of a ray sees at one angle, by the closed form (1 − T) max(cos, 0)²; colours alone have none."""
+    o, d = jnp.array([0.1, 0.05, -2.5]), jnp.array([0.0, 0.0, 1.0])
+    for cosine in (1.0, 0.6, 0.0, -0.6):
+        n = jnp.array([0.0, (1 - cosine**2) ** 0.5, cosine]) * 1e4  # so long that the place in the box adds nothing
+        last = stone.sigma.last
+        tilted = stone._replace(sigma=stone.sigma._replace(last=last._replace(bias=last.bias.at[1:].set(n))))
+        found = march(LIT, tilted, o, d, FULL, jnp.full(64, 0.5))
+        assert found.passed < 1e-3
+        np.testing.assert_allclose(found.away, (1 - found.passed) * max(cosine, 0) ** 2, rtol=1e-3, atol=1e-6)
+    assert march(CONFIG, init_field(CONFIG, jax.random.key(0)), o, d, FULL, jnp.full(64, 0.5)).away == 0
+
+
 def test_a_distant_light_and_its_shadow(stone) -> None:
     """What faces the light is lit by its cosine; what faces away is black; and the object blocks a light behind it."""
     toward = np.array([0.0, 0.8, 0.6])

@@ -143,6 +143,27 @@ def test_at_first_the_cloud_alone_guides() -> None:
         for weights in ({"cycle": 100.0}, {"mask": 100.0}):
             pairs = zip(after(share), after(share, **weights), strict=True)
             assert all(bool((a == b).all()) for a, b in pairs) == same
+    pairs = zip(after(0.0, alone=False), after(0.0, alone=False, cycle=100.0), strict=True)
+    assert not all(bool((a == b).all()) for a, b in pairs)
+
+
+def test_steps_turn_normals_to_the_cameras() -> None:
+    """What rays see from behind becomes less with its loss than without, from normals that point the way a camera looks."""
+    field = replace(CONFIG.field, colour="reflectance", flash=1.0)
+    batch = jax.tree.map(jnp.asarray, atlas_step.rays())
+    seen = {}
+    for weight in (0.0, 0.3):
+        config = replace(CONFIG, field=field, cloud=False, finish=0.0, facing=weight, rate=1e-2, kimg=1.6)
+        state = start(config, jax.random.key(0))
+        last = state.field.sigma.last
+        last = last._replace(bias=last.bias.at[1:].set(batch.d[0]))
+        state = state._replace(field=state.field._replace(sigma=state.field.sigma._replace(last=last)))
+        once = jax.jit(lambda state, config=config: step(config, state, batch))
+        for _ in range(20):
+            state, report = once(state)
+            seen.setdefault(weight, []).append(float(report.facing))
+    assert seen[0.0][0] == seen[0.3][0] > 0.05
+    assert seen[0.3][-1] < 0.9 * seen[0.0][-1]
 
 
 def test_chamfer_is_the_mean_square_distance_both_ways() -> None:

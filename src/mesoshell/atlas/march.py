@@ -5,6 +5,7 @@ o, d        in the box's units; t in [t0, t1]: inside [−1, 1]³, all of it, in
 occupied    cells of the box where σ can be above what may be passed over, with their neighbours
 ℓ           length of [t0, t1] in occupied cells; the N samples share it evenly: one in each N-th of it, at ξ of that part
 w, T        weights of the samples and transmittance of the ray (render/composite); I = Σ w c
+away        Σ w max(n·d, 0)²: how much of what reflects is seen from behind (Verbin et al. 2022, Ref-NeRF, equation 11)
 flash       of reflectance: light comes the way that the camera looks; all that the camera sees is lit, as of a surface: in the
             depth of a fog light would be dimmed once more
 
@@ -28,13 +29,14 @@ CELLS, PROBES = 32, 64
 
 
 class Marched(NamedTuple):
-    """colour: I; passed: T; w and y: of the samples; depth: Σ w t."""
+    """colour: I; passed: T; w and y: of the samples; depth: Σ w t; away: 0 but of reflectance."""
 
     colour: Vec3
     passed: Scalar
     w: Float[Array, "N"]
     y: Float[Array, "N 3"]
     depth: Scalar
+    away: Scalar
 
 
 def span(o: Vec3, d: Vec3) -> tuple[Scalar, Scalar]:
@@ -78,13 +80,15 @@ def march(
     y = o[None] + jnp.outer(t, d)
     sigma, features = jax.vmap(lambda y: density(config, field, y))(y)
     w, passed = weights(optical_depth(sigma, jnp.broadcast_to(step, sigma.shape)))
+    away = jnp.zeros((), y.dtype)
     if config.colour == "reflectance":
         made = jax.vmap(lambda y: lobes(config, field, to_texture(field, y)))(y)
         n = jax.vmap(lambda y, f: normal(field, y, f))(y, features)
+        away = jnp.sum(w * jnp.maximum(jnp.sum(n * d[None], axis=1), 0) ** 2)
         c = jax.vmap(lambda made, n, t: flashed(config, made, n, d, t))(made, n, t)
     else:
         c = jax.vmap(lambda y, f: radiance(config, field, y, d, f))(y, features)
-    return Marched(w @ c, passed, w, y, w @ t)
+    return Marched(w @ c, passed, w, y, w @ t, away)
 
 
 def flashed(config: FieldConfig, made: Lobes, n: Vec3, d: Vec3, t: Scalar) -> Vec3:

@@ -7,9 +7,11 @@ render       Σ (sRGB(I) − sRGB(I_gt))², for linear colours: what their photo
 cycle        Σ w ‖F_uv⁻¹(F_uv(y)) − y‖² (equation 12), from one sample a ray, drawn by w: the same mean at 1/N of the cost. It
              moves the two maps alone, as w and y are held fixed
 mask         (M − (1 − T))² (equation 13)
+facing       of reflectance, away (atlas/march): what a ray sees from behind is black, and dark paint would be learned as holes
 chamfer      mean square distance from each of B points of a cloud to the nearest of B points of F_uv⁻¹'s surface, and back
-phase        chamfer and render, for the first `chamfer` of the run if there is a cloud; then render + cycle + mask; for the
-             last `finish` of it F_tex alone (section 4.2: 50 000 steps of 550 000, then "until convergence")
+phase        chamfer and render, for the first `chamfer` of the run if there is a cloud, and the others too unless `alone`; then
+             render + cycle + mask; for the last `finish` of it F_tex alone (section 4.2: 50 000 steps of 550 000, then "until
+             convergence")
 grid         the greatest σ seen in each cell, forgotten slowly; a step asks one cell in EACH; below SPARSE none is sampled
 """
 
@@ -48,8 +50,8 @@ SLOWEST = 0.05
 @dataclass(frozen=True)
 class AtlasTraining:
     """Everything that a run depends on beside the data. side: of the pictures at most, pixels; samples: N; batch: B; kimg:
-    thousands of rays; cycle, mask: weights a₁ and a₂; chamfer, finish: shares of the run; cloud: whether there is one, which
-    follows from the capture."""
+    thousands of rays; cycle, mask: weights a₁ and a₂; facing: of its part; chamfer, finish: shares of the run; alone: the cycle
+    and the masks wait until `chamfer` is over; cloud: whether there is one, which follows from the capture."""
 
     field: FieldConfig = field(default_factory=FieldConfig)
     side: int = 512
@@ -60,7 +62,9 @@ class AtlasTraining:
     table_rate: float = 1e-2
     cycle: float = 1.0
     mask: float = 1.0
+    facing: float = 0.3
     chamfer: float = 0.1
+    alone: bool = True
     finish: float = 0.1
     snapshot_kimg: float = 768 * 50.0
     seed: int = 0
@@ -84,13 +88,14 @@ class AtlasReport(NamedTuple):
     cycle: Scalar
     mask: Scalar
     chamfer: Scalar
+    facing: Scalar
     bad: Bool[Array, "_leaves"]
 
 
 def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
     """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
     `paper` and hash grids for the others, if not given. Maps as wide as the paper's, at a rate that is done in minutes, fold:
-    they are narrower on a CPU, and their cycle weighs ten times as much (docs/atlas.md)."""
+    they are narrower on a CPU, and their cycle weighs ten times as much and waits for nothing (docs/atlas.md)."""
     texels = preset.picture.texels
     if texels > 64:
         grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))
@@ -99,13 +104,13 @@ def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None 
         field = FieldConfig((96,) * 4, (96,) * 3, (64, 64), (128, 128), 32, octaves=(6, 6, 2))
     else:
         field = FieldConfig((64,) * 2, (64,) * 2, (64, 64), (128, 128), 32, "hash")
+    small = AtlasTraining(field, side=128, samples=32, batch=1024, kimg=1024 * 4.0, rate=2e-3, snapshot_kimg=512.0)
+    small = replace(small, cycle=10.0, alone=False)
     if texels > 16:
-        return AtlasTraining(
-            field, side=128, samples=32, batch=1024, kimg=1024 * 4.0, rate=2e-3, cycle=10.0, snapshot_kimg=512.0
-        )
+        return small
     field = replace(field, hash=HashConfig(levels=5, rows=12, finest=32))
-    return AtlasTraining(
-        field, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, cycle=10.0, snapshot_kimg=512 * 0.2
+    return replace(
+        small, field=field, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, snapshot_kimg=512 * 0.2
     )
 
 
@@ -146,10 +151,10 @@ def step(
 
     def loss(field: Field) -> tuple[Scalar, tuple[Scalar, ...]]:
         parts = jax.vmap(lambda row: _ray(config, field, occupied, key, row))(batch)
-        render, cycle, mask = (jnp.mean(x) for x in parts)
+        render, cycle, mask, facing = (jnp.mean(x) for x in parts)
         near = jax.lax.cond(early, lambda: _chamfer(field, batch, across), lambda: jnp.zeros(()))
-        total = render + jnp.where(early, 0, config.cycle * cycle + config.mask * mask) + near
-        return total, (render, cycle, mask, near)
+        others = jnp.where(early & config.alone, 0, config.cycle * cycle + config.mask * mask)
+        return render + others + config.facing * facing + near, (render, cycle, mask, near, facing)
 
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.field)
     parts, gradient = across.mean((parts, gradient))
@@ -188,8 +193,10 @@ def encoded(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jnp.where(x <= knee, 12.92 * x, 1.055 * jnp.maximum(x, knee) ** (1 / 2.4) - 0.055)
 
 
-def _ray(config: AtlasTraining, field: Field, occupied: Array, key: Array, row: Rays) -> tuple[Scalar, Scalar, Scalar]:
-    """Parts of the loss of one ray: render, cycle and mask (equations 9, 12 and 13). row: of a batch."""
+def _ray(
+    config: AtlasTraining, field: Field, occupied: Array, key: Array, row: Rays
+) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Parts of the loss of one ray: render, cycle, mask (equations 9, 12 and 13) and facing. row: of a batch."""
     xi, pick = jax.random.split(jax.random.fold_in(key, row.noise))
     places = jax.random.uniform(xi, (config.samples,), row.o.dtype)
     found = march(config.field, field, row.o, row.d, occupied, places)
@@ -201,7 +208,7 @@ def _ray(config: AtlasTraining, field: Field, occupied: Array, key: Array, row: 
         i = jnp.sum(through < jax.random.uniform(pick, (), row.o.dtype) * through[-1])
         y = jax.lax.stop_gradient(found.y[jnp.minimum(i, config.samples - 1)])
         cycle = through[-1] * jnp.sum((to_surface(field, to_texture(field, y)) - y) ** 2)
-    return render, cycle, (row.mask - (1 - found.passed)) ** 2
+    return render, cycle, (row.mask - (1 - found.passed)) ** 2, found.away
 
 
 def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:

@@ -26,7 +26,7 @@ CURVES = {
     "loss of reflectance": ("reflectance",),
     "loss of opacity": ("opacity",),
     "loss of colour": ("render",),
-    "loss of mask": ("mask",),
+    "loss of mask": ("mask", "facing"),
     "loss of cycle": ("cycle", "chamfer"),
 }
 

@@ -3,7 +3,8 @@
 Prints for each run its scores at the end, minutes to 95% of the final PSNR's rise above that of a black picture, rays a second
 over the run, and the share of this machine's matrix rate that its steps reach. Scores are those of `mesoshell evaluate`, which
 must have been run; minutes are the log's, so runs are to be compared only if each had the machine to itself. `--samples` prints
-instead, of each run's newest object, PSNR and seconds a held-out view by samples a ray.
+instead, of each run's newest object, PSNR and seconds a held-out view by samples a ray. `--surface` prints how far from the
+mesh that was photographed rays of the held-out views end, on the mean, where they are stopped.
 """
 
 import json
@@ -14,11 +15,16 @@ from pathlib import Path
 import jax
 import numpy as np
 import tyro
+from scipy.spatial import KDTree
+from trimesh import Trimesh
+from trimesh.sample import sample_surface
 
 from benchmarks.rates import matrix_rate
 from mesoshell.atlas.capture import Capture
+from mesoshell.atlas.photo import photo_rays, pixels
 from mesoshell.atlas.render import picture, view
 from mesoshell.atlas.store import read_captured
+from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.image import psnr
 from mesoshell.measure.operations import count_operations
@@ -37,6 +43,8 @@ class Options:
     out: Path | None = None
     #: Samples a ray to try.
     samples: tuple[int, ...] = ()
+    #: The mesh that was photographed.
+    surface: Path | None = None
 
 
 def main(options: Options) -> None:
@@ -44,6 +52,11 @@ def main(options: Options) -> None:
         print("| run | samples a ray | PSNR | seconds a view |\n|---|---|---|---|")
         for run in options.runs:
             by_samples(run, options.samples)
+        return
+    if options.surface:
+        print("| run | from the mesh, mean, % of the box | 95% within |\n|---|---|---|")
+        for run in options.runs:
+            from_surface(run, options.surface)
         return
     rate, curves = matrix_rate(), {}
     for run in options.runs:
@@ -92,6 +105,22 @@ def by_samples(run: Path, samples: tuple[int, ...]) -> None:
             seconds.append(time.perf_counter() - begin)
             errors.append(psnr(*(linear_to_srgb(np.clip(x, 0, 1)) for x in (shown, capture.rgb[i]))))
         print(f"| {run.name} | {n} | {np.mean(errors):.2f} | {np.mean(seconds):.2f} |", flush=True)
+
+
+def from_surface(run: Path, mesh: Path) -> None:
+    found = read_captured(snapshots(run)[-1][1])
+    model = load_mesh(mesh)
+    near = KDTree(sample_surface(Trimesh(model.vertices, model.faces), 200_000, seed=0)[0])
+    how = view(found.config, found.field, Quality(samples=64, pixel_samples=1))
+    apart = []
+    for photo in (found.photos[i] for i in found.tested):
+        shown = picture(found.config, found.field, found.to_box(photo), how)
+        o, d = photo_rays(photo, pixels(photo))
+        opaque = shown.rgba[..., 3].ravel() > 0.98
+        far = shown.depth.ravel()[opaque] / shown.rgba[..., 3].ravel()[opaque] * found.half
+        apart.append(near.query(o[opaque] + far[:, None] * d[opaque])[0] / (2 * found.half) * 100)
+    apart = np.concatenate(apart)
+    print(f"| {run.name} | {apart.mean():.2f} | {np.quantile(apart, 0.95):.2f} |", flush=True)
 
 
 def black_psnr(capture: Capture) -> float:

@@ -75,7 +75,7 @@ def main(options: Options) -> None:
             (float(np.interp(r["kimg"], kimg, seconds)) / 60, r["value"]) for r in scores if r["name"] == "PSNR"
         )
         black = black_psnr(capture)
-        enough = next(m for m, v in curve if v - black >= 0.95 * (last["PSNR"] - black))
+        enough = next((m for m, v in curve if v - black >= 0.95 * (last["PSNR"] - black)), float("nan"))
         state = jax.eval_shape(lambda config=config: atlas.start(config, jax.random.key(0)))
         work = count_operations(lambda s, b, c=config: atlas.step(c, s, b), state, atlas.feed(config, capture)(0))
         speed = kimg[-1] * 1000 / seconds[-1]
@@ -136,7 +136,7 @@ def plot(curves: dict[str, list[tuple[float, float]]], out: Path) -> None:
     axes = figure.subplots()
     for name, curve in curves.items():
         axes.plot(*zip(*curve, strict=True), marker="o", markersize=3, label=name)
-    axes.set(xlabel="training minutes, two cores", ylabel="held-out PSNR, dB")
+    axes.set(xlabel="training minutes", ylabel="held-out PSNR, dB")
     axes.legend()
     figure.savefig(out, dpi=130)
 

@@ -1,5 +1,5 @@
-"""An object from its photographs, with a texture that it discovers itself (NeuTex). Encoded by hash grids;
-atlas_frequency has the paper's sines and cosines."""
+"""An object from its photographs, with a texture that it discovers itself (NeuTex). Encoded by hash grids, or
+at `--preset paper` by the paper's sines and cosines, which atlas_frequency has at any."""
 
 from mesoshell.train.atlas import AtlasTraining, atlas_as
 from mesoshell.train.presets import SMALL

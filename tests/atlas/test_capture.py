@@ -188,10 +188,20 @@ def test_black_masks_are_named(own) -> None:
         read_capture(own)
 
 
+def test_what_is_lost_by_shrinking_is_said_so(own) -> None:
+    path = own / "images/002.png"
+    image = read_png(path)
+    image[..., 3] = 0
+    image[:2, :2, 3] = 1
+    write_png(path, image)
+    with pytest.raises(InputError, match=r"the mask of 002.png is empty at 4 pixels a side: nothing there is the object$"):
+        read_capture(own, side=4)
+
+
 def test_full_masks_tell_nothing(own) -> None:
     for path in (own / "images").iterdir():
         write_png(path, 0 * read_png(path) + 1)
-    with pytest.raises(InputError, match=r"all masks are full"):
+    with pytest.raises(InputError, match=r"all masks are full: .*--background"):
         read_capture(own)
 
 

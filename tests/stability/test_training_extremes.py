@@ -19,7 +19,7 @@ from mesoshell.train.generate import Shown, label
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
 from mesoshell.train.picture import PictureConfig, shown
 from mesoshell.train.state import Learner, TrainConfig, TrainState, optimisers, sized, start
-from mesoshell.train.step import MOST, Report, _not_finite, _updated, step
+from mesoshell.train.step import MOST, Report, _updated, not_finite, step
 from mesoshell.typing import Array
 
 #: One process compiles what its tests share.
@@ -166,4 +166,4 @@ def test_a_gradient_that_adam_cannot_square_is_bad(worst: float) -> None:
     """Its second moment would be infinite, and the weight never move again."""
     fine, bad = jnp.array([0.99 * MOST, 0.0]), jnp.array([1.0, worst])
     assert jnp.isfinite(fine**2).all() and not jnp.isfinite(bad**2).all()
-    assert _not_finite([fine, bad]).tolist() == [False, True]
+    assert not_finite([fine, bad]).tolist() == [False, True]

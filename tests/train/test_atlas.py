@@ -179,7 +179,7 @@ def test_chamfer_is_the_mean_square_distance_both_ways() -> None:
 
 
 def test_the_cycle_moves_the_maps_alone() -> None:
-    """With nothing else in the loss: colours black where rays see black, no mask."""
+    """By what its weight adds to the gradient."""
     config = replace(CONFIG, cloud=False, mask=0.0, cycle=1.0)
     batch = jax.tree.map(jnp.asarray, atlas_step.rays())
     begin = start(config, jax.random.key(0))

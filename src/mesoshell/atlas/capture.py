@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.ndimage import binary_dilation
 
-from mesoshell.atlas.hull import CELLS, Hull, agreement, carve
+from mesoshell.atlas.hull import Hull, agreement, carve, holds, left_out
 from mesoshell.atlas.photo import Photo, shrunk
 from mesoshell.errors import InputError
-from mesoshell.io.image import read_picture
+from mesoshell.io.image import linear_to_srgb, read_picture
 from mesoshell.io.poses import Posed, read_poses
 
 #: sRGB codes by which a pixel differs from the background at least, to be all of the object.
@@ -33,9 +33,9 @@ BACKGROUNDS = {"black": 0.0, "white": 1.0}
 
 @dataclass(frozen=True)
 class Capture:
-    """hull: where it may be, by the masks; its own box is the capture's unless that says another. points: of the world, inside
-    the hull. agreement: that of the masks, the mean over views. flash: E⊥ at distance 1 of the world of the light at each
-    camera, if there is one."""
+    """hull: where it may be, by the masks; its own box is the capture's unless that says another. points: of the world, in the
+    hull or NOISE cells from it. agreement: that of the masks, the mean over views. flash: E⊥ at distance 1 of the world of the
+    light at each camera, if there is one."""
 
     folder: Path
     photos: tuple[Photo, ...]
@@ -75,7 +75,7 @@ def read_capture(folder: Path, background: str | None = None, side: int | None =
         raise InputError(poses.source, f"has {len(poses.views)} view: a shape needs at least 2")
     read = [_shrunk(*_read(poses.source, view, background), side) for view in poses.views]
     photos, masks = [photo for photo, _, _ in read], [mask for _, _, mask in read]
-    _see(poses.source, [view.image for view in poses.views], masks)
+    _see(poses.source, [view.image for view in poses.views], masks, side)
     found = carve(photos, masks)
     if found is None:
         raise InputError(
@@ -91,12 +91,12 @@ def read_capture(folder: Path, background: str | None = None, side: int | None =
             "poses, lenses or masks?"
         )
     centre, half = poses.box or (found.centre, found.half)
-    if poses.box and (outside := _outside(found, centre, half)) > 0.1:
+    if poses.box and (outside := left_out(found, centre, half)) > 0.1:
         warnings.append(f"{outside:.0%} of what the masks show lies outside of the box that {poses.source.name} says")
     points = None
     if poses.points is not None:
         # noisy points lie on both sides of a surface that the hull's cells just hold
-        inside = _in_hull(poses.points, found._replace(inside=binary_dilation(found.inside, iterations=NOISE)))
+        inside = holds(found._replace(inside=binary_dilation(found.inside, iterations=NOISE)), poses.points)
         if inside.mean() < 0.5:
             warnings.append(
                 f"{1 - inside.mean():.0%} of the points lie outside of what the masks show: they are left out"
@@ -171,30 +171,20 @@ def _read(source: Path, view: Posed, background: str | None) -> tuple[Photo, np.
 
 
 def _from_background(rgb: np.ndarray, value: float) -> tuple[np.ndarray, np.ndarray]:
-    from mesoshell.io.image import linear_to_srgb
-
     mask = np.clip(np.abs(linear_to_srgb(rgb) - value).max(axis=-1) / APART, 0, 1)
     mask[mask < 0.5] = 0.0
     return np.maximum(rgb - value * (1 - mask[..., None]), 0) * (mask[..., None] > 0), mask
 
 
-def _see(source: Path, names: Sequence[Path], masks: Sequence[np.ndarray]) -> None:
+def _see(source: Path, names: Sequence[Path], masks: Sequence[np.ndarray], side: int | None) -> None:
     empty = [name.name for name, mask in zip(names, masks, strict=True) if not (mask >= 0.5).any()]
     if empty:
         all_of = "all masks are" if len(empty) == len(masks) else f"the mask of {empty[0]} is"
-        raise InputError(source, f"{all_of} empty: nothing there is the object")
+        raise InputError(
+            source, f"{all_of} empty{f' at {side} pixels a side' if side else ''}: nothing there is the object"
+        )
     if all((mask >= 0.5).all() for mask in masks):
-        raise InputError(source, "all masks are full: nothing tells the object from what is behind it")
-
-
-def _outside(hull: Hull, centre: np.ndarray, half: float) -> float:
-    """Share of the hull's cells that lie outside of a box."""
-    y = hull.centre + hull.half * ((np.argwhere(hull.inside) + 0.5) * (2 / CELLS) - 1)
-    return float((np.abs(y - centre) > half).any(axis=1).mean())
-
-
-def _in_hull(x: Float[np.ndarray, "n 3"], hull: Hull) -> Bool[np.ndarray, "n"]:
-    cell = np.floor(((x - hull.centre) / hull.half + 1) * (CELLS / 2)).astype(int)
-    held = ((cell >= 0) & (cell < CELLS)).all(axis=1)
-    i, j, k = np.clip(cell, 0, CELLS - 1).T
-    return held & hull.inside[i, j, k]
+        raise InputError(
+            source,
+            "all masks are full: nothing tells the object from what is behind it; if that is black or white, say --background",
+        )

@@ -28,7 +28,7 @@ from mesoshell.typing import Array, Float, Key, Scalar, Vec3
 
 #: σ for a raw output of about 1: opaque within a tenth of the box; the bias makes it 0.5 at the start.
 DENSITY, EMPTY = 25.0, -3.9
-#: Radius of the sphere that F_uv⁻¹ begins as, and variance gain of both maps' last layers.
+#: Radius of the sphere that F_uv⁻¹ begins as, and variance gain of both maps' and of r's last layers.
 SPHERE, FLAT = 0.6, 1e-4
 
 

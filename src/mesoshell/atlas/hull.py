@@ -64,11 +64,21 @@ def agreement(hull: Hull, photo: Photo, mask: Float[np.ndarray, "_h _w"]) -> flo
     middle = np.linalg.norm(hull.centre - photo.to_world[:3, 3])
     reach = hull.half * 3**0.5
     t = np.linspace(max(0.0, middle - reach), middle + reach, PROBES)
-    y = (o[:, None] + d[:, None] * t[:, None] - hull.centre) / hull.half
-    cell = np.floor((y + 1) * (CELLS / 2)).astype(int)
+    return float(holds(hull, o[:, None] + d[:, None] * t[:, None]).any(axis=1).mean())
+
+
+def holds(hull: Hull, x: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+    """Whether points lie in cells of the hull."""
+    cell = np.floor(((x - hull.centre) / hull.half + 1) * (CELLS / 2)).astype(int)
     held = ((cell >= 0) & (cell < CELLS)).all(axis=-1)
     i, j, k = np.moveaxis(np.clip(cell, 0, CELLS - 1), -1, 0)
-    return float((held & hull.inside[i, j, k]).any(axis=1).mean())
+    return held & hull.inside[i, j, k]
+
+
+def left_out(hull: Hull, centre: Float[np.ndarray, "3"], half: float) -> float:
+    """Share of the hull's cells that lie outside of a box."""
+    x = hull.centre + hull.half * ((np.argwhere(hull.inside) + 0.5) * (2 / CELLS) - 1)
+    return float((np.abs(x - centre) > half).any(axis=1).mean())
 
 
 def _aim(photo: Photo, mask: Float[np.ndarray, "_h _w"]) -> tuple[Float[np.ndarray, "3"], float]:

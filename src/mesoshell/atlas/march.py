@@ -29,13 +29,12 @@ CELLS, PROBES = 32, 64
 
 
 class Marched(NamedTuple):
-    """colour: I; passed: T; w and y: of the samples; depth: Σ w t; away: 0 but of reflectance."""
+    """colour: I; passed: T; w and y: of the samples; away: 0 but of reflectance."""
 
     colour: Vec3
     passed: Scalar
     w: Float[Array, "N"]
     y: Float[Array, "N 3"]
-    depth: Scalar
     away: Scalar
 
 
@@ -88,7 +87,7 @@ def march(
         c = jax.vmap(lambda made, n, t: flashed(config, made, n, d, t))(made, n, t)
     else:
         c = jax.vmap(lambda y, f: radiance(config, field, y, d, f))(y, features)
-    return Marched(w @ c, passed, w, y, w @ t, away)
+    return Marched(w @ c, passed, w, y, away)
 
 
 def flashed(config: FieldConfig, made: Lobes, n: Vec3, d: Vec3, t: Scalar) -> Vec3:

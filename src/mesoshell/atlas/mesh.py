@@ -88,7 +88,7 @@ def _moves(
     before = _facing(points, faces)
     for _ in range(ROUNDS):
         turn = np.einsum("ti,ti->t", before, _facing(points + move[:, None] * normals, faces))
-        move[np.unique(faces[turn < LEVEL])] *= 0.7
+        move[faces[turn < LEVEL]] *= 0.7  # once each, however many faces
     return move
 
 

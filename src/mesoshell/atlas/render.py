@@ -1,7 +1,7 @@
 """Pictures of a captured object.
 
 Alphabet
-samples     of a ray: `Quality.samples`, at the middles of their parts; `Quality.pixel_samples` rays a pixel
+samples     of a ray: `Quality.samples`, in whole CHUNKs, at the middles of their parts; `Quality.pixel_samples` rays a pixel
 occupied    cells where σ reaches Quality.skip over the box's diagonal, asked at ASKED³ points in each, with their neighbours:
             no sample lies elsewhere, and a ray loses at most `skip` of optical depth, as far as those points show
 early_stop  samples are taken CHUNK at a time, until no ray of a tile has more than this transmittance

@@ -75,16 +75,20 @@ def read_captured(path: Path) -> Captured:
         photos = tuple(_photo(p) for p in about["photos"])
         centre, half = np.array(about["centre"], np.float64).reshape(3), float(about["half"])
         tested, provenance = tuple(map(int, about["tested"])), dict(about["provenance"])
+        if not (np.isfinite(centre).all() and 0 < half < np.inf and all(0 <= i < len(photos) for i in tested)):
+            raise ValueError(f"its box is about {centre} with half a side of {half}, its held views are {tested}")
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise InputError(path, f"is no captured object: {error}") from None
-    for key, wanted in _named(template).items():
+    named = _named(template)
+    for key, wanted in named.items():
         head = heads.get(key)
         if head is None or head[0] != wanted.shape or head[1] != np.float32:
-            raise InputError(path, f"{key} is {head and head[0]}, not {wanted.shape} of float32")
-    arrays = read_arrays(path, _named(template))
-    leaves = [jnp.asarray(arrays[key]) for key in _named(template)]
+            said = f"{head[0]} of {head[1]}" if head else "missing"
+            raise InputError(path, f"{key} is {said}, not {wanted.shape} of float32")
+    arrays = read_arrays(path, named)
+    leaves = [jnp.asarray(arrays[key]) for key in named]
     if not all(np.isfinite(x).all() for x in leaves):
         raise InputError(path, "has weights that are not finite")
     field = jax.tree.unflatten(jax.tree.structure(template), leaves)

@@ -162,7 +162,7 @@ def _cameras(found: Captured, options: Render) -> list[Photo]:
 
 def around(found: Captured, frames: int, size: tuple[int, int]) -> list[Photo]:
     """Cameras on a circle about the mean of the photographs' upward directions, as high and as far off as these are in the
-    middle, with their angle of view."""
+    middle, with the first one's angle of view across its shorter side."""
     worlds = np.stack([p.to_world for p in found.photos])
     up = worlds[:, :3, 1].mean(axis=0)
     if not np.linalg.norm(up) > 1e-3:
@@ -177,7 +177,7 @@ def around(found: Captured, frames: int, size: tuple[int, int]) -> list[Photo]:
     arm = far * (high * up + np.sqrt(max(1 - high**2, 0)) * side / max(np.linalg.norm(side), 1e-9))
     width, height = (_at_least_one("--size", n) for n in size)
     first = found.photos[0]
-    f = first.lens[1] / first.height * min(width, height)
+    f = first.lens[1] / min(first.width, first.height) * min(width, height)
     lens = f, f, width / 2, height / 2
     return [Photo(orbit(found.centre, up, arm, 2 * np.pi * i / frames), lens, width, height) for i in range(frames)]
 

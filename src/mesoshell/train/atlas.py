@@ -38,7 +38,7 @@ from mesoshell.errors import InputError
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.train.photographed import Rays, held_out, rays_for
 from mesoshell.train.state import TrainConfig
-from mesoshell.train.step import HERE, Across
+from mesoshell.train.step import HERE, Across, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 #: Cells of the grid are asked in so many turns; what is left of a cell's σ at each; and what is passed over.
@@ -169,7 +169,7 @@ def step(
         }
     )
     field: Any = optax.apply_updates(state.field, updates)
-    bad = jnp.stack([~jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient)])
+    bad = not_finite(gradient)
     grid = asked(config, field, state.grid, state.step, key)
     rows = batch.mask.shape[0] if across.everyone is None else across.everyone(batch.mask)[0].shape[0]
     after = AtlasState(field, adam, grid, state.step + 1, state.images + rows)

@@ -27,7 +27,7 @@ from mesoshell.train.generate import Shown
 from mesoshell.train.losses import smape, transmittance_loss
 from mesoshell.train.picture import PictureConfig, View, take_picture
 from mesoshell.train.state import TrainConfig
-from mesoshell.train.step import HERE, Across
+from mesoshell.train.step import HERE, Across, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 PARAMETER_OCTAVES = 4
@@ -112,7 +112,7 @@ def step(
     with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
         updates, adam = _optimiser(config).update(gradient, state.adam, state.decoder)
     rows = batch.image.shape[0] if across.everyone is None else across.everyone(batch.alpha)[0].shape[0]
-    bad = jnp.stack([~jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient)])
+    bad = not_finite(gradient)
     decoder: Any = optax.apply_updates(state.decoder, updates)
     return ParametricState(decoder, adam, state.step + 1, state.images + rows), ParametricReport(
         parts[0], parts[1], bad

@@ -40,7 +40,7 @@ def recorded(data: dict[str, Any], side: int) -> Capture:
 def held_out(capture: Capture) -> tuple[list[int], list[int]]:
     """Views to learn from, and views to test with."""
     n = len(capture.photos)
-    tested = [i for i in (HELD if n > max(HELD) else range(7, n, 8)) if i < n]
+    tested = list(HELD if n > max(HELD) else range(7, n, 8))
     return [i for i in range(n) if i not in tested], tested
 
 
@@ -48,10 +48,10 @@ def rays_for(batch: int, seed: int, capture: Capture, host: int = 0, hosts: int 
     """This host's rays of step i. Raises InputError if hosts cannot share them evenly."""
     if batch % hosts:
         raise InputError("batch", f"{batch} rays do not come evenly from {hosts} hosts")
-    photos = [capture.photos[v] for v in held_out(capture)[0]]
+    learned, _ = held_out(capture)
+    photos = [capture.photos[v] for v in learned]
     masks, rgb = (
-        np.concatenate([x[v].reshape(-1, *x[v].shape[2:]) for v in held_out(capture)[0]])
-        for x in (capture.masks, capture.rgb)
+        np.concatenate([x[v].reshape(-1, *x[v].shape[2:]) for v in learned]) for x in (capture.masks, capture.rgb)
     )
     inside, beside = np.flatnonzero(masks >= 0.5), np.flatnonzero(masks < 0.5)
     cloud = np.zeros((1, 3)) if capture.points is None else capture.to_box(capture.points)
@@ -62,13 +62,12 @@ def rays_for(batch: int, seed: int, capture: Capture, host: int = 0, hosts: int 
         pixel = np.concatenate([random.choice(inside, foreground), random.choice(beside, batch - foreground)])
         noise, u = random.integers(2**31 - 1, size=batch), random.normal(size=(batch, 3))
         point = cloud[random.integers(len(cloud), size=batch)]
-        # a host has as many of either kind as another
+        # a host has as many of either kind as another, but for one
         mine = slice(host, None, hosts)
         o, d = rays_of(photos, pixel[mine])
-        rows = capture.to_box(o), d, rgb[pixel[mine]], masks[pixel[mine]]
         u /= np.linalg.norm(u, axis=1, keepdims=True)
-        columns: list[Any] = [x.astype(np.float32) for x in (*rows, point[mine], u[mine])]
-        columns.insert(4, noise[mine].astype(np.int32))
-        return Rays(*columns)
+        rgb_here, masks_here = rgb[pixel[mine]], masks[pixel[mine]]
+        rows = capture.to_box(o), d, rgb_here, masks_here, noise[mine], point[mine], u[mine]
+        return Rays(*(x.astype(np.int32 if x.dtype.kind == "i" else np.float32) for x in rows))  # type: ignore[arg-type]
 
     return at

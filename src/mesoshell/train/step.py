@@ -111,7 +111,7 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
     rows = batch.image.shape[0] if across.everyone is None else across.everyone(batch.alpha)[0].shape[0]
     images = state.images + rows
     losses = across.mean((g_loss, d_loss, real_logit, fake_logit))
-    bad = jnp.concatenate([_not_finite(g_gradient), _not_finite(d_gradient) | bad_penalty])
+    bad = jnp.concatenate([not_finite(g_gradient), not_finite(d_gradient) | bad_penalty])
     new = TrainState(
         learner,
         _smoothed(state.smooth, learner, rows, images),
@@ -147,7 +147,7 @@ def _regularised(
     value, gradient = jax.value_and_grad(penalty)(judge)
     value, gradient = across.mean((value, gradient))
     judge, adam = _updated(optimisers(config)[1], judge, adam, gradient)
-    return judge, adam, value, _not_finite(gradient)
+    return judge, adam, value, not_finite(gradient)
 
 
 def _updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
@@ -171,6 +171,6 @@ def _averaged(averages: Averages, seen: Seen, rows: int) -> Averages:
     return Averages(magnitude, seen.w + (averages.w - seen.w) * W_KEEP)
 
 
-def _not_finite(tree: Any) -> Bool[Array, "_leaves"]:
+def not_finite(tree: Any) -> Bool[Array, "_leaves"]:
     """Which leaves hold NaN, infinity, or what Adam's squares turn into it: such a weight would never move again."""
     return jnp.stack([~(jnp.abs(leaf) < MOST).all() for leaf in jax.tree.leaves(tree)])

@@ -27,7 +27,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.patches import COLUMNS, Patches
 from mesoshell.silhouette.material import Place, Seen, Surface, SurfaceConfig, init_surface, reflectance, seen, tables
 from mesoshell.train.state import TrainConfig
-from mesoshell.train.step import HERE, Across
+from mesoshell.train.step import HERE, Across, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 WIDE, SHRINK, FREEZE = 8.0, 0.6, 0.8
@@ -173,7 +173,7 @@ def step(
         updates, adam = _optimiser(config).update(gradient, state.adam, state.surface)
     updates: Any = updates._replace(offset=jax.tree.map(lambda x: jnp.where(frozen, 0, x), updates.offset))
     surface: Any = optax.apply_updates(state.surface, updates)
-    bad = jnp.stack([~jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient)])
+    bad = not_finite(gradient)
     rows = batch.radius.shape[0] if across.everyone is None else across.everyone(batch.radius)[0].shape[0]
     return SurfaceState(surface, adam, state.step + 1, state.images + rows), SurfaceReport(parts[0], parts[1], bad)
 

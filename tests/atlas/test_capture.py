@@ -194,7 +194,9 @@ def test_what_is_lost_by_shrinking_is_said_so(own) -> None:
     image[..., 3] = 0
     image[:2, :2, 3] = 1
     write_png(path, image)
-    with pytest.raises(InputError, match=r"the mask of 002.png is empty at 4 pixels a side: nothing there is the object$"):
+    with pytest.raises(
+        InputError, match=r"the mask of 002.png is empty at 4 pixels a side: nothing there is the object$"
+    ):
         read_capture(own, side=4)
 
 

@@ -8,9 +8,12 @@ Alphabet
     k         coverage: the box's side at distance r over the frame's width there, 1 / (2 r tan(fov / 2))
     light     unit vector from the box toward the distant light
     instance  seed of the geometry; side: of the torus it grows on, in patches (see recipe)
+    views     images of one patch in a dataset of many patches: image i shows patch i // views
 
 Every draw is a SHA-256 of (recipe, version, seed, index, name of the draw). So a sample depends neither on the
 order nor on the process that renders it, and fixing one parameter leaves all the other draws as they were.
+The geometry parameters of patch k of many are drawn from (recipe, version, "patch", k, name): datasets of other seeds
+show the same patches from other cameras.
 Cameras and lights are uniform in solid angle above a smallest elevation.  Coverage is log-uniform, in two parts:
 most images (`LARGE_SHARE`) show the box at `LARGE_COVERAGE` or more, for a far image carries few pixels of it.
 """
@@ -50,6 +53,7 @@ class Drawer(NamedTuple):
 
     patch: None, and every sample has an instance of its own that covers the slab; or the seed of one patch, repeated
     3 × 3, that all samples show (the periodic patch that a fit needs).
+    views: None, or how many images in turn show the same patch; then patch is None, and patches are 0, 1, 2, …
     """
 
     recipe: Recipe
@@ -57,18 +61,21 @@ class Drawer(NamedTuple):
     coverage: tuple[float, float]
     fixed: Mapping[str, float]
     patch: int | None
+    views: int | None = None
 
-    def uniform(self, index: int, name: str) -> float:
-        """A number in [0, 1), on a grid of 2⁻⁵³."""
-        key = f"{self.recipe.name}/{self.recipe.version}/{self.seed}/{index}/{name}"
+    def uniform(self, index: int, name: str, seed: int | str | None = None) -> float:
+        """A number in [0, 1), on a grid of 2⁻⁵³. seed: the dataset's if not given."""
+        key = f"{self.recipe.name}/{self.recipe.version}/{self.seed if seed is None else seed}/{index}/{name}"
         return (int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big") >> 11) * 2.0**-53
 
     def draw(self, index: int) -> Sample:
+        patch = self.patch if self.views is None else index // self.views
         parameters = {}
         for name, parameter in self.recipe.parameters.items():
             low, high = parameter.range
-            drawn = low + (high - low) * self.uniform(index, f"parameter/{name}")
-            parameters[name] = float(self.fixed.get(name, drawn))
+            shared = self.views is not None and parameter.role == "beta"
+            of = (patch, f"parameter/{name}", "patch") if shared else (index, f"parameter/{name}")
+            parameters[name] = float(self.fixed.get(name, low + (high - low) * self.uniform(*of)))
         pick, within = self.uniform(index, "coverage/part"), self.uniform(index, "coverage/within")
         radius = radius_of(draw_coverage(self.coverage, pick, within))
         toward_camera = self._direction(index, "camera", CAMERA_ELEVATION)
@@ -76,8 +83,8 @@ class Drawer(NamedTuple):
             index=index,
             cycles_seed=int(self.uniform(index, "cycles") * 2**31),
             parameters=parameters,
-            instance=int(self.uniform(index, "instance") * 2**53) if self.patch is None else self.patch,
-            side=3 if self.patch is None else 1,
+            instance=int(self.uniform(index, "instance") * 2**53) if patch is None else patch,
+            side=3 if patch is None else 1,
             camera_to_world=looking_along_minus_z(toward_camera, np.asarray(CENTRE) + radius * axis_z(*toward_camera)),
             radius=radius,
             light=axis_z(*self._direction(index, "light", LIGHT_ELEVATION)),

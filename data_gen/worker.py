@@ -60,7 +60,8 @@ def drawer_of(settings: Mapping[str, Any]) -> sample.Drawer:
     low, high = settings["coverage"] or sample.default_coverage(settings["size"])
     if not (math.isfinite(low) and SMALLEST_COVERAGE <= low <= high <= LARGEST_COVERAGE):
         raise UnusableInput(f"coverage must rise within {SMALLEST_COVERAGE:g} to {LARGEST_COVERAGE:g}: {low} {high}")
-    return sample.Drawer(recipe, settings["seed"], (low, high), checked(recipe, settings["fixed"]), settings["patch"])
+    fixed = checked(recipe, settings["fixed"])
+    return sample.Drawer(recipe, settings["seed"], (low, high), fixed, settings["patch"], settings["views"])
 
 
 def manifest(drawer: sample.Drawer, settings: Mapping[str, Any]) -> dict:
@@ -80,6 +81,7 @@ def manifest(drawer: sample.Drawer, settings: Mapping[str, Any]) -> dict:
         "parameters": {name: parameter._asdict() for name, parameter in drawer.recipe.parameters.items()},
         "fixed_parameters": dict(drawer.fixed),
         "patch": drawer.patch,
+        **({} if drawer.views is None else {"views": drawer.views}),
         "coverage_range": [low, high],
         "radius_range": [sample.radius_of(high), sample.radius_of(low)],
         "size": [size, size],

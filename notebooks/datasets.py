@@ -39,7 +39,7 @@ folder = Path(tempfile.mkdtemp())
 
 # %%
 settings = {"recipe": "fur", "seed": 0, "size": 64, "samples_per_pixel": 8, "denoise": False}
-settings |= {"coverage": (0.3, 1.0), "fixed": {}, "patch": None}
+settings |= {"coverage": (0.3, 1.0), "fixed": {}, "patch": None, "views": None}
 report = render_dataset(settings, 12, folder / "fur", Farm(workers=1, threads=2), lambda finished, missing, fault: None)
 assert not report.faults and check_dataset(folder / "fur") == []
 dataset = read_dataset(folder / "fur")

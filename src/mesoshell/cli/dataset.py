@@ -25,16 +25,20 @@ class Recipe:
 class Render(Recipe):
     """Render training images with Blender; a run that was interrupted goes on where it stopped."""
 
-    #: Number of images.
-    count: int
     #: Folder to write; made if missing, continued if it holds the same dataset.
     out: Path
+    #: Number of images.
+    count: int | None = None
     #: Light paths a pixel; the recipe's own default if not given (see `dataset cost`).
     spp: int | None = None
     #: Denoise the images.
     denoise: bool = False
     #: Show one periodic patch, of this seed, in every image (what `fit` needs); otherwise every image has new geometry.
     patch: int | None = None
+    #: Instead of --count: number of periodic patches, each with a geometry and geometry parameters of its own.
+    patches: int | None = None
+    #: Images of each of the --patches, one patch after the other: more patches may be asked for later.
+    views: int | None = None
     #: Least and greatest side of the box over the width of the frame; from 8 pixels to 2 if not given.
     coverage: tuple[float, float] | None = None
     #: Blender processes on this machine; one a core if not given.

@@ -28,17 +28,32 @@ _SILENCE_S = 30.0
 
 
 def render(command: Render) -> None:
-    _at_least(command, count=1, size=1, seed=0, spp=1, patch=0, workers=1)
-    settings = _settings(command, command.spp, command.denoise, command.coverage, command.patch)
+    _at_least(command, count=1, size=1, seed=0, spp=1, patch=0, patches=1, views=1, workers=1)
+    count = _count(command)
+    settings = _settings(command, command.spp, command.denoise, command.coverage, command.patch, command.views)
     cores = len(os.sched_getaffinity(0))
-    workers = min(command.workers or cores, command.count)
+    workers = min(command.workers or cores, count)
     farm = Farm(workers, 2 if command.scheduler else max(2, cores // workers), command.scheduler)
-    report, seconds = _rendered(settings, command, farm)
-    print(_summary(command, report, seconds))
+    report, seconds = _rendered(settings, command, count, farm)
+    print(_summary(command, count, report, seconds))
     sys.exit(1 if report.faults else 0)
 
 
-def _rendered(settings: dict[str, Any], command: Render, farm: Farm) -> tuple[Report, float]:
+def _count(command: Render) -> int:
+    """Images in all. Raises InputError unless either --count or both --patches and --views are given."""
+    if command.patches is None and command.views is None:
+        if command.count is None:
+            raise InputError("--count", "is missing: give it, or --patches and --views")
+        return command.count
+    if command.patches is None or command.views is None:
+        raise InputError("--views" if command.views is None else "--patches", "is missing: --patches needs --views")
+    for name in ("count", "patch"):
+        if getattr(command, name) is not None:
+            raise InputError(f"--{name}", "does not go with --patches and --views")
+    return command.patches * command.views
+
+
+def _rendered(settings: dict[str, Any], command: Render, count: int, farm: Farm) -> tuple[Report, float]:
     console = Console(stderr=True, highlight=False)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
     start = said = time.monotonic()
@@ -57,7 +72,7 @@ def _rendered(settings: dict[str, Any], command: Render, farm: Farm) -> tuple[Re
                 left = (missing - finished) / rate
                 console.print(f"{finished}/{missing} images, {rate:.0f} images/min, {left:.1f} min left")
 
-        report = render_dataset(settings, command.count, command.out, farm, show)
+        report = render_dataset(settings, count, command.out, farm, show)
     return report, time.monotonic() - start
 
 
@@ -66,9 +81,9 @@ def _progress(console: Console, *columns: ProgressColumn) -> Progress:
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
-def _summary(command: Render, report: Report, seconds: float) -> str:
+def _summary(command: Render, count: int, report: Report, seconds: float) -> str:
     new = len(report.logs)
-    kept = command.count - new - len(report.faults)
+    kept = count - new - len(report.faults)
     lines = [f"{command.out}: {kept} samples were there, {new} are new"]
     if report.faults:
         lines[0] += f", {len(report.faults)} failed; the same command tries them again"
@@ -84,7 +99,7 @@ def _summary(command: Render, report: Report, seconds: float) -> str:
 
 def vary(command: Vary) -> None:
     _at_least(command, size=1, seed=0, spp=1, steps=2, index=0)
-    settings = _settings(command, command.spp, False, (0.85, 0.85), None)
+    settings = _settings(command, command.spp, False, (0.85, 0.85))
     console = Console(stderr=True)
     try:
         with Blender(settings, _cores()) as blender, _progress(console) as bar:
@@ -100,7 +115,7 @@ def vary(command: Vary) -> None:
 
 def cost(command: Cost) -> None:
     _at_least(command, size=1, seed=0, index=0)
-    settings = _settings(command, None, False, (command.coverage, command.coverage), None)
+    settings = _settings(command, None, False, (command.coverage, command.coverage))
     cells: list[Cell] = []
     try:
         with (
@@ -130,7 +145,12 @@ def cost(command: Cost) -> None:
 
 
 def _settings(
-    command: Recipe, spp: int | None, denoise: bool, coverage: tuple[float, float] | None, patch: int | None
+    command: Recipe,
+    spp: int | None,
+    denoise: bool,
+    coverage: tuple[float, float] | None,
+    patch: int | None = None,
+    views: int | None = None,
 ) -> dict[str, Any]:
     return {
         "recipe": command.recipe,
@@ -141,6 +161,7 @@ def _settings(
         "coverage": coverage,
         "fixed": dict(_assigned(pair) for pair in command.param),
         "patch": patch,
+        "views": views,
     }
 
 

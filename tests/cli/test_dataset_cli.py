@@ -7,7 +7,7 @@ import pytest
 
 from mesoshell.cli.main import main
 from mesoshell.farm import blender
-from mesoshell.io.dataset import check_dataset
+from mesoshell.io.dataset import check_dataset, read_dataset
 from mesoshell.io.image import read_png
 
 ROOT = Path(__file__).parents[2]
@@ -49,6 +49,36 @@ def test_from_blender_to_arrays(tmp_path, capsys):
     status, out, err = said(capsys, "render", "fur", "--count", 3, "--size", 16, "--out", whole)
     assert (status, out) == (2, "") and err == f"mesoshell: {whole}/manifest.json: has recipe grass, asked for fur\n"
     assert (whole / "manifest.json").read_bytes() == before
+
+
+@needs_blender
+def test_many_patches_are_continued_and_are_the_same_bytes_by_any_workers(tmp_path, capsys):
+    one, two = tmp_path / "one", tmp_path / "two"
+    render = ("render", "grass", "--views", 2, "--size", 16, "--spp", 1)
+    assert said(capsys, *render, "--patches", 1, "--workers", 1, "--out", one)[0] == 0
+    _, out, _ = said(capsys, *render, "--patches", 2, "--workers", 1, "--out", one)
+    assert out.startswith(f"{one}: 2 samples were there, 2 are new\n")
+    assert said(capsys, *render, "--patches", 2, "--workers", 2, "--out", two)[0] == 0
+    names = sorted(p.relative_to(one) for p in one.rglob("*") if p.is_file() and p.name != "log.jsonl")
+    assert len(names) == 6 and all((one / n).read_bytes() == (two / n).read_bytes() for n in names)
+    rows = read_dataset(one).rows
+    assert [rows[i]["instance"] for i in range(4)] == [0, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("given", "fault"),
+    [
+        ((), "--count: is missing: give it, or --patches and --views"),
+        (("--patches", 2), "--views: is missing: --patches needs --views"),
+        (("--views", 2), "--patches: is missing: --patches needs --views"),
+        (("--patches", 2, "--views", 2, "--count", 4), "--count: does not go with --patches and --views"),
+        (("--patches", 2, "--views", 2, "--patch", 0), "--patch: does not go with --patches and --views"),
+        (("--patches", 0, "--views", 2), "--patches: must be at least 1, not 0"),
+    ],
+)
+def test_how_many_images_is_said_in_one_way(given, fault, tmp_path, capsys):
+    found = said(capsys, "render", "grass", *given, "--out", tmp_path / "data")
+    assert found == (2, "", f"mesoshell: {fault}\n") and not (tmp_path / "data").exists()
 
 
 @needs_blender

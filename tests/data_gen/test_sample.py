@@ -38,6 +38,32 @@ def test_a_patch_is_one_instance_on_a_torus_of_one():
     assert {drawer().draw(i).side for i in range(5)} == {3}
 
 
+def many(seed: int = 0, views: int = 4, **fixed: float) -> sample.Drawer:
+    return sample.Drawer(RECIPES["carpet8"], seed, sample.default_coverage(128), fixed, None, views)
+
+
+def test_many_patches_come_one_after_the_other_each_with_a_geometry_of_its_own():
+    roles = {name: parameter.role for name, parameter in RECIPES["carpet8"].parameters.items()}
+    draws = [many().draw(i) for i in range(12)]
+    assert [d.instance for d in draws] == [0] * 4 + [1] * 4 + [2] * 4 and {d.side for d in draws} == {1}
+    for name, role in roles.items():
+        values = [d.parameters[name] for d in draws]
+        assert len(set(values)) == (12 if role == "alpha" else 3), name
+        assert role == "alpha" or values[0] == values[3] != values[4]
+    assert len({tuple(d.light) for d in draws}) == 12 and len({d.cycles_seed for d in draws}) == 12
+
+
+def test_patches_are_the_same_for_other_seeds_and_numbers_of_views():
+    def shape(drawn: sample.Sample) -> tuple:
+        kept = [v for n, v in drawn.parameters.items() if RECIPES["carpet8"].parameters[n].role == "beta"]
+        return drawn.instance, *kept
+
+    assert shape(many().draw(9)) == shape(many(seed=5).draw(8)) == shape(many(views=2).draw(5))
+    assert not np.array_equal(many().draw(9).light, many(seed=5).draw(9).light)
+    fixed = many(length=0.4).draw(9).parameters
+    assert fixed == {**many().draw(9).parameters, "length": 0.4}
+
+
 def test_distributions():
     draws = [drawer().draw(i) for i in range(2000)]
     for name, parameter in RECIPES["carpet8"].parameters.items():

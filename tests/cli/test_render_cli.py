@@ -3,12 +3,16 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mesoshell.cli.description import describe
 from mesoshell.cli.main import main
+from mesoshell.cli.render import Options
+from mesoshell.geometry.mesh import uv_stretch
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_exr, read_png, write_exr
 
@@ -54,6 +58,19 @@ def test_a_picture_its_radiance_and_its_report(material: Path, tmp_path: Path, c
     seconds = record["seconds"]
     assert all(v >= 0 for v in seconds.values())
     assert seconds["setup"] + seconds["wall"] <= seconds["total"]
+
+
+@pytest.mark.parametrize("height", [0.25, 1.0])
+def test_a_shell_has_the_proportions_of_its_material(tiny_bundle, height: float):
+    """Unless it is asked to have others. Patches are resized by half of one in the UV unit at most."""
+    bundle = replace(tiny_bundle, thickness=height)
+    for asked in ({}, {"thickness": 0.2}, {"scale": 0.3}):
+        made = describe(Options(MESH, **asked), bundle)
+        patch = uv_stretch(made.mesh) / made.patches_per_uv
+        tall = np.linalg.norm(made.shell.offset, axis=1).max() / patch
+        assert tall == pytest.approx(height, rel=0.5 / made.patches_per_uv)
+    made = describe(Options(MESH, thickness=0.2, scale=0.1), bundle)
+    assert made.patches_per_uv == pytest.approx(round(uv_stretch(made.mesh) / 0.1))
 
 
 def test_the_same_call_gives_the_same_bytes(material: Path, tmp_path: Path, capsys):

@@ -11,12 +11,13 @@ from PIL import Image
 
 from mesoshell.cli.distill import Options
 from mesoshell.cli.main import main
-from mesoshell.cli.subject import subject
+from mesoshell.cli.subject import ShellSubject, from_afar, subject
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.io.patches import COLUMNS, read_patches
 from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.io.twin import Twin
+from mesoshell.mesostructure.render import check_curvature
 from tests.silhouette import wearing
 
 pytestmark = pytest.mark.xdist_group("twin_cli")
@@ -31,8 +32,10 @@ def folder(tmp_path_factory, tiny_bundle) -> Path:
     made = tmp_path_factory.mktemp("twin")
     surface = wearing.constant(1.0, 0.2, depth=0.5, curvature=(-1.0, 1.0))
     errors = ((0.002, 0.4), (0.05, 0.01))
-    write_bundle(made / "plain.npz", tiny_bundle)
-    write_bundle(made / "both.npz", replace(tiny_bundle, twin=Twin(surface, (0.25,), BASE, errors)))
+    write_bundle(made / "plain.npz", replace(tiny_bundle, thickness=0.5))
+    write_bundle(made / "flat.npz", replace(tiny_bundle, thickness=0.25))
+    write_bundle(made / "cube.npz", tiny_bundle)
+    write_bundle(made / "both.npz", replace(tiny_bundle, thickness=0.5, twin=Twin(surface, (0.25,), BASE, errors)))
     wearing.write_obj(made / "square.obj", wearing.square())
     wearing.write_obj(made / "lump.obj", wearing.lump())
     Image.fromarray(np.full((2, 2), 64, np.uint8)).save(made / "grey.png")
@@ -156,6 +159,21 @@ def test_a_run_belongs_to_what_it_was_begun_with(folder, capsys) -> None:
             main(["distill", str(shell), *few, "--patches", patches])
         line = capsys.readouterr().err
         assert caught.value.code == 2 and line.startswith(f"mesoshell: {said}") and line.count("\n") == 1, line
+
+
+@pytest.mark.parametrize(
+    ("name", "depth", "curvature", "afar"),
+    [("flat", 0.25, (-2.0, 3.0), 0.5), ("plain", 0.5, (-1.0, 1.5), 0.5), ("cube", 1.0, (-0.5, 0.75), 0.5)],
+)
+def test_a_shell_is_learned_as_high_as_it_was_made(folder, name: str, depth: float, curvature, afar: float) -> None:
+    """And under surfaces that it fits under."""
+    shell = subject(Options(str(folder / f"{name}.npz"), folder / "x.npz"))
+    assert isinstance(shell, ShellSubject)
+    assert (shell.settings.depth, shell.settings.curvature) == (depth, curvature)
+    assert from_afar(shell, None).settings.curvature == (-0.5, afar)
+    check_curvature(shell.settings.curvature, shell.settings.depth)
+    tall = subject(Options(str(folder / f"{name}.npz"), folder / "x.npz", thickness=3.0))
+    assert isinstance(tall, ShellSubject) and from_afar(tall, None).settings.curvature == (-0.5, 0.25)
 
 
 @pytest.mark.parametrize("preset, widths", [("small", (64, 64, 64)), ("mini", (64, 64, 64)), ("tiny", (16, 16))])

@@ -253,6 +253,15 @@ def test_a_material_lies_on_a_file_as_it_does_in_the_other_engine(materials) -> 
         np.testing.assert_allclose(found.mean(axis=1), ours.uv.mean(axis=1), atol=1e-4)
 
 
+def test_a_shell_has_the_proportions_of_its_material(materials, tiny_bundle) -> None:
+    """Without a thickness it is 1/25 of the square's diagonal high: 18 patches fit at a height of one, 4 at a quarter."""
+    write_bundle(materials / "flat.npz", replace(tiny_bundle, thickness=0.25))
+    for name, patches in (("rough", 18), ("flat", 4)):
+        bsdf = {"type": "mesoshell", "material": str(materials / f"{name}.npz")}
+        made: Any = load_dict(scene({"type": "obj", "filename": str(materials / "box.obj"), "bsdf": bsdf}))
+        assert np.array(made.integrator().world.shells.uv).max() == patches
+
+
 def test_a_mirror_shows_the_shell(materials) -> None:
     """A camera that looks at a mirror sees what its own mirror image sees without it."""
     behind = mi.ScalarTransform4f().look_at([0.5, -1.6, 2.4], [0.5, 0.5, 0.4], [0, 0, 1])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh, uv_stretch
 from mesoshell.shell import extrude as extrusion
-from mesoshell.shell.extrude import Shell, extrude, first_fold
+from mesoshell.shell.extrude import Shell, extrude, first_fold, proportions
 
 DATA = Path(__file__).parents[1] / "data"
 SPOT = load_mesh(DATA / "spot.obj")
@@ -39,6 +39,28 @@ def test_a_square_by_hand():
     assert shell.mesh_face.tolist() == [0, 1] and shell.notes == ()
     kinds = [x.dtype for x in (shell.base, shell.offset, shell.uv, shell.faces, shell.neighbour, shell.neighbour_edge)]
     assert kinds == [np.float32] * 3 + [np.int32] * 3
+
+
+@pytest.mark.parametrize(
+    ("height", "thickness", "scale", "expected"),
+    [
+        (1.0, None, None, (0.2, 0.2)),
+        (0.5, None, None, (0.2, 0.4)),
+        (0.5, 3.0, None, (3.0, 6.0)),
+        (0.5, None, 3.0, (1.5, 3.0)),
+        (0.5, 3.0, 2.0, (3.0, 2.0)),
+    ],
+)
+def test_what_is_not_given_is_in_proportion(height: float, thickness, scale, expected: tuple[float, float]):
+    """A square whose diagonal is 5: 1/25 of that is 0.2."""
+    assert proportions(square(5 / 2**0.5), height, thickness, scale) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
+def test_the_option_that_is_wrong_is_named(wrong: float):
+    for name, given_ in (("--thickness", (wrong, None)), ("--scale", (None, wrong)), ("--scale", (1.0, wrong))):
+        with pytest.raises(InputError, match=f"^{name}: must be positive and finite, not {wrong:g}$"):
+            proportions(square(), 1.0, *given_)
 
 
 def test_a_thickness_at_each_vertex():

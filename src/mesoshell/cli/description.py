@@ -20,7 +20,7 @@ from mesoshell.io.material import normalised
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.shell.chart import patches_of
-from mesoshell.shell.extrude import Shell, extrude, patches_per_uv
+from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, proportions
 from mesoshell.silhouette.scene import SurfaceDescription
 
 #: Fill light of the default lighting, and the light from below, as shares of the key light.
@@ -53,8 +53,7 @@ def describe(options: Options, bundle: Bundle, progress: Callable[[float], None]
     check_colours(options)
     mesh = load_mesh(options.mesh)
     box = bounding_box(mesh)
-    thickness = float(np.linalg.norm(box[1] - box[0])) / 25 if options.thickness is None else options.thickness
-    scale = 2 * thickness if options.scale is None else options.scale
+    thickness, scale = proportions(mesh, bundle.thickness, options.thickness, options.scale)
     shell = extrude(mesh, thickness, scale)
     up = up_axis(options)
     values, maps = given(bundle, options.param)

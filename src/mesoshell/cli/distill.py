@@ -24,12 +24,13 @@ class Options:
     run: Path | None = None
     #: NAME=VALUE of the shell's parameters; may be repeated. A surface material has none of its own.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    #: Height over the side of a patch, which becomes a period. Default: 0.5 of a shell, geometry's own, 0.12 of images.
+    #: Height over the side of a patch, which becomes a period. Default: a shell's as it was made, geometry's own, 0.12 of
+    #: images.
     thickness: float | None = None
     #: Diffuse colour of the surface under a shell, linear R G B; it becomes part of the material. Default: bare earth.
     base: tuple[float, float, float] | None = None
-    #: Least and greatest curvature, 1 / patch; positive is seen from outside. Default: -1 1.5 of a shell,
-    #: -0.5 0.5 of its twin, -1 2 of geometry.
+    #: Least and greatest curvature, 1 / patch; positive is seen from outside. Default: -0.5 to 0.75 over the
+    #: thickness of a shell, -0.5 0.5 of its twin, -1 2 of geometry.
     curvature: tuple[float, float] | None = None
     #: Number of cylinders, and of queries on each. Default: 4096 and 2048 of a shell, 1024 and 8192 of geometry.
     patches: int | None = None

@@ -23,9 +23,10 @@ class Options:
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: Which of a generator's textures grows on the mesh; a material that is one texture has no other. Default: 0.
     seed: int | None = None
-    #: Height of the shell in the mesh's unit; default: 1/25 of the bounding box's diagonal.
+    #: Height of the shell in the mesh's unit; default: as high over --scale as the material was made, or 1/25 of the bounding
+    #: box's diagonal.
     thickness: float | None = None
-    #: World length of one texture patch in the mesh's unit; default: twice the thickness.
+    #: World length of one texture patch in the mesh's unit; default: as the material was made, of bundled ones the thickness.
     scale: float | None = None
     #: Width and height of the picture in pixels.
     size: tuple[int, int] = (512, 512)

@@ -28,8 +28,10 @@ WIDTHS = (64, 64, 64)
 #: Radius of a shell's widest footprints, patches: twice as wide there is next to nothing left that differs from place to place.
 #: And of the narrowest of its twin, which is there for wide ones alone: nearer, networks of this size look too different.
 WIDEST, NARROWEST = 2.0, 0.25
-#: Curvature that a shell and its twin are learned for: of what is seen from so far, a patch is a small part.
-CURVATURE, FROM_AFAR = (-1.0, 1.5), (-0.5, 0.5)
+#: Curvature that a shell is learned for, over the inverse of its thickness: below 1, so that it fits under its top.
+CURVATURE = (-0.5, 0.75)
+#: Of its twin, 1 / patch, and no more than that: of what is seen from so far, a patch is a small part.
+FROM_AFAR = (-0.5, 0.5)
 #: Texels of a twin along a patch: its narrowest footprints read two of them.
 TEXELS = 4
 #: Cylinders and queries on each. Curvature and the direction across are a cylinder's, but geometry has to be bent onto each.
@@ -82,21 +84,23 @@ def _shell(options: Options) -> ShellSubject:
     if maps:
         raise InputError("--param", f"{next(iter(maps))} is an image: a surface material is the same everywhere")
     alpha, found = normalised(bundle, values), ready(bundle)
-    thickness, base = options.thickness or 0.5, options.base or Render.base
+    thickness, base = options.thickness or bundle.thickness, options.base or Render.base
     if not all(np.isfinite(v) and v >= 0 for v in base):
         raise InputError("--base", "must be finite and not negative")
     depth, colour = (jnp.asarray(x, jnp.float32) for x in (thickness, base))
     taught = answers(found.layout, Teacher(found.material, jnp.asarray(alpha), depth, colour))
     about = " ".join([options.material, digest(path)[:16], *options.param, *map(str, base)])
     patches, queries = options.patches or OF_SHELL[0], options.queries or OF_SHELL[1]
-    settings = Settings(about, thickness, options.curvature or CURVATURE, queries, 1, 0, widest=WIDEST, finest=0.0)
+    curvature = options.curvature or (CURVATURE[0] / thickness, CURVATURE[1] / thickness)
+    settings = Settings(about, thickness, curvature, queries, 1, 0, widest=WIDEST, finest=0.0)
     return ShellSubject(settings, patches, taught, _config(options, WIDTHS), bundle, tuple(map(float, alpha)), base)
 
 
 def from_afar(subject: ShellSubject, curvature: tuple[float, float] | None) -> ShellSubject:
     """What a twin is distilled from: wide footprints alone. curvature: if another was asked for."""
     config = replace(subject.config, surface=replace(subject.config.surface, texels=TEXELS))
-    settings = replace(subject.settings, narrowest=NARROWEST, curvature=curvature or FROM_AFAR)
+    fits = FROM_AFAR[0], min(FROM_AFAR[1], CURVATURE[1] / subject.settings.depth)
+    settings = replace(subject.settings, narrowest=NARROWEST, curvature=curvature or fits)
     return replace(subject, settings=settings, config=config)
 
 

@@ -26,7 +26,7 @@ manifest.json (a uint8 array: UTF-8 text of one JSON object), every field requir
     channels       C                                                                integer ≥ 1
     height_octaves sines (and cosines) that encode h                                integer ≥ 0
     parameters     list of {name, role, range: [lo, hi], default, unit, meaning}    role "alpha" or "beta", lo < hi
-    thickness      height of the unit box over the side of a patch: 1 is a cube     > 0, patches
+    thickness      height of the unit box over the side of a patch: 1 is a cube     > 0, patches; default proportions of a shell
     wraps          whether the texture is one patch that repeats, or has edges      true or false
     generator      null, or the configuration of the generator whose weights these are   numbers and text
     twin           null, or of a surface material that was distilled from this (io/twin); it may be missing

@@ -30,7 +30,7 @@ from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
 from mesoshell.pathtracer.worn import SurfaceMaterial, Worn
 from mesoshell.render.quality import PRESETS, Quality
-from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, transformed
+from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, proportions, transformed
 from mesoshell.silhouette.wear import Wear, wear
 
 NORMAL = PRESETS["normal"]
@@ -118,11 +118,9 @@ def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]
 
 def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: dict) -> list[tuple[Shell, Medium]]:
     """The shells of an element, one for each place, with what fills them."""
-    box = bounding_box(mesh)
-    thickness = float(np.linalg.norm(box[1] - box[0])) / 25 if element.thickness is None else element.thickness
-    shell = extrude(mesh, thickness, 2 * thickness if element.scale is None else element.scale)
     path = _file(element.material)
     bundle = read_bundle(path)
+    shell = extrude(mesh, *proportions(mesh, bundle.thickness, element.thickness, element.scale))
     for name in element.textures:
         check_name(bundle, name, element.material)
     alpha = normalised(bundle, element.numbers, "alpha", element.material)

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mesoshell.errors import InputError
-from mesoshell.geometry.mesh import Mesh, counted, uv_stretch
+from mesoshell.geometry.mesh import Mesh, bounding_box, counted, uv_stretch
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.topology import pair_edges, split_fans
 
@@ -41,6 +41,8 @@ ROUNDS = 256
 FLATTEST = 0.25
 #: A change of the patch's size above this share is said.
 SAID_CHANGE = 0.05
+#: Thickness over the diagonal of the mesh's bounding box, where neither thickness nor scale is given.
+SHARE = 1 / 25
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,18 @@ class Shell:
     neighbour_edge: Int[np.ndarray, "P 3"]  # int32, which of its edges that is; -1 at a border
     mesh_face: Int[np.ndarray, "P"]  # int32, the mesh's face that a prism stands on
     notes: tuple[str, ...]
+
+
+def proportions(mesh: Mesh, height: float, thickness: float | None, scale: float | None) -> tuple[float, float]:
+    """Thickness and scale (world) of a material that was made `height` patches high. What is not given follows from the
+    other; if neither is, from the mesh's size. Raises InputError for a number that is not positive and finite."""
+    for name, value in (("--thickness", thickness), ("--scale", scale)):
+        if value is not None and not 0 < value < np.inf:
+            raise InputError(name, f"must be positive and finite, not {value:g}")
+    if thickness is None:
+        low, high = bounding_box(mesh)
+        thickness = float(np.linalg.norm(high - low)) * SHARE if scale is None else scale * height
+    return thickness, thickness / height if scale is None else scale
 
 
 def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float) -> Shell:

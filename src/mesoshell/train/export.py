@@ -25,6 +25,8 @@ from mesoshell.train.state import Learner, TrainConfig
 from mesoshell.typing import Array, Float
 
 CELLS_UV, CELLS_H, PROBES = 64, 32, 256
+#: Datasets show the unit box: what is learned from them is as high as a patch is wide.
+HEIGHT = 1.0
 _PATCH = np.array([[0.0, 0.0], [1.0, 1.0]])
 
 
@@ -55,7 +57,7 @@ def to_bundle(
         channels=config.channels,
         height_octaves=config.octaves,
         parameters=declared,
-        thickness=1.0,
+        thickness=HEIGHT,
         colour_space="linear Rec. 709",
         provenance=provenance | said,
         arrays={k: np.asarray(v) for k, v in arrays.items()},
@@ -94,7 +96,7 @@ def generator_bundle(
         channels=config.generator.channels,
         height_octaves=config.picture.octaves,
         parameters=declared,
-        thickness=1.0,
+        thickness=HEIGHT,
         colour_space="linear Rec. 709",
         provenance=provenance | said,
         arrays=_decoder_arrays(learner.decoder) | generator_arrays(learner.generator, averages),

@@ -18,4 +18,6 @@ THICKNESS, SCALE = 0.1035, 0.207
 
 def spot(size: int) -> Scene:
     mesh = Path(str(resources.files("mesoshell") / "assets" / "spot.obj"))
-    return build_scene(Options(mesh=mesh, thickness=THICKNESS, scale=SCALE, size=(size, size)), read_bundle(find("grass")))[0]
+    return build_scene(
+        Options(mesh=mesh, thickness=THICKNESS, scale=SCALE, size=(size, size)), read_bundle(find("grass"))
+    )[0]

@@ -64,8 +64,8 @@ def test_a_picture_its_radiance_and_its_report(material: Path, tmp_path: Path, c
 def test_a_shell_has_the_proportions_of_its_material(tiny_bundle, height: float):
     """Unless it is asked to have others. Patches are resized by half of one in the UV unit at most."""
     bundle = replace(tiny_bundle, thickness=height)
-    for asked in ({}, {"thickness": 0.2}, {"scale": 0.3}):
-        made = describe(Options(MESH, **asked), bundle)
+    for asked in (Options(MESH), Options(MESH, thickness=0.2), Options(MESH, scale=0.3)):
+        made = describe(asked, bundle)
         patch = uv_stretch(made.mesh) / made.patches_per_uv
         tall = np.linalg.norm(made.shell.offset, axis=1).max() / patch
         assert tall == pytest.approx(height, rel=0.5 / made.patches_per_uv)

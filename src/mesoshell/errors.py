@@ -5,9 +5,19 @@ The command line prints an `InputError` as one line and exits with 2; from Pytho
 
 from os import PathLike
 
+#: Characters of a fault's text that are shown, at most: a file may hold a field of a gigabyte.
+LONGEST = 1000
+
 
 class InputError(ValueError):
     """Unusable input. Its text is one line, `SOURCE: fault`, where SOURCE is the file or the option at fault."""
 
     def __init__(self, source: str | PathLike[str], fault: str):
-        super().__init__(f"{source}: {fault}")
+        super().__init__(one_line(f"{source}: {fault}"))
+
+
+def one_line(text: str) -> str:
+    """The text with what would break a line, or the terminal, as escapes; its middle is left out if it is long."""
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} … {text[-LONGEST // 4 :]}"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

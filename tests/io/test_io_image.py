@@ -150,11 +150,15 @@ def test_output_path_that_is_a_folder_leaves_no_partial_file(tmp_path: Path, wri
     assert [path.name for path in tmp_path.iterdir()] == ["a.img"]
 
 
+def no_space(handle: int) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
 @pytest.mark.parametrize("write", [write_exr, write_png])
-def test_full_disk_leaves_the_old_file(tmp_path: Path, write):
+def test_full_disk_leaves_the_old_file(tmp_path: Path, write, monkeypatch: pytest.MonkeyPatch):
     path = tmp_path / "a.img"
     path.write_bytes(b"old")
-    (tmp_path / "a.img.partial").symlink_to("/dev/full")
+    monkeypatch.setattr("os.fsync", no_space)
     assert fault_of(write, path, image()) == f"{path}: cannot be written: No space left on device"
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.img", b"old")]
 
@@ -163,10 +167,10 @@ def test_full_disk_leaves_the_old_file(tmp_path: Path, write):
 def test_unwritable_folder(tmp_path: Path, write, monkeypatch: pytest.MonkeyPatch):
     """Simulated: nothing is forbidden to root, who runs tests in a container."""
 
-    def refuse(path: Path, mode: str):
+    def refuse(path: Path, *_: object):
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
-    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr("os.open", refuse)
     assert fault_of(write, tmp_path / "a.img", image()) == f"{tmp_path / 'a.img'}: cannot be written: Permission denied"
 
 

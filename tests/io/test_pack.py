@@ -2,6 +2,7 @@
 
 import json
 import resource
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -115,3 +116,10 @@ def test_two_rows_do_not_share_an_image(folder, tmp_path):
     path.write_text(path.read_text().replace('"row": 1', '"row": 0'))
     with pytest.raises(InputError, match=r"line 2: file shards/0000\.npy occurs twice"):
         read_dataset(tmp_path / "packed")
+
+
+def test_a_folder_of_the_users_own_stays(tmp_path: Path, folder):
+    (tmp_path / "pp.partial").mkdir()
+    (tmp_path / "pp.partial" / "mine").write_bytes(b"mine")
+    pack_dataset(read_dataset(folder.path), tmp_path / "pp")
+    assert (tmp_path / "pp.partial" / "mine").read_bytes() == b"mine"

@@ -1,5 +1,6 @@
 """`mesoshell VERB`: parse, run the verb, turn unusable input into one line on standard error and exit status 2."""
 
+import functools
 import sys
 from collections.abc import Callable
 
@@ -7,7 +8,8 @@ import tyro
 
 from mesoshell import __version__
 from mesoshell.cli import atlas, dataset, distill, doctor, evaluate, export, fit, render, texture, train
-from mesoshell.errors import InputError
+from mesoshell.cli.ending import flushed, in_one_line, usage
+from mesoshell.errors import InputError, one_line
 
 VERBS: dict[str, Callable] = {
     "render": render.run,
@@ -32,17 +34,49 @@ def main(arguments: list[str] | None = None) -> None:
     debug = "--debug" in given
     given = [a for a in given if a != "--debug"]
     try:
-        tyro.extras.subcommand_cli_from_dict(
-            VERBS,
+        with in_one_line():
+            _parsed(given)()
+            flushed()
+    except BrokenPipeError:
+        sys.exit(141)  # as a program that SIGPIPE ends
+    except (InputError, OSError, MemoryError) as fault:
+        if debug:
+            raise
+        print(f"mesoshell: {_said(fault)}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("mesoshell: interrupted", file=sys.stderr)
+        sys.exit(130)
+
+
+def _parsed(given: list[str]) -> Callable[[], None]:
+    """The verb with its options, to be called. Ends with status 2 and one line if there is none such."""
+    later = {name: _later(verb) for name, verb in VERBS.items()}
+    with usage():
+        return tyro.extras.subcommand_cli_from_dict(
+            later,
             prog="mesoshell",
             description="Grass, carpet and fur for any mesh, as neural reflectance shells. "
             "--debug after any verb shows the traceback of an error.",
             args=given,
         )
-    except InputError as fault:
-        if debug:
-            raise
-        print(f"mesoshell: {fault}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
+
+
+def _later(verb: Callable) -> Callable[..., Callable[[], None]]:
+    @functools.wraps(verb)
+    def bound(*arguments: object, **named: object) -> Callable[[], None]:
+        return functools.partial(verb, *arguments, **named)
+
+    return bound
+
+
+def _said(fault: Exception) -> str:
+    """One line of an error that is the system's."""
+    if isinstance(fault, OSError):
+        where = f"{fault.filename}: " if fault.filename is not None else ""
+        return one_line(f"{where}{fault.strerror or fault}")
+    return one_line(str(fault) if isinstance(fault, InputError) else f"out of memory: {fault}")
+
+
+if __name__ == "__main__":
+    main()

@@ -4,6 +4,7 @@ import json
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.image import write_exr, write_png
 from mesoshell.io.material import find
 from mesoshell.io.surface import KIND, kind_of
-from mesoshell.io.whole import replace_file
+from mesoshell.io.whole import probe_outputs, replace_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,8 @@ class Picture:
 def render_to_files(options: Options) -> None:
     """All of `mesoshell render`."""
     begin = time.perf_counter()
-    out = options.out if options.out.suffix == ".png" else options.out.with_suffix(".png")
+    out = files_of(options.out)[0]
+    probe_outputs(files_of(options.out))
     console = Console(stderr=True)
     for name in ("spp", "max_depth"):
         value = getattr(options, name)
@@ -67,6 +69,12 @@ def render_to_files(options: Options) -> None:
         said = "" if compiling is None else f"; {compiling:.1f} s of this compiling"
         console.print(stages + said, highlight=False, soft_wrap=True)
     print(out, file=sys.stdout)
+
+
+def files_of(out: Path) -> tuple[Path, Path, Path]:
+    """The picture, its radiance and its report."""
+    picture = out if out.suffix == ".png" or not out.name else out.with_suffix(".png")
+    return picture, picture.with_suffix(".exr"), picture.with_suffix(".json")
 
 
 def say_effects(console: Console, effects: dict[str, dict[str, Any]]) -> None:

@@ -1,7 +1,5 @@
 """The work of `mesoshell texture`. Imports JAX, so it is loaded only when it runs."""
 
-import os
-import shutil
 import time
 from dataclasses import replace
 
@@ -15,6 +13,7 @@ from mesoshell.cli.texture import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.io.material import find, normalised
+from mesoshell.io.whole import new_array, new_folder, probe_outputs
 from mesoshell.shell.bake import patches_a_tile
 from mesoshell.shell.generated import maker_of
 from mesoshell.shell.grow import Wanted, baked, field_of
@@ -24,6 +23,8 @@ from mesoshell.shell.plan import halo_cost
 def texture_to_files(options: Options) -> None:
     """All of `mesoshell texture`."""
     begin = time.perf_counter()
+    if options.out.suffix == ".npz":
+        probe_outputs((options.out,))
     keep_compiled()
     bundle = read_bundle(find(options.material))
     config = maker_of(bundle, options.material).config
@@ -52,30 +53,20 @@ def texture_to_files(options: Options) -> None:
 
 
 def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], wanted: Wanted, progress) -> None:
-    if options.out.exists():
-        raise InputError(options.out, "exists already")
-    partial = options.out.with_name(options.out.name + ".partial")
-    shutil.rmtree(partial, ignore_errors=True)
+    with new_folder(options.out) as folder:
 
-    def allocate(key: str, shape: tuple[int, ...]) -> np.ndarray:
-        path = partial / f"{key}.npy"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return np.lib.format.open_memmap(path, "w+", np.float16, shape)
+        def allocate(key: str, shape: tuple[int, ...]) -> np.ndarray:
+            path = folder / f"{key}.npy"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return new_array(path, shape, np.float16)
 
-    try:
-        partial.mkdir(parents=True)
         made, share = baked(bundle, options.material, size, wanted, None, progress, allocate)
         for key, array in made.arrays.items():
-            path = partial / f"{key}.npy"
+            path = folder / f"{key}.npy"
             if not path.exists():
                 path.parent.mkdir(parents=True, exist_ok=True)
                 np.save(path, array)
-        (partial / "manifest.json").write_bytes(checked_manifest(options.out, _with(made, share)))
-        os.replace(partial, options.out)
-    except OSError as error:
-        raise InputError(options.out, f"cannot be written: {error.strerror}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        (folder / "manifest.json").write_bytes(checked_manifest(options.out, _with(made, share)))
 
 
 def _with(bundle: Bundle, share) -> Bundle:

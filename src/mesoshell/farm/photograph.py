@@ -7,7 +7,6 @@ cloud       points of the surface, by area, moved by a normal deviation of `nois
 """
 
 import json
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
@@ -21,7 +20,7 @@ from mesoshell.errors import InputError
 from mesoshell.farm.blender import blender_command
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.image import read_exr, write_exr, write_png
-from mesoshell.io.whole import replace_file
+from mesoshell.io.whole import new_folder, replace_file
 from mesoshell.render.camera import look_at
 
 #: Full angle of view, radians.
@@ -47,19 +46,10 @@ class Shooting:
 
 def photograph(mesh: Mesh, shooting: Shooting, out: Path, show: Callable[[int], None]) -> None:
     """Write the capture's folder, whole or not at all. Raises InputError if it exists, or Blender is not there or fails."""
-    if out.exists():
-        raise InputError(out, "exists")
     command = blender_command("data_gen.photographer")
-    partial = out.with_name(out.name + ".partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    try:
-        (partial / "images").mkdir(parents=True)
-        _write(mesh, shooting, partial, command, show)
-        partial.rename(out)
-    except OSError as error:
-        raise InputError(out, f"cannot be written: {error.strerror}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with new_folder(out) as folder:
+        (folder / "images").mkdir()
+        _write(mesh, shooting, folder, command, show)
 
 
 def _write(

@@ -100,11 +100,9 @@ def _is_readable(image: Path) -> bool:
 def _finish(scratch: Path, image: Path, answer: dict[str, Any], start: float) -> dict[str, Any]:
     """Move the scratch image to its name, and say what the sample cost."""
     rendered = time.perf_counter()
-    partial = image.with_name(f"{image.name}.{socket.gethostname()}-{os.getpid()}.partial")
     with OpenEXR.File(str(scratch)) as file:  # read_exr holds its tongue, and so, for a moment, the whole process's
-        write_exr(partial, file.channels()["RGBA"].pixels.astype(np.float32))
+        write_exr(image, file.channels()["RGBA"].pixels.astype(np.float32))
         cycles = _cycles_seconds(file.header())
-    os.replace(partial, image)
     seconds = answer["seconds"]
     stages = {"geometry": seconds["geometry"], "sync": max(0.0, seconds["blender"] - cycles), "cycles": cycles}
     stages["writing"] = time.perf_counter() - rendered

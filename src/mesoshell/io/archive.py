@@ -45,7 +45,7 @@ def read_arrays(path: str | PathLike[str], keys: Iterable[str]) -> dict[str, np.
 
 
 def write_arrays(path: str | PathLike[str], arrays: dict[str, np.ndarray]) -> None:
-    """Write the arrays in the order given, through PATH.partial. Raises InputError if the file cannot be written."""
+    """Write the arrays in the order given, whole or not at all. Raises InputError if the file cannot be written."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as file:
         for key, array in arrays.items():

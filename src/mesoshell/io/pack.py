@@ -12,8 +12,6 @@ of the image's bytes there. The folder gets its name when it is whole.
 import hashlib
 import io
 import json
-import os
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +19,7 @@ from jaxtyping import Float16, Float32
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, load_image
-from mesoshell.io.whole import replace_file
+from mesoshell.io.whole import new_folder, replace_file
 
 #: Bytes of a shard, at most.
 _SHARD_BYTES = 2**26
@@ -34,19 +32,9 @@ def pack_dataset(dataset: Dataset, out: Path, size: int | None = None) -> int:
     size = width if size is None else size
     if size < 1 or width % size or height % (width // size):
         raise InputError("--size", f"{size} does not divide the images' {width} × {height} pixels")
-    if out.exists():
-        raise InputError(out, "exists already")
-    partial = out.with_name(out.name + ".partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    try:
-        (partial / "shards").mkdir(parents=True)
-        written = _write(dataset, partial, width // size)
-        os.replace(partial, out)
-    except OSError as error:
-        raise InputError(out, f"cannot be written: {error.strerror}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-    return written
+    with new_folder(out) as folder:
+        (folder / "shards").mkdir()
+        return _write(dataset, folder, width // size)
 
 
 def _write(dataset: Dataset, folder: Path, k: int) -> int:

@@ -1,15 +1,25 @@
 """Whole files or none: bytes in, bytes out, with one-line faults (standard library only; floor 2).
 
-A writer makes its file in memory and hands it to `replace_file`: PATH.partial is written and renamed, so that PATH is
-the new file or what it was before. Encoders never see the suffix `.partial`, and the system reports a full disk.
+A writer makes its file in memory and hands it to `replace_file`: a file beside PATH is written and renamed, so that PATH is
+the new file or what it was before. A folder is filled under another name by `new_folder`. Both names are random and made
+exclusively, so two writers never share one, no link is followed, and what is removed after a fault is what was made here.
 """
 
 import contextlib
+import errno
 import os
+import secrets
+import shutil
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
+
 from mesoshell.errors import InputError
+
+#: Longest part of a name that is kept in the name of its temporary file: file systems take 255 bytes.
+_KEPT = 40
 
 
 def read_file(path: str | PathLike[str]) -> bytes:
@@ -18,21 +28,121 @@ def read_file(path: str | PathLike[str]) -> bytes:
         return Path(path).read_bytes()
     except FileNotFoundError as error:
         raise InputError(path, "no such file") from error
-    except OSError as error:
-        raise InputError(path, f"cannot be read: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(path, f"cannot be read: {_said(error)}") from error
 
 
 def replace_file(path: str | PathLike[str], data: bytes) -> None:
-    """Make `data` the file at `path`. Raises InputError if it cannot be written; then no PATH.partial is left."""
-    partial = Path(f"{os.fspath(path)}.partial")
+    """Make `data` the file at `path`. Raises InputError if it cannot be written; then nothing is left of it."""
+    made = None
     try:
-        with partial.open("wb") as file:
+        _check_target(Path(path))
+        made = _beside(Path(path))
+        with open(os.open(made, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666), "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())  # or a power cut may leave the name on an empty file
-        os.replace(partial, path)
-    except OSError as error:
+        os.replace(made, path)
+    except FileExistsError as error:  # another's file of this random name: it stays
+        raise InputError(path, f"cannot be written: {_said(error)}") from error
+    except (OSError, ValueError) as error:
+        _forget(made)
+        raise InputError(path, f"cannot be written: {_said(error)}") from error
+    except BaseException:  # Ctrl-C, no memory
+        _forget(made)
+        raise
+
+
+@contextlib.contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder to fill, which gets the name `path` at the end. Raises InputError if `path` exists or cannot be written; after
+    any fault nothing is left, but for folders above it."""
+    made = None
+    try:
+        if os.path.lexists(path):
+            raise InputError(path, "exists already")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = _beside(path)
+        made.mkdir()
+        yield made
+        os.rename(made, path)
+    except FileExistsError as error:
+        raise InputError(path, f"cannot be written: {_said(error)}") from error
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(path, f"cannot be written: {_said(error)}") from error
+    finally:
+        if made is not None:
+            shutil.rmtree(made, ignore_errors=True)
+
+
+def new_array(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndarray:
+    """A mapped array (NPY) at a path that does not exist. Its space is reserved first: on a full disk a write to a mapped file
+    kills the process. Raises OSError if there is none."""
+    with path.open("xb") as file:
+        header = {"descr": np.lib.format.dtype_to_descr(np.dtype(dtype)), "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(file, header)
+        begin = file.tell()
+        file.flush()
+        os.posix_fallocate(file.fileno(), 0, begin + int(np.prod(shape, dtype=object)) * np.dtype(dtype).itemsize)
+    return np.load(path, mmap_mode="r+")
+
+
+def probe_outputs(paths: Sequence[Path], option: str = "--out") -> None:
+    """Raise InputError unless files could be written at all of `paths`: asked before the work. Folders that lack are made when
+    files are written, not here."""
+    for path in paths:
+        if path.name in ("", ".", ".."):
+            raise InputError(option, f"{str(path)!r} names no file")
+        try:
+            _check_target(path)
+            folder = next(p for p in path.parents if os.path.lexists(p))
+            _probe(folder)
+        except (OSError, ValueError) as error:
+            raise InputError(path, f"cannot be written: {_said(error)}") from error
+
+
+def probe_folder(path: Path, option: str) -> None:
+    """Raise InputError unless files could be written in a folder of this path, which may lack as yet."""
+    if not str(path) or str(path) == ".":
+        raise InputError(option, "names no folder")
+    try:
+        _probe(next(p for p in (path, *path.parents) if os.path.lexists(p)))
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"cannot be written: {_said(error)}") from error
+
+
+def _probe(folder: Path) -> None:
+    """Raise OSError unless a file can be made in the folder; it is removed again."""
+    made = _beside(folder / "probe")
+    os.close(os.open(made, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
+    made.unlink()
+
+
+def _check_target(path: Path) -> None:
+    """Raise OSError for what a file cannot take the place of, or must not: folders, devices, pipes."""
+    if "\0" in str(path):
+        raise ValueError("its name holds a NUL")
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "Is a directory")
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "is no regular file")
+    if len(os.fsencode(path.name)) > 255:
+        raise OSError(errno.ENAMETOOLONG, "File name too long")
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name[:_KEPT]}.{secrets.token_hex(8)}.partial")
+
+
+def _forget(made: Path | None) -> None:
+    if made is not None:
         with contextlib.suppress(OSError):
-            partial.unlink()
-        fault = "its folder does not exist" if isinstance(error, FileNotFoundError) else error.strerror
-        raise InputError(path, f"cannot be written: {fault}") from error
+            made.unlink()
+
+
+def _said(error: Exception) -> str:
+    if isinstance(error, FileNotFoundError):
+        return "its folder does not exist"
+    return getattr(error, "strerror", None) or str(error)

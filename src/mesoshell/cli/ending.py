@@ -1,0 +1,91 @@
+"""How a command ends: by one line that says the fault, whatever libraries print and whenever it is interrupted."""
+
+import contextlib
+import io
+import os
+import re
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from types import FrameType
+
+from mesoshell.errors import InputError, one_line
+
+#: Seconds after which an interrupt that a library swallowed is raised again.
+AGAIN = 1.5
+
+
+@contextlib.contextmanager
+def in_one_line() -> Iterator[None]:
+    """Warnings become one line each, none of arithmetic; names print whatever bytes they are of; Ctrl-C is heard."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    with warnings.catch_warnings(), _interrupts():
+        warnings.showwarning = _show
+        if not any(action == "error" for action, *_ in warnings.filters):  # as tests ask for
+            warnings.simplefilter("ignore", RuntimeWarning)
+        yield
+
+
+def flushed() -> None:
+    """Write out what standard output holds. Raises BrokenPipeError if nobody reads, InputError if it cannot be written."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        with contextlib.suppress(OSError, ValueError):  # else Python tries again at its end, and complains
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise InputError("standard output", f"cannot be written: {error.strerror}") from error
+
+
+@contextlib.contextmanager
+def usage() -> Iterator[None]:
+    """A fault of the command line, which the parser draws in a box, as one line."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            yield
+    except SystemExit as end:
+        if end.code not in (0, None):
+            print(f"mesoshell: {_boxed(said.getvalue())}", file=sys.stderr)
+        raise
+
+
+def _boxed(text: str) -> str:
+    """The sentence of a box: what is above its first rule, or the list of what is missing with the first of each text."""
+    lines = [line.strip("│ ") for line in text.splitlines()]
+    lines = [line for line in lines if not line.startswith(("╭", "╰"))]
+    end = next((i for i, line in enumerate(lines) if line.startswith("──")), len(lines))
+    helped = re.search(r"(mesoshell[\w -]*--help)", " ".join(lines))
+    said = one_line(" ".join(lines[:end]).strip() or "not a command that is known")
+    return f"{said} (see {helped.group(1) if helped else 'mesoshell --help'})"
+
+
+def _show(message: Warning | str, category: type[Warning], *_: object) -> None:
+    print(f"mesoshell: warning: {one_line(str(message))}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def _interrupts() -> Iterator[None]:
+    """Raise an interrupt again until it gets here: libraries that are being imported, or called back, swallow some."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGINT, signal.default_int_handler)

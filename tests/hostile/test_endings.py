@@ -1,0 +1,121 @@
+"""Commands end in one line and a status, whatever they were given and wherever they write."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mesoshell.cli.main import main
+from mesoshell.errors import InputError
+
+USAGE = [
+    ["render"],
+    ["rendr"],
+    ["render", "a.obj", "--foo"],
+    ["render", "a.obj", "--size", "x", "1"],
+    ["render", "a.obj", "--size", "1"],
+    ["render", "a.obj", "--engine", "none"],
+    ["render", "a.obj", "--irradiance", "much"],
+    ["dataset"],
+    ["dataset", "pack"],
+    ["train", "x.py"],
+    ["train", "x.py", "--preset", "huge"],
+    ["atlas", "render"],
+    ["atlas", "mesh", "--quads", "1.5"],
+    ["texture", "--extent", "1"],
+    ["--bogus"],
+]
+
+
+@pytest.mark.parametrize("arguments", USAGE, ids=" ".join)
+def test_a_fault_of_usage_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    said = capsys.readouterr().err
+    assert end.value.code == 2
+    assert said.startswith("mesoshell: ") and said.count("\n") == 1 and "--help" in said and "│" not in said
+
+
+def test_a_newline_in_a_name_is_escaped(capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as end:
+        main(["render", "a\nb\x1b[31m\udcff.obj"])
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and said == "mesoshell: a\\nb\\x1b[31m\\udcff.obj: no such file\n"
+
+
+def test_a_fault_is_never_long():
+    said = str(InputError("a", "x" * 10**6))
+    assert said.startswith("a: x") and len(said) < 1100
+
+
+def _started(code: str, **how) -> subprocess.Popen:
+    program = "from mesoshell.cli import main as m\nm.VERBS['doctor'] = run\nm.main(['doctor'])"
+    return subprocess.Popen([sys.executable, "-c", f"{code}\n{program}"], stderr=subprocess.PIPE, text=True, **how)
+
+
+PRINTS = "def run() -> None:\n    'Say.'\n    print('x' * 100000)\n"
+
+
+def test_a_full_disk_behind_standard_output_is_one_line():
+    with Path("/dev/full").open("w") as full:
+        found = _started(PRINTS, stdout=full)
+        said = found.communicate()[1]
+    assert found.returncode == 2
+    assert said == "mesoshell: standard output: cannot be written: No space left on device\n" or (
+        said.count("\n") == 1 and "No space left" in said
+    )
+
+
+def test_a_reader_that_leaves_is_no_fault():
+    read, write = os.pipe()
+    os.close(read)
+    found = _started(PRINTS, stdout=write)
+    os.close(write)
+    assert found.communicate()[1] == "" and found.returncode == 141
+
+
+SWALLOWS = """
+import sys, time
+def run() -> None:
+    'Wait.'
+    print('ready', flush=True)
+    try:
+        time.sleep(20)
+    except BaseException:
+        pass
+    time.sleep(20)
+"""
+
+
+@pytest.mark.parametrize(
+    "code", [SWALLOWS, SWALLOWS.replace("BaseException", "ValueError")], ids=["swallowed", "heard"]
+)
+def test_an_interrupt_is_one_line_even_if_it_is_swallowed(code: str):
+    found = _started(code, stdout=subprocess.PIPE)
+    assert found.stdout is not None and found.stdout.readline() == "ready\n"
+    begin = time.monotonic()
+    found.send_signal(signal.SIGINT)
+    assert found.communicate()[1] == "mesoshell: interrupted\n" and found.returncode == 130
+    assert time.monotonic() - begin < 15  # of the 40 s that it would sleep
+
+
+FAULTS = {
+    "OSError": ("OSError(28, 'No space left on device', 'a\\nb')", "mesoshell: a\\nb: No space left on device\n"),
+    "memory": ("MemoryError('298 GiB')", "mesoshell: out of memory: 298 GiB\n"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_what_the_system_refuses_is_one_line(name: str, monkeypatch, capsys: pytest.CaptureFixture[str]):
+    def run() -> None:
+        """Fail."""
+        raise eval(FAULTS[name][0])
+
+    monkeypatch.setitem(__import__("mesoshell.cli.main").cli.main.VERBS, "doctor", run)
+    with pytest.raises(SystemExit) as end:
+        main(["doctor"])
+    assert end.value.code == 2 and capsys.readouterr().err == FAULTS[name][1]

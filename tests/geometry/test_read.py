@@ -89,9 +89,9 @@ def test_faults_of_paths(tmp_path: Path):
 @pytest.mark.parametrize(
     ("name", "content", "fault"),
     [
-        ("mesh.ply", b"", r"is not a readable PLY file \(ValueError: .+\)$"),
-        ("mesh.ply", PLY.encode(), r"is not a readable PLY file \(.+\)$"),
-        ("mesh.glb", b"glTF\x02\0\0\0", r"is not a readable GLB file \(.+\)$"),
+        ("mesh.ply", b"", r"is not a readable PLY file: its header .+$"),
+        ("mesh.ply", PLY.encode(), r"is not a readable PLY file: its header .+$"),
+        ("mesh.glb", b"glTF\x02\0\0\0", r"is not a readable GLB file: it does not begin as one$"),
         (
             "mesh.ply",
             (PLY + FACE + "0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n").encode(),

@@ -224,8 +224,8 @@ def test_every_field_is_required_and_no_other_is_allowed(fault: Callable[..., st
     ],
 )
 def test_a_manifest_that_is_none(fault: Callable[..., str], tmp_path: Path, fault_of, text: bytes, said: str) -> None:
-    assert fault(text) == said
-    assert fault_of(kind_of, tmp_path / "a.npz") == said
+    assert fault(text).startswith(said)
+    assert fault_of(kind_of, tmp_path / "a.npz").startswith(said)
 
 
 def test_files_that_are_no_bundles(tmp_path: Path, made: SurfaceBundle, fault_of: Callable[..., str]) -> None:

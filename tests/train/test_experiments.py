@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mesoshell.atlas.capture import Capture, read_capture
-from mesoshell.cli.training import check_recipe, read_experiment
+from mesoshell.cli.training import check_recipe, experiment_of, read_experiment
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
@@ -141,13 +141,14 @@ def test_its_own_size_is_the_small_preset(file: Path) -> None:
 
 def test_an_experiment_may_be_about_one_recipe(data) -> None:
     for file in FILES:
+        recipe = experiment_of(file, "tiny")[1]
         named = file.stem.removeprefix("nerf_tex_")
         if named.startswith("carpet") and named != "carpet":
-            check_recipe(file, replace(data, recipe=named))
+            check_recipe(file, recipe, replace(data, recipe=named))
             with pytest.raises(InputError, match=rf"packed: its recipe is fog; {file.name} is about {named}"):
-                check_recipe(file, data)
+                check_recipe(file, recipe, data)
         else:
-            check_recipe(file, data)
+            check_recipe(file, recipe, data)
 
 
 @pytest.mark.parametrize("preset", sorted(PRESETS))

@@ -19,6 +19,7 @@ from mesoshell.atlas.field import Field, FieldConfig, init_field
 from mesoshell.atlas.photo import Photo
 from mesoshell.errors import InputError
 from mesoshell.io.archive import read_arrays, read_heads, write_arrays
+from mesoshell.io.records import parsed
 from mesoshell.nets.encoding import HashConfig
 
 SCHEMA = 1
@@ -65,7 +66,7 @@ def read_captured(path: Path) -> Captured:
     if "manifest.json" not in heads:
         raise InputError(path, "is no captured object: it has no manifest.json")
     try:
-        about = json.loads(read_arrays(path, ["manifest.json"])["manifest.json"].tobytes())
+        about = parsed(path, read_arrays(path, ["manifest.json"])["manifest.json"].tobytes(), "manifest.json is ")
         if about["kind"] != "captured object" or about["schema"] != SCHEMA:
             raise InputError(
                 path, f"is no captured object of schema {SCHEMA}, but {about['kind']} of {about['schema']}"
@@ -79,7 +80,7 @@ def read_captured(path: Path) -> Captured:
             raise ValueError(f"its box is about {centre} with half a side of {half}, its held views are {tested}")
     except InputError:
         raise
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, ZeroDivisionError) as error:
         raise InputError(path, f"is no captured object: {error}") from None
     named = _named(template)
     for key, wanted in named.items():

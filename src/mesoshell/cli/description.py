@@ -17,6 +17,7 @@ from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.image import read_exr
 from mesoshell.io.material import normalised
+from mesoshell.limits import check_memory, check_seed
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.shell.chart import patches_of
@@ -51,6 +52,7 @@ class Description:
 def describe(options: Options, bundle: Bundle, progress: Callable[[float], None] = lambda share: None) -> Description:
     """What the options ask for. progress: of growing a texture. Raises InputError."""
     check_colours(options)
+    check_seed(options.seed)
     mesh = load_mesh(options.mesh)
     box = bounding_box(mesh)
     thickness, scale = proportions(mesh, bundle.thickness, options.thickness, options.scale)
@@ -155,6 +157,7 @@ def camera_of(options: Options, box: np.ndarray, thickness: float, up: int) -> C
     width, height = options.size
     if width < 1 or height < 1:
         raise InputError("--size", f"{width} x {height} has no pixels")
+    check_memory("--size", f"a picture of {width} x {height}", 64 * width * height)
     axis = (0.0, 1.0, 0.0) if up == 1 else (0.0, 0.0, 1.0)
     if options.camera is not None:
         eye, target, degrees = options.camera[:3], options.camera[3:6], options.camera[6]

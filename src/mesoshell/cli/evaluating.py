@@ -16,6 +16,8 @@ from mesoshell.cli.evaluate import Options
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.patches import Patches
+from mesoshell.io.records import read_rows
+from mesoshell.io.whole import replace_file
 from mesoshell.measure.captured import CHART, LEAST_SIDE, VIEWS, score_views
 from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
@@ -48,7 +50,7 @@ def evaluate(options: Options) -> None:
     measure = measures.get(type(config), _pictures)(config, dataset, options)
     chosen = [found[i] for i in sorted(set(np.linspace(len(found) - 1, 0, options.snapshots).round().astype(int)))]
     path = options.run / "evaluation.jsonl"
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    rows = read_rows(path, ("name", "images", "kimg"))
     done = {(row["name"], row["images"], row["kimg"]) for row in rows}
     console = Console(stderr=True, highlight=False)
     for images, snapshot in chosen:
@@ -64,7 +66,7 @@ def evaluate(options: Options) -> None:
                 flush=True,
             )
         ordered = sorted(rows, key=lambda row: (row["name"], row["kimg"]))
-        path.write_text("".join(json.dumps(row) + "\n" for row in ordered))
+        replace_file(path, "".join(json.dumps(row) + "\n" for row in ordered).encode())
     print(write_report(options.run))
 
 

@@ -1,6 +1,5 @@
 """`mesoshell export`: a run's newest material as a bundle."""
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,6 +7,7 @@ from typing import Annotated, Any
 import tyro
 
 from mesoshell.errors import InputError
+from mesoshell.io.records import read_rows
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,6 @@ def _snapshot(run: Path, kimg: float | None) -> tuple[int, Path]:
 
 def _scored(bundle: Any, run: Path, images: int) -> Any:
     scores = run / "evaluation.jsonl"
-    rows = [json.loads(line) for line in scores.read_text().splitlines()] if scores.exists() else []
+    rows = read_rows(scores, ("name", "value", "kimg"))
     metrics = {row["name"]: row["value"] for row in rows if row["kimg"] == images / 1000}
     return replace(bundle, provenance=bundle.provenance | {"metrics": metrics})

@@ -52,5 +52,5 @@ def planned(folder: Path) -> int | None:
     """How many patches a dataset was begun with, or none if there is none that can be read."""
     try:
         return json.loads((folder / "manifest.json").read_text())["count"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

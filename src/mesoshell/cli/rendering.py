@@ -19,6 +19,9 @@ from mesoshell.io.material import find
 from mesoshell.io.surface import KIND, kind_of
 from mesoshell.io.whole import probe_outputs, replace_file
 
+#: Of what is counted a pixel: samples, bounces.
+MOST = 2**24
+
 
 @dataclass(frozen=True, eq=False)
 class Picture:
@@ -41,6 +44,8 @@ def render_to_files(options: Options) -> None:
             raise InputError(f"--{name.replace('_', '-')}", "is of --engine mitsuba")
         if value is not None and value < 1:
             raise InputError(f"--{name.replace('_', '-')}", f"{value} must be at least 1")
+        if value is not None and value > MOST:
+            raise InputError(f"--{name.replace('_', '-')}", f"{value} must be at most {MOST}")
     if options.engine == "mitsuba":
         from mesoshell.cli.path_tracing import picture
     elif options.mesh.suffix.lower() == ".xml":

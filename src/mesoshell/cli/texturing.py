@@ -14,6 +14,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.io.material import find, normalised
 from mesoshell.io.whole import new_array, new_folder, probe_outputs
+from mesoshell.limits import check_memory, check_seed
 from mesoshell.shell.bake import patches_a_tile
 from mesoshell.shell.generated import maker_of
 from mesoshell.shell.grow import Wanted, baked, field_of
@@ -29,6 +30,12 @@ def texture_to_files(options: Options) -> None:
     bundle = read_bundle(find(options.material))
     config = maker_of(bundle, options.material).config
     size = _size(options, config.texels)
+    if options.out.suffix == ".npz":
+        held = 3 * bundle.channels * size[0] * size[1]  # halves, and a third more for coarser levels
+        check_memory("--extent", f"a texture of {size[1]} × {size[0]} texels", held)
+    elif max(size) > 2**20:
+        raise InputError("--extent", f"{size[1]} × {size[0]} texels are more than {2**20} along a side")
+    check_seed(options.seed)
     coarser = _coarser(options, config.texels)
     wanted = replace(_wanted(options, bundle, (size[1] / config.texels, size[0] / config.texels)), coarser=coarser)
     console = Console(stderr=True, highlight=False)

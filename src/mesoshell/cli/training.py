@@ -29,11 +29,11 @@ from mesoshell.train.stream import RunConfig
 def train_from(options: Options) -> None:
     """All of `mesoshell train`."""
     keep_compiled()
-    config = read_experiment(options.experiment, options.preset)
+    config, recipe = experiment_of(options.experiment, options.preset)
     config = of_length(config, options.kimg)
     begun = read_record(options.run)[1] if (options.run / "config.json").exists() else {}
     dataset = method_of(config).read(config, {**begun, "folder": options.data})
-    check_recipe(options.experiment, dataset)
+    check_recipe(options.experiment, recipe, dataset)
     if options.coordinator:
         _join(options)
     if options.dry_run:
@@ -85,10 +85,18 @@ def learn(
 def read_experiment(path: Path, preset: str | None = None) -> Any:
     """The `config` of an experiment file, a TrainConfig or a ParametricConfig, or its `variant` of a preset. Raises InputError
     if it does not run or lacks it."""
+    return experiment_of(path, preset)[0]
+
+
+def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | None]:
+    """The same and the `recipe` that the file is about, if it says so. It is executed once."""
     wanted = "config" if preset is None else "variant"
-    found = _defined(path).get(wanted)
+    defined = _defined(path)
+    found = defined.get(wanted)
     try:
         config = found(PRESETS[preset]) if preset is not None and callable(found) else found
+    except SystemExit as end:
+        raise InputError(path, f"`variant` ends the program (sys.exit: {end.code!r})") from None
     except Exception as error:
         raise InputError(path, f"{type(error).__name__}: {error}") from error
     if not isinstance(config, RunConfig):
@@ -98,13 +106,12 @@ def read_experiment(path: Path, preset: str | None = None) -> Any:
             f"defines no `{wanted}` {of} a TrainConfig, a ParametricConfig, a SurfaceTraining or an AtlasTraining "
             "(mesoshell.train.state, .parametric, .surface and .atlas)",
         )
-    return config
+    return config, defined.get("recipe")
 
 
-def check_recipe(path: Path, dataset: Data) -> None:
-    """Raises InputError if an experiment file defines a `recipe` and the dataset is of another."""
-    recipe = _defined(path).get("recipe", dataset.recipe)
-    if dataset.recipe != recipe:
+def check_recipe(path: Path, recipe: str | None, dataset: Data) -> None:
+    """Raises InputError if an experiment is about a `recipe` and the dataset is of another."""
+    if recipe not in (None, dataset.recipe):
         raise InputError(dataset.folder, f"its recipe is {dataset.recipe}; {path.name} is about {recipe}")
 
 
@@ -113,6 +120,8 @@ def _defined(path: Path) -> dict[str, Any]:
         raise InputError(path, "no such file")
     try:
         return runpy.run_path(str(path))
+    except SystemExit as end:
+        raise InputError(path, f"ends the program (sys.exit: {end.code!r}) instead of defining an experiment") from None
     except Exception as error:
         raise InputError(path, f"{type(error).__name__}: {error}") from error
 

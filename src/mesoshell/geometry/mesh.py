@@ -27,6 +27,10 @@ from mesoshell.geometry.unwrap import unwrap
 LEAST_HEIGHT = 1e-9
 
 
+#: Greatest coordinate: the volume of a mesh is still a number in single precision.
+FARTHEST = 1e12
+
+
 @dataclass(frozen=True)
 class Mesh:
     """A mesh without zero-area or repeated faces and unused vertices; `notes` has one line for each thing mended."""
@@ -121,6 +125,9 @@ def _check_arrays(
     if len(wild):
         raise InputError(source, f"vertex {wild[0]} is not finite: {vertices[wild[0]].tolist()}")
     check_indices(faces, len(points), source)
+    far = np.flatnonzero(np.abs(points).max(axis=1) > FARTHEST)
+    if len(far):
+        raise InputError(source, f"vertex {far[0]} lies beyond {FARTHEST:g}: {vertices[far[0]].tolist()}")
     return points
 
 

@@ -14,6 +14,7 @@ under several `usemtl` come back out of order. A polygon becomes a fan of triang
 Source: the OBJ specification (Wavefront, appendix B1).
 """
 
+import os
 from os import PathLike
 from pathlib import Path
 
@@ -34,19 +35,27 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
     """The arrays of an OBJ, PLY, GLB or STL file, in float64. Raises InputError, in one line, where there are none."""
     file = Path(path)
     kind = file.suffix[1:].upper()
-    if file.is_dir():
+    if os.path.isdir(file):
         raise InputError(path, "is a folder, not a mesh file")
-    if not file.exists():
+    if not os.path.isfile(file):
         raise InputError(path, "no such file")
     if file.suffix.lower() not in FORMATS:
         raise InputError(path, f"unknown mesh format '{file.suffix}': use {', '.join(FORMATS)}")
     try:
-        return read_obj(path) if kind == "OBJ" else read_scene(path)
+        if kind == "OBJ":
+            return read_obj(path)
+        check_whole(file)
+        found = read_scene(path)
+        if not len(found[1]):
+            raise InputError(path, f"holds no triangles that can be read: not a whole {kind} file")
+        return found
     except InputError:
         raise
     except Exception as fault:  # each reader of trimesh fails in its own ways
-        said = " ".join(f"{type(fault).__name__}: {fault}".split())
-        raise InputError(path, f"is not a readable {kind} file ({said})") from fault
+        known = isinstance(fault, ValueError | MemoryError | OSError)
+        raise InputError(
+            path, f"is not a readable {kind} file, or a damaged one{f' ({fault})' if known else ''}"
+        ) from fault
 
 
 def check_indices(faces: Int[np.ndarray, "M 3"], count: int, source: str | PathLike[str]) -> None:
@@ -55,6 +64,37 @@ def check_indices(faces: Int[np.ndarray, "M 3"], count: int, source: str | PathL
     if len(outside):
         face, k = outside[0]
         raise InputError(source, f"face {face} refers to vertex {faces[face, k]}, but there are {count}")
+
+
+def check_whole(path: Path) -> None:
+    """Raise InputError unless the file is as long as its head says it is: readers pass over what is not there, or ask for the
+    memory first."""
+    size, kind = path.stat().st_size, path.suffix.lower()
+    with path.open("rb") as file:
+        head = file.read(2**16)
+    if kind == ".stl" and not _is_text_stl(head):
+        count = int.from_bytes(head[80:84], "little")
+        if size < 84 or size < 84 + 50 * count:
+            raise InputError(
+                path, f"is cut short: it has {size} bytes and says {count} faces, which are {84 + 50 * count}"
+            )
+    if kind == ".glb":
+        said = int.from_bytes(head[8:12], "little")
+        if head[:4] != b"glTF" or size < 20:
+            raise InputError(path, "is not a readable GLB file: it does not begin as one")
+        if said > size:
+            raise InputError(path, f"is cut short: it has {size} of {said} bytes")
+    if kind == ".ply":
+        lines = head.partition(b"end_header")[0].splitlines()
+        if not head.startswith(b"ply") or b"end_header" not in head:
+            raise InputError(path, "is not a readable PLY file: its header does not begin, or does not end")
+        counts = [int(words[2]) for words in map(bytes.split, lines) if words[:1] == [b"element"]]
+        if sum(counts) > size:
+            raise InputError(path, f"is cut short: it has {size} bytes for {sum(counts)} elements")
+
+
+def _is_text_stl(head: bytes) -> bool:
+    return head.lstrip()[:5].lower() == b"solid" and b"facet" in head.lower() and b"\0" not in head
 
 
 def read_scene(path: str | PathLike[str]) -> Arrays:
@@ -86,7 +126,10 @@ def read_obj(path: str | PathLike[str]) -> Arrays:
     texture: list[list[float]] = []
     corners: list[list[tuple[int, int]]] = []
     lines: list[int] = []
-    text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
+    data = Path(path).read_bytes()
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:4096]:
+        raise InputError(path, "is not text of ASCII or UTF-8 (UTF-16, or binary)")
+    text = data.decode("utf-8-sig", errors="replace")
     for number, line in enumerate(text.replace("\\\n", " ").splitlines(), start=1):
         key, *words = line.split("#", 1)[0].split() or [""]
         try:

@@ -18,6 +18,10 @@ import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.whole import read_file, replace_file
+from mesoshell.limits import check_memory
+
+#: Bytes of a manifest, at most.
+LONGEST_TEXT = 2**24
 
 Head = tuple[tuple[int, ...], np.dtype]
 
@@ -29,7 +33,11 @@ def read_heads(path: str | PathLike[str]) -> dict[str, Head]:
     if Path(path).is_dir():
         return {key: (array.shape, array.dtype) for key, array in _mapped(Path(path)).items()}
     with _opened(path) as file:
+        check_memory(path, "what it holds", sum(info.file_size for info in file.infolist()))
         heads = {info.filename.removesuffix(".npy"): _head(path, file, info) for info in file.infolist()}
+        text = heads.get("manifest.json")
+        if text is not None and math.prod(text[0]) > LONGEST_TEXT:
+            raise InputError(path, f"its manifest.json is longer than {LONGEST_TEXT >> 20} MiB")
         if len(heads) < len(file.infolist()):
             raise InputError(path, "holds two arrays of one name")
     return heads

@@ -59,6 +59,7 @@ import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
+from mesoshell.io.records import parsed
 from mesoshell.io.twin import PREFIX, Twin, check_twin_heads, checked_twin, twin_arrays, twin_manifest, twin_of
 
 SCHEMA = 2
@@ -200,10 +201,7 @@ def _all_arrays(bundle: Bundle) -> dict[str, np.ndarray]:
 
 def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
     """The manifest as the fields of a Bundle, without its arrays."""
-    try:
-        fields = json.loads(text.decode())
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"{MANIFEST} is not JSON: {error}") from error
+    fields = parsed(path, text, f"{MANIFEST} is ")
     if isinstance(fields, dict):
         fields.setdefault("twin", None)
     _check_entry(path, MANIFEST, fields, _MANIFEST_RULES)

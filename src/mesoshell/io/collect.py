@@ -12,12 +12,14 @@ When all is there, the rows are sorted, and the folder but for its log is the sa
 import contextlib
 import fcntl
 import json
+import operator
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from mesoshell.errors import InputError
+from mesoshell.io.records import read_object
 from mesoshell.io.whole import replace_file
 
 
@@ -57,8 +59,10 @@ class Collector:
             raise InputError(self.folder, "has samples but no manifest.json: not a dataset's folder")
         if path.exists():
             try:
-                found = json.loads(path.read_text())
+                found = read_object(path)
                 count = max(count, found.pop("count"))
+            except InputError:
+                raise
             except (ValueError, KeyError, AttributeError, TypeError):
                 raise InputError(path, "not a manifest") from None
             for key in sorted(settings.keys() | found.keys(), key=lambda key: (key not in ("recipe", "version"), key)):
@@ -69,15 +73,17 @@ class Collector:
     def _whole_rows(self) -> dict[int, str]:
         """The line of every index whose image exists; a line cut short is dropped."""
         rows: dict[int, str] = {}
-        lines = self._rows_file.read_text().splitlines(keepends=True) if self._rows_file.exists() else []
+        lines = (
+            self._rows_file.read_text(errors="replace").splitlines(keepends=True) if self._rows_file.exists() else []
+        )
         for line in lines:
             if line.endswith("\n"):
                 try:
                     row = json.loads(line)
-                    index, file = row["index"], row["file"]
-                except (ValueError, KeyError, TypeError):
+                    index, file = operator.index(row["index"]), self.folder / row["file"]
+                except (ValueError, KeyError, TypeError, RecursionError):
                     raise InputError(self._rows_file, f"a line is not a sample: {line[:40].strip()}") from None
-                if (self.folder / file).exists():
+                if os.path.exists(file):
                     rows.setdefault(index, line)
         if len(rows) != len(lines):
             replace_file(self._rows_file, "".join(rows.values()).encode())

@@ -18,8 +18,9 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from jaxtyping import Float16, Float32, Float64
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr
 from mesoshell.io.whole import read_file
+from mesoshell.limits import check_memory
 
 _MANIFEST = {"recipe": str, "version": object, "field_of_view": object, "parameters": dict, "radius_range": list}
 _MANIFEST |= {"size": list, "samples_per_pixel": object, "seed": object, "count": int}
@@ -39,7 +41,7 @@ _PARAMETER = ("role", "range", "default", "unit", "meaning")
 _NUMBERS: dict[str, tuple[tuple[int, ...], str, Callable[[np.ndarray], Any]]] = {
     "index": ((), "a whole number, 0 or more", lambda x: x >= 0 and x == np.floor(x)),
     "seed": ((), "a number", lambda x: True),
-    "size": ((2,), "[W, H] in whole pixels", lambda x: (x >= 1).all() and (x == np.floor(x)).all()),
+    "size": ((2,), "[W, H] in whole pixels", lambda x: ((x >= 1) & (x <= 2**16) & (x == np.floor(x))).all()),
     "camera_to_world": ((4, 4), "4 × 4 numbers that end in 0 0 0 1", lambda x: (x[3] == (0, 0, 0, 1)).all()),
     "fov": ((), "an angle between 0 and π", lambda x: 0 < x < math.pi),
     "radius": ((), "a number above 0", lambda x: x > 0),
@@ -105,6 +107,12 @@ def load_image(sample: Sample) -> Float32[np.ndarray, "H W 4"]:
 def load_images(dataset: Dataset) -> Float32[np.ndarray, "N H W 4"]:
     """All images, in the order of the samples. Raises InputError as load_image does."""
     width, height = dataset.samples[0].size
+    load_image(dataset.samples[0])  # before memory is asked for
+    check_memory(
+        dataset.folder,
+        f"{len(dataset.samples)} images of {width} × {height}",
+        16 * len(dataset.samples) * width * height,
+    )
     images = np.empty((len(dataset.samples), height, width, 4), np.float32)
     for row, sample in zip(images, dataset.samples, strict=True):
         row[:] = load_image(sample)
@@ -134,15 +142,20 @@ def _count_faults(manifest: dict[str, Any], samples: list[Sample]) -> list[str]:
     if "packed" in manifest:
         return [f"has {len(there)} of {count} samples"] if len(there) != count else []
     found = (
-        ("has no row for", set(range(count)) - there),
-        ("has more than the manifest's count:", there - set(range(count))),
+        ("has no row for", (i for i in range(count) if i not in there), max(0, count) - sum(i < count for i in there)),
+        (
+            "has more than the manifest's count:",
+            (i for i in sorted(there) if i >= count),
+            sum(i >= count for i in there),
+        ),
     )
-    return [f"{what} {_some(indices)}" for what, indices in found if indices]
+    return [f"{what} {_some(indices, number)}" for what, indices, number in found if number]
 
 
-def _some(indices: set[int]) -> str:
-    first = ", ".join(map(str, sorted(indices)[:8]))
-    return f"sample{'s' * (len(indices) > 1)} {first}{f' and {len(indices) - 8} more' * (len(indices) > 8)}"
+def _some(indices: Iterator[int], number: int) -> str:
+    """The first of them, which rise, and how many more there are: a manifest may claim any number."""
+    first = ", ".join(map(str, islice(indices, 8)))
+    return f"sample{'s' * (number > 1)} {first}{f' and {number - 8} more' * (number > 8)}"
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -218,7 +231,7 @@ def _row_fault(manifest: dict[str, Any], row: Any) -> str | None:
     ):
         if not isinstance(row[name], str) or not re.fullmatch(pattern, row[name]):
             return f"{name} is {row[name]!r}; expected {expected}"
-    if "row" in row and not (isinstance(row["row"], int) and row["row"] >= 0):
+    if "row" in row and not (type(row["row"]) is int and row["row"] >= 0):
         return f"row is {row['row']!r}; expected a whole number, 0 or more"
     if not isinstance(row["parameters"], dict) or row["parameters"].keys() != manifest["parameters"].keys():
         return f"parameters are {row['parameters']!r}; the manifest declares {sorted(manifest['parameters'])!r}"
@@ -264,10 +277,26 @@ def _pixels(sample: Sample) -> np.ndarray:
     """The image as it lies on disk, (H, W, C), half or float."""
     if sample.row is None:
         return read_exr(sample.file)
-    shard = shard_array(sample.file)
-    if sample.row >= len(shard):
+    return shard_row(sample, shard_array(sample.file))
+
+
+def shard_row(sample: Sample, shard: Float16[np.ndarray, "n H W C"]) -> Float16[np.ndarray, "H W C"]:
+    """A packed sample's image in its shard. Raises InputError if it is not there."""
+    if sample.row is None or sample.row >= len(shard):
         raise InputError(sample.file, f"has no row {sample.row}")
     return shard[sample.row]
+
+
+def check_fed(samples: Sequence[Sample], shard: Float16[np.ndarray, "n H W C"]) -> None:
+    """Raise InputError unless a shard holds images of its samples' size, four channels each, and not zeros alone."""
+    shown = False
+    for sample in samples:
+        height, width, channels = shard_row(sample, shard).shape
+        for fault in _shape_faults(sample, (height, width, channels)):
+            raise InputError(sample.file, fault)
+        shown = shown or bool(shard[sample.row].any())
+    if not shown:
+        raise InputError(samples[0].file, "holds zeros alone: no image")
 
 
 def shard_array(path: Path) -> Float16[np.ndarray, "n H W C"]:
@@ -286,14 +315,19 @@ def shard_array(path: Path) -> Float16[np.ndarray, "n H W C"]:
 
 
 def _pixel_faults(sample: Sample, image: Float32[np.ndarray, "H W C"]) -> list[str]:
-    height, width, channels = image.shape
+    faults = _shape_faults(sample, image.shape)
+    if not np.isfinite(image).all():
+        faults.append("has NaN or infinite pixels")
+    return faults
+
+
+def _shape_faults(sample: Sample, shape: tuple[int, ...]) -> list[str]:
+    height, width, channels = shape
     faults = []
     if (width, height) != sample.size:
         faults.append(f"is {width} × {height} pixels; its row says {sample.size[0]} × {sample.size[1]}")
     if channels != 4:
         faults.append(f"has {channels} channels; expected 4 (RGBA)")
-    if not np.isfinite(image).all():
-        faults.append("has NaN or infinite pixels")
     return faults
 
 

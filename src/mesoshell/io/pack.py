@@ -39,6 +39,7 @@ def pack_dataset(dataset: Dataset, out: Path, size: int | None = None) -> int:
 
 def _write(dataset: Dataset, folder: Path, k: int) -> int:
     rows, samples = [], dataset.samples
+    load_image(samples[0])  # before memory is asked for
     width, height = (side // k for side in samples[0].size)
     a_shard = max(1, _SHARD_BYTES // (width * height * 8))
     for number, start in enumerate(range(0, len(samples), a_shard)):

@@ -57,11 +57,11 @@ def read_patches(folder: str | PathLike[str]) -> Patches:
         rows = [json.loads(line) for line in texts[1].decode().splitlines()]
         files = [folder / row["file"] for row in sorted(rows, key=lambda row: row["index"])]
         kind = manifest["kind"]
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(folder, "its manifest.json or samples.jsonl is none of a dataset's") from error
     if kind != "patches":
         raise InputError(folder, f"holds {kind}, no queries of patches: mesoshell dataset render-patches makes them")
-    if not isinstance(manifest.get("source"), str):
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("source"), str):
         raise InputError(folder / "manifest.json", "does not say what the queries are of: source is missing")
     if not files:
         raise InputError(folder, "has no patches yet")

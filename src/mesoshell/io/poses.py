@@ -8,7 +8,7 @@ P           world to image, of a camera that looks along +z with y down (OpenCV)
 All three are read in the frame and the units that they come in. Lenses with distortion are refused: undistort first.
 """
 
-import json
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import InputError
-from mesoshell.io.whole import read_file
+from mesoshell.io.records import read_object
 
 #: What turns an OpenCV camera's axes into an OpenGL camera's.
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -75,7 +75,7 @@ def read_poses(folder: Path) -> Poses:
 
 def read_transforms(path: Path) -> Poses:
     """nerfstudio's and Blender's transforms.json; points of its `ply_file_path`."""
-    said = _json(path)
+    said = read_object(path)
     frames = said.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InputError(path, "has no frames")
@@ -100,7 +100,7 @@ def read_transforms(path: Path) -> Poses:
         views.append(Posed(image, matrix, lens, size, mask, angle))
     cloud = said.get("ply_file_path")
     flash = said.get("flash")
-    if flash is not None and not (isinstance(flash, int | float) and np.isfinite(flash) and flash > 0):
+    if flash is not None and not (type(flash) in (int, float) and 0 < flash < 1e300):
         raise InputError(path, f"flash must be a number above 0, not {flash!r}")
     points = _cloud(path.parent / cloud) if isinstance(cloud, str) else None
     return Poses(path, tuple(views), points, flash=None if flash is None else float(flash))
@@ -115,7 +115,11 @@ def read_idr(path: Path) -> Poses:
         with np.load(path, allow_pickle=False) as file:
             # they lie beside their inverses, and others that follow from them
             names = [k for k in file.files if re.fullmatch(r"(world|scale)_mat_\d+", k)]
+            if any(file.zip.getinfo(f"{k}.npy").file_size > 4096 for k in names):
+                raise InputError(path, "holds a camera that is no 4 x 4 matrix")
             arrays = {k: np.asarray(file[k], np.float64) for k in names}
+    except InputError:
+        raise
     except Exception as error:  # zipfile and NumPy throw a dozen types, by the byte that is wrong
         raise InputError(path, "not an npz file of cameras, or a damaged one") from error
     images, masks = (_files(path.parent / name) for name in ("image", "mask"))
@@ -194,16 +198,6 @@ def _is_model(folder: Path) -> bool:
     return any((folder / f"cameras{suffix}").exists() for suffix in (".bin", ".txt"))
 
 
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        said = json.loads(read_file(path))
-    except ValueError:
-        raise InputError(path, "not JSON") from None
-    if not isinstance(said, dict):
-        raise InputError(path, "is no object")
-    return said
-
-
 def _lens(
     own: dict[str, Any], size: tuple[int, int] | None
 ) -> tuple[tuple[float, float, float, float] | None, float | None]:
@@ -239,7 +233,7 @@ def _image(path: Path) -> Path:
     """The file, or with the first suffix that there is: Blender's frames leave it out."""
     if path.suffix.lower() in IMAGES:
         return path
-    return next((p for p in (path.with_name(path.name + s) for s in IMAGES) if p.exists()), path)
+    return next((p for p in (path.with_name(path.name + s) for s in IMAGES) if os.path.exists(p)), path)
 
 
 def _files(folder: Path) -> list[Path]:
@@ -249,7 +243,7 @@ def _files(folder: Path) -> list[Path]:
 def _cloud(path: Path) -> Float[np.ndarray, "P 3"]:
     import trimesh
 
-    if not path.exists():
+    if not os.path.exists(path):
         raise InputError(path, "no such file")
     try:
         points = np.asarray(trimesh.load(path).vertices, np.float64)  # type: ignore[union-attr]

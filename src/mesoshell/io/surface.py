@@ -37,6 +37,7 @@ import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
+from mesoshell.io.records import parsed
 
 SCHEMA, KIND, MANIFEST = 2, "silhouette", "manifest.json"
 #: What each module sees beside its texture, and what it gives.
@@ -122,10 +123,7 @@ def _manifest(path: str | PathLike[str]) -> dict[str, Any]:
     heads = read_heads(path)
     if MANIFEST not in heads or heads[MANIFEST][1] != np.uint8:
         raise InputError(path, f"has no {MANIFEST} of type uint8: not a bundle")
-    try:
-        fields = json.loads(read_arrays(path, [MANIFEST])[MANIFEST].tobytes())
-    except ValueError as error:
-        raise InputError(path, f"{MANIFEST} is not JSON") from error
+    fields = parsed(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes(), f"{MANIFEST} is ")
     if not isinstance(fields, dict):
         raise InputError(path, f"{MANIFEST} is not a JSON object")
     return fields

@@ -15,6 +15,7 @@ import math
 import pickle
 import struct
 import zipfile
+import zlib
 from collections import OrderedDict
 from os import PathLike
 from typing import Any, NamedTuple
@@ -70,12 +71,29 @@ def read_weights(path: str | PathLike[str]) -> dict[str, np.ndarray]:
         return {str(name): _array(tensor, storages) for name, tensor in named.items()}
     except (pickle.UnpicklingError, zipfile.BadZipFile) as error:
         raise InputError(path, f"cannot be read as PyTorch weights: {error}") from None
-    except (AttributeError, EOFError, IndexError, KeyError, TypeError, ValueError, struct.error) as error:
+    except (
+        AttributeError,
+        EOFError,
+        ImportError,
+        IndexError,
+        KeyError,
+        MemoryError,
+        NotImplementedError,
+        OverflowError,
+        RecursionError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+        struct.error,
+        zlib.error,
+    ) as error:
         raise InputError(path, f"cannot be read as PyTorch weights: damaged ({type(error).__name__})") from None
 
 
 def _from_zip(data: bytes) -> tuple[Any, dict[str, bytes]]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        if sum(info.file_size for info in archive.infolist()) > len(data):  # PyTorch stores, it does not deflate
+            raise zipfile.BadZipFile("its members are larger than the file")
         (described,) = (n for n in archive.namelist() if n.endswith("/data.pkl"))
         folder = described.removesuffix("data.pkl") + "data/"
         named = _Unpickler(io.BytesIO(archive.read(described))).load()

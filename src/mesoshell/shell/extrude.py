@@ -43,6 +43,8 @@ FLATTEST = 0.25
 SAID_CHANGE = 0.05
 #: Thickness over the diagonal of the mesh's bounding box, where neither thickness nor scale is given.
 SHARE = 1 / 25
+#: Patches along the diagonal of the mesh's bounding box, at most: in single precision the texture has no finer place.
+MOST_PATCHES = 1e6
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,13 @@ def proportions(mesh: Mesh, height: float, thickness: float | None, scale: float
     for name, value in (("--thickness", thickness), ("--scale", scale)):
         if value is not None and not 0 < value < np.inf:
             raise InputError(name, f"must be positive and finite, not {value:g}")
+    low, high = bounding_box(mesh).astype(np.float64)
+    least = float(np.linalg.norm(high - low)) / MOST_PATCHES
+    if scale is not None and scale < least:
+        raise InputError(
+            "--scale", f"{scale:g} is too small for this mesh, which would span {MOST_PATCHES:g} patches or more"
+        )
     if thickness is None:
-        low, high = bounding_box(mesh)
         thickness = float(np.linalg.norm(high - low)) * SHARE if scale is None else scale * height
     return thickness, thickness / height if scale is None else scale
 

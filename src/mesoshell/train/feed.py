@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float16, Float32, Int32, Integer
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset, shard_array
+from mesoshell.io.dataset import Dataset, check_fed, shard_array
 
 
 class Batch(NamedTuple):
@@ -65,7 +65,10 @@ class _Table:
     def __init__(self, dataset: Dataset):
         samples = dataset.samples
         shards = {file: shard_array(file) for file in {sample.file for sample in samples}}
+        for file, shard in shards.items():
+            check_fed([sample for sample in samples if sample.file == file], shard)
         self._images = [shards[sample.file][sample.row] for sample in samples]
+        self._files = [sample.file for sample in samples]
         self._alpha = _normalised(dataset, "alpha")
         self._beta = _normalised(dataset, "beta")
         self._camera = np.array([sample.camera_to_world for sample in samples], np.float32)
@@ -76,6 +79,9 @@ class _Table:
     def take(self, positions: Integer[np.ndarray, "B"]) -> Batch:
         columns = (self._alpha, self._beta, self._camera, self._light, self._irradiance, self._index)
         image = np.stack([np.asarray(self._images[i]) for i in positions])
+        if not np.isfinite(image).all():
+            bad = next(i for i, x in zip(positions, image, strict=True) if not np.isfinite(x).all())
+            raise InputError(self._files[bad], "has NaN or infinite pixels")
         return Batch(image, *(column[positions] for column in columns))
 
 

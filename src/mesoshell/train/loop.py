@@ -14,6 +14,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from mesoshell.io.records import read_rows
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.fit import FitConfig, State, batches, make_refresh, make_step, start
 from mesoshell.train.parallel import replicate, spread
@@ -36,8 +37,8 @@ def fit(
     the state then; its own time is not counted."""
     state = replicate(start(config, images, steps))
     step, refresh = make_step(config, images, steps), make_refresh(config, images)
-    rows = (run / "log.jsonl").read_text().splitlines() if (run / "log.jsonl").exists() else []
-    minutes = json.loads(rows[-1])["minutes"] if rows else 0.0
+    rows = read_rows(run / "log.jsonl", ("minutes",))
+    minutes = rows[-1]["minutes"] if rows else 0.0
     with Checkpoints(run / "checkpoints") as checkpoints:
         found = checkpoints.newest(state)
         done, state = found if found else (0, state)

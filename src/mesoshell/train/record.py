@@ -6,9 +6,11 @@ record      {"method": which of METHODS, "config": the fields of its configurati
 """
 
 import json
+import math
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
 import jax
 
@@ -16,7 +18,8 @@ from mesoshell.atlas.capture import Capture
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.patches import Patches
-from mesoshell.io.whole import read_file, replace_file
+from mesoshell.io.records import read_object
+from mesoshell.io.whole import replace_file
 from mesoshell.train.atlas import AtlasTraining
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.state import TrainConfig
@@ -81,7 +84,7 @@ def keep_record(
 def read_record(folder: Path) -> tuple[RunConfig, dict[str, Any]]:
     """Configuration and data of a run. Raises InputError if `folder` is none."""
     path = folder / "config.json"
-    record = _parsed(path)
+    record = read_object(path)
     try:
         return _made(METHODS[record.get("method", "gan")], record["config"]), record["data"]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -97,14 +100,31 @@ def _record(config: RunConfig, data: dict[str, Any]) -> Any:
 
 def _made(kind: Any, entries: dict[str, Any]) -> Any:
     """A configuration from its fields as JSON has them: objects are configurations inside it, lists are tuples."""
+    kinds = {f.name: f.type for f in fields(kind)}
     inner = {f.name: f.type for f in fields(kind) if is_dataclass(f.type)}
 
     def value(name: str, x: Any) -> Any:
         if name in inner:
             return _made(inner[name], x)
-        return tuple(x) if isinstance(x, list) else x
+        x = tuple(x) if isinstance(x, list) else x
+        if not _fits(kinds.get(name), x):
+            raise ValueError(f"{name} is {x!r}")
+        return x
 
     return kind(**{name: value(name, x) for name, x in entries.items()})
+
+
+def _fits(kind: Any, x: Any) -> bool:
+    """Whether a field of this type may hold what JSON has for it; types that JSON has no form of are not looked at."""
+    if isinstance(kind, UnionType) or get_origin(kind) is Union:
+        return any(_fits(k, x) for k in get_args(kind))
+    if get_origin(kind) is Literal:
+        return x in get_args(kind)
+    if kind is float:
+        return type(x) in (int, float) and math.isfinite(x)
+    if kind in (int, bool, str, NoneType):
+        return type(x) is kind
+    return get_origin(kind) is not tuple or isinstance(x, tuple)
 
 
 def snapshots(folder: Path) -> list[tuple[int, Path]]:
@@ -113,14 +133,6 @@ def snapshots(folder: Path) -> list[tuple[int, Path]]:
     if not found:
         raise InputError(folder, "has no snapshots yet: a run keeps its first after `snapshot_kimg`, or when it stops")
     return found
-
-
-def _parsed(path: Path) -> Any:
-    text = read_file(path)
-    try:
-        return json.loads(text)
-    except ValueError:
-        raise InputError(path, "not JSON") from None
 
 
 def flat(tree: Any, name: str = "") -> dict[str, Any]:

@@ -8,12 +8,12 @@ scores       rows of evaluation.jsonl: KID and FID with their intervals, by kimg
 import base64
 import html
 import io
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mesoshell.io.records import read_rows
 from mesoshell.io.whole import replace_file
 
 SHEETS = 8
@@ -94,4 +94,4 @@ def _image(png: bytes, alt: str) -> str:
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+    return read_rows(path)

@@ -1,0 +1,43 @@
+"""JSON that others wrote, with one-line faults (standard library only; floor 2)."""
+
+import json
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from mesoshell.errors import InputError
+from mesoshell.io.whole import read_file
+
+
+def parsed(path: str | PathLike[str], text: bytes | str, where: str = "") -> Any:
+    """What a text says. where: the part of the file that it is, as in "line 3: ". Raises InputError if it is not JSON, or is
+    nested deeper than Python goes."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise InputError(path, f"{where}not JSON that can be read: nested too deep") from None
+    except ValueError as error:  # UnicodeDecodeError is one
+        raise InputError(path, f"{where}not JSON: {error}") from None
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """The object that a file holds. Raises InputError."""
+    said = parsed(path, read_file(path))
+    if not isinstance(said, dict):
+        raise InputError(path, "is no object")
+    return said
+
+
+def read_rows(path: Path, fields: tuple[str, ...] = ()) -> list[dict[str, Any]]:
+    """The objects of a file that has one a line, none if there is no file. A last line that was cut short is left out: it is
+    what a killed writer leaves. Raises InputError that names the line at fault."""
+    if not path.exists():
+        return []
+    *lines, _ = read_file(path).split(b"\n")
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        row = parsed(path, line, f"line {number}: ")
+        if not isinstance(row, dict) or not row.keys() >= set(fields):
+            raise InputError(path, f"line {number}: is no row with {', '.join(fields) or 'fields'}")
+        rows.append(row)
+    return rows

@@ -1,0 +1,33 @@
+"""What a command may ask for, checked before it is allocated (standard library only; floor 1)."""
+
+import contextlib
+import os
+import resource
+from os import PathLike
+from pathlib import Path
+
+from mesoshell.errors import InputError
+
+_CGROUP = Path("/sys/fs/cgroup/memory.max")
+
+
+def memory() -> int:
+    """Bytes that this process may use: the machine's, or the least of what it is held to."""
+    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    limits += [n for n in resource.getrlimit(resource.RLIMIT_AS)[:1] if n != resource.RLIM_INFINITY]
+    with contextlib.suppress(OSError, ValueError):  # no group, or no limit: "max"
+        limits.append(int(_CGROUP.read_text()))
+    return min(limits)
+
+
+def check_memory(source: str | PathLike[str], what: str, size: int) -> None:
+    """Raise InputError if `what` would take more bytes than there are."""
+    there = memory()
+    if size > there:
+        raise InputError(source, f"{what} would take {size / 2**30:,.1f} GiB; this machine has {there / 2**30:,.1f}")
+
+
+def check_seed(seed: int | None, option: str = "--seed") -> None:
+    """Raise InputError for a seed that random keys do not hold."""
+    if seed is not None and not -(2**31) <= seed < 2**32:
+        raise InputError(option, f"{seed} must be from -2147483648 to 4294967295: 32 bits")

@@ -17,6 +17,7 @@ from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.io.surface import KIND, SurfaceBundle, kind_of, read_surface
+from mesoshell.limits import check_memory
 from mesoshell.pathtracer import assemble, integrator, load_file
 from mesoshell.pathtracer.load import Grown, stand_on
 from mesoshell.pathtracer.material import Material
@@ -45,6 +46,7 @@ def picture(options: Options, console: Console) -> Picture:
             if field.name not in _OF_SCENES and getattr(options, field.name) != default:
                 raise InputError(f"--{field.name.replace('_', '-')}", f"{options.mesh} says that itself")
         scene, provenance, effects = load_file(options.mesh, PRESETS[options.quality]), {}, {}
+        _check_sensor(scene, options)
         samples = options.spp or scene.sensors()[0].sampler().sample_count()
     else:
         scene, provenance, effects = _scene(options, console)
@@ -66,6 +68,14 @@ def picture(options: Options, console: Console) -> Picture:
         "quality": PRESETS[options.quality].as_dict(),
     }
     return Picture(image, {"setup": setup, "render": time.perf_counter() - begin}, record | {"provenance": provenance})
+
+
+def _check_sensor(scene: mi.Scene, options: Options) -> None:
+    """Raise InputError for a scene of nothing to be seen by, or of a film that memory does not hold."""
+    if not scene.sensors():
+        raise InputError(options.mesh, "has no sensor")
+    width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
+    check_memory(options.mesh, f"its film of {width} x {height}", 64 * width * height)
 
 
 def _say(console: Console, notes: tuple[str, ...]) -> None:

@@ -9,6 +9,22 @@ import tyro
 from mesoshell.errors import InputError
 
 
+def _file(text: list[str]) -> Path:
+    if not Path(text[0]).name or text[0].endswith("/"):
+        raise ValueError(f"{text[0]!r} names no file")
+    return Path(text[0])
+
+
+#: A path of a file: one that ends as a folder's is refused.
+FILE = tyro.constructors.PrimitiveConstructorSpec(
+    nargs=1,
+    metavar="PATH",
+    instance_from_str=_file,
+    is_instance=lambda x: isinstance(x, Path),
+    str_from_instance=lambda x: [str(x)],
+)
+
+
 @dataclass(frozen=True)
 class Options:
     """Render a mesh grown with a neural material; writes OUT.png (sRGB), OUT.exr (linear RGBA) and OUT.json."""
@@ -57,7 +73,7 @@ class Options:
     #: Print which effects the scene calls for, and why.
     explain: bool = False
     #: The picture to write.
-    out: Path = Path("out/render.png")
+    out: Annotated[Path, FILE] = Path("out/render.png")
 
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:

@@ -18,6 +18,7 @@ from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.memory import keep_memory
 from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
+from mesoshell.io.whole import probe_folder
 from mesoshell.measure.operations import count_operations
 from mesoshell.train.method import Data, method_of
 from mesoshell.train.presets import PRESETS
@@ -59,6 +60,7 @@ def learn(
     transfer: Path | None = None,
 ) -> None:
     """Train, with a bar and lines on the console; exit status 1 if something is not finite."""
+    probe_folder(run, "--run")
     keep_memory()
     console = Console(stderr=True, highlight=False)
     for warning in getattr(dataset, "warnings", ()):

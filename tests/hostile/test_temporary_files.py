@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
-from mesoshell.io.whole import new_array, new_folder, probe_outputs, replace_file
+from mesoshell.io.whole import new_array, new_folder, probe_outputs, replace_file, together
 
 
 def test_what_lies_beside_an_output_stays(tmp_path: Path):
@@ -84,6 +84,21 @@ def test_a_mapped_file_reserves_its_space(tmp_path: Path):
     found = subprocess.run([sys.executable, "-c", MAPPED, str(tmp_path / "t")], capture_output=True, text=True)
     assert found.returncode == 1 and found.stderr.count("\n") == 1 and "cannot be written" in found.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_several_files_are_all_or_none(tmp_path: Path):
+    (tmp_path / "a.png").write_bytes(b"old")
+    with (
+        pytest.raises(InputError, match=r"a.png: none/a.exr: cannot be written: its folder"),
+        together(tmp_path / "a.png") as folder,
+    ):
+        replace_file(folder / "a.png", b"new")
+        replace_file(folder / "none" / "a.exr", b"new")
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.png", b"old")]
+    with together(tmp_path / "a.png") as folder:
+        replace_file(folder / "a.png", b"new")
+        replace_file(folder / "a.exr", b"new")
+    assert sorted((p.name, p.read_bytes()) for p in tmp_path.iterdir()) == [("a.exr", b"new"), ("a.png", b"new")]
 
 
 def test_a_reserved_array_is_an_ordinary_one(tmp_path: Path):

@@ -17,7 +17,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.image import write_exr, write_png
 from mesoshell.io.material import find
 from mesoshell.io.surface import KIND, kind_of
-from mesoshell.io.whole import probe_outputs, replace_file
+from mesoshell.io.whole import probe_outputs, replace_file, together
 
 #: Of what is counted a pixel: samples, bounces.
 MOST = 2**24
@@ -64,10 +64,11 @@ def render_to_files(options: Options) -> None:
         "material": material,
         "seconds": seconds,
     }
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_png(out, found.image)
-    write_exr(out.with_suffix(".exr"), found.image)
-    replace_file(out.with_suffix(".json"), (json.dumps(record, indent=1) + "\n").encode())
+    with together(out) as folder:
+        image, radiance, report = (folder / path.name for path in files_of(options.out))
+        write_png(image, found.image)
+        write_exr(radiance, found.image)
+        replace_file(report, (json.dumps(record, indent=1) + "\n").encode())
     if options.explain:
         stages = ", ".join(f"{k} {v:.2f} s" for k, v in seconds.items())
         compiling = found.record.get("compile_seconds")

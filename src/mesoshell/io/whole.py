@@ -77,6 +77,25 @@ def new_folder(path: Path) -> Iterator[Path]:
             shutil.rmtree(made, ignore_errors=True)
 
 
+@contextlib.contextmanager
+def together(target: Path) -> Iterator[Path]:
+    """A folder whose files are moved into the folder of `target` at the end, and none of them after a fault. Raises InputError
+    that names `target`."""
+    made = _beside(target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        made.mkdir()
+        yield made
+        for file in sorted(made.iterdir()):
+            os.replace(file, target.with_name(file.name))
+    except InputError as error:
+        raise InputError(target, str(error).rpartition(f"{made.name}/")[2]) from error
+    except OSError as error:
+        raise InputError(target, f"cannot be written: {_said(error)}") from error
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
 def new_array(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndarray:
     """A mapped array (NPY) at a path that does not exist. Its space is reserved first: on a full disk a write to a mapped file
     kills the process. Raises OSError if there is none."""

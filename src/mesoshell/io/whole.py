@@ -96,7 +96,7 @@ def together(target: Path) -> Iterator[Path]:
         shutil.rmtree(made, ignore_errors=True)
 
 
-def new_array(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndarray:
+def new_array(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.memmap:
     """A mapped array (NPY) at a path that does not exist. Its space is reserved first: on a full disk a write to a mapped file
     kills the process. Raises OSError if there is none."""
     with path.open("xb") as file:
@@ -105,7 +105,7 @@ def new_array(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np
         begin = file.tell()
         file.flush()
         os.posix_fallocate(file.fileno(), 0, begin + int(np.prod(shape, dtype=object)) * np.dtype(dtype).itemsize)
-    return np.load(path, mmap_mode="r+")
+    return np.lib.format.open_memmap(path, "r+")
 
 
 def probe_outputs(paths: Sequence[Path], option: str = "--out") -> None:

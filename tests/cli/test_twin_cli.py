@@ -150,7 +150,7 @@ def test_a_run_belongs_to_what_it_was_begun_with(folder, capsys) -> None:
     for patches, material, written, said in (
         ("3", "plain.npz", text, f"--patches: {queries} was begun with 2, not 3"),
         ("2", "both.npz", text, f"{manifest}: has source "),
-        ("2", "plain.npz", "{", f"{manifest}: not a manifest"),
+        ("2", "plain.npz", "{", f"{manifest}: not JSON: Expecting property name"),
     ):
         shell.write_bytes((folder / material).read_bytes())
         manifest.write_text(written)

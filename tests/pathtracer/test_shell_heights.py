@@ -14,8 +14,8 @@ import pytest
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
-from mesoshell.io.image import write_png
-from mesoshell.pathtracer import load_file
+from mesoshell.io.image import read_png, write_png
+from mesoshell.pathtracer import load_file, maps
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.material import Material
 from mesoshell.shell.extrude import extrude, patches_per_uv
@@ -130,8 +130,8 @@ SCENE = """<scene version="3.0.0">
 """
 BITMAP = '<texture type="bitmap" name="length"><string name="filename" value="comb.png"/>MORE</texture>'
 NEAREST = '<string name="filter_type" value="nearest"/>'
-#: Dark on one side, bright on the other, and another way up than in Mitsuba.
-COMB = np.array([[0.05, 0.9], [0.3, 0.6]], np.float32)
+#: Dark on one side, bright on the other, and another way up than in Mitsuba; nodes, at halves, lie within pixels.
+COMB = np.array([[0.05, 0.5, 0.9], [0.1, 0.4, 0.7], [0.3, 0.2, 0.6]], np.float32)
 
 
 @pytest.fixture
@@ -159,7 +159,8 @@ def test_a_texture_of_a_scene_varies_geometry_as_an_image_of_the_command_line_do
     mesh = load_mesh(folder / "square.obj")
     shell = extrude(mesh, 0.4, 0.4)
     patches = patches_per_uv(mesh, shell)
-    wanted = Wanted(3, {}, {"length": field_of(COMB, (patches, patches), False)})
+    image = read_png(folder / "comb.png").mean(axis=-1)
+    wanted = Wanted(3, {}, {"length": field_of(image, (patches, patches), False)})
     bundle, origin = grow(growing.bundle(), "it", shell.uv, wanted)
     assert material.origin == origin
     expected = Material(bundle, origin)
@@ -171,20 +172,21 @@ def test_a_texture_of_a_scene_varies_geometry_as_an_image_of_the_command_line_do
     assert np.isfinite(np.array(mi.render(made, spp=4))).all()
 
 
-def test_a_texture_that_is_interpolated_is_read_between_its_pixels(folder) -> None:
-    """At the square's edges it is its outermost pixels: it does not come again from the other side."""
-    names = ("heights/0", "features/0")
-    found = {}
-    for filtering in (NEAREST, ""):
-        scene(folder, BITMAP.replace("MORE", filtering))
-        (file,) = set((folder / "cache/mesoshell/textures").iterdir()) - set(found)
-        with np.load(file) as arrays:
-            found[file] = [arrays[name].astype(np.float32) for name in names]
-    nearest, smooth = found.values()
-    np.testing.assert_allclose(smooth[0][0, 0], nearest[0][0, 0], atol=2e-3)
-    np.testing.assert_allclose(smooth[0][-1, -1], nearest[0][-1, -1], atol=2e-3)
-    middle = tuple(n // 2 for n in nearest[0].shape[:2])
-    assert np.abs(smooth[0][middle] - nearest[0][middle]).max() > 5e-3
+SQUARE, BEYOND = np.array([[0.0, 0], [1, 0], [1, 1]]), np.array([[0.0, 0], [2, 0], [1, 1]])
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_between_pixels_and_beyond_the_edge(flipped) -> None:
+    """Of a mesh within the unit square what lies beyond it is the edge, and it is not blended with the other side; else the
+    image repeats."""
+    image = COMB[:, :, None] if flipped else COMB[::-1, :, None].copy()  # Mitsuba's first row has v = 0
+    texture = mi.load_dict({"type": "bitmap", "bitmap": mi.Bitmap(image), "raw": True})
+    inside, repeated = (maps.field_of("length", texture, 2.0, flipped, uv, "it") for uv in (SQUARE, BEYOND))
+    at = 2 * np.array([[[0.5, 0.5], [1 / 3, 0.5]], [[1.0, 0.0], [1.7, -3.0]]])
+    expected = [[0.4, 0.25], [0.6, 0.6]]
+    np.testing.assert_allclose(inside(at), expected, atol=1e-6)
+    np.testing.assert_allclose(repeated(at + 4.0)[0], expected[0], atol=1e-5)
+    np.testing.assert_allclose(repeated(np.array([[2.0, 1.0]])), [(0.7 + 0.1) / 2], atol=1e-5)
 
 
 @pytest.mark.parametrize(

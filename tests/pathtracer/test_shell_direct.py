@@ -6,11 +6,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from test_shell_heights import rough
 from test_shell_march import surface
 
 from mesoshell.cli.marching import facts
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh
-from mesoshell.io.bundle import read_bundle
+from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.pathtracer.direct import gather_light
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
@@ -21,9 +22,11 @@ from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, r
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
-from mesoshell.shell.extrude import extrude, patches_per_uv
+from mesoshell.shell.extrude import Shell, extrude, patches_per_uv
+from mesoshell.shell.grow import Wanted, grow
 from mesoshell.shell.renderer import render
 from mesoshell.shell.scene import Scene, ready
+from tests.shell import growing
 
 ROOT = Path(__file__).parents[2]
 LIGHT = np.array([0.3, 0.8, -0.5]) / np.linalg.norm([0.3, 0.8, -0.5])
@@ -38,8 +41,20 @@ def box() -> Mesh:
     return check_mesh(corners, faces, corners[faces][..., :2], "box")
 
 
+def combed(shell: Shell) -> tuple[Bundle, tuple[int, int]]:
+    """A texture whose geometry varies, and where it begins."""
+    found, origin = grow(growing.bundle(), "it", shell.uv, Wanted(1, {}, {"length": lambda at: (at[..., 0] > 1) * 1.0}))
+    return rough(found), origin
+
+
+def grass(shell: Shell) -> tuple[Bundle, tuple[int, int]]:
+    return read_bundle(ROOT / "src/mesoshell/assets/grass.npz"), (0, 0)
+
+
+BOX_VIEW = look_at((2.2, -1.5, 1.9), (0.5, 0.5, 0.4), (0.0, 0.0, 1.0))
 SCENES = {
-    "box": (box, 1.0, 1.0, look_at((2.2, -1.5, 1.9), (0.5, 0.5, 0.4), (0.0, 0.0, 1.0))),
+    "box": (box, 1.0, 1.0, BOX_VIEW),
+    "combed": (box, 1.0, 0.4, BOX_VIEW),
     "spot": (lambda: load_mesh(ROOT / "tests/data/spot.obj"), 0.05, 0.1, look_at((1.5, 0.9, -2.4), (0, 0.05, 0.15))),
 }
 
@@ -48,23 +63,21 @@ SCENES = {
 def test_the_engines_agree(name) -> None:
     make, thickness, scale, pose = SCENES[name]
     mesh = make()
-    shell, camera, bundle = (
-        extrude(mesh, thickness, scale),
-        Camera(pose, np.radians(40), SIZE, SIZE),
-        read_bundle(ROOT / "src/mesoshell/assets/grass.npz"),
-    )
+    shell, camera = extrude(mesh, thickness, scale), Camera(pose, np.radians(40), SIZE, SIZE)
+    bundle, origin = (combed if name == "combed" else grass)(shell)
+    quality = QUALITY.with_changes(skip=0.0) if name == "combed" else QUALITY
     light = Distant(LIGHT if name == "spot" else np.array([0.6, 0.0, 0.8]), np.full(3, 12.0))
     scene = Scene(
         mesh,
         shell,
-        ready(bundle),
+        ready(bundle, origin),
         camera,
         (light,),
         alpha=np.array([AGE], np.float32),
         patches_per_uv=patches_per_uv(mesh, shell),
         base_colour=(0.0, 0.0, 0.0),
     )
-    expected, _ = render(scene, QUALITY, plan_effects(facts(scene), QUALITY))
+    expected, _ = render(scene, quality, plan_effects(facts(scene), quality))
     o, d = rays(camera, pixel_grid(camera, 1, 0))
     o, d = (mi.Vector3d(x.astype(np.float32).astype(np.float64).T.copy()) for x in (o, d))
     surfaces = surface(mesh)
@@ -81,7 +94,7 @@ def test_the_engines_agree(name) -> None:
     )
     shells = Shells([shell])
     lights = [(tuple(map(float, light.direction)), tuple(map(float, light.irradiance)))]
-    world = World(shells, Media(shells, [Medium(Material(bundle), (AGE,))]), None, QUALITY, None, lights)
+    world = World(shells, Media(shells, [Medium(Material(bundle, origin), (AGE,))]), None, quality, None, lights)
     rgb, through, _ = gather_light(world, surfaces, ray)
     rgb, mean = np.array(rgb).T.reshape(SIZE, SIZE, 3), expected[..., :3].mean()
     error = np.abs(rgb - expected[..., :3])

@@ -24,6 +24,7 @@ from mesoshell.pathtracer.baking import Asked, textured
 from mesoshell.pathtracer.detail import texels_needed
 from mesoshell.pathtracer.effects import Facts, plan_paths
 from mesoshell.pathtracer.elements import Element
+from mesoshell.pathtracer.maps import check_map, field_of
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.shells import Shells
@@ -121,23 +122,24 @@ def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: d
     path = _file(element.material)
     bundle = read_bundle(path)
     shell = extrude(mesh, *proportions(mesh, bundle.thickness, element.thickness, element.scale))
-    for name in element.textures:
+    for name, texture in element.textures.items():
         check_name(bundle, name, element.material)
+        check_map(name, texture, element.material)
     alpha = normalised(bundle, element.numbers, "alpha", element.material)
     places = [transformed(shell, m) for m in element.placed] or [shell]
     most = int(bundle.texel_density)
     texels = most if bundle.generator is None else texels_needed(sensors, places, most)
-    baked, origin, key = textured(path, bundle, shell.uv, Asked(element.seed, element.numbers, texels))
+    names, patches = [p.name for p in bundle.parameters if p.role == "alpha"], patches_per_uv(mesh, shell)
+    fields = {
+        name: field_of(name, texture, patches, element.flipped, mesh.uv, element.material)
+        for name, texture in element.textures.items()
+        if name not in names
+    }
+    baked, origin, key = textured(path, bundle, shell.uv, Asked(element.seed, element.numbers, texels, fields))
     if key not in materials:
         materials[key] = Material(baked, origin)
-    names = [p.name for p in bundle.parameters if p.role == "alpha"]
-    held = [name for name in element.textures if name not in names]
-    if held:
-        raise InputError(
-            element.material, f"{held[0]} is geometry: `mesoshell texture` makes a texture where it varies"
-        )
     values = tuple(element.textures.get(name, float(v)) for name, v in zip(names, alpha, strict=True))
-    medium = Medium(materials[key], values, patches_per_uv(mesh, shell), element.flipped)
+    medium = Medium(materials[key], values, patches, element.flipped)
     return [(s, medium) for s in places]
 
 

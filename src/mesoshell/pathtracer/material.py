@@ -14,6 +14,7 @@ import drjit.nn as nn
 import mitsuba as mi
 
 from mesoshell.io.bundle import Bundle
+from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.levels import Levels, between_levels, count, level_of, network, softplus
 
 #: How far below the horizon, as a cosine, light still counts a little (shell/decoder).
@@ -31,7 +32,7 @@ class Material:
         self.wraps, self.density, self.origin = bundle.wraps, float(bundle.texel_density), origin
         self.names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
         self.plane = Levels([a[f"features/{i}"] for i in range(count(a, "features/{}"))])
-        self.profile = Levels([a[f"height/{i}"][:, None] for i in range(count(a, "height/{}"))])
+        self.heights = Heights(a, origin)
         self.grid = Levels([a[f"grid/{i}"] for i in range(len(self.plane.shapes))], wide=False)
         self.scale = float(a["sigma_scale"])
         self.trunk, self.sigma = network(a, "decoder/trunk", "decoder/sigma")
@@ -64,9 +65,7 @@ class Material:
     def inputs(self, xi, radius, deviation, alpha):
         """What the trunk sees: filtered F(u, v) + F(h), encoded height, α. alpha: a list of floats."""
         plane = between_levels(self.level(radius), len(self.plane.shapes) - 1, lambda l: self._bilinear(xi, l))
-        rows = float(self.profile.shapes[0][0])
-        last = len(self.profile.shapes) - 1
-        profile = between_levels(level_of(deviation, rows, last), last, lambda l: self._linear(xi.z, l))
+        profile = self.heights.at(xi, deviation)
         angles = [dr.pi * 2.0**k * xi.z for k in range(self.octaves)]
         encoded = [xi.z, *(dr.sin(x) for x in angles), *(dr.cos(x) for x in angles)]
         return [*(plane[c] + profile[c] for c in range(self.channels)), *encoded, *alpha]
@@ -99,16 +98,6 @@ class Material:
             x = dr.clip((xi.x - self.origin[0]) * scale - 0.5, 0, mi.Float(width) - 1)
             y = dr.clip((xi.y - self.origin[1]) * scale - 0.5, 0, mi.Float(height) - 1)
         return self.plane.bilinear(x, y, l, self.wraps)
-
-    def _linear(self, h, l):
-        rows = dr.gather(mi.UInt32, self.profile.sizes[0], l)
-        offset = dr.gather(mi.UInt32, self.profile.offset, l)
-        z = dr.clip(h * mi.Float(rows) - 0.5, 0, mi.Float(rows) - 1)
-        i = dr.floor(z)
-        f = z - i
-        low = self.profile.row(offset + mi.UInt32(i))
-        high = self.profile.row(offset + dr.minimum(mi.UInt32(i) + 1, rows - 1))
-        return [(1 - f) * a + f * b for a, b in zip(low, high, strict=True)]
 
 
 def _index(x, n):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from mesoshell.pathtracer.maps import look_up
 from mesoshell.pathtracer.material import Material
 
 
@@ -100,7 +101,4 @@ def _at(value, sample, medium: Medium):
     """A parameter at a sample: a number, or a texture looked up at the mesh's UV."""
     if isinstance(value, float):
         return mi.Float(value)
-    where = dr.zeros(mi.SurfaceInteraction3f)
-    u, v = sample.xi.x / medium.patches, sample.xi.y / medium.patches
-    where.uv = mi.Point2f(u, 1 - v if medium.flipped else v)
-    return dr.clip(value.eval_1(where), 0, 1)
+    return look_up(value, sample.xi.x / medium.patches, sample.xi.y / medium.patches, medium.flipped)

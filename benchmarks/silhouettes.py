@@ -17,7 +17,7 @@ import numpy as np
 
 from mesoshell.cli.description import describe_surface
 from mesoshell.cli.render import Options
-from mesoshell.geometry.mesh import Mesh, is_convex, load_mesh, uv_stretch
+from mesoshell.geometry.mesh import Mesh, load_mesh, uv_stretch
 from mesoshell.io.image import tonemap, write_png
 from mesoshell.io.surface import read_surface
 from mesoshell.measure.flip import flip
@@ -102,7 +102,7 @@ def compare(name: str, bundle: Path, mesh: Path, period: float | None, asked: ar
     true = (one + two) / 2
     scene = SurfaceScene(**vars(d), ready=ready(read_surface(bundle)))
     quality = PRESETS["normal"].with_changes(pixel_samples=asked.samples, curvature_filter=asked.filter)
-    effects = plan(scene, is_convex(d.mesh))
+    effects = plan(scene, quality)
     render(scene, quality.with_changes(pixel_samples=1), effects)
     ours, report = render(scene, quality, effects)
     (missed, flipped, error, mean), noise = apart(true, ours), apart(one, two)

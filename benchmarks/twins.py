@@ -26,7 +26,7 @@ from mesoshell.cli.description import Description, describe
 from mesoshell.cli.marching import facts, scene_of
 from mesoshell.cli.render import Options as Render
 from mesoshell.cli.standing import in_place, twin_facts
-from mesoshell.geometry.mesh import is_convex, load_mesh, uv_stretch
+from mesoshell.geometry.mesh import load_mesh, uv_stretch
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.image import tonemap
 from mesoshell.io.surface import read_surface
@@ -125,7 +125,7 @@ def marched(scene: Scene, quality: Quality) -> tuple[np.ndarray, float, float]:
 def distilled(d: Description, twin: Twin, quality: Quality) -> tuple[np.ndarray, float, float]:
     """The same of the surface material."""
     standing = surface.SurfaceScene(**vars(in_place(d)), ready=ready(twin.surface))
-    effects = surface.plan(standing, is_convex(standing.mesh))
+    effects = surface.plan(standing, quality)
     surface.render(standing, quality, effects)
     begin = time.perf_counter()
     image, report = surface.render(standing, quality, effects)

@@ -87,7 +87,7 @@ axis.legend()
 # Curvature comes from the mesh. Without opacity, the rim is the torus's own.
 
 # %%
-from mesoshell.geometry.mesh import check_mesh, is_convex  # noqa: E402
+from mesoshell.geometry.mesh import check_mesh  # noqa: E402
 from mesoshell.io.surface import read_surface  # noqa: E402
 from mesoshell.render.camera import Camera, look_at  # noqa: E402
 from mesoshell.render.light import Distant  # noqa: E402
@@ -123,6 +123,6 @@ scene = SurfaceScene(
 opaque = replace(scene, ready=replace(scene.ready, config=replace(scene.ready.config, opacity="none")))
 figure, axes = plt.subplots(1, 2, figsize=(12, 4.5))
 for axis, one, title in zip(axes, (scene, opaque), ("with opacity", "without"), strict=True):
-    image, report = render(one, PRESETS["normal"], plan(one, is_convex(mesh)))
+    image, report = render(one, PRESETS["normal"], plan(one, PRESETS["normal"]))
     axis.imshow(np.clip(image, 0, 1) ** (1 / 2.2))
     axis.set(title=f"{title}: {report.counts['queries']:,} queries", xticks=[], yticks=[])

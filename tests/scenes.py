@@ -36,13 +36,14 @@ def effects(scene: Scene, quality: Quality, coarsest: float = 8.0) -> Effects:
     """The plan for a scene on a convex mesh whose footprints reach `coarsest` texels."""
     return plan_effects(
         Facts(
-            lights=len(scene.lights),
-            environment=scene.environment is not None,
+            shells=1,
             objects=len(scene.objects),
+            distant=len(scene.lights),
+            environment=scene.environment is not None,
+            seen=not scene.transparent,
             convex=True,
             coarsest=coarsest,
             varying=tuple(scene.maps),
-            transparent=scene.transparent,
         ),
         quality,
     )

@@ -18,6 +18,7 @@ from mesoshell.io.image import read_png, write_png
 from mesoshell.pathtracer import load_file, maps
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.material import Material
+from mesoshell.pathtracer.quadrature import Sample
 from mesoshell.shell.extrude import extrude, patches_per_uv
 from mesoshell.shell.field import Point, neural_field
 from mesoshell.shell.grow import Wanted, baked, field_of, grow
@@ -64,7 +65,9 @@ def asked(material: Material, points: dict[str, np.ndarray]) -> tuple[np.ndarray
     """σ and ρ by the path tracer."""
     xi, w, light = (mi.Vector3f(points[k]) for k in ("xi", "w", "light"))
     radius, deviation, alpha = (mi.Float(points[k].ravel()) for k in ("radius", "deviation", "alpha"))
-    sigma, features = material.density_of(material.inputs(xi, radius, deviation, [alpha]))
+    sigma, features = material.density_of(
+        material.inputs(Sample(mi.UInt32(0), mi.Float(0), xi, radius, deviation, mi.Float(0), mi.Vector2f(0)), [alpha])
+    )
     return np.array(sigma), np.array(material.transport(list(features), w, light)).T
 
 

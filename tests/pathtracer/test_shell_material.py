@@ -11,6 +11,7 @@ import pytest
 
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.pathtracer.material import Material
+from mesoshell.pathtracer.quadrature import Sample
 from mesoshell.shell.field import Point, neural_field
 from mesoshell.shell.kernels import Program, bound
 from mesoshell.shell.scene import ready
@@ -63,9 +64,9 @@ def test_features_and_density_and_transport(bundle, points) -> None:
     sigma, rho = jax.jit(jax.vmap(one))(*rows)
     material = Material(bundle)
     xi, w, light = (mi.Vector3f(points[k]) for k in ("xi", "w", "light"))
-    seen = material.inputs(
-        xi, mi.Float(points["radius"]), mi.Float(points["deviation"]), [mi.Float(points["alpha"][0])]
-    )
+    filtered = (mi.Float(points[k]) for k in ("radius", "deviation"))
+    sample = Sample(mi.UInt32(0), mi.Float(0), xi, *filtered, mi.Float(0), mi.Vector2f(0))
+    seen = material.inputs(sample, [mi.Float(points["alpha"][0])])
     ours, features = material.density_of(seen)
     our_rho = material.transport(list(features), w, light)
     np.testing.assert_allclose(np.array(ours), sigma, rtol=1e-4, atol=1e-5 * float(sigma.max()))

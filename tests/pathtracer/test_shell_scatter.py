@@ -16,6 +16,7 @@ from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.quadrature import Here, Ray, canonical, no_here
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
+from mesoshell.render.effects import PATHS, Facts, plan_effects
 from mesoshell.shell.extrude import extrude
 
 LIGHT = (0.6, 0.0, 0.8)
@@ -71,7 +72,8 @@ def test_collisions_are_drawn_by_their_weights() -> None:
     mesh = box()
     shells = Shells([extrude(mesh, 1.0, 1.0)])
     media = Media(shells, [Medium(Material(read_bundle(ROOT / "src/mesoshell/assets/grass.npz")), (AGE,))])
-    world = World(shells, media, None, QUALITY, None, [(LIGHT, (1.0, 1.0, 1.0))])
+    plan = plan_effects(Facts(shells=1, distant=1, coarsest=2.0, seen=False), QUALITY, PATHS)
+    world = World(shells, media, None, QUALITY, plan, [(LIGHT, (1.0, 1.0, 1.0))])
     rng, count, draws = np.random.default_rng(0), 64, 512
     target = rng.uniform(0.2, 0.8, (3, count))
     d = rng.normal(size=(3, count)) - np.array([[0], [0], [2.0]])

@@ -291,7 +291,7 @@ def test_the_engines_show_the_same(folder) -> None:
     toward = np.array([[0.48, -0.6, 0.64], [-0.6, -0.8, 0.0]])
     lights = tuple(Distant(x, np.array([3.0, 2.0, 1.0])) for x in toward)
     s = SurfaceScene(mesh, 1.0, camera, lights, None, (0.5, 0.5, 0.5), (), True, ready(b))
-    theirs = render(s, Quality(pixel_samples=64, early_stop=0.0), plan(s, False))[0]
+    theirs = render(s, Quality(pixel_samples=64, early_stop=0.0), plan(s, QUALITY))[0]
     assert ((theirs[..., 3] > 0.1) & (theirs[..., 3] < 0.9)).mean() > 0.15
     shape = worn(folder, "lump", "rough", {"scale": 1.0})
     parts = scene(shape, light=assemble.distant(lights[0]), eye=assemble.sensor(camera, 64))
@@ -434,8 +434,8 @@ def test_a_scene_far_off_is_the_same(folder, away: float) -> None:
     "light, depth, off",
     [
         (SKY, 4, {"roulette"}),
-        (POINT, 2, {"roulette", "hitting_emitters", "second_bounce"}),
-        (POINT, 4, {"roulette", "hitting_emitters"}),
+        (POINT, 2, {"roulette", "environment", "background", "bounces"}),
+        (POINT, 4, {"roulette", "environment", "background"}),
     ],
 )
 def test_effects_that_are_off_change_nothing(folder, light: dict, depth: int, off: set) -> None:
@@ -444,7 +444,8 @@ def test_effects_that_are_off_change_nothing(folder, light: dict, depth: int, of
     made = loaded(scene(worn(folder, "lump", "rough"), grounds()[0], light=light, depth=depth, eye=eye))
     world = made.integrator().world
     left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
-    others = {"shells", "shell_on_shell", "camera_in_shell", "quadrature", "varying_parameters"}
+    others = {"area_light", "shells", "shell_shadow", "camera_in_shell", "quadrature", "varying_parameters"}
+    others |= {"varying_geometry", "filtering", "anisotropic_filtering", "twin"}
     assert left_out == off | others
     gated = means(made, 0, 16)
     assert gated[:, :3].mean() > 0.01
@@ -654,6 +655,7 @@ def test_a_scene_without_ours_is_mitsubas_own(folder) -> None:
 def test_the_worn_are_all_that_is_there(folder) -> None:
     """What shows which effects there are: with a material alone no shells, with neither Mitsuba's integrator."""
     effects = loaded(scene(worn(folder, "square", "half"))).integrator().world.effects.as_dict()
-    assert effects["surface_materials"] == {"on": True, "why": "1 of meshes: rays may pass them"}
+    assert effects["surface_materials"] == {"on": True, "why": "on 1 of the meshes"}
     assert not effects["shells"]["on"] and not effects["quadrature"]["on"]
+    assert effects["opacity"]["on"]
     assert all(str(e["why"]) for e in effects.values())

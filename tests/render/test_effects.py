@@ -1,31 +1,40 @@
 """The plan of effects: one row a rule, facts to what must be on; everything else as in the plain scene."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import pytest
 
-from mesoshell.render.effects import Facts, TwinFacts, plan_effects, twin_reach
+from mesoshell.render.effects import (
+    MARCH,
+    PATHS,
+    SURFACE,
+    Effects,
+    Engine,
+    Facts,
+    TwinFacts,
+    left_out,
+    plan_effects,
+    quality_used,
+    twin_reach,
+)
 from mesoshell.render.quality import Quality
 
-PLAIN = Facts(lights=1, environment=False, objects=0, convex=True, coarsest=0.5, varying=(), transparent=True)
+#: A shell on a convex mesh under one distant light.
+PLAIN = Facts(shells=1, distant=1, convex=True, coarsest=0.5, rows=32)
+WORN = replace(PLAIN, shells=0, surfaces=1, passable=True)
 TWIN = TwinFacts(finest=0.5, errors=((0.01, 0.1), (0.1, 0.02), (0.4, 0.01)), misfit="")
-ON_IN_PLAIN = {"distant_lights"}
-RULES = [
+ALWAYS = {"shells", "direct_light", "quadrature"}
+SHARED = [
     ({}, {}, set()),
-    ({"lights": 0}, {}, {"distant_lights"}),
-    ({"lights": 2}, {}, {"several_lights"}),
-    ({"environment": True}, {}, {"environment"}),
-    ({"environment": True, "transparent": False}, {}, {"environment", "background"}),
-    ({"transparent": False}, {}, set()),
-    ({"convex": False}, {}, {"mesh_shadow"}),
-    ({"convex": False, "lights": 0}, {}, {"distant_lights"}),
-    ({"objects": 1}, {}, {"object_shadow"}),
-    ({"objects": 1, "lights": 0}, {}, {"distant_lights"}),
+    ({"distant": 2}, {}, set()),
     ({"coarsest": 3.0}, {}, {"filtering"}),
     ({"coarsest": 3.0}, {"anisotropy": 4}, {"filtering", "anisotropic_filtering"}),
     ({"coarsest": 3.0}, {"anisotropy": 4, "filtering": False}, set()),
     ({"coarsest": 0.9}, {"anisotropy": 4}, set()),
+    ({}, {"samples": 8}, {"filtering"}),  # of 32 rows a sample is more than one wide
     ({"varying": ("dryness",)}, {}, {"varying_parameters"}),
+    ({"shaped": True}, {}, {"varying_geometry"}),
+    ({"inside": True}, {}, {"camera_in_shell"}),
     ({"twin": TWIN}, {}, {"twin"}),
     ({"twin": TWIN}, {"twin": 0.0}, set()),
     ({"twin": TWIN}, {"twin": 0.005}, set()),
@@ -33,18 +42,98 @@ RULES = [
     ({"twin": replace(TWIN, finest=0.2)}, {"twin": 0.015}, set()),
     ({"twin": replace(TWIN, finest=0.2)}, {"twin": 0.02}, {"twin"}),
 ]
+MARCHED = [
+    ({"environment": True}, {}, {"environment"}),
+    ({"environment": True, "seen": True}, {}, {"environment", "background"}),
+    ({"seen": True}, {}, set()),
+    ({"convex": False, "enclosed": 0.1}, {}, {"mesh_shadow"}),
+    ({"convex": False, "distant": 0}, {}, {"direct_light"}),
+    ({"objects": 1, "enclosed": 0.5}, {}, {"object_shadow"}),
+    ({"objects": 1, "distant": 0}, {}, {"direct_light"}),
+    ({"distant": 0}, {}, {"direct_light"}),
+    ({}, {"max_depth": 1}, set()),
+]
+#: Where paths bounce, collisions are drawn; footprints open at an event.
+GOING = {"bounces", "roulette", "quadrature", "filtering"}
+TRACED = [
+    ({"distant": 0}, {}, {"direct_light", "quadrature"}),
+    ({}, {"max_depth": 1}, {"direct_light", "quadrature"}),
+    ({"environment": True}, {}, {"environment", "quadrature", "filtering"}),
+    ({"area": 1}, {}, {"area_light", "quadrature", "filtering"}),
+    ({"point": 1, "distant": 0}, {}, {"quadrature"}),
+    ({"dark": False}, {}, GOING),
+    ({"dark": False}, {"max_depth": 2}, set()),
+    ({"dark": False}, {"rr_depth": 8}, GOING - {"roulette"}),
+    ({"shells": 2, "objects": 2}, {}, GOING | {"object_shadow", "shell_shadow"}),
+    ({"convex": False, "enclosed": 1.0}, {}, GOING | {"mesh_shadow", "shell_shadow"}),
+    ({"convex": False, "enclosed": 1.0}, {"max_depth": 2}, {"mesh_shadow", "shell_shadow", "quadrature"}),
+    ({"objects": 1, "enclosed": 1.0}, {}, GOING | {"object_shadow"}),
+]
+RULES = [(engine, *rule) for engine in (MARCH, PATHS) for rule in SHARED]
+RULES += [(MARCH, *rule) for rule in MARCHED] + [(PATHS, *rule) for rule in TRACED]
 
 
-@pytest.mark.parametrize(("facts", "quality", "changed"), RULES)
-def test_one_rule(facts: dict, quality: dict, changed: set):
-    plan = plan_effects(replace(PLAIN, **facts), Quality(**quality))
-    assert {name for name, effect in vars(plan).items() if effect.on} == ON_IN_PLAIN ^ changed
+def on(effects: Effects) -> set[str]:
+    return {name for name, effect in vars(effects).items() if effect.on}
 
 
-@pytest.mark.parametrize(("facts", "quality", "changed"), RULES)
-def test_every_decision_has_a_reason(facts: dict, quality: dict, changed: set):
-    record = plan_effects(replace(PLAIN, **facts), Quality(**quality)).as_dict()
-    assert all(isinstance(r["on"], bool) and str(r["why"]) for r in record.values())
+@pytest.mark.parametrize(("engine", "facts", "quality", "changed"), RULES)
+def test_one_rule(engine: Engine, facts: dict, quality: dict, changed: set):
+    plan = plan_effects(replace(PLAIN, **facts), Quality(**quality), engine)
+    assert on(plan) == ALWAYS ^ changed
+    assert all(isinstance(r["on"], bool) and str(r["why"]) for r in plan.as_dict().values())
+
+
+def test_a_surface_material_is_queried_by_either_engine():
+    plain, both = (
+        {"surface_materials", "opacity", "direct_light"},
+        replace(WORN, environment=True, seen=True, objects=1),
+    )
+    assert on(plan_effects(WORN, Quality(), SURFACE)) == plain
+    assert on(plan_effects(both, Quality(), SURFACE)) == plain | {"environment", "background", "object_shadow"}
+    assert on(plan_effects(WORN, Quality(), PATHS)) == plain | {"bounces", "roulette"}
+    assert on(plan_effects(replace(WORN, passable=False), Quality(), SURFACE)) == plain - {"opacity"}
+
+
+def test_an_engine_says_what_it_cannot():
+    """An effect that a scene calls for is on, or missing and said so; a room calls for bounces, a cow hardly does."""
+    room = replace(PLAIN, convex=False, enclosed=0.9, area=1)
+    marched, traced = (plan_effects(room, Quality(), engine) for engine in (MARCH, PATHS))
+    assert {name for name, e in vars(marched).items() if e.missing} == {"area_light", "shell_shadow", "bounces"}
+    assert all("--engine jax cannot" in e.why for e in vars(marched).values() if e.missing)
+    (line,) = left_out(marched)
+    assert line.startswith("bounces are left out: surfaces meet surfaces in 90% of directions") and "\n" not in line
+    assert not left_out(traced) and traced.bounces.on and not any(e.missing for e in vars(traced).values())
+    assert not left_out(plan_effects(replace(room, enclosed=0.09), Quality(), MARCH))
+
+
+@pytest.mark.parametrize("engine", [MARCH, SURFACE, PATHS])
+def test_engines_can_what_there_is(engine: Engine):
+    assert engine.can <= {f.name for f in fields(Effects)}
+
+
+def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
+    """What is reported is what was used: fields of paths in paths, of sums where samples are summed."""
+    lone, room = PLAIN, replace(PLAIN, objects=1, enclosed=1.0, coarsest=3.0, twin=TWIN)
+    sky = replace(room, environment=True)
+
+    def used(facts: Facts, engine: Engine, **changes: object) -> set[str]:
+        quality = Quality().with_changes(**changes)
+        found = quality_used(quality, plan_effects(facts, quality, engine), engine)
+        assert all(found[name] == getattr(quality, name) for name in found)
+        return set(found)
+
+    marched = {"pixel_samples", "samples", "spacing", "coordinates", "early_stop", "skip", "weight_cut", "filtering"}
+    marched |= {"visibility", "base_samples"}
+    assert used(lone, MARCH) == marched
+    assert used(sky, MARCH) == marched | {"anisotropy", "twin", "environment_samples"}
+    worn = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}
+    assert used(WORN, SURFACE) == worn and used(WORN, SURFACE, curvature_filter="point") == worn - {"curve_length"}
+    paths = {"samples", "spacing", "coordinates", "early_stop", "skip", "filtering", "spp", "max_depth"}
+    assert used(lone, PATHS) == paths | {"weight_cut", "visibility"}
+    assert used(room, PATHS) == paths | {"anisotropy", "twin", "rr_depth", "bounce_spread"}
+    everywhere = used(sky, MARCH) | used(room, PATHS) | used(WORN, SURFACE)
+    assert everywhere == {f.name for f in fields(Quality)}
 
 
 def test_a_twin_reaches_down_to_the_last_error_that_is_too_large():

@@ -20,6 +20,9 @@ BAD = {
     "base_samples": 0,
     "bounce_spread": 1.0,
     "twin": 1.0,
+    "spp": 0,
+    "max_depth": 0,
+    "rr_depth": 0,
     "curvature_filter": "median",
     "curve_length": -1.0,
 }
@@ -49,7 +52,15 @@ def test_changes_are_checked_too():
 def test_presets_spend_ever_more():
     draft, normal, reference = (PRESETS[k] for k in ("draft", "normal", "reference"))
     for cheap, dear in ((draft, normal), (normal, reference)):
-        for name in ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples"):
+        for name in (
+            "pixel_samples",
+            "samples",
+            "anisotropy",
+            "environment_samples",
+            "base_samples",
+            "spp",
+            "max_depth",
+        ):
             assert getattr(cheap, name) <= getattr(dear, name)
         for name in ("early_stop", "skip", "weight_cut", "bounce_spread"):
             assert getattr(cheap, name) >= getattr(dear, name)

@@ -13,11 +13,11 @@ import pytest
 from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, rays
-from mesoshell.render.effects import Effect
+from mesoshell.render.effects import SURFACE, Effect, Effects, plan_effects
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
 from mesoshell.silhouette.ready import ready
-from mesoshell.silhouette.renderer import Report, SurfaceScene, plan, render
+from mesoshell.silhouette.renderer import Report, SurfaceScene, facts, plan, render
 from mesoshell.silhouette.surface import Dressed
 from mesoshell.silhouette.wear import wear
 from tests.silhouette import wearing
@@ -40,7 +40,12 @@ def scene(mesh: Mesh, b: SurfaceBundle, *lights: Distant, **more: Any) -> Surfac
 
 
 def shown(s: SurfaceScene, quality: Quality = EXACT, convex: bool | None = None) -> tuple[np.ndarray, Report]:
-    return render(s, quality, plan(s, is_convex(s.mesh) if convex is None else convex))
+    return render(s, quality, planned(s, is_convex(s.mesh) if convex is None else convex))
+
+
+def planned(s: SurfaceScene, convex: bool) -> Effects:
+    """The plan as if the mesh were convex, or were not."""
+    return plan_effects(replace(facts(s), convex=convex), EXACT, SURFACE)
 
 
 def picture(s: SurfaceScene, quality: Quality = EXACT, convex: bool | None = None) -> np.ndarray:
@@ -209,8 +214,8 @@ def test_shadows_that_are_off_change_nothing() -> None:
     lights = [Distant(x, np.ones(3)) for x in wearing.directions(random, 6)]
     for b in (wearing.constant(1.0, 0.1), wearing.bundle()):
         s = scene(mesh, b, *lights, camera=Camera(look_at((1.9, -2.0, 1.0), (0.0, 0.0, 0.0)), 0.5, 24, 24))
-        off, on = plan(s, True), plan(s, False)
-        assert not off.shadows.on and on.shadows.on
+        off, on = planned(s, True), planned(s, False)
+        assert not off.mesh_shadow.on and on.mesh_shadow.on
         one, two = (render(s, EXACT, e)[0] for e in (off, on))
         assert one[..., :3].mean() > 0.01
         np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-9)
@@ -218,8 +223,8 @@ def test_shadows_that_are_off_change_nothing() -> None:
 
 def test_opacity_that_is_off_changes_nothing(lump: Mesh) -> None:
     s = scene(lump, wearing.bundle(opacity="none"), ASLANT, camera=above(16, 3, 0.5))
-    effects = plan(s, False)
-    assert not effects.opacity.on and effects.shadows.on
+    effects = planned(s, False)
+    assert not effects.opacity.on and effects.mesh_shadow.on
     off = render(s, EXACT, effects)[0]
     on = render(s, EXACT, replace(effects, opacity=Effect(True, "for the test")))[0]
     np.testing.assert_array_equal(off, on)
@@ -227,17 +232,15 @@ def test_opacity_that_is_off_changes_nothing(lump: Mesh) -> None:
 
 
 def test_the_plan_says_why() -> None:
+    sky = environment(np.ones((4, 8, 3), np.float32), 2)
     for more, on in (
-        ({}, {"opacity"}),
-        ({"objects": (sheet(0.0, 1.0, 3.0),)}, {"opacity", "shadows"}),
-        ({"environment": environment(np.ones((4, 8, 3), np.float32), 2)}, {"opacity", "environment"}),
-        (
-            {"environment": environment(np.ones((4, 8, 3), np.float32), 2), "transparent": False},
-            {"opacity", "environment", "background"},
-        ),
+        ({}, set()),
+        ({"objects": (sheet(0.0, 1.0, 3.0),)}, {"object_shadow"}),
+        ({"environment": sky}, {"environment"}),
+        ({"environment": sky, "transparent": False}, {"environment", "background"}),
     ):
-        said = plan(scene(wearing.square(), wearing.bundle(), **more), True).as_dict()
-        assert {name for name, e in said.items() if e["on"]} == on
+        said = plan(scene(wearing.square(), wearing.bundle(), DOWN, **more), EXACT).as_dict()
+        assert {name for name, e in said.items() if e["on"]} == on | {"surface_materials", "opacity", "direct_light"}
         assert all(isinstance(e["on"], bool) and str(e["why"]) for e in said.values())
 
 
@@ -258,7 +261,7 @@ def test_an_empty_picture_is_empty() -> None:
     away = Camera(look_at((0.5, 0.5, 2.0), (0.5, 0.5, 9.0), (0.0, 1.0, 0.0)), 0.5, 6, 4)
     shares: list[float] = []
     s = scene(wearing.square(), wearing.bundle(), DOWN, camera=away)
-    found, report = render(s, EXACT, plan(s, True), shares.append)
+    found, report = render(s, EXACT, plan(s, EXACT), shares.append)
     assert found.shape == (4, 6, 4) and (found == 0).all()
     assert report.counts["rays"] == 24 and report.counts.get("queries", 0) == 0
     assert shares == sorted(shares) and shares[-1] == 1

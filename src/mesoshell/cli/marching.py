@@ -15,19 +15,21 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.description import Description, describe
 from mesoshell.cli.render import Options
-from mesoshell.cli.rendering import Picture, say_effects
+from mesoshell.cli.rendering import Picture, say_effects, say_notes
 from mesoshell.cli.standing import in_place, twin_facts
 from mesoshell.cli.surfacing import shown
+from mesoshell.geometry.enclosure import enclosure
 from mesoshell.geometry.mesh import bounding_box, is_convex, uv_stretch
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import find
 from mesoshell.render.camera import pixel_radius
-from mesoshell.render.effects import Facts, plan_effects, plan_twin
+from mesoshell.render.effects import DARK, MARCH, SURFACE, Facts, left_out, plan_effects, plan_twin, quality_used
 from mesoshell.render.quality import PRESETS
 from mesoshell.shell.renderer import render
 from mesoshell.shell.scene import Scene, ready
 from mesoshell.silhouette.ready import ready as ready_surface
-from mesoshell.silhouette.renderer import SurfaceScene, plan
+from mesoshell.silhouette.renderer import SurfaceScene
+from mesoshell.silhouette.renderer import facts as surface_facts
 
 
 def picture(options: Options, console: Console) -> Picture:
@@ -40,22 +42,20 @@ def picture(options: Options, console: Console) -> Picture:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
         d = describe(options, bundle, lambda share: bar.update(task, completed=share))
-    for note in d.notes:
-        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
+    say_notes(console, d.notes)
     found = twin_facts(options, bundle, d, quality)
-    twin = plan_twin(found, quality)
-    if bundle.twin is not None and twin.on:
+    if bundle.twin is not None and plan_twin(found, quality).on:
         standing = SurfaceScene(**vars(in_place(d)), ready=ready_surface(bundle.twin.surface))
-        own = plan(standing, is_convex(standing.mesh))
+        effects = plan_effects(replace(surface_facts(standing), twin=found), quality, SURFACE)
         if options.explain:
-            say_effects(console, {"twin": vars(twin)} | own.as_dict())
+            say_effects(console, effects.as_dict())
         setup = time.perf_counter() - begin
-        image, seconds, record = shown(standing, quality, own, console)
-        record["effects"] |= {"twin": vars(twin)}
+        image, seconds, record = shown(standing, quality, effects, console)
         record |= {"provenance": bundle.provenance, "compile_seconds": sum(compiled)}
         return Picture(image, {"setup": setup} | seconds, record)
     scene = scene_of(d)
     effects = plan_effects(replace(facts(scene), twin=found), quality)
+    say_notes(console, left_out(effects))
     if options.explain:
         say_effects(console, effects.as_dict())
     setup = time.perf_counter() - begin
@@ -69,7 +69,7 @@ def picture(options: Options, console: Console) -> Picture:
         "queries": sum(counts.get(k, 0) for k in ("density_queries", "transport_queries", "surface_queries")),
         "counts": counts,
         "effects": effects.as_dict(),
-        "quality": quality.as_dict(),
+        "quality": quality_used(quality, effects, MARCH),
         "provenance": bundle.provenance,
         "compile_seconds": sum(compiled),
     }
@@ -108,12 +108,21 @@ def facts(scene: Scene) -> Facts:
     far = np.linalg.norm(np.abs(corners - scene.camera.to_world[:3, 3]).max(axis=0))
     patch = uv_stretch(scene.mesh) / scene.patches_per_uv
     footprint = pixel_radius(scene.camera.spread) / 2 * far / patch
+    convex = is_convex(scene.mesh)
+    ends = np.concatenate([scene.shell.base, scene.shell.base + scene.shell.offset])
+    eye = scene.camera.to_world[:3, 3]
     return Facts(
-        lights=len(scene.lights),
-        environment=scene.environment is not None,
+        shells=1,
         objects=len(scene.objects),
-        convex=is_convex(scene.mesh),
+        distant=len(scene.lights),
+        environment=scene.environment is not None,
+        seen=not scene.transparent,
+        convex=convex,
+        enclosed=0.0 if convex and not scene.objects else enclosure([scene.mesh, *scene.objects]),
+        dark=max(scene.base_colour) <= DARK,
         coarsest=float(2 * footprint * scene.ready.layout.texel_density),
+        rows=scene.ready.layout.height_sizes[0][0],
+        inside=bool(((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()),
         varying=tuple(scene.maps),
-        transparent=scene.transparent,
+        shaped=scene.ready.layout.nodes is not None,
     )

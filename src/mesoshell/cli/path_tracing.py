@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from mesoshell.cli.description import Description, describe, describe_surface
 from mesoshell.cli.render import Options
-from mesoshell.cli.rendering import Picture, say_effects
+from mesoshell.cli.rendering import Picture, say_effects, say_notes
 from mesoshell.cli.standing import in_place, twin_facts
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import is_convex
@@ -23,8 +23,8 @@ from mesoshell.pathtracer.load import Grown, stand_on
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.worn import SurfaceMaterial
-from mesoshell.render.effects import plan_twin
-from mesoshell.render.quality import PRESETS
+from mesoshell.render.effects import PATHS, TwinFacts, plan_twin, quality_used
+from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.silhouette.scene import SurfaceDescription
 from mesoshell.silhouette.wear import wear
 
@@ -32,7 +32,6 @@ import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a 
 
 #: Paths that are traced at once: what is in memory.
 LANES = 2**22
-SAMPLES, DEPTH = 64, 8
 #: Options that a scene of Mitsuba's leaves a meaning.
 _OF_SCENES = {"mesh", "engine", "spp", "quality", "explain", "out"}
 
@@ -40,22 +39,23 @@ _OF_SCENES = {"mesh", "engine", "spp", "quality", "explain", "out"}
 def picture(options: Options, console: Console) -> Picture:
     """What the options ask for, rendered; says on the console what the user should know."""
     begin = time.perf_counter()
+    given = {name: getattr(options, name) for name in ("spp", "max_depth") if getattr(options, name) is not None}
+    quality = PRESETS[options.quality].with_changes(**given)
     if options.mesh.suffix.lower() == ".xml":
         for field in fields(Options):
             default = field.default_factory() if field.default_factory is not MISSING else field.default
             if field.name not in _OF_SCENES and getattr(options, field.name) != default:
                 raise InputError(f"--{field.name.replace('_', '-')}", f"{options.mesh} says that itself")
-        scene, provenance, effects = load_file(options.mesh, PRESETS[options.quality]), {}, {}
+        scene, provenance = load_file(options.mesh, quality), {}
         _check_sensor(scene, options)
         samples = options.spp or scene.sensors()[0].sampler().sample_count()
     else:
-        scene, provenance, effects = _scene(options, console)
-        samples = options.spp or SAMPLES
+        scene, provenance = _scene(options, quality, console)
+        samples = quality.spp
     world = getattr(scene.integrator(), "world", None)
-    effects |= {} if world is None else world.effects.as_dict()
-    _say(console, () if world is None else world.notes)
-    if options.explain:
-        say_effects(console, effects)
+    say_notes(console, () if world is None else world.notes)
+    if options.explain and world is not None:
+        say_effects(console, world.effects.as_dict())
     setup = time.perf_counter() - begin
     begin = time.perf_counter()
     image, rays = _rendered(scene, samples, console)
@@ -63,9 +63,8 @@ def picture(options: Options, console: Console) -> Picture:
     record = {
         "rays": rays,
         "queries": queries,
-        "samples": samples,
-        "effects": effects,
-        "quality": PRESETS[options.quality].as_dict(),
+        "effects": {} if world is None else world.effects.as_dict(),
+        "quality": {} if world is None else quality_used(world.quality.with_changes(spp=samples), world.effects, PATHS),
     }
     return Picture(image, {"setup": setup, "render": time.perf_counter() - begin}, record | {"provenance": provenance})
 
@@ -78,51 +77,51 @@ def _check_sensor(scene: mi.Scene, options: Options) -> None:
     check_memory(options.mesh, f"its film of {width} x {height}", 64 * width * height)
 
 
-def _say(console: Console, notes: tuple[str, ...]) -> None:
-    for note in notes:
-        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
-
-
-def _scene(options: Options, console: Console) -> tuple[mi.Scene, dict[str, Any], dict[str, Any]]:
-    """A scene of Mitsuba's with what the options describe, the material's provenance, and what was decided before."""
-    quality = PRESETS[options.quality]
+def _scene(options: Options, quality: Quality, console: Console) -> tuple[mi.Scene, dict[str, Any]]:
+    """A scene of Mitsuba's with what the options describe, and the material's provenance."""
     if kind_of(find(options.material)) == KIND:
         material, d = read_surface(find(options.material)), describe_surface(options)
-        return _dressed(options, d, material, console), material.provenance, {}
+        return _dressed(options, d, material, quality, console), material.provenance
     bundle = read_bundle(find(options.material))
     d = describe(options, bundle)
-    _say(console, d.notes)
-    twin = plan_twin(twin_facts(options, bundle, d, quality), quality)
-    decided = {"twin": vars(twin)}
-    if bundle.twin is not None and twin.on:
-        return _dressed(options, in_place(d), bundle.twin.surface, console), bundle.provenance, decided
-    scene = mi.load_dict(_parts(options, d) | {"surface": assemble.surface(d.mesh, d.base_colour)})
+    say_notes(console, d.notes)
+    found = twin_facts(options, bundle, d, quality)
+    if bundle.twin is not None and plan_twin(found, quality).on:
+        return _dressed(options, in_place(d), bundle.twin.surface, quality, console, found), bundle.provenance
+    scene = mi.load_dict(_parts(quality, d) | {"surface": assemble.surface(d.mesh, d.base_colour)})
     names = [p.name for p in bundle.parameters if p.role == "alpha"]
     maps = {name: assemble.over_uv(image) for name, image in d.maps.items()}
     alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
     medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
-    stand_on(scene, Grown([(d.shell, medium)], alone=is_convex(d.mesh)), quality)
-    return scene, bundle.provenance, decided
+    stand_on(scene, Grown([(d.shell, medium)], convex=is_convex(d.mesh), twin=found), quality)
+    return scene, bundle.provenance
 
 
-def _dressed(options: Options, d: SurfaceDescription, bundle: SurfaceBundle, console: Console) -> mi.Scene:
+def _dressed(
+    options: Options,
+    d: SurfaceDescription,
+    bundle: SurfaceBundle,
+    quality: Quality,
+    console: Console,
+    twin: TwinFacts | None = None,
+) -> mi.Scene:
     """The same of a mesh that wears a surface material."""
-    quality = PRESETS[options.quality]
     worn = wear(d.mesh, d.period, quality)
-    _say(console, (*d.mesh.notes, *worn.notes(bundle.curvature)))
-    scene = mi.load_dict(_parts(options, d))
-    stand_on(scene, Grown([], [(worn, SurfaceMaterial(bundle))]), quality)
+    say_notes(console, (*d.mesh.notes, *worn.notes(bundle.curvature)))
+    scene = mi.load_dict(_parts(quality, d))
+    grown = Grown([], [(worn, SurfaceMaterial(bundle))], convex=is_convex(d.mesh), twin=twin)
+    stand_on(scene, grown, quality)
     return scene
 
 
-def _parts(options: Options, d: Description | SurfaceDescription) -> dict[str, Any]:
+def _parts(quality: Quality, d: Description | SurfaceDescription) -> dict[str, Any]:
     """Camera, lights and objects of what the options describe."""
     integrator.register()
-    depth = DEPTH if options.max_depth is None else options.max_depth
+    depths = {"max_depth": quality.max_depth, "rr_depth": quality.rr_depth}
     parts: dict[str, Any] = {
         "type": "scene",
-        "integrator": {"type": "mesoshell_path", "max_depth": depth, "hide_emitters": d.transparent},
-        "sensor": assemble.sensor(d.camera, options.spp or SAMPLES),
+        "integrator": {"type": "mesoshell_path", "hide_emitters": d.transparent, **depths},
+        "sensor": assemble.sensor(d.camera, quality.spp),
     }
     parts |= {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
     parts |= {f"object{i}": assemble.surface(mesh, d.base_colour) for i, mesh in enumerate(d.objects)}

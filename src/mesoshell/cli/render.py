@@ -64,9 +64,9 @@ class Options:
     quality: Literal["draft", "normal", "reference"] = "normal"
     #: jax marches rays, with light straight from its sources; mitsuba traces paths, with light from everywhere.
     engine: Literal["jax", "mitsuba"] = "jax"
-    #: Paths a pixel, for mitsuba. Default: 64, or what the XML scene says.
+    #: Paths a pixel, for mitsuba. Default: 16, 64 or 512 by --quality, or what the XML scene says.
     spp: int | None = None
-    #: Segments of a path at most, for mitsuba: 2 is light straight from its sources. Default: 8.
+    #: Segments of a path at most, for mitsuba: 2 is light straight from its sources. Default: 4, 8 or 64 by --quality.
     max_depth: int | None = None
     #: Make the background transparent even where an environment is given.
     transparent: bool = False

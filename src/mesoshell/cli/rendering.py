@@ -41,7 +41,7 @@ def render_to_files(options: Options) -> None:
     for name in ("spp", "max_depth"):
         value = getattr(options, name)
         if value is not None and options.engine != "mitsuba":
-            raise InputError(f"--{name.replace('_', '-')}", "is of --engine mitsuba")
+            raise InputError(f"--{name.replace('_', '-')}", "requires --engine mitsuba")
         if value is not None and value < 1:
             raise InputError(f"--{name.replace('_', '-')}", f"{value} must be at least 1")
         if value is not None and value > MOST:
@@ -81,6 +81,12 @@ def files_of(out: Path) -> tuple[Path, Path, Path]:
     """The picture, its radiance and its report."""
     picture = out if out.suffix == ".png" or not out.name else out.with_suffix(".png")
     return picture, picture.with_suffix(".exr"), picture.with_suffix(".json")
+
+
+def say_notes(console: Console, notes: tuple[str, ...]) -> None:
+    """What the user should know, a line each."""
+    for note in notes:
+        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
 
 
 def say_effects(console: Console, effects: dict[str, dict[str, Any]]) -> None:

@@ -10,13 +10,13 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.description import describe_surface
 from mesoshell.cli.render import Options
-from mesoshell.cli.rendering import Picture, say_effects
-from mesoshell.geometry.mesh import is_convex
+from mesoshell.cli.rendering import Picture, say_effects, say_notes
 from mesoshell.io.material import find
 from mesoshell.io.surface import read_surface
+from mesoshell.render.effects import SURFACE, Effects, left_out, quality_used
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.silhouette.ready import ready
-from mesoshell.silhouette.renderer import SurfaceEffects, SurfaceScene, plan, render
+from mesoshell.silhouette.renderer import SurfaceScene, plan, render
 
 
 def picture(options: Options, console: Console) -> Picture:
@@ -26,7 +26,8 @@ def picture(options: Options, console: Console) -> Picture:
     bundle, quality = read_surface(find(options.material)), PRESETS[options.quality]
     d = describe_surface(options)
     scene = SurfaceScene(**vars(d), ready=ready(bundle))
-    effects = plan(scene, is_convex(scene.mesh))
+    effects = plan(scene, quality)
+    say_notes(console, left_out(effects))
     if options.explain:
         say_effects(console, effects.as_dict())
     setup = time.perf_counter() - begin
@@ -36,20 +37,19 @@ def picture(options: Options, console: Console) -> Picture:
 
 
 def shown(
-    scene: SurfaceScene, quality: Quality, effects: SurfaceEffects, console: Console, notes: tuple[str, ...] = ()
+    scene: SurfaceScene, quality: Quality, effects: Effects, console: Console, notes: tuple[str, ...] = ()
 ) -> tuple[np.ndarray, dict[str, float], dict[str, Any]]:
     """A picture, seconds by stage, and what the report says of it; a bar and notes on the console."""
     columns = (TextColumn("rendering"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=1.0)
         image, report = render(scene, quality, effects, lambda share: bar.update(task, completed=share))
-    for note in (*notes, *report.notes):
-        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
+    say_notes(console, (*notes, *report.notes))
     record = {
         "rays": report.counts.get("rays", 0),
         "queries": report.counts.get("queries", 0),
         "counts": report.counts,
         "effects": effects.as_dict(),
-        "quality": quality.as_dict(),
+        "quality": quality_used(quality, effects, SURFACE),
     }
     return image.astype(np.float32), report.seconds, record

@@ -5,11 +5,13 @@ Alphabet
 d           least distance from a camera to a prism, world
 s           greatest world length of a patch on a prism, over directions of (u, v)
 needed      s / (2 ṙ d) texels a patch: there a texel is as wide as the footprint's ±1 deviation, and finer levels are not read
+coarsest    2 ṙ D n / s with the greatest distance D, at n texels a patch: a footprint's ±1 deviation in texels
 
 What is seen by way of something else has come farther, so its footprints are wider. (A lens or a concave mirror that
 magnifies is not thought of.)
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
@@ -37,6 +39,14 @@ def texels_needed(sensors: list[mi.Sensor], shells: list[Shell], most: int) -> i
     return most
 
 
+def coarsest(sensors: list[mi.Sensor], shells: list[Shell], texels: list[float]) -> float:
+    """The widest that a camera's own footprints can be on any of the shells, in texels; texels: of each, a patch."""
+    if any(s.class_name() not in PINHOLES for s in sensors):
+        return np.inf
+    seen = ((sensor, shell, n) for sensor in sensors for shell, n in zip(shells, texels, strict=True))
+    return max((_widest(sensor, shell) * n for sensor, shell, n in seen), default=0.0)
+
+
 def eye_of(sensor: mi.Sensor) -> Float[np.ndarray, "3"]:
     return np.array(sensor.world_transform().matrix)[:3, 3].ravel()
 
@@ -49,6 +59,14 @@ def _needed(sensor: mi.Sensor, shell: Shell) -> float:
     if (away <= 0).any():
         return np.inf
     return float((_patch_length(shell, base) / (2 * _spread(sensor) * away)).max())
+
+
+def _widest(sensor: mi.Sensor, shell: Shell) -> float:
+    """Patches."""
+    base = shell.base.astype(np.float64)[shell.faces]
+    far = np.linalg.norm(base + shell.offset[shell.faces] - eye_of(sensor), axis=-1).max()
+    length = _patch_length(shell, base)
+    return float(2 * _spread(sensor, np.max) * far / length[length > 0].min(initial=np.inf))
 
 
 def _patch_length(shell: Shell, base: np.ndarray) -> np.ndarray:
@@ -65,11 +83,11 @@ def _patch_length(shell: Shell, base: np.ndarray) -> np.ndarray:
     return np.maximum(*lengths)
 
 
-def _spread(sensor: mi.Sensor) -> float:
-    """Least ṙ over the picture."""
+def _spread(sensor: mi.Sensor, which: Callable = np.min) -> float:
+    """ṙ, the least over the picture, or the greatest."""
     places = np.stack(np.meshgrid(_PLACES, _PLACES)).reshape(2, -1)
     count = places.shape[1]
     time: Any = dr.full(mi.Float, float(sensor.shutter_open()), count)
     wavelength: Any = dr.full(mi.Float, 0.5, count)
     rays, _ = sensor.sample_ray_differential(time, wavelength, mi.Point2f(places), mi.Point2f(0.5))
-    return float(np.array(dr.norm(rays.d_x - rays.d)).min()) * RADIUS / 2
+    return float(which(np.array(dr.norm(rays.d_x - rays.d)))) * RADIUS / 2

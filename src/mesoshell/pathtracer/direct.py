@@ -25,16 +25,13 @@ def gather_light(world, scene, ray, shift=0.5):
     s = begin(ray, shift)
     n = dr.width(ray.o)
     depth, rgb, queries = dr.zeros(mi.Float, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
-    quality = world.quality
-    count, skip, cut = quality.samples, quality.skip, quality.least_weight
-    stop = -dr.log(quality.early_stop) if quality.early_stop > 0 else dr.inf
-    del quality
+    cut, stop = world.quality.least_weight, world.dark
     busy = dr.full(mi.Bool, True, n)
     while busy:
-        s, sample, found = seek(world.shells, world.media, ray, count, skip, s)
+        s, sample, found = seek(world, ray, s)
         busy = found
         if found:
-            sigma, features = world.media.decode(sample)
+            sigma, features = world.media.decode(sample, world.taps)
             tau = dr.minimum(sigma, 1e20) * mi.Float(s.step)
             weight = dr.exp(-depth) * _opacity(tau)
             depth += tau
@@ -49,15 +46,18 @@ def scattered(world, scene, ray, here, sample, features):
     """Σ ρ E⊥ V at a sample, from what the trunk made of it."""
     total = mi.Color3f(0)
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
-    middle = 0.5 * (here.t0 + here.t1)
-    height = 0.5 * (here.xi0.z + here.xi1.z)
+    at, height = sample.t, sample.xi.z
+    if world.quality.visibility == "interval":
+        at, height = 0.5 * (here.t0 + here.t1), 0.5 * (here.xi0.z + here.xi1.z)
     directions = [mi.Vector3f(*direction) for direction, _ in world.lights]
     rhos = world.media.rho(sample, features, view, [dr.normalize(canonical(here, d)) for d in directions])
     for toward, rho, (_, irradiance) in zip(directions, rhos, world.lights, strict=True):
         leave = exit_distance(here, height, toward, world.shells.size) + ADVANCE * world.shells.size
-        x = mi.Point3f(ray.o + mi.Float64(middle) * ray.d) + leave * toward
-        hidden = scene.ray_test(mi.Ray3f(x, toward))
-        total += dr.select(hidden, 0, rho * mi.Color3f(*irradiance))
+        lit = rho * mi.Color3f(*irradiance)
+        if world.surfaces_shadow:
+            x = mi.Point3f(ray.o + mi.Float64(at) * ray.d) + leave * toward
+            lit = dr.select(scene.ray_test(mi.Ray3f(x, toward)), 0, lit)
+        total += lit
     return total
 
 
@@ -79,7 +79,8 @@ def light_directly(settings, scene, sampler, ray, active):
         value = bsdf.eval(mi.BSDFContext(), si, si.to_local(toward), met) * mi.Color3f(*irradiance)
         lit = met & (dr.max(value) > 0)
         away = si.spawn_ray(toward)
-        lit &= ~scene.ray_test(away, lit)
+        if world.surfaces_shadow:
+            lit &= ~scene.ray_test(away, lit)
         dimmed = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit)
         queries += dimmed.queries
         light += dr.select(lit, through * value * dr.exp(-dimmed.depth), 0)

@@ -75,7 +75,7 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
     x = mi.Point3f(ray.o + mi.Float64(sample.t) * ray.d)
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
     asked = dr.normalize(canonical(here, ds.d))
-    _, features = world.media.decode(sample)
+    _, features = world.media.decode(sample, world.taps)
 
     def away(d, far, opening, pdf):
         leave = exit_distance(here, sample.xi.z, d, size) + ADVANCE * size

@@ -40,14 +40,13 @@ def fly(world, ray, target, active, shift=0.5):
     s = begin(ray, shift)
     s.over = ~active
     n = dr.width(ray.o)
-    count, skip = world.quality.samples, world.quality.skip
     end = still(n)
     busy = mi.Bool(active)
     while busy:
-        s, sample, found = seek(world.shells, world.media, ray, count, skip, s)
+        s, sample, found = seek(world, ray, s)
         busy = found
         if found:
-            end.depth += dr.minimum(world.media.sigma(sample), 1e20) * mi.Float(s.step)
+            end.depth += dr.minimum(world.media.sigma(sample, world.taps), 1e20) * mi.Float(s.step)
             end.queries += 1
             if end.depth >= target:
                 end.collided = mi.Bool(True)

@@ -22,13 +22,13 @@ class Heights:
         name = "heights" if "heights/0" in arrays else "height"
         levels = [arrays[f"{name}/{i}"] for i in range(count(arrays, "height/{}"))]
         self.nodes: tuple[int, ...] | None = levels[0].shape[:2] if name == "heights" else None
-        self.origin = origin
+        self.origin, self.rows = origin, levels[0].shape[-2]
         self.levels = Levels([x.reshape(-1, *x.shape[-2:]) for x in levels])  # (node, row, C)
 
     def at(self, xi, deviation):
-        """F(h) at ξ, a list of floats."""
+        """F(h) at ξ, a list of floats. deviation: σ_h; None is the finest level."""
         last = len(self.levels.shapes) - 1
-        level = level_of(deviation, float(self.levels.shapes[0][1]), last)
+        level = None if deviation is None else level_of(deviation, float(self.rows), last)
         if self.nodes is None:
             return between_levels(level, last, lambda l: self._linear(xi.z, l))
         around = self._around(xi, *self.nodes)

@@ -86,7 +86,9 @@ def level_of(radius, density: float, last: int):
 
 
 def between_levels(level, last: int, at):
-    """at(l), a list, of the level below and of the one above, blended."""
+    """at(l), a list, of the level below and of the one above, blended; level: None is the finest alone."""
+    if level is None:
+        return at(mi.UInt32(0))
     lower = dr.floor(level)
     share, first = level - lower, mi.UInt32(lower)
     return [(1 - share) * a + share * b for a, b in zip(at(first), at(dr.minimum(first + 1, last)), strict=True)]

@@ -5,7 +5,7 @@ image = mi.render(scene, spp=64)
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, cast
@@ -22,14 +22,15 @@ from mesoshell.io.surface import KIND, kind_of, read_surface
 from mesoshell.pathtracer import elements, integrator
 from mesoshell.pathtracer.baking import Asked, textured
 from mesoshell.pathtracer.detail import texels_needed
-from mesoshell.pathtracer.effects import Facts, plan_paths
 from mesoshell.pathtracer.elements import Element
+from mesoshell.pathtracer.facts import facts_of
 from mesoshell.pathtracer.maps import check_map, field_of
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
 from mesoshell.pathtracer.worn import SurfaceMaterial, Worn
+from mesoshell.render.effects import PATHS, TwinFacts, plan_effects
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, proportions, transformed
 from mesoshell.silhouette.wear import Wear, wear
@@ -79,34 +80,41 @@ def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
                 raise InputError(element.where, str(error).removeprefix("--")) from error
             convex &= is_convex(mesh)
             notes += [f"{element.where}: {note}" for note in (*mesh.notes, *said)]
-        alone = convex and len(stands) == 1 and not wears
-        stand_on(scene, Grown(stands, wears, alone, tuple(notes)), quality)
+        stand_on(scene, Grown(stands, wears, convex, tuple(notes)), quality)
     return scene
 
 
 @dataclass(frozen=True, eq=False)
 class Grown:
-    """What is on meshes of a scene: shells with what fills them, and wears with their materials. alone: there is one shell, on
-    a convex surface, so that what has left it does not meet it again. notes: how these depart from what was asked for."""
+    """What is on meshes of a scene: shells with what fills them, and wears with their materials. convex: each of these meshes
+    is. notes: how these depart from what was asked for. twin: of the material (render/effects)."""
 
     stands: list[tuple[Shell, Medium]]
     wears: list[tuple[Wear, SurfaceMaterial]] = field(default_factory=list)
-    alone: bool = False
+    convex: bool = False
     notes: tuple[str, ...] = ()
+    twin: TwinFacts | None = None
 
 
 def stand_on(scene: mi.Scene, grown: Grown, quality: Quality) -> None:
-    """Give a scene's integrator, a `mesoshell_path`, what it shall trace paths through."""
+    """Give a scene's integrator, a `mesoshell_path`, what it shall trace paths through. Its depths are the integrator's.
+
+    Raises InputError for a quality that paths cannot have."""
+    if quality.spacing != "length":
+        raise InputError(
+            "spacing", f"'{quality.spacing}' requires --engine jax: paths have samples in proportion to length"
+        )
     shells = media = worn = None
     if grown.stands:
         shells = Shells([shell for shell, _ in grown.stands])
         media = Media(shells, [medium for _, medium in grown.stands])
     if grown.wears:
         worn = Worn([wear for wear, _ in grown.wears], [material for _, material in grown.wears])
-    facts = Facts(shells and shells.box, grown.alone, media.varying if media else [], len(grown.wears))
-    effects = plan_paths(scene, facts)
-    lights = [_distant(e) for e in scene.emitters()] if effects.quadrature.on else []
     path: Any = scene.integrator()
+    quality = quality.with_changes(max_depth=max(path.max_depth, 1), rr_depth=max(path.rr_depth, 1))
+    facts = replace(facts_of(scene, grown.stands, grown.wears, grown.convex), twin=grown.twin)
+    effects = plan_effects(facts, quality, PATHS)
+    lights = [_distant(e) for e in scene.emitters()] if effects.quadrature.on else []
     path.world = World(shells, media, worn, quality, effects, lights, grown.notes)
 
 

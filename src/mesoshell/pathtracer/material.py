@@ -3,6 +3,7 @@
 Alphabet
 ξ           (u, v, h), u and v in patches                                         (3,), canonical
 r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
+taps        lookups along the long axis of the footprint (shell/kernels); 0: nothing is filtered, the finest levels are read
 F           F(u, v) + F(h), each filtered                                         (C,)
 α           appearance parameters, normalised                                     (A,)
 σ, ρ        extinction and transport function
@@ -12,6 +13,7 @@ F           F(u, v) + F(h), each filtered                                       
 import drjit as dr
 import drjit.nn as nn
 import mitsuba as mi
+import numpy as np
 
 from mesoshell.io.bundle import Bundle
 from mesoshell.pathtracer.heights import Heights
@@ -21,6 +23,14 @@ from mesoshell.pathtracer.levels import Levels, between_levels, count, level_of,
 FADE = 0.1
 #: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges (shell/scene).
 GRID_CELLS = 8
+
+
+def gaussian_taps(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and weights of n taps of a Gaussian cut at ±2.3 standard deviations, of variance 1 (shell/kernels)."""
+    positions = (np.arange(n) + 0.5) / n * 4.6 - 2.3
+    weights = np.exp(-positions * positions / 2)
+    weights /= weights.sum()
+    return positions / np.sqrt(weights @ positions**2), weights
 
 
 class Material:
@@ -39,13 +49,13 @@ class Material:
         self.head, self.rho = network(a, "decoder/head", "decoder/rho")
         self.features = len(a["decoder/sigma/kernel"])
 
-    def level(self, radius):
-        """Level at which a texel is as wide as the footprint's ±1 standard deviation."""
-        return level_of(radius, self.density, len(self.plane.shapes) - 1)
+    def level(self, radius, taps=1):
+        """Level at which a texel is as wide as the footprint's ±1 standard deviation; None for the finest."""
+        return level_of(radius, self.density, len(self.plane.shapes) - 1) if taps else None
 
     def bound(self, xi, level):
         """Largest σ that the material can have near ξ at this level."""
-        l = mi.UInt32(level)
+        l = mi.UInt32(0 if level is None else level)
         h, v, u = (dr.gather(mi.UInt32, self.grid.sizes[k], l) for k in range(3))
         if self.wraps:
             x, y = (xi.x - dr.floor(xi.x)) * mi.Float(u), (xi.y - dr.floor(xi.y)) * mi.Float(v)
@@ -62,10 +72,11 @@ class Material:
         levels = range(len(self.plane.shapes))
         return mi.Float([float(min(GRID_CELLS, max(1, int(self.density) >> i))) for i in levels])
 
-    def inputs(self, xi, radius, deviation, alpha):
+    def inputs(self, sample, alpha, taps=1):
         """What the trunk sees: filtered F(u, v) + F(h), encoded height, α. alpha: a list of floats."""
-        plane = between_levels(self.level(radius), len(self.plane.shapes) - 1, lambda l: self._bilinear(xi, l))
-        profile = self.heights.at(xi, deviation)
+        xi = sample.xi
+        plane = self._along(sample, taps) if taps > 1 else self._filtered(xi, self.level(sample.radius, taps))
+        profile = self.heights.at(xi, sample.deviation if taps else None)
         angles = [dr.pi * 2.0**k * xi.z for k in range(self.octaves)]
         encoded = [xi.z, *(dr.sin(x) for x in angles), *(dr.cos(x) for x in angles)]
         return [*(plane[c] + profile[c] for c in range(self.channels)), *encoded, *alpha]
@@ -88,6 +99,29 @@ class Material:
         fade = dr.clip(1 + w_light.z / FADE, 0, 1)
         return fade * mi.Color3f(*(softplus(y - 2) for y in rgb))
 
+    def _filtered(self, xi, level):
+        return between_levels(level, len(self.plane.shapes) - 1, lambda l: self._bilinear(xi, l))
+
+    @dr.syntax
+    def _along(self, sample, taps):
+        """F(u, v) averaged over taps along the footprint's long axis."""
+        positions, weights = gaussian_taps(taps)
+        spacing = sample.major * float(positions[1] - positions[0])
+        radius = dr.minimum(dr.maximum(sample.radius, 0.35 * spacing), sample.major)
+        reach = dr.sqrt(
+            dr.maximum(dr.square(sample.major) - dr.square(radius), 0)
+        )  # each tap is as wide as radius there too
+        level = self.level(radius)
+        place, share = mi.Float(positions), mi.Float(weights)
+        total, k = [mi.Float(0)] * self.channels, mi.UInt32(0)
+        while k < taps:
+            move = dr.gather(mi.Float, place, k) * reach
+            at = mi.Vector3f(sample.xi.x + move * sample.axis.x, sample.xi.y + move * sample.axis.y, sample.xi.z)
+            found, weight = self._filtered(at, level), dr.gather(mi.Float, share, k)
+            total = _plus(total, weight, found)
+            k += 1
+        return total
+
     def _bilinear(self, xi, l):
         height, width = self.plane.size(l)
         if self.wraps:
@@ -98,6 +132,10 @@ class Material:
             x = dr.clip((xi.x - self.origin[0]) * scale - 0.5, 0, mi.Float(width) - 1)
             y = dr.clip((xi.y - self.origin[1]) * scale - 0.5, 0, mi.Float(height) - 1)
         return self.plane.bilinear(x, y, l, self.wraps)
+
+
+def _plus(total, weight, row):
+    return [t + weight * x for t, x in zip(total, row, strict=True)]
 
 
 def _index(x, n):

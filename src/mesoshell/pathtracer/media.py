@@ -4,6 +4,7 @@ Alphabet
 α           appearance parameters of a shell, normalised                           (A,)
 
 What a scene does not have is not compiled: with one material there is no choice among them, with one shell α is a constant.
+taps: of the filter (pathtracer/material).
 """
 
 from dataclasses import dataclass
@@ -25,6 +26,11 @@ class Medium:
     patches: float = 1.0
     flipped: bool = False
 
+    @property
+    def varying(self) -> list[str]:
+        """Names of parameters that textures give."""
+        return [name for name, v in zip(self.material.names, self.alpha, strict=True) if not isinstance(v, float)]
+
 
 class Media:
     """Media of shells, in the order of `Shells`."""
@@ -34,26 +40,20 @@ class Media:
         self.materials = list(dict.fromkeys(m.material for m in media))
         self.material_of = mi.UInt32([self.materials.index(m.material) for m in media])
 
-    @property
-    def varying(self) -> list[str]:
-        """Names of parameters that textures give."""
-        named = [zip(m.material.names, m.alpha, strict=True) for m in self.media]
-        return sorted({name for pairs in named for name, value in pairs if not isinstance(value, float)})
-
-    def bound(self, sample):
+    def bound(self, sample, taps=1):
         """Largest σ that there can be near a sample."""
-        return self._choose(sample, lambda m: m.bound(sample.xi, m.level(sample.radius)), mi.Float(0))
+        return self._choose(sample, lambda m: m.bound(sample.xi, m.level(sample.radius, taps)), mi.Float(0))
 
-    def sigma(self, sample):
+    def sigma(self, sample, taps=1):
         """σ of a sample."""
-        return self._choose(sample, lambda m: m.density_of(self._inputs(m, sample))[0], mi.Float(0))
+        return self._choose(sample, lambda m: m.density_of(self._inputs(m, sample, taps))[0], mi.Float(0))
 
-    def decode(self, sample):
+    def decode(self, sample, taps=1):
         """σ of a sample, and the trunk's features, from which `rho` goes on."""
         widest = max(m.features for m in self.materials)
 
         def one(m):
-            sigma, x = m.density_of(self._inputs(m, sample))
+            sigma, x = m.density_of(self._inputs(m, sample, taps))
             return sigma, [*x, *(mi.Float(0) for _ in range(widest - m.features))]
 
         return self._choose(sample, one, (mi.Float(0), [mi.Float(0) for _ in range(widest)]))
@@ -66,8 +66,8 @@ class Media:
 
         return self._choose(sample, one, [mi.Color3f(0) for _ in w_lights])
 
-    def _inputs(self, material, sample):
-        return material.inputs(sample.xi, sample.radius, sample.deviation, self._alpha(material, sample))
+    def _inputs(self, material, sample, taps):
+        return material.inputs(sample, self._alpha(material, sample), taps)
 
     def _alpha(self, material, sample):
         mine = [i for i, m in enumerate(self.media) if m.material is material]

@@ -8,7 +8,7 @@ event       a collision in a shell, a surface, or a surface material            
 
 A lane follows its path segment by segment; what it asks of an emitter is a segment too, taken before the path goes on. So all
 flights through shells, of paths and of shadows, are one piece of the compiled program. What a scene does not call for
-(pathtracer/effects) is not in it.
+(render/effects) is not in it.
 """
 
 from dataclasses import dataclass
@@ -84,28 +84,22 @@ def busy(lane: Lane):
 @dr.syntax
 def advance(settings, scene, sampler, lane):
     """One segment: of the shadow that a lane waits for, or of its path."""
-    world, max_depth, rr_depth = settings.world, settings.max_depth, settings.rr_depth
-    asking, hitting, onward, again, roulette, shells, worn = (
-        getattr(world.effects, name).on
-        for name in (
-            "asking_emitters",
-            "hitting_emitters",
-            "second_bounce",
-            "shell_on_shell",
-            "roulette",
-            "shells",
-            "surface_materials",
-        )
-    )
-    opening, stop = world.quality.bounce_spread, world.quality.early_stop
-    dark = -dr.log(stop) if stop > 0 else dr.inf
+    world, rr_depth = settings.world, settings.rr_depth
+    names = ("direct_light", "bounces", "shell_shadow", "roulette", "shells", "surface_materials")
+    asking, bounces, again, roulette, shells, worn = (getattr(world.effects, name).on for name in names)
+    max_depth = settings.max_depth if bounces else min(settings.max_depth, 2)
+    hitting = world.effects.environment.on or world.effects.area_light.on
+    onward = max_depth > 1 and (bounces or hitting)  # a direction drawn at the last event may meet an emitter
+    opening, dark = world.quality.bounce_spread, world.dark
     path, shadow, light, seen = lane.path, lane.shadow, lane.light, lane.seen
     n = dr.width(path.eta)
 
     # --- the segment: surfaces, then surface materials in front of them, then shells in front of both
     mine = ~shadow.pending
     si = scene.ray_intersect(single(path.ray), mi.RayFlags.All, coherent=mi.Bool(False), active=mine)
-    blocked = scene.ray_test(single(shadow.ray), active=shadow.pending)
+    blocked = mi.Bool(False)
+    if world.surfaces_shadow:
+        blocked = scene.ray_test(single(shadow.ray), active=shadow.pending)
     segment = dr.select(shadow.pending, shadow.ray, path.ray)
     segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
     met = nothing_met(n)

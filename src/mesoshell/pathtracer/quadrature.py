@@ -4,6 +4,7 @@ Alphabet
 J⁻¹         inverse of ∂P/∂(u, v, h) in the middle of a piece; E: (u, v) = uv₂ + E (λ₀, λ₁)
 ℓ           canonical length of a piece, |ξ1 − ξ0|; L: of all of a ray's pieces; N samples stand for L/N each
 f           position of a sample on its piece, 0 to 1
+λ, h        barycentric coordinates and height; "exact" coordinates invert the prism's map by Newton's method (shell/sampling)
 ṙ, a        a cone's radius at t is ṙ (t + a)
 Σ           σ_t² ddᵀ + σ_r² (1 − ddᵀ), the cone's piece as a Gaussian; J⁻¹ Σ J⁻ᵀ in canonical space (texture/footprint)
 
@@ -22,7 +23,7 @@ from mesoshell.pathtracer.walk import Piece
 
 @dataclass
 class Here:
-    """A piece in canonical space: prism, t and ξ at both ends, ℓ, rows of J⁻¹."""
+    """A piece in canonical space: prism, t and ξ at both ends, ℓ, rows of J⁻¹; λ at both ends, where coordinates are exact."""
 
     prism: mi.UInt32
     t0: mi.Float
@@ -33,6 +34,8 @@ class Here:
     a: mi.Vector3f
     b: mi.Vector3f
     c: mi.Vector3f
+    bary0: mi.Vector2f
+    bary1: mi.Vector2f
 
 
 @dataclass
@@ -53,23 +56,27 @@ class Sampling:
 
 @dataclass
 class Sample:
-    """Where the material is asked: prism, distance, ξ, filter radii, and the level that they call for."""
+    """Where the material is asked: prism, distance, ξ, r, and σ_h; the long side of the footprint and its axis, where taps are
+    along it."""
 
     prism: mi.UInt32
     t: mi.Float
     xi: mi.Vector3f
     radius: mi.Float
     deviation: mi.Float
+    major: mi.Float
+    axis: mi.Vector2f
 
 
 def nothing() -> Sample:
-    return Sample(mi.UInt32(0), mi.Float(0), mi.Vector3f(0), mi.Float(0), mi.Float(0))
+    z = mi.Float(0)
+    return Sample(mi.UInt32(0), z, mi.Vector3f(0), mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
 
 
 def no_here() -> Here:
     z = mi.Float(0)
     v = mi.Vector3f
-    return Here(mi.UInt32(0), z, mi.Float(0), v(0), v(0), mi.Float(0), v(0), v(0), v(0))
+    return Here(mi.UInt32(0), z, mi.Float(0), v(0), v(0), mi.Float(0), v(0), v(0), v(0), mi.Vector2f(0), mi.Vector2f(0))
 
 
 def begin(ray, shift=0.5) -> Sampling:
@@ -90,22 +97,23 @@ def begin(ray, shift=0.5) -> Sampling:
 
 
 @dr.syntax
-def seek(shells, media, ray, count, skip, s):
+def seek(world, ray, s):
     """The next sample of a ray that may hold something, the state after it, and whether there is one."""
+    shells, count, skip = world.shells, world.quality.samples, world.quality.skip
     found, sample = mi.Bool(False), nothing()
     while ~found & ~s.over:
         position = (mi.Float64(s.k) + mi.Float64(s.shift)) * s.step
         length = mi.Float64(s.here.length)
         if ~s.measuring & (s.k < count) & (position < s.begin + length):
-            sample = _at(ray, s.here, mi.Float((position - s.begin) / length), mi.Float(s.step / length))
-            found = media.bound(sample) * mi.Float(s.total) > skip
+            sample = _at(world, ray, s.here, mi.Float((position - s.begin) / length), mi.Float(s.step / length))
+            found = world.media.bound(sample, world.taps) * mi.Float(s.total) > skip
             s.k += 1
         else:
             walker, piece, some = advance(shells, ray.o, ray.d, ray.tmax, s.walker)
             s.walker = walker
             if some:
                 s.begin += length
-                s.here = _canonical(shells, piece)
+                s.here = _canonical(shells, piece, world.exact)
             elif s.walker.mode == OVER:
                 if s.measuring:
                     s.measuring = mi.Bool(False)
@@ -133,7 +141,7 @@ class Ray:
     apex: mi.Float
 
 
-def _canonical(shells, piece: Piece) -> Here:
+def _canonical(shells, piece: Piece, exact: bool) -> Here:
     """A piece's ends in canonical space, and J⁻¹ in its middle."""
     base, post, uv = shells.frame(piece.prism)
     bary0, bary1 = mi.Vector2f(piece.bary0), mi.Vector2f(piece.bary1)
@@ -149,7 +157,8 @@ def _canonical(shells, piece: Piece) -> Here:
     e0, e1 = uv[0] - uv[2], uv[1] - uv[2]
     a, b = (inverse * (e0[i] * rows[0] + e1[i] * rows[1]) for i in (0, 1))
     t0, t1 = mi.Float(piece.t0), mi.Float(piece.t1)
-    return Here(piece.prism, t0, t1, xi0, xi1, mi.Float(dr.norm(xi1 - xi0)), a, b, inverse * rows[2])
+    ends = (bary0, bary1) if exact else (mi.Vector2f(0), mi.Vector2f(0))
+    return Here(piece.prism, t0, t1, xi0, xi1, mi.Float(dr.norm(xi1 - xi0)), a, b, inverse * rows[2], *ends)
 
 
 def _xi(uv, bary, h):
@@ -157,13 +166,35 @@ def _xi(uv, bary, h):
     return mi.Vector3f(p.x, p.y, h)
 
 
-def _at(ray, here: Here, f, share) -> Sample:
+def _exact(shells, ray, here: Here, f, t):
+    """ξ of the point at t, by four Newton steps on P(λ, h) = x."""
+    base, post, uv = shells.frame(here.prism)
+    bary, h = here.bary0 + f * (here.bary1 - here.bary0), here.xi0.z + f * (here.xi1.z - here.xi0.z)
+    x = mi.Vector3f(ray.o + mi.Float64(t) * ray.d)
+    for _ in range(4):
+        at = [b + h * n for b, n in zip(base, post, strict=True)]
+        p, q = at[0] - at[2], at[1] - at[2]
+        up = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]
+        off = x - (at[2] + bary.x * p + bary.y * q)
+        rows = dr.cross(q, up), dr.cross(up, p), dr.cross(p, q)
+        volume = dr.dot(p, rows[0])
+        scale = dr.select(volume == 0, 0, 1 / dr.select(volume == 0, 1, volume))
+        bary += scale * mi.Vector2f(dr.dot(rows[0], off), dr.dot(rows[1], off))
+        h += scale * dr.dot(rows[2], off)
+    return _xi(uv, bary, h)
+
+
+def _at(world, ray, here: Here, f, share) -> Sample:
     """The sample at position f; share: the part of the piece that it stands for."""
     f, half = dr.clip(f, 0, 1), dr.minimum(share, 1) * (here.t1 - here.t0) / 2
     t = here.t0 + f * (here.t1 - here.t0)
+    xi = _exact(world.shells, ray, here, f, t) if world.exact else here.xi0 + f * (here.xi1 - here.xi0)
+    z, side = mi.Float(0), (mi.Float(0), mi.Vector2f(0))
+    if not world.taps:
+        return Sample(here.prism, t, xi, z, mi.Float(0), *side)
     along, across = _cone(dr.maximum(t - half, 0) + ray.apex, t + half + ray.apex, ray.spread)
-    radius, deviation = footprint(here, mi.Vector3f(ray.d), along, across)
-    return Sample(here.prism, t, here.xi0 + f * (here.xi1 - here.xi0), radius, deviation)
+    radius, deviation, *found = footprint(here, mi.Vector3f(ray.d), along, across)
+    return Sample(here.prism, t, xi, radius, deviation, *(found if world.taps > 1 else side))
 
 
 def _cone(t0, t1, radius):
@@ -177,14 +208,20 @@ def _cone(t0, t1, radius):
 
 
 def footprint(here: Here, d, along, across):
-    """r, the smaller deviation on the tangent plane, and the deviation along the height (texture/footprint)."""
+    """r, the smaller deviation on the tangent plane, the deviation along the height, the larger one on the plane and its axis
+    (texture/footprint)."""
     e = canonical(here, d)
     more = along - across
     p, q = (across * dr.dot(row, row) + more * x * x for row, x in ((here.a, e.x), (here.b, e.y)))
     s = across * dr.dot(here.a, here.b) + more * e.x * e.y
-    largest = dr.maximum((p + q) / 2 + dr.sqrt(dr.square((p - q) / 2) + s * s), 0)
+    half = (p - q) / 2
+    root = dr.sqrt(dr.square(half) + s * s)
+    largest = dr.maximum((p + q) / 2 + root, 0)
     smallest = dr.select(largest > 0, (p * q - s * s) / dr.select(largest > 0, largest, 1), 0)
-    return dr.sqrt(dr.maximum(smallest, 0)), dr.abs(e.z) * dr.sqrt(along)
+    axis = mi.Vector2f(dr.select(half >= 0, half + root, s), dr.select(half >= 0, s, root - half))
+    length = dr.norm(axis)
+    axis = dr.select(length > 0, axis / dr.select(length > 0, length, 1), 0)
+    return dr.sqrt(dr.maximum(smallest, 0)), dr.abs(e.z) * dr.sqrt(along), dr.sqrt(largest), axis
 
 
 def canonical(here: Here, d):

@@ -3,6 +3,8 @@
 Not a dataclass: Dr.Jit would take its parts for the state of loops.
 """
 
+import math
+
 import drjit as dr
 import mitsuba as mi
 
@@ -15,7 +17,7 @@ RADIUS = pixel_radius(1.0)
 
 class World:
     """shells, media: what is in them, or None; worn: surface materials on meshes, or None; quality: render/quality; effects:
-    pathtracer/effects; lights: for `direct`, the distant ones, (unit direction toward it, E⊥) each; notes: how all this departs
+    render/effects; lights: for `direct`, the distant ones, (unit direction toward it, E⊥) each; notes: how all this departs
     from what was asked for. It does not hold the user's scene: that holds the integrator, which holds this, and no collector
     sees such a circle."""
 
@@ -23,6 +25,28 @@ class World:
         self.shells, self.media, self.worn = shells, media, worn
         self.quality, self.effects, self.lights, self.notes = quality, effects, lights, notes
         self._queries = dr.zeros(mi.Float64, 1)
+
+    @property
+    def taps(self) -> int:
+        """Of the filter along a footprint; 0 where nothing is filtered."""
+        if not self.effects.filtering.on:
+            return 0
+        return self.quality.anisotropy if self.effects.anisotropic_filtering.on else 1
+
+    @property
+    def exact(self) -> bool:
+        """Coordinates invert the prism's map."""
+        return self.quality.coordinates == "exact"
+
+    @property
+    def dark(self) -> float:
+        """The optical depth at which a ray ends."""
+        return -math.log(self.quality.early_stop) if self.quality.early_stop > 0 else math.inf
+
+    @property
+    def surfaces_shadow(self) -> bool:
+        """Whether a surface of the scene may stand in a light's way."""
+        return self.effects.mesh_shadow.on or self.effects.object_shadow.on
 
     def count(self, queries) -> None:
         """Add to the number of samples whose density has been evaluated."""

@@ -1,12 +1,20 @@
-"""Which effects a scene calls for (NumPy only; no JAX). What is off is not in the compiled program.
+"""Which effects a scene calls for (NumPy only; no JAX): one table of effects, whichever engine renders.
 
-`plan_effects` decides from facts about the scene, before anything is compiled or traced; each decision comes with its
-reason, which `--explain` prints and the report keeps.
+`plan_effects` decides from `Facts`, a description of the scene, before anything is compiled or traced; each decision comes
+with its reason, which `--explain` prints and the report keeps. What is off is not in the compiled program. An `Engine` says
+which effects it can compute: what a scene calls for beyond these is off, and its reason says so.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from mesoshell.render.quality import Quality
+
+#: Share of directions from a surface that meet a surface again, above which light between surfaces cannot be left out unsaid.
+#: Of diffuse surfaces of albedo a it adds about a times this share.
+ENCLOSED = 0.25
+#: Albedo up to which what is under a shell lights it by less than a hundredth.
+DARK = 0.1
+NO_TWIN = "the material has no distilled twin"
 
 
 @dataclass(frozen=True)
@@ -21,70 +29,139 @@ class TwinFacts:
 
 @dataclass(frozen=True)
 class Facts:
-    """What the decisions rest on. coarsest: the largest footprint in texels that the camera can have on this mesh (one standard
-    deviation to either side); convex: no part of the mesh can shadow another part."""
+    """A scene, as far as the decisions rest on it.
 
-    lights: int
-    environment: bool
-    objects: int
-    convex: bool
-    coarsest: float
-    varying: tuple[str, ...]
-    transparent: bool
+    shells, surfaces: how many meshes carry a shell, and a surface material; objects: other surfaces. distant, point, area:
+    emitters without extent far away, without extent nearby, and those that a ray can meet; environment: there is one, and seen:
+    it is seen behind the scene. convex: no part of a mesh can shadow another of it. enclosed: mean share of the directions
+    from a surface that meet a surface again, of the mesh or object where it is largest; 0 only where nothing can. dark: what
+    is under the shells reflects a tenth at most, diffusely. coarsest: the largest footprint in texels that a camera can have on
+    the shells (one standard deviation to either side); rows: of their height features. inside: a camera may be in a shell.
+    varying: names of parameters of appearance that vary over the surface; shaped: so does geometry. passable: rays may pass
+    the surface materials.
+    """
+
+    shells: int = 0
+    surfaces: int = 0
+    objects: int = 0
+    distant: int = 0
+    point: int = 0
+    area: int = 0
+    environment: bool = False
+    seen: bool = False
+    convex: bool = False
+    enclosed: float = 0.0
+    dark: bool = True
+    coarsest: float = 0.0
+    rows: int = 0
+    inside: bool = False
+    varying: tuple[str, ...] = ()
+    shaped: bool = False
+    passable: bool = False
     twin: TwinFacts | None = None
+
+    @property
+    def alone(self) -> bool:
+        """There is one shell, on a convex mesh: what has left it does not meet it again."""
+        return self.convex and self.shells == 1 and not self.surfaces
+
+    @property
+    def lit(self) -> bool:
+        return bool(self.distant or self.point or self.area or self.environment)
 
 
 @dataclass(frozen=True)
 class Effect:
+    """missing: the scene calls for it, and the engine cannot compute it."""
+
     on: bool
     why: str
+    missing: bool = False
 
 
 @dataclass(frozen=True)
 class Effects:
-    """One field an effect; see `plan_effects` for what each means."""
+    """One field an effect.
 
-    distant_lights: Effect
-    several_lights: Effect
+    shells: rays are marched through them. surface_materials: one query a hit; opacity: rays may pass their silhouettes. twin: a
+    distilled surface material stands in for a shell. direct_light: emitters are sampled at each event. environment,
+    area_light: emitters that a ray may meet. background: the environment is seen. mesh_shadow, object_shadow, shell_shadow:
+    what dims the way to a light. bounces: light goes from one event to another. roulette: paths end by chance. quadrature:
+    all samples of a ray are summed, in place of one that is drawn. camera_in_shell: rays may begin in a shell. filtering:
+    features are averaged over the pixel; anisotropic_filtering: along its long side too. varying_parameters,
+    varying_geometry: over the surface.
+    """
+
+    shells: Effect
+    surface_materials: Effect
+    opacity: Effect
+    twin: Effect
+    direct_light: Effect
     environment: Effect
+    area_light: Effect
+    background: Effect
     mesh_shadow: Effect
     object_shadow: Effect
+    shell_shadow: Effect
+    bounces: Effect
+    roulette: Effect
+    quadrature: Effect
+    camera_in_shell: Effect
     filtering: Effect
     anisotropic_filtering: Effect
     varying_parameters: Effect
-    background: Effect
-    twin: Effect
+    varying_geometry: Effect
 
     def as_dict(self) -> dict[str, dict[str, object]]:
         return {name: {"on": e.on, "why": e.why} for name, e in vars(self).items()}
 
 
-def plan_effects(facts: Facts, quality: Quality) -> Effects:
+@dataclass(frozen=True)
+class Engine:
+    """can: the effects that it can compute. draws: it draws collisions where it need not sum all samples of a ray."""
+
+    name: str
+    can: frozenset[str]
+    draws: bool = False
+
+
+_MARCHED = (
+    "shells twin direct_light environment background mesh_shadow object_shadow quadrature camera_in_shell filtering "
+    "anisotropic_filtering varying_parameters varying_geometry"
+)
+_QUERIED = "surface_materials opacity twin direct_light environment background mesh_shadow object_shadow"
+#: Shells marched in JAX; meshes with a surface material, in JAX; paths in Mitsuba.
+MARCH = Engine("jax", frozenset(_MARCHED.split()))
+SURFACE = Engine("jax", frozenset(_QUERIED.split()))
+PATHS = Engine("mitsuba", frozenset(f.name for f in fields(Effects)), draws=True)
+
+
+def plan_effects(facts: Facts, quality: Quality, engine: Engine = MARCH) -> Effects:
     """Decide each effect."""
-    lit = facts.lights > 0 or facts.environment
-    varying = ", ".join(facts.varying)
-    level = facts.coarsest > 1
-    return Effects(
-        distant_lights=Effect(facts.lights > 0, f"{facts.lights} distant" if facts.lights else "no distant light"),
-        several_lights=Effect(facts.lights > 1, f"{facts.lights} distant lights share one trunk evaluation"),
-        environment=Effect(facts.environment, "an environment was given" if facts.environment else "no environment"),
-        mesh_shadow=_mesh_shadow(facts, lit),
-        object_shadow=Effect(
-            lit and facts.objects > 0, f"{facts.objects} other objects" if facts.objects else "no other objects"
-        ),
-        filtering=_filtering(facts, quality, level),
-        anisotropic_filtering=Effect(
-            level and quality.filtering and quality.anisotropy > 1, f"{quality.anisotropy} taps by quality"
-        ),
-        varying_parameters=Effect(bool(varying), f"maps for {varying}" if varying else "every parameter is one number"),
-        background=Effect(
-            facts.environment and not facts.transparent,
-            "rays that leave the shell see the environment"
-            if facts.environment and not facts.transparent
-            else "the background is transparent",
-        ),
-        twin=plan_twin(facts.twin, quality),
+    lit = not engine.draws or quality.max_depth > 1
+    called = _light(facts, lit) | _detail(facts)
+    bounces = _bounces(facts, quality, engine)
+    called |= {"bounces": bounces, "roulette": _roulette(facts, quality, engine, bounces.on)}
+    called["quadrature"] = _quadrature(facts, engine, lit and not bounces.on)
+    called["filtering"] = _filtering(facts, quality, called, engine)
+    called["anisotropic_filtering"] = Effect(
+        called["filtering"].on and quality.anisotropy > 1, f"{quality.anisotropy} taps by quality"
     )
+    called["twin"] = plan_twin(facts.twin, quality)
+    return Effects(**{name: _if_it_can(name, effect, engine) for name, effect in called.items()})
+
+
+def _if_it_can(name: str, effect: Effect, engine: Engine) -> Effect:
+    if not effect.on or name in engine.can:
+        return effect
+    return Effect(False, f"{effect.why}; --engine {engine.name} cannot compute it", missing=True)
+
+
+def left_out(effects: Effects) -> tuple[str, ...]:
+    """What the user should know of effects that the engine cannot compute, a line each. Of shells that dim one another's light
+    the reasons alone tell: it is seen less."""
+    bounces = effects.bounces
+    return (f"bounces are left out: {bounces.why}",) if bounces.missing else ()
 
 
 def twin_reach(errors: tuple[tuple[float, float], ...], bound: float) -> float:
@@ -100,7 +177,7 @@ def twin_reach(errors: tuple[tuple[float, float], ...], bound: float) -> float:
 def plan_twin(twin: TwinFacts | None, quality: Quality) -> Effect:
     """Whether a distilled surface material stands in for the shell, in either engine."""
     if twin is None:
-        return Effect(False, "the material has no distilled twin")
+        return Effect(False, NO_TWIN)
     if quality.twin == 0:
         return Effect(False, "switched off by quality")
     if twin.misfit:
@@ -113,17 +190,131 @@ def plan_twin(twin: TwinFacts | None, quality: Quality) -> Effect:
     return Effect(twin.finest >= reach, said)
 
 
-def _mesh_shadow(facts: Facts, lit: bool) -> Effect:
-    if not lit:
-        return Effect(False, "no light")
-    if facts.convex:
-        return Effect(False, "the mesh is convex: it cannot shadow its own shell beyond the horizon")
-    return Effect(True, "the mesh is not convex")
+def _either(on: bool, why: str, why_not: str) -> Effect:
+    return Effect(on, why if on else why_not)
 
 
-def _filtering(facts: Facts, quality: Quality, level: bool) -> Effect:
+def _light(f: Facts, once: bool) -> dict[str, Effect]:
+    """Emitters, and what stands in their way. once: paths are long enough for one event."""
+    kinds = ((f.distant, "distant"), (f.point, "point"), (f.area, "area"), (int(f.environment), "environment"))
+    found = "emitters: " + (", ".join(f"{n} {kind}" for n, kind in kinds if n) or "none")
+    dark = "there is no light"
+    others = f"{f.objects} other {'objects' if f.objects > 1 else 'object'}" if f.objects else "no other objects"
+    self_shadow = f.lit and f.shells + f.surfaces > 0 and not f.convex
+    convex = "the mesh is convex: it cannot shadow itself beyond the horizon" if f.lit else dark
+    return {
+        "direct_light": Effect(f.lit and once, found),
+        "environment": _either(f.environment, "an environment was given", "no environment"),
+        "area_light": _either(f.area > 0, f"rays may meet {f.area} emitters", "no emitter nearby that a ray can meet"),
+        "background": _either(
+            f.environment and f.seen, "rays that leave the scene see the environment", "the background is transparent"
+        ),
+        "mesh_shadow": _either(self_shadow, "the mesh is not convex", convex),
+        "object_shadow": Effect(f.lit and f.objects > 0, others if f.lit else dark),
+        "shell_shadow": _either(
+            f.lit and f.shells > 0 and not f.alone,
+            "light may cross shells on its way",
+            dark if not f.lit else "no shells" if not f.shells else "one shell, on a convex mesh: light leaves it once",
+        ),
+    }
+
+
+def _detail(f: Facts) -> dict[str, Effect]:
+    """What there is to look up."""
+    varying = ", ".join(f.varying)
+    return {
+        "shells": _either(f.shells > 0, f"rays are marched through {f.shells}", "no shells"),
+        "surface_materials": _either(f.surfaces > 0, f"on {f.surfaces} of the meshes", "no mesh wears one"),
+        "opacity": _either(
+            f.passable,
+            "rays may pass a silhouette, and go on behind",
+            "the surface material is opaque" if f.surfaces else "no mesh wears a surface material",
+        ),
+        "camera_in_shell": _either(
+            f.inside, "a camera may be within the shells' bounds", "cameras are outside all shells"
+        ),
+        "varying_parameters": _either(bool(varying), f"maps for {varying}", "every parameter is one number"),
+        "varying_geometry": _either(f.shaped, "the texture holds geometry that varies", "geometry does not vary"),
+    }
+
+
+def _bounces(f: Facts, quality: Quality, engine: Engine) -> Effect:
+    """From the scene: what a bounce can bring. Paths are cut where they cannot bring anything; an engine without paths leaves
+    them out, and says so where that is seen."""
+    share = f"surfaces meet surfaces in {f.enclosed:.0%} of directions"
+    if not f.lit:
+        return Effect(False, "there is no light")
+    if f.alone and not f.objects and f.dark:
+        return Effect(False, "one shell, on a convex mesh and dark ground: there is nothing to bounce from")
+    if not engine.draws:
+        return _either(f.enclosed > ENCLOSED, share, f"{share}: little light goes from one to another")
+    if quality.max_depth <= 2:
+        return Effect(False, f"max_depth is {quality.max_depth}: paths end at their first event")
+    return Effect(True, "light may go from one surface, or shell, to another")
+
+
+def _roulette(f: Facts, quality: Quality, engine: Engine, bounces: bool) -> Effect:
+    if not (engine.draws and bounces):
+        return Effect(False, "no paths are drawn" if not engine.draws else "paths are short")
+    if quality.max_depth <= quality.rr_depth:
+        return Effect(False, f"paths end at length {quality.max_depth}")
+    return Effect(True, f"paths end by chance from length {quality.rr_depth} on")
+
+
+def _quadrature(f: Facts, engine: Engine, once: bool) -> Effect:
+    if not f.shells:
+        return Effect(False, "no shells")
+    if not engine.draws:
+        return Effect(True, "all samples of a ray are summed")
+    sums = f.alone and once and f.distant > 0 and not (f.point or f.area or f.environment)
+    return _either(
+        sums,
+        "distant lights, one event: all samples of a ray are summed, with little noise",
+        "paths go on, or light is not distant: collisions are drawn",
+    )
+
+
+def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: Engine) -> Effect:
+    if not f.shells:
+        return Effect(False, "no shells")
     if not quality.filtering:
         return Effect(False, "switched off by quality")
-    if not level:
-        return Effect(False, f"footprints reach {facts.coarsest:.2g} texels at most: the finest level everywhere")
-    return Effect(True, f"footprints reach {facts.coarsest:.1f} texels")
+    opens = engine.draws and (called["bounces"].on or f.area > 0 or f.environment)
+    if opens:
+        return Effect(True, "footprints open at an event")
+    if f.coarsest > 1:
+        return Effect(True, f"footprints reach {f.coarsest:.1f} texels")
+    spaced = f.rows / (3**0.5 * quality.samples)
+    if spaced > 1:
+        return Effect(
+            True, f"samples of a ray that crosses a shell once are {spaced:.1f} rows of its height feature wide"
+        )
+    return Effect(False, f"footprints reach {f.coarsest:.2g} texels at most: the finest level everywhere")
+
+
+def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str, object]:
+    """The fields that bear on a picture with these effects by this engine, and their values; others do not apply."""
+    shells, surfaces, paths, sums = effects.shells.on, effects.surface_materials.on, engine.draws, effects.quadrature.on
+    opens = effects.bounces.on or effects.area_light.on or effects.environment.on
+    applies = {
+        "pixel_samples": not paths,
+        "samples": shells,
+        "spacing": shells,
+        "coordinates": shells,
+        "early_stop": shells or not paths,
+        "skip": shells,
+        "weight_cut": sums,
+        "filtering": shells,
+        "anisotropy": effects.filtering.on,
+        "visibility": sums,
+        "environment_samples": effects.environment.on and not paths,
+        "base_samples": shells and not paths,
+        "spp": paths,
+        "max_depth": paths,
+        "rr_depth": effects.roulette.on,
+        "bounce_spread": paths and opens,
+        "twin": effects.twin.why != NO_TWIN,
+        "curvature_filter": surfaces,
+        "curve_length": surfaces and quality.curvature_filter in ("curve", "unscaled"),
+    }
+    return {name: value for name, value in quality.as_dict().items() if applies[name]}

@@ -1,6 +1,7 @@
 """Every knob that trades accuracy for time, each one field of `Quality` (NumPy only; no JAX).
 
-`draft` is for looking around, `normal` for pictures, `reference` for measuring the others against.
+`draft` is for looking around, `normal` for pictures, `reference` for measuring the others against. Which fields bear on a
+picture depends on the engine and on what the scene calls for: `render/effects.quality_used`.
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -9,13 +10,14 @@ SPACINGS = ("length", "interval")
 COORDINATES = ("interpolated", "exact")
 VISIBILITIES = ("interval", "sample")
 CURVATURE_FILTERS = ("curve", "point", "mean", "unscaled")
+_PATHS = ("spp", "max_depth", "rr_depth")
 
 
 @dataclass(frozen=True)
 class Quality:
     """What a render may spend. Raises ValueError for a value out of range."""
 
-    #: Rays a pixel: what smooths silhouettes (inside them, filtering does).
+    #: Rays a pixel where rays are marched: what smooths silhouettes (inside them, filtering does).
     pixel_samples: int = 4
     #: Samples a ray, spread over all its intervals.
     samples: int = 48
@@ -40,6 +42,12 @@ class Quality:
     environment_samples: int = 4
     #: Samples of the shell's shadow on the surface underneath.
     base_samples: int = 8
+    #: Paths a pixel, in path tracing. A scene of Mitsuba's own says how many, and how deep, itself.
+    spp: int = 64
+    #: Segments of a path at most: 2 is light straight from its sources.
+    max_depth: int = 8
+    #: Length from which on paths end by chance (Russian roulette): no bias, but noise.
+    rr_depth: int = 5
     #: In path tracing, how wide footprints open at an event: of the radius of a circle that the drawn direction's density
     #: stands for. 0 is the camera's own cone; wider blurs what is seen by way of something else.
     bounce_spread: float = 0.25
@@ -53,7 +61,7 @@ class Quality:
     curve_length: float = 0.5
 
     def __post_init__(self) -> None:
-        counts = ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples")
+        counts = ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples", *_PATHS)
         wrong = [f"{n} must be at least 1" for n in counts if getattr(self, n) < 1]
         bounded = ("early_stop", "skip", "weight_cut", "bounce_spread", "twin")
         wrong += [f"{n} must lie in [0, 1)" for n in bounded if not 0 <= getattr(self, n) < 1]
@@ -83,7 +91,16 @@ class Quality:
 
 
 PRESETS = {
-    "draft": Quality(pixel_samples=1, samples=24, early_stop=0.05, environment_samples=2, base_samples=4, twin=0.1),
+    "draft": Quality(
+        pixel_samples=1,
+        samples=24,
+        early_stop=0.05,
+        environment_samples=2,
+        base_samples=4,
+        spp=16,
+        max_depth=4,
+        twin=0.1,
+    ),
     "normal": Quality(),
     "reference": Quality(
         pixel_samples=16,
@@ -96,6 +113,9 @@ PRESETS = {
         visibility="sample",
         environment_samples=16,
         base_samples=32,
+        spp=512,
+        max_depth=64,
+        rr_depth=64,
         bounce_spread=0.0,
         twin=0.0,
     ),

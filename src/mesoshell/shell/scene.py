@@ -49,7 +49,7 @@ class Scene:
     """A scene. alpha: normalised parameters; maps: those that vary, each (H, W) over the UV square, normalised too.
 
     patches_per_uv: texture patches along one unit of the mesh's UV. base_colour: diffuse albedo under the shell and of
-    `objects`. up: axis of the environment's pole, 1 or 2.
+    `objects`.
     """
 
     mesh: Mesh

@@ -23,10 +23,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.geometry.enclosure import enclosure
+from mesoshell.geometry.mesh import is_convex
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.render.camera import pixel_grid, pixel_radius, rays
-from mesoshell.render.effects import Effect
+from mesoshell.render.effects import SURFACE, Effects, Facts, plan_effects
 from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality
 from mesoshell.silhouette.material import Place, SurfaceConfig, Tables, reflectance, seen
@@ -47,35 +49,24 @@ class SurfaceScene(SurfaceDescription):
     ready: Ready
 
 
-@dataclass(frozen=True)
-class SurfaceEffects:
-    """What the scene calls for; see `plan`."""
-
-    opacity: Effect
-    shadows: Effect
-    environment: Effect
-    background: Effect
-
-    def as_dict(self) -> dict[str, dict[str, object]]:
-        return {name: {"on": e.on, "why": e.why} for name, e in vars(self).items()}
-
-
-def plan(scene: SurfaceScene, convex: bool) -> SurfaceEffects:
-    """Decide each effect. convex: no part of the mesh can shadow another."""
-    opaque, sky = scene.ready.config.opacity == "none", scene.environment is not None
-    alone = convex and not scene.objects
-    return SurfaceEffects(
-        opacity=Effect(
-            not opaque, "the material has no opacity" if opaque else "rays may pass a silhouette, and go on behind"
-        ),
-        shadows=Effect(
-            not alone, "nothing stands in a light's way" if alone else "the mesh or an object may shadow it"
-        ),
-        environment=Effect(sky, "an environment was given" if sky else "no environment"),
-        background=Effect(
-            sky and not scene.transparent, "the environment is seen behind" if sky else "transparent: nothing behind"
-        ),
+def facts(scene: SurfaceScene) -> Facts:
+    """What the effects are planned from."""
+    convex = is_convex(scene.mesh)
+    return Facts(
+        surfaces=1,
+        objects=len(scene.objects),
+        distant=len(scene.lights),
+        environment=scene.environment is not None,
+        seen=not scene.transparent,
+        convex=convex,
+        enclosed=0.0 if convex and not scene.objects else enclosure([scene.mesh, *scene.objects]),
+        passable=scene.ready.config.opacity != "none",
     )
+
+
+def plan(scene: SurfaceScene, quality: Quality) -> Effects:
+    """Decide each effect."""
+    return plan_effects(facts(scene), quality, SURFACE)
 
 
 @dataclass
@@ -97,7 +88,7 @@ class Report:
 def render(
     scene: SurfaceScene,
     quality: Quality,
-    effects: SurfaceEffects,
+    effects: Effects,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Float[np.ndarray, "H W 4"], Report]:
     """Linear RGBA, premultiplied, and what it took. progress: called with the share done, 0 to 1."""
@@ -128,7 +119,7 @@ def render(
 class _Tile:
     """Rays that are rendered together."""
 
-    def __init__(self, scene, dressed: Dressed, quality: Quality, effects: SurfaceEffects, report: Report):
+    def __init__(self, scene, dressed: Dressed, quality: Quality, effects: Effects, report: Report):
         self.scene, self.dressed, self.quality, self.effects, self.report = scene, dressed, quality, effects, report
         self.spread = pixel_radius(scene.camera.spread) / 2
 
@@ -190,7 +181,7 @@ class _Tile:
         """V from hits at t toward a light. normal: of the face that was met: over the horizon of an interpolated one there is
         light that has to come through the face itself."""
         through = np.ones(len(t))
-        if not self.effects.shadows.on or not len(t):
+        if not (self.effects.mesh_shadow.on or self.effects.object_shadow.on) or not len(t):
             return through
         clock = time.perf_counter()
         away = 4 * ADVANCE * (self.dressed.size + t) * np.where(np.einsum("ij,ij->i", normal, toward) < 0, -1, 1)

@@ -1,0 +1,71 @@
+"""A scene of Mitsuba's as `render/effects` sees it: its emitters, surfaces and cameras, and what is on its meshes."""
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from mesoshell.pathtracer.detail import PINHOLES, coarsest, eye_of
+from mesoshell.pathtracer.media import Medium
+from mesoshell.pathtracer.worn import SurfaceMaterial
+from mesoshell.render.effects import DARK, Facts
+from mesoshell.shell.extrude import Shell
+from mesoshell.silhouette.wear import Wear
+
+#: All that scatters at a surface that is diffuse, of one colour.
+_DIFFUSE = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide
+
+
+def facts_of(
+    scene: mi.Scene, stands: list[tuple[Shell, Medium]], wears: list[tuple[Wear, SurfaceMaterial]], convex: bool
+) -> Facts:
+    """stands, wears: shells and surface materials on its meshes, with what fills them. convex: each of these meshes is."""
+    integrator: Any = scene.integrator()
+    kinds = [_kind(e) for e in scene.emitters()]
+    shells, media = [shell for shell, _ in stands], [medium for _, medium in stands]
+    surfaces = len(scene.shapes())  # meshes with surface materials are not among them
+    heights = [m.material.heights for m in media]
+    return Facts(
+        shells=len(stands),
+        surfaces=len(wears),
+        objects=surfaces - (len(stands) == 1),
+        distant=kinds.count("distant"),
+        point=kinds.count("point"),
+        area=kinds.count("area"),
+        environment="environment" in kinds,
+        seen=not integrator.hide_emitters,
+        convex=convex,
+        enclosed=0.0 if convex and surfaces + len(wears) == 1 else 1.0,
+        dark=all(_is_dark(s.bsdf()) for s in scene.shapes()),
+        coarsest=coarsest(scene.sensors(), shells, [m.material.density for m in media]),
+        rows=max((h.rows for h in heights), default=0),
+        inside=bool(shells) and any(_may_be_inside(s, shells) for s in scene.sensors()),
+        varying=tuple(sorted({name for m in media for name in m.varying})),
+        shaped=any(h.nodes is not None for h in heights),
+        passable=any(m.opacity != "none" for _, m in wears),
+    )
+
+
+def _is_dark(bsdf: mi.BSDF | None) -> bool:
+    """Whether a surface reflects no more than DARK, diffusely, and lets nothing through."""
+    if bsdf is None or int(bsdf.flags()) & ~int(_DIFFUSE):
+        return False
+    at: Any = dr.zeros(mi.SurfaceInteraction3f)
+    at.wi = mi.Vector3f(0, 0, 1)
+    return float(np.max(np.array(bsdf.eval_diffuse_reflectance(at)))) <= DARK
+
+
+def _may_be_inside(sensor: mi.Sensor, shells: list[Shell]) -> bool:
+    """Whether rays may begin in a shell: those of a pinhole or a lens do not if it is outside the shells' bounds."""
+    ends = np.concatenate([x for s in shells for x in (s.base, s.base + s.offset)])
+    eye = eye_of(sensor)
+    inside = ((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()
+    return sensor.class_name() not in PINHOLES or bool(inside)
+
+
+def _kind(emitter: mi.Emitter) -> str:
+    flags = emitter.flags()
+    if mi.has_flag(flags, mi.EmitterFlags.Infinite):
+        return "distant" if mi.has_flag(flags, mi.EmitterFlags.DeltaDirection) else "environment"
+    return "point" if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition) else "area"

@@ -53,14 +53,15 @@ def test_a_picture_without_jax(material: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-c", WITHOUT_JAX, *arguments(material, out, "--explain", "--param", "dryness=1")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0 and done.stdout == f"{out}\n", done.stderr
-    assert "on  shell on shell: light may cross shells again" in done.stderr
+    assert "on  shell shadow: light may cross shells on its way" in done.stderr
     linear, shown = read_exr(out.with_suffix(".exr")), read_png(out)
     assert linear.shape == shown.shape == (12, 16, 4) and np.isfinite(linear).all() and (linear >= 0).all()
     assert linear[0, 0, 3] == 0 and linear[6, 8, 3] == 1
     record = json.loads(out.with_suffix(".json").read_text())
     assert {"version", "engine", "seconds", "rays", "queries", "effects", "quality", "material"} <= record.keys()
     assert record["queries"] > 16 * 12
-    assert (record["engine"], record["rays"], record["samples"]) == ("mitsuba", 16 * 12 * 4, 4)
+    assert (record["engine"], record["rays"], record["quality"]["spp"]) == ("mitsuba", 16 * 12 * 4, 4)
+    assert record["quality"]["max_depth"] == 8 and "pixel_samples" not in record["quality"]
 
 
 @pytest.mark.skipif(not (ENVIRONMENT / "installed").exists(), reason="no environment without JAX: make nojax")
@@ -109,8 +110,8 @@ def sky(folder: Path) -> Path:
         (["render", "scene.xml"], "scene.xml: is a scene of Mitsuba's: give --engine mitsuba"),
         (["render", "scene.xml", "--engine", "mitsuba"], "scene.xml: no such file"),
         (["render", "scene.xml", "--engine", "mitsuba", "--seed", "3"], "--seed: scene.xml says that itself"),
-        (["render", str(MESH), "--spp", "3"], "--spp: is of --engine mitsuba"),
-        (["render", str(MESH), "--max-depth", "3"], "--max-depth: is of --engine mitsuba"),
+        (["render", str(MESH), "--spp", "3"], "--spp: requires --engine mitsuba"),
+        (["render", str(MESH), "--max-depth", "3"], "--max-depth: requires --engine mitsuba"),
         (["render", str(MESH), "--engine", "mitsuba", "--spp", "0"], "--spp: 0 must be at least 1"),
     ],
 )

@@ -154,7 +154,7 @@ def plan_effects(facts: Facts, quality: Quality, engine: Engine = MARCH) -> Effe
 def _if_it_can(name: str, effect: Effect, engine: Engine) -> Effect:
     if not effect.on or name in engine.can:
         return effect
-    return Effect(False, f"{effect.why}; --engine {engine.name} cannot compute it", missing=True)
+    return Effect(False, f"{effect.why}; --engine {engine.name} cannot, --engine mitsuba can", missing=True)
 
 
 def left_out(effects: Effects) -> tuple[str, ...]:
@@ -223,7 +223,9 @@ def _detail(f: Facts) -> dict[str, Effect]:
     """What there is to look up."""
     varying = ", ".join(f.varying)
     return {
-        "shells": _either(f.shells > 0, f"rays are marched through {f.shells}", "no shells"),
+        "shells": _either(
+            f.shells > 0, f"rays are marched through {f.shells} {'shells' if f.shells > 1 else 'shell'}", "no shells"
+        ),
         "surface_materials": _either(f.surfaces > 0, f"on {f.surfaces} of the meshes", "no mesh wears one"),
         "opacity": _either(
             f.passable,

@@ -1,0 +1,75 @@
+"""What a scene of Mitsuba's does not call for is not in its program; what paths cannot honour of a quality is refused.
+
+Oracles: the operations of the compiled kernels, counted by Dr.Jit, with one effect off and on.
+That pictures stay the same is tested beside what the effects do (test_shell_paths, test_worn, test_shell_direct).
+"""
+
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import pytest
+from test_shell_direct import QUALITY
+from test_shell_paths import loaded, materials, scene, shell  # noqa: F401  (a fixture)
+
+from mesoshell.errors import InputError
+from mesoshell.render.effects import Effect
+from mesoshell.render.quality import PRESETS, Quality
+
+SUN = {"type": "directional", "direction": [-0.3, 0.2, -1.0], "irradiance": 3.0}
+#: An effect, and what turns it on beside what it is in a plain scene of a depth: effects that it needs.
+GATES = [
+    ("filtering", 2, ()),
+    ("anisotropic_filtering", 2, ("filtering",)),
+    ("object_shadow", 2, ()),
+    ("bounces", 4, ("roulette",)),
+    ("roulette", 8, ("bounces",)),
+    ("environment", 2, ()),
+]
+
+
+def operations(made) -> int:
+    """Of the kernels that a picture takes."""
+    mi.render(made, spp=1).numpy()  # what is computed once
+    dr.kernel_history_clear()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        mi.render(made, spp=1).numpy()
+        return sum(k["operation_count"] for k in dr.kernel_history() if "operation_count" in k)
+
+
+@pytest.mark.parametrize(("name", "depth", "more"), GATES)
+def test_an_effect_that_is_off_is_not_compiled(materials, name: str, depth: int, more: tuple) -> None:  # noqa: F811
+    made = loaded(scene(shell(materials, "thin"), light=SUN, depth=depth), QUALITY.with_changes(anisotropy=4))
+    world = made.integrator().world
+    plain = replace(world.effects, **{k: Effect(True, "for the test") for k in more})
+    plain = replace(plain, quadrature=Effect(name in ("filtering", "anisotropic_filtering"), "for the test"))
+    counts = []
+    for on in (False, True):
+        world.effects = replace(plain, **{name: Effect(on, "for the test")})
+        counts.append(operations(made))
+    assert 0 < counts[0] < counts[1], counts
+
+
+def test_a_convex_shell_under_the_sun_is_summed_however_deep_paths_may_go(materials) -> None:  # noqa: F811
+    """It needs no bounce; beside a wall it does."""
+    wall = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 3, 0]).rotate([1, 0, 0], 90)}
+    alone, beside = (
+        loaded(scene(*shapes, light=SUN, depth=8)).integrator().world.effects
+        for shapes in ([shell(materials, "thin")], [shell(materials, "thin"), wall])
+    )
+    assert alone.quadrature.on and not alone.bounces.on
+    assert beside.bounces.on and beside.object_shadow.on and not beside.quadrature.on
+    white = shell(materials, "thin", asked={"inner": {"type": "diffuse"}})
+    assert loaded(scene(white, light=SUN, depth=8)).integrator().world.effects.bounces.on
+
+
+def test_spacing_that_paths_do_not_have_is_refused(materials) -> None:  # noqa: F811
+    with pytest.raises(InputError, match=r"^spacing: 'interval' requires --engine jax"):
+        loaded(scene(shell(materials, "thin")), Quality(spacing="interval"))
+
+
+def test_depths_are_the_scenes_own(materials) -> None:  # noqa: F811
+    parts = scene(shell(materials, "thin"), depth=3)
+    parts["integrator"]["rr_depth"] = 2
+    quality = loaded(parts, PRESETS["reference"]).integrator().world.quality
+    assert (quality.max_depth, quality.rr_depth) == (3, 2)

@@ -13,11 +13,10 @@ from mesoshell.geometry.mesh import Mesh
 from mesoshell.pathtracer import march, walk
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.boundary import Trace
-from mesoshell.shell.extrude import Shell
 from mesoshell.shell.visits import Intervals
 
 #: Pieces of one ray that are kept, and moves after which a ray is given up.
-MOST, MOVES = 256, 4000
+MOST, MOVES = 128, 4000
 
 
 def leave_sides(d: np.ndarray, p: np.ndarray, n: np.ndarray) -> SimpleNamespace:
@@ -34,36 +33,35 @@ def leave_caps(d: np.ndarray, corners: np.ndarray) -> SimpleNamespace:
     return SimpleNamespace(inside=np.array(found.inside), margin=np.array(found.margin), bary=np.array(found.bary).T)
 
 
-def surface(mesh: Mesh) -> mi.Scene:
-    """The mesh as a scene of Mitsuba's, as a user's is: in world space, float32."""
+def hits(mesh: Mesh, o: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Where rays meet the mesh as a scene of Mitsuba's: in world space, float32; infinite for none."""
     made = mi.Mesh("surface", len(mesh.vertices), len(mesh.faces))
     parameters = mi.traverse(made)
     parameters["vertex_positions"] = mi.Float(mesh.vertices.ravel())
     parameters["faces"] = mi.UInt32(mesh.faces.ravel().astype(np.uint32))
     parameters.update()
-    return mi.load_dict({"type": "scene", "surface": made})
+    scene = mi.load_dict({"type": "scene", "surface": made})
+    found = scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(_vector(o)), mi.Vector3f(_vector(d))))
+    return np.where(np.array(found.is_valid()), np.array(found.t, np.float64), np.inf)
 
 
-def trace(shell: Shell, mesh: Mesh, o: np.ndarray, d: np.ndarray, outside: bool = False, opaque: bool = True) -> Trace:
-    """All intervals of rays up to the surface underneath; outside: they are known to begin outside of the shell. opaque: false
-    for rays that pass the surface."""
-    o, d = np.asarray(o, np.float64), np.asarray(d, np.float64)
+def trace(
+    shells: Shells, o: np.ndarray, d: np.ndarray, end: np.ndarray | float = np.inf, outside: bool = False
+) -> Trace:
+    """All intervals of rays, each up to its end; outside: they are known to begin outside of the shell."""
     count = len(o)
-    origin, way = _vector(o), _vector(d)
-    end, face = np.full(count, np.inf), np.full(count, -1, np.int32)
-    if opaque:
-        met = surface(mesh).ray_intersect_preliminary(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(way)))
-        hit = np.array(met.is_valid())
-        end, face = np.where(hit, np.array(met.t, np.float64), np.inf), np.where(hit, np.array(met.prim_index), -1)
+    end = np.broadcast_to(np.asarray(end, np.float64), count)
     table = [dr.zeros(mi.Float64, count * MOST) for _ in range(8)] + [dr.zeros(mi.UInt32, count * MOST)]
-    pieces, moves = _collect(Shells([shell]), origin, way, mi.Float64(end), dr.full(mi.Bool, outside, count), table)
+    known = dr.full(mi.Bool, outside, count)
+    pieces, moves = _collect(shells, _vector(o), _vector(d), mi.Float64(end), known, table)
     pieces = np.array(pieces)
     assert np.array(moves).max(initial=0) < MOVES and pieces.max(initial=0) < MOST
     kept = np.arange(MOST) < pieces[:, None]
     t0, t1, a0, b0, a1, b1, h0, h1, prism = (np.array(x).reshape(count, MOST)[kept] for x in table)
     bary0, bary1 = np.stack([a0, b0], axis=1), np.stack([a1, b1], axis=1)
     found = Intervals(np.nonzero(kept)[0], prism.astype(np.int32), t0, t1, bary0, bary1, h0, h1)
-    return Trace(found, end, face.astype(np.int32), np.zeros((count, 2), np.float32), len(found.ray), 0)
+    nowhere = np.full(count, -1, np.int32)
+    return Trace(found, np.array(end), nowhere, np.zeros((count, 2), np.float32), len(found.ray), 0)
 
 
 @dr.syntax
@@ -81,7 +79,17 @@ def _collect(shells, o, d, tmax, outside, table):
 
 
 def _keep(table, piece, at, found):
-    rows = [piece.t0, piece.t1, piece.bary0.x, piece.bary0.y, piece.bary1.x, piece.bary1.y, piece.h0, piece.h1, piece.prism]
+    rows = [
+        piece.t0,
+        piece.t1,
+        piece.bary0.x,
+        piece.bary0.y,
+        piece.bary1.x,
+        piece.bary1.y,
+        piece.h0,
+        piece.h1,
+        piece.prism,
+    ]
     for buffer, value in zip(table, rows, strict=True):
         dr.scatter(buffer, value, at, found)
 

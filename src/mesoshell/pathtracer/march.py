@@ -11,8 +11,8 @@ behind, or through a border's side; it leaves through them the other way. (A bor
 bilinear side: the exact side decides.) If it leaves, it began inside: walk back to where it began, then forward. If it enters,
 it may have begun inside all the same, where shells overlap: it did if, further on, it leaves more often than it enters. That
 is counted, but for rays that are known to begin outside; and if so, the places where it leaves are searched for the one from
-which a walk back comes to where it began. A ray that is known to begin outside, and leaves, has entered at an edge that rounding
-has hidden: it is walked back to where it came in.
+which a walk back comes to where it began. A ray that is known to begin outside, and leaves, has come in at an edge that
+rounding has hidden: it is walked back to there.
 
 A walk that has left the shell returns the ray to free space. Where two visits overlap, the later one begins where the earlier
 one ended. So density is never counted twice, and pieces come in the order of the ray.

@@ -24,7 +24,7 @@ def gather_light(world, scene, ray, shift=0.5):
     """Radiance toward a ray from all that it passes, its transmittance, and how many samples were decoded. shift: of them."""
     s = begin(ray, shift)
     n = dr.width(ray.o)
-    depth, rgb, queries = dr.zeros(mi.Float, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
+    depth, rgb, queries = dr.zeros(mi.Float64, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
     cut, stop = world.quality.least_weight, world.dark
     busy = dr.full(mi.Bool, True, n)
     while busy:
@@ -33,13 +33,13 @@ def gather_light(world, scene, ray, shift=0.5):
         if found:
             sigma, features = world.media.decode(sample, world.taps)
             tau = dr.minimum(sigma, 1e20) * mi.Float(s.step)
-            weight = dr.exp(-depth) * _opacity(tau)
-            depth += tau
+            weight = dr.exp(-mi.Float(depth)) * opacity(tau)
+            depth += mi.Float64(tau)
             queries += 1
             busy = depth < stop
             if weight > cut:
                 rgb += weight * scattered(world, scene, ray, s.here, sample, features)
-    return rgb, dr.exp(-depth), queries
+    return rgb, dr.exp(-mi.Float(depth)), queries
 
 
 def scattered(world, scene, ray, here, sample, features):
@@ -61,9 +61,12 @@ def scattered(world, scene, ray, here, sample, features):
     return total
 
 
-def _opacity(tau):
-    """1 − e^{−τ} without cancellation for small τ."""
-    return dr.select(tau < 1e-3, tau * (1 - tau * (0.5 - tau / 6)), 1 - dr.exp(-tau))
+def opacity(tau):
+    """1 − e^{−τ}, a series where it would cancel."""
+    series = mi.Float(1)
+    for k in range(7, 1, -1):
+        series = 1 - tau / k * series
+    return dr.select(tau < 0.5, tau * series, 1 - dr.exp(-tau))
 
 
 def light_directly(settings, scene, sampler, ray, active):
@@ -83,6 +86,6 @@ def light_directly(settings, scene, sampler, ray, active):
             lit &= ~scene.ray_test(away, lit)
         dimmed = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit)
         queries += dimmed.queries
-        light += dr.select(lit, through * value * dr.exp(-dimmed.depth), 0)
+        light += dr.select(lit, through * value * dr.exp(-mi.Float(dimmed.depth)), 0)
     world.count(queries)
     return light, met | (sampler.next_1d() > through)

@@ -72,14 +72,14 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
     """A shell scatters. numbers: two uniform ones, or none if the path ends here."""
     here, sample = flight.here, flight.sample
     size = world.shells.size
-    x = mi.Point3f(ray.o + mi.Float64(sample.t) * ray.d)
+    x = ray.o + mi.Float64(sample.t) * ray.d
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
     asked = dr.normalize(canonical(here, ds.d))
     _, features = world.media.decode(sample, world.taps)
 
     def away(d, far, opening, pdf):
         leave = exit_distance(here, sample.xi.z, d, size) + ADVANCE * size
-        return segment(ray, sample.t, x + leave * d, d, dr.maximum(far - leave, 0), True, opening, pdf)
+        return segment(ray, sample.t, x + mi.Vector3d(leave * d), d, dr.maximum(far - leave, 0), True, opening, pdf)
 
     def rho(directions):
         return world.media.rho(sample, features, view, directions)

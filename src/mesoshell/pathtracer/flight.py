@@ -19,9 +19,10 @@ from mesoshell.pathtracer.quadrature import Here, Sample, begin, no_here, nothin
 
 @dataclass
 class Flight:
-    """τ at the end; whether there was a collision, its sample and the piece that it lies on."""
+    """τ at the end, summed in float64: thousands of samples would lose digits of it; whether there was a collision, its sample
+    and the piece that it lies on."""
 
-    depth: mi.Float
+    depth: mi.Float64
     collided: mi.Bool
     sample: Sample
     here: Here
@@ -30,8 +31,7 @@ class Flight:
 
 def still(n: int) -> Flight:
     """The flight of rays where there are no shells."""
-    zero = dr.zeros(mi.Float, n)
-    return Flight(zero, dr.full(mi.Bool, False, n), nothing(), no_here(), dr.zeros(mi.UInt32, n))
+    return Flight(dr.zeros(mi.Float64, n), dr.full(mi.Bool, False, n), nothing(), no_here(), dr.zeros(mi.UInt32, n))
 
 
 @dr.syntax
@@ -46,7 +46,7 @@ def fly(world, ray, target, active, shift=0.5):
         s, sample, found = seek(world, ray, s)
         busy = found
         if found:
-            end.depth += dr.minimum(world.media.sigma(sample, world.taps), 1e20) * mi.Float(s.step)
+            end.depth += mi.Float64(dr.minimum(world.media.sigma(sample, world.taps), 1e20) * mi.Float(s.step))
             end.queries += 1
             if end.depth >= target:
                 end.collided = mi.Bool(True)

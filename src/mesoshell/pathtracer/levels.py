@@ -95,6 +95,10 @@ def between_levels(level, last: int, at):
 
 
 def softplus(x):
-    """log(1 + eˣ), without overflow."""
+    """log(1 + eˣ) = max(x, 0) + 2 artanh(e / (2 + e)), e = exp(−|x|): without overflow, and small values keep their digits."""
     e = dr.exp(-dr.abs(x))
-    return dr.maximum(x, 0) + dr.select(e < 1e-3, e * (1 - e / 2), dr.log(1 + e))
+    z = e / (2 + e)
+    series = mi.Float(0)
+    for k in range(13, 0, -2):  # z is at most 1/3
+        series = dr.fma(series, z * z, 1 / k)
+    return dr.maximum(x, 0) + 2 * z * series

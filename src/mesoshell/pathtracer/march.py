@@ -11,7 +11,8 @@ behind, or through a border's side; it leaves through them the other way. (A bor
 bilinear side: the exact side decides.) If it leaves, it began inside: walk back to where it began, then forward. If it enters,
 it may have begun inside all the same, where shells overlap: it did if, further on, it leaves more often than it enters. That
 is counted, but for rays that are known to begin outside; and if so, the places where it leaves are searched for the one from
-which a walk back comes to where it began.
+which a walk back comes to where it began. A ray that is known to begin outside, and leaves, has come in at an edge that
+rounding has hidden: it is walked back to there.
 
 A walk that has left the shell returns the ray to free space. Where two visits overlap, the later one begins where the earlier
 one ended. So density is never counted twice, and pieces come in the order of the ray.
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.walk import LOST, TOP, WALKING, Piece, Place, enter, step
+from mesoshell.pathtracer.walk import LOST, TOP, WALKING, Piece, Place, enter, owner, step
 
 FREE, COUNT, SEARCH, BACK, FORWARD, OVER = 0, 1, 2, 3, 4, 5
 #: Step past a boundary before free space begins again, relative to the scene's size.
@@ -75,7 +76,7 @@ def advance(shells, o, d, tmax, w):
 def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     """From free space: what the boundary says."""
     x = o + w.at * d
-    met = shells.scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(x), mi.Vector3f(d)))
+    met = shells.scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(x - shells.centre), mi.Vector3f(d)))
     hit = met.is_valid()
     triangle = dr.select(hit, met.prim_index, 0)
     normal = dr.gather(mi.Vector3d, shells.normal, triangle)
@@ -86,6 +87,7 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     t = w.at + dr.maximum(dr.select(close, exact, rough), 0)
     code, prism = dr.gather(mi.UInt32, shells.code, triangle), dr.gather(mi.UInt32, shells.prism, triangle)
     border, against = code < TOP, slope < 0
+    prism = owner(shells, o, d, prism, code, hit & ~border)
     ahead, behind = enter(shells, o, d, prism, code), enter(shells, o, -d, prism, code)
     cap_in = dr.select(code == TOP, against, ~against)
     enters = hit & (ahead.exit == WALKING) & dr.select(border, ahead.t > w.at, cap_in)
@@ -93,7 +95,7 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     out = leaves & (~enters | (-behind.t < ahead.t))  # of a border's two crossings the nearer one
     into = enters & ~out
     free, counting, searching = w.mode == FREE, w.mode == COUNT, w.mode == SEARCH
-    back = out & ((free & ~w.sure) | searching)
+    back = out & (free | searching)
     forward = into & free & w.sure
     count = (into & free & ~w.sure) | (counting & hit & ~(out & (w.depth == 0)))
     search = (counting & out & (w.depth == 0)) | (searching & hit & ~back)
@@ -118,14 +120,16 @@ def _cross(shells, o, d, tmax, w: Walker):
     stuck = dr.select(after.t > w.place.t, 0, w.stuck + 1)
     after.exit = dr.select(stuck < MOST_STUCK, after.exit, LOST)
     # back: the prism's far end is where the ray enters it
-    reached = back & (-after.t <= w.start) & (after.exit != LOST)
+    there, ended, lost = -after.t <= w.start, after.exit != WALKING, after.exit == LOST
+    reached = back & ~lost & dr.select(w.sure, ended & ~there, there)
+    nothing = back & w.sure & ~reached & (ended | there)
     entry = Place(piece.prism, -piece.t1, after.slack, piece.bary1, piece.h1, mi.UInt32(WALKING))
     left = ~back & (after.exit != WALKING)
     over = ~back & (after.t >= tmax)
-    elsewhere = back & ~reached & (after.exit != WALKING)
+    elsewhere = back & ~w.sure & ~reached & ended
     end = dr.select((after.exit != LOST) & (after.t > w.start), after.t, w.at)  # without progress, past what was met
     mode = dr.select(reached, mi.UInt32(FORWARD), dr.select(elsewhere, mi.UInt32(SEARCH), w.mode))
-    mode = dr.select(over, mi.UInt32(OVER), dr.select(left, mi.UInt32(FREE), mode))
+    mode = dr.select(over, mi.UInt32(OVER), dr.select(left | nothing, mi.UInt32(FREE), mode))
     found, piece = _cut(piece, w.start, tmax)
     place = dr.select(reached, entry, after)
     start = dr.select(left, end, w.start)

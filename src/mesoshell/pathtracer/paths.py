@@ -114,7 +114,7 @@ def advance(settings, scene, sampler, lane):
     # --- a shadow arrives, goes on behind a surface material, or is stopped
     came = shadow.pending & ~blocked
     passing = came & met.hit
-    shadow.asked *= dr.select(came, dr.exp(-flight.depth), 0)
+    shadow.asked *= dr.select(came, dr.exp(-mi.Float(flight.depth)), 0)
     light += dr.select(came & ~passing, shadow.asked, 0)
     if worn:
         shadow.asked *= dr.select(met.front, 1 - met.alpha, 1)

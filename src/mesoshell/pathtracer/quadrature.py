@@ -148,8 +148,9 @@ def _canonical(shells, piece: Piece, exact: bool) -> Here:
     h0, h1 = mi.Float(piece.h0), mi.Float(piece.h1)
     xi0, xi1 = _xi(uv, bary0, h0), _xi(uv, bary1, h1)
     bary, h = 0.5 * (bary0 + bary1), 0.5 * (h0 + h1)
-    at = [b + h * n for b, n in zip(base, post, strict=True)]
-    x, y = at[0] - at[2], at[1] - at[2]
+    x, y = (
+        base[k] - base[2] + h * (post[k] - post[2]) for k in (0, 1)
+    )  # far from the origin h times a post is lost on a base
     z = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]
     rows = dr.cross(y, z), dr.cross(z, x), dr.cross(x, y)
     volume = dr.dot(x, rows[0])

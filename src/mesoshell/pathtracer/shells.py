@@ -5,8 +5,12 @@ code        of a triangle: 0, 1, 2: part of the tetrahedron around that side, at
 shell       index of the shell that a prism belongs to
 
 All shells of a scene share one set of tables. The boundary is kept apart from the user's scene: no ray of the user's own meets
-it, no emitter is drawn on it, and no BSDF is looked up there.
+it, no emitter is drawn on it, and no BSDF is looked up there. Rays meet it in float32, so it lies about a centre of its own:
+what rounding costs there goes with the size of all shells and a ray's distance from them, not with how far off they are. (The
+tables hold the mesh's own float32 numbers, from which the walk goes on in float64.)
 """
+
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -21,7 +25,8 @@ _TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 class Shells:
     """corners: (P · 6, 3); across, across_edge: (P · 3); uv: (P · 3, 2), patches; shell: (P); prism, code: of each triangle.
 
-    box: least and greatest coordinates of all shells, (2, 3), world; size: its greatest side.
+    box: least and greatest coordinates of all shells, (2, 3), world; centre: its middle, where the boundary's scene has its
+    origin; size: its greatest side.
     """
 
     def __init__(self, shells: list[Shell]):
@@ -43,7 +48,9 @@ class Shells:
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         self.normal = mi.Float64(normal.ravel())
         self.point = mi.Float64(triangles[:, 0].ravel())
-        self.scene = mi.load_dict({"type": "scene", "boundary": boundary(triangles)})
+        centre = self.box.mean(axis=0)
+        self.centre = mi.Vector3d(*(float(x) for x in centre))
+        self.scene = scene_of(triangles - centre)
 
     def frame(self, prism):
         """Posts and base points of a prism in float32, and its corners' (u, v)."""
@@ -52,8 +59,17 @@ class Shells:
         return rows[:3], rows[3:], uv
 
 
-def boundary(triangles: np.ndarray) -> mi.Mesh:
-    """The triangles (T, 3, 3) as a mesh without shared vertices: a triangle's index is its row in the tables."""
+def scene_of(triangles: np.ndarray) -> mi.Scene:
+    """The triangles (T, 3, 3) in a scene of their own. Without Embree's robust mode one ray of 80 that is aimed at an edge or a
+    vertex passes between the triangles that share it."""
+    parts: dict[str, Any] = {"type": "scene", "boundary": _boundary(triangles)}
+    if not str(mi.variant()).startswith("cuda"):
+        parts["embree_use_robust_intersections"] = True
+    return mi.load_dict(parts)
+
+
+def _boundary(triangles: np.ndarray) -> mi.Mesh:
+    """A mesh without shared vertices: a triangle's index is its row in the tables."""
     mesh = mi.Mesh("boundary", 3 * len(triangles), len(triangles))
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = mi.Float(triangles.astype(np.float32).ravel())

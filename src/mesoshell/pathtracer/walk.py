@@ -19,6 +19,8 @@ import mitsuba as mi
 TOP, BASE = 3, 4
 #: Exit codes of a walk that has not ended, and of one that is outside every prism.
 WALKING, LOST = 5, 6
+#: Steps from the face that float32 found to the one that owns a ray: at most half way round a vertex.
+HOPS = 16
 _ROUNDINGS, _EPS = 8.0, 2.0**-52
 _WIDEST, _FAR_OFF = 1e-3, 1e-6
 
@@ -62,18 +64,44 @@ def corners(prisms, o, prism):
     return [row - o for row in rows[:3]], rows[3:]
 
 
+@dr.syntax
+def owner(prisms, o, d, prism, code, active):
+    """The prism through whose top, or base (by `code`), a ray goes in float64, from the one that was found in float32: it or
+    one close by. active: rays that meet such a face."""
+    moves, hops = mi.Bool(active), mi.UInt32(0)
+    while moves & (hops < HOPS):
+        c = cap(prisms, o, prism, code)
+        sense = dr.sign(dr.dot(dr.cross(c[1] - c[0], c[2] - c[0]), d))
+        outside = [sense * dr.dot(dr.cross(c[k], c[(k + 1) % 3]), d) for k in range(3)]
+        least = dr.minimum(dr.minimum(outside[0], outside[1]), outside[2])
+        edge = dr.select(outside[0] == least, mi.UInt32(0), dr.select(outside[1] == least, mi.UInt32(1), mi.UInt32(2)))
+        beyond = dr.gather(mi.Int32, prisms.across, prism * 3 + edge)
+        moves = (least < 0) & (beyond >= 0)
+        there = cap(prisms, o, dr.select(moves, mi.UInt32(beyond), prism), code)
+        moves &= sense * dr.dot(dr.cross(there[1] - there[0], there[2] - there[0]), d) > 0  # else it is turned away
+        prism = dr.select(moves, mi.UInt32(beyond), prism)
+        hops += 1
+    return prism
+
+
+def cap(prisms, o, prism, code):
+    """Corners of a prism's top, or base, relative to o."""
+    p, n = corners(prisms, o, prism)
+    return [a + dr.select(code == TOP, b, 0) for a, b in zip(p, n, strict=True)]
+
+
 def enter(prisms, o, d, prism, code):
     """The place where a ray enters `prism` through face `code` (an outer face: top, base, or a side at a border).
 
     Top and base are what an intersector reports, so they are taken at its word; of a side, only an exact crossing counts.
     """
     p, n = corners(prisms, o, prism)
-    top = _leave_cap(d, [a + b for a, b in zip(p, n, strict=True)], -1)
-    base = _leave_cap(d, p, 1)
+    top = leave_cap(d, [a + b for a, b in zip(p, n, strict=True)], -1)
+    base = leave_cap(d, p, 1)
     k = dr.minimum(code, 2)
     first, second = dr.select(k == 2, 0, k + 1), k  # the side seen from outside: its leaving is our entering
     p0, p1, n0, n1 = _pick(p, first), _pick(p, second), _pick(n, first), _pick(n, second)
-    side = _leave_side(d, (p0, p1), (n0, n1), (_post(d, p0, n0), _post(d, p1, n1)))
+    side = leave_side(d, (p0, p1), (n0, n1), (_post(d, p0, n0), _post(d, p1, n1)))
     is_top, is_base = code == TOP, code == BASE
     t = dr.select(is_top, top.t, dr.select(is_base, base.t, side.t))
     bary = dr.select(is_top, top.bary, dr.select(is_base, base.bary, _along_side(k, side.u, 1 - side.u)))
@@ -94,8 +122,8 @@ def step(prisms, o, d, place):
     """Cross one prism: the place after it, and the piece inside it."""
     p, n = corners(prisms, o, place.prism)
     f = [_post(d, p[k], n[k]) for k in range(3)]
-    sides = [_leave_side(d, (p[i], p[j]), (n[i], n[j]), (f[i], f[j])) for i, j in ((0, 1), (1, 2), (2, 0))]
-    caps = [_leave_cap(d, [a + b for a, b in zip(p, n, strict=True)], 1), _leave_cap(d, p, -1)]
+    sides = [leave_side(d, (p[i], p[j]), (n[i], n[j]), (f[i], f[j])) for i, j in ((0, 1), (1, 2), (2, 0))]
+    caps = [leave_cap(d, [a + b for a, b in zip(p, n, strict=True)], 1), leave_cap(d, p, -1)]
     faces = [*sides, *caps]
     code, lost = _choose(faces, place)
     t1 = dr.select(lost, place.t, dr.maximum(_pick([f.t for f in faces], code), place.t))
@@ -137,7 +165,7 @@ def _choose(faces, place):
     return dr.select(none, fallback, code), none & (least < -_FAR_OFF)
 
 
-def _leave_side(d, p, n, f):
+def leave_side(d, p, n, f):
     """Where the ray leaves through the side between two posts, given F at both (Reshetov 2019)."""
     e, m = p[1] - p[0], n[1] - n[0]
     a = dr.dot(d, dr.cross(e, m))
@@ -167,7 +195,7 @@ def _leave_side(d, p, n, f):
     return _Crossing(t, u, h, inside, dr.maximum(margin_u, margin_h), margin_h * dr.norm(n_u), None)
 
 
-def _leave_cap(d, c, outward):
+def leave_cap(d, c, outward):
     """Where the ray leaves through a triangle, counter-clockwise from above; outward is 1 for the top, −1 for the base."""
     w = [dr.dot(dr.cross(c[(k + 1) % 3], c[(k + 2) % 3]), d) for k in range(3)]
     normal = dr.cross(c[1] - c[0], c[2] - c[0])

@@ -21,7 +21,7 @@ import numpy as np
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.pathtracer.levels import Levels, between_levels, level_of, network, softplus
 from mesoshell.pathtracer.quadrature import Here, no_here
-from mesoshell.pathtracer.shells import boundary
+from mesoshell.pathtracer.shells import scene_of
 from mesoshell.silhouette.wear import LEAST, Wear
 
 #: Past a surface, relative to the scene's size and the distance.
@@ -122,7 +122,7 @@ class Worn:
         self.which = _flat(np.repeat([self.materials.index(m) for m in materials], counts), mi.UInt32)
         centre = triangles.mean(axis=(0, 1))  # rays are met in float32: its numbers are kept small
         self.centre = mi.Vector3d(*(float(x) for x in centre))
-        self.scene = mi.load_dict({"type": "scene", "worn": boundary(triangles - centre)})
+        self.scene = scene_of(triangles - centre)
 
     def meet(self, ray, active):
         """What a segment meets first, before its end."""

@@ -171,12 +171,11 @@ def _exact(shells, ray, here: Here, f, t):
     """ξ of the point at t, by four Newton steps on P(λ, h) = x."""
     base, post, uv = shells.frame(here.prism)
     bary, h = here.bary0 + f * (here.bary1 - here.bary0), here.xi0.z + f * (here.xi1.z - here.xi0.z)
-    x = mi.Vector3f(ray.o + mi.Float64(t) * ray.d)
+    x = mi.Vector3f(ray.o + mi.Float64(t) * ray.d - mi.Vector3d(base[2]))  # far from the origin float32 has no digits for it
     for _ in range(4):
-        at = [b + h * n for b, n in zip(base, post, strict=True)]
-        p, q = at[0] - at[2], at[1] - at[2]
+        p, q = (base[k] - base[2] + h * (post[k] - post[2]) for k in (0, 1))
         up = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]
-        off = x - (at[2] + bary.x * p + bary.y * q)
+        off = x - (h * post[2] + bary.x * p + bary.y * q)
         rows = dr.cross(q, up), dr.cross(up, p), dr.cross(p, q)
         volume = dr.dot(p, rows[0])
         scale = dr.select(volume == 0, 0, 1 / dr.select(volume == 0, 1, volume))

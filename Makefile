@@ -1,5 +1,6 @@
 # make demo   a picture from a fresh machine: sets up .venv, renders the bundled mesh with the bundled grass
 # make test   sets up all that the tests need, and passes them
+# make test-gpu   the hard cases, a training of `tiny` and benchmarks, on the GPU or TPU that JAX finds
 # make blender   the separate environment that `mesoshell dataset render` calls
 # make nojax   an environment without JAX, in which path tracing is tested
 
@@ -11,7 +12,7 @@ BLENDER := $(shell $(PYTHON) -c 'import sys; print("blender" * (sys.version_info
 # What `mesoshell render --engine mitsuba` imports
 WITHOUT_JAX := numpy scipy jaxtyping trimesh networkx libigl xatlas pillow OpenEXR tyro rich mitsuba karellen-llvm-core
 
-.PHONY: demo test lint blender nojax clean
+.PHONY: demo test test-gpu lint blender nojax clean
 
 demo: .venv/installed
 	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
@@ -19,6 +20,15 @@ demo: .venv/installed
 test: .venv/installed-dev lint $(BLENDER) nojax
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
 	$(BIN)/python notebooks/execute.py
+
+test-gpu: .venv/installed-dev
+	@$(BIN)/python -m benchmarks.accelerator --find
+	$(BIN)/python -m pytest tests/stability
+	$(BIN)/python -m benchmarks.accelerator
+	$(BIN)/python -m benchmarks.precision
+	$(BIN)/python -m benchmarks.decoder
+	$(BIN)/python -m benchmarks.render
+	$(BIN)/python -m benchmarks.generator
 
 lint: .venv/installed-dev
 	$(BIN)/ruff check

@@ -96,7 +96,7 @@ def convolutions(config: GeneratorConfig, side: int | None) -> float:
 
 
 def forward() -> None:
-    rate = matrix_rate()
+    rate = matrix_rate(precision="highest")
     print(f"matrix product: {rate / 1e9:.0f} GFLOP/s\n")
     print("| generator | mode | GFLOP | floor, s | seconds | time / floor | cores |\n|---|---|---|---|---|---|---|")
 
@@ -115,7 +115,7 @@ def forward() -> None:
             if config is T64:
                 loss = lambda *a, call=call: jnp.sum(call(*a) ** 2)  # noqa: E731
                 row(f"{name}, and backward", mode, 3 * operations, jax.grad(loss), arguments)
-    print(f"\nmatrix product again: {matrix_rate() / 1e9:.0f} GFLOP/s\n")
+    print(f"\nmatrix product again: {matrix_rate(precision='highest') / 1e9:.0f} GFLOP/s\n")
 
 
 def tiles() -> None:
@@ -183,7 +183,7 @@ def training() -> None:
     print("| part of a step, forward and backward | seconds |\n|---|---|")
     for name, seconds in parts.items():
         print(f"| {name} | {seconds:.2f} |")
-    share = operations / parts["a step"] / matrix_rate()
+    share = operations / parts["a step"] / matrix_rate(precision="highest")
     print(
         f"\n{config.batch / parts['a step']:.2f} images a second; the generator's convolutions alone are {share:.2f} of"
     )

@@ -1,6 +1,7 @@
 """What this machine can do: the rates that floors are made of, probed in the run that uses them.
 
-matrix      floating-point operations a second of a large float32 matrix product through JAX
+matrix      floating-point operations a second of a large float32 matrix product through JAX: as the backend does it for the
+            layers of networks (a GPU in TF32), or with the precision that a program asks for
 bandwidth   bytes a second of a copy that no cache holds
 embree      rays a second that Embree traces against the given boundary, one thread, as the renderer calls it
 """
@@ -24,9 +25,9 @@ def best(function: Callable[[], object], repeats: int = 5) -> float:
     return min(seconds)
 
 
-def matrix_rate(n: int = 2048) -> float:
+def matrix_rate(n: int = 2048, precision: str | None = None) -> float:
     a = jax.random.normal(jax.random.key(0), (n, n), jnp.float32)
-    product = jax.jit(lambda x: x @ x)
+    product = jax.jit(lambda x: jnp.matmul(x, x, precision=precision))
     return 2 * n**3 / best(lambda: product(a))
 
 

@@ -1,4 +1,5 @@
-"""Divisions, norms and exponentials whose values and gradients are finite for every float (floor 1).
+"""Divisions, norms and exponentials whose values and gradients are finite for every float, and small products that no
+backend rounds (floor 1).
 
 Each function works on arrays of any shape and of either precision. The rule is the same everywhere: a `where` whose
 unused branch could produce an infinity first replaces that branch's *input*, so that neither the value nor the
@@ -51,6 +52,13 @@ def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
         jnp.where(usable, largest, jnp.ones_like(largest))
     )  # the length does not depend on it
     return scale * safe_sqrt(jnp.sum(jnp.square(x / scale[..., None]), axis=-1))
+
+
+def product(a: Float[Array, "... K"], b: Float[Array, "K ..."]) -> Float[Array, "..."]:
+    """a · b of a few numbers, vectors or matrices, in their own precision: `@` may round them to TF32 on a GPU and to bfloat16
+    on a TPU, and sums of products are not rounded anywhere."""
+    last = a.ndim - 1
+    return jnp.sum(a.reshape(*a.shape, *(1,) * (b.ndim - 1)) * b.reshape(*(1,) * last, *b.shape), axis=last)
 
 
 def normalise(x: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:

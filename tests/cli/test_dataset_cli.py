@@ -100,7 +100,15 @@ def test_what_accuracy_costs(tmp_path, capsys, monkeypatch):
     assert float(rows[1][1]) > float(rows[0][1]) + 6, "16 times the paths, up to 12 dB"
 
 
-@needs_blender
+@pytest.fixture(params=[True, False], ids=["with Blender", "without"])
+def _with_or_without(request, monkeypatch) -> None:
+    if not request.param:
+        monkeypatch.setattr(blender, "_ENVIRONMENT", Path("nowhere"))
+    elif not (ROOT / "data_gen/.venv/installed").exists():
+        pytest.skip("no Blender environment (Python 3.11): make blender")
+
+
+@pytest.mark.usefixtures("_with_or_without")
 @pytest.mark.parametrize(
     ("more", "fault"),
     [
@@ -119,12 +127,20 @@ def test_unusable_options_leave_no_folder(more, fault: str, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-@needs_blender
+@pytest.mark.usefixtures("_with_or_without")
 def test_an_unknown_recipe_lists_those_there_are(tmp_path, capsys):
     _, _, err = said(capsys, "render", "moss", "--count", 1, "--out", tmp_path / "d")
     assert err == (
         "mesoshell: dataset: no recipe named moss; there are: carpet, carpet2, carpet4, carpet6, carpet8, fur, grass\n"
     )
+
+
+@pytest.mark.parametrize("verb", ["vary", "cost"])
+def test_a_parameter_is_checked_before_blender_is_looked_for(verb, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(blender, "_ENVIRONMENT", Path("nowhere"))
+    found = said(capsys, verb, "grass", "--param", "age=2", "--out", tmp_path / "d")
+    assert found == (2, "", "mesoshell: dataset: parameter age must lie in 0 to 1, not 2\n")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_missing_blender_environment_names_the_command_that_makes_it(tmp_path, capsys, monkeypatch):

@@ -16,6 +16,7 @@ from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, r
 from mesoshell.render.effects import SURFACE, Effect, Effects, plan_effects
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
+from mesoshell.silhouette import renderer
 from mesoshell.silhouette.ready import ready
 from mesoshell.silhouette.renderer import Report, SurfaceScene, facts, plan, render
 from mesoshell.silhouette.surface import Dressed
@@ -121,6 +122,40 @@ def test_bodies_are_met_once_each() -> None:
     direct = np.isclose(found[..., 0], 0.5 * 0.2 * 3.0, rtol=1e-5)
     shaded = np.isclose(found[..., 0], 0.25 * 0.2 * 3.0, rtol=1e-5)
     assert ring.sum() > 300 and (direct | shaded)[ring].all() and direct[ring].mean() > 0.9
+
+
+def stack(*sheets: Mesh) -> Mesh:
+    """One below the other, the first on top, within a height of 0.8."""
+    return wearing.joined(*(wearing.moved(sheet, 0, 0, -0.02 * k) for k, sheet in enumerate(sheets)))
+
+
+def test_a_ray_goes_on_behind_any_number_of_sheets() -> None:
+    """The light comes from where the camera is: it passes sheets from within."""
+    count, alpha = 40, 0.05
+    s = scene(stack(*[wearing.square()] * count), wearing.constant(alpha, tuple(RHO)), DOWN, camera=above(fov=0.2))
+    found, report = shown(s)
+    wanted = 1 - (1 - alpha) ** count
+    np.testing.assert_allclose(found[..., 3], wanted, rtol=1e-5)
+    np.testing.assert_allclose(found[..., :3], np.broadcast_to(wanted * RHO * DOWN.irradiance, (12, 12, 3)), rtol=1e-5)
+    assert report.counts["cut_short"] == 0 and not any("left out" in note for note in report.notes)
+
+
+def test_light_goes_on_behind_any_number_of_sheets() -> None:
+    """Sheets that the camera sees from within, and the light from outside."""
+    count, alpha = 40, 0.05
+    sheets = [*[wearing.turned(wearing.square())] * count, wearing.square()]
+    found = picture(scene(stack(*sheets), wearing.constant(alpha, tuple(RHO)), DOWN, camera=above(fov=0.2)))
+    wanted = alpha * RHO * DOWN.irradiance * (1 - alpha) ** count
+    np.testing.assert_allclose(found[..., :3], np.broadcast_to(wanted, (12, 12, 3)), rtol=1e-5)
+
+
+def test_what_is_left_out_behind_too_many_surfaces_is_said(monkeypatch) -> None:
+    monkeypatch.setattr(renderer, "MOST", 8)
+    s = scene(stack(*[wearing.square()] * 12), wearing.constant(0.05, 0.1), DOWN, camera=above(fov=0.2))
+    found, report = shown(s)
+    np.testing.assert_allclose(found[..., 3], 1 - 0.95**8, rtol=1e-5)
+    assert report.counts["cut_short"] == 144
+    assert report.notes[-1] == "144 rays and shadows passed 8 surfaces, and what lies behind these was left out"
 
 
 def test_light_adds_and_scales(lump: Mesh) -> None:

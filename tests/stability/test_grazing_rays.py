@@ -1,18 +1,23 @@
 """Hard case 2: rays at 1e-3 and 1e-5 to a side or a cap; the oracle is mpmath on the same float32 numbers.
 
 Whatever float32 gets wrong (hit or miss, or the place by more than 1e-3 of the face) must carry `doubt`. Where a ray
-meets the shell is up to Embree, in float32: a chord must be that of a ray at most SHIFT of the scene away.
+meets the shell is up to Embree, in float32: a chord must be that of a ray at most SHIFT of the scene away. All this holds with
+operands of matrix products as a GPU or a TPU would have them, too (benchmarks/products).
 """
+
+from functools import lru_cache
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles import mp_leave_cap, mp_leave_side, span_of_convex
-from sides import leave_sides
+from sides import OPERANDS, leave_sides, on
 from surfaces import ball, unit
 
-from mesoshell.geometry.patch import leave_cap
+from benchmarks.products import BITS, rounded
+from mesoshell.geometry import patch
+from mesoshell.shell import visits
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.extrude import extrude
 
@@ -39,35 +44,70 @@ def grazed_sides(angle: float, twist: float, rng: np.random.Generator) -> tuple[
     return d.astype(np.float32), np.stack([p0, p0 + e], 1).astype(np.float32), np.stack([n0, n1], 1).astype(np.float32)
 
 
+@lru_cache
+def sides(angle: float, twist: float) -> tuple[tuple, tuple]:
+    """Rays and sides, and what mpmath says of them: hit, u, h."""
+    given = grazed_sides(angle, twist, np.random.default_rng(2))
+    hit, _, u, h = (np.array(x) for x in zip(*map(mp_leave_side, *given), strict=True))
+    return given, (hit, u, h)
+
+
+def wrong_and_unflagged(operands: str, angle: float, twist: float) -> int:
+    (d, p, n), (hit, u, h) = sides(angle, twist)
+    assert hit.sum() > COUNT / 4
+    found = leave_sides(d, p, n, operands)
+    off = np.maximum(np.abs(found.u - u), np.abs(found.h - h))
+    wrong = ((found.inside >= 0) != hit) | (hit & (off > OFF))
+    return int((wrong & ~found.doubt).sum())
+
+
+@pytest.mark.parametrize("operands", OPERANDS)
 @pytest.mark.parametrize("twist", [0.0, 1e-4, 0.5])
 @pytest.mark.parametrize("angle", [1e-3, 1e-5])
-def test_no_side_is_wrong_and_unflagged(angle: float, twist: float):
-    d, p, n = grazed_sides(angle, twist, np.random.default_rng(2))
-    found = leave_sides(d, p, n)
-    hit, _, u, h = (np.array(x) for x in zip(*map(mp_leave_side, d, p, n), strict=True))
-    seen = found.inside >= 0
-    off = np.maximum(np.abs(found.u - u), np.abs(found.h - h))
-    wrong = (seen != hit) | (hit & (off > OFF))
-    assert hit.sum() > COUNT / 4
-    assert not (wrong & ~found.doubt).any()
+def test_no_side_is_wrong_and_unflagged(angle: float, twist: float, operands: str):
+    assert wrong_and_unflagged(operands, angle, twist) == 0
 
 
-@pytest.mark.parametrize("angle", [1e-3, 1e-5])
-def test_no_cap_is_wrong_and_unflagged(angle: float):
+@pytest.mark.parametrize("operands", BITS)
+def test_products_that_an_accelerator_rounds_would_be_wrong(operands: str, monkeypatch):
+    """The same sides by `jnp.dot`: so the test above can fail."""
+    monkeypatch.setattr(patch, "product", jnp.dot)
+    jax.clear_caches()
+    assert wrong_and_unflagged(operands, 1e-3, 0.5) > COUNT / 4
+    jax.clear_caches()
+
+
+@lru_cache
+def caps(angle: float) -> tuple[tuple, tuple]:
+    """Rays and caps, and what mpmath says of them: hit, barycentric coordinates."""
     rng = np.random.default_rng(3)
     corners = rng.normal(size=(COUNT, 3, 3))
     weights = rng.dirichlet((1, 1, 1), COUNT) * 1.3 - 0.1
     d = grazing(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), angle, rng)
     at = np.einsum("rk,rki->ri", weights, corners) - rng.uniform(0.1, 4, (COUNT, 1)) * d
     d, corners = d.astype(np.float32), (corners - at[:, None]).astype(np.float32)
-    found, where = jax.jit(jax.vmap(lambda d, c: leave_cap(d, c, 1)))(jnp.asarray(d), jnp.asarray(corners))
     hit, exact = (np.array(x) for x in zip(*map(mp_leave_cap, d, corners), strict=True))
-    seen = np.asarray(found.inside) >= 0
-    wrong = (seen != hit) | (hit & (np.abs(np.asarray(where) - exact).max(axis=1) > OFF))
+    return (d, corners), (hit, exact)
+
+
+@pytest.mark.parametrize("operands", OPERANDS)
+@pytest.mark.parametrize("angle", [1e-3, 1e-5])
+def test_no_cap_is_wrong_and_unflagged(angle: float, operands: str):
+    given, (hit, exact) = caps(angle)
+    found, where = on(operands, jax.vmap(lambda d, c: patch.leave_cap(d, c, 1)))(*given)
+    wrong = ((found.inside >= 0) != hit) | (hit & (np.abs(where - exact).max(axis=1) > OFF))
     assert hit.sum() > COUNT / 4
-    assert not (wrong & ~np.asarray(found.doubt)).any()
+    assert not (wrong & ~found.doubt).any()
 
 
+@pytest.fixture(params=OPERANDS)
+def _walking(request, monkeypatch):
+    """The walk's programs with such operands."""
+    for name in ("_begin", "_advance") if request.param in BITS else ():
+        monkeypatch.setattr(visits, name, jax.jit(rounded(getattr(visits, name), BITS[request.param])))
+
+
+@pytest.mark.usefixtures("_walking")
 @pytest.mark.parametrize("angle", [1e-3, 1e-5])
 def test_chords_of_rays_that_graze_a_shell(angle: float):
     mesh = ball()

@@ -113,3 +113,17 @@ def test_an_object_in_the_shell_stops_the_ray():
     np.testing.assert_allclose(trace.end, 1.9 / -d[:, 2], rtol=1e-6)
     np.testing.assert_allclose(total_length(trace, 2), 0.2 / -d[:, 2], rtol=1e-5)
     assert_ends_on_ray(trace, shell, o, d, 1e-5)
+
+
+@pytest.mark.parametrize("down", [1.0, -1.0])
+def test_any_number_of_shells_is_passed(down: float):
+    """Forty sheets, one behind the other, whose bases let rays pass."""
+    count, thickness = 40, 0.02
+    sheets = together(*(sheet(lambda x, y, k=k: 0.05 * k + 0 * x, 3) for k in range(count)))
+    shell = extrude(sheets, thickness, 1.0)
+    rng = np.random.default_rng(8)
+    d = unit(np.concatenate([0.05 * rng.normal(size=(64, 2)), np.full((64, 1), -down)], axis=1))
+    o = np.concatenate([rng.uniform(-0.3, 0.3, (64, 2)), np.full((64, 1), 1 + 2 * down)], axis=1)
+    trace = Boundary(shell, sheets.faces, opaque=False).trace(o, d)
+    assert_sorted_apart(trace)
+    np.testing.assert_allclose(total_length(trace, 64), count * thickness / np.abs(d[:, 2]), rtol=1e-5)

@@ -87,7 +87,7 @@ def march(
         c = jax.vmap(lambda made, n, t: flashed(config, made, n, d, t))(made, n, t)
     else:
         c = jax.vmap(lambda y, f: radiance(config, field, y, d, f))(y, features)
-    return Marched(w @ c, passed, w, y, away)
+    return Marched(jnp.matmul(w, c, precision="highest"), passed, w, y, away)
 
 
 def flashed(config: FieldConfig, made: Lobes, n: Vec3, d: Vec3, t: Scalar) -> Vec3:

@@ -176,7 +176,8 @@ def _tile(form: Form, thing: Thing, o, d, light):
         tau = optical_depth(sigma, jnp.broadcast_to(step[:, None], sigma.shape))
         after = through[:, None] + jnp.cumsum(tau, axis=1)
         w = jnp.exp(tau - after) * opacity(tau)
-        return k + 1, colour + jnp.einsum("rk,rkc->rc", w, c), after[:, -1], far + jnp.sum(w * here, axis=1)
+        colour = colour + jnp.einsum("rk,rkc->rc", w, c, precision="highest")
+        return k + 1, colour, after[:, -1], far + jnp.sum(w * here, axis=1)
 
     zero = jnp.zeros(TILE, o.dtype)
     # rays without samples wait for nothing

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from mesoshell.cli.fit import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Parameter, write_bundle
+from mesoshell.io.checkout import commit
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.image import write_png
 from mesoshell.train.export import declared, to_bundle
@@ -17,7 +18,7 @@ from mesoshell.train.fit import FitConfig, State
 from mesoshell.train.holdout import score
 from mesoshell.train.loop import fit
 from mesoshell.train.rays import image_table, join, ray_table
-from mesoshell.train.snapshot import commit, origin
+from mesoshell.train.snapshot import origin
 
 
 def fit_to_bundle(options: Options) -> None:

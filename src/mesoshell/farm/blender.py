@@ -12,6 +12,7 @@ does: an orphan finishes at most the image in hand.
 import contextlib
 import json
 import subprocess
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,10 +31,26 @@ class Crash(Exception):
 def blender_command(program: str = "data_gen.worker") -> tuple[list[str], Path]:
     """The command of one of data_gen's programs, and the folder to run it in. Raises InputError if Blender's environment is
     missing."""
-    for root in (Path.cwd(), Path(__file__).resolve().parents[3]):
-        if (root / _ENVIRONMENT / "installed").exists():
-            return [str(root / _ENVIRONMENT / "bin/python"), "-m", program], root
-    raise InputError(_ENVIRONMENT, "no Blender environment; make it with: make blender")
+    root = _checkout(_ENVIRONMENT / "installed")
+    if root is None:
+        raise InputError(_ENVIRONMENT, "no Blender environment; make it with: make blender")
+    return [str(root / _ENVIRONMENT / "bin/python"), "-m", program], root
+
+
+def _checkout(holding: Path) -> Path | None:
+    return next((root for root in (Path.cwd(), Path(__file__).resolve().parents[3]) if (root / holding).exists()), None)
+
+
+def check_settings(settings: Mapping[str, Any]) -> None:
+    """Raises InputError for settings that no recipe takes. The recipes say so without Blender; where they are not installed,
+    nothing is known of them."""
+    root = _checkout(Path("data_gen/worker.py"))
+    if root is None:
+        return
+    words = [sys.executable, "-m", "data_gen.worker", json.dumps({**settings, "threads": 1})]
+    said = subprocess.run(words, cwd=root, stdin=subprocess.DEVNULL, capture_output=True, text=True).stdout
+    if said and "unusable" in (first := json.loads(said.splitlines()[0])):
+        raise InputError("dataset", first["unusable"])
 
 
 class Blender:
@@ -44,7 +61,11 @@ class Blender:
         self.manifest: dict[str, Any] = {}
 
     def __enter__(self) -> "Blender":
-        words, root = (list(self._command), None) if self._command else blender_command()
+        try:
+            words, root = (list(self._command), None) if self._command else blender_command()
+        except InputError:
+            check_settings(self._settings)  # what is asked for comes before what is missing
+            raise
         self._errors = tempfile.TemporaryFile("w+", errors="replace")
         try:
             self._process = subprocess.Popen(

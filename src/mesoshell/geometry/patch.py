@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from mesoshell.numerics import product
 from mesoshell.typing import Array, Flag, Float, Mat3, Scalar, Vec3
 
 #: Rounding errors of a 3 × 3 determinant, in units of ε·|p|·|n|: 3 products of 3, 5 sums, and the rounding of p itself.
@@ -50,7 +51,7 @@ class Crossing(NamedTuple):
 
 def post_function(d: Vec3, p: Vec3, n: Vec3) -> Scalar:
     """F at a post: d · (p × n). Zero where the ray's line meets the line of the post."""
-    return jnp.dot(d, jnp.cross(p, n))
+    return product(d, jnp.cross(p, n))
 
 
 def leave_side(d: Vec3, p: Float[Array, "2 3"], n: Float[Array, "2 3"], f: Float[Array, "2"]) -> Crossing:
@@ -60,7 +61,7 @@ def leave_side(d: Vec3, p: Float[Array, "2 3"], n: Float[Array, "2 3"], f: Float
     """
     eps = jnp.finfo(d.dtype).eps
     e, m = p[1] - p[0], n[1] - n[0]
-    a = jnp.dot(d, jnp.cross(e, m))
+    a = product(d, jnp.cross(e, m))
     c = f[0]
     b = f[1] - f[0] - a
     error = _ROUNDINGS * eps * jnp.max(_length(p)) * jnp.max(_length(n))
@@ -76,9 +77,9 @@ def leave_side(d: Vec3, p: Float[Array, "2 3"], n: Float[Array, "2 3"], f: Float
     u = jnp.where(exists, u, 0.5)
     q_u, n_u = p[0] + u * e, n[0] + u * m
     dxn = jnp.cross(d, n_u)
-    area = jnp.dot(dxn, dxn)
-    t = _divide(jnp.dot(jnp.cross(q_u, n_u), dxn), area)
-    h = _divide(jnp.dot(jnp.cross(q_u, d), dxn), area)
+    area = product(dxn, dxn)
+    t = _divide(product(jnp.cross(q_u, n_u), dxn), area)
+    h = _divide(product(jnp.cross(q_u, d), dxn), area)
     sine = jnp.maximum(jnp.sqrt(area), jnp.finfo(d.dtype).tiny)
     margin_u = jnp.where(exists, error / jnp.maximum(root, error), 0)
     margin_h = (_ROUNDINGS * eps * jnp.max(_length(p)) + margin_u * (_length(e) + jnp.abs(h) * _length(m))) / sine
@@ -98,14 +99,14 @@ def leave_cap(d: Vec3, corners: Mat3, outward: int) -> tuple[Crossing, Vec3]:
     """
     eps = jnp.finfo(d.dtype).eps
     x = jnp.cross(jnp.roll(corners, -1, axis=0), jnp.roll(corners, -2, axis=0))
-    w = x @ d  # twice the signed areas of the three triangles around the ray, seen along it
+    w = product(x, d)  # twice the signed areas of the three triangles around the ray, seen along it
     normal = jnp.cross(corners[1] - corners[0], corners[2] - corners[0])
-    total = jnp.dot(normal, d)  # = Σ w, from edges: free of the corners' distance
+    total = product(normal, d)  # = Σ w, from edges: free of the corners' distance
     leaves = (outward * total) > 0
     size = jnp.max(_length(corners))
     error = _ROUNDINGS * eps * size * size
     weights = _divide(w, jnp.broadcast_to(total, w.shape))
-    t = _divide(jnp.dot(normal, corners[0]), total)
+    t = _divide(product(normal, corners[0]), total)
     inside = jnp.where(leaves, jnp.min(weights), -jnp.inf)
     margin = error / jnp.maximum(jnp.abs(total), error)
     doubt = (jnp.abs(total) < 3 * error) | (leaves & _unsure(inside, margin))

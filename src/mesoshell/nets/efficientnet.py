@@ -90,6 +90,12 @@ def _rows() -> list[tuple[int, int, int, int]]:
 def _convolved(layer: Conv, x: Float[Array, "B H W I"], stride: int = 1, groups: int = 1) -> Float[Array, "B h w O"]:
     dimensions = ("NHWC", "HWIO", "NHWC")
     y = jax.lax.conv_general_dilated(
-        x, layer.weight, (stride, stride), "SAME", dimension_numbers=dimensions, feature_group_count=groups
+        x,
+        layer.weight,
+        (stride, stride),
+        "SAME",
+        dimension_numbers=dimensions,
+        feature_group_count=groups,
+        precision="highest",
     )
     return y + layer.bias[None, None, None]

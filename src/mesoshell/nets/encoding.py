@@ -62,7 +62,7 @@ def hashed(config: HashConfig, tables: Float[Array, "L R C"], y: Vec3) -> Float[
     corner = low.astype(jnp.int32)[:, None] + jnp.asarray(CORNERS[None], jnp.int32)
     share = jnp.prod(jnp.where(CORNERS[None] == 1, part[:, None], 1 - part[:, None]), axis=-1)
     found = tables[jnp.arange(config.levels)[:, None], _rows(config, corner)]
-    return jnp.einsum("lkc,lk->lc", found, share).ravel()
+    return jnp.sum(found * share[..., None], axis=1).ravel()
 
 
 def _rows(config: HashConfig, corner: Int[Array, "L 8 3"]) -> Int[Array, "L 8"]:

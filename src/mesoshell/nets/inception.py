@@ -84,7 +84,9 @@ def _chain(net: Inception, name: str, branch: tuple[str, ...], x: Array) -> Arra
 def _conv(net: Inception, name: str, x: Array, stride: int = 1, padding: str = "SAME") -> Array:
     weight, bias = net[name]
     dimensions = ("NHWC", "HWIO", "NHWC")
-    y = jax.lax.conv_general_dilated(x, weight, (stride, stride), padding, dimension_numbers=dimensions)
+    y = jax.lax.conv_general_dilated(
+        x, weight, (stride, stride), padding, dimension_numbers=dimensions, precision="highest"
+    )
     return jax.nn.relu(y + bias[None, None, None])
 
 

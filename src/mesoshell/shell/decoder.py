@@ -18,8 +18,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from mesoshell.nets.mlp import Dense, apply_dense, apply_relu, init_dense, init_mlp
-from mesoshell.numerics import normalise, softplus
+from mesoshell.nets.mlp import Dense, apply_dense, apply_relu, init_dense, init_mlp, linear
+from mesoshell.numerics import normalise, product, softplus
 from mesoshell.typing import Array, Float, Key, Scalar, Vec3
 
 #: How far below the horizon, as a cosine, light still counts a little.
@@ -75,7 +75,7 @@ def head(
 ) -> Float[Array, "*batch 3"]:
     """ρ(ω, ω′) from `toward_viewer` and the canonical direction toward a light."""
     fade = jnp.clip(1 + w_light[..., 2:] / FADE, 0, 1)
-    first = jax.nn.relu(shared + above_horizon(w_light) @ decoder.head[0].kernel[-3:].astype(shared.dtype))
+    first = jax.nn.relu(shared + linear(above_horizon(w_light), decoder.head[0].kernel[-3:]))
     return fade * softplus(apply_dense(decoder.rho, apply_relu(decoder.head[1:], first)) - 2)
 
 
@@ -86,4 +86,4 @@ def above_horizon(w: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
 
 def direction(inverse: Float[Array, "3 3"], d: Vec3) -> Vec3:
     """Canonical unit direction normalise(J⁻¹ d)."""
-    return normalise(inverse @ d)
+    return normalise(product(inverse, d))

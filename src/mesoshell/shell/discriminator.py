@@ -146,7 +146,8 @@ def _scaled(weight: Float[Array, "k k I O"], x: Float[Array, "B H W I"]) -> Floa
 
 
 def _dense(layer: Dense, x: Float[Array, "B I"]) -> Float[Array, "B O"]:
-    return x @ (layer.kernel / layer.kernel.shape[0] ** 0.5) + layer.bias[None]
+    kernel = layer.kernel / layer.kernel.shape[0] ** 0.5
+    return jnp.matmul(x, kernel, precision="highest") + layer.bias[None]
 
 
 def _lrelu(x: Array) -> Array:

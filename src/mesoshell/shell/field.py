@@ -97,7 +97,8 @@ def _between_nodes(
     u, v = first.astype(jnp.int32)
     corners = (((v + j) * nodes[1] + u + i) * rows for j in (0, 1) for i in (0, 1))
     found = jnp.stack([mip.lookup_height(pyramid, layout.height_sizes, *at, first=row) for row in corners])
-    return jnp.stack([(1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu]) @ found
+    share = jnp.stack([(1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu])
+    return jnp.matmul(share, found, precision="highest")
 
 
 def neural_field(material: Material, layout: Layout) -> Field:

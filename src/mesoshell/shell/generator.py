@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.nets.mlp import Dense, apply_dense
+from mesoshell.nets.mlp import Dense
 from mesoshell.shell.nodes import hat, spread_out
 from mesoshell.shell.plan import CELL, GeneratorConfig, Span, frequencies_of, reach, rows_of, spans
 from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu
@@ -144,7 +144,8 @@ def _unit(x: Float[Array, "B N"]) -> Float[Array, "B N"]:
 
 def _equal(layer: Dense, x: Float[Array, "B *nodes I"], rate: float = 1.0) -> Float[Array, "B *nodes O"]:
     """A dense layer whose weights are scaled here: kernel by rate/√I, bias by the rate."""
-    return apply_dense(Dense(layer.kernel * (rate / layer.kernel.shape[0] ** 0.5), layer.bias * rate), x)
+    y = jnp.matmul(x, layer.kernel * (rate / layer.kernel.shape[0] ** 0.5), precision="highest")
+    return y + jnp.broadcast_to(layer.bias * rate, y.shape)
 
 
 class Texture(NamedTuple):
@@ -184,7 +185,8 @@ def synthesise(
         return spread_out(style, (v, u))
 
     short = jnp.bfloat16 if config.precision == "bfloat16" else w.dtype
-    x = wave(frequencies.input, phases.input, rows[0], along[0]) @ (generator.mix / generator.mix.shape[0] ** 0.5)
+    mix = generator.mix / generator.mix.shape[0] ** 0.5
+    x = jnp.matmul(wave(frequencies.input, phases.input, rows[0], along[0]), mix, precision="highest")
     seen, strength = [], iter(generator.strength)
     for i, (row, layer, at) in enumerate(zip(rows, generator.layers, along, strict=True)):
         if len(frequencies.layers[i]):

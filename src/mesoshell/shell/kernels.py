@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from mesoshell.nets.mlp import in_tiles
-from mesoshell.numerics import optical_depth, safe_div, safe_sqrt
+from mesoshell.numerics import optical_depth, product, safe_div, safe_sqrt
 from mesoshell.shell import decoder as net
 from mesoshell.shell.field import Layout, Material, Point, inputs
 from mesoshell.shell.sampling import Chart, Frame, Piece, frame, place, place_exact
@@ -150,7 +150,7 @@ def _inputs(program: Program, table: Table, xi: Vec3, footprint: Footprint) -> A
         at = xi.at[:2].add(x * reach * footprint.axis)
         return inputs(table.material, program.layout, Point(at, radius, footprint.height, alpha))
 
-    return weights @ jax.vmap(tap)(positions)
+    return jnp.matmul(weights, jax.vmap(tap)(positions), precision="highest")
 
 
 def gaussian_taps(n: int) -> tuple[Array, Array]:
@@ -161,7 +161,7 @@ def gaussian_taps(n: int) -> tuple[Array, Array]:
     """
     positions = (jnp.arange(n, dtype=jnp.float32) + 0.5) / n * 4.6 - 2.3
     weights = jax.nn.softmax(-positions * positions / 2)
-    return safe_div(positions, jnp.sqrt(weights @ positions**2)[None].repeat(n)), weights
+    return safe_div(positions, jnp.sqrt(product(weights, positions**2))[None].repeat(n)), weights
 
 
 @partial(jax.jit, static_argnums=0)

@@ -41,4 +41,4 @@ def spread_out(
 ) -> Float[Array, "B V U N"]:
     """Values between nodes."""
     v, u = (jnp.asarray(a, nodes.dtype) for a in along)
-    return jnp.einsum("vp,bpqn,uq->bvun", v, nodes, u)
+    return jnp.einsum("vp,bpqn,uq->bvun", v, nodes, u, precision="highest")

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.numerics import norm, safe_div
+from mesoshell.numerics import norm, product, safe_div
 from mesoshell.render.cone import cone_gaussian
 from mesoshell.shell.visits import Intervals
 from mesoshell.texture.footprint import Footprint, footprint
@@ -72,15 +72,15 @@ def inverse_jacobian(chart: Chart, prism: Array, bary: Vec2, h: Scalar) -> Mat3:
     row, uv = chart.corners[prism].reshape(6, 3), chart.uv[prism].reshape(3, 2)
     at = row[:3] + h * row[3:]
     weights = jnp.append(bary, 1 - bary[0] - bary[1])
-    back = _inverse_columns(at[0] - at[2], at[1] - at[2], weights @ row[3:])
+    back = _inverse_columns(at[0] - at[2], at[1] - at[2], product(weights, row[3:]))
     e = jnp.stack([uv[0] - uv[2], uv[1] - uv[2]], axis=1)
-    return jnp.concatenate([e @ back[:2], back[2:]])
+    return jnp.concatenate([product(e, back[:2]), back[2:]])
 
 
 def _inverse_columns(a: Vec3, b: Vec3, c: Vec3) -> Mat3:
     """Inverse of the matrix with columns a, b, c; zero where it is singular."""
     rows = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)])
-    return safe_div(rows, jnp.broadcast_to(jnp.dot(a, rows[0]), (3, 3)))
+    return safe_div(rows, jnp.broadcast_to(product(a, rows[0]), (3, 3)))
 
 
 def frame(chart: Chart, piece: Piece) -> Frame:
@@ -109,8 +109,9 @@ def place_exact(chart: Chart, piece: Piece, at: Frame, f: Scalar) -> Vec3:
     for _ in range(4):
         posts = row[:3] + h * row[3:]
         weights = jnp.append(bary, 1 - bary[0] - bary[1])
-        off = x - weights @ posts
-        move = _inverse_columns(posts[0] - posts[2], posts[1] - posts[2], weights @ row[3:]) @ off
+        off = x - product(weights, posts)
+        back = _inverse_columns(posts[0] - posts[2], posts[1] - posts[2], product(weights, row[3:]))
+        move = product(back, off)
         bary, h = bary + move[:2], h + move[2]
     return canonical(chart, piece.prism, bary, h)
 

@@ -21,6 +21,7 @@ A sinusoid without drift is in step with itself again somewhere; a phase that dr
 import numpy as np
 from jax import numpy as jnp
 
+from mesoshell.numerics import product
 from mesoshell.typing import Array, Float, Int
 
 #: Frequencies are multiples of 2^−_BITS cycles a patch.
@@ -82,7 +83,7 @@ def shifted_phase(
     by = shift.astype(phase.dtype) * 2.0**-_BITS
     cycles = (slow.astype(phase.dtype) * by[None]).T.reshape(-1, 1)
     waves = jnp.broadcast_to(cycles, (len(cycles), len(f)))
-    return phase - jnp.concatenate([(f.astype(phase.dtype) @ by)[None], waves])[None]
+    return phase - jnp.concatenate([product(f.astype(phase.dtype), by)[None], waves])[None]
 
 
 def _drifted(

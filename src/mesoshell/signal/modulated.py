@@ -65,7 +65,8 @@ def modulated_conv(
     w, s = _unit(w, s)
     edge = w.shape[0] // 2 - pad if s.shape[1] > 1 else 0
     inner = s[:, edge : s.shape[1] - edge, edge : s.shape[2] - edge]
-    return jax.lax.rsqrt(inner**2 @ jnp.sum(w**2, axis=(0, 1)) + EPSILON) * convolved(s, w)
+    power = jnp.matmul(inner**2, jnp.sum(w**2, axis=(0, 1)), precision="highest")
+    return jax.lax.rsqrt(power + EPSILON) * convolved(s, w)
 
 
 def _unit(w: Array, s: Array) -> tuple[Array, Array]:
@@ -102,7 +103,8 @@ def by_rows(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"]) -> Array:
     @jax.checkpoint
     def block(part: Array) -> Array:
         beside = jnp.concatenate([part[:, j : j + wide] for j in range(k)], axis=-1)
-        products = (beside[i : i + rows] @ w[i].reshape(k * channels, -1) for i in range(k))
+        kernels = (w[i].reshape(k * channels, -1) for i in range(k))
+        products = (jnp.matmul(beside[i : i + rows], v, precision="highest") for i, v in enumerate(kernels))
         return sum(products, jnp.zeros((), x.dtype))
 
     y = jax.lax.map(block, parts.reshape(-1, *parts.shape[2:]))

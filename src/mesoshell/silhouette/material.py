@@ -124,7 +124,7 @@ def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "
     wide = jnp.minimum(deviation, jnp.asarray(n, texture.dtype))  # all texels have the same weight then, to 1e-8
     weight = jnp.exp(-0.5 * (apart / wide) ** 2).sum(axis=1)
     weight = (weight / weight.sum())[(i[:, None] - i) % n]
-    return jnp.einsum("ij,kl,jlc->ikc", weight, weight, texture)
+    return jnp.einsum("ij,kl,jlc->ikc", weight, weight, texture, precision="highest")
 
 
 def seen(config: SurfaceConfig, table: Tables, place: Place) -> Seen:

@@ -38,8 +38,8 @@ from mesoshell.silhouette.surface import ADVANCE, Dressed, Hits, Local
 from mesoshell.silhouette.wear import wear
 from mesoshell.typing import Array
 
-#: Rays of a tile of the picture; surfaces that a ray, or a shadow, passes at most.
-RAYS, MOST = 32768, 24
+#: Rays of a tile of the picture; surfaces that a ray, or a shadow, passes at most: those that would pass more are counted.
+RAYS, MOST = 32768, 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +113,8 @@ def render(
             image[first : first + len(rgba)] += rgba
             progress(done / len(work))
     report.add("wall", begin)
+    if cut := report.counts.get("cut_short"):
+        report.notes += (f"{cut} rays and shadows passed {MOST} surfaces, and what lies behind these was left out",)
     return (image / quality.pixel_samples).reshape(camera.height, camera.width, 4), report
 
 
@@ -146,6 +148,7 @@ class _Tile:
             alive = alive[met & (through[alive] > self.quality.early_stop)]
             if not len(alive):
                 break
+        self.report.add("trace", time.perf_counter(), cut_short=len(alive))
         alpha = 1 - through
         if self.effects.background.on and self.scene.environment is not None:
             rgb += through[:, None] * lookup(self.scene.environment, d)
@@ -204,7 +207,7 @@ class _Tile:
             alive = alive[met & (through[alive] > self.quality.early_stop)]
             if not len(alive):
                 break
-        self.report.add("shadow", clock, shadow_rays=len(t), opacity_queries=asked)
+        self.report.add("shadow", clock, shadow_rays=len(t), opacity_queries=asked, cut_short=len(alive))
         return through
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from mesoshell.numerics import safe_div, safe_sqrt
+from mesoshell.numerics import product, safe_div, safe_sqrt
 from mesoshell.typing import Mat3, Scalar, Vec2, Vec3
 
 
@@ -34,9 +34,8 @@ class Footprint(NamedTuple):
 def footprint(inverse: Mat3, d: Vec3, along: Scalar, across: Scalar) -> Footprint:
     """Project a Gaussian with variances `along` and `across` the ray on the tangent plane, and its part along the ray on the
     height axis."""
-    e = inverse @ d
-    covariance = across * (inverse @ inverse.T) + (along - across) * jnp.outer(e, e)
-    p, q, s = covariance[0, 0], covariance[1, 1], covariance[0, 1]
+    e, spare = product(inverse, d), along - across
+    p, q, s = (across * product(inverse[i], inverse[j]) + spare * e[i] * e[j] for i, j in ((0, 0), (1, 1), (0, 1)))
     mean, half = (p + q) / 2, (p - q) / 2
     radius = safe_sqrt(half * half + s * s)
     largest = jnp.maximum(mean + radius, 0)

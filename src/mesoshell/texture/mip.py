@@ -100,7 +100,7 @@ def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[A
     fx, fy = x - xi, y - yi
     column, line = xi.astype(jnp.int32), yi.astype(jnp.int32)
     columns, lines = jnp.mod(column + jnp.array([0, 1, 0, 1]), w), jnp.mod(line + jnp.array([0, 0, 1, 1]), h)
-    return _corner_weights(fx, fy) @ pyramid.rows[offsets[level] + lines * w + columns].astype(jnp.float32)
+    return _weighted(_corner_weights(fx, fy), pyramid.rows[offsets[level] + lines * w + columns])
 
 
 def _bilinear_open(
@@ -114,9 +114,11 @@ def _bilinear_open(
     xi, yi = jnp.floor(x), jnp.floor(y)
     columns = jnp.minimum(xi.astype(jnp.int32) + jnp.array([0, 1, 0, 1]), w - 1)
     lines = jnp.minimum(yi.astype(jnp.int32) + jnp.array([0, 0, 1, 1]), h - 1)
-    return _corner_weights(x - xi, y - yi) @ pyramid.rows[first + offsets[level] + lines * w + columns].astype(
-        jnp.float32
-    )
+    return _weighted(_corner_weights(x - xi, y - yi), pyramid.rows[first + offsets[level] + lines * w + columns])
+
+
+def _weighted(weights: Float[Array, "K"], rows: Float[Array, "K C"]) -> Float[Array, "C"]:
+    return jnp.matmul(weights, rows.astype(jnp.float32), precision="highest")
 
 
 def _corner_weights(fx: Scalar, fy: Scalar) -> Float[Array, "4"]:
@@ -140,7 +142,7 @@ def _linear(pyramid: Pyramid, sizes: Sizes, h: Scalar, level: Array, above: Arra
     zi = jnp.floor(z)
     first, f = zi.astype(jnp.int32), z - zi
     both = pyramid.rows[above + offsets[level] + jnp.minimum(first + jnp.array([0, 1]), rows - 1)]
-    return jnp.stack([1 - f, f]) @ both.astype(jnp.float32)
+    return _weighted(jnp.stack([1 - f, f]), both)
 
 
 def _tables(sizes: Sizes) -> tuple[Array, Array]:

@@ -18,10 +18,10 @@ from mesoshell.atlas.paint import texture_image
 from mesoshell.atlas.photo import Photo
 from mesoshell.atlas.render import Paint, picture, view
 from mesoshell.atlas.store import Captured, read_captured, write_captured
+from mesoshell.io.checkout import commit
 from mesoshell.render.quality import Quality
 from mesoshell.train.atlas import AtlasState, AtlasTraining
 from mesoshell.train.photographed import held_out
-from mesoshell.train.snapshot import commit
 
 #: Of the sheet: squares a face's side, pixels of the checkerboard's and of the texture's faces.
 SQUARES, BOARD = 6, 192

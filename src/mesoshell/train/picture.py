@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from mesoshell.numerics import normalise, optical_depth
+from mesoshell.numerics import normalise, optical_depth, product
 from mesoshell.render.camera import pixel_radius
 from mesoshell.render.composite import tonemap, weights
 from mesoshell.render.cone import cone_gaussian
@@ -106,8 +106,8 @@ def take_picture(
         rho = net.head(decoder, net.toward_viewer(decoder, found, toward), light)
         tau = optical_depth(sigma.reshape(j.shape), jnp.broadcast_to(length[:, None], j.shape))
         share, through = jax.vmap(weights)(tau)
-        radiance = jnp.einsum("rn,rnc->rc", share, rho.reshape(*j.shape, 3)) * view.irradiance[None]
-        return jnp.concatenate([radiance, 1 - through[:, None]], axis=1)
+        seen = jnp.einsum("rn,rnc->rc", share, rho.reshape(*j.shape, 3), precision="highest")
+        return jnp.concatenate([seen * view.irradiance[None], 1 - through[:, None]], axis=1)
 
     def unless_missed(part: tuple[Array, Array, Array]) -> Array:
         d, j, missed = part
@@ -136,7 +136,7 @@ def pixel_rays(config: PictureConfig, camera_to_world: Float[Array, "4 4"]) -> t
     at = ((jnp.arange(config.size, dtype=camera_to_world.dtype) + 0.5) / config.size * 2 - 1) * half
     x, y = jnp.meshgrid(at, -at, indexing="xy")
     local = jnp.stack([x, y, -jnp.ones_like(x)], axis=-1).reshape(-1, 3)
-    return camera_to_world[:3, 3], normalise(local @ camera_to_world[:3, :3].T)
+    return camera_to_world[:3, 3], normalise(product(local, camera_to_world[:3, :3].T))
 
 
 def box_span(o: Vec3, d: Vec3) -> tuple[Scalar, Scalar]:

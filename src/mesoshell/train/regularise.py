@@ -32,7 +32,7 @@ def blurred(y: Float[Array, "B S S 3"], s: Scalar, most: float) -> Float[Array, 
         size = y.shape[axis]
         where = jnp.clip(jnp.arange(size)[:, None] + jnp.arange(-reach, reach + 1)[None], 0, size - 1)
         matrix = jnp.zeros((size, size), y.dtype).at[jnp.arange(size)[:, None], where].add(weight[None])
-        y = jnp.moveaxis(jnp.tensordot(matrix, y, ((1,), (axis,))), 0, axis)
+        y = jnp.moveaxis(jnp.tensordot(matrix, y, ((1,), (axis,)), precision="highest"), 0, axis)
     return y
 
 

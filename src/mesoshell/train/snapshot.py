@@ -6,10 +6,9 @@ sheet       rows of six: near renders, pictures from far cameras, and from the n
             beside them the first three features of 4 × 4 patches
 """
 
-import subprocess
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -18,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.io.bundle import read_bundle, write_bundle
+from mesoshell.io.checkout import commit
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.image import tonemap
 from mesoshell.io.sheet import tiled
@@ -56,13 +56,6 @@ def origin(dataset: Dataset) -> dict:
     """What a bundle says of the renders that it was made from."""
     kept = ("recipe", "version", "size", "samples_per_pixel", "seed", "fixed_parameters")
     return {k: dataset.manifest[k] for k in kept if k in dataset.manifest} | {"images": len(dataset.samples)}
-
-
-@lru_cache
-def commit() -> str:
-    """The commit of the working directory's repository, or "unknown"."""
-    done = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True)
-    return done.stdout.strip() if done.returncode == 0 else "unknown"
 
 
 def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.ndarray, "h w 3"]:

@@ -17,12 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.io.checkout import commit
 from mesoshell.io.image import tonemap
 from mesoshell.io.patches import Patches
 from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.silhouette.material import Surface, blurred
 from mesoshell.silhouette.ready import surface_of
-from mesoshell.train.snapshot import commit
 from mesoshell.train.surface import Asked, SurfaceState, SurfaceTraining, ask, asked, blur_at
 from mesoshell.typing import Array
 

@@ -25,7 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.numerics import normalise, optical_depth
+from mesoshell.numerics import normalise, optical_depth, product
 from mesoshell.render.composite import weights
 from mesoshell.shell.field import Field, Layout, Material, Point, neural_field
 from mesoshell.texture.footprint import footprint
@@ -102,11 +102,11 @@ def answer(field: Field, teacher: Teacher, lay: Lay, lesson: Lesson) -> Float[Ar
     t = step * (jnp.arange(SAMPLES, dtype=jnp.float32) + 0.5)
     points, inverse, length = jax.vmap(lambda t: _point(teacher, lay, lesson, t, step))(t)
     sigma, found = jax.vmap(field.density)(points)
-    view = jax.vmap(lambda a: normalise(a @ lesson.toward))(inverse)
-    light = jax.vmap(lambda a: normalise(a @ lesson.light))(inverse)
+    view = jax.vmap(lambda a: normalise(product(a, lesson.toward)))(inverse)
+    light = jax.vmap(lambda a: normalise(product(a, lesson.light)))(inverse)
     rho = jax.vmap(field.transport)(found, view, light)
     share, through = weights(optical_depth(sigma, length))
-    rgb = share @ rho
+    rgb = product(share, rho)
     body = _body(field, teacher, lay, lesson, end)
     on_body = ends_on_body.astype(jnp.float32)
     return jnp.append(rgb + on_body * through * body, jnp.where(ends_on_body, 1.0, 1 - through))
@@ -124,10 +124,10 @@ def span(curvature: Scalar, depth: Scalar, cosine: Scalar) -> tuple[Scalar, Arra
 def _point(teacher: Teacher, lay: Lay, lesson: Lesson, t: Scalar, step: Scalar) -> tuple[Point, Array, Scalar]:
     """The shell's point at t, J⁻¹ there in the frame of the place where the ray enters, and the canonical length of a step."""
     where, inverse = frame(teacher.depth, lay, lesson.place, -t * lesson.toward)
-    d = inverse @ -lesson.toward
+    d = product(inverse, -lesson.toward)
     print_ = footprint(inverse, -lesson.toward, step * step / 12, lesson.radius**2)
     point = Point(where, jnp.maximum(print_.minor, 0.0), print_.height, teacher.alpha)
-    return point, inverse, jnp.sqrt(d @ d) * step
+    return point, inverse, jnp.sqrt(product(d, d)) * step
 
 
 def frame(depth: Scalar, lay: Lay, place: Float[Array, "2"], p: Vec3) -> tuple[Vec3, Float[Array, "3 3"]]:
@@ -137,11 +137,11 @@ def frame(depth: Scalar, lay: Lay, place: Float[Array, "2"], p: Vec3) -> tuple[V
     height = (k * (x * x + z * z) + 2 * z) / (1 + reach)
     angle = jnp.arctan2(k * x, 1 + k * z)
     s = jnp.where(jnp.abs(k) > 1e-4, angle / jnp.where(jnp.abs(k) > 1e-4, k, 1.0), x / (1 + k * z))
-    uv = lay.turn @ (place + jnp.stack([s, y])) + lay.shift
+    uv = product(lay.turn, place + jnp.stack([s, y])) + lay.shift
     c, n = (1 + k * z) / reach, k * x / reach
     zero, one = jnp.zeros_like(c), jnp.ones_like(c)
     across = jnp.stack([c, zero, -n]) / (1 + k * height)
-    rows = lay.turn @ jnp.stack([across, jnp.stack([zero, one, zero])])
+    rows = product(lay.turn, jnp.stack([across, jnp.stack([zero, one, zero])]))
     inverse = jnp.concatenate([rows, jnp.stack([n, zero, c])[None] / depth])
     return jnp.concatenate([uv, jnp.clip(1 + height / depth, 0, 1)[None]]), inverse
 
@@ -150,7 +150,7 @@ def _body(field: Field, teacher: Teacher, lay: Lay, lesson: Lesson, end: Scalar)
     """What the surface beneath reflects at the ray's end: diffuse, lit through a flat shell."""
     xi, inverse = frame(teacher.depth, lay, lesson.place, -end * lesson.toward)
     normal = normalise(inverse[2])
-    light = normalise(inverse @ lesson.light)
+    light = normalise(product(inverse, lesson.light))
     up = jnp.maximum(light[2], FLATTEST)
     h = (jnp.arange(BASE_SAMPLES, dtype=jnp.float32) + 0.5) / BASE_SAMPLES
 
@@ -160,4 +160,4 @@ def _body(field: Field, teacher: Teacher, lay: Lay, lesson: Lesson, end: Scalar)
         return field.density(Point(at, lesson.radius, zero, teacher.alpha))[0]
 
     dimmed = jnp.where(light[2] > 0, jnp.exp(-jax.vmap(density)(h).mean() / up), 0.0)
-    return teacher.base / jnp.pi * jnp.maximum(normal @ lesson.light, 0) * dimmed
+    return teacher.base / jnp.pi * jnp.maximum(product(normal, lesson.light), 0) * dimmed

@@ -1,0 +1,275 @@
+"""All that the package compiles, as programs of small shapes: named by the function that is given to `jax.jit`, and not run.
+
+`compiled` reads the names from the sources, so that a program which is not here is missed by nobody.
+"""
+
+import ast
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import mesoshell
+from mesoshell.atlas import mesh, paint
+from mesoshell.atlas import render as atlas_render
+from mesoshell.atlas.field import FieldConfig, init_field
+from mesoshell.io.bundle import Bundle
+from mesoshell.measure import captured
+from mesoshell.nets import efficientnet, inception
+from mesoshell.nets.encoding import HashConfig
+from mesoshell.shell import bake, bound, generated, kernels, lighting, scene, visits
+from mesoshell.shell.discriminator import DiscriminatorConfig
+from mesoshell.shell.field import Layout
+from mesoshell.shell.generator import Phases, draw_phases, init_averages, init_generator, map_latent, synthesise
+from mesoshell.shell.march import Place, Prisms, Ray
+from mesoshell.shell.plan import GeneratorConfig
+from mesoshell.shell.sampling import Chart, Frame, Piece
+from mesoshell.signal.fourier import shifted_phase
+from mesoshell.silhouette import material as surface_material
+from mesoshell.silhouette import renderer as surface_renderer
+from mesoshell.train import (
+    atlas,
+    export,
+    fit,
+    parametric,
+    parametric_snapshot,
+    snapshot,
+    surface,
+    surface_snapshot,
+    teach,
+)
+from mesoshell.train import state as gan
+from mesoshell.train import step as gan_step
+from mesoshell.train.generate import Shown
+from mesoshell.train.photographed import Rays
+from mesoshell.train.picture import PictureConfig
+from mesoshell.train.rays import ImageTable, RayTable
+
+SOURCES = Path(mesoshell.__file__).parent
+ROWS = 4096
+#: Whose products are no part of a result: `_matrix_rate` measures how fast they are, `_plan` compiles the steps of `train`.
+ELSEWHERE = {"cli.training._matrix_rate", "cli.training._plan"}
+KEY = jax.random.key(0)
+
+
+def f(*shape: int) -> Any:
+    return jax.ShapeDtypeStruct(shape, jnp.float32)
+
+
+def i(*shape: int) -> Any:
+    return jax.ShapeDtypeStruct(shape, jnp.int32)
+
+
+def b(*shape: int) -> Any:
+    return jax.ShapeDtypeStruct(shape, jnp.bool_)
+
+
+def compiled() -> set[str]:
+    """Names of all functions that are given to jit or pmap, or give one: module.function, without the package's name."""
+    return {name for path in SOURCES.rglob("*.py") for name in _compiling(ast.parse(path.read_text()), _module(path))}
+
+
+def _module(path: Path) -> str:
+    return ".".join(path.relative_to(SOURCES).with_suffix("").parts)
+
+
+def _compiling(node: ast.AST, inside: str) -> Iterator[str]:
+    for child in ast.iter_child_nodes(node):
+        name = f"{inside}.{child.name}" if isinstance(child, ast.FunctionDef | ast.ClassDef) else inside
+        if isinstance(child, ast.Attribute) and ast.unparse(child) in ("jax.jit", "jax.pmap"):
+            yield name
+        yield from _compiling(child, name)
+
+
+def traced(bundle: Bundle) -> dict[str, list[Any]]:
+    """Their jaxprs, in all the ways that matter, and those of functions that run as they are. bundle: a shell's."""
+    said = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
+    return {name: [x() for x in programs] for name, programs in said.items()}
+
+
+Programs = dict[str, list[Callable[[], Any]]]
+
+
+def _jitted(function: Any, *arguments: Any) -> Callable[[], Any]:
+    return lambda: function.trace(*arguments).jaxpr
+
+
+def _plain(function: Callable, *arguments: Any) -> Callable[[], Any]:
+    return lambda: jax.make_jaxpr(function)(*arguments)
+
+
+def _of_shells(bundle: Bundle) -> Programs:
+    ready = scene.ready(bundle)
+    prisms, chart = Prisms(f(2, 18), i(2, 6)), Chart(f(2, 18), f(2, 6))
+    rays = Ray(f(128, 3), f(128, 3), f(128, 3))
+    place = Place(i(128), f(128), f(128), f(128, 2), f(128), i(128), b(128))
+    pieces = Piece(i(ROWS), f(ROWS, 2), f(ROWS, 2, 2), f(ROWS, 2), f(ROWS, 3), f(ROWS, 3))
+    at, samples = Frame(f(ROWS, 3), f(ROWS, 3), f(ROWS), f(ROWS, 3, 3)), kernels.Samples(i(ROWS), *(f(ROWS),) * 3)
+    wraps = kernels.Program(ready.layout, ready.grid_shapes, True, 4, True, (0,))
+    table = kernels.Table(chart, ready.material, ready.grid, f(1), f(1, 2, 2), f(), f())
+    nodes = replace(ready.layout, open=True, origin=(1, 1), nodes=(3, 3))
+    planes = Layout(ready.layout.sizes, (), ready.layout.texel_density, ready.layout.octaves, True, cells=(2, 2))
+    ways = [wraps, *(replace(wraps, layout=layout) for layout in (nodes, planes))]
+    cell = bound._seen, ready.layout, ready.material, f(), (2, 4, 4), (f(2), f(2)), KEY
+    decoder = ready.material.decoder
+    found, lay = f(ROWS, decoder.trunk[-1].bias.shape[0]), teach.Lay(f(), f(2, 2), f(2))
+    lesson = teach.Lesson(f(64, 2), f(64), f(64, 3), f(64, 3))
+    return {
+        "shell.visits._begin": [_jitted(visits._begin, prisms, rays, i(128), i(128))],
+        "shell.visits._advance": [_jitted(visits._advance, prisms, rays, place, i())],
+        "shell.kernels.frames": [_jitted(kernels.frames, chart, pieces, i())],
+        "shell.kernels.depth_bounds": [_jitted(kernels.depth_bounds, p, table, pieces, at, samples, i()) for p in ways],
+        "shell.kernels.density": [_jitted(kernels.density, p, table, pieces, at, samples, i()) for p in ways],
+        "shell.kernels.density_at": [_jitted(kernels.density_at, wraps, table, f(ROWS, 3), f(ROWS), i())],
+        "shell.kernels.transport": [
+            _jitted(kernels.transport, table, at, pieces, found, i(ROWS), i(ROWS), f(ROWS, 2, 3), i())
+        ],
+        "shell.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(64), f(64, 2))],
+        "shell.bound._seen": [_jitted(*cell)],
+        "shell.bound.new_points": [_jitted(bound.new_points, ready.layout, ready.material, f(), 64, (f(2), f(2)), KEY)],
+        "train.teach._taught": [
+            _jitted(teach._taught, ready.layout, teach.Teacher(ready.material, f(1), f(), f(3)), lay, lesson)
+        ],
+    }
+
+
+SMALL = gan.TrainConfig(
+    GeneratorConfig(16, "R", 32, 4, channels=4, layers=4, waves=2, drift=1.0, z=4, w=4, height_rows=8, height_width=4),
+    DiscriminatorConfig(8, 64, 4, embedding=4),
+    PictureConfig(8, 4, texels=16, height_rows=8, octaves=1),
+    trunk=(4,),
+    head=(4,),
+    batch=4,
+    blur=1.0,
+    density=1.0,
+    mismatch=1.0,
+)
+GAN = gan.sized(SMALL, appearance=1, geometry=1)
+PLANES = gan.sized(replace(SMALL, generator=replace(SMALL.generator, planes=3, config="T")), 1, 1)
+SHORT = gan.sized(replace(SMALL, precision="bfloat16", views=2), 1, 1)
+SHOWN = Shown(f(4, 8, 8, 4), f(4, 1), f(4, 1), f(4, 4, 4), f(4, 3), f(4, 3), jax.ShapeDtypeStruct((4, 2), jnp.uint32))
+PARAMETRIC = parametric.ParametricConfig(SMALL.picture, (8,), (8,), octaves=2, batch=4, parameters=2)
+
+
+def _of_generators() -> Programs:
+    config, state = GAN.generator, jax.eval_shape(lambda: gan.start(GAN, KEY))
+    generator, averages = (
+        jax.eval_shape(make) for make in (lambda: init_generator(config, KEY), lambda: init_averages(config))
+    )
+    phases = jax.eval_shape(lambda: draw_phases(config, KEY, 1))
+    one, nodes = (generated.Grown(w, phases) for w in (f(1, 4), f(1, 9, 9, 4)))
+    tile = partial(_jitted, bake._tile, config, 16, generator, averages)
+
+    def made(w: Any, phases: Phases) -> Any:
+        return synthesise(
+            config, init_generator(config, KEY), init_averages(config), w, phases, jnp.zeros(2, jnp.int32), (16, 16)
+        )
+
+    slow = jnp.zeros((2, 2), jnp.int32)
+    return {
+        "shell.bake._height": [_jitted(bake._height, config, generator, f(1, 4))],
+        "shell.bake._tile": [tile(one, i(2)), tile(nodes, i(2))],
+        "train.export._patch": [
+            _jitted(
+                export._patch,
+                c,
+                jax.eval_shape(lambda c=c: gan.start(c, KEY)).learner,
+                jax.eval_shape(lambda c=c: init_averages(c.generator)),
+            )
+            for c in (GAN, PLANES)
+        ],
+        "train.snapshot._pictures": [_jitted(snapshot._pictures, GAN, (0, 0), state.learner, averages, SHOWN)],
+        "train.snapshot._feature": [_jitted(snapshot._feature, GAN, 16, state.learner, averages, SHOWN)],
+        "measure.equivariance._texture.made": [_plain(made, f(1, 4), phases)],
+        "shell.generator.map_latent": [_plain(map_latent, generator, f(1, 4), f(1, 1))],
+        "signal.fourier.shifted_phase": [_plain(lambda p, s: shifted_phase(slow, slow, p, s), f(1, 5, 2), f(2))],
+    }
+
+
+def _of_surfaces() -> Programs:
+    found: Programs = {}
+    for config in (surface_material.SurfaceConfig(8, 3, (8,), opacity=o) for o in ("direct", "cosine")):
+        made = jax.eval_shape(lambda c=config: surface_material.init_surface(c, KEY))
+        table = jax.eval_shape(surface_material.tables, made, f())
+        training = surface.SurfaceTraining(config, batch=64)
+        state = jax.eval_shape(lambda t=training: surface.start(t, KEY))
+        rows = f(ROWS, 2), f(ROWS), f(ROWS, 3), f(ROWS)
+        asked = surface.Asked(f(64, 2), f(64), f(64, 3), f(64), f(64, 3), f(64), f(64), f(64, 3))
+        programs = {
+            "silhouette.renderer._ask_opacity": _jitted(surface_renderer._ask_opacity, config, table, rows, i()),
+            "silhouette.renderer._ask": _jitted(surface_renderer._ask, config, table, (*rows, f(ROWS, 2, 3)), i()),
+            "silhouette.material.tables": _plain(surface_material.tables, made, f()),
+            "train.surface_snapshot._current": _jitted(surface_snapshot._current, training, state, asked),
+            "train.surface_snapshot._answers": _jitted(surface_snapshot._answers, training, made, asked),
+            "train.surface.step": _plain(partial(surface.step, training), state, asked),
+        }
+        found = {name: [*found.get(name, []), program] for name, program in programs.items()}
+    return found
+
+
+def _of_objects() -> Programs:
+    small: Any = {"octaves": (2, 2, 1), "hash": HashConfig(3, 2, 8, 4, 12)}
+    colours, encodings = ("texture", "volume", "reflectance"), ("hash", "frequency", "hash")
+    found: Programs = {}
+    for colour, encoding in zip(colours, encodings, strict=True):
+        config = FieldConfig((8, 8), (8,), (8, 8), (8, 8), 8, encoding, colour=colour, flash=1.0, **small)  # type: ignore[arg-type]
+        field = jax.eval_shape(lambda c=config: init_field(c, KEY))
+        occupied, y, image = b(32, 32, 32), f(1024, 3), f(4, 8, 6)
+        lit = (f(1, 1024, 2, 3), f(1, 1024, 2, 3)) if colour == "reflectance" else None
+        form, thing = atlas_render.Form(config, 8, "latlong", True), atlas_render.Thing(field, occupied, f(), image)
+        training = atlas.AtlasTraining(config, side=16, samples=8, batch=16, kimg=0.16, cloud=True)
+        state = jax.eval_shape(lambda t=training: atlas.start(t, KEY))
+        rays = Rays(f(16, 3), f(16, 3), f(16, 3), f(16), i(16), f(16, 3), f(16, 3))
+        programs = {
+            "atlas.render._greatest": _jitted(atlas_render._greatest, config, field),
+            "atlas.render._tiles": _jitted(atlas_render._tiles, form, thing, (f(1, 1024, 3), f(1, 1024, 3), lit)),
+            "atlas.mesh._surface_near": _jitted(mesh._surface_near, config, field, f(ROWS, 3), f(ROWS, 3), i()),
+            "atlas.mesh._surface": _jitted(mesh._surface, field, y),
+            "measure.captured._there": _jitted(captured._there, field, y),
+            "train.atlas.step": _plain(partial(atlas.step, training), state, rays),
+        }
+        if colour != "volume":
+            programs["atlas.paint._greatest"] = _jitted(paint._greatest, config, "colour", field, f(2, 3), y)
+        if colour == "reflectance":
+            programs["atlas.render._normals"] = _jitted(atlas_render._normals, config, field, y)
+        found |= {name: [*found.get(name, []), program] for name, program in programs.items()}
+    return found
+
+
+def _of_training() -> Programs:
+    def steps(config: gan.TrainConfig) -> Callable[[], Any]:
+        return _plain(partial(gan_step.step, config), jax.eval_shape(lambda: gan.start(config, KEY)), SHOWN)
+
+    fitting = fit.FitConfig(
+        texels=16, channels=4, height_rows=8, octaves=1, trunk=(8,), head=(8,), rays=256, candidates=16
+    )
+    pictures = ImageTable(*(np.ones((2, n), np.float32) for n in (3, 3, 1)))
+    rays = RayTable(i(256), i(256), f(256, 3), f(256), f(256, 2, 2), f(256, 2, 2, 3), f(256, 4))
+    begun = jax.eval_shape(lambda: fit.start(fitting, pictures, 8))
+    network = jax.eval_shape(lambda: parametric.start(PARAMETRIC, KEY))
+    held = fit.Batch(rays, f(256, 3), f(256, 3), f(256, 1))
+    judge = efficientnet.Conv(f(3, 3, 4, 4), f(4))
+    return {
+        "train.parallel._by_jit": [
+            *map(steps, (GAN, PLANES, SHORT)),
+            _plain(partial(parametric.step, PARAMETRIC), network, SHOWN),
+        ],
+        "train.parallel._by_pmap": [],  # the same steps
+        "train.parametric_snapshot._pictures": [
+            _jitted(parametric_snapshot._pictures, PARAMETRIC, network.decoder, SHOWN)
+        ],
+        "train.fit.make_step.step": [_jitted(fit.make_step(fitting, pictures, 8), begun, rays, KEY)],
+        "train.fit.make_refresh.refresh": [_jitted(fit.make_refresh(fitting, pictures), begun, KEY)],
+        "train.holdout.predict_images.some": [
+            _plain(partial(fit.predict, fitting), begun.parameters, held, begun.occupancy, f(256, 16))
+        ],
+        "measure.features._batched": [
+            _plain(lambda w, x: inception._conv({"x": w}, "x", x), (f(3, 3, 4, 4), f(4)), f(1, 8, 8, 4)),
+            _plain(efficientnet._convolved, judge, f(1, 8, 8, 4)),
+        ],
+    }

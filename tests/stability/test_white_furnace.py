@@ -143,7 +143,7 @@ def test_collisions_have_density_t_sigma(plate, tiny_bundle: Bundle, shift: floa
 
 def test_a_draw_at_the_ends_is_defined(plate, tiny_bundle: Bundle):
     """ξ = 0 collides at the first sample that holds something; nothing does where there is nothing, whatever ξ."""
-    ends = np.resize(np.float32([0, 1 - 2**-24]), DRAWS)
+    ends = np.resize(np.array([0, 1 - 2**-24], np.float32), DRAWS)
     flight, _ = flown(plate, constant_bundle(tiny_bundle, DENSE, 0.1), 0.5, xi=ends)
     assert np.array(flight.collided).all() and np.isfinite(np.array(flight.depth)).all()
     first = np.array(flight.sample.xi.z)[::2]

@@ -68,9 +68,10 @@ def _config(options: Options) -> FitConfig:
         raise InputError("--texels", f"{options.texels} is not a power of two")
     check_seed(options.seed)
     w = options.width
-    # with gradients and two moments, of 32 channels and its coarser levels, and of the decoder's layers
+    # with gradients and two moments: 32 channels with their coarser levels, and the decoder's layers
     check_memory("--texels", f"a texture of {options.texels} texels a side", 4 * 4 * 43 * options.texels**2)
-    check_memory("--width", f"layers of {w} and their activations", 4 * 4 * 5 * w**2 + 4 * options.rays * w)
+    check_memory("--width", f"layers of {w} numbers", 4 * 4 * 5 * w**2)
+    check_memory("--rays", f"{options.rays} rays a step", 4 * options.rays * w)
     return FitConfig(texels=options.texels, rays=options.rays, trunk=(w, w, w), head=(w, w), seed=options.seed)
 
 

@@ -1,5 +1,6 @@
 # make demo   a picture from a fresh machine: sets up .venv, renders the bundled mesh with the bundled grass
 # make test   sets up all that the tests need, and passes them
+# make test-all   the same with the slow tests, which take minutes each
 # make test-gpu   the hard cases, a training of `tiny` and benchmarks, on the GPU or TPU that JAX finds
 # make blender   the separate environment that `mesoshell dataset render` calls
 # make nojax   an environment without JAX, in which path tracing is tested
@@ -12,14 +13,18 @@ BLENDER := $(shell $(PYTHON) -c 'import sys; print("blender" * (sys.version_info
 # What `mesoshell render --engine mitsuba` imports
 WITHOUT_JAX := numpy scipy jaxtyping trimesh networkx libigl xatlas pillow OpenEXR tyro rich mitsuba karellen-llvm-core
 
-.PHONY: demo test test-gpu lint blender nojax clean
+.PHONY: demo test test-all test-gpu lint blender nojax clean
 
 demo: .venv/installed
 	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
 
 test: .venv/installed-dev lint $(BLENDER) nojax
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=10
 	$(BIN)/python notebooks/execute.py
+
+test-all: .venv/installed-dev lint $(BLENDER) nojax
+	$(BIN)/python notebooks/execute.py
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=10 -m "slow or not slow"
 
 test-gpu: .venv/installed-dev
 	@$(BIN)/python -m benchmarks.accelerator --find

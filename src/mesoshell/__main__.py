@@ -1,5 +1,19 @@
-"""`python -m mesoshell`: the same as `mesoshell`."""
+"""The `mesoshell` command, and `python -m mesoshell`. An interrupt while the command line is being imported ends it in one
+line too."""
 
-from mesoshell.cli.main import main
+import sys
 
-main()
+
+def main() -> None:
+    """Entry point of the `mesoshell` command."""
+    try:
+        from mesoshell.cli.main import main as run
+
+        run()
+    except KeyboardInterrupt:
+        print("mesoshell: interrupted", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -76,17 +76,6 @@ def opacity(tau: Float[Array, "..."]) -> Float[Array, "..."]:
     return -jnp.expm1(-tau)
 
 
-def attenuated_length(sigma: Float[Array, "..."], t: Float[Array, "..."]) -> Float[Array, "..."]:
-    """∫₀ᵗ e^{−σs} ds = (1 − e^{−σt})/σ, and t at σ = 0; finite with finite gradients for σ in [0, ∞]."""
-    sigma = jnp.minimum(sigma, jnp.asarray(SIGMA_MAX, sigma.dtype))
-    tau = sigma * t
-    small = tau < jnp.asarray(1e-3, tau.dtype)
-    low = jnp.where(small, tau, jnp.zeros_like(tau))
-    series = t * (1 - low * (0.5 - low * (1 / 6 - low / 24)))
-    exact = opacity(tau) / jnp.where(small, jnp.ones_like(sigma), sigma)
-    return jnp.where(small, series, exact)
-
-
 def softplus(x: Float[Array, "..."]) -> Float[Array, "..."]:
     """log(1 + eˣ): no overflow at ±1e4, gradient in [0, 1], and 1/2 at 0, where max(x, 0) + log1p(e^{−|x|}) has none."""
     return jnp.logaddexp(x, jnp.zeros_like(x))

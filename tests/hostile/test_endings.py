@@ -54,26 +54,29 @@ def test_a_fault_is_never_long():
 
 def _started(code: str, **how) -> subprocess.Popen:
     program = "from mesoshell.cli import main as m\nm.VERBS['doctor'] = run\nm.main(['doctor'])"
-    return subprocess.Popen([sys.executable, "-c", f"{code}\n{program}"], stderr=subprocess.PIPE, text=True, **how)
+    buffered = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-c", f"{code}\n{program}"]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=buffered, **how)
 
 
-PRINTS = "def run() -> None:\n    'Say.'\n    print('x' * 100000)\n"
+PRINTS = "def run() -> None:\n    'Say.'\n    print('x' * {})\n"
 
 
-def test_a_full_disk_behind_standard_output_is_one_line():
+@pytest.mark.parametrize("length", [1, 100_000])
+def test_a_full_disk_behind_standard_output_is_one_line(length: int):
+    """What is printed fails when it is written out at the end; or at once, and then nothing says what was not written."""
     with Path("/dev/full").open("w") as full:
-        found = _started(PRINTS, stdout=full)
+        found = _started(PRINTS.format(length), stdout=full)
         said = found.communicate()[1]
     assert found.returncode == 2
-    assert said == "mesoshell: standard output: cannot be written: No space left on device\n" or (
-        said.count("\n") == 1 and "No space left" in said
-    )
+    where = "standard output: cannot be written: " if length == 1 else ""
+    assert said == f"mesoshell: {where}No space left on device\n"
 
 
 def test_a_reader_that_leaves_is_no_fault():
     read, write = os.pipe()
     os.close(read)
-    found = _started(PRINTS, stdout=write)
+    found = _started(PRINTS.format(100_000), stdout=write)
     os.close(write)
     assert found.communicate()[1] == "" and found.returncode == 141
 
@@ -91,8 +94,24 @@ def run() -> None:
 """
 
 
+COLLECTED = """
+import gc, sys, time
+def hear(phase, info):
+    print('ready', flush=True)
+    time.sleep(20)
+def run() -> None:
+    'Wait.'
+    gc.callbacks.append(hear)
+    gc.collect()
+    gc.callbacks.clear()
+    time.sleep(20)
+"""
+
+
 @pytest.mark.parametrize(
-    "code", [SWALLOWS, SWALLOWS.replace("BaseException", "ValueError")], ids=["swallowed", "heard"]
+    "code",
+    [SWALLOWS, SWALLOWS.replace("BaseException", "ValueError"), COLLECTED],
+    ids=["swallowed", "heard", "collected"],
 )
 def test_an_interrupt_is_one_line_even_if_it_is_swallowed(code: str):
     found = _started(code, stdout=subprocess.PIPE)
@@ -101,6 +120,24 @@ def test_an_interrupt_is_one_line_even_if_it_is_swallowed(code: str):
     found.send_signal(signal.SIGINT)
     assert found.communicate()[1] == "mesoshell: interrupted\n" and found.returncode == 130
     assert time.monotonic() - begin < 15  # of the 40 s that it would sleep
+
+
+IMPORTED = """
+import importlib.abc, signal, sys
+class Slow(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == "tyro":
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Slow())
+sys.argv = ["mesoshell", "doctor"]
+from mesoshell.__main__ import main
+main()
+"""
+
+
+def test_an_interrupt_while_the_command_line_is_imported_is_one_line():
+    found = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True)
+    assert (found.stderr, found.returncode) == ("mesoshell: interrupted\n", 130)
 
 
 FAULTS = {

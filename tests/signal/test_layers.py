@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from definitions import filtered_lrelu_plain, modulated_conv_plain
 from jax.test_util import check_grads
 
 from mesoshell.signal import blocks, modulated
@@ -13,11 +14,10 @@ from mesoshell.signal.filtered_lrelu import (
     Activation,
     along_axes,
     filtered_lrelu,
-    filtered_lrelu_plain,
     in_blocks,
     separable,
 )
-from mesoshell.signal.modulated import modulated_conv, modulated_conv_plain
+from mesoshell.signal.modulated import modulated_conv
 from mesoshell.signal.schedule import LayerRow, layer_schedule
 
 DATA = Path(__file__).parent.parent / "data/aliasfree"

@@ -70,7 +70,8 @@ def supersampled(feature: np.ndarray, uv: np.ndarray, f: Footprint) -> np.ndarra
     pyramid = mip.pack(mip.build(jnp.asarray(feature)))
     level = mip.level_of(f.minor, float(SIDE), len(SIZES) - 1)
     at = uv[:, None] + (x[:, None] * reach * np.asarray(f.axis)).astype(np.float32)
-    found = mip.lookup_many(pyramid, SIZES, jnp.asarray(at.reshape(-1, 2)), jnp.full(4096 * len(uv), level))
+    look = jax.vmap(lambda where: mip.lookup(pyramid, SIZES, where, level))
+    found = look(jnp.asarray(at.reshape(-1, 2)))
     return np.einsum("k,pkc->pc", weights, np.asarray(found).reshape(len(uv), 4096, 4))
 
 

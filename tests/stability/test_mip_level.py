@@ -23,6 +23,8 @@ PROFILE_SIZES = mip.level_sizes(8, 1)
 PROFILE_LEVELS = mip.build(jnp.asarray(PROFILE))
 PROFILE_PYRAMID = mip.pack(PROFILE_LEVELS)
 LAST = len(SIZES) - 1
+lookup_many = jax.vmap(mip.lookup, in_axes=(None, None, 0, 0))
+lookup_height_many = jax.vmap(mip.lookup_height, in_axes=(None, None, 0, 0))
 level_of = jax.jit(jax.vmap(lambda r: mip.level_of(r, 256.0, LAST)))
 
 
@@ -59,7 +61,7 @@ def test_odd_footprints_have_a_level():
     r = np.array([0, 1e-45, 1e-38, -1.0, np.nan, 1e-3, 1e30, 3e38, np.inf], np.float32)
     np.testing.assert_array_equal(level_of(r), [0, 0, 0, 0, 0, 0, LAST, LAST, LAST])
     odd = jnp.float32([-1.0, np.nan, -np.inf, 1e9, np.inf])
-    found = mip.lookup_many(PYRAMID, SIZES, jnp.zeros((5, 2)), odd)
+    found = lookup_many(PYRAMID, SIZES, jnp.zeros((5, 2)), odd)
     for value, level in zip(np.asarray(found), [0, 0, 0, LAST, LAST], strict=True):
         np.testing.assert_allclose(value, true_lookup(LEVELS, np.zeros(2), level), atol=1e-6)
 
@@ -81,7 +83,7 @@ def test_level_0_at_texel_centres_is_the_texture_itself():
     y, x = np.mgrid[:ROWS, :COLUMNS]
     uv = np.stack([(x + 0.5) / COLUMNS, (y + 0.5) / ROWS], axis=-1).reshape(-1, 2).astype(np.float32)
     for patches in (0, 7, -3):
-        found = mip.lookup_many(PYRAMID, SIZES, jnp.asarray(uv + np.float32(patches)), jnp.zeros(len(uv)))
+        found = lookup_many(PYRAMID, SIZES, jnp.asarray(uv + np.float32(patches)), jnp.zeros(len(uv)))
         np.testing.assert_array_equal(found, TEXTURE.reshape(-1, CHANNELS))
 
 
@@ -106,7 +108,7 @@ def test_lookup_is_trilinear_and_wraps():
         [0, 1e-7],
         [-1e-9, 0],
     ]
-    found = mip.lookup_many(PYRAMID, SIZES, jnp.asarray(uv), jnp.asarray(level))
+    found = lookup_many(PYRAMID, SIZES, jnp.asarray(uv), jnp.asarray(level))
     true = [true_lookup(boxes(TEXTURE), x.astype(np.float64), float(l)) for x, l in zip(uv, level, strict=True)]
     np.testing.assert_allclose(found, true, atol=1e-5)
 
@@ -116,7 +118,7 @@ def test_height_lookup_is_bilinear_and_clamped():
     last = len(PROFILE_SIZES) - 1
     level = RNG.uniform(0, last, len(h)).astype(np.float32)
     level[-4:] = 0
-    found = mip.lookup_height_many(PROFILE_PYRAMID, PROFILE_SIZES, jnp.asarray(h), jnp.asarray(level))
+    found = lookup_height_many(PROFILE_PYRAMID, PROFILE_SIZES, jnp.asarray(h), jnp.asarray(level))
     pairs = zip(h.astype(float), level, strict=True)
     true = [true_lookup(boxes(PROFILE), np.array([0.5, x]), float(l), wraps=False) for x, l in pairs]
     np.testing.assert_allclose(found, true, atol=1e-5)

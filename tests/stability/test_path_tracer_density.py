@@ -7,7 +7,6 @@ import dr_march  # noqa: F401  isort: skip  (it makes Mitsuba ready)
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,10 +23,11 @@ from mesoshell.pathtracer.direct import gather_light, opacity
 from mesoshell.pathtracer.flight import fly
 from mesoshell.pathtracer.levels import softplus
 from mesoshell.pathtracer.material import Material
-from mesoshell.pathtracer.quadrature import Ray
+from mesoshell.pathtracer.quadrature import Ray, nothing
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
 from mesoshell.pathtracer.worn import _sigmoid
+from mesoshell.render.effects import PATHS, Facts, plan_effects
 from mesoshell.render.quality import PRESETS
 from mesoshell.shell.extrude import extrude
 
@@ -40,14 +40,14 @@ class Layers:
     def __init__(self, sigma: np.ndarray):
         self.table = mi.Float(sigma.astype(np.float32))
 
-    def bound(self, sample) -> mi.Float:
+    def bound(self, sample, taps) -> mi.Float:
         return mi.Float(1)
 
-    def sigma(self, sample) -> mi.Float:
+    def sigma(self, sample, taps) -> mi.Float:
         return dr.gather(mi.Float, self.table, mi.UInt32(dr.clip((1 - sample.xi.z) * STEPS, 0, STEPS - 1)))
 
-    def decode(self, sample) -> tuple[mi.Float, list]:
-        return self.sigma(sample), []
+    def decode(self, sample, taps) -> tuple[mi.Float, list]:
+        return self.sigma(sample, taps), []
 
     def rho(self, sample, features, w, lights) -> list:
         return []
@@ -59,7 +59,8 @@ def through(sigma: np.ndarray) -> tuple[float, float]:
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     shells = Shells([extrude(check_mesh(corners, faces, corners[faces][..., :2], "box"), 1.0, 1.0)])
     quality = PRESETS["normal"].with_changes(samples=STEPS, early_stop=0.0, skip=0.0)
-    world = World(shells, Layers(sigma), None, quality, None)
+    plan = plan_effects(Facts(shells=1, distant=1, convex=True), quality, PATHS)
+    world = World(shells, Layers(sigma), None, quality, plan)
     zero, far, yes = dr.zeros(mi.Float64, 1), dr.full(mi.Float64, 1.5, 1), dr.full(mi.Bool, True, 1)
     spread = dr.zeros(mi.Float, 1)
     ray = Ray(mi.Vector3d(0.7, 0.2, 2.0), mi.Vector3d(0, 0, -1), zero, far + 10, yes, spread, mi.Float(spread))
@@ -122,8 +123,9 @@ def saying(bundle: Bundle, sigma: float, rho: float) -> Material:
 @pytest.mark.parametrize("raw", [float(x) for x in POINTS])
 def test_extinction_and_transport_of_a_network_that_says_anything(tiny_bundle: Bundle, raw: float) -> None:
     material = saying(tiny_bundle, raw, raw)
-    one: Any = dr.zeros(mi.Float, 1)
-    seen = material.inputs(mi.Vector3f(0.3, 0.2, 0.5), one, mi.Float(one), [mi.Float(0.5)])
+    sample = nothing()
+    sample.xi = mi.Vector3f(0.3, 0.2, 0.5)
+    seen = material.inputs(sample, [mi.Float(0.5)])
     sigma, features = material.density_of(seen)
     up = mi.Vector3f(0, 0, 1)
     rho = material.transport(list(features), up, up)
@@ -136,7 +138,8 @@ def test_extinction_and_transport_of_a_network_that_says_anything(tiny_bundle: B
 @pytest.mark.parametrize("w", [(0, 0, -1.0), (0, 0, 0), (1.0, 0, 0), (1.0, 0, -1e-30)])
 def test_directions_straight_down_or_zero(tiny_bundle: Bundle, w: tuple[float, float, float]) -> None:
     material = Material(tiny_bundle)
-    one: Any = dr.zeros(mi.Float, 1)
-    seen = material.inputs(mi.Vector3f(0.3, 0.2, 0.5), one, mi.Float(one), [mi.Float(0.5)])
+    sample = nothing()
+    sample.xi = mi.Vector3f(0.3, 0.2, 0.5)
+    seen = material.inputs(sample, [mi.Float(0.5)])
     _, features = material.density_of(seen)
     assert np.isfinite(np.array(material.transport(list(features), mi.Vector3f(*w), mi.Vector3f(*w)))).all()

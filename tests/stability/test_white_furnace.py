@@ -1,7 +1,8 @@
 """Hard case 20: under unit radiance from the whole sphere, a dense field with ρ = 1/4π returns 1 at every angle.
 
 Oracle: ∫ ρ dω′ = 1, so a ray returns the probability that it collides: 1 where the field is dense, 1 − T where it is thin.
-From quadrature (weights along the ray, Gauss-Legendre × equal azimuths over the sphere) and from drawn collisions.
+From the JAX engine's quadrature (weights along the ray, Gauss-Legendre × equal azimuths over the sphere), and from the free
+flights and directions that the path tracer draws.
 """
 
 from dataclasses import replace
@@ -11,15 +12,32 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenes
+from scipy.stats import chi2
 
+import mesoshell.pathtracer  # noqa: F401  (it makes Mitsuba ready)
+from mesoshell.geometry.mesh import check_mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.numerics import optical_depth
-from mesoshell.render.composite import sample_collision, weights
-from mesoshell.render.light import environment, sample
+from mesoshell.pathtracer import scatter
+from mesoshell.pathtracer.flight import Flight, fly
+from mesoshell.pathtracer.material import FADE, Material
+from mesoshell.pathtracer.media import Media, Medium
+from mesoshell.pathtracer.quadrature import Ray
+from mesoshell.pathtracer.shells import Shells
+from mesoshell.pathtracer.world import World
+from mesoshell.render.composite import weights
+from mesoshell.render.light import environment
+from mesoshell.shell.extrude import extrude
 from mesoshell.shell.field import Field, Point
 from mesoshell.shell.renderer import render
 
+import drjit as dr  # isort: skip
+import mitsuba as mi  # isort: skip
+
 SAMPLES, DRAWS = 64, 40_000
+XI = np.random.default_rng(7).random(DRAWS).astype(np.float32)
+#: Of the path tracer: none of a ray's samples passed over.
+EVEN = replace(scenes.FULL, samples=SAMPLES)
 COSINES = [1.0, 0.7, 0.3, 0.1, 0.01]
 DENSE, THIN = 200.0, 0.4
 
@@ -70,40 +88,68 @@ def test_by_quadrature(sigma: float, cosine: float):
     np.testing.assert_allclose(float(through), np.exp(-sigma / cosine), atol=1e-6)
 
 
+@pytest.fixture(scope="module")
+def plate():
+    """A square of 2000 patches a side, which a ray of cosine 0.01 does not leave through an edge, and its shell of height 1."""
+    corners = 1000 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    return Shells([extrude(check_mesh(corners, faces, corners[faces][..., :2], "plate"), 1.0, 1.0)])
+
+
+def flown(
+    plate: Shells, bundle: Bundle, cosine: float, shift: float = 0.5, xi: np.ndarray = XI
+) -> tuple[Flight, World]:
+    """The path tracer's flights of DRAWS rays of a cosine, to where they collide by the uniform numbers ξ."""
+    world = World(plate, Media(plate, [Medium(Material(bundle), (0.5,))]), None, EVEN, None)
+    d = np.array([np.sqrt(1 - cosine**2), 0, -cosine])
+    o, along = (mi.Vector3d(*map(float, x)) + dr.zeros(mi.Vector3d, DRAWS) for x in ((0.3, 0.2, 0) - 2 / cosine * d, d))
+    far = dr.full(mi.Float64, 2 / cosine, DRAWS)  # the surface below
+    ray = Ray(o, along, 0 * far, far, dr.full(mi.Bool, True, DRAWS), dr.full(mi.Float, 1e-3, DRAWS), 0 * mi.Float(far))
+    return fly(world, ray, -dr.log(1 - mi.Float(xi)), dr.full(mi.Bool, True, DRAWS), shift), world
+
+
 @pytest.mark.parametrize("sigma", [DENSE, THIN])
 @pytest.mark.parametrize("cosine", COSINES)
-def test_by_sampling(sigma: float, cosine: float):
-    field, random = furnace(sigma), np.random.default_rng(7)
-    tau = depths(field, cosine)
-    drawn, inside = jax.vmap(sample_collision, in_axes=(None, 0))(tau, jnp.asarray(random.random(DRAWS), jnp.float32))
-    sky = environment(np.ones((4, 8, 3)), up=2)
-    light, weight = sample(sky, random.random((DRAWS, 3)))  # L / p
-    scattered = np.asarray(reflected(field, cosine, light.astype(np.float32))) * weight
-    each = np.where(np.asarray(drawn)[:, None] < SAMPLES, scattered, 0)
-    spread = 4 * each.std(axis=0) / np.sqrt(DRAWS)
-    assert (np.abs(each.mean(axis=0) + np.expm1(-sigma / cosine)) <= np.maximum(1e-3, spread)).all()
-    assert ((np.asarray(inside) >= 0) & (np.asarray(inside) <= 1)).all()
+def test_by_sampling(plate, tiny_bundle: Bundle, sigma: float, cosine: float):
+    """Free flights, and directions of light, as the path tracer draws them. Its ρ fades out over FADE below the horizon: what
+    returns all light is ρ = 1/2π(1 + FADE/2) above it."""
+    flight, world = flown(plate, constant_bundle(tiny_bundle, sigma, 1 / (2 * np.pi * (1 + FADE / 2))), cosine)
+    numbers = mi.Point2f(np.random.default_rng(8).random((2, DRAWS)).astype(np.float32))
+    _, light, density = scatter.draw(flight.here, numbers)
+    _, features = world.media.decode(flight.sample)
+    (rho,) = world.media.rho(flight.sample, features, mi.Vector3f(*map(float, viewer(cosine))), [light])
+    collided, value = np.array(flight.collided), np.array(rho / density)
+    each = np.where(collided, value, 0.0)
+    spread = 4 * each.std(axis=1) / np.sqrt(DRAWS)
+    assert (np.abs(each.mean(axis=1) + np.expm1(-sigma / cosine)) <= np.maximum(1e-3, spread)).all()
+    escaped = np.exp(-sigma / cosine)
+    np.testing.assert_allclose(1 - collided.mean(), escaped, atol=4 * np.sqrt(escaped / DRAWS) + 1e-9)
 
 
-def test_collisions_have_density_t_sigma():
-    """Where a ray collides is distributed as 1 − T: Kolmogorov's distance over 40 000 draws stays below 1.95/√n (1 in 1000)."""
-    tau = jnp.float32([0.1, 0.0, 0.7, 0.3, 0.0, 2.0])
-    xi = jnp.asarray(np.random.default_rng(8).random(DRAWS), jnp.float32)
-    k, f = (np.asarray(x) for x in jax.vmap(sample_collision, in_axes=(None, 0))(tau, xi))
-    edges = np.concatenate([[0], np.cumsum(np.asarray(tau, np.float64))])
-    hit = k < len(tau)
-    depth = np.sort(edges[k[hit]] + f[hit] * np.asarray(tau, np.float64)[k[hit]])
-    true = -np.expm1(-depth)
-    assert np.abs(true - np.arange(1, len(depth) + 1) / DRAWS).max() < 1.95 / np.sqrt(DRAWS)
-    assert not np.isin(k, [1, 4]).any()  # nothing collides in empty samples
-    np.testing.assert_allclose(1 - hit.mean(), np.exp(-3.1), atol=4 * np.sqrt(np.exp(-3.1) / DRAWS))
+@pytest.mark.parametrize("shift", [0.5, 0.0, 0.9])
+def test_collisions_have_density_t_sigma(plate, tiny_bundle: Bundle, shift: float):
+    """How many rays collide at which of the samples, by Pearson's χ² (1 in 1000), with w of the quadrature."""
+    sigma, cosine = 3.0, 0.7
+    flight, _ = flown(plate, constant_bundle(tiny_bundle, sigma, 0.1), cosine, shift)
+    depth = (1 - np.array(flight.sample.xi.z, np.float64)) * EVEN.samples
+    k = np.rint(depth - shift).astype(int)
+    collided = np.array(flight.collided)
+    np.testing.assert_allclose(depth[collided], k[collided] + shift, atol=1e-3)
+    found = np.append(np.bincount(k[collided], minlength=EVEN.samples), DRAWS - collided.sum())
+    w, through = weights(jnp.full(EVEN.samples, sigma / cosine / EVEN.samples, jnp.float32))
+    expected = DRAWS * np.append(np.asarray(w, np.float64), float(through))
+    assert ((found - expected) ** 2 / expected).sum() < chi2.ppf(0.999, len(found) - 1)
 
 
-def test_a_draw_at_the_ends_is_defined():
-    for xi, tau in ((0.0, [0.0, 0.0]), (0.0, [0.0, 1.0]), (1 - 2**-24, [0.0, 1e20]), (0.5, [0.0, 0.0])):
-        k, f = sample_collision(jnp.float32(tau), jnp.float32(xi))
-        assert int(k) == (2 if sum(tau) == 0 else 1)
-        assert 0 <= float(f) <= 1
+def test_a_draw_at_the_ends_is_defined(plate, tiny_bundle: Bundle):
+    """ξ = 0 collides at the first sample that holds something; nothing does where there is nothing, whatever ξ."""
+    ends = np.resize(np.array([0, 1 - 2**-24], np.float32), DRAWS)
+    flight, _ = flown(plate, constant_bundle(tiny_bundle, DENSE, 0.1), 0.5, xi=ends)
+    assert np.array(flight.collided).all() and np.isfinite(np.array(flight.depth)).all()
+    first = np.array(flight.sample.xi.z)[::2]
+    np.testing.assert_allclose(first, 1 - 0.5 / EVEN.samples, atol=1e-5)
+    flight, _ = flown(plate, constant_bundle(tiny_bundle, 1e-30, 0.1), 0.5, xi=ends)
+    assert not np.array(flight.collided)[1::2].any() and (np.array(flight.depth) < 1e-28).all()
 
 
 def constant_bundle(bundle: Bundle, sigma: float, rho: float) -> Bundle:

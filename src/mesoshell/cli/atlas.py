@@ -122,11 +122,13 @@ class Mesh:
 
 def run(command: Annotated[Capture | Train | Texture | Render | Mesh, tyro.conf.arg(name="")]) -> None:
     """Learn objects from photographs, edit their textures, export them as meshes."""
-    from mesoshell.cli import captured, photographing
+    if isinstance(command, Capture):
+        from mesoshell.cli import photographing
+
+        return photographing.photograph(command)
+    from mesoshell.cli import captured
 
     match command:
-        case Capture():
-            photographing.photograph(command)
         case Train():
             captured.train(command)
         case Texture():

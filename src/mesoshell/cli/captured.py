@@ -17,7 +17,9 @@ from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.training import learn, of_length, read_experiment
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr, write_exr, write_png
+from mesoshell.io.whole import probe_folder, probe_outputs
 from mesoshell.io.wrapped import write_wrapped
+from mesoshell.limits import check_memory
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import PRESETS
 from mesoshell.train.atlas import AtlasTraining, atlas_as
@@ -39,7 +41,8 @@ def train(options: Train) -> None:
 def texture(options: Texture) -> None:
     """`mesoshell atlas texture`."""
     _suffix(options.out, (".png", ".exr") if options.part == "colour" else (".exr",))
-    found, size = _textured(options.object), _at_least_one("--size", options.size)
+    probe_outputs((options.out,))
+    found, size = _textured(options.object), _side(options.size)
     if options.part != "colour" and found.config.colour != "reflectance":
         raise InputError(options.object, f"has colours as they were photographed, and no {options.part}")
     image = paint.texture_image(found, options.layout, size, options.part)
@@ -54,6 +57,7 @@ def render(options: Render) -> None:
     if options.checker and options.texture:
         raise InputError("--checker", "stands in the texture's place: give one of --checker and --texture")
     keep_compiled()
+    probe_folder(options.out, "--out")
     found = _textured(options.object) if options.checker or options.texture else _found(options.object)
     painted = board_paint() if options.checker else None
     if options.texture:
@@ -84,9 +88,10 @@ def render(options: Render) -> None:
 def mesh(options: Mesh) -> None:
     """`mesoshell atlas mesh`."""
     _suffix(options.out, (".glb", ".obj"))
-    found = _textured(options.object)
-    side = _at_least_one("--size", options.size)
-    surface = wrapped(found.config, found.field, _at_least_one("--quads", options.quads), side)
+    probe_outputs((options.out,))
+    found, side, quads = _textured(options.object), _side(options.size), _at_least_one("--quads", options.quads)
+    check_memory("--quads", f"a wrap of 6 x {quads} x {quads} quads", 6 * 512 * quads**2)
+    surface = wrapped(found.config, found.field, quads, side)
     image = paint.texture_image(found, "cubemap", side)
     rough = None
     if found.config.colour == "reflectance" and options.out.suffix.lower() == ".glb":
@@ -176,6 +181,8 @@ def around(found: Captured, frames: int, size: tuple[int, int]) -> list[Photo]:
     side = sides[np.argmax(np.linalg.norm(sides, axis=1))]
     arm = far * (high * up + np.sqrt(max(1 - high**2, 0)) * side / max(np.linalg.norm(side), 1e-9))
     width, height = (_at_least_one("--size", n) for n in size)
+    check_memory("--size", f"frames of {width} x {height}", 64 * width * height)
+    check_memory("--frames", f"{frames} cameras", 512 * frames)
     first = found.photos[0]
     f = first.lens[1] / min(first.width, first.height) * min(width, height)
     lens = f, f, width / 2, height / 2
@@ -192,6 +199,12 @@ def _folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(path, f"cannot be made: {error.strerror}") from error
+
+
+def _side(n: int) -> int:
+    """Of the squares of a texture, which its layout has six of at most."""
+    check_memory("--size", f"a texture of {n} pixels a side", 6 * 64 * _at_least_one("--size", n) ** 2)
+    return n
 
 
 def _at_least_one(name: str, n: int) -> int:

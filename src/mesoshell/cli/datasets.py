@@ -9,6 +9,7 @@ from mesoshell.io.dataset import check_dataset, read_dataset
 from mesoshell.io.image import write_png
 from mesoshell.io.pack import pack_dataset
 from mesoshell.io.sheet import contact_sheet
+from mesoshell.io.whole import probe_outputs
 
 
 def check(folder: Path) -> None:
@@ -29,5 +30,6 @@ def sheet(command: Sheet) -> None:
     for name in ("count", "columns"):
         if getattr(command, name) < 1:
             raise InputError(f"--{name}", "must be at least 1")
+    probe_outputs((command.out,))
     write_png(command.out, contact_sheet(read_dataset(command.folder), command.sort, command.count, command.columns))
     print(command.out)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from mesoshell.cli.material import given
 from mesoshell.cli.render import Options
 from mesoshell.errors import InputError
-from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh
+from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box, load_mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.image import read_exr
 from mesoshell.io.material import normalised
@@ -26,6 +26,8 @@ from mesoshell.silhouette.scene import SurfaceDescription
 
 #: Fill light of the default lighting, and the light from below, as shares of the key light.
 FILL, BOUNCE = 0.3, 0.12
+#: Irradiance or radiance, at most: sums of it are numbers in single precision.
+BRIGHTEST = 1e30
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +134,11 @@ def describe_surface(options: Options) -> SurfaceDescription:
 
 
 def check_colours(options: Options) -> None:
-    """Raises InputError for a light or a surface that is darker than black."""
-    for name, values in (("--irradiance", (options.irradiance,)), ("--base", options.base)):
-        if not all(np.isfinite(v) and v >= 0 for v in values):
-            raise InputError(name, "must be finite and not negative")
+    """Raises InputError for a light or a surface that is darker than black, or brighter than can be."""
+    if not 0 <= options.irradiance <= BRIGHTEST:
+        raise InputError("--irradiance", f"must be from 0 to {BRIGHTEST:g}, not {options.irradiance:g}")
+    if not all(0 <= v <= 1 for v in options.base):
+        raise InputError("--base", "must be from 0 to 1: what is reflected of the light that falls on it")
 
 
 def up_axis(options: Options) -> int:
@@ -161,8 +164,8 @@ def camera_of(options: Options, box: np.ndarray, thickness: float, up: int) -> C
     axis = (0.0, 1.0, 0.0) if up == 1 else (0.0, 0.0, 1.0)
     if options.camera is not None:
         eye, target, degrees = options.camera[:3], options.camera[3:6], options.camera[6]
-        if not np.isfinite(options.camera).all():
-            raise InputError("--camera", "holds a number that is not finite")
+        if not np.abs(options.camera).max() <= FARTHEST:
+            raise InputError("--camera", f"holds a number that is not finite, or beyond {FARTHEST:g}")
         if not 0 < degrees < 180:
             raise InputError("--camera", f"a field of view of {degrees:g} degrees is not between 0 and 180")
         if eye == target:
@@ -198,6 +201,6 @@ def _environment(options: Options, up: int) -> Environment | None:
     if options.environment is None:
         return None
     image = read_exr(options.environment)[..., :3]
-    if not (np.isfinite(image).all() and image.min() >= 0 and image.max() > 0):
-        raise InputError(options.environment, "holds negative, infinite or no light")
+    if not (image.min() >= 0 and 0 < image.max() <= BRIGHTEST):  # NaN is neither
+        raise InputError(options.environment, f"holds negative or no light, or more than {BRIGHTEST:g}")
     return environment(image, up)

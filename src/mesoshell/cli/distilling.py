@@ -15,6 +15,7 @@ from mesoshell.io.bundle import write_bundle
 from mesoshell.io.patches import read_patches
 from mesoshell.io.surface import SurfaceBundle, write_surface
 from mesoshell.io.twin import Twin
+from mesoshell.io.whole import probe_outputs
 from mesoshell.train.record import snapshots
 from mesoshell.train.surface import MIXED, fitted
 from mesoshell.train.surface_snapshot import painter
@@ -26,6 +27,7 @@ QUERIES, AFAR = "queries", "afar"
 def distill(options: Options) -> None:
     """All of `mesoshell distill`."""
     run = _checked(options)
+    probe_outputs(tuple(path for path in (options.out, options.twin) if path is not None))
     keep_compiled()
     of = subject(options)
     if options.out is not None:

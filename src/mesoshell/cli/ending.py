@@ -10,6 +10,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from types import FrameType
+from typing import Any
 
 from mesoshell.errors import InputError, one_line
 
@@ -81,11 +82,19 @@ def _interrupts() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, AGAIN)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGALRM, interrupt)
+    def ignored(what: Any) -> None:
+        if not isinstance(what.exc_value, KeyboardInterrupt):
+            said(what)
+
+    before, said = signal.signal(signal.SIGALRM, interrupt), sys.unraisablehook
     signal.signal(signal.SIGINT, interrupt)
+    sys.unraisablehook = (
+        ignored  # of one that a callback of the collector's swallowed, Python would print the traceback
+    )
     try:
         yield
     finally:
+        sys.unraisablehook = said
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
         signal.signal(signal.SIGINT, signal.default_int_handler)

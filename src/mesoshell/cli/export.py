@@ -26,10 +26,12 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Write a run's material, its generator included, as one file that needs nothing beside it."""
     from mesoshell.io.bundle import read_bundle, write_bundle
     from mesoshell.io.surface import read_surface, write_surface
+    from mesoshell.io.whole import probe_outputs
     from mesoshell.train.record import read_record
     from mesoshell.train.state import TrainConfig
     from mesoshell.train.surface import SurfaceTraining
 
+    probe_outputs((options.out,))
     config = read_record(options.run)[0]
     if not isinstance(config, TrainConfig | SurfaceTraining):
         raise InputError(options.run, "holds a network and no generator: it can be evaluated, not exported")

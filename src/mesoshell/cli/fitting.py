@@ -13,6 +13,8 @@ from mesoshell.io.bundle import Parameter, write_bundle
 from mesoshell.io.checkout import commit
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.image import write_png
+from mesoshell.io.whole import probe_folder, probe_outputs, read_file, replace_file
+from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared, to_bundle
 from mesoshell.train.fit import FitConfig, State
 from mesoshell.train.holdout import score
@@ -25,6 +27,8 @@ def fit_to_bundle(options: Options) -> None:
     """All of `mesoshell fit`."""
     console = Console(stderr=True)
     config = _config(options)
+    probe_outputs((options.out,))
+    probe_folder(options.run, "--run")
     datasets = [read_dataset(d) for d in options.datasets]
     tests = [read_dataset(d) for d in options.test]
     parameters = _parameters(datasets)
@@ -33,6 +37,8 @@ def fit_to_bundle(options: Options) -> None:
     _same_run(options, config)
     with console.status("finding the rays that meet the box"):
         table, images = join([(ray_table(d), image_table(d)) for d in datasets])
+    if options.rays > len(table.image):
+        raise InputError("--rays", f"{options.rays} a step: the datasets have {len(table.image)} that meet the box")
     console.print(f"{len(table.image):,} rays of {len(images.light):,} images", highlight=False)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
@@ -61,7 +67,12 @@ def _config(options: Options) -> FitConfig:
             raise InputError(f"--{name}", "must be at least 1")
     if options.texels < 1 or options.texels & (options.texels - 1):
         raise InputError("--texels", f"{options.texels} is not a power of two")
+    check_seed(options.seed)
     w = options.width
+    # with gradients and two moments: 32 channels with their coarser levels, and the decoder's layers
+    check_memory("--texels", f"a texture of {options.texels} texels a side", 4 * 4 * 43 * options.texels**2)
+    check_memory("--width", f"layers of {w} numbers", 4 * 4 * 5 * w**2)
+    check_memory("--rays", f"{options.rays} rays a step", 4 * options.rays * w)
     return FitConfig(texels=options.texels, rays=options.rays, trunk=(w, w, w), head=(w, w), seed=options.seed)
 
 
@@ -69,9 +80,9 @@ def _same_run(options: Options, config: FitConfig) -> None:
     """A run folder belongs to one configuration: what it was begun with is written there."""
     record = json.dumps({"config": asdict(config), "steps": options.steps}, indent=1) + "\n"
     path = options.run / "config.json"
-    if path.exists() and path.read_text() != record:
+    if path.exists() and read_file(path) != record.encode():
         raise InputError(path, "this run was begun with another configuration; give another --run")
-    path.write_text(record)
+    replace_file(path, record.encode())
 
 
 def _one_patch(datasets: list[Dataset]) -> None:

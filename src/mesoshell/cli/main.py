@@ -35,8 +35,7 @@ def main(arguments: list[str] | None = None) -> None:
     given = [a for a in given if a != "--debug"]
     try:
         with in_one_line():
-            _parsed(given)()
-            flushed()
+            _done(_parsed(given))
     except BrokenPipeError:
         sys.exit(141)  # as a program that SIGPIPE ends
     except (InputError, OSError, MemoryError) as fault:
@@ -47,6 +46,17 @@ def main(arguments: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         print("mesoshell: interrupted", file=sys.stderr)
         sys.exit(130)
+
+
+def _done(verb: Callable[[], None]) -> None:
+    """Run a verb, and write out what it printed."""
+    try:
+        verb()
+    except OSError as fault:
+        if fault.filename is None:  # perhaps what could not be printed: it is still held, and fails again
+            flushed()
+        raise
+    flushed()
 
 
 def _parsed(given: list[str]) -> Callable[[], None]:
@@ -76,7 +86,3 @@ def _said(fault: Exception) -> str:
         where = f"{fault.filename}: " if fault.filename is not None else ""
         return one_line(f"{where}{fault.strerror or fault}")
     return one_line(str(fault) if isinstance(fault, InputError) else f"out of memory: {fault}")
-
-
-if __name__ == "__main__":
-    main()

@@ -9,9 +9,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from mesoshell.cli.dataset import RenderPatches
 from mesoshell.errors import InputError
+from mesoshell.limits import check_memory
 from mesoshell.mesostructure.render import Answers, Settings, of_geometry
 from mesoshell.mesostructure.render import render_patches as write
 from mesoshell.mesostructure.sources import source
+
+#: Light paths of a query.
+MOST = 2**24
 
 
 def render_patches(command: RenderPatches) -> None:
@@ -27,7 +31,11 @@ def render_patches(command: RenderPatches) -> None:
 
 
 def written(settings: Settings, answers: Answers, count: int, folder: Path) -> None:
-    """A dataset of patches, with a bar, and a line of what was done."""
+    """A dataset of patches, with a bar, and a line of what was done. Raises InputError before for what memory does not hold."""
+    check_memory("--patches", f"a plan of {count} patches", 64 * count)
+    check_memory("--queries", f"{settings.queries} queries on a patch", 512 * settings.queries)
+    if settings.spp > MOST:
+        raise InputError("--spp", f"{settings.spp} must be at most {MOST}")
     console = Console(stderr=True, highlight=False)
     columns = (
         TextColumn(settings.source),

@@ -74,6 +74,10 @@ def _check_sensor(scene: mi.Scene, options: Options) -> None:
     if not scene.sensors():
         raise InputError(options.mesh, "has no sensor")
     width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
+    if not width * height:
+        raise InputError(options.mesh, f"its film of {width} x {height} has no pixels")
+    if not (options.spp or scene.sensors()[0].sampler().sample_count()):
+        raise InputError(options.mesh, "its sampler takes no samples: give sample_count, or --spp")
     check_memory(options.mesh, f"its film of {width} x {height}", 64 * width * height)
 
 

@@ -10,6 +10,8 @@ from mesoshell.farm.photograph import Shooting
 from mesoshell.farm.photograph import photograph as shoot
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.image import read_picture
+from mesoshell.io.whole import probe_folder
+from mesoshell.limits import check_memory
 
 
 def photograph(options: Capture) -> None:
@@ -25,6 +27,10 @@ def photograph(options: Capture) -> None:
             raise InputError(name, f"must be at least {least}, not {value}")
     if not (np.isfinite(options.noise) and options.noise >= 0):
         raise InputError("--noise", f"must be finite and not negative, not {options.noise}")
+    check_memory("--size", f"pictures of {options.size} x {options.size}", 64 * options.size**2)
+    check_memory("--points", f"{options.points} points", 64 * options.points)
+    check_memory("--views", f"{options.views} photographs", 16 * options.views * options.size**2)
+    probe_folder(options.out, "--out")
     if options.paint:
         read_picture(options.paint)
     up = 2 if options.mesh.suffix.lower() in (".ply", ".stl") else 1

@@ -21,7 +21,8 @@ from mesoshell.farm.render import Farm, Report, render_dataset
 from mesoshell.farm.shard import Fault
 from mesoshell.farm.vary import vary_sheet
 from mesoshell.io.image import write_png
-from mesoshell.io.whole import replace_file
+from mesoshell.io.whole import probe_outputs, replace_file
+from mesoshell.limits import check_memory
 
 #: Seconds between two lines of progress where there is no terminal to draw a bar on.
 _SILENCE_S = 30.0
@@ -30,6 +31,7 @@ _SILENCE_S = 30.0
 def render(command: Render) -> None:
     _at_least(command, count=1, size=1, seed=0, spp=1, patch=0, patches=1, views=1, workers=1)
     count = _count(command)
+    check_memory("--count", f"a plan of {count} images", 64 * count)
     settings = _settings(command, command.spp, command.denoise, command.coverage, command.patch, command.views)
     cores = len(os.sched_getaffinity(0))
     workers = min(command.workers or cores, count)
@@ -99,6 +101,7 @@ def _summary(command: Render, count: int, report: Report, seconds: float) -> str
 
 def vary(command: Vary) -> None:
     _at_least(command, size=1, seed=0, spp=1, steps=2, index=0)
+    probe_outputs((command.out,))
     settings = _settings(command, command.spp, False, (0.85, 0.85))
     console = Console(stderr=True)
     try:
@@ -115,6 +118,7 @@ def vary(command: Vary) -> None:
 
 def cost(command: Cost) -> None:
     _at_least(command, size=1, seed=0, index=0)
+    probe_outputs(() if command.out is None else (command.out,))
     settings = _settings(command, None, False, (command.coverage, command.coverage))
     cells: list[Cell] = []
     try:
@@ -152,6 +156,8 @@ def _settings(
     patch: int | None = None,
     views: int | None = None,
 ) -> dict[str, Any]:
+    # Blender's: as floats, in a few copies
+    check_memory("--size", f"pictures of {command.size} x {command.size}", 64 * command.size**2)
     return {
         "recipe": command.recipe,
         "seed": command.seed,

@@ -35,6 +35,8 @@ class Picture:
 def render_to_files(options: Options) -> None:
     """All of `mesoshell render`."""
     begin = time.perf_counter()
+    if options.out.is_dir():
+        raise InputError("--out", f"{options.out} is a folder")
     out = files_of(options.out)[0]
     probe_outputs(files_of(options.out))
     console = Console(stderr=True)

@@ -5,7 +5,6 @@ from pathlib import Path
 from zipfile import is_zipfile
 
 import jax.numpy as jnp
-import numpy as np
 
 from mesoshell.cli.distill import Options
 from mesoshell.cli.material import given
@@ -85,8 +84,8 @@ def _shell(options: Options) -> ShellSubject:
         raise InputError("--param", f"{next(iter(maps))} is an image: a surface material is the same everywhere")
     alpha, found = normalised(bundle, values), ready(bundle)
     thickness, base = options.thickness or bundle.thickness, options.base or Render.base
-    if not all(np.isfinite(v) and v >= 0 for v in base):
-        raise InputError("--base", "must be finite and not negative")
+    if not all(0 <= v <= 1 for v in base):
+        raise InputError("--base", "must be from 0 to 1: what is reflected of the light that falls on it")
     depth, colour = (jnp.asarray(x, jnp.float32) for x in (thickness, base))
     taught = answers(found.layout, Teacher(found.material, jnp.asarray(alpha), depth, colour))
     about = " ".join([options.material, digest(path)[:16], *options.param, *map(str, base)])

@@ -13,7 +13,7 @@ from mesoshell.cli.texture import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.io.material import find, normalised
-from mesoshell.io.whole import new_array, new_folder, probe_outputs
+from mesoshell.io.whole import new_array, new_folder, probe_folder, probe_outputs
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.shell.bake import patches_a_tile
 from mesoshell.shell.generated import maker_of
@@ -26,6 +26,8 @@ def texture_to_files(options: Options) -> None:
     begin = time.perf_counter()
     if options.out.suffix == ".npz":
         probe_outputs((options.out,))
+    else:
+        probe_folder(options.out, "--out")
     keep_compiled()
     bundle = read_bundle(find(options.material))
     config = maker_of(bundle, options.material).config

@@ -85,6 +85,8 @@ def _mapped(folder: Path) -> dict[str, np.ndarray]:
 @contextlib.contextmanager
 def _opened(path: str | PathLike[str]) -> Iterator[zipfile.ZipFile]:
     try:
+        if Path(path).exists() and not Path(path).is_file():  # a device has no end, in which a zip's table lies
+            raise InputError(path, "is no regular file")
         with zipfile.ZipFile(path) as file:
             yield file
     except InputError:

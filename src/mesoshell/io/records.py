@@ -29,8 +29,8 @@ def read_object(path: Path) -> dict[str, Any]:
 
 
 def read_rows(path: Path, fields: tuple[str, ...] = ()) -> list[dict[str, Any]]:
-    """The objects of a file that has one a line, none if there is no file. A last line that was cut short is left out: it is
-    what a killed writer leaves. Raises InputError that names the line at fault."""
+    """The objects of a file that has one a line, none if there is no file: numbers, but for `name`, which is text. A last line
+    that was cut short is left out: it is what a killed writer leaves. Raises InputError that names the line at fault."""
     if not path.exists():
         return []
     *lines, _ = read_file(path).split(b"\n")
@@ -39,5 +39,12 @@ def read_rows(path: Path, fields: tuple[str, ...] = ()) -> list[dict[str, Any]]:
         row = parsed(path, line, f"line {number}: ")
         if not isinstance(row, dict) or not row.keys() >= set(fields):
             raise InputError(path, f"line {number}: is no row with {', '.join(fields) or 'fields'}")
+        wrong = [k for k, x in row.items() if not (_is_name(x) if k == "name" else type(x) in (int, float))]
+        if wrong:
+            raise InputError(path, f"line {number}: {wrong[0]} is {row[wrong[0]]!r}")
         rows.append(row)
     return rows
+
+
+def _is_name(x: Any) -> bool:
+    return isinstance(x, str) and x.isprintable()

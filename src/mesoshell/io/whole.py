@@ -10,6 +10,7 @@ import errno
 import os
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
@@ -25,7 +26,10 @@ _KEPT = 40
 def read_file(path: str | PathLike[str]) -> bytes:
     """The file's bytes. Raises InputError if it is missing or unreadable."""
     try:
-        return Path(path).read_bytes()
+        with open(path, "rb") as file:
+            if stat.S_ISCHR(os.fstat(file.fileno()).st_mode) or stat.S_ISBLK(os.fstat(file.fileno()).st_mode):
+                raise OSError(errno.EINVAL, "is a device")  # /dev/zero has no end
+            return file.read()
     except FileNotFoundError as error:
         raise InputError(path, "no such file") from error
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name

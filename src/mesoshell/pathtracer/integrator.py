@@ -8,6 +8,9 @@ import mitsuba as mi
 from mesoshell.pathtracer.direct import light_directly
 from mesoshell.pathtracer.paths import advance, begin, busy
 
+#: Segments of a path that are as good as endless.
+MOST = 2**31
+
 
 class ShellPath(mi.SamplingIntegrator):
     """`mesoshell_path`: max_depth, rr_depth and hide_emitters as of Mitsuba's `path`. world: set by pathtracer/load."""
@@ -15,8 +18,8 @@ class ShellPath(mi.SamplingIntegrator):
     def __init__(self, props):
         super().__init__(props)
         depth = int(props.get("max_depth", -1))
-        self.max_depth = 2**31 if depth < 0 else depth
-        self.rr_depth = int(props.get("rr_depth", 5))
+        self.max_depth = MOST if depth < 0 else min(depth, MOST)
+        self.rr_depth = min(max(int(props.get("rr_depth", 5)), 0), MOST)
         self.hide_emitters = bool(props.get("hide_emitters", False))
         self.world: Any = None
 

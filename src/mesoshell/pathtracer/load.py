@@ -19,6 +19,7 @@ from mesoshell.geometry.mesh import Mesh, bounding_box, check_mesh, is_convex, m
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import bundled, check_name, find, normalised
 from mesoshell.io.surface import KIND, kind_of, read_surface
+from mesoshell.io.whole import read_file
 from mesoshell.pathtracer import elements, integrator
 from mesoshell.pathtracer.baking import Asked, textured
 from mesoshell.pathtracer.detail import texels_needed
@@ -44,6 +45,10 @@ def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters
     Raises InputError in one line."""
     if not Path(path).is_file():
         raise InputError(path, "no such file")
+    try:
+        read_file(path).decode()
+    except UnicodeDecodeError as error:  # which the parser takes, and then has no names for
+        raise InputError(path, "is not UTF-8 text") from error
     given = {key: str(value) for key, value in parameters.items()}
     resolver = cast(Any, mi).file_resolver()
     before = [str(p) for p in resolver]

@@ -171,7 +171,9 @@ def _exact(shells, ray, here: Here, f, t):
     """ξ of the point at t, by four Newton steps on P(λ, h) = x."""
     base, post, uv = shells.frame(here.prism)
     bary, h = here.bary0 + f * (here.bary1 - here.bary0), here.xi0.z + f * (here.xi1.z - here.xi0.z)
-    x = mi.Vector3f(ray.o + mi.Float64(t) * ray.d - mi.Vector3d(base[2]))  # far from the origin float32 has no digits for it
+    x = mi.Vector3f(
+        ray.o + mi.Float64(t) * ray.d - mi.Vector3d(base[2])
+    )  # far from the origin float32 has no digits for it
     for _ in range(4):
         p, q = (base[k] - base[2] + h * (post[k] - post[2]) for k in (0, 1))
         up = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]

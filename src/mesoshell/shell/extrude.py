@@ -78,6 +78,8 @@ def proportions(mesh: Mesh, height: float, thickness: float | None, scale: float
         )
     if thickness is None:
         thickness = float(np.linalg.norm(high - low)) * SHARE if scale is None else scale * height
+    if scale is None and thickness / height < least:
+        raise InputError("--thickness", f"{thickness:g} makes patches too small for this mesh: give --scale")
     return thickness, thickness / height if scale is None else scale
 
 

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from mesoshell.signal.blocks import Filters, up_bend_down
 from mesoshell.signal.schedule import LayerRow
-from mesoshell.signal.upfirdn import Resampling, resample, upfirdn_plain
+from mesoshell.signal.upfirdn import Resampling, resample
 from mesoshell.typing import Array
 
 #: Eigenvalues below this part of the largest are rounding of the filter's design.
@@ -43,19 +43,8 @@ class Activation:
         return 1.0 if self.row.is_torgb else GAIN
 
 
-def filtered_lrelu_plain(x: Float[Array, "B H W C"], how: Activation) -> Array:
-    """The definition, by depthwise convolutions."""
-    row = how.row
-    one = np.ones(1)
-    up = one if row.up_filter is None else row.up_filter
-    down = one if row.down_filter is None else row.down_filter
-    x = upfirdn_plain(x, row.up_factor**2 * np.outer(up, up), row.up_factor, 1, list(how.pad))
-    x = _bent(x, how)
-    return upfirdn_plain(x, down if down.ndim == 2 else np.outer(down, down), 1, row.down_factor, [0] * 4)
-
-
 def filtered_lrelu(x: Float[Array, "B H W C"], how: Activation) -> Array:
-    """The same, the way that is fastest on the backend. Its derivative goes along the axes, whichever that is."""
+    """Up-sample, bend, down-sample, the way that is fastest on the backend. The derivative goes along the axes."""
     return _fast(x, how)
 
 

@@ -24,27 +24,6 @@ _TINY = 1e-24
 _BLOCK = 2**19
 
 
-def modulated_conv_plain(
-    x: Float[Array, "B H W I"],
-    w: Float[Array, "k k I O"],
-    s: Float[Array, "B I"],
-    g: Float[Array, ""],
-    demodulate: bool,
-    pad: int,
-) -> Array:
-    """The definition: the weights of each sample, one convolution a sample."""
-    if demodulate:
-        w, s = _unit(w, s)
-
-    def one(x: Array, s: Array) -> Array:
-        ws = w * s[None, None, :, None]
-        if demodulate:
-            ws = ws * jax.lax.rsqrt(jnp.sum(ws**2, axis=(0, 1, 2), keepdims=True) + EPSILON)
-        return by_library(jnp.pad(x[None], ((0, 0), (pad, pad), (pad, pad), (0, 0))), g * ws)[0]
-
-    return jax.vmap(one)(x, s)
-
-
 def modulated_conv(
     x: Float[Array, "B H W I"],
     w: Float[Array, "k k I O"],
@@ -53,7 +32,7 @@ def modulated_conv(
     demodulate: bool,
     pad: int,
 ) -> Array:
-    """The same, as one convolution, in w's type; the rest in x's. pad: zeros around, k − 1 or 0 (valid)."""
+    """y of x: one convolution for all samples, in w's type; the rest in x's. pad: zeros around, k − 1 or 0 (valid)."""
     short, w = w.dtype, w.astype(x.dtype)
 
     def convolved(s: Array, w: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Up-sample, filter, down-sample: by its definition, and phase by phase (floor 2).
+"""Up-sample, filter, down-sample, phase by phase (floor 2).
 
 Alphabet
 x, y         samples before and after                                          (B, H, W, C)
@@ -9,7 +9,7 @@ a, b         samples added (negative: taken away) before and after at the rate u
 y[i] = Σ_j g[n − 1 − k] x[j], k = uj + a − di in [0, n). The outputs i = p + mP, P = u/gcd(u, d), use the same taps: with
 Q = d/gcd(u, d), y[p + mP] = Σ_t g[n − 1 − (ut + a − dp)] x[mQ + t], a sum of few shifted copies that a compiler makes in one
 pass over memory. Its transpose has the same form, with u and d exchanged and g reversed; what automatic differentiation
-makes of slices is 20 times slower. `docs/performance.md` compares both with the definition.
+makes of slices is 20 times slower. `docs/performance.md` compares both with the definition, which is in the tests.
 """
 
 from math import ceil, gcd
@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
@@ -43,27 +42,8 @@ class Resampling(NamedTuple):
         return Resampling(self.filter[::-1], self.down, self.up, (before, after))
 
 
-def upfirdn_plain(
-    x: Float[Array, "B H W C"], filter_2d: Float[np.ndarray, "n m"], up: int, down: int, pad: list[int]
-) -> Array:
-    """The definition, both axes at once, by one depthwise convolution. pad: x before, x after, y before, y after."""
-    kernel = jnp.asarray(np.ascontiguousarray(filter_2d[::-1, ::-1, None, None]), x.dtype)
-    # the convolution puts no zeros after the last sample: u − 1 of them come from the padding
-    around = [(pad[2], pad[3] + up - 1), (pad[0], pad[1] + up - 1)]
-    return jax.lax.conv_general_dilated(
-        x,
-        jnp.tile(kernel, (1, 1, 1, x.shape[-1])),
-        window_strides=(down, down),
-        padding=around,
-        lhs_dilation=(up, up),
-        dimension_numbers=("NHWC", "HWIO", "NHWC"),
-        feature_group_count=x.shape[-1],
-        precision=jax.lax.Precision.HIGHEST,
-    )
-
-
 def resample(x: Float[Array, "B H W C"], how: Resampling, axis: int) -> Array:
-    """One axis (1 or 2) of the same, phase by phase."""
+    """One axis (1 or 2), phase by phase."""
     return _linear(x, how, axis)
 
 

@@ -16,7 +16,6 @@ times as long in a render, because the table is then too large for the cache. Va
 from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -149,7 +148,3 @@ def _tables(sizes: Sizes) -> tuple[Array, Array]:
     shapes = np.array(sizes, np.int32)
     offsets = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))[:-1]]).astype(np.int32)
     return jnp.asarray(offsets), jnp.asarray(shapes)
-
-
-lookup_many = jax.vmap(lookup, in_axes=(None, None, 0, 0))
-lookup_height_many = jax.vmap(lookup_height, in_axes=(None, None, 0, 0))

@@ -33,12 +33,14 @@ CURVES = {
 
 def write_report(folder: Path) -> Path:
     """Write folder/report.html from what the folder holds."""
-    log, scores = (_rows(folder / name) for name in ("log.jsonl", "evaluation.jsonl"))
+    log = read_rows(folder / "log.jsonl", ("kimg", "images_per_s"))
+    scores = read_rows(folder / "evaluation.jsonl", ("name", "kimg", "images", "value", "low", "high"))
     parts = [f"<h1>{html.escape(folder.name)}</h1>"]
     if log:
         last = log[-1]
         parts.append(f"<p>{last['kimg']:.1f} kimg; {last['images_per_s']:.2f} images a second at the end.</p>")
-        parts.append(_curves(log, {label: names for label, names in CURVES.items() if names[0] in last}))
+        groups = {label: names for label, names in CURVES.items() if names[0] in last}
+        parts += [_curves(log, groups)] if groups else []
     parts += [_scored([row for row in scores if row["name"] == name]) for name in sorted({r["name"] for r in scores})]
     sheets = sorted((folder / "sheets").glob("*.png"))
     chosen = (
@@ -58,10 +60,10 @@ def _scored(rows: list[dict[str, Any]]) -> str:
     from matplotlib.figure import Figure
 
     name = rows[0]["name"]
-    kimg, value, low, high = (np.array([row[k] for row in rows]) for k in ("kimg", "value", "low", "high"))
+    kimg, value, low, high = (_drawable([row[k] for row in rows]) for k in ("kimg", "value", "low", "high"))
     figure = Figure(figsize=(6, 3), layout="constrained")
     axes = figure.subplots()
-    axes.errorbar(kimg, value, (value - low, high - value), marker="o", capsize=3)
+    axes.errorbar(kimg, value, np.maximum((value - low, high - value), 0), marker="o", capsize=3)
     axes.set(xlabel="kimg", ylabel=name, ylim=(min(0, low.min()), None))
     table = "".join(
         f"<tr><td>{r['kimg']:g}<td>{r['value']:.4g}<td>{r['low']:.4g} to {r['high']:.4g}<td>{r['images']}" for r in rows
@@ -74,10 +76,10 @@ def _curves(rows: list[dict[str, Any]], groups: dict[str, tuple[str, ...]]) -> s
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 3), layout="constrained")
-    kimg = [row["kimg"] for row in rows]
-    for axes, (label, names) in zip(figure.subplots(1, len(groups)), groups.items(), strict=True):
+    kimg = _drawable([row["kimg"] for row in rows])
+    for axes, (label, names) in zip(figure.subplots(1, len(groups), squeeze=False)[0], groups.items(), strict=True):
         for name in names:
-            axes.plot(kimg, [row[name] for row in rows], label=name, linewidth=0.8)
+            axes.plot(kimg, _drawable([row.get(name, np.nan) for row in rows]), label=name, linewidth=0.8)
         axes.set(xlabel="kimg", ylabel=label)
         axes.legend()
     return _drawn(figure)
@@ -93,5 +95,6 @@ def _image(png: bytes, alt: str) -> str:
     return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
 
 
-def _rows(path: Path) -> list[dict[str, Any]]:
-    return read_rows(path)
+def _drawable(values: list[int | float]) -> np.ndarray:
+    """NaN for what no axis holds: what a run that diverged has logged at last."""
+    return np.array([float(x) if abs(x) < 1e30 else np.nan for x in values])

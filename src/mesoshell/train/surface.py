@@ -117,7 +117,7 @@ def held_out(data: Patches) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, .
 
 def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) -> Callable[[int], "Asked"]:
     """This host's queries of step i: equal runs of neighbours from patches drawn for the step. Raises InputError if they do
-    not come out even, or a patch is too small."""
+    not come out even, a patch is too small, or holds NaN."""
     patches = held_out(data)[0]
     mixed = min(MIXED, config.batch)
     each = config.batch // mixed
@@ -134,6 +134,8 @@ def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) 
         for k, share in list(zip(chosen, first, strict=True))[host::hosts]:
             begin = int(share * (len(patches[k]) - each + 1))
             rows.append(patches[k][begin : begin + each])
+            if not np.isfinite(rows[-1]).all():
+                raise InputError(data.folder, f"patch {k} has NaN or infinite numbers")
         return asked(np.concatenate(rows))
 
     return at

@@ -23,8 +23,9 @@ SAID_LOST = (
     "a host was lost, or ended with an error that it says itself; start all hosts again: the run goes on from its "
     "newest checkpoint"
 )
-#: How JAX says that it ends the process, because a host is lost or, the second, has never come.
-_ABORTS, _UNMET = "because the JAX distributed service detected fatal errors", "/RegisterTask"
+#: How JAX begins to say that it ends the process, because a host is lost; and what it says if one has never come.
+_ABORTS = ("Polled an error from coordination service", "because the JAX distributed service detected fatal errors")
+_UNMET = "/RegisterTask"
 #: Statuses with which all hosts end together, so that they may part in order: done, and diverged.
 _TOGETHER = (0, 1)
 #: Linux's PR_SET_PDEATHSIG.
@@ -94,7 +95,7 @@ class _Noise(threading.Thread):
     def run(self) -> None:
         with os.fdopen(self._reading, errors="backslashreplace") as lines:
             for line in lines:
-                if self.fatal or _ABORTS in line:
+                if self.fatal or any(said in line for said in _ABORTS):
                     self.fatal += line
                 elif not re.match(r"\[Gloo\] Rank \d+ is connected", line):
                     sys.stderr.write(line)

@@ -58,6 +58,9 @@ def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
         ) from error
     except RuntimeError as error:
         raise InputError("--coordinator", f"{coordinator}: {error}") from error
+    # on CPUs a host that has not met another yet waits for it half a minute only; later it may be as slow as it likes
+    with noticing():
+        multihost_utils.sync_global_devices("the beginning of a run")
 
 
 def is_first() -> bool:

@@ -3,7 +3,7 @@
 Arguments: a JSON file, and this host's number. The plan: port, hosts, method, data, folder, compiled (folder of programs),
 quick (seconds to be lost after, if given) and `runs`, each with the `name` of its folder, `how`, `saves` (a checkpoint a step)
 and, if anything happens: what, to which `host`, at which `step`. The state after run i is left as i.HOST.npz, by its leaves.
-What may happen: a signal by its name; parent (SIGKILL of the process that watches); slow (its checkpoints take seconds);
+What may happen: a signal by its name; parent (SIGKILL of the process that watches); slow (its checkpoints take long);
 full (its disk); fault (its data cannot be read).
 """
 
@@ -90,7 +90,7 @@ def arrange(run: Any, part: dict[str, Any], me: int) -> None:
 
     def saved(self: Checkpoints, step: int, tree: Any) -> None:
         if what == "slow":
-            time.sleep(3)
+            time.sleep(0.5)
         if what == "full" and step >= part["step"]:
             raise InputError(self.folder, f"cannot be written: {os.strerror(errno.ENOSPC)}")
         save(self, step, tree)

@@ -23,8 +23,9 @@ SAID_LOST = (
     "a host was lost, or ended with an error that it says itself; start all hosts again: the run goes on from its "
     "newest checkpoint"
 )
-#: How JAX begins to say that it ends the process, because a host is lost; and what it says if one has never come.
-_ABORTS = ("Polled an error from coordination service", "because the JAX distributed service detected fatal errors")
+#: How the service by which hosts find each other says that one is lost, and JAX that it ends the process; and what it says if
+#: one has never come.
+_ABORTS = re.compile(r"^E\d+ .* coordination_service\w*\.cc|JAX distributed service detected fatal errors")
 _UNMET = "/RegisterTask"
 #: Statuses with which all hosts end together, so that they may part in order: done, and diverged.
 _TOGETHER = (0, 1)
@@ -47,7 +48,7 @@ def watched(work: Callable[[], None], run: Path) -> None:
     noise = _Noise(reading)
     ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     noise.join(1.0)  # a process that the child began may hold its end open
-    if ended < 0 and noise.fatal:
+    if ended == -signal.SIGABRT and noise.fatal:
         met = _UNMET not in noise.fatal
         print(f"mesoshell: {run}: {SAID_LOST if met else 'not all hosts came in time'}", file=sys.stderr)
         sys.exit(LOST)
@@ -95,7 +96,7 @@ class _Noise(threading.Thread):
     def run(self) -> None:
         with os.fdopen(self._reading, errors="backslashreplace") as lines:
             for line in lines:
-                if self.fatal or any(said in line for said in _ABORTS):
+                if self.fatal or _ABORTS.search(line):
                     self.fatal += line
                 elif not re.match(r"\[Gloo\] Rank \d+ is connected", line):
                     sys.stderr.write(line)

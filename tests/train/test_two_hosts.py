@@ -60,7 +60,8 @@ def launch(folder: Path, method: str, hosts: int, runs: list[dict[str, Any]], **
         for process in processes:
             process.kill()
             process.wait()
-            process.stdout.close()
+            if process.stdout:
+                process.stdout.close()
     return [(process.returncode, text) for process, text in zip(processes, said, strict=False)]
 
 

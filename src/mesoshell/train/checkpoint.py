@@ -4,7 +4,13 @@ Of several hosts the first alone reads and writes them, so that in orbax no host
 whole (train/parallel): a run of one host may be gone on with by many, or the other way round.
 """
 
+import contextlib
+import gc
+import logging
+import shutil
+import sys
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +22,8 @@ from mesoshell.errors import InputError, one_line
 from mesoshell.train.hosts import is_first
 
 KEPT = 3
+#: What orbax has in the name of a checkpoint that is being written.
+_UNFINISHED = ".orbax-checkpoint-tmp"
 #: What a checkpoint that cannot be read is called from then on, beside its step: a run that goes on writes that step anew.
 UNREADABLE = "unreadable"
 
@@ -34,7 +42,9 @@ class Checkpoints:
             options = ocp.CheckpointManagerOptions(read_only=True, save_interval_steps=0)
         else:
             self.folder.mkdir(parents=True, exist_ok=True)
-            options = ocp.CheckpointManagerOptions(max_to_keep=KEPT, cleanup_tmp_directories=True)
+            for left in self.folder.glob(f"*{_UNFINISHED}*"):
+                shutil.rmtree(left)
+            options = ocp.CheckpointManagerOptions(max_to_keep=KEPT)
         if jax.process_count() > 1:
             options.create = False  # with processes named, orbax makes no folder
             options.multiprocessing_options = ocp.options.MultiprocessingOptions(0, {0}, "first")
@@ -72,19 +82,20 @@ class Checkpoints:
         """Step and state of the newest checkpoint that can be read, shaped as `like`; None if there is none at all. A newer one
         that cannot is named in a warning and set aside. Raises InputError if none can."""
         steps = sorted(self.manager.all_steps(), reverse=True) if self.manager else []
-        faults: list[tuple[int, Exception]] = []
+        faults: list[tuple[int, str]] = []
         for step in steps:
-            try:
-                found = self._read(step, like)
-            except Exception as error:  # whatever orbax, tensorstore or JSON make of a torn file
-                faults.append((step, error))
-            else:
+            with _unheard():
+                try:
+                    found, fault = self._read(step, like), None
+                except Exception as error:  # whatever orbax, tensorstore or JSON make of a torn file
+                    found, fault = None, one_line(str(error).split(". See full TensorStore")[0])
+            if fault is None:
                 self._set_aside(faults)
                 self.last = step
                 return step, found
+            faults.append((step, fault))
         if faults:
-            said = one_line(f"{type(faults[0][1]).__name__}: {faults[0][1]}")
-            raise InputError(self.folder, f"none of its checkpoints can be read; of {faults[0][0]}: {said}")
+            raise InputError(self.folder, f"none of its checkpoints can be read; of {faults[0][0]}: {faults[0][1]}")
         return None
 
     def _read(self, step: int, like: Any) -> Any:
@@ -98,20 +109,33 @@ class Checkpoints:
             raise ValueError(f"an array is of shape {wrong[0]}")
         return found
 
-    def _set_aside(self, faults: list[tuple[int, Exception]]) -> None:
-        if not faults:
-            return
-        assert self.manager
-        for step, error in faults:
+    def _set_aside(self, faults: list[tuple[int, str]]) -> None:
+        for step, fault in faults:
             path = self.folder / str(step)
-            said = one_line(str(error)).split(". ")[0][:200]
-            warnings.warn(f"{path}: cannot be read, the checkpoint before it is taken: {said}", stacklevel=3)
+            warnings.warn(f"{path}: cannot be read, the checkpoint before it is taken: {fault}", stacklevel=3)
             if not self.reading:
                 path.rename(path.with_name(f"{UNREADABLE}.{step}"))
-        self.manager.reload()
+        if faults and self.manager:
+            self.manager.reload()
 
     def _unwritten(self, error: Exception) -> InputError:
         if isinstance(error, InputError):
             return error
         said = getattr(error, "strerror", None) or str(error)
         return InputError(self.folder, f"cannot be written: {said}")
+
+
+@contextlib.contextmanager
+def _unheard() -> Iterator[None]:
+    """Where a read fails, orbax leaves others that it had begun, and Python tells of each on standard error."""
+    before, sys.unraisablehook = sys.unraisablehook, lambda told: None
+    level = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+            gc.collect()
+    finally:
+        sys.unraisablehook = before
+        logging.disable(level)

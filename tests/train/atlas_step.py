@@ -61,7 +61,7 @@ def main() -> None:
         one = jax.jit(lambda s, b: step(CONFIG, s, b))(state, batch)
         for how in ("jit", "pmap"):
             spread = spread_step(lambda s, b, across: step(CONFIG, s, b, across), CONFIG.batch, how)
-            after, report = spread.step(spread.place(jax.tree.map(jnp.copy, state)), spread.share(batch))
+            after, report, _ = spread.step(spread.place(jax.tree.map(jnp.copy, state)), spread.share(batch))
             after = spread.whole(after)
             pairs = {
                 "losses": (one[1][:-1], report[:-1]),

@@ -35,7 +35,7 @@ def main() -> None:
     said = {}
     for how in ("jit", "pmap"):
         spread = spread_step(lambda s, b, across: step(CONFIG, s, b, across), CONFIG.batch, how)
-        state, report = spread.step(spread.place(jax.tree.map(jnp.copy, exact)), spread.share(batch()))
+        state, report, _ = spread.step(spread.place(jax.tree.map(jnp.copy, exact)), spread.share(batch()))
         state = spread.whole(state)
         pairs = {"losses": (one[1][:2], report[:2]), "gradients": (one[0].adam[0].mu, state.adam[0].mu)}
         for name, (a, b) in pairs.items():

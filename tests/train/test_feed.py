@@ -64,6 +64,15 @@ def test_hosts_share_a_pass(packed, hosts: int):
     assert sorted(np.concatenate([feed[0].index for feed in feeds])) == list(range(N))
 
 
+@pytest.mark.parametrize("hosts", [2, 3])
+def test_hosts_have_the_rows_of_one_host_in_its_order(packed, hosts: int):
+    """Keys, groups and views belong to a row's place: another order would be another run."""
+    feeds = [Feed(packed, 2, seed=4, host=host, hosts=hosts) for host in range(hosts)]
+    alone = Feed(packed, 2 * hosts, seed=4)
+    for step in (0, 2, 5):
+        np.testing.assert_array_equal(np.concatenate([feed[step].index for feed in feeds]), alone[step].index)
+
+
 @pytest.mark.parametrize("step", [0, 1, 7])
 def test_restarted_at_a_step_it_goes_on_the_same(packed, step: int):
     feed = Feed(packed, 5, seed=2)

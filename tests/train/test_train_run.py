@@ -87,6 +87,32 @@ def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, 
         np.testing.assert_array_equal(a, b)
 
 
+def test_a_run_goes_on_from_the_checkpoint_before_a_torn_one_and_its_log_has_each_row_once(
+    data, whole, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr(run, "SAVE_EVERY", 0.0)
+    monkeypatch.setattr(run, "LOG_EVERY", 1)
+    train(CONFIG, data, tmp_path / "torn")
+    log = (tmp_path / "torn" / "log.jsonl").read_text().splitlines()
+    for path in (tmp_path / "torn" / "checkpoints" / "4" / "default" / "d").iterdir():
+        path.write_bytes(path.read_bytes()[:100])
+    with pytest.warns(UserWarning, match=r"checkpoints/4: cannot be read, the checkpoint before it is taken"):
+        again = train(CONFIG, data, tmp_path / "torn")
+    for a, b in zip(leaves(whole[0]), leaves(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+    rows = [json.loads(line)["kimg"] for line in (tmp_path / "torn" / "log.jsonl").read_text().splitlines()]
+    assert rows == [json.loads(line)["kimg"] for line in log] == [0.004, 0.008, 0.012, 0.016]
+
+
+def test_a_second_interrupt_ends_a_run_at_once() -> None:
+    with pytest.raises(KeyboardInterrupt), run._Stop() as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.asked
+        os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def test_a_run_begins_with_anothers_weights_and_goes_on_with_its_own(data, whole, tmp_path, monkeypatch) -> None:
     """What it begins with is its checkpoint 0: a run that is killed while it compiles needs the other one no more."""
     place, began = run.spread_step, []

@@ -30,7 +30,7 @@ def main() -> None:
     found = {"one": jax.jit(lambda s, b: step(CONFIG, s, b))(exact, batch())}
     for how in ("jit", "pmap"):
         spread = spread_step(lambda s, b, across: step(CONFIG, s, b, across), CONFIG.batch, how)
-        state, report = spread.step(spread.place(jax.tree.map(jnp.copy, exact)), spread.share(batch()))
+        state, report, _ = spread.step(spread.place(jax.tree.map(jnp.copy, exact)), spread.share(batch()))
         found[how] = spread.whole(state), report
     said = {}
     for how in ("jit", "pmap"):

@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
@@ -41,6 +41,43 @@ def flushed() -> None:
         if isinstance(error, BrokenPipeError):
             raise
         raise InputError("standard output", f"cannot be written: {error.strerror}") from error
+
+
+def concluded(work: Callable[[], None], debug: bool = False) -> int:
+    """Do the work; say in one line on standard error what it raises, unless `debug`. Returns the exit status."""
+    try:
+        with in_one_line():
+            _done(work)
+    except BrokenPipeError:
+        return 141  # as a program that SIGPIPE ends
+    except (InputError, OSError, MemoryError) as fault:
+        if debug:
+            raise
+        print(f"mesoshell: {_said(fault)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("mesoshell: interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _done(work: Callable[[], None]) -> None:
+    """Do the work, and write out what it printed."""
+    try:
+        work()
+    except OSError as fault:
+        if fault.filename is None:  # perhaps what could not be printed: it is still held, and fails again
+            flushed()
+        raise
+    flushed()
+
+
+def _said(fault: Exception) -> str:
+    """One line of an error that is the system's."""
+    if isinstance(fault, OSError):
+        where = f"{fault.filename}: " if fault.filename is not None else ""
+        return one_line(f"{where}{fault.strerror or fault}")
+    return one_line(str(fault) if isinstance(fault, InputError) else f"out of memory: {fault}")
 
 
 @contextlib.contextmanager

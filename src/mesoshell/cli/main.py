@@ -8,8 +8,7 @@ import tyro
 
 from mesoshell import __version__
 from mesoshell.cli import atlas, dataset, distill, doctor, evaluate, export, fit, render, texture, train
-from mesoshell.cli.ending import flushed, in_one_line, usage
-from mesoshell.errors import InputError, one_line
+from mesoshell.cli.ending import concluded, usage
 
 VERBS: dict[str, Callable] = {
     "render": render.run,
@@ -33,30 +32,9 @@ def main(arguments: list[str] | None = None) -> None:
         return
     debug = "--debug" in given
     given = [a for a in given if a != "--debug"]
-    try:
-        with in_one_line():
-            _done(_parsed(given))
-    except BrokenPipeError:
-        sys.exit(141)  # as a program that SIGPIPE ends
-    except (InputError, OSError, MemoryError) as fault:
-        if debug:
-            raise
-        print(f"mesoshell: {_said(fault)}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("mesoshell: interrupted", file=sys.stderr)
-        sys.exit(130)
-
-
-def _done(verb: Callable[[], None]) -> None:
-    """Run a verb, and write out what it printed."""
-    try:
-        verb()
-    except OSError as fault:
-        if fault.filename is None:  # perhaps what could not be printed: it is still held, and fails again
-            flushed()
-        raise
-    flushed()
+    status = concluded(lambda: _parsed(given)(), debug)
+    if status:
+        sys.exit(status)
 
 
 def _parsed(given: list[str]) -> Callable[[], None]:
@@ -80,9 +58,5 @@ def _later(verb: Callable) -> Callable[..., Callable[[], None]]:
     return bound
 
 
-def _said(fault: Exception) -> str:
-    """One line of an error that is the system's."""
-    if isinstance(fault, OSError):
-        where = f"{fault.filename}: " if fault.filename is not None else ""
-        return one_line(f"{where}{fault.strerror or fault}")
-    return one_line(str(fault) if isinstance(fault, InputError) else f"out of memory: {fault}")
+if __name__ == "__main__":
+    main()

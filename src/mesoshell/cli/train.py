@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from mesoshell.cli import hosts
+
 
 @dataclass(frozen=True)
 class Options:
@@ -28,7 +30,7 @@ class Options:
     parallel: Literal["jit", "pmap"] = "jit"
     #: Train on many hosts: "auto" to find them in the cluster's environment, or the first host's HOST:PORT.
     coordinator: str | None = None
-    #: Number of hosts, and this host's number from 0, where the environment does not tell.
+    #: Number of hosts, and this host's number from 0, where the cluster's environment does not tell.
     hosts: tuple[int, int] | None = None
     #: Print parameters, memory by part and steps a second expected; train nothing.
     dry_run: bool = False
@@ -36,6 +38,12 @@ class Options:
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Train a generator on a packed dataset; a run that was stopped goes on."""
+    if options.coordinator is not None:
+        hosts.watched(lambda: _work(options), options.run)
+    _work(options)
+
+
+def _work(options: Options) -> None:
     from mesoshell.cli import training
 
     training.train_from(options)

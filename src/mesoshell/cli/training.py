@@ -16,11 +16,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mesoshell.cli.compiled import keep_compiled
+from mesoshell.cli.hosts import LOST, SAID_LOST
 from mesoshell.cli.memory import keep_memory
 from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
 from mesoshell.io.whole import probe_folder
 from mesoshell.measure.operations import count_operations
+from mesoshell.train.hosts import HostLost, is_first, join
 from mesoshell.train.method import Data, method_of
 from mesoshell.train.presets import PRESETS
 from mesoshell.train.record import read_record
@@ -36,8 +38,10 @@ def train_from(options: Options) -> None:
     begun = read_record(options.run)[1] if (options.run / "config.json").exists() else {}
     dataset = method_of(config).read(config, {**begun, "folder": options.data})
     check_recipe(options.experiment, recipe, dataset)
-    if options.coordinator:
-        _join(options)
+    if options.coordinator is not None:
+        join(options.coordinator, options.hosts)
+    elif options.hosts is not None:
+        raise InputError("--hosts", "needs --coordinator HOST:PORT")
     if options.dry_run:
         print(_plan(config, dataset))
         return
@@ -60,8 +64,9 @@ def learn(
     how: Literal["jit", "pmap"] = "jit",
     transfer: Path | None = None,
 ) -> None:
-    """Train, with a bar and lines on the console; exit status 1 if something is not finite."""
-    probe_folder(run, "--run")
+    """Train, with a bar and lines on the console; exit status 1 if something is not finite, hosts.LOST if a host is lost."""
+    if is_first():  # the others write nothing
+        probe_folder(run, "--run")
     keep_memory()
     console = Console(stderr=True, highlight=False)
     for warning in getattr(dataset, "warnings", ()):
@@ -82,6 +87,9 @@ def learn(
         except Diverged as fault:
             console.print(f"mesoshell: {run}: {fault}", soft_wrap=True, markup=False)
             sys.exit(1)
+        except HostLost:
+            console.print(f"mesoshell: {run}: {SAID_LOST}", soft_wrap=True, markup=False)
+            sys.exit(LOST)
     print(f"{run}: {int(state.images) / 1000:.3f} kimg")
 
 
@@ -127,16 +135,6 @@ def _defined(path: Path) -> dict[str, Any]:
         raise InputError(path, f"ends the program (sys.exit: {end.code!r}) instead of defining an experiment") from None
     except Exception as error:
         raise InputError(path, f"{type(error).__name__}: {error}") from error
-
-
-def _join(options: Options) -> None:
-    if options.coordinator == "auto":
-        jax.distributed.initialize()
-    elif options.hosts is None:
-        raise InputError("--hosts", "needs the number of hosts and this host's number beside --coordinator HOST:PORT")
-    else:
-        count, mine = options.hosts
-        jax.distributed.initialize(options.coordinator, count, mine)
 
 
 def _plan(config: RunConfig, dataset: Data) -> str:

@@ -1,33 +1,141 @@
-"""Checkpoints of a run through orbax: the newest three, written whole or not at all."""
+"""Checkpoints of a run through orbax: the newest three, written whole or not at all.
 
+Of several hosts the first alone reads and writes them, so that in orbax no host waits for another. What it has of the state is
+whole (train/parallel): a run of one host may be gone on with by many, or the other way round.
+"""
+
+import contextlib
+import gc
+import logging
+import shutil
+import sys
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 import orbax.checkpoint as ocp
+
+from mesoshell.errors import InputError, one_line
+from mesoshell.train.hosts import is_first
+
+KEPT = 3
+#: What orbax has in the name of a checkpoint that is being written.
+_UNFINISHED = ".orbax-checkpoint-tmp"
+#: What a checkpoint that cannot be read is called from then on, beside its step: a run that goes on writes that step anew.
+UNREADABLE = "unreadable"
 
 
 class Checkpoints:
-    """The checkpoints of a run in `folder`; a context manager, so that what is being written is finished."""
+    """The checkpoints of a run in `folder`; a context manager, so that what is being written is finished. What a killed writer
+    left is removed, so a folder has one writer. reading: nothing is written or removed. last: step of the newest that was read
+    or written, known to every host."""
 
-    def __init__(self, folder: Path):
-        options = ocp.CheckpointManagerOptions(max_to_keep=3, create=True)
-        self.manager = ocp.CheckpointManager(folder.resolve(), options=options)
+    def __init__(self, folder: Path, reading: bool = False):
+        self.folder, self.reading, self.manager = folder.resolve(), reading, None
+        self.last: int | None = None
+        if not is_first() or (reading and not folder.is_dir()):
+            return
+        if reading:
+            options = ocp.CheckpointManagerOptions(read_only=True, save_interval_steps=0)
+        else:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            for left in self.folder.glob(f"*{_UNFINISHED}*"):
+                shutil.rmtree(left)
+            options = ocp.CheckpointManagerOptions(max_to_keep=KEPT)
+        if jax.process_count() > 1:
+            options.create = False  # with processes named, orbax makes no folder
+            options.multiprocessing_options = ocp.options.MultiprocessingOptions(0, {0}, "first")
+        self.manager = ocp.CheckpointManager(self.folder, options=options)
 
     def __enter__(self) -> "Checkpoints":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.manager.wait_until_finished()
-        self.manager.close()
+        try:
+            self.finish()
+        finally:
+            if self.manager:
+                self.manager.close()
 
     def save(self, step: int, tree: Any) -> None:
-        self.manager.save(step, args=ocp.args.StandardSave(tree))
+        """Begin to write a checkpoint. Raises InputError if it, or the one before, cannot be written."""
+        self.last = step
+        if self.manager:
+            try:
+                self.manager.save(step, args=ocp.args.StandardSave(tree))
+            except Exception as error:
+                raise self._unwritten(error) from error
+
+    def finish(self) -> None:
+        """Wait until what was begun is written. Raises InputError if it cannot be."""
+        if self.manager:
+            try:
+                self.manager.wait_until_finished()
+                self.manager.check_for_errors()
+            except Exception as error:
+                raise self._unwritten(error) from error
 
     def newest(self, like: Any) -> tuple[int, Any] | None:
-        """Step and state of the newest checkpoint, shaped as `like`; None if there is none."""
-        step = self.manager.latest_step()
-        if step is None:
-            return None
+        """Step and state of the newest checkpoint that can be read, shaped as `like`; None if there is none at all. A newer one
+        that cannot is named in a warning and set aside. Raises InputError if none can."""
+        steps = sorted(self.manager.all_steps(), reverse=True) if self.manager else []
+        faults: list[tuple[int, str]] = []
+        for step in steps:
+            with _unheard():
+                try:
+                    found, fault = self._read(step, like), None
+                except Exception as error:  # whatever orbax, tensorstore or JSON make of a torn file
+                    found, fault = None, one_line(str(error).split(". See full TensorStore")[0])
+            if fault is None:
+                self._set_aside(faults)
+                self.last = step
+                return step, found
+            faults.append((step, fault))
+        if faults:
+            raise InputError(self.folder, f"none of its checkpoints can be read; of {faults[0][0]}: {faults[0][1]}")
+        return None
+
+    def _read(self, step: int, like: Any) -> Any:
         abstract = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
-        return step, self.manager.restore(step, args=ocp.args.StandardRestore(abstract))
+        if jax.process_count() > 1:  # devices of other hosts are not this one's to put arrays on
+            abstract = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), abstract)
+        assert self.manager
+        found = self.manager.restore(step, args=ocp.args.StandardRestore(abstract))
+        wrong = [x.shape for x, y in zip(*map(jax.tree.leaves, (found, abstract)), strict=True) if x.shape != y.shape]
+        if wrong:
+            raise ValueError(f"an array is of shape {wrong[0]}")
+        return found
+
+    def _set_aside(self, faults: list[tuple[int, str]]) -> None:
+        for step, fault in faults:
+            path = self.folder / str(step)
+            warnings.warn(f"{path}: cannot be read, the checkpoint before it is taken: {fault}", stacklevel=3)
+            if not self.reading:
+                path.rename(path.with_name(f"{UNREADABLE}.{step}"))
+        if faults and self.manager:
+            self.manager.reload()
+
+    def _unwritten(self, error: Exception) -> InputError:
+        if isinstance(error, InputError):
+            return error
+        said = getattr(error, "strerror", None) or str(error)
+        return InputError(self.folder, f"cannot be written: {said}")
+
+
+@contextlib.contextmanager
+def _unheard() -> Iterator[None]:
+    """Where a read fails, orbax leaves others that it had begun, and Python tells of each on standard error."""
+    before, sys.unraisablehook = sys.unraisablehook, lambda told: None
+    level = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+            gc.collect()
+    finally:
+        sys.unraisablehook = before
+        logging.disable(level)

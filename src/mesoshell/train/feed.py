@@ -6,8 +6,8 @@ step      batches taken so far; batch `step` is the same whatever was read befor
 α, β      parameters of appearance and geometry, each mapped to [0, 1] by its range
 
 Pixels come from memory-mapped shards, so that a dataset may exceed the memory; all else is small and lies in arrays. Order
-is grain's: every pass over the data is a new permutation of the seed, hosts take every n-th element of it, and a batch may
-straddle two passes.
+is grain's: every pass over the data is a new permutation of the seed, and a batch may straddle two passes. Hosts take equal
+runs of neighbours of each batch, in their order: together they see the rows that one host would, each at its place.
 """
 
 from collections.abc import Iterator
@@ -46,7 +46,8 @@ class Feed:
         if len(dataset.samples) < hosts:
             raise InputError(dataset.folder, f"has {len(dataset.samples)} samples for {hosts} hosts")
         order = grain.MapDataset.range(len(dataset.samples)).seed(seed).shuffle().repeat()
-        self._batches = order[host::hosts].batch(batch).map(_Table(dataset).take)
+        mine, table = slice(host * batch, (host + 1) * batch), _Table(dataset)
+        self._batches = order.batch(batch * hosts).map(lambda positions: table.take(positions[mine]))
 
     def __getitem__(self, step: int) -> Batch:
         return cast(Batch, self._batches[step])

@@ -4,12 +4,14 @@ Alphabet
 D           devices; each takes an equal share of a step's rows (rays, pictures), and all hold the same parameters
 g           gradient; the step's is the mean over devices of each device's own: pmean(grad(loss)), since grad(pmean(loss))
             inside a mapped function counts every device's cotangent again
+asked       (2,) whether to stop, and to save, after the step: of several hosts each says its own, and all hear what any of
+            them said. 8 bytes more to sum with the step's own; in one host's program there is nothing of it
 
 One CPU is split into as many devices as it has cores: within one device the loops of this work run on one core.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -20,6 +22,7 @@ from jax.sharding import PartitionSpec as P
 
 from mesoshell.errors import InputError
 from mesoshell.train.step import HERE, Across
+from mesoshell.typing import Array
 
 AXIS = "rows"
 
@@ -58,10 +61,11 @@ def mean_gradient(loss: Callable) -> Callable:
 
 
 class Spread(NamedTuple):
-    """A step on all devices of all hosts. place: a state, to every device; share: this host's rows of a batch, to its devices;
-    whole: a placed state as arrays that any host can save."""
+    """A step on all devices of all hosts: (state, batch, what this host asks) → (state, report, what any host asked). place: a
+    state, the same on every host, to every device; share: this host's rows of a batch, to its devices; whole: a placed state
+    as arrays of this host alone, which no other needs to help with."""
 
-    step: Callable[[Any, Any], tuple[Any, Any]]
+    step: Callable[..., tuple[Any, Any, Sequence[Any]]]
     place: Callable[[Any], Any]
     share: Callable[[Any], Any]
     whole: Callable[[Any], Any]
@@ -88,12 +92,32 @@ def _by_jit(step: Callable) -> Spread:
     """Arrays are global: the compiler spreads what follows from the batch, and means are over all of it."""
     rows, all_of_it = NamedSharding(_mesh(), P(AXIS)), NamedSharding(_mesh(), P())
     across = HERE._replace(each=in_turn) if jax.default_backend() == "cpu" and device_count() == 1 else HERE
-    compiled = jax.jit(lambda state, batch: step(state, batch, across), out_shardings=all_of_it, donate_argnums=0)
 
     def share(batch: Any) -> Any:
         return jax.tree.map(lambda x: jax.make_array_from_process_local_data(rows, np.asarray(x)), batch)
 
-    return Spread(compiled, replicate, share, lambda state: state)
+    if jax.process_count() == 1:
+        alone = jax.jit(lambda state, batch: step(state, batch, across), out_shardings=all_of_it, donate_argnums=0)
+        return Spread(
+            lambda state, batch, asked=(): (*alone(state, batch), asked), replicate, share, lambda state: state
+        )
+
+    def agreed(state: Any, batch: Any, asked: Array) -> tuple[Any, Any, Array]:
+        return *step(state, batch, across), jnp.max(asked, axis=0)
+
+    compiled = jax.jit(agreed, out_shardings=all_of_it, donate_argnums=0)
+
+    def run(state: Any, batch: Any, asked: Sequence[bool]) -> tuple[Any, Any, Sequence[Any]]:
+        state, report, heard = compiled(state, batch, share(_by_device(asked)))
+        return state, report, np.asarray(heard).tolist()
+
+    def place(state: Any) -> Any:
+        # device_put of another host's devices would compare the arrays of all hosts, one by one
+        return jax.tree.map(
+            lambda x: jax.make_array_from_callback(x.shape, all_of_it, np.asarray(x).__getitem__), state
+        )
+
+    return Spread(run, place, share, lambda state: jax.tree.map(np.asarray, state))
 
 
 def _by_pmap(step: Callable) -> Spread:
@@ -105,7 +129,6 @@ def _by_pmap(step: Callable) -> Spread:
         return rows, jax.lax.axis_index(AXIS) * x.shape[0] + jnp.arange(x.shape[0])
 
     across = Across(lambda tree: jax.lax.pmean(tree, AXIS), everyone)
-    compiled = jax.pmap(lambda state, batch: step(state, batch, across), AXIS, donate_argnums=0)
 
     def place(state: Any) -> Any:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (devices, *x.shape)), state)
@@ -114,13 +137,28 @@ def _by_pmap(step: Callable) -> Spread:
         return jax.tree.map(lambda x: np.asarray(x).reshape(devices, len(x) // devices, *np.shape(x)[1:]), batch)
 
     def first(tree: Any) -> Any:
-        return jax.tree.map(lambda x: x[0], tree)
+        # of other hosts' devices there are no arrays here
+        return jax.tree.map(lambda x: x.addressable_data(0).reshape(x.shape[1:]), tree)
 
-    def run(state: Any, batch: Any) -> tuple[Any, Any]:
-        state, report = compiled(state, batch)
-        return state, first(report)
+    def agreed(state: Any, batch: Any, asked: Array) -> tuple[Any, Any, Array]:
+        return *step(state, batch, across), jax.lax.pmax(asked, AXIS)
 
-    return Spread(run, place, share, first)
+    alone = jax.process_count() == 1
+    compiled = jax.pmap((lambda state, batch: step(state, batch, across)) if alone else agreed, AXIS, donate_argnums=0)
+
+    def run(state: Any, batch: Any, asked: Sequence[bool] = ()) -> tuple[Any, Any, Sequence[Any]]:
+        if alone:
+            state, report = compiled(state, batch)
+            return state, first(report), asked
+        state, report, heard = compiled(state, batch, _by_device(asked))
+        return state, first(report), np.asarray(first(heard)).tolist()
+
+    return Spread(run, place, share, first if alone else lambda state: jax.tree.map(np.asarray, first(state)))
+
+
+def _by_device(asked: Sequence[bool]) -> np.ndarray:
+    """What this host asks, said by each of its devices."""
+    return np.tile(np.asarray(asked, np.int32), (jax.local_device_count(), 1))
 
 
 def _mesh() -> Mesh:

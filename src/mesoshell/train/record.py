@@ -18,7 +18,7 @@ from mesoshell.atlas.capture import Capture
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.patches import Patches
-from mesoshell.io.records import read_object
+from mesoshell.io.records import read_object, read_rows
 from mesoshell.io.whole import replace_file
 from mesoshell.train.atlas import AtlasTraining
 from mesoshell.train.parametric import ParametricConfig
@@ -133,6 +133,14 @@ def snapshots(folder: Path) -> list[tuple[int, Path]]:
     if not found:
         raise InputError(folder, "has no snapshots yet: a run keeps its first after `snapshot_kimg`, or when it stops")
     return found
+
+
+def forget_after(path: Path, column: str, last: float) -> None:
+    """Drop rows whose `column` is beyond `last` from a file of rows: a killed run wrote them after its newest checkpoint, and
+    the run that goes on from there writes them again."""
+    kept = [row for row in read_rows(path, (column,)) if row[column] <= last]
+    if path.exists():
+        replace_file(path, "".join(json.dumps(row) + "\n" for row in kept).encode())
 
 
 def flat(tree: Any, name: str = "") -> dict[str, Any]:

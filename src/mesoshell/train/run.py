@@ -5,17 +5,19 @@ folder       config.json (what the run was begun with), log.jsonl, checkpoints/,
              board/ (TensorBoard's, if it is installed)
 method       what a run asks of the way it learns (train/method); the loop knows no other difference
 log          a row every LOG_EVERY steps: kimg; images a second and the mean of the steps' Reports since the last row
-stop         asked for by SIGTERM: the step in hand is finished and saved
+stop         asked for by SIGTERM or SIGINT: the step in hand is finished and saved; a second SIGINT ends the run at once
 
 A killed run loses what came after its newest checkpoint, SAVE_EVERY seconds at most. A resumed run takes the same steps, bit
-for bit on a CPU, as one that was never stopped: batches and keys depend on the step alone.
+for bit on a CPU, as one that was never stopped: batches and keys depend on the step alone. Of several hosts (train/hosts) the
+first keeps the folder; when to save and to stop they agree on with each step.
 """
 
 import json
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import jax
@@ -24,9 +26,10 @@ import numpy as np
 from mesoshell.io.image import write_png
 from mesoshell.train.board import open_board
 from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.hosts import is_first, noticing, received, wait_for_all
 from mesoshell.train.method import Data, Method, method_of
-from mesoshell.train.parallel import spread_step
-from mesoshell.train.record import keep_record
+from mesoshell.train.parallel import Spread, spread_step
+from mesoshell.train.record import forget_after, keep_record
 from mesoshell.train.report import write_report
 from mesoshell.train.stream import RunConfig
 from mesoshell.train.transfer import lender
@@ -50,12 +53,12 @@ def train(
     """The state at config.kimg, trained from the newest checkpoint in `folder`, or from the start. show: sees each log row.
     transfer: folder of another run, whose weights a start begins with.
 
-    Raises InputError if the folder holds a run of another configuration, or the other run's weights do not fit; Diverged if
-    something is not finite.
+    Raises InputError if the folder holds a run of another configuration, or cannot be written, or the other run's weights do
+    not fit; Diverged if something is not finite; HostLost if another host is.
     """
     method = method_of(config)
     config, seen = method.fitted(config, dataset)
-    lend = lender(config, transfer) if transfer else None
+    lend = lender(config, transfer) if transfer and is_first() else None
     keep_record(config, dataset, folder, transfer)
     batch_of = method.feed(config, seen, jax.process_index(), jax.process_count())
     spread = spread_step(
@@ -64,40 +67,65 @@ def train(
         how,
         method.together(config),
     )
-    begin = method.start(config, jax.random.key(config.seed))
     steps = int(np.ceil(config.kimg * 1000 / config.batch))
-    snapshot = max(1, round(config.snapshot_kimg * 1000 / config.batch))
-    with Checkpoints(folder / "checkpoints") as checkpoints, _Stop() as stop, _Book(folder) as book:
-        found = checkpoints.newest(begin)
-        if lend and not found:
-            found = 0, lend(begin)
-            checkpoints.save(*found)
-        done, begin = found or (0, begin)
-        names = leaf_names(method.parts(begin))
-        state = spread.place(begin)
-        logged = saved = time.perf_counter()
-        heard: list[dict[str, float]] = []
+    with (
+        noticing(),
+        Checkpoints(folder / "checkpoints") as checkpoints,
+        _Stop() as stop,
+        _Book(folder, method, config, seen, show) as book,
+    ):
+        done, begin = _begun(checkpoints, method.start(config, jax.random.key(config.seed)), lend)
+        book.begin(done)
+        names, state = leaf_names(method.parts(begin)), spread.place(begin)
+        saved = time.perf_counter()
         for i in range(done, steps):
-            state, report = spread.step(state, spread.share(batch_of(i)))
-            heard.append(_numbers(report))
-            if np.asarray(report.bad).any() or not np.isfinite(list(heard[-1].values())).all():
-                raise Diverged(_said(i, report, names, folder, checkpoints.manager.latest_step()))
-            now, last = time.perf_counter(), i + 1 == steps
-            if (i + 1) % LOG_EVERY == 0 or last or stop.asked:
-                row = _row(config, i + 1, len(heard) * config.batch / (now - logged), heard)
-                book.row(row)
-                show(row)
-                logged, heard = now, []
-            if now - saved > SAVE_EVERY or last or stop.asked:
-                checkpoints.save(i + 1, spread.whole(state))
+            batch = spread.share(batch_of(i))
+            state, report, asked = spread.step(state, batch, (stop.asked, _due(saved)))
+            book.hear(report)
+            if not book.finite:
+                raise Diverged(_said(i, report, names, checkpoints))
+            stopping, due = _decided(asked, stop, saved)
+            last = i + 1 == steps or stopping
+            if (i + 1) % LOG_EVERY == 0 or last:
+                book.row(i + 1)
+            if due or last:
+                checkpoints.save(i + 1, _kept(spread, state))
                 saved = time.perf_counter()
-            if (i + 1) % snapshot == 0 or last or stop.asked:
-                book.snapshot(method, config, seen, spread.whole(state))
-            if stop.asked:
+            if last or (i + 1) % max(1, round(config.snapshot_kimg * 1000 / config.batch)) == 0:
+                book.snapshot(_kept(spread, state))
+            if last:
                 break
-        if jax.process_index() == 0:
-            write_report(folder)
+        checkpoints.finish()
+        book.end()
+        wait_for_all()
         return spread.whole(state)
+
+
+def _begun(checkpoints: Checkpoints, begin: Any, lend: Callable[[Any], Any] | None) -> tuple[int, Any]:
+    """Steps done, and the state then, as the first host has them: what is found, or lent, or `begin`."""
+    found = checkpoints.newest(begin)
+    if lend and not found:
+        found = 0, lend(begin)
+        checkpoints.save(*found)
+    done, state = received(found or (0, begin))
+    return int(done), state
+
+
+def _due(saved: float) -> bool:
+    """Whether it is time for a checkpoint, by the first host's clock."""
+    return is_first() and time.perf_counter() - saved > SAVE_EVERY
+
+
+def _decided(asked: Sequence[Any], stop: "_Stop", saved: float) -> tuple[bool, bool]:
+    """Whether to stop and to save after this step: as hosts agreed with it, or, with one host, as it is now."""
+    if jax.process_count() == 1:
+        return stop.asked, _due(saved)
+    return bool(asked[0]), bool(asked[1])
+
+
+def _kept(spread: Spread, state: Any) -> Any:
+    """What the first host writes of a state; nothing for the others to fetch from their devices."""
+    return spread.whole(state) if is_first() else None
 
 
 def leaf_names(parts: dict[str, Any]) -> list[str]:
@@ -110,66 +138,87 @@ def leaf_names(parts: dict[str, Any]) -> list[str]:
 
 
 class _Book:
-    """What the first host writes: log rows, snapshots with their sheets, and the same for TensorBoard if it is installed."""
+    """What is heard of the steps, and what the first host writes of it: log rows, snapshots with their sheets, the report, and
+    the same for TensorBoard if it is installed."""
 
-    def __init__(self, folder: Path):
-        self.folder, self.board = folder, None
+    def __init__(self, folder: Path, method: Method, config: RunConfig, dataset: Data, show: Callable):
+        self.folder, self.method, self.config, self.dataset, self.show = folder, method, config, dataset, show
+        self.board, self.finite = None, True
+        self.heard: list[dict[str, float]] = []
+        self.logged = time.perf_counter()
 
     def __enter__(self) -> "_Book":
-        self.board = open_board(self.folder / "board") if jax.process_index() == 0 else None
+        self.board = open_board(self.folder / "board") if is_first() else None
         return self
 
-    def row(self, row: dict[str, float]) -> None:
+    def begin(self, done: int) -> None:
+        """Rows of steps that a killed run took and this one takes again are forgotten."""
+        if self.board:
+            forget_after(self.folder / "log.jsonl", "kimg", done * self.config.batch / 1000)
+        self.logged = time.perf_counter()
+
+    def hear(self, report: Any) -> None:
+        self.heard.append({k: float(v) for k, v in report._asdict().items() if k != "bad"})
+        self.finite = not np.asarray(report.bad).any() and bool(np.isfinite(list(self.heard[-1].values())).all())
+
+    def row(self, steps: int) -> None:
+        now = time.perf_counter()
+        row = {"kimg": steps * self.config.batch / 1000}
+        row["images_per_s"] = round(len(self.heard) * self.config.batch / (now - self.logged), 3)
+        row |= {k: float(f"{np.mean([numbers[k] for numbers in self.heard]):.5g}") for k in self.heard[0]}
+        self.logged, self.heard = now, []
         if self.board:
             with (self.folder / "log.jsonl").open("a") as log:
                 log.write(json.dumps(row) + "\n")
             self.board.row(row)
+        self.show(row)
 
-    def snapshot(self, method: Method, config: RunConfig, dataset: Data, state: Any) -> None:
+    def snapshot(self, state: Any) -> None:
         if self.board:
             for part in ("snapshots", "sheets"):
                 (self.folder / part).mkdir(exist_ok=True)
             name = f"{int(state.images):09d}"
-            method.save(self.folder / "snapshots" / f"{name}.npz", config, dataset, state)
+            self.method.save(self.folder / "snapshots" / f"{name}.npz", self.config, self.dataset, state)
             sheet = self.folder / "sheets" / f"{name}.png"
-            write_png(sheet, method.sheet(config, dataset, state))
+            write_png(sheet, self.method.sheet(self.config, self.dataset, state))
             self.board.sheet(sheet)
+
+    def end(self) -> None:
+        if self.board:
+            write_report(self.folder)
 
     def __exit__(self, *_: object) -> None:
         if self.board:
             self.board.close()
 
 
-def _said(i: int, report: Any, names: list[str], folder: Path, good: int | None) -> str:
+def _said(i: int, report: Any, names: list[str], checkpoints: Checkpoints) -> str:
     bad = np.flatnonzero(np.asarray(report.bad))
     what = f"the gradient of {names[bad[0]]} is" if len(bad) else "a loss is"
+    good = checkpoints.last
     last = (
-        f"the last good checkpoint is {folder / 'checkpoints' / str(good)}"
-        if good is not None
-        else "there is no checkpoint yet"
+        "there is no checkpoint yet"
+        if good is None
+        else f"the last good checkpoint is {checkpoints.folder / str(good)}"
     )
     return f"step {i + 1}: {what} not finite; {last}"
 
 
-def _row(config: RunConfig, steps: int, rate: float, heard: list[dict[str, float]]) -> dict[str, float]:
-    row = {"kimg": steps * config.batch / 1000, "images_per_s": round(rate, 3)}
-    return row | {k: float(f"{np.mean([numbers[k] for numbers in heard]):.5g}") for k in heard[0]}
-
-
-def _numbers(report: Any) -> dict[str, float]:
-    return {k: float(v) for k, v in report._asdict().items() if k != "bad"}
-
-
 class _Stop:
-    """Whether SIGTERM has come since the context was entered."""
+    """Whether SIGTERM or SIGINT has come since the context was entered. A second SIGINT is handled as before."""
 
     def __enter__(self) -> "_Stop":
         self.asked = False
-        self._before = signal.signal(signal.SIGTERM, self._heard)
+        numbers: list[int] = [signal.SIGTERM, signal.SIGINT]
+        self._before = {number: signal.signal(number, self._heard) for number in numbers}
         return self
 
-    def _heard(self, *_: object) -> None:
+    def _heard(self, number: int, frame: FrameType | None) -> None:
+        before = self._before[number]
+        if number == signal.SIGINT and self.asked and callable(before):
+            before(number, frame)
         self.asked = True
 
     def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGTERM, self._before)
+        for number, before in self._before.items():
+            signal.signal(number, before)

@@ -38,7 +38,7 @@ def lender(config: RunConfig, folder: Path) -> Callable[[TrainState], TrainState
     if differ:
         said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
         raise InputError(folder, f"its networks are not this run's: {said}")
-    with Checkpoints(folder / "checkpoints") as checkpoints:
+    with Checkpoints(folder / "checkpoints", reading=True) as checkpoints:
         found = checkpoints.newest(jax.eval_shape(lambda: start(other, jax.random.key(other.seed))))
     if found is None:
         raise InputError(folder, "has no checkpoint yet")

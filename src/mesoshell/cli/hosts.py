@@ -1,0 +1,102 @@
+"""A run on several hosts in a process of its own, and one that says how it ended. Must come before JAX is imported.
+
+Where a host is lost, JAX aborts the process from a thread of the compiler's, with a trace and no way to say anything. So the
+command forks: the child trains, the parent hands on signals, and what libraries print, and says the end in one line.
+"""
+
+import contextlib
+import ctypes
+import os
+import re
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+from mesoshell.cli.ending import concluded
+
+#: Exit status if it is another host's fault that this one cannot go on: "try again", in sysexits.h.
+LOST = 75
+SAID_LOST = (
+    "a host was lost, or ended with an error that it says itself; start all hosts again: the run goes on from its "
+    "newest checkpoint"
+)
+#: How the service by which hosts find each other says that one is lost, and JAX that it ends the process; and what it says if
+#: one has never come.
+_ABORTS = re.compile(r"^E\d+ .* coordination_service\w*\.cc|JAX distributed service detected fatal errors")
+_UNMET = "/RegisterTask"
+#: Statuses with which all hosts end together, so that they may part in order: done, and diverged.
+_TOGETHER = (0, 1)
+#: Linux's PR_SET_PDEATHSIG.
+_DEATH_SIGNAL = 1
+
+
+def watched(work: Callable[[], None], run: Path) -> None:
+    """Do the work of a host in a child process, and end as it does. run: what the line of a loss begins with."""
+    reading, writing = os.pipe()
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    child = os.fork()
+    if child == 0:
+        os.close(reading)
+        _train(work, writing)
+    os.close(writing)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: os.kill(child, number))
+    noise = _Noise(reading)
+    ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    noise.join(1.0)  # a process that the child began may hold its end open
+    if ended == -signal.SIGABRT and noise.fatal:
+        met = _UNMET not in noise.fatal
+        print(f"mesoshell: {run}: {SAID_LOST if met else 'not all hosts came in time'}", file=sys.stderr)
+        sys.exit(LOST)
+    if ended < 0:
+        print(f"mesoshell: {run}: ended by {signal.Signals(-ended).name}", file=sys.stderr)
+        sys.exit(128 - ended)
+    sys.exit(ended)
+
+
+def _train(work: Callable[[], None], writing: int) -> None:
+    """The child: what Python prints goes where it went, what libraries print to the parent. Ends the process at once unless all
+    hosts end together: in order it would wait for hosts that wait for it."""
+    os.setpgid(0, 0)  # Ctrl-C in a terminal comes once, from the parent
+    with contextlib.suppress(OSError, AttributeError):  # not on a Mac
+        ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL)
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        kept = open(os.dup(number), "w", buffering=1, errors="backslashreplace")  # noqa: SIM115 (to the end)
+        setattr(sys, name, kept)
+        os.dup2(writing, number)
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # gRPC's warnings of the same loss
+    together = True
+    try:
+        status = concluded(work, "--debug" in sys.argv)
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else 1
+    except BaseException:  # a fault of ours, or --debug
+        traceback.print_exc()
+        status, together = 1, False
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    if not together or status not in _TOGETHER:
+        os._exit(status)
+    sys.exit(status)
+
+
+class _Noise(threading.Thread):
+    """Hands on what libraries print, but how hosts connect, and how JAX aborts, which is kept in `fatal`."""
+
+    def __init__(self, reading: int):
+        super().__init__(daemon=True)
+        self.fatal, self._reading = "", reading
+        self.start()
+
+    def run(self) -> None:
+        with os.fdopen(self._reading, errors="backslashreplace") as lines:
+            for line in lines:
+                if self.fatal or _ABORTS.search(line):
+                    self.fatal += line
+                elif not re.match(r"\[Gloo\] Rank \d+ is connected", line):
+                    sys.stderr.write(line)

@@ -56,7 +56,3 @@ def _later(verb: Callable) -> Callable[..., Callable[[], None]]:
         return functools.partial(verb, *arguments, **named)
 
     return bound
-
-
-if __name__ == "__main__":
-    main()

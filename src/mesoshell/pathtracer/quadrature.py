@@ -141,7 +141,7 @@ class Ray:
     apex: mi.Float
 
 
-def _canonical(shells, piece: Piece, exact: bool) -> Here:
+def _canonical(shells, piece: Piece, exact: bool = False) -> Here:
     """A piece's ends in canonical space, and J⁻¹ in its middle."""
     base, post, uv = shells.frame(piece.prism)
     bary0, bary1 = mi.Vector2f(piece.bary0), mi.Vector2f(piece.bary1)
@@ -191,12 +191,13 @@ def _at(world, ray, here: Here, f, share) -> Sample:
     f, half = dr.clip(f, 0, 1), dr.minimum(share, 1) * (here.t1 - here.t0) / 2
     t = here.t0 + f * (here.t1 - here.t0)
     xi = _exact(world.shells, ray, here, f, t) if world.exact else here.xi0 + f * (here.xi1 - here.xi0)
-    z, side = mi.Float(0), (mi.Float(0), mi.Vector2f(0))
     if not world.taps:
-        return Sample(here.prism, t, xi, z, mi.Float(0), *side)
+        return Sample(here.prism, t, xi, mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
     along, across = _cone(dr.maximum(t - half, 0) + ray.apex, t + half + ray.apex, ray.spread)
-    radius, deviation, *found = footprint(here, mi.Vector3f(ray.d), along, across)
-    return Sample(here.prism, t, xi, radius, deviation, *(found if world.taps > 1 else side))
+    radius, deviation, major, axis = footprint(here, mi.Vector3f(ray.d), along, across)
+    if world.taps == 1:
+        major, axis = mi.Float(0), mi.Vector2f(0)
+    return Sample(here.prism, t, xi, radius, deviation, major, axis)
 
 
 def _cone(t0, t1, radius):

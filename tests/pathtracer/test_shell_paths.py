@@ -373,7 +373,7 @@ def test_misplaced_elements_are_refused(materials, tmp_path) -> None:
     [
         ("f 1/1 2/2 3/3\n", "1 repeated face dropped"),
         ("v 0.5 0 0\nf 1/1 5/1 2/2\n", "1 zero-area face dropped (first: index 2)"),
-        ("v 0 -1 1.5\nv 1 -1 1.5\nf 2/2 1/1 5/4 6/3\n", "thickness reduced at"),
+        ("v 0 0.3 1.5\nv 1 0.3 1.5\nf 2/2 1/1 5/4 6/3\n", "thickness reduced at"),
     ],
 )
 def test_what_was_mended_is_said(materials, tmp_path, more, said) -> None:

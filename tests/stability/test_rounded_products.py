@@ -15,6 +15,9 @@ from programs import ELSEWHERE, SOURCES, compiled, traced
 from benchmarks.products import products, unset
 from mesoshell.numerics import product
 
+#: One process traces what its tests share.
+pytestmark = pytest.mark.xdist_group("rounded_products")
+
 #: Files that import JAX whose `@` is NumPy's, and the one product that may be rounded.
 ALLOWED = {"signal/fourier.py", "shell/precision.py", "atlas/mesh.py", "nets/mlp.py"}
 #: Functions of jax.numpy and jax.lax that are made of products.

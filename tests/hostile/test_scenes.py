@@ -6,7 +6,6 @@ import pytest
 
 from mesoshell.cli.main import main
 
-pytest.importorskip("mitsuba", reason="the path tracer is not installed")
 FILM = '<film type="hdrfilm"><integer name="width" value="{0}"/><integer name="height" value="{0}"/></film>'
 SCENES = {
     "no sensor": '<scene version="3.0.0"></scene>',

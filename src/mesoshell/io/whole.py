@@ -8,6 +8,7 @@ exclusively, so two writers never share one, no link is followed, and what is re
 import contextlib
 import errno
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -153,6 +154,13 @@ def _check_target(path: Path) -> None:
         raise OSError(errno.EINVAL, "is no regular file")
     if len(os.fsencode(path.name)) > 255:
         raise OSError(errno.ENAMETOOLONG, "File name too long")
+
+
+def left_over(folder: Path) -> list[Path]:
+    """Files that writers have left in a folder who were killed: of names that only they use."""
+    return [
+        p for p in folder.glob(".*.partial") if re.fullmatch(r"\..+\.[0-9a-f]{16}\.partial", p.name) and p.is_file()
+    ]
 
 
 def _beside(path: Path) -> Path:

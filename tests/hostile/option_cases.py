@@ -89,6 +89,12 @@ def of_commands(good: Path) -> Iterator[Case]:
         for k in ("views", "size", "points", "noise")
         for n in ("-1", "nan")
     ]
+    given += [
+        ["dataset", verb, "grass", "--size", "8", "--out", place] for verb in ("vary", "cost") for place in places
+    ]
+    given += [
+        ["atlas", "capture", f"{good}/quad.obj", "--out", place] for place in ("/dev/null/x", "", "a\0b", "/proc/x")
+    ]
     yield from commands(given)
 
 

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 import samples
 from damage import THINGS, damaged, variants
+from option_cases import commands
 from plain_cases import _put
 from trial import Case
 
@@ -66,6 +67,7 @@ def cases(good: Path) -> Iterator[Case]:
     yield from of_rows()
     yield from of_objects(good)
     yield from of_fed(good)
+    yield from of_commands(good)
 
 
 def of_experiments() -> Iterator[Case]:
@@ -181,3 +183,53 @@ def of_fed(good: Path) -> Iterator[Case]:
             return [np.asarray(x) for x in batch]
 
         yield Case("fed queries", f"{value}", ("/d",), _put(good / "queries", "patches/000000.npy", put, read))
+
+
+def of_commands(good: Path) -> Iterator[Case]:
+    """Commands that write at places where nothing can be, or ask for more than there is: refused before their work."""
+    packed, shell, thing = (str(good / name) for name in ("packed", "shell.npz", "object.npz"))
+    given = [
+        ["fit", packed, "--out", "/dev/null/x.npz"],
+        ["fit", packed, "--run", f"{shell}/x"],
+        ["fit", "none"],
+        ["fit"],
+    ]
+    fit = ["fit", packed, "--run", "r", "--out", "o.npz"]
+    given += [[*fit, f"--{name}", n] for name in ("rays", "texels", "width") for n in ("0", "-1", "9" * 20, "x")]
+    given += [[*fit, "--seed", n] for n in ("9" * 30, "-" + "9" * 30, "1.5")]
+    for place in ("/dev/null/x", "/proc/x", f"{shell}/x"):
+        given += [
+            ["export", "none", "--out", place],
+            ["texture", shell, "--out", place],
+            ["atlas", "render", thing, "--out", place],
+        ]
+        given += [["texture", shell, "--out", f"{place}.npz"], ["distill", "weave", "--out", f"{place}.npz"]]
+        given += [
+            ["atlas", "texture", thing, "--out", f"{place}.png"],
+            ["atlas", "mesh", thing, "--out", f"{place}.glb"],
+        ]
+    for size in ("0", "-1", "9" * 9, "x"):
+        given += [
+            ["atlas", "texture", thing, "--out", "o.png", "--size", size],
+            ["atlas", "mesh", thing, "--out", "o.glb", "--size", size],
+        ]
+        given += [
+            ["atlas", "mesh", thing, "--out", "o.glb", "--quads", size],
+            ["atlas", "render", thing, "--out", "o", "--size", size, size],
+        ]
+        given += [["distill", "weave", "--out", "o.npz", f"--{name}", size] for name in ("patches", "queries", "spp")]
+    given += [["atlas", "render", thing, "--out", "o", "--frames", n] for n in ("0", "9" * 18)]
+    given += [["atlas", "render", thing, "--out", "o", "--samples", n] for n in ("0", "-5")]
+    given += [
+        ["evaluate", "none"],
+        ["evaluate", packed],
+        ["evaluate", packed, "--images", "0"],
+        ["evaluate", packed, "--snapshots", "0"],
+    ]
+    given += [
+        ["distill", "none", "--out", "o.npz"],
+        ["distill", shell, "--out", "o.png"],
+        ["distill", shell, "--twin", "o.npz", "--base", "2", "0", "0"],
+    ]
+    for case in commands(given):
+        yield case._replace(group="jax commands")

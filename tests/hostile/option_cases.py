@@ -89,6 +89,17 @@ def of_commands(good: Path) -> Iterator[Case]:
         for k in ("views", "size", "points", "noise")
         for n in ("-1", "nan")
     ]
+    given += [
+        ["dataset", verb, "grass", "--size", "8", "--out", place] for verb in ("vary", "cost") for place in places
+    ]
+    given += [
+        ["atlas", "capture", f"{good}/quad.obj", "--out", place] for place in ("/dev/null/x", "", "a\0b", "/proc/x")
+    ]
+    yield from commands(given)
+
+
+def commands(given: list[list[str]]) -> Iterator[Case]:
+    """Commands that must all be refused, each in an empty folder that stays empty."""
     for arguments in given:
 
         def run(at: Path, arguments=arguments) -> None:
@@ -98,6 +109,7 @@ def of_commands(good: Path) -> Iterator[Case]:
             finally:
                 left = sorted(p.name for p in at.iterdir())
                 os.chdir("/")
-            raise AssertionError(f"accepted, made {left}")
+                assert not left, f"made {left}"
+            raise AssertionError("accepted")
 
         yield Case("commands", " ".join(arguments)[:60].encode("unicode_escape").decode(), ("mesoshell: ",), run)

@@ -216,6 +216,18 @@ def test_fields_of_transforms_may_be_anything(good: Path, tmp_path: Path, field:
         tried(read_capture, tmp_path, "black", 8)
 
 
+def test_photographs_may_lie_outside_of_their_capture(good: Path, tmp_path: Path):
+    """They are read, wherever they lie; nothing is written there."""
+    said = json.loads((good / "transforms.json").read_text())
+    said["frames"][0]["file_path"] = f"../{good.name}/a.png"
+    folder = good.parent / "capture"
+    folder.mkdir()
+    (folder / "transforms.json").write_text(json.dumps(said))
+    before = (good / "a.png").stat().st_mtime_ns
+    (view,) = read_poses(folder).views
+    assert read_picture(view.image).shape == (6, 5, 3) and (good / "a.png").stat().st_mtime_ns == before
+
+
 @pytest.mark.parametrize("count", [10**9, 10**18])
 def test_a_count_costs_no_memory(good: Path, tmp_path: Path, count: int):
     folder = _changed(good, tmp_path / "d", count=count)

@@ -73,6 +73,20 @@ def test_a_full_disk_behind_standard_output_is_one_line(length: int):
     assert said == f"mesoshell: {where}No space left on device\n"
 
 
+WARNS = """
+import warnings
+import numpy as np
+def run() -> None:
+    'Warn.'
+    np.float32(1e38) * np.float32(10)
+    warnings.warn('a\\nb')
+"""
+
+
+def test_a_warning_is_one_line_and_arithmetic_has_none():
+    assert _started(WARNS, stdout=subprocess.DEVNULL).communicate()[1] == "mesoshell: warning: a\\nb\n"
+
+
 def test_a_reader_that_leaves_is_no_fault():
     read, write = os.pipe()
     os.close(read)

@@ -43,6 +43,7 @@ REFUSED = [
     ["--out", "/dev/null/x.png"],
     ["--out", "folder.png"],
     ["--out", "folder/"],
+    ["--out", "folder"],
     ["--out", "new/"],
     ["--out", ""],
     ["--out", "n" * 5000],
@@ -83,3 +84,20 @@ def test_an_experiment_that_is_none_is_refused(name: str, tmp_path: Path, capsys
     said = capsys.readouterr().err
     assert end.value.code == 2 and said.count("\n") == 1 and "x.py" in said
     assert not (tmp_path / "run").exists()
+
+
+COUNTED = """
+from pathlib import Path
+from mesoshell.train.presets import PRESETS
+with (Path(__file__).parent / "times").open("a") as file:
+    file.write("x")
+config = PRESETS["tiny"]
+"""
+
+
+def test_an_experiment_is_executed_once(tmp_path: Path, capsys):
+    (tmp_path / "x.py").write_text(COUNTED)
+    with pytest.raises(SystemExit):
+        main(["train", str(tmp_path / "x.py"), "--data", str(tmp_path / "none"), "--run", str(tmp_path / "run")])
+    assert capsys.readouterr().err == f"mesoshell: {tmp_path}/none: no such folder\n"
+    assert (tmp_path / "times").read_text() == "x"

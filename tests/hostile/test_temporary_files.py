@@ -86,10 +86,16 @@ def test_a_mapped_file_reserves_its_space(tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_fault_in_a_folder_is_of_the_place_that_was_asked_for(tmp_path: Path):
+    with pytest.raises(InputError) as fault, new_folder(tmp_path / "d") as folder:
+        replace_file(folder / "none" / "a", b"new")
+    assert str(fault.value).startswith(f"{tmp_path}/d/none/a: cannot be written") and not list(tmp_path.iterdir())
+
+
 def test_several_files_are_all_or_none(tmp_path: Path):
     (tmp_path / "a.png").write_bytes(b"old")
     with (
-        pytest.raises(InputError, match=r"a.png: none/a.exr: cannot be written: its folder"),
+        pytest.raises(InputError, match=r"/none/a.exr: cannot be written: its folder"),
         together(tmp_path / "a.png") as folder,
     ):
         replace_file(folder / "a.png", b"new")

@@ -12,6 +12,7 @@ import resource
 import shutil
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -40,6 +41,7 @@ def tried(case: Case, folder: Path) -> dict[str, Any]:
     from mesoshell.cli.ending import in_one_line
     from mesoshell.errors import InputError
 
+    begin = time.monotonic()
     folder.mkdir()
     printed = folder.parent / "printed"
     before = [os.dup(1), os.dup(2)]
@@ -60,6 +62,7 @@ def tried(case: Case, folder: Path) -> dict[str, Any]:
     left = [str(p.relative_to(folder)) for p in folder.rglob("*.partial")]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     shutil.rmtree(folder)
+    spent = time.monotonic() - begin
     return {
         **case._asdict(),
         "run": None,
@@ -67,7 +70,7 @@ def tried(case: Case, folder: Path) -> dict[str, Any]:
         "said": said,
         "printed": printed.read_text(),
         "left": left,
-    } | {"peak": peak}
+    } | {"peak": peak, "seconds": spent}
 
 
 def _outcome(case: Case, folder: Path, refusal: type[Exception]) -> tuple[str, str]:

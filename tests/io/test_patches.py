@@ -141,15 +141,18 @@ def test_a_patch_that_is_an_archive_or_holds_objects(fault_of, patches: Path, da
 
 
 def test_a_collector_keeps_its_files_where_it_is_told(tmp_path: Path, fault_of):
-    """What was half-written there goes; the folder of another kind of dataset is left alone."""
+    """What was half-written there goes; the folder of another kind of dataset, and what is of another name, are left alone."""
     folder = tmp_path / "set"
     for name in ("patches", "images"):
         (folder / name).mkdir(parents=True)
-        (folder / name / "000001.partial").write_bytes(b"half")
+        (folder / name / ".000001.npy.0123456789abcdef.partial").write_bytes(b"half")
+    mine = folder / "patches/mine.partial"
+    mine.write_bytes(b"mine")
     (folder / "manifest.json").write_text('{"count": 2}')
     with collecting(folder, {}, 3, "patches") as collector:
         assert collector.missing(3) == [0, 1, 2]
-        assert not any((folder / "patches").iterdir()) and (folder / "images/000001.partial").exists()
+        assert list((folder / "patches").iterdir()) == [mine] and mine.read_bytes() == b"mine"
+        assert len(list((folder / "images").iterdir())) == 1
         (folder / "patches/000001.npy").write_bytes(b"")
         collector.add({"index": 1, "file": "patches/000001.npy"}, None)
     with collecting(folder, {}, 3, "patches") as collector:

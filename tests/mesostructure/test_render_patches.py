@@ -97,7 +97,7 @@ def test_an_interrupted_run_goes_on(whole, settings, tmp_path):
     """Two first; then the third is cut off, as it lies there, and its row is missing; then all."""
     folder = tmp_path / "parts"
     made(settings, 2, folder)
-    (folder / "patches/000002.npy.partial").write_bytes(b"half")
+    (folder / "patches/.000002.npy.0123456789abcdef.partial").write_bytes(b"half")
     with (folder / "samples.jsonl").open("a") as file:
         file.write('{"index": 2, "file": "patch')
     spent = made(settings, 4, folder)

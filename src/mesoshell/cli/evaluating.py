@@ -17,7 +17,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.patches import Patches
 from mesoshell.io.records import read_rows
-from mesoshell.io.whole import replace_file
+from mesoshell.io.whole import probe_folder, replace_file
 from mesoshell.measure.captured import CHART, LEAST_SIDE, VIEWS, score_views
 from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
@@ -43,6 +43,7 @@ def evaluate(options: Options) -> None:
     keep_compiled()
     config, data = read_record(options.run)
     found = snapshots(options.run)
+    probe_folder(options.run, "RUN")
     method = method_of(config)
     asked = {**data, "folder": options.data or data["folder"]}
     config, dataset = method.fitted(config, method.read(config, asked))

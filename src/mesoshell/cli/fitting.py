@@ -33,12 +33,13 @@ def fit_to_bundle(options: Options) -> None:
     tests = [read_dataset(d) for d in options.test]
     parameters = _parameters(datasets)
     _one_patch(datasets + tests)
-    options.run.mkdir(parents=True, exist_ok=True)
-    _same_run(options, config)
+    record = _same_run(options, config)
     with console.status("finding the rays that meet the box"):
         table, images = join([(ray_table(d), image_table(d)) for d in datasets])
     if options.rays > len(table.image):
         raise InputError("--rays", f"{options.rays} a step: the datasets have {len(table.image)} that meet the box")
+    options.run.mkdir(parents=True, exist_ok=True)
+    replace_file(options.run / "config.json", record)
     console.print(f"{len(table.image):,} rays of {len(images.light):,} images", highlight=False)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
@@ -76,13 +77,13 @@ def _config(options: Options) -> FitConfig:
     return FitConfig(texels=options.texels, rays=options.rays, trunk=(w, w, w), head=(w, w), seed=options.seed)
 
 
-def _same_run(options: Options, config: FitConfig) -> None:
-    """A run folder belongs to one configuration: what it was begun with is written there."""
-    record = json.dumps({"config": asdict(config), "steps": options.steps}, indent=1) + "\n"
+def _same_run(options: Options, config: FitConfig) -> bytes:
+    """The record of a run, to be written to its folder. Raises InputError if that belongs to another configuration."""
+    record = (json.dumps({"config": asdict(config), "steps": options.steps}, indent=1) + "\n").encode()
     path = options.run / "config.json"
-    if path.exists() and read_file(path) != record.encode():
+    if path.exists() and read_file(path) != record:
         raise InputError(path, "this run was begun with another configuration; give another --run")
-    replace_file(path, record.encode())
+    return record
 
 
 def _one_patch(datasets: list[Dataset]) -> None:

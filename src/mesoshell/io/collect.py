@@ -20,7 +20,7 @@ from typing import Any
 
 from mesoshell.errors import InputError
 from mesoshell.io.records import read_object
-from mesoshell.io.whole import replace_file
+from mesoshell.io.whole import left_over, replace_file
 
 
 class Collector:
@@ -31,7 +31,7 @@ class Collector:
         self._rows_file, self._log_file = folder / "samples.jsonl", folder / "log.jsonl"
         self._manifest(json.loads(json.dumps(settings)), count)
         self._parts.mkdir(exist_ok=True)
-        for partial in self._parts.glob("*.partial"):
+        for partial in left_over(self._parts):
             partial.unlink(missing_ok=True)
         self._rows = self._whole_rows()
 

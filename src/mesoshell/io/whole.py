@@ -8,6 +8,7 @@ exclusively, so two writers never share one, no link is followed, and what is re
 import contextlib
 import errno
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -72,9 +73,9 @@ def new_folder(path: Path) -> Iterator[Path]:
         os.rename(made, path)
     except FileExistsError as error:
         raise InputError(path, f"cannot be written: {_said(error)}") from error
+    except InputError as error:
+        raise error if made is None else _in_place(error, made, path) from error
     except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(path, f"cannot be written: {_said(error)}") from error
     finally:
         if made is not None:
@@ -83,8 +84,8 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def together(target: Path) -> Iterator[Path]:
-    """A folder whose files are moved into the folder of `target` at the end, and none of them after a fault. Raises InputError
-    that names `target`."""
+    """A folder whose files are moved into the folder of `target` at the end, and none of them after a fault, which is an
+    InputError."""
     made = _beside(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -93,7 +94,7 @@ def together(target: Path) -> Iterator[Path]:
         for file in sorted(made.iterdir()):
             os.replace(file, target.with_name(file.name))
     except InputError as error:
-        raise InputError(target, str(error).rpartition(f"{made.name}/")[2]) from error
+        raise _in_place(error, made, target.parent) from error
     except OSError as error:
         raise InputError(target, f"cannot be written: {_said(error)}") from error
     finally:
@@ -155,8 +156,21 @@ def _check_target(path: Path) -> None:
         raise OSError(errno.ENAMETOOLONG, "File name too long")
 
 
+def left_over(folder: Path) -> list[Path]:
+    """Files that writers have left in a folder who were killed: of names that only they use."""
+    return [
+        p for p in folder.glob(".*.partial") if re.fullmatch(r"\..+\.[0-9a-f]{16}\.partial", p.name) and p.is_file()
+    ]
+
+
 def _beside(path: Path) -> Path:
     return path.with_name(f".{path.name[:_KEPT]}.{secrets.token_hex(8)}.partial")
+
+
+def _in_place(error: InputError, made: Path, path: Path) -> InputError:
+    """The same fault of a file that was to lie in `path`, and not in the folder that was made beside it."""
+    source, _, fault = str(error).replace(str(made), str(path)).partition(": ")
+    return InputError(source, fault)
 
 
 def _forget(made: Path | None) -> None:

@@ -2,7 +2,8 @@
 
 Bytes of the compiled program's collectives, by kind, for a step spread by `jit` and by `pmap` over devices that are cores here;
 the parameters' bytes beside it, and the step's operations a device. Nothing is run, and no array is made: programs are compiled
-for shapes alone. --no-pmap, --no-jit: not that one; a large preset takes minutes each.
+for shapes alone. --no-pmap, --no-jit: not that one; a large preset takes minutes each. --scaling: on paper, what 8, 64 and 256
+devices would make of it, from operations, bytes and the vendors' rates; nothing is compiled (docs/pods.md has the assumptions).
 """
 
 import argparse
@@ -16,6 +17,18 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+#: Operations a row of the dearest step, bytes summed in each step and in one of sixteen (R1's), rows a device: as counted.
+COUNTED = {"base": (4.159e11, 37_070_984, 28_605_444, 2), "paper": (2.998e12, 231_057_664, 115_690_500, 4)}
+#: Of each device: operations a second in float32 as JAX's HIGHEST has it (six products of bfloat16 on a TPU), and in bfloat16;
+#: bytes a second that it sends, within 8 and beyond.
+DEVICES = {
+    "TPU v5e": (197e12 / 6, 197e12, 200e9, 200e9),
+    "TPU v5p": (459e12 / 6, 459e12, 600e9, 600e9),
+    "H100, NVLink, InfiniBand": (67e12, 989e12, 450e9, 50e9),
+}
+#: Of its peak that a device reaches, and seconds that each of a ring's 2 (n − 1) turns takes beside its bytes.
+REACHED, TURN = 0.4, 2e-6
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
@@ -23,7 +36,10 @@ def main() -> None:
     parser.add_argument("--devices", type=int, default=8)
     parser.add_argument("--no-jit", action="store_true")
     parser.add_argument("--no-pmap", action="store_true")
+    parser.add_argument("--scaling", action="store_true")
     asked = parser.parse_args()
+    if asked.scaling:
+        return scaling()
     os.environ["XLA_FLAGS"] = (
         f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={asked.devices}"
     )
@@ -35,6 +51,19 @@ def main() -> None:
         for how in ("jit", "pmap"):
             if not getattr(asked, f"no_{how}"):
                 print(json.dumps(told(name, how, asked.devices)), flush=True)
+
+
+def scaling() -> None:
+    """Milliseconds of a step's products and of its sums over devices, one after the other, and the products' share of them."""
+    for name, (operations, every, some, rows) in COUNTED.items():
+        for device, (single, half, near, far) in DEVICES.items():
+            for precision, rate in (("float32", single), ("bfloat16", half)):
+                cells = []
+                for n in (8, 64, 256):
+                    work = rows * operations / (REACHED * rate)
+                    sent = 2 * (n - 1) / n * (every + some / 16) / (near if n <= 8 else far) + 2 * (n - 1) * TURN
+                    cells.append(f"{1000 * work:.3g} + {1000 * sent:.2g}: {work / (work + sent):.0%}")
+                print(f"| {name}, {rows} rows | {device} | {precision} | {' | '.join(cells)} |")
 
 
 def told(name: str, how: str, devices: int) -> dict[str, Any]:

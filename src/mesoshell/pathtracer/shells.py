@@ -59,7 +59,7 @@ class Shells:
         return rows[:3], rows[3:], uv
 
 
-def scene_of(triangles: np.ndarray) -> mi.Scene:
+def scene_of(triangles: np.ndarray) -> Any:
     """The triangles (T, 3, 3) in a scene of their own. Without Embree's robust mode one ray of 80 that is aimed at an edge or a
     vertex passes between the triangles that share it."""
     parts: dict[str, Any] = {"type": "scene", "boundary": _boundary(triangles)}

@@ -262,15 +262,9 @@ def jumps(mesh: Mesh, seed: int) -> tuple[np.ndarray, np.ndarray]:
     corners = mesh.vertices[mesh.faces[rng.integers(0, len(mesh.faces), 3000)]]
     o, d = rays_at(np.einsum("rk,rki->ri", rng.dirichlet((1, 1, 1), 3000), corners), 2.0, rng)
     i = trace(shells, o, d).intervals
-<<<<<<< HEAD
     begin, end = (mi.Vector2d(np.ascontiguousarray(x.T)) for x in (i.bary0, i.bary1))
     t0, t1, h0, h1 = (mi.Float64(x) for x in (i.t0, i.t1, i.h0, i.h1))
     here = quadrature._canonical(shells, Piece(mi.UInt32(i.prism.astype(np.uint32)), t0, t1, begin, end, h0, h1))
-=======
-    prism, t0, t1 = mi.UInt32(i.prism.astype(np.uint32)), mi.Float64(i.t0), mi.Float64(i.t1)
-    begin, end = (mi.Vector2d(np.ascontiguousarray(x.T)) for x in (i.bary0, i.bary1))
-    here = quadrature._canonical(shells, Piece(prism, t0, t1, begin, end, mi.Float64(i.h0), mi.Float64(i.h1)))
->>>>>>> wt-mi
     first, last = np.array(here.xi0).T, np.array(here.xi1).T
     follows = (i.ray[1:] == i.ray[:-1]) & (np.abs(i.t0[1:] - i.t1[:-1]) < 1e-9)
     follows &= (shell.neighbour[i.prism[:-1]] == i.prism[1:, None]).any(axis=1)

@@ -226,7 +226,7 @@ def test_something_must_be_asked_for(folder, capsys) -> None:
         (("--out", "{folder}/none"), "--out: {folder}/none must end in .npz"),
         (("--twin", "{folder}/none.txt"), "--twin: {folder}/none.txt must end in .npz"),
         (("--thickness", "0"), "--thickness: must be above 0 and below 10, not 0"),
-        (("--base", "-1", "0", "0"), "--base: must be finite and not negative"),
+        (("--base", "-1", "0", "0"), "--base: must be from 0 to 1: what is reflected of the light that falls on it"),
         (
             ("--param", "dryness={folder}/grey.png"),
             "--param: dryness is an image: a surface material is the same everywhere",

@@ -38,7 +38,7 @@ JAX = {
     "log.jsonl": 50,
     "object.npz": 80,
 }
-JAX |= {"fed queries": 2, "jax commands": 80}
+JAX |= {"fed queries": 2, "jax commands": 75}
 ENGINE = {"jax": 90, "mitsuba": 90, "XML": 60}
 
 

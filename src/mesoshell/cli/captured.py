@@ -69,8 +69,8 @@ def render(options: Render) -> None:
         learned = int(found.provenance.get("config", {}).get("samples", quality.samples))
         samples = max(learned, quality.samples) if options.quality == "reference" else learned
     quality = quality.with_changes(samples=_at_least_one("--samples", samples))
-    how = view(found.config, found.field, quality, painted, _lit(found, options))
     cameras = _cameras(found, options)
+    how = view(found.config, found.field, quality, painted, _lit(found, options))
     _folder(options.out)
     console = Console(stderr=True)
     for i, camera in enumerate(track(cameras, "rendering", console=console, transient=True)):

@@ -4,7 +4,7 @@ Arguments: a JSON file, and this host's number. The plan: port, hosts, method, d
 quick (seconds to be lost after, if given) and `runs`, each with the `name` of its folder, `how`, `saves` (a checkpoint a step)
 and, if anything happens: what, to which `host`, at which `step`. The state after run i is left as i.HOST.npz, by its leaves.
 What may happen: a signal by its name; parent (SIGKILL of the process that watches); slow (its checkpoints take long);
-full (its disk); fault (its data cannot be read).
+full (its disk).
 """
 
 import errno
@@ -75,8 +75,6 @@ def arrange(run: Any, part: dict[str, Any], me: int) -> None:
 
         def batch(i: int) -> Any:
             if i == part.get("step") and what:
-                if what == "fault":
-                    raise InputError("a file", "cannot be read")
                 if what in signal.Signals.__members__:
                     os.kill(os.getpid(), signal.Signals[what])
                 if what == "parent":

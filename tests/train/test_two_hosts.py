@@ -3,6 +3,7 @@ same bits; what happens to one of them ends none in a hang, and is said in one l
 
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import methods
 import numpy as np
 import pytest
 
+import mesoshell
 from mesoshell.cli.hosts import LOST, SAID_LOST
 
 #: Two processes at once are as many as there are cores.
@@ -35,39 +37,42 @@ APART = {"gan": 1e-5, "nerf_tex": 1e-12, "surface": 1e-12, "atlas": 1e-12}
 
 
 def launch(folder: Path, method: str, hosts: int, runs: list[dict[str, Any]], **more: Any) -> list[tuple[int, str]]:
-    """Exit status and what was said of each host."""
+    """Exit status and what was said of each host; of one that was stopped for good nothing is waited for."""
     data = next(p for p in (folder / "data").iterdir() if p.name in ("packed", "set", "ball"))
+    plan = {"port": free_port(), "hosts": hosts, "method": method, "data": str(data), "folder": str(folder)}
+    plan |= {"compiled": str(folder / "programs"), "runs": runs}
+    (folder / "plan.json").write_text(json.dumps(plan | more))
+    command = [sys.executable, str(HERE / "hosts_at_work.py"), str(folder / "plan.json")]
+    frozen = runs[-1]["host"] if runs[-1].get("what") == "SIGSTOP" else None
+    return together([[*command, str(i)] for i in range(hosts)], folder, frozen)
+
+
+def free_port() -> int:
     with socket.socket() as free:
         free.bind(("localhost", 0))
-        port = free.getsockname()[1]
-    plan = {"port": port, "hosts": hosts, "method": method, "data": str(data), "folder": str(folder), "runs": runs}
-    (folder / "plan.json").write_text(json.dumps(plan | {"compiled": str(folder / "programs")} | more))
-    command = [sys.executable, str(HERE / "hosts_at_work.py"), str(folder / "plan.json")]
-    path = os.pathsep.join([str(HERE.parent.parent), str(HERE), os.environ.get("PYTHONPATH", "")])
+        return free.getsockname()[1]
+
+
+def together(commands: list[list[str]], folder: Path, frozen: int | None = None) -> list[tuple[int, str]]:
+    path = os.pathsep.join(map(str, [Path(mesoshell.__file__).parent.parent, HERE.parent.parent, HERE]))
+    env = os.environ | {"PYTHONPATH": path, "JAX_PLATFORMS": "cpu", "XDG_CACHE_HOME": str(folder / "cache")}
     processes = [
-        subprocess.Popen(
-            [*command, str(i)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env=os.environ | {"PYTHONPATH": path, "JAX_PLATFORMS": "cpu"},
-        )
-        for i in range(hosts)
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=env, cwd=folder)
+        for command in commands
     ]
     try:
-        said = [process.communicate(timeout=900)[0] for process in processes if not _frozen(runs, process, processes)]
+        return [
+            (process.returncode, said)
+            for i, process in enumerate(processes)
+            if i != frozen
+            for said in [process.communicate(timeout=900)[0]]
+        ]
     finally:
         for process in processes:
             process.kill()
             process.wait()
             if process.stdout:
                 process.stdout.close()
-    return [(process.returncode, text) for process, text in zip(processes, said, strict=False)]
-
-
-def _frozen(runs: list[dict[str, Any]], process: subprocess.Popen, processes: list[subprocess.Popen]) -> bool:
-    """A process whose child is stopped for good, which nobody waits for."""
-    return runs[-1].get("what") == "SIGSTOP" and processes.index(process) == runs[-1]["host"]
 
 
 def prepared(folder: Path, method: str) -> Path:
@@ -176,7 +181,36 @@ def test_slow_checkpoints_hold_up_and_a_full_disk_ends_all(network) -> None:
     assert checkpoints(network / "slow0") == ["4", "5", "6"] and checkpoints(network / "full") == ["1", "2"]
 
 
-def test_a_host_that_cannot_go_on_says_why_and_the_others_that_one_is_lost(network) -> None:
-    (first, said), (second, other) = launch(network, "nerf_tex", 2, [SAVED | {"what": "fault", "host": 1, "step": 2}])
-    assert (first, second) == (LOST, 2) and other == "mesoshell: a file: cannot be read\n"
-    assert len(said.splitlines()) == 1
+EXPERIMENT = """
+from dataclasses import replace
+from mesoshell.train.parametric import ParametricConfig
+from mesoshell.train.presets import TINY
+picture = replace(TINY.picture, size=8, samples=4)
+config = ParametricConfig(picture, (4,), (4,), octaves=1, batch=4, kimg=0.012, seeded=True)
+"""
+
+
+def test_the_command_trains_on_two_hosts_and_says_that_one_is_lost(network) -> None:
+    """Of the second run's hosts one has a dataset of its own, with a pixel that is not finite."""
+    (network / "e.py").write_text(EXPERIMENT)
+    bad = Path(shutil.copytree(network / "data" / "packed", network / "bad"))
+    shard = np.load(next((bad / "shards").iterdir()))
+    np.save(next((bad / "shards").iterdir()), np.where(np.arange(4) == 3, shard, np.nan).astype(shard.dtype))
+
+    def command(host: int, data: Path, port: int, kimg: str) -> list[str]:
+        given = ["train", "e.py", "--data", str(data), "--run", "run", "--kimg", kimg, "--parallel", "pmap"]
+        given += ["--coordinator", f"localhost:{port}", "--hosts", "2", str(host)]
+        return [sys.executable, "-c", "from mesoshell.cli.main import main; main()", *given]
+
+    good, port = network / "data" / "packed", free_port()
+    ended = together([command(host, good, port, "0.012") for host in (0, 1)], network)
+    assert [status for status, _ in ended] == [0, 0], ended
+    assert all(said.endswith("run: 0.012 kimg\n") for _, said in ended)
+    run = network / "run"
+    assert checkpoints(run) == ["3"] and rows(run) == [0.012]
+    assert len(list((run / "snapshots").iterdir())) == 1 and (run / "report.html").exists()
+    port = free_port()
+    ended = together([command(host, data, port, "0.02") for host, data in ((0, good), (1, bad))], network)
+    assert [status for status, _ in ended] == [LOST, 2], ended
+    assert ended[0][1] == f"mesoshell: run: {SAID_LOST}\n" and "NaN or infinite" in ended[1][1]
+    assert checkpoints(run) == ["3"]

@@ -1,0 +1,64 @@
+"""What a scene does not call for is not computed in JAX: the same picture without it, for fewer operations.
+
+Oracle: the same render with the effect switched on by hand. Lowered programs are counted in test_kernels.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scenes
+
+from mesoshell.cli.marching import facts
+from mesoshell.io.bundle import Bundle
+from mesoshell.render.effects import Effect, plan_effects
+from mesoshell.render.light import environment
+from mesoshell.render.quality import Quality
+from mesoshell.shell.renderer import Report, render
+from mesoshell.shell.scene import Scene
+
+QUALITY = Quality(pixel_samples=1)
+
+
+@pytest.fixture(scope="module")
+def slab(tiny_bundle: Bundle) -> Scene:
+    return scenes.slab(tiny_bundle)
+
+
+def shown(scene: Scene, *forced: str) -> tuple[np.ndarray, Report]:
+    """A picture by the plan, but for effects that are on whatever it says."""
+    plan = plan_effects(facts(scene), QUALITY)
+    assert not any(getattr(plan, name).on for name in forced)
+    return render(scene, QUALITY, replace(plan, **{name: Effect(True, "for the test") for name in forced}))
+
+
+@pytest.mark.parametrize("name", ["mesh_shadow", "object_shadow"])
+def test_a_convex_mesh_alone_needs_no_shadow_rays(slab: Scene, name: str) -> None:
+    (off, without), (on, with_it) = shown(slab), shown(slab, name)
+    assert off[..., :3].mean() > 1e-3
+    np.testing.assert_array_equal(off, on)
+    assert without.counts.get("shadow_rays", 0) == 0 < with_it.counts["shadow_rays"]
+
+
+def test_near_footprints_need_no_filter(slab: Scene) -> None:
+    """Of 4 texels a patch, none is as small as a pixel; the programs with and without are counted in test_kernels."""
+    off, on = shown(slab)[0], shown(slab, "filtering")[0]
+    np.testing.assert_allclose(off, on, rtol=1e-5, atol=1e-7)
+
+
+def test_without_light_nothing_is_asked_for_it(slab: Scene) -> None:
+    """Density alone is decoded, and alpha is that of the lit picture."""
+    lit, lit_report = shown(slab)
+    image, report = shown(replace(slab, lights=()))
+    assert (image[..., :3] == 0).all() and report.counts.get("transport_queries", 0) == 0
+    assert lit_report.counts["transport_queries"] > 0
+    np.testing.assert_array_equal(image[..., 3], lit[..., 3])
+
+
+def test_a_transparent_background_is_not_looked_up(slab: Scene) -> None:
+    """An environment that lights, and is not seen, leaves alpha as it is; seen, it fills what the shell lets through."""
+    sky = environment(np.full((4, 8, 3), 0.5, np.float32), 2)
+    lit = replace(slab, environment=sky)
+    off, on = shown(lit)[0], shown(replace(lit, transparent=False))[0]
+    np.testing.assert_allclose(on[..., :3], off[..., :3] + 0.5 * (1 - off[..., 3:]), atol=1e-6)
+    assert (on[..., 3] == 1).all()

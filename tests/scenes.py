@@ -5,7 +5,8 @@ import numpy as np
 from mesoshell.geometry.mesh import Mesh, check_mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.render.camera import Camera, look_at
-from mesoshell.render.effects import Effects, Facts, plan_effects
+from mesoshell.render.effects import Effects, plan_effects
+from mesoshell.render.facts import Facts
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import Quality
 from mesoshell.shell.scene import Scene, ready

@@ -16,7 +16,8 @@ from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.quadrature import Here, Ray, canonical, no_here
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
-from mesoshell.render.effects import PATHS, Facts, plan_effects
+from mesoshell.render.effects import PATHS, plan_effects
+from mesoshell.render.facts import Facts
 from mesoshell.shell.extrude import extrude
 
 LIGHT = (0.6, 0.0, 0.8)

@@ -10,13 +10,12 @@ from mesoshell.render.effects import (
     SURFACE,
     Effects,
     Engine,
-    Facts,
-    TwinFacts,
     left_out,
     plan_effects,
     quality_used,
     twin_reach,
 )
+from mesoshell.render.facts import Facts, TwinFacts
 from mesoshell.render.quality import Quality
 
 #: A shell on a convex mesh under one distant light.

@@ -27,7 +27,8 @@ from mesoshell.pathtracer.quadrature import Ray, nothing
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
 from mesoshell.pathtracer.worn import _sigmoid
-from mesoshell.render.effects import PATHS, Facts, plan_effects
+from mesoshell.render.effects import PATHS, plan_effects
+from mesoshell.render.facts import Facts
 from mesoshell.render.quality import PRESETS
 from mesoshell.shell.extrude import extrude
 

@@ -9,7 +9,8 @@ from mesoshell.geometry.normals import vertex_normals
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.twin import Twin
 from mesoshell.render.camera import pixel_radius
-from mesoshell.render.effects import TwinFacts, twin_reach
+from mesoshell.render.effects import twin_reach
+from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
 from mesoshell.shell.extrude import Shell
 from mesoshell.silhouette.scene import SurfaceDescription

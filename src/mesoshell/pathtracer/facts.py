@@ -9,7 +9,7 @@ import numpy as np
 from mesoshell.pathtracer.detail import PINHOLES, coarsest, eye_of
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.worn import SurfaceMaterial
-from mesoshell.render.effects import DARK, Facts
+from mesoshell.render.facts import DARK, Facts
 from mesoshell.shell.extrude import Shell
 from mesoshell.silhouette.wear import Wear
 

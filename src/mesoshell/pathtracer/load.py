@@ -31,7 +31,8 @@ from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
 from mesoshell.pathtracer.worn import SurfaceMaterial, Worn
-from mesoshell.render.effects import PATHS, TwinFacts, plan_effects
+from mesoshell.render.effects import PATHS, plan_effects
+from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, proportions, transformed
 from mesoshell.silhouette.wear import Wear, wear

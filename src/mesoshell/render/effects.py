@@ -1,73 +1,19 @@
 """Which effects a scene calls for (NumPy only; no JAX): one table of effects, whichever engine renders.
 
-`plan_effects` decides from `Facts`, a description of the scene, before anything is compiled or traced; each decision comes
-with its reason, which `--explain` prints and the report keeps. What is off is not in the compiled program. An `Engine` says
-which effects it can compute: what a scene calls for beyond these is off, and its reason says so.
+`plan_effects` decides from `Facts`, a description of the scene (render/facts), before anything is compiled or traced; each
+decision comes with its reason, which `--explain` prints and the report keeps. What is off is not in the compiled program. An
+`Engine` says which effects it can compute: what a scene calls for beyond these is off, and its reason says so.
 """
 
 from dataclasses import dataclass, fields
 
+from mesoshell.render.facts import Facts, TwinFacts
 from mesoshell.render.quality import Quality
 
 #: Share of directions from a surface that meet a surface again, above which light between surfaces cannot be left out unsaid.
 #: Of diffuse surfaces of albedo a it adds about a times this share.
 ENCLOSED = 0.25
-#: Albedo up to which what is under a shell lights it by less than a hundredth.
-DARK = 0.1
 NO_TWIN = "the material has no distilled twin"
-
-
-@dataclass(frozen=True)
-class TwinFacts:
-    """Of a surface material that was distilled from the shell. finest: the least footprint (standard deviation) that the camera
-    can have on the shell, patches; errors: its error by footprint (io/twin); misfit: why it is not this shell's, or nothing."""
-
-    finest: float
-    errors: tuple[tuple[float, float], ...]
-    misfit: str
-
-
-@dataclass(frozen=True)
-class Facts:
-    """A scene, as far as the decisions rest on it.
-
-    shells, surfaces: how many meshes carry a shell, and a surface material; objects: other surfaces. distant, point, area:
-    emitters without extent far away, without extent nearby, and those that a ray can meet; environment: there is one, and seen:
-    it is seen behind the scene. convex: no part of a mesh can shadow another of it. enclosed: mean share of the directions
-    from a surface that meet a surface again, of the mesh or object where it is largest; 0 only where nothing can. dark: what
-    is under the shells reflects a tenth at most, diffusely. coarsest: the largest footprint in texels that a camera can have on
-    the shells (one standard deviation to either side); rows: of their height features. inside: a camera may be in a shell.
-    varying: names of parameters of appearance that vary over the surface; shaped: so does geometry. passable: rays may pass
-    the surface materials.
-    """
-
-    shells: int = 0
-    surfaces: int = 0
-    objects: int = 0
-    distant: int = 0
-    point: int = 0
-    area: int = 0
-    environment: bool = False
-    seen: bool = False
-    convex: bool = False
-    enclosed: float = 0.0
-    dark: bool = True
-    coarsest: float = 0.0
-    rows: int = 0
-    inside: bool = False
-    varying: tuple[str, ...] = ()
-    shaped: bool = False
-    passable: bool = False
-    twin: TwinFacts | None = None
-
-    @property
-    def alone(self) -> bool:
-        """There is one shell, on a convex mesh: what has left it does not meet it again."""
-        return self.convex and self.shells == 1 and not self.surfaces
-
-    @property
-    def lit(self) -> bool:
-        return bool(self.distant or self.point or self.area or self.environment)
 
 
 @dataclass(frozen=True)

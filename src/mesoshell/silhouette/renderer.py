@@ -28,7 +28,8 @@ from mesoshell.geometry.mesh import is_convex
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.render.camera import pixel_grid, pixel_radius, rays
-from mesoshell.render.effects import SURFACE, Effects, Facts, plan_effects
+from mesoshell.render.effects import SURFACE, Effects, plan_effects
+from mesoshell.render.facts import Facts
 from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality
 from mesoshell.silhouette.material import Place, SurfaceConfig, Tables, reflectance, seen

@@ -1,8 +1,9 @@
 """One host of several, in a process of its own: takes the runs of a plan in turn, and meets what the plan has happen.
 
 Arguments: a JSON file, and this host's number. The plan: port, hosts, method, data, folder, compiled (folder of programs),
-quick (seconds to be lost after, if given) and `runs`, each with the `name` of its folder, `how`, `saves` (a checkpoint a step)
-and, if anything happens: what, to which `host`, at which `step`. The state after run i is left as i.HOST.npz, by its leaves.
+quick and join (seconds to be lost after, and to come within, if given) and `runs`, each with the `name` of its folder, `how`,
+`saves` (a checkpoint a step) and, if anything happens: what, to which `host`, at which `step`. The state after run i is left
+as i.HOST.npz, by its leaves.
 What may happen: a signal by its name; parent (SIGKILL of the process that watches); slow (its checkpoints take long);
 full (its disk).
 """
@@ -35,6 +36,7 @@ def work(plan: dict[str, Any], me: int) -> None:
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", plan["compiled"])
     hosts.LOST_AFTER = plan.get("quick", hosts.LOST_AFTER)
+    hosts.JOIN_WITHIN = plan.get("join", hosts.JOIN_WITHIN)
     if plan["hosts"] > 1:
         hosts.join(f"localhost:{plan['port']}", (plan["hosts"], me))
     run.spread_step = once(run.spread_step)

@@ -37,14 +37,15 @@ APART = {"gan": 1e-5, "nerf_tex": 1e-12, "surface": 1e-12, "atlas": 1e-12}
 
 
 def launch(folder: Path, method: str, hosts: int, runs: list[dict[str, Any]], **more: Any) -> list[tuple[int, str]]:
-    """Exit status and what was said of each host; of one that was stopped for good nothing is waited for."""
+    """Exit status and what was said of each host; of one that was stopped for good nothing is waited for. more: of the plan;
+    with `join` the first host alone is started."""
     data = next(p for p in (folder / "data").iterdir() if p.name in ("packed", "set", "ball"))
     plan = {"port": free_port(), "hosts": hosts, "method": method, "data": str(data), "folder": str(folder)}
     plan |= {"compiled": str(folder / "programs"), "runs": runs}
     (folder / "plan.json").write_text(json.dumps(plan | more))
     command = [sys.executable, str(HERE / "hosts_at_work.py"), str(folder / "plan.json")]
     frozen = runs[-1]["host"] if runs[-1].get("what") == "SIGSTOP" else None
-    return together([[*command, str(i)] for i in range(hosts)], folder, frozen)
+    return together([[*command, str(i)] for i in range(1 if "join" in more else hosts)], folder, frozen)
 
 
 def free_port() -> int:
@@ -179,6 +180,11 @@ def test_slow_checkpoints_hold_up_and_a_full_disk_ends_all(network) -> None:
     states = [methods.kept(network / f"{run}.{host}.npz") for run in (0, 1) for host in (0, 1)]
     assert all(same(states[0], state) for state in states)
     assert checkpoints(network / "slow0") == ["4", "5", "6"] and checkpoints(network / "full") == ["1", "2"]
+
+
+def test_a_host_that_does_not_come_is_not_waited_for_for_ever(network) -> None:
+    ((status, said),) = launch(network, "nerf_tex", 2, [SAVED], join=3)
+    assert status == LOST and said == f"mesoshell: {network}: not all hosts came in time\n"
 
 
 EXPERIMENT = """

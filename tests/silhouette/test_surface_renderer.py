@@ -266,6 +266,14 @@ def test_opacity_that_is_off_changes_nothing(lump: Mesh) -> None:
     assert set(np.unique(off[..., 3])) == {0.0, 1.0} and len(np.unique(off[..., 0])) > 20
 
 
+def test_without_light_opacity_alone_is_asked_for(lump: Mesh) -> None:
+    dark, lit = scene(lump, wearing.bundle()), scene(lump, wearing.bundle(), DOWN)
+    (image, report), (other, _) = shown(dark), shown(lit)
+    assert (image[..., :3] == 0).all() and report.counts.get("transport_queries", 0) == 0
+    np.testing.assert_allclose(image[..., 3], other[..., 3], atol=1e-6)
+    assert 0 < image[..., 3].mean() < 1
+
+
 def test_the_plan_says_why() -> None:
     sky = environment(np.ones((4, 8, 3), np.float32), 2)
     for more, on in (

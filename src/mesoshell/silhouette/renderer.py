@@ -161,6 +161,8 @@ class _Tile:
         o, d, t = ray
         clock = time.perf_counter()
         local = self.dressed.queries(hits, rows, d, self.spread * t)
+        if not lights:
+            return _opacity(self.scene.ready, local), np.zeros((len(rows), 3))
         toward = [np.einsum("hij,hj->hi", local.axes, beam.toward) for beam in lights]
         alpha, rho = _answered(self.scene.ready, local, np.stack(toward, axis=1))
         normal = self.dressed.facing(hits, rows, d)

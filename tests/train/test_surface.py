@@ -19,7 +19,7 @@ from mesoshell.io.surface import SurfaceBundle, read_surface
 from mesoshell.measure.queries import QUERIES, score
 from mesoshell.silhouette.material import Seen, Surface, SurfaceConfig
 from mesoshell.silhouette.ready import surface_of
-from mesoshell.train import run
+from mesoshell.train import run, surface
 from mesoshell.train.method import SURFACE, method_of
 from mesoshell.train.presets import SMALL, TINY
 from mesoshell.train.record import keep_record, read_record
@@ -452,11 +452,11 @@ def test_data_of_another_curvature_are_refused(data, tmp_path) -> None:
 
 
 @pytest.mark.parametrize("column", [10, 13])
-def test_what_is_not_finite_stops_the_run_by_name(tmp_path, column: int) -> None:
-    patches = [wearing.rows(64, k, uneven) for k in range(6)]
-    for patch in patches:
-        patch[:, column] = np.nan
-    found = read_patches(wearing.write_patches(tmp_path / "set", patches))
+def test_what_is_not_finite_stops_the_run_by_name(tmp_path, monkeypatch, column: int) -> None:
+    """As a computation that diverges would; patches that hold NaN are refused as they are read."""
+    found = read_patches(wearing.write_patches(tmp_path / "set", [wearing.rows(64, k, uneven) for k in range(6)]))
+    poison = np.where(np.arange(found.patches[0].shape[1]) == column, np.nan, 0).astype(np.float32)
+    monkeypatch.setattr(surface, "asked", lambda rows: asked(rows + poison))
     with pytest.raises(
         Diverged, match=r"step 1: the gradient of surface\.\S+ is not finite; there is no checkpoint yet"
     ):

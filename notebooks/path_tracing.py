@@ -77,7 +77,7 @@ assert all(np.isfinite(image).all() for image in pictures.values())
 # %% [markdown]
 # ## Light straight from its sources
 #
-# With `max_depth` 2, one shell on a convex mesh and distant lights alone, nothing is drawn: all samples along a ray are summed.
+# With one shell on a convex mesh over dark ground and distant lights alone, nothing is drawn: all samples of a ray are summed.
 # On the cow, which can shade itself, collisions are drawn all the same; how many samples a ray has is a field of `Quality`.
 
 # %%

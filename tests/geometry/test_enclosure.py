@@ -28,6 +28,7 @@ KNOWN = [
     ([ball()], 0.0),
     ([square(1, 0)], 0.0),
     ([ball(), square(2000, -2)], 0.5),
+    ([ball(), square(20000, -2)], 0.5),
     ([square(1, 0), square(1, 1, down=True)], 0.1998),
     ([ball(), ball(5.0)], 1.0),
 ]

@@ -135,7 +135,7 @@ def test_effects_that_are_off_change_nothing(materials, light, depth, off) -> No
     made = loaded(scene(shell(materials, "thin"), light=light, depth=depth))
     world = made.integrator().world
     left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
-    others = {"shell_shadow", "mesh_shadow", "object_shadow", "bounces", "roulette", "camera_in_shell", "quadrature"}
+    others = {"shell_shadow", "object_shadow", "bounces", "roulette", "camera_in_shell", "quadrature"}
     others |= {"area_light", "varying_parameters", "varying_geometry", "surface_materials", "opacity", "twin"}
     assert left_out == off | others | {"anisotropic_filtering"}
 

@@ -19,7 +19,7 @@ from mesoshell.render.facts import Facts, TwinFacts
 from mesoshell.render.quality import Quality
 
 #: A shell on a convex mesh under one distant light.
-PLAIN = Facts(shells=1, distant=1, convex=True, coarsest=0.5, rows=32)
+PLAIN = Facts(shells=1, distant=1, convex=True, ground=0.09, coarsest=0.5, rows=32)
 WORN = replace(PLAIN, shells=0, surfaces=1, passable=True)
 TWIN = TwinFacts(finest=0.5, errors=((0.01, 0.1), (0.1, 0.02), (0.4, 0.01)), misfit="")
 ALWAYS = {"shells", "direct_light", "quadrature"}
@@ -29,8 +29,9 @@ SHARED = [
     ({"coarsest": 3.0}, {}, {"filtering"}),
     ({"coarsest": 3.0}, {"anisotropy": 4}, {"filtering", "anisotropic_filtering"}),
     ({"coarsest": 3.0}, {"anisotropy": 4, "filtering": False}, set()),
-    ({"coarsest": 0.9}, {"anisotropy": 4}, set()),
-    ({}, {"samples": 8}, {"filtering"}),  # of 32 rows a sample is more than one wide
+    ({"coarsest": 0.9}, {"anisotropy": 4}, {"filtering", "anisotropic_filtering"}),  # long sides have no bound
+    ({}, {"samples": 32}, {"filtering"}),  # down and up again, a sample is more than one of 32 rows wide
+    ({"low": True}, {}, {"mesh_shadow"}),
     ({"varying": ("dryness",)}, {}, {"varying_parameters"}),
     ({"shaped": True}, {}, {"varying_geometry"}),
     ({"inside": True}, {}, {"camera_in_shell"}),
@@ -45,8 +46,9 @@ MARCHED = [
     ({"environment": True}, {}, {"environment"}),
     ({"environment": True, "seen": True}, {}, {"environment", "background"}),
     ({"seen": True}, {}, set()),
-    ({"convex": False, "enclosed": 0.1}, {}, {"mesh_shadow"}),
-    ({"convex": False, "distant": 0}, {}, {"direct_light"}),
+    ({"convex": False, "enclosed": 0.1}, {}, {"mesh_shadow", "filtering"}),
+    ({"convex": False, "distant": 0}, {}, {"direct_light", "filtering"}),
+    ({}, {"spacing": "interval"}, {"filtering"}),
     ({"objects": 1, "enclosed": 0.5}, {}, {"object_shadow"}),
     ({"objects": 1, "distant": 0}, {}, {"direct_light"}),
     ({"distant": 0}, {}, {"direct_light"}),
@@ -60,12 +62,14 @@ TRACED = [
     ({"environment": True}, {}, {"environment", "quadrature", "filtering"}),
     ({"area": 1}, {}, {"area_light", "quadrature", "filtering"}),
     ({"point": 1, "distant": 0}, {}, {"quadrature"}),
-    ({"dark": False}, {}, GOING),
-    ({"dark": False}, {"max_depth": 2}, set()),
-    ({"dark": False}, {"rr_depth": 8}, GOING - {"roulette"}),
+    ({"ground": 0.5}, {}, GOING),
+    ({"ground": 0.09}, {"dark_ground": 0.0}, GOING),
+    ({"ground": 0.0}, {"dark_ground": 0.0}, set()),
+    ({"ground": 0.5}, {"max_depth": 2}, set()),
+    ({"ground": 0.5}, {"rr_depth": 8}, GOING - {"roulette"}),
     ({"shells": 2, "objects": 2}, {}, GOING | {"object_shadow", "shell_shadow"}),
     ({"convex": False, "enclosed": 1.0}, {}, GOING | {"mesh_shadow", "shell_shadow"}),
-    ({"convex": False, "enclosed": 1.0}, {"max_depth": 2}, {"mesh_shadow", "shell_shadow", "quadrature"}),
+    ({"convex": False}, {"max_depth": 2}, {"mesh_shadow", "shell_shadow", "quadrature", "filtering"}),
     ({"objects": 1, "enclosed": 1.0}, {}, GOING | {"object_shadow"}),
 ]
 RULES = [(engine, *rule) for engine in (MARCH, PATHS) for rule in SHARED]
@@ -123,14 +127,16 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
         return set(found)
 
     marched = {"pixel_samples", "samples", "spacing", "coordinates", "early_stop", "skip", "weight_cut", "filtering"}
-    marched |= {"visibility", "base_samples"}
+    marched |= {"base_samples"}
     assert used(lone, MARCH) == marched
-    assert used(sky, MARCH) == marched | {"anisotropy", "twin", "environment_samples"}
+    assert used(sky, MARCH) == marched | {"visibility", "anisotropy", "twin", "environment_samples"}
+    assert used(replace(lone, distant=0), MARCH) == marched - {"weight_cut", "base_samples"}
     worn = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}
     assert used(WORN, SURFACE) == worn and used(WORN, SURFACE, curvature_filter="point") == worn - {"curve_length"}
-    paths = {"samples", "spacing", "coordinates", "early_stop", "skip", "filtering", "spp", "max_depth"}
-    assert used(lone, PATHS) == paths | {"weight_cut", "visibility"}
-    assert used(room, PATHS) == paths | {"anisotropy", "twin", "rr_depth", "bounce_spread"}
+    paths = {"samples", "spacing", "coordinates", "early_stop", "skip", "filtering", "spp", "dark_ground"}
+    assert used(lone, PATHS) == paths | {"weight_cut"}
+    assert used(lone, PATHS, max_depth=2) == paths | {"weight_cut", "max_depth"}
+    assert used(room, PATHS) == paths | {"max_depth", "anisotropy", "twin", "rr_depth", "bounce_spread"}
     everywhere = used(sky, MARCH) | used(room, PATHS) | used(WORN, SURFACE)
     assert everywhere == {f.name for f in fields(Quality)}
 

@@ -23,6 +23,7 @@ BAD = {
     "spp": 0,
     "max_depth": 0,
     "rr_depth": 0,
+    "dark_ground": -0.1,
     "curvature_filter": "median",
     "curve_length": -1.0,
 }
@@ -62,7 +63,7 @@ def test_presets_spend_ever_more():
             "max_depth",
         ):
             assert getattr(cheap, name) <= getattr(dear, name)
-        for name in ("early_stop", "skip", "weight_cut", "bounce_spread"):
+        for name in ("early_stop", "skip", "weight_cut", "dark_ground", "bounce_spread"):
             assert getattr(cheap, name) >= getattr(dear, name)
     assert (reference.early_stop, reference.skip, reference.weight_cut) == (0, 0, 0)
 

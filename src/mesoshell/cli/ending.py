@@ -125,9 +125,8 @@ def _interrupts() -> Iterator[None]:
 
     before, said = signal.signal(signal.SIGALRM, interrupt), sys.unraisablehook
     signal.signal(signal.SIGINT, interrupt)
-    sys.unraisablehook = (
-        ignored  # of one that a callback of the collector's swallowed, Python would print the traceback
-    )
+    # of one that a callback of the collector's swallowed, Python would print the traceback
+    sys.unraisablehook = ignored
     try:
         yield
     finally:

@@ -24,8 +24,9 @@ from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import find
 from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import MARCH, SURFACE, left_out, plan_effects, plan_twin, quality_used
-from mesoshell.render.facts import DARK, Facts
+from mesoshell.render.facts import Facts
 from mesoshell.render.quality import PRESETS
+from mesoshell.shell.horizon import lowest
 from mesoshell.shell.renderer import render
 from mesoshell.shell.scene import Scene, ready
 from mesoshell.silhouette.ready import ready as ready_surface
@@ -48,6 +49,7 @@ def picture(options: Options, console: Console) -> Picture:
     if bundle.twin is not None and plan_twin(found, quality).on:
         standing = SurfaceScene(**vars(in_place(d)), ready=ready_surface(bundle.twin.surface))
         effects = plan_effects(replace(surface_facts(standing), twin=found), quality, SURFACE)
+        say_notes(console, left_out(effects))
         if options.explain:
             say_effects(console, effects.as_dict())
         setup = time.perf_counter() - begin
@@ -120,7 +122,9 @@ def facts(scene: Scene) -> Facts:
         seen=not scene.transparent,
         convex=convex,
         enclosed=0.0 if convex and not scene.objects else enclosure([scene.mesh, *scene.objects]),
-        dark=max(scene.base_colour) <= DARK,
+        low=scene.environment is not None
+        or lowest(scene.shell, np.array([x.direction for x in scene.lights]).reshape(-1, 3)) <= 0,
+        ground=max(scene.base_colour),
         coarsest=float(2 * footprint * scene.ready.layout.texel_density),
         rows=scene.ready.layout.height_sizes[0][0],
         inside=bool(((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()),

@@ -13,8 +13,8 @@ from mesoshell.geometry.mesh import Mesh
 
 #: Points on each mesh, and directions at each: a share of 0.25 is known to 0.01 or better.
 _POINTS, _DIRECTIONS = 512, 16
-#: Rays begin so far off their surface, relative to the scene's size.
-_OFF = 1e-4
+#: Rays begin so far off their surface, relative to its own size, and at least what float32 needs, relative to that of all.
+_OFF, _LEAST = 1e-4, 1e-6
 
 
 def enclosure(meshes: list[Mesh]) -> float:
@@ -36,9 +36,9 @@ def _share(scene: EmbreeScene, corners: np.ndarray, size: float, random: np.rand
     weights = random.dirichlet((1, 1, 1), _POINTS)
     x = np.repeat(np.einsum("ik,ikj->ij", weights, corners[face]), _DIRECTIONS, axis=0)
     sphere = random.normal(size=x.shape)
-    d = n + sphere / np.linalg.norm(
-        sphere, axis=1, keepdims=True
-    )  # Lambert's cosine: a sphere that stands on the point
+    # Lambert's cosine: a sphere that stands on the point
+    d = n + sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
+    off = max(_OFF * float(np.ptp(corners.reshape(-1, 3), axis=0).max()), _LEAST * size)
     d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12)
-    hit = scene.run((x + _OFF * size * n).astype(np.float32), d.astype(np.float32))
+    hit = scene.run((x + off * n).astype(np.float32), d.astype(np.float32))
     return float((hit >= 0).mean())

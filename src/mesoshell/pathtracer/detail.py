@@ -5,7 +5,7 @@ Alphabet
 d           least distance from a camera to a prism, world
 s           greatest world length of a patch on a prism, over directions of (u, v)
 needed      s / (2 ṙ d) texels a patch: there a texel is as wide as the footprint's ±1 deviation, and finer levels are not read
-coarsest    2 ṙ D n / s with the greatest distance D, at n texels a patch: a footprint's ±1 deviation in texels
+coarsest    2 ṙ D n / s, with the greatest distance D and the least s, at n texels a patch: a footprint's ±1 deviation in texels
 
 What is seen by way of something else has come farther, so its footprints are wider. (A lens or a concave mirror that
 magnifies is not thought of.)
@@ -65,12 +65,13 @@ def _widest(sensor: mi.Sensor, shell: Shell) -> float:
     """Patches."""
     base = shell.base.astype(np.float64)[shell.faces]
     far = np.linalg.norm(base + shell.offset[shell.faces] - eye_of(sensor), axis=-1).max()
-    length = _patch_length(shell, base)
+    length = _patch_length(shell, base, -2)
     return float(2 * _spread(sensor, np.max) * far / length[length > 0].min(initial=np.inf))
 
 
-def _patch_length(shell: Shell, base: np.ndarray) -> np.ndarray:
-    """s of each prism: the greatest singular value of ∂P/∂(u, v), at the base or at the top, whichever is larger."""
+def _patch_length(shell: Shell, base: np.ndarray, order: int = 2) -> np.ndarray:
+    """s of each prism: the greatest singular value of ∂P/∂(u, v), or the least (order −2), at the base or at the top, whichever
+    is larger."""
     uv = shell.uv.astype(np.float64)
     across = np.stack([uv[:, 0] - uv[:, 2], uv[:, 1] - uv[:, 2]], axis=-1)
     lengths = []
@@ -78,7 +79,7 @@ def _patch_length(shell: Shell, base: np.ndarray) -> np.ndarray:
         edges = np.stack([corners[:, 0] - corners[:, 2], corners[:, 1] - corners[:, 2]], axis=-1)
         flat = np.abs(np.linalg.det(across)) < 1e-30
         lengths.append(
-            np.linalg.norm(edges @ np.linalg.inv(np.where(flat[:, None, None], np.eye(2), across)), 2, (1, 2))
+            np.linalg.norm(edges @ np.linalg.inv(np.where(flat[:, None, None], np.eye(2), across)), order, (1, 2))
         )
     return np.maximum(*lengths)
 

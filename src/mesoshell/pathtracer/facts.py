@@ -9,8 +9,9 @@ import numpy as np
 from mesoshell.pathtracer.detail import PINHOLES, coarsest, eye_of
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.worn import SurfaceMaterial
-from mesoshell.render.facts import DARK, Facts
+from mesoshell.render.facts import Facts
 from mesoshell.shell.extrude import Shell
+from mesoshell.shell.horizon import lowest
 from mesoshell.silhouette.wear import Wear
 
 #: All that scatters at a surface that is diffuse, of one colour.
@@ -26,10 +27,11 @@ def facts_of(
     shells, media = [shell for shell, _ in stands], [medium for _, medium in stands]
     surfaces = len(scene.shapes())  # meshes with surface materials are not among them
     heights = [m.material.heights for m in media]
+    grouped = any(s.class_name() == "Instance" for s in scene.shapes())  # an instance may hold other meshes too
     return Facts(
         shells=len(stands),
         surfaces=len(wears),
-        objects=surfaces - (len(stands) == 1),
+        objects=surfaces - (len(stands) == 1 and not wears and not grouped),
         distant=kinds.count("distant"),
         point=kinds.count("point"),
         area=kinds.count("area"),
@@ -37,7 +39,8 @@ def facts_of(
         seen=not integrator.hide_emitters,
         convex=convex,
         enclosed=0.0 if convex and surfaces + len(wears) == 1 else 1.0,
-        dark=all(_is_dark(s.bsdf()) for s in scene.shapes()),
+        low=len(kinds) > kinds.count("distant") or any(lowest(s, _toward(scene)) <= 0 for s in shells),
+        ground=max((_albedo(s.bsdf()) for s in scene.shapes()), default=0.0),
         coarsest=coarsest(scene.sensors(), shells, [m.material.density for m in media]),
         rows=max((h.rows for h in heights), default=0),
         inside=bool(shells) and any(_may_be_inside(s, shells) for s in scene.sensors()),
@@ -47,13 +50,26 @@ def facts_of(
     )
 
 
-def _is_dark(bsdf: mi.BSDF | None) -> bool:
-    """Whether a surface reflects no more than DARK, diffusely, and lets nothing through."""
+def _albedo(bsdf: mi.BSDF | None) -> float:
+    """The largest of a surface that is diffuse and of one colour; 1 of any other."""
     if bsdf is None or int(bsdf.flags()) & ~int(_DIFFUSE):
-        return False
+        return 1.0
     at: Any = dr.zeros(mi.SurfaceInteraction3f)
     at.wi = mi.Vector3f(0, 0, 1)
-    return float(np.max(np.array(bsdf.eval_diffuse_reflectance(at)))) <= DARK
+    return float(np.max(np.array(bsdf.eval_diffuse_reflectance(at))))
+
+
+def _toward(scene: mi.Scene) -> np.ndarray:
+    """Directions toward the distant lights, (L, 3)."""
+    found = [distant(e)[0] for e in scene.emitters() if _kind(e) == "distant"]
+    return np.array(found).reshape(-1, 3)
+
+
+def distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Direction toward a distant light, and E⊥."""
+    light: Any = emitter
+    ds, value = light.sample_direction(dr.zeros(mi.Interaction3f), mi.Point2f(0.5))
+    return tuple(float(x[0]) for x in ds.d), tuple(float(x[0]) for x in value)
 
 
 def _may_be_inside(sensor: mi.Sensor, shells: list[Shell]) -> bool:

@@ -10,7 +10,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, cast
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -24,7 +23,7 @@ from mesoshell.pathtracer import elements, integrator
 from mesoshell.pathtracer.baking import Asked, textured
 from mesoshell.pathtracer.detail import texels_needed
 from mesoshell.pathtracer.elements import Element
-from mesoshell.pathtracer.facts import facts_of
+from mesoshell.pathtracer.facts import distant, facts_of
 from mesoshell.pathtracer.maps import check_map, field_of
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
@@ -106,7 +105,7 @@ def stand_on(scene: mi.Scene, grown: Grown, quality: Quality) -> None:
     """Give a scene's integrator, a `mesoshell_path`, what it shall trace paths through. Its depths are the integrator's.
 
     Raises InputError for a quality that paths cannot have."""
-    if quality.spacing != "length":
+    if grown.stands and quality.spacing != "length":
         raise InputError(
             "spacing", f"'{quality.spacing}' requires --engine jax: paths have samples in proportion to length"
         )
@@ -120,15 +119,8 @@ def stand_on(scene: mi.Scene, grown: Grown, quality: Quality) -> None:
     quality = quality.with_changes(max_depth=max(path.max_depth, 1), rr_depth=max(path.rr_depth, 1))
     facts = replace(facts_of(scene, grown.stands, grown.wears, grown.convex), twin=grown.twin)
     effects = plan_effects(facts, quality, PATHS)
-    lights = [_distant(e) for e in scene.emitters()] if effects.quadrature.on else []
+    lights = [distant(e) for e in scene.emitters()] if effects.quadrature.on else []
     path.world = World(shells, media, worn, quality, effects, lights, grown.notes)
-
-
-def _distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Direction toward a distant light, and E⊥."""
-    light: Any = emitter
-    ds, value = light.sample_direction(dr.zeros(mi.Interaction3f), mi.Point2f(0.5))
-    return tuple(float(x[0]) for x in ds.d), tuple(float(x[0]) for x in value)
 
 
 def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: dict) -> list[tuple[Shell, Medium]]:

@@ -108,9 +108,8 @@ class Material:
         positions, weights = gaussian_taps(taps)
         spacing = sample.major * float(positions[1] - positions[0])
         radius = dr.minimum(dr.maximum(sample.radius, 0.35 * spacing), sample.major)
-        reach = dr.sqrt(
-            dr.maximum(dr.square(sample.major) - dr.square(radius), 0)
-        )  # each tap is as wide as radius there too
+        # each tap is as wide as radius along the axis, too
+        reach = dr.sqrt(dr.maximum(dr.square(sample.major) - dr.square(radius), 0))
         level = self.level(radius)
         place, share = mi.Float(positions), mi.Float(weights)
         total, k = [mi.Float(0)] * self.channels, mi.UInt32(0)

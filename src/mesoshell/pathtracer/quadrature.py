@@ -148,9 +148,8 @@ def _canonical(shells, piece: Piece, exact: bool = False) -> Here:
     h0, h1 = mi.Float(piece.h0), mi.Float(piece.h1)
     xi0, xi1 = _xi(uv, bary0, h0), _xi(uv, bary1, h1)
     bary, h = 0.5 * (bary0 + bary1), 0.5 * (h0 + h1)
-    x, y = (
-        base[k] - base[2] + h * (post[k] - post[2]) for k in (0, 1)
-    )  # far from the origin h times a post is lost on a base
+    # far from the origin h times a post is lost on a base
+    x, y = (base[k] - base[2] + h * (post[k] - post[2]) for k in (0, 1))
     z = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]
     rows = dr.cross(y, z), dr.cross(z, x), dr.cross(x, y)
     volume = dr.dot(x, rows[0])
@@ -171,9 +170,8 @@ def _exact(shells, ray, here: Here, f, t):
     """ξ of the point at t, by four Newton steps on P(λ, h) = x."""
     base, post, uv = shells.frame(here.prism)
     bary, h = here.bary0 + f * (here.bary1 - here.bary0), here.xi0.z + f * (here.xi1.z - here.xi0.z)
-    x = mi.Vector3f(
-        ray.o + mi.Float64(t) * ray.d - mi.Vector3d(base[2])
-    )  # far from the origin float32 has no digits for it
+    # relative to a corner: far from the origin float32 has no digits for it
+    x = mi.Vector3f(ray.o + mi.Float64(t) * ray.d - mi.Vector3d(base[2]))
     for _ in range(4):
         p, q = (base[k] - base[2] + h * (post[k] - post[2]) for k in (0, 1))
         up = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]

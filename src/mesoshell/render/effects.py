@@ -10,10 +10,10 @@ from dataclasses import dataclass, fields
 from mesoshell.render.facts import Facts, TwinFacts
 from mesoshell.render.quality import Quality
 
-#: Share of directions from a surface that meet a surface again, above which light between surfaces cannot be left out unsaid.
-#: Of diffuse surfaces of albedo a it adds about a times this share.
+#: Share of directions from a surface that meet a surface again, above which a note says that light between surfaces is left
+#: out. Of diffuse surfaces of albedo a it adds about a times this share.
 ENCLOSED = 0.25
-NO_TWIN = "the material has no distilled twin"
+NO_TWIN = "there is no distilled twin to stand in"
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,9 @@ class Effects:
     all samples of a ray are summed, in place of one that is drawn. camera_in_shell: rays may begin in a shell. filtering:
     features are averaged over the pixel; anisotropic_filtering: along its long side too. varying_parameters,
     varying_geometry: over the surface.
+
+    Some follow from what a scene holds, and are gated by that: an engine without surfaces that emit, a material without
+    opacity or without maps has nothing of them to compile.
     """
 
     shells: Effect
@@ -84,11 +87,11 @@ PATHS = Engine("mitsuba", frozenset(f.name for f in fields(Effects)), draws=True
 
 def plan_effects(facts: Facts, quality: Quality, engine: Engine = MARCH) -> Effects:
     """Decide each effect."""
-    lit = not engine.draws or quality.max_depth > 1
-    called = _light(facts, lit) | _detail(facts)
+    reached = not engine.draws or quality.max_depth > 1
+    called = _light(facts, reached) | _detail(facts)
     bounces = _bounces(facts, quality, engine)
     called |= {"bounces": bounces, "roulette": _roulette(facts, quality, engine, bounces.on)}
-    called["quadrature"] = _quadrature(facts, engine, lit and not bounces.on)
+    called["quadrature"] = _quadrature(facts, engine, reached and not bounces.on)
     called["filtering"] = _filtering(facts, quality, called, engine)
     called["anisotropic_filtering"] = Effect(
         called["filtering"].on and quality.anisotropy > 1, f"{quality.anisotropy} taps by quality"
@@ -104,8 +107,8 @@ def _if_it_can(name: str, effect: Effect, engine: Engine) -> Effect:
 
 
 def left_out(effects: Effects) -> tuple[str, ...]:
-    """What the user should know of effects that the engine cannot compute, a line each. Of shells that dim one another's light
-    the reasons alone tell: it is seen less."""
+    """What the user should know of effects that the engine cannot compute, a line each. Missing shell shadows get no note, only
+    their reason: they show less."""
     bounces = effects.bounces
     return (f"bounces are left out: {bounces.why}",) if bounces.missing else ()
 
@@ -140,22 +143,26 @@ def _either(on: bool, why: str, why_not: str) -> Effect:
     return Effect(on, why if on else why_not)
 
 
-def _light(f: Facts, once: bool) -> dict[str, Effect]:
-    """Emitters, and what stands in their way. once: paths are long enough for one event."""
+def _light(f: Facts, reached: bool) -> dict[str, Effect]:
+    """Emitters, and what stands in their way. reached: paths are long enough for an event."""
     kinds = ((f.distant, "distant"), (f.point, "point"), (f.area, "area"), (int(f.environment), "environment"))
     found = "emitters: " + (", ".join(f"{n} {kind}" for n, kind in kinds if n) or "none")
     dark = "there is no light"
-    others = f"{f.objects} other {'objects' if f.objects > 1 else 'object'}" if f.objects else "no other objects"
-    self_shadow = f.lit and f.shells + f.surfaces > 0 and not f.convex
-    convex = "the mesh is convex: it cannot shadow itself beyond the horizon" if f.lit else dark
+    others = f"{f.objects} other {'surfaces' if f.objects > 1 else 'surface'}" if f.objects else "no other surfaces"
+    self_shadow = f.lit and f.shells + f.surfaces > 0 and (not f.convex or f.low)
+    shadowing = "light may come from below the horizon of a face" if f.convex else "the mesh is not convex"
     return {
-        "direct_light": Effect(f.lit and once, found),
+        "direct_light": Effect(
+            f.lit and reached, found if reached or not f.lit else "paths end before their first event"
+        ),
         "environment": _either(f.environment, "an environment was given", "no environment"),
         "area_light": _either(f.area > 0, f"rays may meet {f.area} emitters", "no emitter nearby that a ray can meet"),
         "background": _either(
             f.environment and f.seen, "rays that leave the scene see the environment", "the background is transparent"
         ),
-        "mesh_shadow": _either(self_shadow, "the mesh is not convex", convex),
+        "mesh_shadow": _either(
+            self_shadow, shadowing, "the mesh is convex: it cannot shadow itself beyond the horizon" if f.lit else dark
+        ),
         "object_shadow": Effect(f.lit and f.objects > 0, others if f.lit else dark),
         "shell_shadow": _either(
             f.lit and f.shells > 0 and not f.alone,
@@ -192,8 +199,8 @@ def _bounces(f: Facts, quality: Quality, engine: Engine) -> Effect:
     share = f"surfaces meet surfaces in {f.enclosed:.0%} of directions"
     if not f.lit:
         return Effect(False, "there is no light")
-    if f.alone and not f.objects and f.dark:
-        return Effect(False, "one shell, on a convex mesh and dark ground: there is nothing to bounce from")
+    if f.alone and not f.objects and f.ground <= quality.dark_ground:
+        return Effect(False, "one shell, on a convex mesh and dark ground: there is little to bounce from")
     if not engine.draws:
         return _either(f.enclosed > ENCLOSED, share, f"{share}: little light goes from one to another")
     if quality.max_depth <= 2:
@@ -209,16 +216,16 @@ def _roulette(f: Facts, quality: Quality, engine: Engine, bounces: bool) -> Effe
     return Effect(True, f"paths end by chance from length {quality.rr_depth} on")
 
 
-def _quadrature(f: Facts, engine: Engine, once: bool) -> Effect:
+def _quadrature(f: Facts, engine: Engine, one_event: bool) -> Effect:
     if not f.shells:
         return Effect(False, "no shells")
     if not engine.draws:
         return Effect(True, "all samples of a ray are summed")
-    sums = f.alone and once and f.distant > 0 and not (f.point or f.area or f.environment)
+    sums = f.alone and one_event and f.distant > 0 and not (f.point or f.area or f.environment)
     return _either(
         sums,
         "distant lights, one event: all samples of a ray are summed, with little noise",
-        "paths go on, or light is not distant: collisions are drawn",
+        "paths go on, or light is not distant alone: collisions are drawn" if f.lit else "there is no light",
     )
 
 
@@ -232,18 +239,20 @@ def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: En
         return Effect(True, "footprints open at an event")
     if f.coarsest > 1:
         return Effect(True, f"footprints reach {f.coarsest:.1f} texels")
-    spaced = f.rows / (3**0.5 * quality.samples)
+    if quality.anisotropy > 1:
+        return Effect(True, "taps lie along footprints, whose long side has no bound")
+    if not f.alone or quality.spacing != "length":
+        return Effect(True, "how far apart samples lie in height has no bound")
+    spaced = 2 * f.rows / (3**0.5 * quality.samples)  # a ray goes down and comes up again at most
     if spaced > 1:
-        return Effect(
-            True, f"samples of a ray that crosses a shell once are {spaced:.1f} rows of its height feature wide"
-        )
+        return Effect(True, f"samples stand for up to {spaced:.1f} rows of the height feature")
     return Effect(False, f"footprints reach {f.coarsest:.2g} texels at most: the finest level everywhere")
 
 
 def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str, object]:
     """The fields that bear on a picture with these effects by this engine, and their values; others do not apply."""
     shells, surfaces, paths, sums = effects.shells.on, effects.surface_materials.on, engine.draws, effects.quadrature.on
-    opens = effects.bounces.on or effects.area_light.on or effects.environment.on
+    lit, opens = effects.direct_light.on, effects.bounces.on or effects.area_light.on or effects.environment.on
     applies = {
         "pixel_samples": not paths,
         "samples": shells,
@@ -251,16 +260,17 @@ def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str
         "coordinates": shells,
         "early_stop": shells or not paths,
         "skip": shells,
-        "weight_cut": sums,
+        "weight_cut": sums and lit,
         "filtering": shells,
         "anisotropy": effects.filtering.on,
-        "visibility": sums,
+        "visibility": sums and lit and (effects.mesh_shadow.on or effects.object_shadow.on),
         "environment_samples": effects.environment.on and not paths,
-        "base_samples": shells and not paths,
+        "base_samples": shells and lit and not paths,
         "spp": paths,
-        "max_depth": paths,
+        "max_depth": paths and (effects.bounces.on or quality.max_depth <= 2),
         "rr_depth": effects.roulette.on,
-        "bounce_spread": paths and opens,
+        "dark_ground": paths and shells,
+        "bounce_spread": paths and lit and opens,
         "twin": effects.twin.why != NO_TWIN,
         "curvature_filter": surfaces,
         "curve_length": surfaces and quality.curvature_filter in ("curve", "unscaled"),

@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 
-#: Albedo up to which what is under a shell lights it by less than a hundredth.
-DARK = 0.1
-
 
 @dataclass(frozen=True)
 class TwinFacts:
@@ -23,8 +20,9 @@ class Facts:
     shells, surfaces: how many meshes carry a shell, and a surface material; objects: other surfaces. distant, point, area:
     emitters without extent far away, without extent nearby, and those that a ray can meet; environment: there is one, and seen:
     it is seen behind the scene. convex: no part of a mesh can shadow another of it. enclosed: mean share of the directions
-    from a surface that meet a surface again, of the mesh or object where it is largest; 0 only where nothing can. dark: what
-    is under the shells reflects a tenth at most, diffusely. coarsest: the largest footprint in texels that a camera can have on
+    from a surface that meet a surface again, of the mesh or object where it is largest; 0 only where nothing can. low:
+    light may come from below the horizon of a shell's face. ground: albedo of what is under the shells, 1 where it does more
+    than reflect diffusely. coarsest: the largest footprint in texels that a camera can have on
     the shells (one standard deviation to either side); rows: of their height features. inside: a camera may be in a shell.
     varying: names of parameters of appearance that vary over the surface; shaped: so does geometry. passable: rays may pass
     the surface materials.
@@ -40,7 +38,8 @@ class Facts:
     seen: bool = False
     convex: bool = False
     enclosed: float = 0.0
-    dark: bool = True
+    low: bool = False
+    ground: float = 0.0
     coarsest: float = 0.0
     rows: int = 0
     inside: bool = False

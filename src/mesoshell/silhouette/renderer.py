@@ -162,7 +162,9 @@ class _Tile:
         clock = time.perf_counter()
         local = self.dressed.queries(hits, rows, d, self.spread * t)
         if not lights:
-            return _opacity(self.scene.ready, local), np.zeros((len(rows), 3))
+            alpha = _opacity(self.scene.ready, local)
+            self.report.add("query", clock, queries=len(rows))
+            return alpha, np.zeros((len(rows), 3))
         toward = [np.einsum("hij,hj->hi", local.axes, beam.toward) for beam in lights]
         alpha, rho = _answered(self.scene.ready, local, np.stack(toward, axis=1))
         normal = self.dressed.facing(hits, rows, d)

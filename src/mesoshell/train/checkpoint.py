@@ -114,7 +114,9 @@ class Checkpoints:
             path = self.folder / str(step)
             warnings.warn(f"{path}: cannot be read, the checkpoint before it is taken: {fault}", stacklevel=3)
             if not self.reading:
-                path.rename(path.with_name(f"{UNREADABLE}.{step}"))
+                aside = path.with_name(f"{UNREADABLE}.{step}")
+                shutil.rmtree(aside, ignore_errors=True)  # the same step, torn once before
+                path.rename(aside)
         if faults and self.manager:
             self.manager.reload()
 

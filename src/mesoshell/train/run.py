@@ -107,8 +107,10 @@ def _begun(checkpoints: Checkpoints, begin: Any, lend: Callable[[Any], Any] | No
     if lend and not found:
         found = 0, lend(begin)
         checkpoints.save(*found)
-    done, state = received(found or (0, begin))
-    return int(done), state
+    good = -1 if found is None else found[0]
+    good, state = received((good, begin if found is None else found[1]))
+    checkpoints.last = None if good < 0 else int(good)
+    return max(int(good), 0), state
 
 
 def _due(saved: float) -> bool:

@@ -8,9 +8,11 @@ from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 import pytest
 from test_shell_direct import QUALITY
-from test_shell_paths import loaded, materials, scene, shell  # noqa: F401  (a fixture)
+from test_shell_paths import loaded, materials, placed, scene, shell  # noqa: F401  (a fixture)
+from test_worn import folder  # noqa: F401  (a fixture)
 
 from mesoshell.errors import InputError
 from mesoshell.render.effects import Effect
@@ -61,6 +63,23 @@ def test_a_convex_shell_under_the_sun_is_summed_however_deep_paths_may_go(materi
     assert beside.bounces.on and beside.object_shadow.on and not beside.quadrature.on
     white = shell(materials, "thin", asked={"inner": {"type": "diffuse"}})
     assert loaded(scene(white, light=SUN, depth=8)).integrator().world.effects.bounces.on
+
+
+def test_what_stands_beside_a_shell_is_not_forgotten(materials, folder) -> None:  # noqa: F811
+    """Its own ground shadows a mesh that wears a surface material; an instance may hold other meshes than the shell's."""
+    square = shell(materials, "thin")
+    worn = {"type": "obj", "filename": str(folder / "square.obj")}
+    worn["bsdf"] = {"type": "mesoshell", "material": str(folder / "half.npz"), "scale": 0.5}
+    assert loaded(scene(square, worn, light=SUN)).integrator().world.effects.object_shadow.on
+    group, instance = placed(materials, "thin", np.eye(4))
+    group["other"] = {"type": "rectangle"}
+    assert loaded(scene(group, instance, light=SUN)).integrator().world.effects.object_shadow.on
+
+
+def test_light_from_below_a_face_is_shadowed_by_a_convex_mesh(materials) -> None:  # noqa: F811
+    for direction, low in (([-0.3, 0.2, -1.0], False), ([-0.3, 0.2, 1.0], True), ([1.0, 0.0, 0.0], True)):
+        plan = loaded(scene(shell(materials, "thin"), light=SUN | {"direction": direction})).integrator().world.effects
+        assert plan.mesh_shadow.on == low
 
 
 def test_spacing_that_paths_do_not_have_is_refused(materials) -> None:  # noqa: F811

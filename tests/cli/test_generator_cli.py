@@ -189,8 +189,8 @@ def test_a_texture_is_a_material_of_its_own(material, tmp_path, capsys) -> None:
 def test_seeds_grow_on_a_mesh(material, tmp_path) -> None:
     def image(name: str, *more: object) -> np.ndarray:
         out = tmp_path / f"{name}.png"
-        given = ["render", MESH, "--material", material, "--size", 32, 32, "--quality", "draft", "--out", out, *more]
-        main([str(x) for x in given])
+        given = ["render", MESH, "--material", material, "--scale", 0.4, "--size", 32, 32, "--quality", "draft"]
+        main([str(x) for x in (*given, "--out", out, *more)])
         return read_png(out)
 
     a, b, c = image("a"), image("b", "--seed", 0), image("c", "--seed", 1, "--param", "age=5")
@@ -216,8 +216,8 @@ def test_images_vary_geometry_and_appearance(combed, tmp_path) -> None:
 
     def picture(name: str, *more: object) -> np.ndarray:
         out = tmp_path / f"{name}.png"
-        given = ["render", MESH, "--material", material, "--size", 32, 32, "--quality", "draft", "--out", out, *more]
-        main([str(x) for x in given])
+        given = ["render", MESH, "--material", material, "--scale", 0.4, "--size", 32, 32, "--quality", "draft"]
+        main([str(x) for x in (*given, "--out", out, *more)])
         return read_png(out)
 
     some = [("a",), ("b", "--param", f"length={image}"), ("c", "--param", f"age={image}"), ("d", "--param", "length=3")]

@@ -47,7 +47,7 @@ def test_an_image_without_a_row_is_kept_and_not_rendered_again(farm, tmp_path):
     rows = tmp_path / "d" / "samples.jsonl"
     rows.write_text("".join(rows.read_text().splitlines(keepends=True)[:1]) + '{"index": 1, "fi')
     (tmp_path / "d" / "images" / "000003.exr").unlink()
-    (tmp_path / "d" / "images" / "000003.exr.here-7.partial").write_bytes(b"half")
+    (tmp_path / "d" / "images" / ".000003.exr.0123456789abcdef.partial").write_bytes(b"half")
     report = farm(tmp_path / "d", 4, f"trace={trace}")
     assert (report.missing, len(report.logs)) == (3, 1)
     assert contents(tmp_path / "d") == whole

@@ -113,8 +113,12 @@ def test_the_engines_agree(name: str, changes: dict) -> None:
     rgb, mean = np.array(rgb).T.reshape(SIZE, SIZE, 3), expected[..., :3].mean()
     error = np.abs(rgb - expected[..., :3])
     assert mean > 1e-3
-    # texels that no filter blurs are crossed within a few hundred of float32's steps of (u, v)
-    assert error.mean() < (1e-4 if quality.filtering else 3e-4) * mean
-    assert np.quantile(error.max(axis=-1), 0.99) < 1e-3 * mean
+    loose = (
+        1 if quality.filtering else 10
+    )  # texels that no filter blurs are crossed within few of float32's steps of (u, v)
+    assert error.mean() < 1e-4 * loose * mean
+    assert np.quantile(error.max(axis=-1), 0.99) < 1e-3 * loose * mean
     free = ~np.array(met.is_valid()).reshape(SIZE, SIZE)
-    np.testing.assert_allclose(1 - np.array(through).reshape(SIZE, SIZE)[free], expected[..., 3][free], atol=2e-3)
+    np.testing.assert_allclose(
+        1 - np.array(through).reshape(SIZE, SIZE)[free], expected[..., 3][free], atol=2e-3 * loose
+    )

@@ -26,6 +26,8 @@ from mesoshell.pathtracer.quadrature import Ray
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.world import World
 from mesoshell.render.composite import weights
+from mesoshell.render.effects import PATHS, plan_effects
+from mesoshell.render.facts import Facts
 from mesoshell.render.light import environment
 from mesoshell.shell.extrude import extrude
 from mesoshell.shell.field import Field, Point
@@ -100,7 +102,8 @@ def flown(
     plate: Shells, bundle: Bundle, cosine: float, shift: float = 0.5, xi: np.ndarray = XI
 ) -> tuple[Flight, World]:
     """The path tracer's flights of DRAWS rays of a cosine, to where they collide by the uniform numbers ξ."""
-    world = World(plate, Media(plate, [Medium(Material(bundle), (0.5,))]), None, EVEN, None)
+    plan = plan_effects(Facts(shells=1, environment=True, convex=True), EVEN, PATHS)
+    world = World(plate, Media(plate, [Medium(Material(bundle), (0.5,))]), None, EVEN, plan)
     d = np.array([np.sqrt(1 - cosine**2), 0, -cosine])
     o, along = (mi.Vector3d(*map(float, x)) + dr.zeros(mi.Vector3d, DRAWS) for x in ((0.3, 0.2, 0) - 2 / cosine * d, d))
     far = dr.full(mi.Float64, 2 / cosine, DRAWS)  # the surface below

@@ -68,8 +68,8 @@ def test_a_convex_shell_under_the_sun_is_summed_however_deep_paths_may_go(materi
 def test_what_stands_beside_a_shell_is_not_forgotten(materials, folder) -> None:  # noqa: F811
     """Its own ground shadows a mesh that wears a surface material; an instance may hold other meshes than the shell's."""
     square = shell(materials, "thin")
-    worn = {"type": "obj", "filename": str(folder / "square.obj")}
-    worn["bsdf"] = {"type": "mesoshell", "material": str(folder / "half.npz"), "scale": 0.5}
+    bsdf = {"type": "mesoshell", "material": str(folder / "half.npz"), "scale": 0.5}
+    worn = {"type": "obj", "filename": str(folder / "square.obj"), "bsdf": bsdf}
     assert loaded(scene(square, worn, light=SUN)).integrator().world.effects.object_shadow.on
     group, instance = placed(materials, "thin", np.eye(4))
     group["other"] = {"type": "rectangle"}

@@ -20,7 +20,7 @@ from mesoshell.train.fit import FitConfig, State
 from mesoshell.train.holdout import score
 from mesoshell.train.loop import fit
 from mesoshell.train.rays import image_table, join, ray_table
-from mesoshell.train.snapshot import origin
+from mesoshell.io.dataset import origin
 
 
 def fit_to_bundle(options: Options) -> None:

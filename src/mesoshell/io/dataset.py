@@ -96,6 +96,12 @@ def read_dataset(folder: str | PathLike[str]) -> Dataset:
     return Dataset(folder, manifest["recipe"], manifest, samples, rows)
 
 
+def origin(dataset: Dataset) -> dict[str, Any]:
+    """What a material says of the renders that it was made from."""
+    kept = ("recipe", "version", "size", "samples_per_pixel", "seed", "fixed_parameters")
+    return {k: dataset.manifest[k] for k in kept if k in dataset.manifest} | {"images": len(dataset.samples)}
+
+
 def load_image(sample: Sample) -> Float32[np.ndarray, "H W 4"]:
     """One image. Raises InputError that names its file if it is unreadable, mis-sized or holds NaN."""
     image = _pixels(sample).astype(np.float32)

@@ -20,7 +20,7 @@ from mesoshell.shell.generated import Maker, generator_arrays, generator_fields,
 from mesoshell.shell.generator import Averages, synthesise, synthesise_height
 from mesoshell.shell.precision import decoder_error
 from mesoshell.texture import mip
-from mesoshell.train.fit import FitConfig, Parameters, layout_of, material_of
+from mesoshell.train.fit import Common, FitConfig
 from mesoshell.train.state import Learner, TrainConfig
 from mesoshell.typing import Array, Float
 
@@ -32,25 +32,27 @@ _PATCH = np.array([[0.0, 0.0], [1.0, 1.0]])
 
 def to_bundle(
     config: FitConfig,
-    parameters: Parameters,
+    common: Common,
+    feature: Float[Array, "H W C"],
     declared: tuple[Parameter, ...],
     provenance: dict,
 ) -> Bundle:
     """A bundle of kind `shell`. declared: the dataset's parameters; provenance: config, dataset, commit, metrics."""
-    layout = layout_of(config)
-    material = half(material_of(parameters))
+    layout = config.layout
+    levels = mip.build(feature), mip.build(common.height)
+    material = half(Material(*map(mip.pack, levels), common.decoder))
     grids = _grids(layout, material)
     said: dict[str, Any] = _excess(layout, material, grids)
-    flat = np.asarray(parameters.feature), np.asarray(parameters.height)[:, 0]
-    said["decoder_error"] = decoder_error(parameters.decoder, *flat, config.octaves)
+    flat = np.asarray(feature), np.asarray(common.height)[:, 0]
+    said["decoder_error"] = decoder_error(common.decoder, *flat, config.octaves)
     arrays: dict[str, np.ndarray] = {}
-    for i, level in enumerate(mip.build(parameters.feature)):
+    for i, level in enumerate(levels[0]):
         arrays[f"features/{i}"] = np.asarray(level, np.float16)
-    for i, level in enumerate(mip.build(parameters.height)):
+    for i, level in enumerate(levels[1]):
         arrays[f"height/{i}"] = np.asarray(level[:, 0], np.float16)
     for i, grid in enumerate(grids):
         arrays[f"grid/{i}"] = grid
-    arrays |= _decoder_arrays(parameters.decoder)
+    arrays |= decoder_arrays(common.decoder)
     return Bundle(
         kind="shell",
         texel_density=float(config.texels),
@@ -99,7 +101,7 @@ def generator_bundle(
         thickness=HEIGHT,
         colour_space="linear Rec. 709",
         provenance=provenance | said,
-        arrays=_decoder_arrays(learner.decoder) | generator_arrays(learner.generator, averages),
+        arrays=decoder_arrays(learner.decoder) | generator_arrays(learner.generator, averages),
         wraps=False,
         generator=generator_fields(config.generator),
     )
@@ -119,7 +121,7 @@ def _patch(
     return feature, synthesise_height(g, learner.generator, w)[0]
 
 
-def _decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:
+def decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:
     named = {f"trunk/{i}": x for i, x in enumerate(d.trunk)} | {f"head/{i}": x for i, x in enumerate(d.head)}
     named |= {"sigma": d.sigma, "rho": d.rho}
     kernels = {f"decoder/{k}/kernel": np.asarray(v.kernel, np.float32) for k, v in named.items()}

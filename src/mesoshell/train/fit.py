@@ -1,18 +1,24 @@
-"""Fit one material to renders of one fixed slab: features, height feature and decoder together.
+"""Fit patches to their renders: a feature texture each; one decoder and one height feature for all (an auto-decoder).
 
 Alphabet
-B, N, M     rays a step; candidate samples a ray; samples a step that are decoded
-s           position along a ray in canonical length, 0 to the length of its intervals
-occupancy   largest σ seen lately in each cell of (h, v, u): candidates in empty cells are not decoded
+K, G        patches; patches a step
+B, R, N     rows a step, each of rays of one patch; rays a row; candidate samples a ray
+s           position along a ray in canonical length
+occupancy   largest σ seen lately in each cell of (h, v, u) of a patch: candidates in empty cells are not decoded
 x, y        radiance; x/(1+x) of it, and alpha
+share       how much of the run is done, 0 to 1
 
-The model of a pixel is the renderer's: spread samples over the intervals in proportion to canonical length, filter,
-decode, sum optical depth, composite. Loss: mean squared error of x/(1+x) and alpha alike, to first order (`residual`). What
-helped and what did not is in `docs/fitting.md`.
+The model of a pixel is the renderer's: spread samples over the ray's part in the box, filter, decode, sum optical depth,
+composite. Loss: mean squared error of x/(1+x) and alpha alike, to first order (`residual`). What helped and what did not is
+in `docs/fitting.md`.
+
+With many patches a step sees G of them. The first FEW teach the decoder while `stand` lasts, then all do, at a rate that falls;
+after `settle` of the run the decoder stays as it is and textures alone go on, so that all are fitted to the same one.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -20,28 +26,37 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from mesoshell.errors import InputError
 from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import tonemap, weights
-from mesoshell.render.cone import cone_gaussian
 from mesoshell.shell import decoder as net
-from mesoshell.shell.decoder import Decoder, direction, init_decoder
+from mesoshell.shell.decoder import Decoder, init_decoder
 from mesoshell.shell.field import Layout, Material, Point, inputs, neural_field
 from mesoshell.texture import mip
-from mesoshell.texture.footprint import footprint
-from mesoshell.train.parallel import mean_gradient
-from mesoshell.train.rays import ImageTable, RayTable
-from mesoshell.typing import Array, Bool, Float, Key, Scalar
+from mesoshell.texture.mip import Pyramid
+from mesoshell.train.picture import PictureConfig, along
+from mesoshell.train.shots import Rays, Shots, rays_at
+from mesoshell.train.step import HERE, Across, not_finite
+from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 #: Samples a tile of the network: forward and backward pass of one tile stay in a core's cache.
 _TILE = 1024
 #: 1 − y of the brightest target and prediction that count as such: a firefly is of radiance 99 (renders of the recipe stay
 #: below 14), and a prediction never infinite.
 _FIREFLY, _DARKEST = 1e-2, 1e-6
+#: Patches that the decoder learns on at first.
+FEW = 4
+#: Cells of an occupancy along h, and at most along v and u; its layers that are looked at anew in a step; what old values keep.
+_DEPTH, _CELLS, _LAYERS, _FADE = 32, 64, 2, 0.8
+#: What cells hold until they have been seen.
+_UNSEEN = 1.5
 
 
 @dataclass(frozen=True)
 class FitConfig:
-    """Everything that a fit depends on beside the data. decoded: share of the candidates that a step has room to decode."""
+    """Everything that a fit depends on beside the data. batch, rays: B, R; group: most patches a step; decoded: share of the
+    candidates that a row has room to decode; rates fall to `final` of themselves; patches, appearance: K, and the number of α,
+    which follow from the data; kept: steps between snapshots."""
 
     texels: int = 256
     channels: int = 32
@@ -49,78 +64,215 @@ class FitConfig:
     octaves: int = 4
     trunk: tuple[int, ...] = (64, 64, 64)
     head: tuple[int, ...] = (64, 64)
-    rays: int = 2048
+    batch: int = 8
+    rays: int = 256
+    group: int = 4
     candidates: int = 96
     decoded: float = 0.45
     rate: float = 1e-2
     texture_rate: float = 3e-2
     final: float = 0.02
+    stand: float = 0.1
+    settle: float = 0.7
+    steps: int = 4000
+    kept: int = 1000
+    patches: int = 1
+    appearance: int = 0
     seed: int = 0
 
+    @property
+    def kimg(self) -> float:
+        """Length of the run, thousands of rows."""
+        return self.steps * self.batch / 1000
 
-class Parameters(NamedTuple):
-    """What is optimised. feature: (H, W, C); height: (R, 1, C)."""
+    @property
+    def snapshot_kimg(self) -> float:
+        return self.kept * self.batch / 1000
 
-    feature: Float[Array, "H W C"]
+    @property
+    def at_once(self) -> int:
+        """G."""
+        return min(self.group, self.patches, self.batch)
+
+    @property
+    def together(self) -> int:
+        """Rows of a step that show one patch, which are neighbours."""
+        return self.batch // self.at_once
+
+    @property
+    def layout(self) -> Layout:
+        sizes = mip.level_sizes(self.texels, self.texels)
+        return Layout(sizes, mip.level_sizes(self.height_rows, 1), float(self.texels), self.octaves)
+
+
+class Common(NamedTuple):
+    """What all patches share. height: F(h)."""
+
     height: Float[Array, "R 1 C"]
     decoder: Decoder
 
 
-class State(NamedTuple):
-    """A fit under way; a pytree of arrays, so that any checkpoint format holds it."""
+class Own(NamedTuple):
+    """What each patch has of its own: F(u, v), Adam's moments of it and its count of updates, and its occupancy."""
 
-    parameters: Parameters
-    optimiser: optax.OptState
-    occupancy: Float[Array, "D H W"]
-    step: Array
-
-
-def layout_of(config: FitConfig) -> Layout:
-    sizes = mip.level_sizes(config.texels, config.texels)
-    return Layout(sizes, mip.level_sizes(config.height_rows, 1), float(config.texels), config.octaves)
+    feature: Float[Array, "K H W C"]
+    adam: optax.ScaleByAdamState
+    occupancy: Float[Array, "K D V U"]
 
 
-def initialise(config: FitConfig, appearance: int) -> Parameters:
-    """Small random features and a He-initialised decoder. appearance: number of α parameters."""
-    keys = jax.random.split(jax.random.key(config.seed), 3)
-    c = config.channels
-    inputs = c + 1 + 2 * config.octaves + appearance
-    return Parameters(
-        feature=0.1 * jax.random.normal(keys[0], (config.texels, config.texels, c), jnp.float32),
-        height=0.1 * jax.random.normal(keys[1], (config.height_rows, 1, c), jnp.float32),
-        decoder=init_decoder(keys[2], inputs, config.trunk, config.head),
+class FitState(NamedTuple):
+    """A fit under way; a pytree of arrays. images: rows seen."""
+
+    common: Common
+    common_adam: optax.OptState
+    own: Own
+    step: Int[Array, ""]
+    images: Int[Array, ""]
+
+
+class FitReport(NamedTuple):
+    """Mean squared error; share of the budget for decoding that was wanted; which leaves of the gradients are not finite."""
+
+    error: Scalar
+    wanted: Scalar
+    bad: Bool[Array, "_leaves"]
+
+
+def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
+    """The configuration for the data. Raises InputError if rows of a step do not come out even."""
+    config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1])
+    if config.batch % config.at_once:
+        raise InputError("batch", f"{config.batch} rows do not come evenly from {config.at_once} patches")
+    return config, shots
+
+
+def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
+    """This host's rows of step i. Raises InputError if hosts cannot share them."""
+    if config.batch % hosts:
+        raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
+    mine = range(host * config.batch // hosts, (host + 1) * config.batch // hosts)
+
+    def at(step: int) -> Rays:
+        few = max(FEW, config.at_once) if step < config.stand * config.steps else config.patches
+        drawn = np.random.default_rng([config.seed, step])
+        group = drawn.permutation(min(few, config.patches))[: config.at_once]
+        keys = drawn.integers(0, 2**32, (config.batch, 2), np.uint32)
+        rows = []
+        for row in mine:
+            patch = group[row // config.together]
+            random = np.random.default_rng([config.seed, step, row])
+            pixels = shots.learned[patch]
+            rows.append(rays_at(shots, pixels[random.integers(len(pixels), size=config.rays)], patch, keys[row]))
+        return Rays(*(np.stack(column) for column in zip(*rows, strict=True)))
+
+    return at
+
+
+def start(config: FitConfig, key: Key[Array, ""]) -> FitState:
+    """Small random features and a He-initialised decoder."""
+    keys = jax.random.split(key, 3)
+    c, side = config.channels, config.texels
+    decoder = init_decoder(keys[2], c + 1 + 2 * config.octaves + config.appearance, config.trunk, config.head)
+    common = Common(0.1 * jax.random.normal(keys[1], (config.height_rows, 1, c), jnp.float32), decoder)
+    feature = 0.1 * jax.random.normal(keys[0], (config.patches, side, side, c), jnp.float32)
+    cells = min(_CELLS, side)
+    occupancy = jnp.full((config.patches, _DEPTH, cells, cells), _UNSEEN, jnp.float32)
+    own = Own(feature, jax.vmap(_adam().init)(feature), occupancy)
+    return FitState(common, _adam().init(common), own, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+
+
+def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE) -> tuple[FitState, FitReport]:
+    """One update of the decoder, and of the textures that the rows show. Pure."""
+    group = batch.patch[:: config.together]
+    own = jax.tree.map(lambda x: x[group], state.own)
+
+    def loss(learned: tuple[Common, Array]) -> tuple[Scalar, Scalar]:
+        common, feature = learned
+        rows = jax.tree.map(lambda x: jnp.repeat(x, config.together, axis=0), (_pyramids(feature), own.occupancy))
+        height = mip.pack(mip.build(common.height))
+        row = partial(_row_loss, config, height, common.decoder)
+        error, wanted = across.each(row)(*rows, batch)
+        return jnp.mean(error), jnp.mean(wanted)
+
+    (error, wanted), gradient = jax.value_and_grad(loss, has_aux=True)((state.common, own.feature))
+    for_common, error, wanted = across.mean((gradient[0], error, wanted))
+    bad = not_finite((for_common, gradient[1]))
+    if across.everyone is not None:
+        everyone = across.everyone
+        group, own, for_own = jax.tree.map(lambda x: everyone(x)[0], (group, own, gradient[1]))
+        bad = not_finite((for_common, for_own))
+    else:
+        for_own = gradient[1]
+    share = state.step.astype(error.dtype) / config.steps
+    fall = config.final**share
+    settled = (share >= config.settle) & (config.patches > 1)
+    common, common_adam = _moved(
+        jnp.where(settled, 0.0, config.rate * fall), state.common, state.common_adam, for_common
     )
+    feature, adam = jax.vmap(partial(_moved, config.texture_rate * fall))(own.feature, own.adam, for_own)
+    keys = jax.vmap(lambda k: jax.random.fold_in(jax.random.key(config.seed), k))(own.adam.count * config.patches + group)
+    look = partial(_looked, config, common, batch.alpha.reshape(-1, config.appearance))
+    occupancy = across.each(look)(feature, own.occupancy, own.adam.count, keys)
+    own = jax.tree.map(lambda all_, new: all_.at[group].set(new), state.own, Own(feature, adam, occupancy))
+    rows = group.shape[0] * config.together
+    new = FitState(common, common_adam, own, state.step + 1, state.images + rows)
+    return new, FitReport(error, wanted, bad)
 
 
-def material_of(parameters: Parameters) -> Material:
+def _adam() -> optax.GradientTransformation:
+    return optax.scale_by_adam(0.9, 0.99)
+
+
+def _moved(rate: Scalar, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, memory = _adam().update(gradient, memory)
+    return jax.tree.map(lambda x, u: x - rate * u, tree, updates), memory
+
+
+def _pyramids(feature: Float[Array, "G H W C"]) -> Pyramid:
     """Pyramids built from the finest level, as a generator's texture will be."""
-    texture, height = (mip.pack(mip.build(x)) for x in (parameters.feature, parameters.height))
-    return Material(texture, height, parameters.decoder)
+    return jax.vmap(lambda f: mip.pack(mip.build(f)))(feature)
 
 
-class Candidates(NamedTuple):
-    """Samples along rays, (B, N, …): ξ, canonical length each stands for, r, σ_h."""
+def _row_loss(
+    config: FitConfig, height: Pyramid, decoder: Decoder, texture: Pyramid, occupancy: Array, row: Rays
+) -> tuple[Scalar, Scalar]:
+    """Mean squared error over the rays that had all their candidates decoded, and the share of the budget wanted."""
+    jitter = jax.random.uniform(jax.random.wrap_key_data(row.key), (config.rays, config.candidates), jnp.float32)
+    jitter = jitter.astype(row.target.dtype)
+    y, complete, wanted = predict(config, Material(texture, height, decoder), row, occupancy, jitter)
+    error = jnp.mean(jnp.square(residual(y, row.target)), axis=1)
+    return jnp.sum(jnp.where(complete, error, 0.0)) / jnp.maximum(jnp.sum(complete, dtype=error.dtype), 1), wanted
 
-    xi: Float[Array, "*batch 3"]
-    length: Float[Array, "*batch"]
-    radius: Float[Array, "*batch"]
-    deviation: Float[Array, "*batch"]
 
-
-def spread(t: Float[Array, "2 2"], xi: Float[Array, "2 2 3"], d: Array, cone: Scalar, jitter: Array) -> Candidates:
-    """Samples of one ray in the unit box (J = 1), at equal canonical spacing, each jittered within its share."""
-    n = jitter.shape[0]
-    lengths = jnp.linalg.norm(xi[:, 1] - xi[:, 0] + 1e-12, axis=-1)
-    total = jnp.sum(lengths)
-    s = (jnp.arange(n, dtype=jitter.dtype) + jitter) / n * total
-    second = (s > lengths[0]).astype(jnp.int32)
-    share = jnp.clip((s - jnp.where(second == 1, lengths[0], 0.0)) / (lengths[second] + 1e-9), 0, 1)
-    distance = t[second, 0] + share * (t[second, 1] - t[second, 0])
-    points = xi[second, 0] + share[:, None] * (xi[second, 1] - xi[second, 0])
-    half = total / n / 2
-    g = jax.vmap(cone_gaussian, in_axes=(0, 0, None))(jnp.maximum(distance - half, 0), distance + half, cone)
-    f = jax.vmap(footprint, in_axes=(None, None, 0, 0))(jnp.eye(3), d, g.along, g.across)
-    return Candidates(points, jnp.full(n, total / n), f.minor, f.height)
+def predict(
+    config: FitConfig, material: Material, row: Rays, occupancy: Array, jitter: Float[Array, "R N"]
+) -> tuple[Float[Array, "R 4"], Bool[Array, "R"], Scalar]:
+    """y of every ray, which rays had all their occupied candidates decoded, and the share of the budget wanted."""
+    r, n = jitter.shape
+    spread = partial(along, PictureConfig(samples=n))
+    points, length = jax.vmap(spread)(row.origin, row.direction, row.radius, jitter)
+    flat = jax.tree.map(lambda x: x.reshape(r * n, *x.shape[2:]), points)
+    lengths = jnp.repeat(length, n)
+    wide = flat.radius > 1 / occupancy.shape[1]  # a filter wider than a cell sees its neighbours
+    depth = occupancy.reshape(-1)[cell_of(flat.xi, occupancy.shape)] * lengths
+    occupied = wide | (depth > 5e-3) | (config.decoded >= 1)
+    budget = max(_TILE, int(config.decoded * r * n) // _TILE * _TILE)
+    (chosen,) = jnp.nonzero(occupied, size=budget, fill_value=r * n - 1)
+    wanted = jnp.sum(occupied)
+    valid = jnp.arange(budget) < wanted
+    ray = chosen // n
+    complete = (wanted <= budget) | (jnp.arange(r) < ray[-1])
+    some = Point(flat.xi[chosen], flat.radius[chosen], flat.height_deviation[chosen], row.alpha[ray])
+    x = jax.vmap(inputs, in_axes=(None, None, 0))(material, config.layout, some)
+    sigma, rho = decode(material.decoder, x, -row.direction[ray], row.light[ray])
+    tau = jnp.where(valid, optical_depth(sigma, lengths[chosen]), 0.0)
+    taus = jnp.zeros(r * n, tau.dtype).at[chosen].add(tau).reshape(r, n)
+    share, through = jax.vmap(weights)(taus)
+    radiance = jnp.where(valid, share.reshape(-1)[chosen], 0.0)[:, None] * rho * row.irradiance[ray]
+    colour = jnp.zeros((r, 3), radiance.dtype).at[ray].add(radiance)
+    y = jnp.concatenate([tonemap(colour), 1 - through[:, None]], axis=1)
+    return y, complete, wanted.astype(y.dtype) / budget
 
 
 def cell_of(xi: Float[Array, "*batch 3"], shape: tuple[int, ...]) -> Array:
@@ -131,15 +283,6 @@ def cell_of(xi: Float[Array, "*batch 3"], shape: tuple[int, ...]) -> Array:
     v = jnp.clip((uv[..., 1] * rows).astype(jnp.int32), 0, rows - 1)
     h = jnp.clip((xi[..., 2] * depth).astype(jnp.int32), 0, depth - 1)
     return (h * rows + v) * columns + u
-
-
-class Batch(NamedTuple):
-    """Rays of a step, with their images' lights looked up."""
-
-    rays: RayTable
-    light: Float[Array, "B 3"]
-    irradiance: Float[Array, "B 3"]
-    alpha: Float[Array, "B A"]
 
 
 def decode(decoder: Decoder, x: Array, w: Array, light: Array) -> tuple[Array, Array]:
@@ -154,40 +297,6 @@ def decode(decoder: Decoder, x: Array, w: Array, light: Array) -> tuple[Array, A
     return sigma.reshape(-1), rho.reshape(-1, 3)
 
 
-def predict(
-    config: FitConfig, parameters: Parameters, batch: Batch, occupancy: Array, jitter: Array
-) -> tuple[Float[Array, "B 4"], Bool[Array, "B"], Scalar]:
-    """y of every ray, which rays had all their occupied candidates decoded, and the share of the budget wanted."""
-    b, n = jitter.shape
-    r = batch.rays
-    all_ = jax.vmap(spread)(r.t, r.xi, r.direction, r.radius, jitter)
-    flat = jax.tree.map(lambda x: x.reshape(b * n, *x.shape[2:]), all_)
-    wide = flat.radius > 1 / occupancy.shape[1]  # a filter wider than a cell sees its neighbours
-    depth = occupancy.reshape(-1)[cell_of(flat.xi, occupancy.shape)] * flat.length
-    occupied = wide | (depth > 5e-3) | (config.decoded >= 1)
-    budget = int(config.decoded * b * n) // _TILE * _TILE
-    (chosen,) = jnp.nonzero(occupied, size=budget, fill_value=b * n - 1)
-    wanted = jnp.sum(occupied)
-    valid = jnp.arange(budget) < wanted
-    some = jax.tree.map(lambda x: x[chosen], flat)
-    ray = chosen // n
-    complete = (wanted <= budget) | (jnp.arange(b) < ray[-1])
-    points = Point(some.xi, some.radius, some.deviation, batch.alpha[ray])
-    x = jax.vmap(inputs, in_axes=(None, None, 0))(material_of(parameters), layout_of(config), points)
-    w = jax.vmap(direction, in_axes=(None, 0))(jnp.eye(3), -r.direction[ray])
-    sigma, rho = decode(parameters.decoder, x, w, batch.light[ray])
-    tau = jnp.where(valid, optical_depth(sigma, some.length), 0.0)
-    taus = jnp.zeros(b * n).at[chosen].add(tau).reshape(b, n)
-    share, transmittance = jax.vmap(weights)(taus)
-    radiance = jnp.where(valid, share.reshape(-1)[chosen], 0.0)[:, None] * rho * batch.irradiance[ray]
-    colour = jnp.zeros((b, 3)).at[ray].add(radiance)
-    return (
-        jnp.concatenate([tonemap(colour), 1 - transmittance[:, None]], axis=1),
-        complete,
-        wanted.astype(jnp.float32) / budget,
-    )
-
-
 def residual(y: Float[Array, "*batch 4"], target: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     """What the loss squares: (x − x̂) / (1 + x)², with a denominator that has no gradient, and what alpha is off.
 
@@ -199,78 +308,21 @@ def residual(y: Float[Array, "*batch 4"], target: Float[Array, "*batch 4"]) -> F
     return jnp.concatenate([colour, y[..., 3:] - target[..., 3:]], axis=-1)
 
 
-def optimiser(config: FitConfig, steps: int) -> optax.GradientTransformation:
-    """Adam with an exponential decay to `final` of the rate; textures learn faster than the network."""
-
-    def adam(rate: float) -> optax.GradientTransformation:
-        return optax.adam(optax.exponential_decay(rate, steps, config.final), 0.9, 0.99)
-
-    net, maps = adam(config.rate), adam(config.texture_rate)
-    labels: Any = ("map", "map", "net")
-    return optax.multi_transform({"net": net, "map": maps}, Parameters(*labels))
-
-
-def make_step(config: FitConfig, images: ImageTable, steps: int) -> Callable:
-    """(State, RayTable of B rays, key) → (State, mean squared error, budget used), compiled."""
-    transform = optimiser(config, steps)
-    light, irradiance, alpha = (jnp.asarray(x) for x in images)
-
-    def loss(p: Parameters, occupancy: Array, split: tuple[RayTable, Array]) -> tuple[Scalar, Scalar]:
-        rays, jitter = split
-        batch = Batch(rays, light[rays.image], irradiance[rays.image], alpha[rays.image])
-        y, complete, used = predict(config, p, batch, occupancy, jitter)
-        error = jnp.mean(jnp.square(residual(y, rays.target)), axis=1)
-        return jnp.sum(jnp.where(complete, error, 0.0)) / jnp.sum(complete, dtype=error.dtype), used
-
-    gradient_of = mean_gradient(loss)
-
-    @jax.jit
-    def step(state: State, rays: RayTable, key: Key[Array, ""]) -> tuple[State, Scalar, Scalar]:
-        jitter = jax.random.uniform(key, (rays.image.shape[0], config.candidates))
-        (error, used), gradient = gradient_of(state.parameters, state.occupancy, (rays, jitter))
-        with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-            updates, inner = transform.update(gradient, state.optimiser, state.parameters)
-        parameters: Any = optax.apply_updates(state.parameters, updates)
-        return State(parameters, inner, state.occupancy, state.step + 1), error, used
-
-    return step
-
-
-def make_refresh(config: FitConfig, images: ImageTable) -> Callable:
-    """(State, key) → State with the occupancy renewed: old values fade, and one random point a cell is looked at."""
-    layout = layout_of(config)
-    alphas = jnp.asarray(images.alpha)
-
-    @jax.jit
-    def refresh(state: State, key: Key[Array, ""]) -> State:
-        shape = state.occupancy.shape
-        k = jax.random.split(key, 2)
-        h, v, u = jnp.meshgrid(*(jnp.arange(s, dtype=jnp.float32) for s in shape), indexing="ij")
-        corner = jnp.stack([u, v, h], axis=-1).reshape(-1, 3)
-        xi = (corner + jax.random.uniform(k[0], corner.shape)) / jnp.array([shape[::-1]], jnp.float32)
-        alpha = alphas[jax.random.randint(k[1], (xi.shape[0],), 0, alphas.shape[0])]
-        field = neural_field(material_of(state.parameters), layout)
-        zero = jnp.zeros(xi.shape[0])
-        sigma = jax.lax.map(lambda p: field.density(p)[0], Point(xi, zero, zero, alpha), batch_size=4096)
-        return state._replace(occupancy=jnp.maximum(0.8 * state.occupancy, sigma.reshape(shape)))
-
-    return refresh
-
-
-def start(config: FitConfig, images: ImageTable, steps: int) -> State:
-    parameters = initialise(config, images.alpha.shape[1])
-    full = jnp.full((32, 64, 64), 3.0, jnp.float32)  # everything is occupied until it has been seen empty
-    return State(parameters, optimiser(config, steps).init(parameters), full, jnp.zeros((), jnp.int32))
-
-
-def batches(config: FitConfig, table: RayTable, begin: int = 0) -> Iterator[RayTable]:
-    """Random batches without end, each pass over the rays in a new order. begin: how many have been used before."""
-    count = len(table.image)
-    size = min(config.rays, count)
-    per_pass = count // size
-    number = begin
-    while True:
-        order = np.random.default_rng((config.seed, number // per_pass)).permutation(count)
-        for i in range(number % per_pass, per_pass):
-            yield RayTable(*(x[order[i * size : (i + 1) * size]] for x in table))
-            number += 1
+def _looked(
+    config: FitConfig, common: Common, alphas: Array, feature: Array, occupancy: Array, count: Array, key: Array
+) -> Float[Array, "D V U"]:
+    """An occupancy, _LAYERS of it renewed in turn: old values fade, and one random point a cell is looked at, with the
+    appearance of any ray."""
+    depth, rows, columns = occupancy.shape
+    first = count * _LAYERS % depth
+    some = jax.lax.dynamic_slice_in_dim(occupancy, first, _LAYERS)
+    h, v, u = jnp.meshgrid(*(jnp.arange(s, dtype=feature.dtype) for s in some.shape), indexing="ij")
+    corner = jnp.stack([u, v, h + first.astype(feature.dtype)], axis=-1).reshape(-1, 3)
+    at = corner + jax.random.uniform(key, corner.shape, jnp.float32).astype(feature.dtype)
+    xi = at / jnp.array([columns, rows, depth], feature.dtype)
+    material = Material(mip.pack(mip.build(feature)), mip.pack(mip.build(common.height)), common.decoder)
+    field = neural_field(material, config.layout)
+    zero = jnp.zeros((), feature.dtype)
+    alpha = alphas[jax.random.permutation(jax.random.fold_in(key, 1), len(xi)) % len(alphas)]
+    sigma = jax.lax.map(lambda x: field.density(Point(x[0], zero, zero, x[1]))[0], (xi, alpha), batch_size=4096)
+    return jax.lax.dynamic_update_slice_in_dim(occupancy, jnp.maximum(_FADE * some, sigma.reshape(some.shape)), first, 0)

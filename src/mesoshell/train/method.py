@@ -17,6 +17,8 @@ from mesoshell.io.patches import Patches, read_patches
 from mesoshell.train import (
     atlas,
     atlas_snapshot,
+    fit,
+    fit_snapshot,
     parametric,
     parametric_snapshot,
     photographed,
@@ -27,11 +29,12 @@ from mesoshell.train import (
     surface_snapshot,
 )
 from mesoshell.train.parametric import ParametricConfig
+from mesoshell.train.shots import Shots, shots_of
 from mesoshell.train.state import TrainConfig, TrainState
 from mesoshell.train.stream import RunConfig, fitted, fitted_parametric, renders
 
 #: What runs learn from.
-Data = Dataset | Patches | Capture
+Data = Dataset | Patches | Capture | Shots
 
 
 class Method(NamedTuple):
@@ -113,11 +116,25 @@ ATLAS = Method(
     sheet=atlas_snapshot.sheet,
     painter=atlas_snapshot.painter,
 )
+FIT = Method(
+    read=lambda config, data: shots_of([read_dataset(data["folder"])]),
+    fitted=fit.fitted,
+    feed=fit.feed,
+    start=fit.start,
+    step=fit.step,
+    parts=lambda state: {"shared": state.common, "textures": state.own.feature},
+    together=lambda config: config.together,
+    losses=("error",),
+    save=fit_snapshot.save,
+    sheet=fit_snapshot.sheet,
+    painter=fit_snapshot.painter,
+)
 _OF: dict[type, Method] = {
     TrainConfig: GAN,
     ParametricConfig: NERF_TEX,
     surface.SurfaceTraining: SURFACE,
     atlas.AtlasTraining: ATLAS,
+    fit.FitConfig: FIT,
 }
 
 

@@ -21,7 +21,9 @@ from mesoshell.io.patches import Patches
 from mesoshell.io.records import read_object, read_rows
 from mesoshell.io.whole import replace_file
 from mesoshell.train.atlas import AtlasTraining
+from mesoshell.train.fit import FitConfig
 from mesoshell.train.parametric import ParametricConfig
+from mesoshell.train.shots import Shots
 from mesoshell.train.state import TrainConfig
 from mesoshell.train.stream import RunConfig
 from mesoshell.train.surface import SurfaceTraining
@@ -31,6 +33,7 @@ METHODS: dict[str, type[RunConfig]] = {
     "nerf_tex": ParametricConfig,
     "surface": SurfaceTraining,
     "atlas": AtlasTraining,
+    "fit": FitConfig,
 }
 #: Of a dataset's manifest, what says which data a run was begun with.
 KEPT = (
@@ -55,7 +58,7 @@ MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 
 def keep_record(
-    config: RunConfig, dataset: Dataset | Patches | Capture, folder: Path, transfer: Path | None = None
+    config: RunConfig, dataset: Dataset | Patches | Capture | Shots, folder: Path, transfer: Path | None = None
 ) -> None:
     """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, but for
     MAY_CHANGE, and began with its own weights or another run's, which need not be said again. A field younger than the

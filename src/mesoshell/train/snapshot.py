@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.checkout import commit
-from mesoshell.io.dataset import Dataset
+from mesoshell.io.dataset import Dataset, origin
 from mesoshell.io.image import tonemap
 from mesoshell.io.sheet import tiled
 from mesoshell.shell.generated import maker_of
@@ -50,12 +50,6 @@ def painter(config: TrainConfig, path: Path) -> Callable[[Shown], Float[np.ndarr
 def provenance(config: TrainConfig | ParametricConfig, dataset: Dataset, images: int) -> dict:
     """Where a snapshot comes from."""
     return {"config": asdict(config), "dataset": origin(dataset), "commit": commit(), "images": images}
-
-
-def origin(dataset: Dataset) -> dict:
-    """What a bundle says of the renders that it was made from."""
-    kept = ("recipe", "version", "size", "samples_per_pixel", "seed", "fixed_parameters")
-    return {k: dataset.manifest[k] for k in kept if k in dataset.manifest} | {"images": len(dataset.samples)}
 
 
 def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.ndarray, "h w 3"]:

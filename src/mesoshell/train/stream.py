@@ -19,6 +19,7 @@ from mesoshell.io.dataset import Dataset
 from mesoshell.shell.discriminator import GROUP
 from mesoshell.train.atlas import AtlasTraining
 from mesoshell.train.feed import Feed, take
+from mesoshell.train.fit import FitConfig
 from mesoshell.train.generate import Shown
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.picture import PictureConfig
@@ -26,7 +27,7 @@ from mesoshell.train.state import TrainConfig, sized
 from mesoshell.train.surface import SurfaceTraining
 
 #: What a run, of any method, depends on beside the data.
-RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining
+RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining | FitConfig
 #: The name of the seed among parameters; not one that a recipe could use.
 SEED = "geometry seed"
 

@@ -1,0 +1,84 @@
+"""Exemplars: feature textures of many patches under one decoder, in one NAME.npz (standard library and NumPy only; floor 2).
+
+symbol   meaning                                                       shape
+K        patches
+features F(u, v) of each, half precision; wraps around                 (K, H, W, C)
+height   F(h), of all                                                  (R, C)
+beta     geometry parameters of each, mapped to [0, 1]                 (K, G)
+decoder  as a bundle's arrays have it                                  decoder/…, sigma_scale
+
+manifest.json (a uint8 array: UTF-8 text of one JSON object): kind "exemplars"; height_octaves; parameters and provenance as in
+a bundle (io/bundle).
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.archive import read_arrays, read_heads, write_arrays
+from mesoshell.io.bundle import Parameter
+from mesoshell.io.records import parsed
+
+_MANIFEST = "manifest.json"
+_FIELDS = {"kind", "height_octaves", "parameters", "provenance"}
+
+
+@dataclass(frozen=True, eq=False)
+class Exemplars:
+    """Fitted patches. decoder: the arrays of a bundle's decoder; parameters: of the dataset, α and β."""
+
+    features: Float[np.ndarray, "K H W C"]
+    height: Float[np.ndarray, "R C"]
+    beta: Float[np.ndarray, "K G"]
+    decoder: dict[str, np.ndarray]
+    height_octaves: int
+    parameters: tuple[Parameter, ...]
+    provenance: dict[str, Any]
+
+
+def write_exemplars(path: str | PathLike[str], exemplars: Exemplars) -> None:
+    """Write the file, whole or not at all. Raises InputError if it cannot be written."""
+    manifest = {
+        "kind": "exemplars",
+        "height_octaves": exemplars.height_octaves,
+        "parameters": [asdict(p) for p in exemplars.parameters],
+        "provenance": exemplars.provenance,
+    }
+    arrays = {
+        "features": exemplars.features.astype(np.float16),
+        "height": exemplars.height.astype(np.float16),
+        "beta": exemplars.beta.astype(np.float32),
+    }
+    text = np.frombuffer(json.dumps(manifest, indent=1, allow_nan=False).encode(), np.uint8)
+    write_arrays(path, {_MANIFEST: text} | arrays | exemplars.decoder)
+
+
+def read_exemplars(path: str | PathLike[str]) -> Exemplars:
+    """Read and check exemplars. Raises InputError, one line, on any fault."""
+    heads = read_heads(path)
+    wanted = {"features": 4, "height": 2, "beta": 2, _MANIFEST: 1, "sigma_scale": 0}
+    for key, axes in wanted.items():
+        if key not in heads or len(heads[key][0]) != axes:
+            raise InputError(path, f"has no array {key} of {axes} axes: not exemplars")
+    arrays = read_arrays(path, heads)
+    manifest = parsed(path, arrays.pop(_MANIFEST).tobytes(), f"{_MANIFEST} is ")
+    if not isinstance(manifest, dict) or manifest.keys() != _FIELDS or manifest["kind"] != "exemplars":
+        raise InputError(path, f"{_MANIFEST} is not that of exemplars")
+    try:
+        parameters = tuple(Parameter(**p | {"range": tuple(p["range"])}) for p in manifest["parameters"])
+    except (TypeError, KeyError) as error:
+        raise InputError(path, f"{_MANIFEST}: parameters: {error}") from None
+    for key, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise InputError(path, f"array {key} has NaN or infinite values")
+    features, height, beta = (arrays.pop(key) for key in ("features", "height", "beta"))
+    patches, rows, columns, channels = features.shape
+    if rows != columns or rows & (rows - 1) or len(beta) != patches or height.shape[1] != channels:
+        raise InputError(path, f"features, height and beta do not fit: {features.shape}, {height.shape}, {beta.shape}")
+    octaves, provenance = manifest["height_octaves"], manifest["provenance"]
+    return Exemplars(features, height, beta, arrays, octaves, parameters, provenance)

@@ -1,0 +1,156 @@
+"""Pictures of patches as rays: which patch each shows, which pixels meet the unit box, and the rows of a step.
+
+Alphabet
+K, N        patches, and pictures of all of them
+patch       a geometry: a recipe at a version, an instance, and its β; datasets that share it add pictures to it
+pixel       place among all pixels of all pictures, row by row; of picture n from first[n] on
+held        the last pictures of a patch, in every dataset: nothing is learned from them
+y           x / (1 + x) of a pixel's radiance x, and its alpha                   (4,)
+
+A ray's origin and direction are in the unit box, which is its patch. Rays that miss the box are black in data and model
+alike: they are left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float16, Int
+
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset, Sample, load_image, origin
+from mesoshell.limits import check_memory
+from mesoshell.render.camera import Camera, pixel_grid, pixel_radius, rays
+
+
+class Rays(NamedTuple):
+    """A row of a step: rays of one patch. NumPy on the host, JAX in a step, where rows have one axis more.
+
+    patch: which; key: of the row's random numbers."""
+
+    patch: Any  # ()
+    origin: Any  # (R, 3)
+    direction: Any  # (R, 3)
+    radius: Any  # (R,), of the cone at distance 1
+    light: Any  # (R, 3)
+    irradiance: Any  # (R, 3)
+    alpha: Any  # (R, A)
+    target: Any  # (R, 4), y
+    key: Any  # (2,), uint32
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """Pictures of K patches. learned, held: pixels of each patch that meet the box; pictures: those of each patch that are held
+    out. beta: geometry parameters of each patch, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    samples: tuple[Sample, ...]
+    first: Int[np.ndarray, "_n"]
+    pixels: Float16[np.ndarray, "P 4"]
+    learned: tuple[Int[np.ndarray, "_"], ...]
+    held: tuple[Int[np.ndarray, "_"], ...]
+    beta: Float[np.ndarray, "K G"]
+    alpha: Float[np.ndarray, "N A"]
+    origins: tuple[dict[str, Any], ...]
+
+
+def shots_of(datasets: Sequence[Dataset], held: int = 0) -> Shots:
+    """Datasets of the same patches together. held: how many pictures of each patch, in each dataset, are not learned from.
+
+    Raises InputError if a picture shows a geometry of its own, datasets have other parameters than the first, or a patch has
+    no pictures left to learn from."""
+    kinds = [d.manifest["parameters"] for d in datasets]
+    for dataset, kind in zip(datasets, kinds, strict=True):
+        if kind != kinds[0] or dataset.recipe != datasets[0].recipe:
+            raise InputError(dataset.folder, "has another recipe or other parameters than the first dataset")
+    keys = [(_geometry(d, s), d, s) for d in datasets for s in d.samples]
+    patches = {key: i for i, key in enumerate(dict.fromkeys(key for key, _, _ in keys))}
+    samples = tuple(s for _, _, s in keys)
+    of = np.array([patches[key] for key, _, _ in keys])
+    out = np.concatenate([_held(of[[d is e for _, e, _ in keys]], held) for d in datasets])
+    sizes = np.array([s.size[0] * s.size[1] for s in samples])
+    first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    check_memory(datasets[0].folder, f"{len(samples)} pictures", 12 * int(first[-1]))
+    pixels = np.empty((first[-1], 4), np.float16)
+    met = np.empty(first[-1], bool)
+    for i, sample in enumerate(samples):
+        at = slice(first[i], first[i + 1])
+        pixels[at] = load_image(sample).reshape(-1, 4)
+        met[at] = _meet(*_pixel_rays(sample)[:2])
+    which, left_out = np.repeat(of, sizes)[met], np.repeat(out, sizes)[met]
+    hits = np.flatnonzero(met)
+    learned, kept = (
+        tuple(hits[(which == k) & (left_out == side)] for k in range(len(patches))) for side in (False, True)
+    )
+    if min(map(len, learned)) == 0:
+        raise InputError(datasets[0].folder, f"has no picture of a patch to learn from beside {held} held out")
+    beta, alpha = (_normalised(kinds[0], samples, role) for role in ("beta", "alpha"))
+    origins = tuple(origin(d) for d in datasets)
+    manifest = datasets[0].manifest | ({"source": origins} if len(datasets) > 1 else {})
+    where = [int(np.flatnonzero(of == k)[0]) for k in range(len(patches))]
+    return Shots(datasets[0].folder, manifest, samples, first, pixels, learned, kept, beta[where], alpha, origins)
+
+
+def _geometry(dataset: Dataset, sample: Sample) -> tuple:
+    """What tells a patch: of many patches its number, of one its seed. Raises InputError if every picture has its own."""
+    manifest = dataset.manifest
+    patch = manifest.get("patch", 0)
+    if patch is None and "views" not in manifest:
+        raise InputError(dataset.folder, "every image shows another geometry; render it with --patch 0, or --patches 16")
+    instance = patch if patch is not None else dataset.rows[sample.index].get("instance")
+    beta = [n for n, p in manifest["parameters"].items() if p["role"] == "beta"]
+    return instance, manifest["version"], *(sample.parameters[n] for n in beta)
+
+
+def _held(patch: Int[np.ndarray, "N"], held: int) -> np.ndarray:
+    """Which pictures of a dataset are held out: the last of each patch."""
+    out = np.zeros(len(patch), bool)
+    for k in np.unique(patch):
+        out[np.flatnonzero(patch == k)[::-1][:held]] = True
+    return out
+
+
+def _normalised(parameters: dict[str, Any], samples: Sequence[Sample], role: str) -> Float[np.ndarray, "N P"]:
+    columns = [
+        (np.array([s.parameters[name] for s in samples]) - entry["range"][0]) / (entry["range"][1] - entry["range"][0])
+        for name, entry in parameters.items()
+        if entry["role"] == role
+    ]
+    return np.ascontiguousarray(np.asarray(columns, np.float32).reshape(len(columns), len(samples)).T)
+
+
+def _pixel_rays(sample: Sample) -> tuple[np.ndarray, np.ndarray, float]:
+    camera = Camera(sample.camera_to_world, sample.fov, *sample.size)
+    return *rays(camera, pixel_grid(camera, 1, 0)), pixel_radius(camera.spread)
+
+
+def _meet(o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> np.ndarray:
+    """Whether rays meet the unit box."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort(np.stack([-o / d, (1 - o) / d]), axis=0)
+    near, far = np.max(np.fmax(ends[0], 0), axis=1), np.min(ends[1], axis=1)
+    return far > near + 1e-6
+
+
+def rays_at(shots: Shots, pixels: Int[np.ndarray, "R"], patch: int, key: np.ndarray) -> Rays:
+    """The rays of some pixels, all of one patch."""
+    n = np.searchsorted(shots.first, pixels, side="right") - 1
+    which, back = np.unique(n, return_inverse=True)
+    some = [shots.samples[i] for i in which]
+    width = np.array([s.size[0] for s in some])[back]
+    height = np.array([s.size[1] for s in some])[back]
+    spread = np.array([2 * np.tan(s.fov / 2) / s.size[1] for s in some])[back]
+    y, x = np.divmod(pixels - shots.first[n], width)
+    local = np.stack([(x + 0.5 - width / 2) * spread, (height / 2 - y - 0.5) * spread, -np.ones(len(x))], axis=1)
+    frame = np.array([s.camera_to_world for s in some])[back]
+    d = np.einsum("rij,rj->ri", frame[:, :3, :3], local)
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    colour = shots.pixels[pixels].astype(np.float32)
+    target = np.concatenate([colour[:, :3] / (1 + colour[:, :3]), colour[:, 3:]], axis=1)
+    light, irradiance = (np.array([getattr(s, name) for s in some])[back] for name in ("light", "irradiance"))
+    columns = frame[:, :3, 3], d, pixel_radius(1.0) * spread, light, irradiance, shots.alpha[n]
+    return Rays(np.int32(patch), *(np.ascontiguousarray(c, np.float32) for c in columns), target, key)

@@ -11,7 +11,7 @@ from mesoshell.cli.fit import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Parameter, write_bundle
 from mesoshell.io.checkout import commit
-from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.io.dataset import Dataset, origin, read_dataset
 from mesoshell.io.image import write_png
 from mesoshell.io.whole import probe_folder, probe_outputs, read_file, replace_file
 from mesoshell.limits import check_memory, check_seed
@@ -20,7 +20,6 @@ from mesoshell.train.fit import FitConfig, State
 from mesoshell.train.holdout import score
 from mesoshell.train.loop import fit
 from mesoshell.train.rays import image_table, join, ray_table
-from mesoshell.io.dataset import origin
 
 
 def fit_to_bundle(options: Options) -> None:

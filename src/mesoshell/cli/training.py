@@ -141,7 +141,7 @@ def _plan(config: RunConfig, dataset: Data) -> str:
     """What a run would be: parameters, memory, and time by operations over this machine's matrix rate."""
     method = method_of(config)
     config, dataset = method.fitted(config, dataset)
-    state = jax.eval_shape(lambda: method.start(config, jax.random.key(0)))
+    state = jax.eval_shape(lambda: method.start(config, data, jax.random.key(0)))
     batch = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), method.feed(config, dataset, 0, 1)(0))
     memory = jax.jit(lambda s, b: method.step(config, s, b)).lower(state, batch).compile().memory_analysis()
     about = {k: v for k, v in asdict(config).items() if k in ("batch", "kimg", "precision")}

@@ -14,6 +14,7 @@ a bundle (io/bundle).
 import json
 from dataclasses import asdict, dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from jaxtyping import Float
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import read_arrays, read_heads, write_arrays
-from mesoshell.io.bundle import Parameter
+from mesoshell.io.bundle import Parameter, read_bundle
 from mesoshell.io.records import parsed
 
 _MANIFEST = "manifest.json"
@@ -39,6 +40,21 @@ class Exemplars:
     height_octaves: int
     parameters: tuple[Parameter, ...]
     provenance: dict[str, Any]
+    path: Path = Path()
+
+    @property
+    def folder(self) -> Path:
+        """Where they lie, as a run's record has it."""
+        return self.path
+
+    @property
+    def recipe(self) -> str:
+        return self.provenance.get("datasets", [{}])[0].get("recipe", "")
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """What a run's record says of them."""
+        return {"recipe": self.recipe, "parameters": [p.name for p in self.parameters], "size": self.features.shape}
 
 
 def write_exemplars(path: str | PathLike[str], exemplars: Exemplars) -> None:
@@ -81,4 +97,15 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
     if rows != columns or rows & (rows - 1) or len(beta) != patches or height.shape[1] != channels:
         raise InputError(path, f"features, height and beta do not fit: {features.shape}, {height.shape}, {beta.shape}")
     octaves, provenance = manifest["height_octaves"], manifest["provenance"]
-    return Exemplars(features, height, beta, arrays, octaves, parameters, provenance)
+    return Exemplars(features, height, beta, arrays, octaves, parameters, provenance, Path(path))
+
+
+def read_decoder(path: str | PathLike[str]) -> dict[str, np.ndarray]:
+    """A bundle's or exemplars' decoder, and F(h) as height/0, by the names that a bundle has for them. Raises InputError."""
+    if "features" in read_heads(path):
+        found = read_exemplars(path)
+        return found.decoder | {"height/0": found.height}
+    arrays = read_bundle(path).arrays
+    if "height/0" not in arrays:
+        raise InputError(path, "holds no height feature: one is wanted that was fitted")
+    return {k: x for k, x in arrays.items() if k.startswith("decoder/") or k in ("sigma_scale", "height/0")}

@@ -89,7 +89,7 @@ def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
 
     c0, encoded, wide = rows[0].in_channels, 1 + 2 * config.height_octaves, config.height_width
     embed = [dense(3 * config.betas, config.w, 0.0)] if config.betas else []
-    hidden = [config.z + config.w * bool(config.betas), config.w]
+    hidden = [max(config.z, 1) + config.w * bool(config.betas), config.w]
     return Generator(
         mapping=[*embed, *(dense(n, config.w, 0.0, 1 / _MAPPING_RATE) for n in hidden)],
         mix=jax.random.normal(next(keys), (c0, c0), jnp.float32),
@@ -122,8 +122,9 @@ def draw_phases(config: GeneratorConfig, key: Key[Array, ""], batch: int) -> Pha
 
 
 def map_latent(generator: Generator, z: Float[Array, "B Z"], beta: Float[Array, "B G"]) -> Float[Array, "B W"]:
-    """w from z and β: both brought to unit mean square, then two layers that learn a hundred times slower."""
-    layers, x = generator.mapping, _unit(z)
+    """w from z and β: both brought to unit mean square, then two layers that learn a hundred times slower. Without a latent
+    (z of no numbers) a 1 is in its place."""
+    layers, x = generator.mapping, _unit(z) if z.shape[1] else jnp.ones((z.shape[0], 1), z.dtype)
     if beta.shape[1]:
         x = jnp.concatenate([x, _unit(_equal(layers[0], in_turns(beta)))], axis=1)
         layers = layers[1:]

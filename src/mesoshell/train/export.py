@@ -17,7 +17,8 @@ from mesoshell.shell.bound import bounds, new_points
 from mesoshell.shell.decoder import Decoder
 from mesoshell.shell.field import Layout, Material
 from mesoshell.shell.generated import Maker, generator_arrays, generator_fields, grown
-from mesoshell.shell.generator import Averages, synthesise, synthesise_height
+from mesoshell.shell.generator import Averages, Generator, synthesise, synthesise_height
+from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.shell.precision import decoder_error
 from mesoshell.texture import mip
 from mesoshell.train.fit import Common, FitConfig
@@ -89,36 +90,49 @@ def generator_bundle(
     declared: tuple[Parameter, ...],
     provenance: dict,
 ) -> Bundle:
+    """A bundle that makes textures, of a run on pictures."""
+    made = learner.generator, averages, learner.decoder
+    return generated_bundle(config.generator, *made, config.picture.octaves, declared, provenance)
+
+
+def generated_bundle(
+    config: GeneratorConfig,
+    generator: Generator,
+    averages: Averages,
+    decoder: Decoder,
+    octaves: int,
+    declared: tuple[Parameter, ...],
+    provenance: dict,
+) -> Bundle:
     """A bundle that makes textures: the generator's and the decoder's weights, and no texture."""
-    feature, height = (np.asarray(x) for x in _patch(config, learner, averages))
-    said = {"decoder_error": decoder_error(learner.decoder, feature, height, config.picture.octaves)}
+    feature, height = (np.asarray(x) for x in _patch(config, generator, averages, decoder, octaves))
+    said = {"decoder_error": decoder_error(decoder, feature, height, octaves)}
     return Bundle(
         kind="shell",
-        texel_density=float(config.generator.texels),
-        channels=config.generator.channels,
-        height_octaves=config.picture.octaves,
+        texel_density=float(config.texels),
+        channels=config.channels,
+        height_octaves=octaves,
         parameters=declared,
         thickness=HEIGHT,
         colour_space="linear Rec. 709",
         provenance=provenance | said,
-        arrays=decoder_arrays(learner.decoder) | generator_arrays(learner.generator, averages),
+        arrays=decoder_arrays(decoder) | generator_arrays(generator, averages),
         wraps=False,
-        generator=generator_fields(config.generator),
+        generator=generator_fields(config),
     )
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=(0, 4))
 def _patch(
-    config: TrainConfig, learner: Learner, averages: Averages
+    g: GeneratorConfig, generator: Generator, averages: Averages, decoder: Decoder, octaves: int
 ) -> tuple[Float[Array, "V U C"], Float[Array, "R C"]]:
     """F and F(h) of one patch of seed 0; of three planes, sums of their texels at the same places."""
-    g, side = config.generator, config.generator.texels
-    maker = Maker(g, learner.generator, averages, learner.decoder, config.picture.octaves)
-    w, phases = grown(maker, 0, np.full(g.betas, 0.5, np.float32))
+    side = g.texels
+    w, phases = grown(Maker(g, generator, averages, decoder, octaves), 0, np.full(g.betas, 0.5, np.float32))
     corner = jnp.zeros(2, jnp.int32)
-    texture = synthesise(g, learner.generator, averages, w, phases, corner, (side, side))
+    texture = synthesise(g, generator, averages, w, phases, corner, (side, side))
     feature = texture.feature[0].reshape(side, side, g.planes, g.channels).sum(axis=2)
-    return feature, synthesise_height(g, learner.generator, w)[0]
+    return feature, synthesise_height(g, generator, w)[0]
 
 
 def decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:

@@ -27,11 +27,13 @@ import numpy as np
 import optax
 
 from mesoshell.errors import InputError
+from mesoshell.io.exemplars import read_decoder
 from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import tonemap, weights
 from mesoshell.shell import decoder as net
 from mesoshell.shell.decoder import Decoder, init_decoder
 from mesoshell.shell.field import Layout, Material, Point, inputs, neural_field
+from mesoshell.shell.scene import decoder_of
 from mesoshell.texture import mip
 from mesoshell.texture.mip import Pyramid
 from mesoshell.train.picture import PictureConfig, along
@@ -56,7 +58,8 @@ _UNSEEN = 1.5
 class FitConfig:
     """Everything that a fit depends on beside the data. batch, rays: B, R; group: most patches a step; decoded: share of the
     candidates that a row has room to decode; rates fall to `final` of themselves; patches, appearance: K, and the number of α,
-    which follow from the data; kept: steps between snapshots."""
+    which follow from the data; kept: steps between snapshots; given: a material or exemplars whose decoder and F(h) are taken, and
+    stay as they are."""
 
     texels: int = 256
     channels: int = 32
@@ -78,6 +81,7 @@ class FitConfig:
     kept: int = 1000
     patches: int = 1
     appearance: int = 0
+    given: str = ""
     seed: int = 0
 
     @property
@@ -141,9 +145,23 @@ class FitReport(NamedTuple):
 def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
     """The configuration for the data. Raises InputError if rows of a step do not come out even."""
     config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1])
+    if config.given:
+        config, shots = _given(config, shots)
     if config.batch % config.at_once:
         raise InputError("batch", f"{config.batch} rows do not come evenly from {config.at_once} patches")
     return config, shots
+
+
+def _given(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
+    """With what a material has of decoder and height feature. Raises InputError if its parameters are not the data's."""
+    arrays = read_decoder(config.given)
+    decoder, height = decoder_of(arrays), arrays["height/0"]
+    widths = {name: tuple(len(layer.bias) for layer in getattr(decoder, name)) for name in ("trunk", "head")}
+    config = replace(config, channels=height.shape[1], height_rows=len(height), **widths)
+    inputs, there = config.channels + 1 + 2 * config.octaves + config.appearance, len(decoder.trunk[0].kernel)
+    if there != inputs:
+        raise InputError(config.given, f"its decoder takes {there} numbers; the data give {inputs}")
+    return config, replace(shots, given=arrays)
 
 
 def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
@@ -168,12 +186,15 @@ def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Call
     return at
 
 
-def start(config: FitConfig, key: Key[Array, ""]) -> FitState:
-    """Small random features and a He-initialised decoder."""
+def start(config: FitConfig, shots: Shots, key: Key[Array, ""]) -> FitState:
+    """Small random features and a He-initialised decoder, or the one that is given."""
     keys = jax.random.split(key, 3)
     c, side = config.channels, config.texels
     decoder = init_decoder(keys[2], c + 1 + 2 * config.octaves + config.appearance, config.trunk, config.head)
     common = Common(0.1 * jax.random.normal(keys[1], (config.height_rows, 1, c), jnp.float32), decoder)
+    if shots.given is not None:
+        height = jnp.asarray(shots.given["height/0"], jnp.float32)
+        common = Common(height[:, None], jax.tree.map(jnp.copy, decoder_of(shots.given)))
     feature = 0.1 * jax.random.normal(keys[0], (config.patches, side, side, c), jnp.float32)
     cells = min(_CELLS, side)
     occupancy = jnp.full((config.patches, _DEPTH, cells, cells), _UNSEEN, jnp.float32)
@@ -186,29 +207,27 @@ def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE)
     group = batch.patch[:: config.together]
     own = jax.tree.map(lambda x: x[group], state.own)
 
-    def loss(learned: tuple[Common, Array]) -> tuple[Scalar, Scalar]:
-        common, feature = learned
+    def loss(feature: Array, common: Common) -> tuple[Scalar, Scalar]:
         rows = jax.tree.map(lambda x: jnp.repeat(x, config.together, axis=0), (_pyramids(feature), own.occupancy))
         height = mip.pack(mip.build(common.height))
         row = partial(_row_loss, config, height, common.decoder)
         error, wanted = across.each(row)(*rows, batch)
         return jnp.mean(error), jnp.mean(wanted)
 
-    (error, wanted), gradient = jax.value_and_grad(loss, has_aux=True)((state.common, own.feature))
-    for_common, error, wanted = across.mean((gradient[0], error, wanted))
-    bad = not_finite((for_common, gradient[1]))
+    which = 0 if config.given else (0, 1)
+    (error, wanted), gradient = jax.value_and_grad(loss, which, has_aux=True)(own.feature, state.common)
+    for_own, for_common = (gradient, jax.tree.map(jnp.zeros_like, state.common)) if config.given else gradient
+    for_common, error, wanted = across.mean((for_common, error, wanted))
     if across.everyone is not None:
         everyone = across.everyone
-        group, own, for_own = jax.tree.map(lambda x: everyone(x)[0], (group, own, gradient[1]))
-        bad = not_finite((for_common, for_own))
-    else:
-        for_own = gradient[1]
+        group, own, for_own = jax.tree.map(lambda x: everyone(x)[0], (group, own, for_own))
+    bad = not_finite((for_common, for_own))
     share = state.step.astype(error.dtype) / config.steps
     fall = config.final**share
     settled = (share >= config.settle) & (config.patches > 1)
-    common, common_adam = _moved(
-        jnp.where(settled, 0.0, config.rate * fall), state.common, state.common_adam, for_common
-    )
+    common, common_adam = state.common, state.common_adam
+    if not config.given:
+        common, common_adam = _moved(jnp.where(settled, 0.0, config.rate * fall), common, common_adam, for_common)
     feature, adam = jax.vmap(partial(_moved, config.texture_rate * fall))(own.feature, own.adam, for_own)
     keys = jax.vmap(lambda k: jax.random.fold_in(jax.random.key(config.seed), k))(own.adam.count * config.patches + group)
     look = partial(_looked, config, common, batch.alpha.reshape(-1, config.appearance))

@@ -13,6 +13,7 @@ import numpy as np
 
 from mesoshell.atlas.capture import Capture
 from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.io.exemplars import Exemplars, read_exemplars
 from mesoshell.io.patches import Patches, read_patches
 from mesoshell.train import (
     atlas,
@@ -27,6 +28,8 @@ from mesoshell.train import (
     step,
     surface,
     surface_snapshot,
+    textures,
+    textures_snapshot,
 )
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.shots import Shots, shots_of
@@ -34,13 +37,13 @@ from mesoshell.train.state import TrainConfig, TrainState
 from mesoshell.train.stream import RunConfig, fitted, fitted_parametric, renders
 
 #: What runs learn from.
-Data = Dataset | Patches | Capture | Shots
+Data = Dataset | Patches | Capture | Shots | Exemplars
 
 
 class Method(NamedTuple):
     """read: (config, what a record says of its data: `folder`, and what was begun with) → the data. fitted: the configuration
     for them, and the data as the method sees them. feed: (config, data, host, hosts) → this host's rows of the batch of step
-    i. start: (config, key) → state. step: (config, state, shown, across) → (state, report); a report's fields are numbers of
+    i. start: (config, data, key) → state. step: (config, state, shown, across) → (state, report); a report's fields are numbers of
     the log, and `bad`, which leaves of the gradients of `parts` are not finite. parts: what learns, by name. together:
     neighbours in a batch that belong to each other. losses: the report's fields that a console shows. save: (path, config,
     data, state) → a file. sheet: (config, data, state) → a picture. painter: (config, saved file) → function from shown to
@@ -68,7 +71,7 @@ GAN = Method(
     read=lambda config, data: read_dataset(data["folder"]),
     fitted=fitted,
     feed=renders,
-    start=state.start,
+    start=lambda config, data, key: state.start(config, key),
     step=step.step,
     parts=_gan_parts,
     together=lambda config: config.views,
@@ -81,7 +84,7 @@ NERF_TEX = Method(
     read=lambda config, data: read_dataset(data["folder"]),
     fitted=fitted_parametric,
     feed=renders,
-    start=parametric.start,
+    start=lambda config, data, key: parametric.start(config, key),
     step=parametric.step,
     parts=lambda state: {"network": state.decoder},
     together=lambda config: 1,
@@ -94,7 +97,7 @@ SURFACE = Method(
     read=lambda config, data: read_patches(data["folder"]),
     fitted=surface.fitted,
     feed=surface.feed,
-    start=surface.start,
+    start=lambda config, data, key: surface.start(config, key),
     step=surface.step,
     parts=lambda state: {"surface": state.surface},
     together=lambda config: 1,
@@ -107,7 +110,7 @@ ATLAS = Method(
     read=lambda config, data: photographed.recorded(data, config.side),
     fitted=atlas.fitted,
     feed=atlas.feed,
-    start=atlas.start,
+    start=lambda config, data, key: atlas.start(config, key),
     step=atlas.step,
     parts=lambda state: {"field": state.field},
     together=lambda config: 1,
@@ -129,12 +132,26 @@ FIT = Method(
     sheet=fit_snapshot.sheet,
     painter=fit_snapshot.painter,
 )
+TEXTURES = Method(
+    read=lambda config, data: read_exemplars(data["folder"]),
+    fitted=textures.fitted,
+    feed=textures.feed,
+    start=textures.start,
+    step=textures.step,
+    parts=lambda state: {"generator": state.generator},
+    together=lambda config: 1,
+    losses=("error", "height"),
+    save=textures_snapshot.save,
+    sheet=textures_snapshot.sheet,
+    painter=textures_snapshot.painter,
+)
 _OF: dict[type, Method] = {
     TrainConfig: GAN,
     ParametricConfig: NERF_TEX,
     surface.SurfaceTraining: SURFACE,
     atlas.AtlasTraining: ATLAS,
     fit.FitConfig: FIT,
+    textures.TexturesConfig: TEXTURES,
 }
 
 

@@ -17,6 +17,7 @@ import jax
 from mesoshell.atlas.capture import Capture
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
+from mesoshell.io.exemplars import Exemplars
 from mesoshell.io.patches import Patches
 from mesoshell.io.records import read_object, read_rows
 from mesoshell.io.whole import replace_file
@@ -27,6 +28,7 @@ from mesoshell.train.shots import Shots
 from mesoshell.train.state import TrainConfig
 from mesoshell.train.stream import RunConfig
 from mesoshell.train.surface import SurfaceTraining
+from mesoshell.train.textures import TexturesConfig
 
 METHODS: dict[str, type[RunConfig]] = {
     "gan": TrainConfig,
@@ -34,6 +36,7 @@ METHODS: dict[str, type[RunConfig]] = {
     "surface": SurfaceTraining,
     "atlas": AtlasTraining,
     "fit": FitConfig,
+    "textures": TexturesConfig,
 }
 #: Of a dataset's manifest, what says which data a run was begun with.
 KEPT = (
@@ -58,7 +61,7 @@ MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 
 def keep_record(
-    config: RunConfig, dataset: Dataset | Patches | Capture | Shots, folder: Path, transfer: Path | None = None
+    config: RunConfig, dataset: Dataset | Patches | Capture | Shots | Exemplars, folder: Path, transfer: Path | None = None
 ) -> None:
     """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, but for
     MAY_CHANGE, and began with its own weights or another run's, which need not be said again. A field younger than the

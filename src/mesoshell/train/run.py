@@ -74,7 +74,7 @@ def train(
         _Stop() as stop,
         _Book(folder, method, config, seen, show) as book,
     ):
-        done, begin = _begun(checkpoints, method.start(config, jax.random.key(config.seed)), lend)
+        done, begin = _begun(checkpoints, method.start(config, seen, jax.random.key(config.seed)), lend)
         book.begin(done)
         names, state = leaf_names(method.parts(begin)), spread.place(begin)
         saved = time.perf_counter()

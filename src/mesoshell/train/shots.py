@@ -43,8 +43,9 @@ class Rays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shots:
-    """Pictures of K patches. learned, held: pixels of each patch that meet the box; pictures: those of each patch that are held
-    out. beta: geometry parameters of each patch, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all."""
+    """Pictures of K patches. learned, held: pixels of each patch that meet the box; beta: geometry parameters of
+    each, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all. given: arrays of a decoder and a height
+    feature that another fit has learned, as a bundle names them."""
 
     folder: Path
     manifest: dict[str, Any]
@@ -56,6 +57,7 @@ class Shots:
     beta: Float[np.ndarray, "K G"]
     alpha: Float[np.ndarray, "N A"]
     origins: tuple[dict[str, Any], ...]
+    given: dict[str, np.ndarray] | None = None
 
 
 def shots_of(datasets: Sequence[Dataset], held: int = 0) -> Shots:

@@ -25,9 +25,10 @@ from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.picture import PictureConfig
 from mesoshell.train.state import TrainConfig, sized
 from mesoshell.train.surface import SurfaceTraining
+from mesoshell.train.textures import TexturesConfig
 
 #: What a run, of any method, depends on beside the data.
-RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining | FitConfig
+RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining | FitConfig | TexturesConfig
 #: The name of the seed among parameters; not one that a recipe could use.
 SEED = "geometry seed"
 

@@ -14,7 +14,7 @@ from mesoshell.atlas.render import Lit, picture, view
 from mesoshell.atlas.store import Captured, read_captured
 from mesoshell.cli.atlas import Mesh, Render, Texture, Train
 from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.training import learn, of_length, read_experiment
+from mesoshell.cli.training import learn, of_length, read_experiment, said
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr, write_exr, write_png
 from mesoshell.io.whole import probe_folder, probe_outputs
@@ -35,7 +35,7 @@ def train(options: Train) -> None:
     console = Console(stderr=True, highlight=False)
     with console.status("reading photographs"):
         capture = read_capture(options.capture, options.background, config.side)
-    learn(config, capture, options.run)
+    said(options.run, learn(config, capture, options.run))
 
 
 def texture(options: Texture) -> None:

@@ -9,7 +9,7 @@ from mesoshell.cli.distill import Options
 from mesoshell.cli.export import newest_surface
 from mesoshell.cli.mesostructures import planned, written
 from mesoshell.cli.subject import ShellSubject, Subject, from_afar, subject
-from mesoshell.cli.training import learn
+from mesoshell.cli.training import learn, said
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.patches import read_patches
@@ -58,7 +58,7 @@ def _learned(of: Subject, run: Path) -> SurfaceBundle:
     if (known := planned(run / QUERIES)) not in (None, of.patches):
         raise InputError("--patches", f"{run / QUERIES} was begun with {known}, not {of.patches}")
     written(of.settings, of.answers, of.patches, run / QUERIES)
-    learn(of.config, read_patches(run / QUERIES), run)
+    said(run, learn(of.config, read_patches(run / QUERIES), run))
     return newest_surface(run)
 
 

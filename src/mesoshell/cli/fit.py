@@ -1,4 +1,4 @@
-"""`mesoshell fit`: one material from renders of one fixed slab."""
+"""`mesoshell fit`: materials from renders of patches."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,21 +9,26 @@ import tyro
 
 @dataclass(frozen=True)
 class Options:
-    """Fit a material to datasets of one fixed slab; writes a bundle, and a run folder that a later call goes on from."""
+    """Fit patches to datasets that show them: a material of one patch, or many textures under one decoder; a call that is
+    repeated goes on from the run folder."""
 
-    #: Dataset folders (as `mesoshell dataset render` writes them); several are learnt together.
+    #: Dataset folders (as `mesoshell dataset render --patch 0` or `--patches 16` writes them); several are learnt together.
     datasets: tyro.conf.Positional[tuple[Path, ...]]
-    #: The bundle to write.
+    #: The file to write: a material of one patch, exemplars of many (for `mesoshell train`, or `mesoshell export --patch`).
     out: Path = Path("out/material.npz")
     #: Folder of checkpoints and log; if it holds some, the fit goes on from there.
     run: Path = Path("runs/fit")
     #: Held-out datasets to score the result on; may be repeated.
     test: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
+    #: Images of each patch, the last ones, that are held out to score the result on.
+    held: int = 0
+    #: Material or exemplars whose decoder is taken and kept as it is; textures alone are fitted.
+    decoder: Path | None = None
     #: Steps in all.
     steps: int = 4000
     #: Rays a step.
     rays: int = 2048
-    #: Texels a patch of the feature texture; a power of two.
+    #: Texels a patch of the feature textures; a power of two.
     texels: int = 256
     #: Width of the decoder's layers.
     width: int = 64
@@ -32,10 +37,10 @@ class Options:
 
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
-    """Fit a material to datasets of one fixed slab; writes a bundle, and a run folder that a later call goes on from."""
+    """Fit patches to datasets that show them; a call that is repeated goes on from the run folder."""
     from mesoshell.train.parallel import split_cpu
 
     split_cpu()
     from mesoshell.cli import fitting
 
-    fitting.fit_to_bundle(options)
+    fitting.fit_to_file(options)

@@ -45,7 +45,12 @@ def train_from(options: Options) -> None:
     if options.dry_run:
         print(_plan(config, dataset))
         return
-    learn(config, dataset, options.run, options.parallel, options.transfer)
+    said(options.run, learn(config, dataset, options.run, options.parallel, options.transfer))
+
+
+def said(run: Path, state: Any) -> None:
+    """Print how far a run is."""
+    print(f"{run}: {int(state.images) / 1000:.3f} kimg")
 
 
 def of_length(config: Any, kimg: float | None) -> Any:
@@ -63,8 +68,9 @@ def learn(
     run: Path,
     how: Literal["jit", "pmap"] = "jit",
     transfer: Path | None = None,
-) -> None:
-    """Train, with a bar and lines on the console; exit status 1 if something is not finite, hosts.LOST if a host is lost."""
+) -> Any:
+    """Train, with a bar and lines on the console, and return the state; exit status 1 if something is not finite, hosts.LOST if a
+    host is lost."""
     if is_first():  # the others write nothing
         probe_folder(run, "--run")
     keep_memory()
@@ -90,7 +96,7 @@ def learn(
         except HostLost:
             console.print(f"mesoshell: {run}: {SAID_LOST}", soft_wrap=True, markup=False)
             sys.exit(LOST)
-    print(f"{run}: {int(state.images) / 1000:.3f} kimg")
+    return state
 
 
 def read_experiment(path: Path, preset: str | None = None) -> Any:
@@ -141,7 +147,7 @@ def _plan(config: RunConfig, dataset: Data) -> str:
     """What a run would be: parameters, memory, and time by operations over this machine's matrix rate."""
     method = method_of(config)
     config, dataset = method.fitted(config, dataset)
-    state = jax.eval_shape(lambda: method.start(config, data, jax.random.key(0)))
+    state = jax.eval_shape(lambda: method.start(config, dataset, jax.random.key(0)))
     batch = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), method.feed(config, dataset, 0, 1)(0))
     memory = jax.jit(lambda s, b: method.step(config, s, b)).lower(state, batch).compile().memory_analysis()
     about = {k: v for k, v in asdict(config).items() if k in ("batch", "kimg", "precision")}

@@ -41,7 +41,7 @@ def to_bundle(
     """A bundle of kind `shell`. declared: the dataset's parameters; provenance: config, dataset, commit, metrics."""
     layout = config.layout
     levels = mip.build(feature), mip.build(common.height)
-    material = half(Material(*map(mip.pack, levels), common.decoder))
+    material = half(Material(mip.pack(levels[0]), mip.pack(levels[1]), common.decoder))
     grids = _grids(layout, material)
     said: dict[str, Any] = _excess(layout, material, grids)
     flat = np.asarray(feature), np.asarray(common.height)[:, 0]

@@ -120,7 +120,7 @@ class Own(NamedTuple):
     """What each patch has of its own: F(u, v), Adam's moments of it and its count of updates, and its occupancy."""
 
     feature: Float[Array, "K H W C"]
-    adam: optax.ScaleByAdamState
+    adam: Any
     occupancy: Float[Array, "K D V U"]
 
 
@@ -229,7 +229,9 @@ def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE)
     if not config.given:
         common, common_adam = _moved(jnp.where(settled, 0.0, config.rate * fall), common, common_adam, for_common)
     feature, adam = jax.vmap(partial(_moved, config.texture_rate * fall))(own.feature, own.adam, for_own)
-    keys = jax.vmap(lambda k: jax.random.fold_in(jax.random.key(config.seed), k))(own.adam.count * config.patches + group)
+    keys = jax.vmap(lambda k: jax.random.fold_in(jax.random.key(config.seed), k))(
+        own.adam.count * config.patches + group
+    )
     look = partial(_looked, config, common, batch.alpha.reshape(-1, config.appearance))
     occupancy = across.each(look)(feature, own.occupancy, own.adam.count, keys)
     own = jax.tree.map(lambda all_, new: all_.at[group].set(new), state.own, Own(feature, adam, occupancy))
@@ -344,4 +346,6 @@ def _looked(
     zero = jnp.zeros((), feature.dtype)
     alpha = alphas[jax.random.permutation(jax.random.fold_in(key, 1), len(xi)) % len(alphas)]
     sigma = jax.lax.map(lambda x: field.density(Point(x[0], zero, zero, x[1]))[0], (xi, alpha), batch_size=4096)
-    return jax.lax.dynamic_update_slice_in_dim(occupancy, jnp.maximum(_FADE * some, sigma.reshape(some.shape)), first, 0)
+    return jax.lax.dynamic_update_slice_in_dim(
+        occupancy, jnp.maximum(_FADE * some, sigma.reshape(some.shape)), first, 0
+    )

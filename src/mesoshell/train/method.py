@@ -18,6 +18,7 @@ from mesoshell.io.patches import Patches, read_patches
 from mesoshell.train import (
     atlas,
     atlas_snapshot,
+    exemplars,
     fit,
     fit_snapshot,
     parametric,
@@ -135,7 +136,7 @@ FIT = Method(
 TEXTURES = Method(
     read=lambda config, data: read_exemplars(data["folder"]),
     fitted=textures.fitted,
-    feed=textures.feed,
+    feed=exemplars.feed,
     start=textures.start,
     step=textures.step,
     parts=lambda state: {"generator": state.generator},

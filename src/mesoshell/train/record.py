@@ -61,7 +61,10 @@ MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 
 def keep_record(
-    config: RunConfig, dataset: Dataset | Patches | Capture | Shots | Exemplars, folder: Path, transfer: Path | None = None
+    config: RunConfig,
+    dataset: Dataset | Patches | Capture | Shots | Exemplars,
+    folder: Path,
+    transfer: Path | None = None,
 ) -> None:
     """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, but for
     MAY_CHANGE, and began with its own weights or another run's, which need not be said again. A field younger than the

@@ -44,10 +44,11 @@ class Rays(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Shots:
     """Pictures of K patches. learned, held: pixels of each patch that meet the box; beta: geometry parameters of
-    each, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all. given: arrays of a decoder and a height
-    feature that another fit has learned, as a bundle names them."""
+    each, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all. given: arrays of a decoder and a
+    height feature that another fit has learned, as a bundle names them."""
 
     folder: Path
+    recipe: str
     manifest: dict[str, Any]
     samples: tuple[Sample, ...]
     first: Int[np.ndarray, "_n"]
@@ -59,12 +60,19 @@ class Shots:
     origins: tuple[dict[str, Any], ...]
     given: dict[str, np.ndarray] | None = None
 
+    def target(self, pixels: Int[np.ndarray, "R"]) -> Float[np.ndarray, "R 4"]:
+        """y."""
+        colour = self.pixels[pixels].astype(np.float32)
+        return np.concatenate([colour[:, :3] / (1 + colour[:, :3]), colour[:, 3:]], axis=1)
 
-def shots_of(datasets: Sequence[Dataset], held: int = 0) -> Shots:
-    """Datasets of the same patches together. held: how many pictures of each patch, in each dataset, are not learned from.
+
+def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset] = ()) -> Shots:
+    """Datasets of the same patches together. held: how many pictures of each patch, in each dataset, are not learned from;
+    tests: datasets of which nothing is.
 
     Raises InputError if a picture shows a geometry of its own, datasets have other parameters than the first, or a patch has
     no pictures left to learn from."""
+    datasets = [*datasets, *tests]
     kinds = [d.manifest["parameters"] for d in datasets]
     for dataset, kind in zip(datasets, kinds, strict=True):
         if kind != kinds[0] or dataset.recipe != datasets[0].recipe:
@@ -73,7 +81,7 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0) -> Shots:
     patches = {key: i for i, key in enumerate(dict.fromkeys(key for key, _, _ in keys))}
     samples = tuple(s for _, _, s in keys)
     of = np.array([patches[key] for key, _, _ in keys])
-    out = np.concatenate([_held(of[[d is e for _, e, _ in keys]], held) for d in datasets])
+    out = np.concatenate([_held(of[[d is e for _, e, _ in keys]], 10**9 if d in tests else held) for d in datasets])
     sizes = np.array([s.size[0] * s.size[1] for s in samples])
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     check_memory(datasets[0].folder, f"{len(samples)} pictures", 12 * int(first[-1]))
@@ -89,12 +97,24 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0) -> Shots:
         tuple(hits[(which == k) & (left_out == side)] for k in range(len(patches))) for side in (False, True)
     )
     if min(map(len, learned)) == 0:
-        raise InputError(datasets[0].folder, f"has no picture of a patch to learn from beside {held} held out")
+        raise InputError(datasets[0].folder, "has no picture to learn from of a patch that pictures are held out of")
     beta, alpha = (_normalised(kinds[0], samples, role) for role in ("beta", "alpha"))
-    origins = tuple(origin(d) for d in datasets)
-    manifest = datasets[0].manifest | ({"source": origins} if len(datasets) > 1 else {})
+    origins = tuple(origin(d) for d in datasets if d not in tests)
+    manifest = datasets[0].manifest | ({"source": origins} if len(origins) > 1 else {})
     where = [int(np.flatnonzero(of == k)[0]) for k in range(len(patches))]
-    return Shots(datasets[0].folder, manifest, samples, first, pixels, learned, kept, beta[where], alpha, origins)
+    return Shots(
+        datasets[0].folder,
+        datasets[0].recipe,
+        manifest,
+        samples,
+        first,
+        pixels,
+        learned,
+        kept,
+        beta[where],
+        alpha,
+        origins,
+    )
 
 
 def _geometry(dataset: Dataset, sample: Sample) -> tuple:
@@ -102,7 +122,9 @@ def _geometry(dataset: Dataset, sample: Sample) -> tuple:
     manifest = dataset.manifest
     patch = manifest.get("patch", 0)
     if patch is None and "views" not in manifest:
-        raise InputError(dataset.folder, "every image shows another geometry; render it with --patch 0, or --patches 16")
+        raise InputError(
+            dataset.folder, "every image shows another geometry; render it with --patch 0, or --patches 16"
+        )
     instance = patch if patch is not None else dataset.rows[sample.index].get("instance")
     beta = [n for n, p in manifest["parameters"].items() if p["role"] == "beta"]
     return instance, manifest["version"], *(sample.parameters[n] for n in beta)
@@ -151,8 +173,6 @@ def rays_at(shots: Shots, pixels: Int[np.ndarray, "R"], patch: int, key: np.ndar
     frame = np.array([s.camera_to_world for s in some])[back]
     d = np.einsum("rij,rj->ri", frame[:, :3, :3], local)
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    colour = shots.pixels[pixels].astype(np.float32)
-    target = np.concatenate([colour[:, :3] / (1 + colour[:, :3]), colour[:, 3:]], axis=1)
     light, irradiance = (np.array([getattr(s, name) for s in some])[back] for name in ("light", "irradiance"))
-    columns = frame[:, :3, 3], d, pixel_radius(1.0) * spread, light, irradiance, shots.alpha[n]
-    return Rays(np.int32(patch), *(np.ascontiguousarray(c, np.float32) for c in columns), target, key)
+    columns = frame[:, :3, 3], d, pixel_radius(1.0) * spread, light, irradiance, shots.alpha[n], shots.target(pixels)
+    return Rays(np.int32(patch), *(np.ascontiguousarray(c, np.float32) for c in columns), key=key)

@@ -1,31 +1,29 @@
 """The generator learns fitted textures, through the decoder that they were fitted with: no ray is traced.
 
 Alphabet
-K           exemplars (io/exemplars), each with phases of its own, drawn once
-B           rows a step: an exemplar each
+K, B        exemplars (train/exemplars), each with phases of its own, drawn once; rows a step
 F̂, F        what the generator makes of an exemplar's phases and β; the exemplar's texture        (B, S, S, C)
 error       mean of (F̂ − F)²; exemplars are scaled to unit variance a channel, so it is the share of the variance that is left
 height      the same of F(h), which is one for all
+y           what a critic sees of a texture (train/seen), at unit variance a channel              (B, S, S, I)
+D           the critic's logits, a grid of them (shell/texture_critic)
+γ           of the penalty γ/2 mean (D(y + ε n) − D(y))²/ε², on both sides, n normal
 
-Scaling and mean of the exemplars' channels go into the decoder's first layer: F is (f − mean)/deviation, and the decoder is told
-so. A generator learns what regression asks only at the phases that it is shown; what it makes of others depends on how many
-those are (docs/generator.md).
+Regression alone teaches a generator what it is shown: its exemplars, at their phases. What it makes of others depends on how
+many those are. With `adversarial` above 0 a critic compares textures of new phases with moved exemplars, and the regression
+stays as an anchor (docs/generator.md). At 0 there is no critic in the program.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 
 from mesoshell.errors import InputError
 from mesoshell.io.exemplars import Exemplars
-from mesoshell.nets.mlp import Dense
 from mesoshell.shell.decoder import Decoder
 from mesoshell.shell.generator import (
     PLANE_SCALE,
@@ -38,43 +36,59 @@ from mesoshell.shell.generator import (
     synthesise_height,
 )
 from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.scene import decoder_of
+from mesoshell.shell.texture_critic import Critic, CriticConfig, criticise, init_critic
+from mesoshell.train.exemplars import Scaled, Taught, scaled
 from mesoshell.train.natural_start import natural_start, wide
+from mesoshell.train.seen import CHANNELS, draw_light, see, turned
 from mesoshell.train.step import HERE, Across, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 #: Half of an old magnitude is left after this many rows; of a weight, in the average, after this many or AVERAGE_SHARE of all.
 MAGNITUDE_ROWS, AVERAGE_ROWS, AVERAGE_SHARE = 20.0, 2000.0, 0.05
+#: ε; what channels of y are kept within; looks at exemplars that say what unit variance is.
+_NOISE, _MOST, _LOOKS = 0.1, 4.0, 12
 
 
 @dataclass(frozen=True)
 class TexturesConfig:
     """Everything that a run depends on beside the exemplars. batch: B; kimg: thousands of rows; rate: Adam's, which falls along
-    a cosine to `final` of itself; exemplars: how many of them, from the first on, 0 for all."""
+    a cosine to `final` of itself; exemplars: how many of them, from the first on, 0 for all. adversarial, anchor: weights of
+    what the critic says and of the regression; critic_rate, gamma: of the critic; warm: steps in which it alone learns.
+    octaves: of the decoder, and alphas: its appearance parameters, which follow from the exemplars."""
 
     generator: GeneratorConfig = field(
         default_factory=lambda: GeneratorConfig(layers=7, channel_base=8192, waves=8, drift=1.5, z=0, texels=128)
     )
+    critic: CriticConfig = field(default_factory=lambda: CriticConfig(CHANNELS))
     batch: int = 2
     kimg: float = 8.0
     rate: float = 3e-2
     final: float = 0.1
     exemplars: int = 0
+    adversarial: float = 0.0
+    anchor: float = 1.0
+    critic_rate: float = 1.5e-3
+    gamma: float = 60.0
+    warm: int = 20
+    octaves: int = 4
+    alphas: int = 0
     snapshot_kimg: float = 0.5
     seed: int = 0
 
 
-class Taught(NamedTuple):
-    """Rows of a step. patch: which exemplar; feature: its texture, scaled; beta: its geometry parameters. NumPy on the host."""
+class Versus(NamedTuple):
+    """The other player: the critic, its optimiser, and mean and deviation of what is seen of exemplars, which stay."""
 
-    patch: Any  # (B,)
-    feature: Any  # (B, S, S, C)
-    beta: Any  # (B, G)
+    critic: Critic
+    adam: optax.OptState
+    mean: Float[Array, "I"]
+    deviation: Float[Array, "I"]
 
 
 class TexturesState(NamedTuple):
     """A run under way; a pytree of arrays. a, b: make a texture of what the generator gives (train/natural_start), and stay as
-    they are; so do decoder, height: what the exemplars were fitted with, scaled. images: rows seen."""
+    they are; so do decoder, height: what the exemplars were fitted with, scaled. versus: None without a critic. images: rows
+    seen."""
 
     generator: Generator
     smooth: Generator
@@ -84,145 +98,169 @@ class TexturesState(NamedTuple):
     adam: optax.OptState
     decoder: Decoder
     height: Float[Array, "R C"]
+    versus: Versus | None
     step: Int[Array, ""]
     images: Int[Array, ""]
 
 
+class Heard(NamedTuple):
+    """Of a critic's update: its loss without the penalty, mean logits, and the penalty without γ/2."""
+
+    critic: Scalar
+    real: Scalar
+    fake: Scalar
+    penalty: Scalar
+
+
 class TexturesReport(NamedTuple):
-    """Shares of the variance that are left, and which leaves of the gradient are not finite."""
+    """Shares of the variance that are left; losses of generator and critic, mean logits and penalty (without γ/2), 0 without a
+    critic; which leaves of the gradients are not finite."""
 
     error: Scalar
     height: Scalar
+    generator: Scalar
+    critic: Scalar
+    real: Scalar
+    fake: Scalar
+    penalty: Scalar
     bad: Bool[Array, "_leaves"]
-
-
-@dataclass(frozen=True, eq=False)
-class Scaled:
-    """Exemplars scaled to zero mean and unit variance a channel, and the decoder that takes them so. what: as they were read."""
-
-    what: Exemplars
-    features: Float[np.ndarray, "K S S C"]
-    height: Float[np.ndarray, "R C"]
-    decoder: Decoder
-    deviation: Float[np.ndarray, "C"]
-
-    @property
-    def folder(self) -> Path:
-        return self.what.folder
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        return self.what.manifest
-
-    @property
-    def recipe(self) -> str:
-        return self.what.recipe
 
 
 def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, Scaled]:
     """The configuration for exemplars, and these scaled. Raises InputError if they have other texels than the generator, or the
     configuration asks for more than there are."""
     count = config.exemplars or len(exemplars.features)
-    side = exemplars.features.shape[1]
+    side, channels = exemplars.features.shape[1], exemplars.features.shape[3]
     if side != config.generator.texels:
         raise InputError(exemplars.path, f"has {side} texels a patch; the generator has {config.generator.texels}")
     if count > len(exemplars.features):
         raise InputError(exemplars.path, f"has {len(exemplars.features)} patches; the experiment asks for {count}")
-    if config.batch % min(count, config.batch):
-        raise InputError("batch", f"{config.batch} rows do not come evenly from {count} patches")
-    some = replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count])
-    generator = replace(
-        config.generator,
-        channels=exemplars.features.shape[3],
-        betas=exemplars.beta.shape[1],
-        height_rows=len(exemplars.height),
-    )
-    return replace(config, generator=generator), scaled(some)
-
-
-def scaled(exemplars: Exemplars) -> Scaled:
-    """Exemplars at unit variance a channel."""
-    f = exemplars.features.astype(np.float32)
-    mean, deviation = f.mean(axis=(0, 1, 2)), np.maximum(f.std(axis=(0, 1, 2)), 1e-6)
-    decoder = decoder_of(exemplars.decoder)
-    kernel, bias = decoder.trunk[0]
-    c = len(mean)
-    first = Dense(kernel.at[:c].multiply(deviation[:, None]), bias + jnp.matmul(mean, kernel[:c], precision="highest"))
-    decoder = decoder._replace(trunk=[first, *decoder.trunk[1:]])
-    height = exemplars.height.astype(np.float32) / deviation
-    return Scaled(exemplars, (f - mean) / deviation, height, decoder, deviation)
-
-
-def feed(config: TexturesConfig, data: Scaled, host: int = 0, hosts: int = 1) -> Callable[[int], Taught]:
-    """This host's rows of step i: exemplars in a new order each pass. Raises InputError if hosts cannot share the batch."""
-    if config.batch % hosts:
-        raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
-    rows, count = config.batch // hosts, len(data.features)
-
-    def at(step: int) -> Taught:
-        places = np.arange(step * config.batch, (step + 1) * config.batch)[host * rows : (host + 1) * rows]
-        order = {n: np.random.default_rng([config.seed, n]).permutation(count) for n in np.unique(places // count)}
-        patch = np.array([order[place // count][place % count] for place in places])
-        return Taught(patch.astype(np.int32), data.features[patch], data.what.beta[patch])
-
-    return at
+    some = scaled(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count]))
+    betas, rows = exemplars.beta.shape[1], len(exemplars.height)
+    generator = replace(config.generator, channels=channels, betas=betas, height_rows=rows)
+    about = {"octaves": exemplars.height_octaves, "alphas": some.alphas}
+    return replace(config, generator=generator, critic=replace(config.critic, betas=betas), **about), some
 
 
 def start(config: TexturesConfig, data: Scaled, key: Key[Array, ""]) -> TexturesState:
-    generator, averages, a, b = natural_start(config.generator, jnp.asarray(data.features), key)
-    return TexturesState(
-        generator,
-        jax.tree.map(jnp.copy, generator),
-        averages,
-        a,
-        b,
-        _adam(config).init(generator),
+    k = jax.random.split(key)
+    features = jnp.asarray(data.features)
+    natural = natural_start(config.generator, features, k[0])
+    state = TexturesState(
+        natural.generator,
+        jax.tree.map(jnp.copy, natural.generator),
+        natural.averages,
+        natural.a,
+        natural.b,
+        _adam(config, config.rate).init(natural.generator),
         jax.tree.map(jnp.copy, data.decoder),
         jnp.asarray(data.height),
+        None,
         jnp.zeros((), jnp.int32),
         jnp.zeros((), jnp.int32),
     )
+    return state._replace(versus=_versus(config, state, features, k[1])) if config.adversarial else state
+
+
+def _versus(config: TexturesConfig, state: TexturesState, features: Array, key: Key[Array, ""]) -> Versus:
+    keys = jax.random.split(key, _LOOKS + 1)
+    looks = jnp.stack([features[i % len(features)] for i in range(_LOOKS)])
+    y = jax.jit(lambda f, k: jax.lax.map(lambda x: _seen(config, state, *x), (f, k)))(looks, keys[1:])
+    critic = init_critic(config.critic, keys[0])
+    memory = _adam(config, config.critic_rate).init(critic)
+    return Versus(critic, memory, jnp.mean(y, axis=(0, 1, 2)), jnp.std(y, axis=(0, 1, 2)) + 0.02)
 
 
 def step(
     config: TexturesConfig, state: TexturesState, batch: Taught, across: Across = HERE
 ) -> tuple[TexturesState, TexturesReport]:
-    """One update. Pure."""
+    """One update of the generator, and of the critic if there is one. Pure."""
+    versus, zero = state.versus, jnp.zeros((), state.a.dtype)
+    keys = jax.vmap(lambda k: jax.random.split(jax.random.wrap_key_data(k), 6))(batch.key)
 
-    def loss(generator: Generator) -> tuple[Scalar, tuple[Scalar, Scalar, list[Scalar], Array]]:
+    def shown(feature: Array, at: int) -> Array:
+        assert versus
+        y = across.each(lambda f, k: _seen(config, state, f, k))(feature, keys[:, at])
+        y = jnp.clip((y - versus.mean) / versus.deviation, -_MOST, _MOST)
+        return jax.vmap(turned)(y, keys[:, at + 1])
+
+    def loss(generator: Generator) -> tuple[Scalar, Any]:
         w = latents(config, generator, batch.beta)
-        phases = own_phases(config, batch.patch)
-        side = config.generator.texels
-        many = wide(config.generator)
-        made = synthesise(many, generator, state.averages, w, phases, jnp.zeros(2, jnp.int32), (side, side))
-        feature = jnp.matmul(made.feature, state.a, precision="highest") + state.b
+        feature, magnitude = made(config, state, generator, w, own_phases(config, batch.patch))
         error = jnp.mean((feature - batch.feature) ** 2)
-        profile = synthesise_height(many, generator, w)[..., : batch.feature.shape[3]]
+        profile = synthesise_height(wide(config.generator), generator, w)[..., : batch.feature.shape[3]]
         height = jnp.mean((profile - state.height) ** 2) / jnp.var(state.height)
-        return error + height, (error, height, made.magnitude, jnp.mean(w, axis=0))
+        total, told, y = config.anchor * error + height, zero, None
+        if versus:
+            w_new = latents(config, generator, batch.other_beta)
+            new, _ = made(config, state, generator, w_new, phases_of(config, keys[:, 0]))
+            y = shown(new, 1)
+            told = jnp.mean(jax.nn.softplus(-criticise(versus.critic, y, batch.other_beta)))
+            total += config.adversarial * told
+        return total, (error, height, told, magnitude, jnp.mean(w, axis=0), y)
 
-    (_, seen), gradient = jax.value_and_grad(loss, has_aux=True)(state.generator)
-    seen, gradient = across.mean((jax.lax.stop_gradient(seen), gradient))
-    error, height, magnitude, w = seen
-    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, adam = _adam(config).update(gradient, state.adam)
-    generator: Any = optax.apply_updates(state.generator, updates)
+    (_, (*said, y)), gradient = jax.value_and_grad(loss, has_aux=True)(state.generator)
+    said, gradient = across.mean((jax.lax.stop_gradient(said), gradient))
+    error, height, told, magnitude, w = said
+    bad, heard = [not_finite(gradient)], Heard(zero, zero, zero, zero)
+    if versus:
+        real = jax.lax.stop_gradient(shown(batch.other, 3))
+        versus, heard, worse = _judged(config, versus, real, jax.lax.stop_gradient(y), batch.other_beta, keys, across)
+        gradient = jax.tree.map(lambda g: jnp.where(state.step < config.warm, 0, g), gradient)
+        bad.append(worse)
+    generator, adam = _moved(config, config.rate, state.generator, state.adam, gradient)
     rows = batch.patch.shape[0] if across.everyone is None else across.everyone(batch.patch)[0].shape[0]
     images = state.images + rows
     half_life = jnp.minimum(AVERAGE_ROWS, AVERAGE_SHARE * images.astype(error.dtype))
-    new = TexturesState(
-        generator,
-        _towards(state.smooth, generator, 0.5 ** (rows / jnp.maximum(half_life, 1e-8))),
-        Averages(_towards(state.averages.magnitude, magnitude, 0.5 ** (rows / MAGNITUDE_ROWS)), w),
-        state.a,
-        state.b,
-        adam,
-        state.decoder,
-        state.height,
-        state.step + 1,
-        images,
+    new = state._replace(
+        generator=generator,
+        smooth=_towards(state.smooth, generator, 0.5 ** (rows / jnp.maximum(half_life, 1e-8))),
+        averages=Averages(_towards(state.averages.magnitude, magnitude, 0.5 ** (rows / MAGNITUDE_ROWS)), w),
+        adam=adam,
+        versus=versus,
+        step=state.step + 1,
+        images=images,
     )
-    return new, TexturesReport(error, height, not_finite(gradient))
+    return new, TexturesReport(
+        error, height, told, heard.critic, heard.real, heard.fake, heard.penalty, jnp.concatenate(bad)
+    )
+
+
+def _judged(
+    config: TexturesConfig, versus: Versus, real: Array, fake: Array, beta: Array, keys: Array, across: Across
+) -> tuple[Versus, Heard, Bool[Array, "_leaves"]]:
+    """The critic after an update."""
+    noise = jax.vmap(lambda k: jax.random.normal(k, (2, *real.shape[1:]), jnp.float32))(keys[:, 5]).astype(real.dtype)
+
+    def loss(critic: Critic) -> tuple[Scalar, Heard]:
+        good, ill = criticise(critic, real, beta), criticise(critic, fake, beta)
+        moved = (criticise(critic, y + _NOISE * noise[:, i], beta) for i, y in enumerate((real, fake)))
+        apart = [jnp.mean((m - d) ** 2) for m, d in zip(moved, (good, ill), strict=True)]
+        penalty = (apart[0] + apart[1]) / _NOISE**2
+        told = jnp.mean(jax.nn.softplus(-good)) + jnp.mean(jax.nn.softplus(ill))
+        return told + config.gamma / 2 * penalty, Heard(told, jnp.mean(good), jnp.mean(ill), penalty)
+
+    (_, heard), gradient = jax.value_and_grad(loss, has_aux=True)(versus.critic)
+    heard, gradient = across.mean((heard, gradient))
+    critic, adam = _moved(config, config.critic_rate, versus.critic, versus.adam, gradient)
+    return versus._replace(critic=critic, adam=adam), heard, not_finite(gradient)
+
+
+def _seen(config: TexturesConfig, state: TexturesState, feature: Array, key: Array) -> Array:
+    """y of one texture before it is scaled, with a light and an appearance that are drawn."""
+    k = jax.random.split(key)
+    alpha = jax.random.uniform(k[0], (config.alphas,), jnp.float32).astype(feature.dtype)
+    light = draw_light(k[1]).astype(feature.dtype)
+    return see(state.decoder, config.octaves, feature, state.height, alpha, light)
+
+
+def made(
+    config: TexturesConfig, state: TexturesState, generator: Generator, w: Float[Array, "B W"], phases: Phases
+) -> tuple[Float[Array, "B S S C"], list[Scalar]]:
+    """Textures of a patch's side, and mean squares of the layers' inputs."""
+    side, corner = config.generator.texels, jnp.zeros(2, jnp.int32)
+    given = synthesise(wide(config.generator), generator, state.averages, w, phases, corner, (side, side))
+    return jnp.matmul(given.feature, state.a, precision="highest") + state.b, given.magnitude
 
 
 def folded(generator: Generator, state: TexturesState) -> Generator:
@@ -243,8 +281,7 @@ def latents(config: TexturesConfig, generator: Generator, beta: Float[Array, "B 
 
 def own_phases(config: TexturesConfig, patch: Int[Array, "B"]) -> Phases:
     """The phases of exemplars."""
-    keys = jax.vmap(lambda k: jax.random.fold_in(jax.random.key(config.seed), k))(patch)
-    return phases_of(config, keys)
+    return phases_of(config, jax.vmap(lambda k: jax.random.fold_in(jax.random.key(config.seed), k))(patch))
 
 
 def phases_of(config: TexturesConfig, keys: Key[Array, "B"]) -> Phases:
@@ -253,9 +290,15 @@ def phases_of(config: TexturesConfig, keys: Key[Array, "B"]) -> Phases:
     return Phases(*jax.tree.map(lambda p: p[:, 0], (drawn.input, drawn.layers)))
 
 
-def _adam(config: TexturesConfig) -> optax.GradientTransformation:
+def _adam(config: TexturesConfig, rate: float) -> optax.GradientTransformation:
     steps = max(1, round(config.kimg * 1000 / config.batch))
-    return optax.adam(optax.cosine_decay_schedule(config.rate, steps, config.final), 0.9, 0.99)
+    return optax.adam(optax.cosine_decay_schedule(rate, steps, config.final), 0.0 if config.adversarial else 0.9, 0.99)
+
+
+def _moved(config: TexturesConfig, rate: float, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, memory = _adam(config, rate).update(gradient, memory)
+    return optax.apply_updates(tree, updates), memory
 
 
 def _towards(old: Any, new: Any, keep: Any) -> Any:

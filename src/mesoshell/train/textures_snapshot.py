@@ -19,15 +19,16 @@ from jaxtyping import Float
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.checkout import commit
-from mesoshell.io.image import tonemap
 from mesoshell.numerics import normalise
 from mesoshell.render.camera import look_at
+from mesoshell.render.composite import tonemap
 from mesoshell.shell.field import inputs
 from mesoshell.shell.generator import synthesise, synthesise_height
 from mesoshell.train.above import from_above
+from mesoshell.train.exemplars import Scaled
 from mesoshell.train.export import generated_bundle
 from mesoshell.train.picture import PictureConfig, View, material_of, take_picture
-from mesoshell.train.textures import Scaled, TexturesConfig, TexturesState, folded, latents, own_phases, phases_of
+from mesoshell.train.textures import TexturesConfig, TexturesState, folded, latents, own_phases, phases_of
 from mesoshell.typing import Array
 
 PATCHES, SIDE = 2, 128

@@ -21,11 +21,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/images/fit_minutes.png"))
     options = parser.parse_args()
     split_cpu()
+    from mesoshell.train.loop import LOG_EVERY, fit
+    from mesoshell.train.rays import image_table, join, ray_table
+
     from mesoshell.io.dataset import read_dataset
     from mesoshell.train.fit import FitConfig, State
     from mesoshell.train.holdout import score
-    from mesoshell.train.loop import LOG_EVERY, fit
-    from mesoshell.train.rays import image_table, join, ray_table
 
     config = FitConfig(texels=options.texels, rays=options.rays)
     table, images = join([(ray_table(d), image_table(d)) for d in map(read_dataset, options.datasets)])

@@ -15,7 +15,7 @@ import trimesh
 
 from data_gen import grass
 from mesoshell.io.dataset import read_dataset
-from mesoshell.train.rays import RayTable, ray_table
+from mesoshell.train.shots import Rays, box_span, rays_at, shots_of
 
 POINTS, RAYS = 8_000_000, 20_000
 
@@ -34,31 +34,31 @@ def leaf_area(cubes: int, patch: int) -> np.ndarray:
     return grid * cubes**2
 
 
-def alpha_psnr(area: np.ndarray, table: RayTable, samples: int) -> float:
+def alpha_psnr(area: np.ndarray, rays: Rays, samples: int) -> float:
     """Best over one factor from area to extinction."""
-    chosen = np.random.default_rng(0).choice(len(table.image), RAYS)
-    t, xi, truth = table.t[chosen], table.xi[chosen], table.target[chosen, 3]
-    two = t[:, 1, 1] > t[:, 1, 0]
-    begin, end = xi[:, 0, 0], np.where(two[:, None], xi[:, 1, 1], xi[:, 0, 1])
+    near, far = box_span(rays.origin, rays.direction)
+    begin, end = (rays.origin + t[:, None] * rays.direction for t in (near, far))
     f = ((np.arange(samples) + 0.5) / samples)[None, :, None]
     points = begin[:, None] + f * (end - begin)[:, None]
     cubes = len(area)
     seen = area[tuple(np.moveaxis(np.clip((points * cubes).astype(int), 0, cubes - 1), -1, 0))].sum(axis=1)
     seen *= np.linalg.norm(end - begin, axis=1) / samples * cubes
-    return max(float(-10 * np.log10(np.mean((-np.expm1(-k * seen) - truth) ** 2))) for k in (0.5, 1, 2, 4))
+    return max(float(-10 * np.log10(np.mean((-np.expm1(-k * seen) - rays.target[:, 3]) ** 2))) for k in (0.5, 1, 2, 4))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("dataset", type=Path)
     dataset = read_dataset(parser.parse_args().dataset)
-    table = ray_table(dataset)
-    print(f"a constant alpha: {-10 * np.log10(table.target[:, 3].var()):.1f} dB\n")
+    shots = shots_of([dataset])
+    chosen = np.random.default_rng(0).choice(shots.learned[0], RAYS)
+    rays = rays_at(shots, chosen, 0, np.zeros(2, np.uint32))
+    print(f"a constant alpha: {-10 * np.log10(rays.target[:, 3].var()):.1f} dB\n")
     print("| cubes | samples a ray | alpha |\n|---|---|---|")
     for cubes in (64, 128, 192):
         area = leaf_area(cubes, dataset.manifest["patch"])
         for samples in (32, 96, 256):
-            print(f"| {cubes}³ | {samples} | {alpha_psnr(area, table, samples):.1f} dB |")
+            print(f"| {cubes}³ | {samples} | {alpha_psnr(area, rays, samples):.1f} dB |")
 
 
 if __name__ == "__main__":

@@ -20,8 +20,9 @@ import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 from mesoshell.io.bundle import Bundle, Parameter  # noqa: E402
+from mesoshell.shell.decoder import init_decoder  # noqa: E402
 from mesoshell.train.export import to_bundle  # noqa: E402
-from mesoshell.train.fit import FitConfig, initialise  # noqa: E402
+from mesoshell.train.fit import Common, FitConfig  # noqa: E402
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
@@ -68,11 +69,9 @@ def optimised():
 def tiny_bundle() -> Bundle:
     """A random material, small enough to make and to render in seconds, with one parameter `dryness` in [0, 2]."""
     config = FitConfig(texels=4, channels=4, height_rows=4, octaves=1, trunk=(8, 8), head=(8,))
-    parameters = initialise(config, appearance=1)
-    rough = parameters._replace(
-        feature=20 * parameters.feature,
-        height=20 * parameters.height,
-        decoder=parameters.decoder._replace(scale=jnp.asarray(400.0)),
-    )
+    keys = jax.random.split(jax.random.key(0), 3)  # as a fit begins, but rough
+    feature = 2 * jax.random.normal(keys[0], (4, 4, 4), jnp.float32)
+    height = 2 * jax.random.normal(keys[1], (4, 1, 4), jnp.float32)
+    decoder = init_decoder(keys[2], 4 + 1 + 2 + 1, (8, 8), (8,))._replace(scale=jnp.asarray(400.0))
     dryness = Parameter("dryness", "alpha", (0.0, 2.0), 0.5, "1", "how dry")
-    return to_bundle(config, rough, (dryness,), provenance={})
+    return to_bundle(config, Common(height, decoder), feature, (dryness,), provenance={})

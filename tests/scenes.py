@@ -9,8 +9,8 @@ from mesoshell.render.effects import Effects, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import Quality
+from mesoshell.shell.extrude import Shell
 from mesoshell.shell.scene import Scene, ready
-from mesoshell.train.rays import unit_box
 
 #: Every sample decoded, none skipped, nothing filtered: what laws can be tested on exactly.
 FULL = Quality(pixel_samples=1, samples=32, early_stop=0.0, skip=0.0, weight_cut=0.0, filtering=False)
@@ -19,6 +19,22 @@ FULL = Quality(pixel_samples=1, samples=32, early_stop=0.0, skip=0.0, weight_cut
 def lights(strength: float = 3.0) -> tuple[Distant, ...]:
     toward = np.array([0.48, -0.36, 0.8])
     return (Distant(toward, np.array([1.0, 0.9, 0.7]) * strength),)
+
+
+def unit_box() -> Shell:
+    """The canonical slab: [0, 1]² at height 0, extruded by 1, texture coordinates equal to positions."""
+    base = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    return Shell(
+        base=base,
+        offset=np.tile(np.array([0, 0, 1], np.float32), (4, 1)),
+        faces=faces,
+        uv=base[faces][:, :, :2],
+        neighbour=np.array([[-1, -1, 1], [0, -1, -1]], np.int32),
+        neighbour_edge=np.array([[-1, -1, 0], [2, -1, -1]], np.int32),
+        mesh_face=np.arange(2, dtype=np.int32),
+        notes=(),
+    )
 
 
 def slab_mesh() -> Mesh:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -23,6 +24,7 @@ from mesoshell.measure import captured
 from mesoshell.nets import efficientnet, inception
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.shell import bake, bound, generated, kernels, lighting, scene, visits
+from mesoshell.shell.decoder import init_decoder
 from mesoshell.shell.discriminator import DiscriminatorConfig
 from mesoshell.shell.field import Layout
 from mesoshell.shell.generator import Phases, draw_phases, init_averages, init_generator, map_latent, synthesise
@@ -38,17 +40,19 @@ from mesoshell.train import (
     fit,
     parametric,
     parametric_snapshot,
+    shots,
     snapshot,
     surface,
     surface_snapshot,
     teach,
+    textures,
+    textures_snapshot,
 )
 from mesoshell.train import state as gan
 from mesoshell.train import step as gan_step
 from mesoshell.train.generate import Shown
 from mesoshell.train.photographed import Rays
 from mesoshell.train.picture import PictureConfig
-from mesoshell.train.rays import ImageTable, RayTable
 
 SOURCES = Path(mesoshell.__file__).parent
 ROWS = 4096
@@ -63,6 +67,10 @@ def f(*shape: int) -> Any:
 
 def i(*shape: int) -> Any:
     return jax.ShapeDtypeStruct(shape, jnp.int32)
+
+
+def u(*shape: int) -> Any:
+    return jax.ShapeDtypeStruct(shape, jnp.uint32)
 
 
 def b(*shape: int) -> Any:
@@ -246,30 +254,53 @@ def _of_training() -> Programs:
         return _plain(partial(gan_step.step, config), jax.eval_shape(lambda: gan.start(config, KEY)), SHOWN)
 
     fitting = fit.FitConfig(
-        texels=16, channels=4, height_rows=8, octaves=1, trunk=(8,), head=(8,), rays=256, candidates=16
+        texels=16, channels=4, height_rows=8, octaves=1, trunk=(8,), head=(8,), batch=2, rays=256, candidates=16
     )
-    pictures = ImageTable(*(np.ones((2, n), np.float32) for n in (3, 3, 1)))
-    rays = RayTable(i(256), i(256), f(256, 3), f(256), f(256, 2, 2), f(256, 2, 2, 3), f(256, 4))
-    begun = jax.eval_shape(lambda: fit.start(fitting, pictures, 8))
+    fitting = replace(fitting, appearance=1)
+    begun = jax.eval_shape(lambda: fit.start(fitting, SimpleNamespace(given=None), KEY))
+    rays = shots.Rays(
+        i(2), f(2, 256, 3), f(2, 256, 3), f(2, 256), f(2, 256, 3), f(2, 256, 3), f(2, 256, 1), f(2, 256, 4), u(2, 2)
+    )
+    row = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), rays)
+    material = jax.eval_shape(lambda s: fit.material_of(s.common, s.own.feature[0]), begun)
     network = jax.eval_shape(lambda: parametric.start(PARAMETRIC, KEY))
-    held = fit.Batch(rays, f(256, 3), f(256, 3), f(256, 1))
     judge = efficientnet.Conv(f(3, 3, 4, 4), f(4))
     return {
         "train.parallel._by_jit": [
             *map(steps, (GAN, PLANES, SHORT)),
             _plain(partial(parametric.step, PARAMETRIC), network, SHOWN),
+            _plain(partial(fit.step, fitting), begun, rays),
         ],
         "train.parallel._by_pmap": [],  # the same steps
         "train.parametric_snapshot._pictures": [
             _jitted(parametric_snapshot._pictures, PARAMETRIC, network.decoder, SHOWN)
         ],
-        "train.fit.make_step.step": [_jitted(fit.make_step(fitting, pictures, 8), begun, rays, KEY)],
-        "train.fit.make_refresh.refresh": [_jitted(fit.make_refresh(fitting, pictures), begun, KEY)],
-        "train.holdout.predict_images.some": [
-            _plain(partial(fit.predict, fitting), begun.parameters, held, begun.occupancy, f(256, 16))
-        ],
+        "train.holdout._row": [_plain(partial(fit.predict, fitting), material, row, f(4, 4, 4), f(256, 16))],
+        **_of_textures(),
         "measure.features._batched": [
             _plain(lambda w, x: inception._conv({"x": w}, "x", x), (f(3, 3, 4, 4), f(4)), f(1, 8, 8, 4)),
             _plain(efficientnet._convolved, judge, f(1, 8, 8, 4)),
         ],
+    }
+
+
+def _of_textures() -> Programs:
+    """A generator that learns exemplars, with a critic; what its start and its sheets compile are parts of the same."""
+    small = GeneratorConfig(texels=32, channel_base=256, channel_max=8, channels=4, layers=4, z=0, w=8, waves=2)
+    config = textures.TexturesConfig(replace(small, height_rows=8), batch=2, adversarial=1.0, octaves=1, alphas=1)
+    decoder = init_decoder(KEY, 4 + 1 + 2 + 1, (8,), (8,))
+    data = SimpleNamespace(
+        features=np.ones((2, 32, 32, 4), np.float32), height=np.ones((8, 4), np.float32), decoder=decoder
+    )
+    begun = jax.eval_shape(lambda: textures.start(config, data, KEY))
+    batch = textures.Taught(i(2), f(2, 32, 32, 4), f(2, 0), f(2, 32, 32, 4), f(2, 0), u(2, 2))
+    start = _plain(lambda k: textures.start(config, data, k), KEY)
+    phases = jax.eval_shape(lambda p: textures.own_phases(config, p), i(2))
+    shown = _jitted(textures_snapshot._shown, 1, 1, decoder, f(32, 32, 4), f(8, 4))
+    return {
+        "train.natural_start.natural_start": [start],
+        "train.natural_start.natural_start.look": [],
+        "train.textures._versus": [start, _plain(partial(textures.step, config), begun, batch)],
+        "train.textures_snapshot._made": [_jitted(textures_snapshot._made, config, begun, f(2, 0), phases)],
+        "train.textures_snapshot._shown": [shown],
     }

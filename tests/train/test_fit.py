@@ -1,84 +1,151 @@
 """A fit recovers fog, an interrupted fit ends where the uninterrupted one does, and decoding less changes no ray's value."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import fog
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_shots import of_patches
 
-from mesoshell.io.dataset import Dataset
-from mesoshell.train import loop
-from mesoshell.train.fit import Batch, FitConfig, State, predict, residual, start
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
+from mesoshell.train import run
+from mesoshell.train.fit import FitConfig, FitState, feed, fitted, material_of, predict, residual, start, step
+from mesoshell.train.fit_snapshot import exemplars, provenance
 from mesoshell.train.holdout import score
-from mesoshell.train.rays import RayTable, image_table, ray_table
+from mesoshell.train.shots import Rays, Shots, shots_of
 from mesoshell.typing import Scalar
 
 CONFIG = FitConfig(
-    texels=4, channels=4, height_rows=4, octaves=1, trunk=(16,), head=(16,), rays=128, candidates=16, decoded=1.0
+    texels=4,
+    channels=4,
+    height_rows=4,
+    octaves=1,
+    trunk=(16,),
+    head=(16,),
+    batch=2,
+    rays=64,
+    candidates=16,
+    decoded=1.0,
+    kept=10**6,
 )
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return fog.write(tmp_path_factory.mktemp("fog") / "train", fog.CAMERAS)
+def shots(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+    folder = tmp_path_factory.mktemp("fog")
+    unseen = fog.write(folder / "unseen", [(2.2, 1.9, 2.0)])
+    return shots_of([fog.write(folder / "train", fog.CAMERAS)], tests=[unseen])
 
 
-def test_fog_is_recovered_in_views_not_seen(dataset: Dataset, tmp_path: Path):
-    state = loop.fit(CONFIG, ray_table(dataset), image_table(dataset), 200, tmp_path)
-    unseen = fog.write(tmp_path / "unseen", [(2.2, 1.9, 2.0)])
-    scores, pictures = score(CONFIG, state, unseen)
+def test_fog_is_recovered_in_views_not_seen(shots: Shots, tmp_path: Path):
+    config, seen = fitted(replace(CONFIG, steps=200), shots)
+    state = run.train(config, seen, tmp_path)
+    where = shots.samples[-1].file.parents[1]
+    scores, pictures = score(config, seen, lambda k: material_of(state.common, state.own.feature[k]), where)
     assert scores.alpha > 35 and scores.foreground > 35
     assert pictures.shape == (1, fog.SIZE, fog.SIZE, 4)
 
 
-def test_an_interrupted_fit_goes_on(dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    tables = ray_table(dataset), image_table(dataset)
-    whole = loop.fit(CONFIG, *tables, 12, tmp_path / "whole")
-    monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
-    monkeypatch.setattr(loop, "LOG_EVERY", 5)
+@pytest.fixture(scope="module")
+def patches(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+    """Three patches of the same fog."""
+    return shots_of([of_patches(tmp_path_factory.mktemp("many") / "set", [0, 0, 0, 1, 1, 1, 2, 2, 2])], held=1)
 
-    def stop(row: dict, state: State) -> None:
-        if row["step"] == 10:
+
+def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: Shots):
+    config, seen = fitted(replace(CONFIG, group=2, steps=4, stand=0.0), patches)
+    state, batch = start(config, seen, jax.random.key(0)), feed(config, seen)(3)
+    new, _ = jax.jit(lambda s, b: step(config, s, b))(state, batch)
+    moved = [k for k in range(3) if not np.array_equal(state.own.feature[k], new.own.feature[k])]
+    assert moved == sorted(set(batch.patch.tolist())) and len(moved) == 2
+    np.testing.assert_array_equal(new.own.adam.count, np.isin(np.arange(3), moved))
+
+
+def test_the_decoder_stands_when_it_has_settled(patches: Shots):
+    config, seen = fitted(replace(CONFIG, steps=10, settle=0.5), patches)
+    learn, at = jax.jit(lambda s, b: step(config, s, b)), feed(config, seen)
+    states = [start(config, seen, jax.random.key(0))]
+    for i in range(7):
+        states.append(learn(states[-1], at(i))[0])
+    moves = [not same(a.common, b.common) for a, b in pairwise(states)]
+    assert moves == [True] * 5 + [False] * 2
+    assert not same(states[5].own.feature, states[6].own.feature)
+
+
+def test_a_decoder_that_is_given_stays(patches: Shots, tiny_bundle: Bundle, tmp_path: Path):
+    write_bundle(tmp_path / "given.npz", tiny_bundle)
+    config, seen = fitted(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
+    assert (config.channels, config.trunk, config.head) == (4, (8, 8), (8,))
+    state = start(config, seen, jax.random.key(0))
+    new, _ = jax.jit(lambda s, b: step(config, s, b))(state, feed(config, seen)(0))
+    assert same(state.common, new.common) and not same(state.own.feature, new.own.feature)
+    np.testing.assert_array_equal(new.common.decoder.sigma.kernel, tiny_bundle.arrays["decoder/sigma/kernel"])
+
+
+def test_an_interrupted_fit_goes_on(patches: Shots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    config, seen = fitted(replace(CONFIG, steps=12, group=2), patches)
+    whole = run.train(config, seen, tmp_path / "whole")
+    monkeypatch.setattr(run, "SAVE_EVERY", 0.0)
+    monkeypatch.setattr(run, "LOG_EVERY", 5)
+
+    def stop(row: dict) -> None:
+        if row["kimg"] == 10 * config.batch / 1000:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        loop.fit(CONFIG, *tables, 12, tmp_path / "parts", stop)
-    resumed = loop.fit(CONFIG, *tables, 12, tmp_path / "parts")
-    for a, b in zip(jax.tree.leaves(whole), jax.tree.leaves(resumed), strict=True):
-        np.testing.assert_array_equal(a, b)
-    again = loop.fit(CONFIG, *tables, 12, tmp_path / "parts")  # nothing is left to do
-    np.testing.assert_array_equal(again.parameters.feature, resumed.parameters.feature)
+        run.train(config, seen, tmp_path / "parts", show=stop)
+    assert same(whole, run.train(config, seen, tmp_path / "parts"))
+    kept = read_exemplars(next((tmp_path / "whole" / "snapshots").glob("*.npz")))
+    np.testing.assert_array_equal(kept.features, np.asarray(whole.own.feature, np.float16))
 
 
-def some_rays(dataset: Dataset) -> Batch:
-    table, images = ray_table(dataset), image_table(dataset)
-    spread = np.linspace(0, len(table.image) - 1, CONFIG.rays).astype(int)
-    rays = RayTable(*(jnp.asarray(x[spread]) for x in table))
-    rays = rays._replace(radius=0.01 * rays.radius)  # no filter as wide as a cell: those are always decoded
-    light, irradiance, alpha = (jnp.asarray(x)[rays.image] for x in images)
-    return Batch(rays, light, irradiance, alpha)
+def test_exemplars_are_read_as_they_were_written(patches: Shots, tmp_path: Path):
+    config, seen = fitted(CONFIG, patches)
+    state = start(config, seen, jax.random.key(0))
+    written: Exemplars = exemplars(config, seen, state, provenance(config, seen, state))
+    write_exemplars(tmp_path / "e.npz", written)
+    found = read_exemplars(tmp_path / "e.npz")
+    np.testing.assert_array_equal(found.features, written.features.astype(np.float16))
+    assert (found.parameters, found.height_octaves) == (written.parameters, 1)
+    assert found.provenance["datasets"][0]["recipe"] == found.recipe == "fog"
+    for key, array in written.decoder.items():
+        np.testing.assert_array_equal(found.decoder[key], array)
 
 
-def test_a_smaller_budget_leaves_rays_out_and_changes_none(dataset: Dataset):
-    state = start(CONFIG, image_table(dataset), 1)
-    batch, jitter = some_rays(dataset), jnp.full((CONFIG.rays, CONFIG.candidates), 0.5)
-    full, complete, _ = predict(CONFIG, state.parameters, batch, state.occupancy, jitter)
+def same(a: Any, b: Any) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+
+
+def some(shots: Shots) -> tuple[FitConfig, FitState, Rays]:
+    """A row of rays whose filters are no wider than a cell: those that are wide are always decoded."""
+    config, seen = fitted(replace(CONFIG, rays=128), shots)
+    row = jax.tree.map(lambda x: jnp.asarray(x[0]), feed(config, seen)(0))
+    return config, start(config, seen, jax.random.key(0)), row._replace(radius=0.01 * row.radius)
+
+
+def test_a_smaller_budget_leaves_rays_out_and_changes_none(shots: Shots):
+    config, state, row = some(shots)
+    material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
+    full, complete, _ = predict(config, material, row, state.own.occupancy[0], jitter)
     assert bool(complete.all())
-    half, kept, wanted = predict(replace(CONFIG, decoded=0.5), state.parameters, batch, state.occupancy, jitter)
-    assert 0 < int(kept.sum()) < CONFIG.rays and float(wanted) == pytest.approx(2.0, rel=0.05)
+    half, kept, wanted = predict(replace(config, decoded=0.5), material, row, state.own.occupancy[0], jitter)
+    assert 0 < int(kept.sum()) < 128 and float(wanted) == pytest.approx(2.0, rel=0.05)
     long = kept & (full[:, 3] > 0.3)  # no candidate of theirs is too short to matter
     np.testing.assert_allclose(half[long], full[long], rtol=1e-5, atol=1e-6)
 
 
-def test_empty_cells_are_not_decoded(dataset: Dataset):
-    state = start(CONFIG, image_table(dataset), 1)
-    empty = state.occupancy.at[16:].set(0.0)  # the upper half
-    batch, jitter = some_rays(dataset), jnp.full((CONFIG.rays, CONFIG.candidates), 0.5)
-    y, complete, wanted = predict(replace(CONFIG, decoded=0.99), state.parameters, batch, empty, jitter)
-    all_, _, _ = predict(CONFIG, state.parameters, batch, state.occupancy, jitter)
+def test_empty_cells_are_not_decoded(shots: Shots):
+    config, state, row = some(shots)
+    empty = state.own.occupancy[0].at[16:].set(0.0)  # the upper half
+    material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
+    y, complete, wanted = predict(replace(config, decoded=0.99), material, row, empty, jitter)
+    all_, _, _ = predict(config, material, row, empty, jitter)
     assert 0.5 < float(wanted) < 1.5  # half of the candidates, over a budget of half of them
     assert (y[complete, 3] < all_[complete, 3] - 1e-3).mean() > 0.5
 

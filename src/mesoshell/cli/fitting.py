@@ -13,7 +13,7 @@ from mesoshell.io.image import write_png
 from mesoshell.io.whole import probe_outputs
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared, to_bundle
-from mesoshell.train.fit import FitConfig, fitted
+from mesoshell.train.fit import FitConfig, fitted, material_of
 from mesoshell.train.fit_snapshot import exemplars, provenance
 from mesoshell.train.holdout import Scores, score
 from mesoshell.train.shots import shots_of
@@ -40,7 +40,9 @@ def fit_to_file(options: Options) -> None:
     config, shots = fitted(config, shots)
     about = provenance(config, shots, state) | {"test": {}}
     for dataset in [*(datasets if options.held else ()), *tests]:
-        scores, pictures = score(config, shots, state, dataset.folder)
+        scores, pictures = score(
+            config, shots, lambda k: material_of(state.common, state.own.feature[k]), dataset.folder
+        )
         about["test"][dataset.folder.name] = {k: round(v, 3) for k, v in scores._asdict().items()}
         console.print(f"{dataset.folder}: {_said(scores)}", highlight=False)
         write_png(options.run / f"{dataset.folder.name}.png", _sheet(pictures))

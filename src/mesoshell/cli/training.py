@@ -69,8 +69,8 @@ def learn(
     how: Literal["jit", "pmap"] = "jit",
     transfer: Path | None = None,
 ) -> Any:
-    """Train, with a bar and lines on the console, and return the state; exit status 1 if something is not finite, hosts.LOST if a
-    host is lost."""
+    """Train, with a bar and lines on the console, and return the state; exit status 1 if something is not finite, hosts.LOST if
+    a host is lost."""
     if is_first():  # the others write nothing
         probe_folder(run, "--run")
     keep_memory()

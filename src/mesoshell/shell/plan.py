@@ -29,10 +29,9 @@ class GeneratorConfig:
     """texels a patch, a power of two; layers before the output; planes: one and a height feature, or three (shell/triplane);
     waves: sinusoids a channel of a Fourier map; drift: of their phases, radians (signal/fourier; the paper has 1 and 0, and
     docs/generator.md says why the presets have more); fourier: maps in every layer with phases drawn a texture ("random"),
-    always the same ("frozen"), or none beyond the input ("off"); z: numbers of the latent, 0 for none, so that textures differ by
-    their phases alone; turn: of maps without drift about the origin, degrees from v
-    toward u; precision: of the convolutions. A field that is added has a default that means what was so before it: bundles and
-    records may lack it."""
+    always the same ("frozen"), or none beyond the input ("off"); z: numbers of the latent, 0 for none: textures differ by their
+    phases alone; turn: of maps without drift about the origin, degrees from v toward u; precision: of the convolutions. A field
+    that is added has a default that means what was so before it: bundles and records may lack it."""
 
     texels: int = 64
     config: Config = "T"

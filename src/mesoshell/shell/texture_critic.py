@@ -5,8 +5,8 @@ y        what is seen of a texture, channels of unit variance                   
 β        geometry parameters                                                      (B, G)
 D        logits, greater for exemplars: one for each place of a grid              (B, s, s)
 
-Five convolutions without padding, so that a logit depends on what lies in its window alone: 3 × 3, three of 4 × 4 with stride 2, 3 × 3.
-The last also sees the deviation over the batch. β enters by projection, as the label does in shell/discriminator.
+Five convolutions without padding, so that a logit depends on what lies in its window alone: 3 × 3, three of 4 × 4 with
+stride 2, 3 × 3. The last also sees the deviation over the batch. β enters by projection, as shell/discriminator's label does.
 """
 
 from dataclasses import dataclass
@@ -31,6 +31,13 @@ class CriticConfig:
     inputs: int = 30
     width: int = 64
     betas: int = 0
+
+
+def grid_side(side: int) -> int:
+    """How many logits there are along a side of S texels; none if S is less than a window."""
+    for k, stride, _ in _LAYERS:
+        side = max(0, side - k + stride) // stride
+    return side
 
 
 class Critic(NamedTuple):
@@ -82,4 +89,4 @@ def criticise(critic: Critic, y: Float[Array, "B S S I"], beta: Float[Array, "B 
 
 def _dense(layer: Dense, x: Float[Array, "*B I"]) -> Float[Array, "*B O"]:
     kernel = layer.kernel / layer.kernel.shape[0] ** 0.5
-    return jnp.matmul(x, kernel, precision="highest") + layer.bias
+    return jnp.matmul(x, kernel, precision="highest") + layer.bias[(None,) * (x.ndim - 1)]

@@ -38,7 +38,7 @@ class Taught(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """Exemplars scaled to zero mean and unit variance a channel, and the decoder that takes them so. what: as they were read."""
+    """Exemplars of zero mean and unit variance a channel, and the decoder that takes them so. what: as they were read."""
 
     what: Exemplars
     features: Float[np.ndarray, "K S S C"]

@@ -58,8 +58,8 @@ _UNSEEN = 1.5
 class FitConfig:
     """Everything that a fit depends on beside the data. batch, rays: B, R; group: most patches a step; decoded: share of the
     candidates that a row has room to decode; rates fall to `final` of themselves; patches, appearance: K, and the number of α,
-    which follow from the data; kept: steps between snapshots; given: a material or exemplars whose decoder and F(h) are taken, and
-    stay as they are."""
+    which follow from the data; kept: steps between snapshots; given: a material or exemplars whose decoder and F(h) are taken,
+    and stay as they are."""
 
     texels: int = 256
     channels: int = 32
@@ -177,7 +177,7 @@ def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Call
         keys = drawn.integers(0, 2**32, (config.batch, 2), np.uint32)
         rows = []
         for row in mine:
-            patch = group[row // config.together]
+            patch = int(group[row // config.together])
             random = np.random.default_rng([config.seed, step, row])
             pixels = shots.learned[patch]
             rows.append(rays_at(shots, pixels[random.integers(len(pixels), size=config.rays)], patch, keys[row]))
@@ -248,6 +248,11 @@ def _moved(rate: Scalar, tree: Any, memory: Any, gradient: Any) -> tuple[Any, An
     with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
         updates, memory = _adam().update(gradient, memory)
     return jax.tree.map(lambda x, u: x - rate * u, tree, updates), memory
+
+
+def material_of(common: Common, feature: Float[Array, "H W C"]) -> Material:
+    """One patch as a field takes it."""
+    return Material(mip.pack(mip.build(feature)), mip.pack(mip.build(common.height)), common.decoder)
 
 
 def _pyramids(feature: Float[Array, "G H W C"]) -> Pyramid:
@@ -340,9 +345,8 @@ def _looked(
     h, v, u = jnp.meshgrid(*(jnp.arange(s, dtype=feature.dtype) for s in some.shape), indexing="ij")
     corner = jnp.stack([u, v, h + first.astype(feature.dtype)], axis=-1).reshape(-1, 3)
     at = corner + jax.random.uniform(key, corner.shape, jnp.float32).astype(feature.dtype)
-    xi = at / jnp.array([columns, rows, depth], feature.dtype)
-    material = Material(mip.pack(mip.build(feature)), mip.pack(mip.build(common.height)), common.decoder)
-    field = neural_field(material, config.layout)
+    xi = at / jnp.array([[columns, rows, depth]], feature.dtype)
+    field = neural_field(material_of(common, feature), config.layout)
     zero = jnp.zeros((), feature.dtype)
     alpha = alphas[jax.random.permutation(jax.random.fold_in(key, 1), len(xi)) % len(alphas)]
     sigma = jax.lax.map(lambda x: field.density(Point(x[0], zero, zero, x[1]))[0], (xi, alpha), batch_size=4096)

@@ -16,7 +16,7 @@ from mesoshell.io.checkout import commit
 from mesoshell.io.exemplars import Exemplars, write_exemplars
 from mesoshell.io.sheet import tiled
 from mesoshell.train.export import declared, decoder_arrays
-from mesoshell.train.fit import FitConfig, FitState
+from mesoshell.train.fit import FitConfig, FitState, material_of
 from mesoshell.train.holdout import picture_pair
 from mesoshell.train.shots import Shots
 
@@ -58,7 +58,7 @@ def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray,
         pixels = shots.held[k] if len(shots.held[k]) else shots.learned[k]
         n = np.unique(np.searchsorted(shots.first, pixels, side="right") - 1)
         nearest = min(n, key=lambda i: shots.samples[i].radius)
-        pairs.append(picture_pair(config, shots, state, int(k), int(nearest)))
+        pairs.append(picture_pair(config, shots, material_of(state.common, state.own.feature[k]), int(k), int(nearest)))
     shown = np.stack([np.stack(side) for side in zip(*pairs, strict=True)]).reshape(-1, *pairs[0][0].shape)
     return np.asarray(tiled(shown[..., :3], len(patches)))
 

@@ -6,6 +6,7 @@ foreground  pixels whose true alpha exceeds 0.5
 blocks      means over 4 × 4 pixels: how well the picture is right from afar
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,10 +19,11 @@ from jaxtyping import Float
 
 from mesoshell.measure.image import psnr, psnr_blocks, psnr_masked, ssim
 from mesoshell.shell.field import Material
-from mesoshell.texture import mip
-from mesoshell.train.fit import FitConfig, FitState, predict
+from mesoshell.train.fit import FitConfig, predict
 from mesoshell.train.shots import Rays, Shots, rays_at
 
+#: The material of each patch.
+Fitted = Callable[[int], Material]
 #: Rays a call, and candidate samples a ray: enough that more do not change the figures.
 _RAYS, _CANDIDATES = 1024, 96
 
@@ -38,12 +40,12 @@ class Scores(NamedTuple):
     mean: float
 
 
-def score(
-    config: FitConfig, shots: Shots, state: FitState, folder: Path
-) -> tuple[Scores, Float[np.ndarray, "N H W 4"]]:
+def score(config: FitConfig, shots: Shots, fitted: Fitted, folder: Path) -> tuple[Scores, Float[np.ndarray, "N H W 4"]]:
     """Scores over all pictures of a dataset that were held out, and what is predicted of them, patch by patch."""
     some = [(k, n) for k, n in held_pictures(shots) if shots.samples[n].file.is_relative_to(folder)]
-    found, true = (np.stack(x) for x in zip(*(picture_pair(config, shots, state, k, n) for k, n in some), strict=True))
+    found, true = (
+        np.stack(x) for x in zip(*(picture_pair(config, shots, fitted(k), k, n) for k, n in some), strict=True)
+    )
     return compare(found, true), found
 
 
@@ -53,22 +55,22 @@ def held_pictures(shots: Shots) -> list[tuple[int, int]]:
     return [(k, int(n)) for k, pictures in enumerate(found) for n in pictures]
 
 
-def picture_pair(config: FitConfig, shots: Shots, state: FitState, patch: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+def picture_pair(
+    config: FitConfig, shots: Shots, material: Material, patch: int, n: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Picture n as fitted and as rendered, y of every pixel, (H, W, 4) each."""
     pixels = np.arange(shots.first[n], shots.first[n + 1])
     hits = np.intersect1d(pixels, np.concatenate([shots.learned[patch], shots.held[patch]]))
     y = np.zeros((len(pixels), 4), np.float32)
-    y[hits - shots.first[n]] = predicted(config, shots, state, patch, hits)
+    y[hits - shots.first[n]] = predicted(config, shots, material, patch, hits)
     width, height = shots.samples[n].size
     return y.reshape(height, width, 4), shots.target(pixels).reshape(height, width, 4)
 
 
 def predicted(
-    config: FitConfig, shots: Shots, state: FitState, patch: int, pixels: np.ndarray
+    config: FitConfig, shots: Shots, material: Material, patch: int, pixels: np.ndarray
 ) -> Float[np.ndarray, "R 4"]:
     """y of some pixels of a patch's pictures."""
-    texture, height = (mip.pack(mip.build(x)) for x in (state.own.feature[patch], state.common.height))
-    material = Material(texture, height, state.common.decoder)
     out = np.zeros((len(pixels), 4), np.float32)
     for begin in range(0, len(pixels), _RAYS):
         some = pixels[begin : begin + _RAYS]

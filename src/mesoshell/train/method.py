@@ -44,8 +44,8 @@ Data = Dataset | Patches | Capture | Shots | Exemplars
 class Method(NamedTuple):
     """read: (config, what a record says of its data: `folder`, and what was begun with) → the data. fitted: the configuration
     for them, and the data as the method sees them. feed: (config, data, host, hosts) → this host's rows of the batch of step
-    i. start: (config, data, key) → state. step: (config, state, shown, across) → (state, report); a report's fields are numbers of
-    the log, and `bad`, which leaves of the gradients of `parts` are not finite. parts: what learns, by name. together:
+    i. start: (config, data, key) → state. step: (config, state, shown, across) → (state, report); a report's fields are numbers
+    of the log, and `bad`, which leaves of the gradients of `parts` are not finite. parts: what learns, by name. together:
     neighbours in a batch that belong to each other. losses: the report's fields that a console shows. save: (path, config,
     data, state) → a file. sheet: (config, data, state) → a picture. painter: (config, saved file) → function from shown to
     what is scored: as many pictures, or answers."""

@@ -72,7 +72,9 @@ def natural_start(config: GeneratorConfig, features: Float[Array, "K S S C"], ke
     logs = jnp.zeros(len(first))
     for _ in range(_ROUNDS):
         missing = 0.5 * jnp.log(wanted / jnp.maximum(_bands(look(generator, averages)[0]), 1e-6))
-        logs = jnp.clip(logs + 0.5 * jnp.interp(_places(config, side), jnp.arange(_BANDS), missing), -3, 3)
+        logs = jnp.clip(
+            logs + 0.5 * jnp.interp(_places(config, side), jnp.arange(_BANDS, dtype=logs.dtype), missing), -3, 3
+        )
         generator = generator._replace(strength=[s * jnp.exp(g) for s, g in zip(first, logs, strict=True)])
         averages = settle(generator, averages, _PASSES)
     x = look(generator, averages)[0].reshape(-1, many.channels)
@@ -101,7 +103,9 @@ def _bands(x: Float[Array, "B S S C"]) -> Float[Array, "n"]:
     x = x - jnp.mean(x, axis=(1, 2), keepdims=True)
     n = x.shape[1]
     window = jnp.hanning(n)
-    power = jnp.mean(jnp.sum(jnp.abs(jnp.fft.fft2(x * (window[:, None] * window)[..., None], axes=(1, 2))) ** 2, -1), 0)
+    power = jnp.mean(
+        jnp.sum(jnp.abs(jnp.fft.fft2(x * (window[:, None] * window[None])[None, :, :, None], axes=(1, 2))) ** 2, -1), 0
+    )
     k = jnp.fft.fftfreq(n, 1 / n)
     r = jnp.hypot(k[:, None], k[None])
     found = jnp.stack([jnp.sum(jnp.where((r >= 2**i) & (r < 2 ** (i + 1)), power, 0.0)) for i in range(_BANDS)])
@@ -120,11 +124,14 @@ def _as_covariant(
 ) -> tuple[Float[Array, "W C"], Float[Array, "C"]]:
     """A and b."""
     c = f.shape[1]
+    product = partial(jnp.matmul, precision="highest")
     mean = jnp.mean(x, axis=0)
-    values, vectors = jnp.linalg.eigh(jnp.cov(x.T))
+    values, vectors = jnp.linalg.eigh(product((x - mean[None]).T, x - mean[None]) / len(x))
     values, vectors = values[-c:], vectors[:, -c:]
     turn = jnp.linalg.qr(jax.random.normal(key, (c, c), jnp.float32))[0]
-    own, axes = jnp.linalg.eigh(jnp.cov(f.T))
-    root = (axes * jnp.sqrt(jnp.maximum(own, own[-1] * 1e-4))) @ axes.T
-    a = (vectors / jnp.sqrt(jnp.maximum(values, values[-1] * 1e-6))) @ turn @ root
-    return a, jnp.mean(f, axis=0) - mean @ a
+    apart = f - jnp.mean(f, axis=0, keepdims=True)
+    own, axes = jnp.linalg.eigh(product(apart.T, apart) / len(f))
+    root = product(axes * jnp.sqrt(jnp.maximum(own, own[-1] * 1e-4))[None], axes.T)
+    white = vectors / jnp.sqrt(jnp.maximum(values, values[-1] * 1e-6))[None]
+    a = product(product(white, turn), root)
+    return a, jnp.mean(f, axis=0) - product(mean, a)

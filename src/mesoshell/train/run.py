@@ -143,7 +143,7 @@ class _Book:
     """What is heard of the steps, and what the first host writes of it: log rows, snapshots with their sheets, the report, and
     the same for TensorBoard if it is installed."""
 
-    def __init__(self, folder: Path, method: Method, config: RunConfig, dataset: Data, show: Callable):
+    def __init__(self, folder: Path, method: Method, config: RunConfig, dataset: Any, show: Callable):
         self.folder, self.method, self.config, self.dataset, self.show = folder, method, config, dataset, show
         self.board, self.finite = None, True
         self.heard: list[dict[str, float]] = []

@@ -90,7 +90,8 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
     for i, sample in enumerate(samples):
         at = slice(first[i], first[i + 1])
         pixels[at] = load_image(sample).reshape(-1, 4)
-        met[at] = _meet(*_pixel_rays(sample)[:2])
+        near, far = box_span(*_pixel_rays(sample))
+        met[at] = far > near + 1e-6
     which, left_out = np.repeat(of, sizes)[met], np.repeat(out, sizes)[met]
     hits = np.flatnonzero(met)
     learned, kept = (
@@ -147,17 +148,18 @@ def _normalised(parameters: dict[str, Any], samples: Sequence[Sample], role: str
     return np.ascontiguousarray(np.asarray(columns, np.float32).reshape(len(columns), len(samples)).T)
 
 
-def _pixel_rays(sample: Sample) -> tuple[np.ndarray, np.ndarray, float]:
+def _pixel_rays(sample: Sample) -> tuple[np.ndarray, np.ndarray]:
     camera = Camera(sample.camera_to_world, sample.fov, *sample.size)
-    return *rays(camera, pixel_grid(camera, 1, 0)), pixel_radius(camera.spread)
+    return rays(camera, pixel_grid(camera, 1, 0))
 
 
-def _meet(o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> np.ndarray:
-    """Whether rays meet the unit box."""
+def box_span(
+    o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]
+) -> tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R"]]:
+    """Distances at which rays enter and leave the unit box; one that misses it leaves before it enters."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.sort(np.stack([-o / d, (1 - o) / d]), axis=0)
-    near, far = np.max(np.fmax(ends[0], 0), axis=1), np.min(ends[1], axis=1)
-    return far > near + 1e-6
+    return np.max(np.fmax(ends[0], 0), axis=1), np.min(ends[1], axis=1)
 
 
 def rays_at(shots: Shots, pixels: Int[np.ndarray, "R"], patch: int, key: np.ndarray) -> Rays:

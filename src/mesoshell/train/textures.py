@@ -36,7 +36,7 @@ from mesoshell.shell.generator import (
     synthesise_height,
 )
 from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.texture_critic import Critic, CriticConfig, criticise, init_critic
+from mesoshell.shell.texture_critic import Critic, CriticConfig, criticise, grid_side, init_critic
 from mesoshell.train.exemplars import Scaled, Taught, scaled
 from mesoshell.train.natural_start import natural_start, wide
 from mesoshell.train.seen import CHANNELS, draw_light, see, turned
@@ -135,6 +135,8 @@ def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig
         raise InputError(exemplars.path, f"has {side} texels a patch; the generator has {config.generator.texels}")
     if count > len(exemplars.features):
         raise InputError(exemplars.path, f"has {len(exemplars.features)} patches; the experiment asks for {count}")
+    if config.adversarial and not grid_side(side):
+        raise InputError(exemplars.path, f"has {side} texels a patch, which is less than a critic's window")
     some = scaled(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count]))
     betas, rows = exemplars.beta.shape[1], len(exemplars.height)
     generator = replace(config.generator, channels=channels, betas=betas, height_rows=rows)
@@ -181,7 +183,7 @@ def step(
     def shown(feature: Array, at: int) -> Array:
         assert versus
         y = across.each(lambda f, k: _seen(config, state, f, k))(feature, keys[:, at])
-        y = jnp.clip((y - versus.mean) / versus.deviation, -_MOST, _MOST)
+        y = jnp.clip((y - versus.mean[None, None, None]) / versus.deviation[None, None, None], -_MOST, _MOST)
         return jax.vmap(turned)(y, keys[:, at + 1])
 
     def loss(generator: Generator) -> tuple[Scalar, Any]:
@@ -189,7 +191,7 @@ def step(
         feature, magnitude = made(config, state, generator, w, own_phases(config, batch.patch))
         error = jnp.mean((feature - batch.feature) ** 2)
         profile = synthesise_height(wide(config.generator), generator, w)[..., : batch.feature.shape[3]]
-        height = jnp.mean((profile - state.height) ** 2) / jnp.var(state.height)
+        height = jnp.mean((profile - state.height[None]) ** 2) / jnp.var(state.height)
         total, told, y = config.anchor * error + height, zero, None
         if versus:
             w_new = latents(config, generator, batch.other_beta)
@@ -260,7 +262,7 @@ def made(
     """Textures of a patch's side, and mean squares of the layers' inputs."""
     side, corner = config.generator.texels, jnp.zeros(2, jnp.int32)
     given = synthesise(wide(config.generator), generator, state.averages, w, phases, corner, (side, side))
-    return jnp.matmul(given.feature, state.a, precision="highest") + state.b, given.magnitude
+    return jnp.matmul(given.feature, state.a, precision="highest") + state.b[None, None, None], given.magnitude
 
 
 def folded(generator: Generator, state: TexturesState) -> Generator:

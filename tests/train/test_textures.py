@@ -1,0 +1,226 @@
+"""A generator learns exemplars: scaling changes no answer, the start has their statistics, a critic sees what is lawful."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Parameter
+from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
+from mesoshell.shell import decoder as net
+from mesoshell.shell.decoder import init_decoder
+from mesoshell.shell.generator import map_latent, synthesise, synthesise_height
+from mesoshell.shell.plan import GeneratorConfig
+from mesoshell.shell.scene import decoder_of
+from mesoshell.shell.texture_critic import CriticConfig, criticise, init_critic
+from mesoshell.train import run, seen, textures_snapshot
+from mesoshell.train.above import TOP, from_above
+from mesoshell.train.exemplars import Scaled, feed, scaled
+from mesoshell.train.export import decoder_arrays
+from mesoshell.train.textures import (
+    TexturesConfig,
+    TexturesState,
+    fitted,
+    folded,
+    latents,
+    made,
+    own_phases,
+    start,
+    step,
+)
+from mesoshell.train.textures_snapshot import bundle
+
+pytestmark = pytest.mark.xdist_group("textures")
+SIDE, C = 32, 4
+GENERATOR = GeneratorConfig(
+    texels=SIDE, channel_base=512, channel_max=16, channels=C, layers=4, z=0, w=8, waves=2, height_width=16
+)
+CONFIG = TexturesConfig(GENERATOR, CriticConfig(seen.CHANNELS, width=4), batch=2, snapshot_kimg=1e9)
+DECODER = init_decoder(jax.random.key(5), C + 1 + 2 + 1, (8, 8), (8,))
+
+
+@pytest.fixture(scope="module")
+def exemplars() -> Exemplars:
+    """Two textures of filtered noise, channels of other means and deviations, correlated."""
+    rng = np.random.default_rng(0)
+    k = np.hypot(*np.meshgrid(np.fft.fftfreq(SIDE, 1 / SIDE), np.fft.fftfreq(SIDE, 1 / SIDE)))
+    noise = np.fft.fft2(rng.normal(size=(2, SIDE, SIDE, C)), axes=(1, 2)) / (1 + k[None, :, :, None]) ** 1.5
+    mixed = np.fft.ifft2(noise, axes=(1, 2)).real @ rng.normal(size=(C, C))
+    features = mixed / mixed.std(axis=(0, 1, 2)) * [3.0, 0.2, 1.0, 0.5] + [1.0, -2.0, 0.0, 0.3]
+    height = rng.normal(size=(8, C))
+    age = Parameter("age", "alpha", (0.0, 1.0), 0.0, "1", "how old")
+    about = {"datasets": [{"recipe": "noise"}]}
+    return Exemplars(
+        features.astype(np.float32), height, np.zeros((2, 0), np.float32), decoder_arrays(DECODER), 1, (age,), about
+    )
+
+
+@pytest.fixture(scope="module")
+def begun(exemplars: Exemplars) -> tuple[TexturesConfig, Scaled, TexturesState]:
+    config, data = fitted(replace(CONFIG, kimg=0.12), exemplars)
+    return config, data, start(config, data, jax.random.key(0))
+
+
+def test_what_scales_exemplars_changes_no_answer(exemplars: Exemplars):
+    data = scaled(exemplars)
+    np.testing.assert_allclose(data.features.mean(axis=(0, 1, 2)), 0, atol=1e-5)
+    np.testing.assert_allclose(data.features.std(axis=(0, 1, 2)), 1, rtol=1e-5)
+    rest = jnp.asarray(np.random.default_rng(1).random((SIDE, SIDE, 4)), jnp.float32)
+    row = np.asarray(exemplars.height[3], np.float32)
+    given = net.trunk(decoder_of(exemplars.decoder), jnp.concatenate([exemplars.features[0] + row, rest], axis=-1))
+    found = net.trunk(data.decoder, jnp.concatenate([data.features[0] + data.height[3], rest], axis=-1))
+    for a, b in zip(given, found, strict=True):
+        np.testing.assert_allclose(b, a, rtol=2e-4, atol=2e-5)
+
+
+def test_a_start_has_the_exemplars_mean_and_covariance(begun):
+    config, data, state = begun
+    assert state.a.shape == (2 * C, C)
+    w, phases = latents(config, state.generator, jnp.zeros((64, 0))), own_phases(config, jnp.arange(64))
+    x = np.asarray(made(config, state, state.generator, w, phases)[0]).reshape(-1, C)
+    np.testing.assert_allclose(x.mean(axis=0), 0, atol=0.3)
+    np.testing.assert_allclose(np.cov(x.T), np.corrcoef(data.features.reshape(-1, C).T), atol=0.4)
+
+
+def test_a_material_makes_the_textures_of_the_run(begun):
+    """What follows the last layer is folded into it, in the bundle too."""
+    config, data, state = begun
+    state = state._replace(averages=state.averages._replace(magnitude=[1.3 * m for m in state.averages.magnitude]))
+    w, phases = latents(config, state.generator, jnp.zeros((1, 0))), own_phases(config, jnp.arange(1))
+    expected = made(config, state, state.generator, w, phases)[0]
+    g, corner = folded(state.generator, state), jnp.zeros(2, jnp.int32)
+    found = synthesise(config.generator, g, state.averages, w, phases, corner, (SIDE, SIDE)).feature
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
+    assert synthesise_height(config.generator, g, w).shape == (1, 8, C)
+    made_of = bundle(config, data, state)
+    assert made_of.generator is not None and made_of.generator["z"] == 0 and not made_of.wraps
+    np.testing.assert_array_equal(
+        made_of.arrays["generator/layers/4/weight"], folded(state.smooth, state).layers[-1].weight
+    )
+
+
+def test_regression_repeats_its_exemplars(begun):
+    config, data, state = begun
+    assert state.versus is None  # what is not asked for is not there
+    learn, at = jax.jit(lambda s, b: step(config, s, b)), feed(config, data)
+    errors = []
+    for i in range(60):
+        state, report = learn(state, at(i))
+        errors.append(float(report.error))
+    assert np.mean(errors[-6:]) < 0.8 * np.mean(errors[6:12])
+    assert float(report.height) < 0.5 and not np.asarray(report.bad).any()
+
+
+def test_a_step_against_a_critic_is_finite_and_moves_both(exemplars: Exemplars):
+    wide = replace(exemplars, features=np.tile(exemplars.features, (1, 2, 2, 1)))
+    generator = replace(GENERATOR, texels=2 * SIDE, channel_base=256, channel_max=4)
+    config, data = fitted(replace(CONFIG, generator=generator, adversarial=1.0, warm=1, kimg=0.1), wide)
+    state = start(config, data, jax.random.key(0))
+    learn, at = jax.jit(lambda s, b: step(config, s, b)), feed(config, data)
+    first, report = learn(state, at(0))
+    assert not np.asarray(report.bad).any() and np.isfinite(jax.tree.leaves(report._replace(bad=0))).all()
+    np.testing.assert_array_equal(first.generator.mix, state.generator.mix)  # the critic alone learns at first
+    assert (np.asarray(first.versus.critic.out.kernel) != np.asarray(state.versus.critic.out.kernel)).any()
+    second, _ = learn(first, at(1))
+    assert (np.asarray(second.generator.mix) != np.asarray(first.generator.mix)).any()
+    np.testing.assert_array_equal(second.decoder.sigma.kernel, state.decoder.sigma.kernel)
+
+
+def test_exemplars_of_other_texels_and_too_few_are_refused(exemplars: Exemplars):
+    with pytest.raises(InputError, match="has 32 texels a patch; the generator has 16"):
+        fitted(replace(CONFIG, generator=replace(GENERATOR, texels=16)), exemplars)
+    with pytest.raises(InputError, match="has 2 patches; the experiment asks for 3"):
+        fitted(replace(CONFIG, exemplars=3), exemplars)
+    with pytest.raises(InputError, match="has 32 texels a patch, which is less than a critic's window"):
+        fitted(replace(CONFIG, adversarial=1.0), exemplars)
+
+
+def test_no_latent_needs_no_z(begun):
+    w = map_latent(begun[2].generator, jnp.zeros((3, 0)), jnp.zeros((3, 0)))
+    np.testing.assert_array_equal(w[0], w[2])
+    assert float(jnp.std(w)) > 0
+
+
+def test_a_slab_from_above_is_its_closed_form():
+    """σ the same everywhere: opacity of n layers, and the mean height of what is met first."""
+    decoder = DECODER._replace(sigma=DECODER.sigma._replace(kernel=jnp.zeros((8, 1)), bias=jnp.full(1, 3.0)))
+    sigma = float(decoder.scale * np.log(2))
+    found = from_above(decoder, 1, jnp.ones((4, 4, C)), jnp.zeros((8, C)), jnp.full(1, 0.5), layers=6)
+    o = -np.expm1(-sigma * TOP / 6)
+    np.testing.assert_allclose(found.opacity, np.full((6, 4, 4), o), rtol=1e-5)
+    over = (1 - o) ** np.arange(6)[::-1]
+    np.testing.assert_allclose(found.cover, np.full((4, 4), 1 - (1 - o) ** 6), rtol=1e-5)
+    np.testing.assert_allclose(found.depth[0, 0], np.sum(over * o * (np.arange(6) + 0.5) / 6 * TOP), rtol=1e-5)
+
+
+@pytest.mark.parametrize("turn", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
+def test_a_turned_texture_is_seen_turned(
+    exemplars: Exemplars, turn: tuple[int, int, int], monkeypatch: pytest.MonkeyPatch
+):
+    """Layers, depth and views aslant of a flipped texture are the flips of what is seen of it; light is another matter."""
+    monkeypatch.setattr(jax.random, "randint", lambda *_: jnp.array(turn))
+    data = scaled(exemplars)
+    f = jnp.asarray(data.features[0])
+    moved = jnp.flip(f, [axis for axis in (0, 1) if turn[axis]])
+    moved = jnp.swapaxes(moved, 0, 1) if turn[2] else moved
+    light, height = jnp.array([0.0, 0.0, 1.0]), jnp.asarray(data.height)
+    a, b = (seen.see(data.decoder, 1, x, height, jnp.full(1, 0.3), light) for x in (f, moved))
+    expected = seen.turned(a, jax.random.key(0))
+    np.testing.assert_allclose(b, expected, rtol=1e-4, atol=1e-5)
+    assert not np.allclose(b, a, atol=1e-3)
+
+
+def test_a_view_aslant_looks_along_its_slant():
+    """One column of matter: from aside it is seen where its layers lie against the view."""
+    above = seen.Above(jnp.zeros((16, 128, 128)).at[:, 64, 64].set(1.0), *(jnp.zeros(1),) * 3)
+    seen_from = np.asarray(seen._aslant(above, (32, 0), 128))
+    rows = np.flatnonzero(seen_from[:, 64])
+    assert rows.max() == 63 and rows.min() == 64 - 31  # the top in its place but for half a layer, the foot by 31 of 32
+    heights = seen_from[rows, 64]
+    assert (np.diff(heights[heights > 0]) > 0).all()
+
+
+def test_a_logit_sees_its_window_alone():
+    critic = init_critic(CriticConfig(3, width=4), jax.random.key(0))
+    y = jax.random.normal(jax.random.key(1), (1, 128, 128, 3))
+    other = y.at[:, 100:].add(1.0)
+    a, b = (criticise(critic, x, jnp.zeros((1, 0))) for x in (y, other))
+    assert a.ndim == 3 and a.shape[1] == a.shape[2] > 4
+    changed = np.asarray(a != b)[0].any(axis=1)
+    assert changed[-1] and not changed[: a.shape[1] // 2].any()
+
+
+def test_a_critic_is_told_of_parameters():
+    critic = init_critic(CriticConfig(3, width=4, betas=2), jax.random.key(0))
+    y = jax.random.normal(jax.random.key(1), (1, 64, 64, 3))
+    a, b = (criticise(critic, y, jnp.full((1, 2), x)) for x in (0.2, 0.7))
+    assert np.abs(np.asarray(a - b)).min() > 0
+
+
+def test_a_run_keeps_a_material_and_a_sheet(exemplars: Exemplars, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(textures_snapshot, "SIDE", 16)
+    write_exemplars(tmp_path / "e.npz", exemplars)
+    config = replace(CONFIG, kimg=0.004, snapshot_kimg=0.004)
+    run.train(config, read_exemplars(tmp_path / "e.npz"), tmp_path / "run")
+    assert [p.name for p in (tmp_path / "run" / "snapshots").iterdir()] == ["000000004.npz"]
+    assert (tmp_path / "run" / "sheets" / "000000004.png").stat().st_size > 1000
+
+
+def test_faulty_exemplars_are_refused_in_one_line(exemplars: Exemplars, tmp_path: Path):
+    path = tmp_path / "e.npz"
+    write_exemplars(path, exemplars)
+    with np.load(path) as file:
+        arrays = dict(file)
+    for change, fault in (
+        ({"beta": np.zeros((3, 0), np.float32)}, "features, height and beta do not fit"),
+        ({"features": np.full_like(arrays["features"], np.nan)}, "array features has NaN or infinite values"),
+        ({"features": arrays["features"][0]}, "has no array features of 4 axes: not exemplars"),
+        ({"manifest.json": np.frombuffer(b'{"kind": "shell"}', np.uint8)}, "manifest.json is not that of exemplars"),
+    ):
+        np.savez(path, **(arrays | change))
+        with pytest.raises(InputError, match=fault):
+            read_exemplars(path)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -256,8 +256,8 @@ def _of_training() -> Programs:
     fitting = fit.FitConfig(
         texels=16, channels=4, height_rows=8, octaves=1, trunk=(8,), head=(8,), batch=2, rays=256, candidates=16
     )
-    fitting = replace(fitting, appearance=1)
-    begun = jax.eval_shape(lambda: fit.start(fitting, SimpleNamespace(given=None), KEY))
+    fitting, nothing = replace(fitting, appearance=1), cast(Any, SimpleNamespace(given=None))
+    begun = jax.eval_shape(lambda: fit.start(fitting, nothing, KEY))
     rays = shots.Rays(
         i(2), f(2, 256, 3), f(2, 256, 3), f(2, 256), f(2, 256, 3), f(2, 256, 3), f(2, 256, 1), f(2, 256, 4), u(2, 2)
     )
@@ -289,7 +289,7 @@ def _of_textures() -> Programs:
     small = GeneratorConfig(texels=32, channel_base=256, channel_max=8, channels=4, layers=4, z=0, w=8, waves=2)
     config = textures.TexturesConfig(replace(small, height_rows=8), batch=2, adversarial=1.0, octaves=1, alphas=1)
     decoder = init_decoder(KEY, 4 + 1 + 2 + 1, (8,), (8,))
-    data = SimpleNamespace(
+    data: Any = SimpleNamespace(
         features=np.ones((2, 32, 32, 4), np.float32), height=np.ones((8, 4), np.float32), decoder=decoder
     )
     begun = jax.eval_shape(lambda: textures.start(config, data, KEY))

@@ -74,7 +74,7 @@ def light(method: Method) -> Method:
 
     return method._replace(
         feed=fed,
-        start=lambda config, key: jax.tree.map(jax.numpy.asarray, exact(method.start(config, key))),
+        start=lambda *given: jax.tree.map(jax.numpy.asarray, exact(method.start(*given))),
         save=lambda path, config, data, state: path.write_bytes(b""),
         sheet=lambda config, data, state: np.zeros((2, 2, 3), np.float32),
     )

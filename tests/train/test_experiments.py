@@ -4,6 +4,7 @@ its own it is a configuration that fits. Files that differ only in their data ar
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import fog
 import jax
@@ -14,10 +15,13 @@ from mesoshell.atlas.capture import Capture, read_capture
 from mesoshell.cli.training import check_recipe, experiment_of, read_experiment
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.io.exemplars import Exemplars
 from mesoshell.io.pack import pack_dataset
 from mesoshell.io.patches import Patches, read_patches
 from mesoshell.mesostructure.render import Settings, render_patches
+from mesoshell.shell.decoder import init_decoder
 from mesoshell.train.atlas import AtlasTraining
+from mesoshell.train.export import decoder_arrays
 from mesoshell.train.method import method_of
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.presets import PRESETS
@@ -25,6 +29,7 @@ from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.run import train
 from mesoshell.train.stream import RunConfig, views_of
 from mesoshell.train.surface import SurfaceTraining
+from mesoshell.train.textures import TexturesConfig
 from tests import balls
 
 FILES = sorted((Path(__file__).parents[2] / "experiments").glob("*.py"))
@@ -73,10 +78,22 @@ def answered(tmp_path_factory) -> Patches:
     return read_patches(folder)
 
 
-def shrunk(config: RunConfig) -> RunConfig:
+def taught() -> Exemplars:
+    """Two patches of noise."""
+    rng = np.random.default_rng(0)
+    decoder = decoder_arrays(init_decoder(jax.random.key(0), 4 + 1 + 2, (8,), (8,)))
+    about = {"datasets": [{"recipe": "grass"}]}
+    features = rng.normal(size=(2, 64, 64, 4)).astype(np.float32)
+    return Exemplars(features, rng.normal(size=(8, 4)), np.zeros((2, 0), np.float32), decoder, 1, (), about)
+
+
+def shrunk(config: Any) -> RunConfig:
     """Two steps of 8² pictures, networks of a few channels."""
     if isinstance(config, AtlasTraining):
         return replace(config, side=8, samples=4, batch=4, kimg=0.008)
+    if isinstance(config, TexturesConfig):  # a critic's window asks for 64 texels
+        generator = replace(config.generator, texels=64, channel_base=256, channel_max=4, layers=4)
+        return replace(config, generator=generator, batch=4, kimg=0.008, warm=0)
     if isinstance(config, SurfaceTraining):
         return replace(config, surface=replace(config.surface, texels=8, hidden=(8,)), batch=4, kimg=0.008)
     config = replace(config, picture=replace(config.picture, size=8, samples=4), kimg=0.008)
@@ -93,11 +110,11 @@ def shrunk(config: RunConfig) -> RunConfig:
 def test_it_takes_two_steps(file: Path, data, answered, ball, tmp_path: Path) -> None:
     """Everything that learns has moved, is finite, and is kept as a snapshot with a sheet; the log has all losses."""
     config = shrunk(read_experiment(file, "tiny"))
-    data = {SurfaceTraining: answered, AtlasTraining: ball}.get(type(config), data)
+    data = {SurfaceTraining: answered, AtlasTraining: ball, TexturesConfig: taught()}.get(type(config), data)
     method = method_of(config)
     state = train(config, data, tmp_path / "run")
     assert int(state.images) == 8 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
-    begin = method.start(method.fitted(config, data)[0], jax.random.key(config.seed))
+    begin = method.start(*method.fitted(config, data), jax.random.key(config.seed))
     for name, part in method.parts(state).items():
         pairs = zip(jax.tree.leaves(part), jax.tree.leaves(method.parts(begin)[name]), strict=True)
         assert any((np.asarray(a) != np.asarray(b)).any() for a, b in pairs), name
@@ -110,6 +127,10 @@ def test_it_takes_two_steps(file: Path, data, answered, ball, tmp_path: Path) ->
 @pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
 def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, ball, tmp_path: Path) -> None:
     config = read_experiment(file, "tiny")
+    if isinstance(config, TexturesConfig):
+        state = train(replace(shrunk(config), kimg=0.04), taught(), tmp_path / "run")
+        assert all(np.isfinite(x).all() for x in jax.tree.leaves(state))
+        return
     if isinstance(config, AtlasTraining):
         train(config, ball, tmp_path / "run")
         pictures = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
@@ -133,9 +154,10 @@ def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, ball, tmp
 @pytest.mark.parametrize("file", FILES, ids=lambda p: p.stem)
 def test_its_own_size_is_the_small_preset(file: Path) -> None:
     config = read_experiment(file)
-    assert isinstance(config, SurfaceTraining | AtlasTraining) or config.picture.size == 64
+    assert isinstance(config, SurfaceTraining | AtlasTraining | TexturesConfig) or config.picture.size == 64
     assert config == read_experiment(file, "small")
-    jax.eval_shape(lambda: method_of(config).start(config, jax.random.key(0)))
+    if not isinstance(config, TexturesConfig):  # whose start needs its data
+        jax.eval_shape(lambda: method_of(config).start(config, None, jax.random.key(0)))
     assert file.read_text().startswith('"""')
 
 
@@ -168,10 +190,14 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         (
             "config = 3",
             None,
-            "defines no `config` that is a TrainConfig, a ParametricConfig, a SurfaceTraining or an Atl",
+            "defines no `config` that is a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an Atl",
         ),
         ("variant = 3", "small", "defines no `variant`"),
-        ("", "tiny", "defines no `variant` that makes of a TrainConfig a TrainConfig, a ParametricConfig, a Surf"),
+        (
+            "",
+            "tiny",
+            "defines no `variant` that makes of a TrainConfig a TrainConfig, a TexturesConfig, a ParametricConfig, a Surf",
+        ),
         ("def variant(c): return c.nothing", "tiny", "AttributeError"),
         ("import nothing_of_the_kind", None, "ModuleNotFoundError"),
     ):

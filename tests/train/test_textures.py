@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
+from mesoshell.io.archive import write_arrays
 from mesoshell.io.bundle import Parameter
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.shell import decoder as net
@@ -124,6 +125,7 @@ def test_a_step_against_a_critic_is_finite_and_moves_both(exemplars: Exemplars):
     first, report = learn(state, at(0))
     assert not np.asarray(report.bad).any() and np.isfinite(jax.tree.leaves(report._replace(bad=0))).all()
     np.testing.assert_array_equal(first.generator.mix, state.generator.mix)  # the critic alone learns at first
+    assert first.versus and state.versus
     assert (np.asarray(first.versus.critic.out.kernel) != np.asarray(state.versus.critic.out.kernel)).any()
     second, _ = learn(first, at(1))
     assert (np.asarray(second.generator.mix) != np.asarray(first.generator.mix)).any()
@@ -221,6 +223,6 @@ def test_faulty_exemplars_are_refused_in_one_line(exemplars: Exemplars, tmp_path
         ({"features": arrays["features"][0]}, "has no array features of 4 axes: not exemplars"),
         ({"manifest.json": np.frombuffer(b'{"kind": "shell"}', np.uint8)}, "manifest.json is not that of exemplars"),
     ):
-        np.savez(path, **(arrays | change))
+        write_arrays(path, arrays | change)
         with pytest.raises(InputError, match=fault):
             read_exemplars(path)

@@ -30,13 +30,15 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     from mesoshell.train.record import read_record
     from mesoshell.train.state import TrainConfig
     from mesoshell.train.surface import SurfaceTraining
+    from mesoshell.train.textures import TexturesConfig
 
     probe_outputs((options.out,))
     config = read_record(options.run)[0]
-    if not isinstance(config, TrainConfig | SurfaceTraining):
+    if not isinstance(config, TrainConfig | TexturesConfig | SurfaceTraining):
         raise InputError(options.run, "holds a network and no generator: it can be evaluated, not exported")
     images, path = _snapshot(options.run, options.kimg)
-    read, write = (read_bundle, write_bundle) if isinstance(config, TrainConfig) else (read_surface, write_surface)
+    shell = not isinstance(config, SurfaceTraining)
+    read, write = (read_bundle, write_bundle) if shell else (read_surface, write_surface)
     bundle: Any = read(path)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write(options.out, _scored(bundle, options.run, images))

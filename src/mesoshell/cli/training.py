@@ -120,8 +120,8 @@ def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | Non
         of = {"config": "that is", "variant": "that makes of a TrainConfig"}[wanted]
         raise InputError(
             path,
-            f"defines no `{wanted}` {of} a TrainConfig, a ParametricConfig, a SurfaceTraining or an AtlasTraining "
-            "(mesoshell.train.state, .parametric, .surface and .atlas)",
+            f"defines no `{wanted}` {of} a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an "
+            "AtlasTraining (mesoshell.train.state, .textures, .parametric, .surface and .atlas)",
         )
     return config, defined.get("recipe")
 

@@ -58,7 +58,7 @@ def train(
     """
     method = method_of(config)
     config, seen = method.fitted(config, dataset)
-    lend = lender(config, transfer) if transfer and is_first() else None
+    lend = lender(config, seen, transfer) if transfer and is_first() else None
     keep_record(config, dataset, folder, transfer)
     batch_of = method.feed(config, seen, jax.process_index(), jax.process_count())
     spread = spread_step(

@@ -40,6 +40,7 @@ from mesoshell.shell.texture_critic import Critic, CriticConfig, criticise, grid
 from mesoshell.train.exemplars import Scaled, Taught, scaled
 from mesoshell.train.natural_start import natural_start, wide
 from mesoshell.train.seen import CHANNELS, draw_light, see, turned
+from mesoshell.train.state import TrainConfig
 from mesoshell.train.step import HERE, Across, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
@@ -74,6 +75,14 @@ class TexturesConfig:
     alphas: int = 0
     snapshot_kimg: float = 0.5
     seed: int = 0
+
+
+def textures_as(preset: TrainConfig) -> TexturesConfig:
+    """A run at a preset's size: twice its texels a patch, with its channels. `tiny` is over in a minute."""
+    texels, most = 2 * preset.generator.texels, preset.generator.channel_max
+    config = TexturesConfig()
+    generator = replace(config.generator, texels=texels, channel_base=most * texels, channel_max=most)
+    return replace(config, generator=generator, kimg=0.24 if texels < 64 else config.kimg)
 
 
 class Versus(NamedTuple):

@@ -12,37 +12,50 @@ Both networks are lent, as by Wang et al., "Transferring GANs: generating images
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import jax
 
 from mesoshell.errors import InputError
 from mesoshell.nets.mlp import Dense
+from mesoshell.train import textures
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.record import flat, read_record
 from mesoshell.train.state import Learner, TrainConfig, TrainState, start
 from mesoshell.train.stream import RunConfig
+from mesoshell.train.textures import TexturesConfig
 
 #: What of a configuration says what the weights are and mean; and what of that follows from a dataset, or changes no weight.
 WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")
 MAY_DIFFER = ("generator.betas", "discriminator.labels", "generator.precision", "generator.turn", "generator.fourier")
+#: What a run on textures is lent; its decoder is the exemplars'.
+LENT = ("generator", "smooth", "averages", "a", "b")
 
 
-def lender(config: RunConfig, folder: Path) -> Callable[[TrainState], TrainState]:
+def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
     """What gives a run's state at the start the weights of the newest checkpoint in `folder`. Raises InputError if that is no
     generator's run, has no checkpoint, or has other networks, with the fields that differ."""
     other, _ = read_record(folder)
-    if not (isinstance(config, TrainConfig) and isinstance(other, TrainConfig)):
-        raise InputError(folder, "weights are lent by a generator's run to a generator's run only")
+    if type(config) is not type(other) or not isinstance(config, TrainConfig | TexturesConfig):
+        raise InputError(folder, "weights are lent by a generator's run to a generator's run of the same method only")
     mine, theirs = flat(asdict(config)), flat(asdict(other))
     differ = [k for k in mine if k.startswith(WEIGHTS) and k not in MAY_DIFFER and mine[k] != theirs[k]]
     if differ:
         said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
         raise InputError(folder, f"its networks are not this run's: {said}")
     with Checkpoints(folder / "checkpoints", reading=True) as checkpoints:
-        found = checkpoints.newest(jax.eval_shape(lambda: start(other, jax.random.key(other.seed))))
+        found = checkpoints.newest(jax.eval_shape(lambda: _started(other, data)))
     if found is None:
         raise InputError(folder, "has no checkpoint yet")
-    return lambda fresh: lend(fresh, found[1], config.appearance)
+    old = found[1]
+    if isinstance(config, TrainConfig):
+        return lambda fresh: lend(fresh, old, config.appearance)
+    return lambda fresh: fresh._replace(**{name: getattr(old, name) for name in LENT})
+
+
+def _started(config: Any, data: Any) -> Any:
+    key = jax.random.key(config.seed)
+    return start(config, key) if isinstance(config, TrainConfig) else textures.start(config, data, key)
 
 
 def lend(fresh: TrainState, old: TrainState, appearance: int) -> TrainState:

@@ -1,0 +1,17 @@
+"""Grass from fitted patches, against a critic: textures of new phases are told from exemplars, whose regression is the anchor.
+
+Begin with the weights of a run of grass_textures.py (--transfer): from a natural start the critic leads at once.
+"""
+
+from dataclasses import replace
+
+from mesoshell.train.state import TrainConfig
+from mesoshell.train.textures import TexturesConfig, textures_as
+
+
+def variant(preset: TrainConfig) -> TexturesConfig:
+    return replace(textures_as(preset), adversarial=1.0, rate=3e-3)
+
+
+config = replace(TexturesConfig(), adversarial=1.0, rate=3e-3)
+recipe = "grass"

@@ -64,8 +64,8 @@ def _row(layout: Layout, material: Material, alpha: jax.Array, how: tuple, v: ja
     (patches, pixels), layers = how
     u, h = jnp.meshgrid(_centres(patches * pixels) * patches, _centres(layers), indexing="ij")
     xi = jnp.stack([u, jnp.broadcast_to(v, u.shape), h], axis=-1).reshape(-1, 3)
-    deviations = (jnp.full(len(xi), 1 / (12**0.5 * n)) for n in (pixels, layers))
-    points = Point(xi, *deviations, jnp.broadcast_to(alpha, (len(xi), len(alpha))))
+    radius, deviation = (jnp.full(len(xi), 1 / (12**0.5 * n)) for n in (pixels, layers))
+    points = Point(xi, radius, deviation, jnp.broadcast_to(alpha, (len(xi), len(alpha))))
     x = jax.vmap(partial(inputs, material, layout))(points)
     sigma, hidden = net.trunk(material.decoder, x)
     return sigma.reshape(u.shape), hidden

@@ -54,4 +54,4 @@ def judged(answer: Bool[np.ndarray, "m"], said: Bool[np.ndarray, "m"]) -> Judged
     right, count = int((answer == said).sum()), len(answer)
     test = binomtest(right, count, 0.5, alternative="greater")
     interval = binomtest(right, count, 0.5).proportion_ci(0.95, "exact")
-    return Judged(right, count, right / count, interval.low, interval.high, test.pvalue)
+    return Judged(right, count, right / count, interval.low, interval.high, float(test.pvalue))

@@ -16,15 +16,17 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter1d
+
+#: Deviation, in pixels, of the Gaussian that f is blurred by before it is differentiated.
+BLUR = 1.0
 
 
 def strokes(
-    f: Float[np.ndarray, "V U"], places: tuple[int, int], blur: float = 1.0
+    f: Float[np.ndarray, "V U"], places: tuple[int, int]
 ) -> tuple[Float[np.ndarray, "P Q"], Float[np.ndarray, "P Q"]]:
-    """Angle modulo π and coherence at P × Q places: means over the middle halves of equal rectangles. blur: of derivatives,
-    pixels."""
-    gv, gu = (gaussian_filter(f.astype(np.float64), blur, order=order) for order in ((1, 0), (0, 1)))
+    """Angle modulo π and coherence at P × Q places: means over the middle halves of equal rectangles."""
+    gv, gu = (_derivative(f, axis) for axis in (0, 1))
     vv, uu, uv = (_at_places(x, places) for x in (gv * gv, gu * gu, gu * gv))
     along = 0.5 * np.arctan2(2 * uv, uu - vv) + math.pi / 2
     spread, total = np.hypot(uu - vv, 2 * uv), uu + vv
@@ -36,9 +38,7 @@ def leans(
 ) -> tuple[Float[np.ndarray, "P Q"], Float[np.ndarray, "P Q"]]:
     """Angle modulo 2π, and size as run over rise, of strands at P × Q places. spacing: between layers and between texels, in
     one unit of length."""
-    orders = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-    g = [gaussian_filter(f.astype(np.float64), 1.0, order=order) for order in orders]
-    g = [x / step for x, step in zip(g, (spacing[0], spacing[1], spacing[1]), strict=True)]
+    g = [_derivative(f, axis) / spacing[min(axis, 1)] for axis in range(3)]
     tensor = np.array([[_at_places((a * b).mean(axis=0), places) for a in g] for b in g])
     axis = np.linalg.eigh(np.moveaxis(tensor, (0, 1), (-2, -1)))[1][..., 0]  # (k, v, u) that changes least
     axis = axis * np.where(axis[..., :1] < 0, -1, 1)
@@ -51,6 +51,14 @@ def mean_error(found: Float[np.ndarray, "*n"], wanted: Float[np.ndarray, "*n"], 
     """Mean of |found − wanted|, each at most half a period. Chance is a quarter of a period."""
     off = (found - wanted + period / 2) % period - period / 2
     return float(np.abs(off).mean())
+
+
+def _derivative(f: np.ndarray, axis: int) -> np.ndarray:
+    """Along an axis, of f blurred by a Gaussian of BLUR."""
+    x = f.astype(np.float64)
+    for i in range(f.ndim):
+        x = gaussian_filter1d(x, BLUR, axis=i, order=int(i == axis))
+    return x
 
 
 def _at_places(x: Float[np.ndarray, "V U"], places: tuple[int, int]) -> Float[np.ndarray, "P Q"]:

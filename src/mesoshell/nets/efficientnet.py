@@ -6,8 +6,8 @@ k        side of a kernel
 features mean over the last layer's pixels                                           (B, 1280)
 
 The Lite variants have no squeeze-and-excitation, and ReLU6 throughout. The network saw x·255, less 127, over 128, at `side`
-pixels: other sizes are brought there by bilinear interpolation. Normalisation is that of inference, in the convolutions. Lite2 has
-`depth` times the blocks of Lite0 in each stage but the first and the last; widths are the weights' own.
+pixels: other sizes are brought there by bilinear interpolation. Normalisation is that of inference, in the convolutions.
+Lite2 has `depth` times the blocks of Lite0 in each stage but the first and the last; widths are the weights' own.
 """
 
 from collections.abc import Mapping

@@ -36,8 +36,8 @@ def learn(x: Float[np.ndarray, "N D"], t: Float[np.ndarray, "N P"]) -> Reader:
     values, vectors = np.linalg.eigh(a @ a.T / a.shape[1])
     turned = vectors.T @ rest
     inverses = 1 / (np.maximum(values, 0)[None] + RIDGES[:, None])  # (R, N)
-    dual = np.einsum("ni,ri,ip->rnp", vectors, inverses, turned)
-    leverage = np.einsum("ni,ri->rn", vectors**2, inverses)
+    dual = vectors @ (inverses[..., None] * turned)  # (R, N, P)
+    leverage = inverses @ (vectors**2).T
     left_out = np.mean(
         (dual / leverage[..., None]) ** 2, axis=1
     )  # what each picture is missed by if it is not learned from

@@ -55,9 +55,8 @@ def judge_of(dataset: Dataset, a: list[Sample], networks: list[Extractor]) -> Ju
     """From the renders of A. The reader reads the first network's features."""
     images = renders(dataset, a)
     features = [network.of(images) for network in networks]
-    ranges = {name: tuple(entry["range"]) for name, entry in dataset.manifest["parameters"].items()}
-    fixed = dataset.manifest.get("fixed_parameters", {})
-    known = {name: r for name, r in ranges.items() if name not in fixed}
+    declared, fixed = dataset.manifest["parameters"], dataset.manifest.get("fixed_parameters", {})
+    known = {k: (float(x["range"][0]), float(x["range"][1])) for k, x in declared.items() if k not in fixed}
     return Judge(networks, features, descriptors(shown(images)), learn(features[0], _values(known, a)), known)
 
 

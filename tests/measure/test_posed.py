@@ -1,6 +1,7 @@
 """Pictures of materials from renders' cameras, and fields from above: against the field itself, point by point."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -113,7 +114,7 @@ def test_combing_follows_a_pile_that_is_combed(monkeypatch) -> None:
     lean = Parameter("lean_angle", "beta", (0.0, 2 * np.pi), 0.0, "rad", "combed")
     bundle = replace(base, parameters=(base.parameters[0], lean))
     assert fields.combs(bundle) and not fields.combs(base)
-    pile = {"aside": 0.0}
+    pile: dict[str, Any] = {"aside": 0.0}
     rng = np.random.default_rng(0)
     waves = [(*rng.normal(size=2) * 9, rng.uniform(0, 6.28)) for _ in range(40)]
 

@@ -107,7 +107,7 @@ def _convolved(layer: Conv, x: Float[Array, "B H W I"], stride: int = 1) -> Floa
 
 
 def _filtered(layer: Conv, x: Float[Array, "B H W C"], stride: int) -> Float[Array, "B h w C"]:
-    """Each channel by its own kernel, as a sum of shifted products: XLA's grouped convolution takes a CPU five times as long."""
+    """Each channel by its own kernel, as a sum of shifted products: XLA's grouped convolution takes a CPU five times longer."""
     k, size = layer.weight.shape[0], -(-x.shape[1] // stride)
     pad = max((size - 1) * stride + k - x.shape[1], 0)
     sides, last = (pad // 2, pad - pad // 2), (size - 1) * stride + 1

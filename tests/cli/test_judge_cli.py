@@ -107,6 +107,9 @@ def test_each_fault_is_one_line_and_nothing_is_written(made, tmp_path, capsys) -
     blind = ("--data", data, "--out", out, "--count", 4)
     assert "no such material" in fault(capsys, "blind", "nothing", *blind)
     assert "must be from 1 to the dataset's 12" in fault(capsys, "blind", patch, *blind[:-1], 13)
+    assert "--seed: -1 must be from 0" in fault(capsys, "blind", patch, *blind, "--seed", -1)
+    small = fog.write(tmp_path.parent / "small", [(0.6, 0.3, 1.6)] * 12, size=6).folder
+    assert "fewer than 7 pixels" in fault(capsys, "scores", patch, "--data", small, "--out", out)
     assert "no such folder" in fault(capsys, "blind", patch, "--data", tmp_path / "no", "--out", out)
     assert "is no fitted patch" in fault(capsys, "scores", patch, *blind[:-2], "--exemplars", made / "made.npz")
     assert "--images: must be at least 4" in fault(capsys, "scores", patch, *blind[:-2], "--images", 3)

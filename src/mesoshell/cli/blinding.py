@@ -13,7 +13,6 @@ from mesoshell.io.image import write_png
 from mesoshell.io.records import read_object
 from mesoshell.io.sheet import shown, tiled
 from mesoshell.io.whole import probe_outputs, read_file, replace_file, together
-from mesoshell.limits import check_seed
 from mesoshell.measure.blind import judged, marks, shuffled
 
 #: Pictures a row; the least side that a picture is enlarged to, pixels.
@@ -24,7 +23,8 @@ def make_sheet(options: Blind) -> None:
     """Write sheet.png and answers.json."""
     from mesoshell.cli.sitting import sitter
 
-    check_seed(options.seed)
+    if not 0 <= options.seed < 2**32:
+        raise InputError("--seed", f"{options.seed} must be from 0 to 4294967295")
     dataset = read_dataset(options.data)
     if not 1 <= options.count <= len(dataset.samples):
         raise InputError("--count", f"{options.count} must be from 1 to the dataset's {len(dataset.samples)} images")

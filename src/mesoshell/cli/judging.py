@@ -24,6 +24,7 @@ from mesoshell.measure import fields
 from mesoshell.measure.copies import among
 from mesoshell.measure.features import Extractor, extractor, unseen
 from mesoshell.measure.scores import halves, judge_of, renders, score
+from mesoshell.measure.sliced import SIDE
 
 LIMITS = {"repeat": "0.2", "comb, lean": "20", "comb, strokes": "20", "nearest exemplar": "as renders"}
 #: Of generated patches, those shown beside their nearest exemplars.
@@ -40,6 +41,10 @@ def score_all(options: Scores) -> None:
         if bundle.generator is not None or not bundle.wraps:
             raise InputError(name, "is no fitted patch: an exemplar is one that repeats")
     dataset = read_dataset(options.data)
+    if min(dataset.samples[0].size) < SIDE:
+        raise InputError(
+            dataset.folder, f"has pictures of fewer than {SIDE} pixels a side, which have no patches to compare"
+        )
     table = options.out / "scores.md"
     probe_outputs([options.out / "scores.json", table])
     a, b = halves(dataset, options.images)
@@ -93,7 +98,9 @@ def _networks(console: Console) -> list[Extractor]:
 
 
 def _over_a_field(bundle: Bundle, name: str, known: np.ndarray | None, folder: Path) -> dict[str, dict[str, float]]:
-    """Scores of a texture alone, and its pictures in `folder`."""
+    """Scores of a texture alone, and its pictures in `folder`. Three planes a patch make no texture."""
+    if bundle.generator is not None and bundle.generator.get("planes", 1) > 1:
+        return {}
     label = Path(name).name.removesuffix(".npz")
     field = fields.seen_from_above(bundle, name)
     write_png(folder / f"field_{label}.png", field)

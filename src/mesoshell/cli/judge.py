@@ -1,0 +1,65 @@
+"""`mesoshell judge`: generated or fitted materials beside renders, by eye and by numbers."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Blind:
+    """Make a blind sheet: real and made pictures from the same cameras, in the same lights, shuffled; and its answers."""
+
+    #: A material's name or .npz file, or the folder of a training run (its newest snapshot).
+    material: tyro.conf.Positional[str]
+    #: Dataset folder, whose cameras, lights and parameters are used.
+    data: Path
+    #: Folder that gets sheet.png, for the judge alone, and answers.json.
+    out: Path
+    #: What counts as real in place of the dataset's renders: another material, or run.
+    against: str | None = None
+    #: Pictures of each kind.
+    count: int = 24
+    #: Seed of the choice of renders, of the textures and of the order.
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Count how often judges of a blind sheet were right."""
+
+    #: Folder of a blind sheet.
+    sheet: tyro.conf.Positional[Path]
+    #: Text files, one a judge: r (real) or m (made) for each picture of the sheet, row by row.
+    marks: tyro.conf.Positional[tuple[Path, ...]]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Measure materials beside renders, and renders beside other renders first; writes scores.json and scores.md."""
+
+    #: Materials' names or .npz files, or folders of training runs (their newest snapshots).
+    materials: tyro.conf.Positional[tuple[str, ...]]
+    #: Dataset folder; half of it is compared with the other half.
+    data: Path
+    #: Folder that gets scores.json, scores.md, and pictures of each material's field from above.
+    out: Path
+    #: Fitted patches that a generator learned from, to look for copies of: materials' names or .npz files.
+    exemplars: tuple[str, ...] = ()
+    #: Images of each half; at most all of it.
+    images: int = 400
+
+
+def run(command: Annotated[Blind | Marks | Scores, tyro.conf.arg(name="")]) -> None:
+    """Judge materials beside renders: blind sheets, and measures."""
+    if isinstance(command, Marks):
+        from mesoshell.cli import blinding
+
+        return blinding.count_marks(command)
+    from mesoshell.cli import blinding, judging
+
+    if isinstance(command, Blind):
+        blinding.make_sheet(command)
+    else:
+        judging.score_all(command)

@@ -1,0 +1,32 @@
+"""What `mesoshell judge` judges: a material by name or file, or a run's newest snapshot. Imports JAX."""
+
+from pathlib import Path
+
+from mesoshell.cli.compiled import keep_compiled
+from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.dataset import Dataset
+from mesoshell.io.material import find
+from mesoshell.measure.posed import Posed, posed
+from mesoshell.train.picture import PictureConfig
+from mesoshell.train.record import read_record, snapshots
+
+
+def sitter(name: str, dataset: Dataset) -> Posed:
+    """What makes its pictures. Raises InputError."""
+    keep_compiled()
+    return posed(bundle_of(name), name, dataset, _taken(name))
+
+
+def bundle_of(name: str) -> Bundle:
+    """Of a material, or of a run's newest snapshot."""
+    return read_bundle(snapshots(Path(name))[-1][1] if _is_run(name) else find(name))
+
+
+def _taken(name: str) -> PictureConfig | None:
+    """How a run takes its pictures, which need not filter."""
+    picture = getattr(read_record(Path(name))[0], "picture", None) if _is_run(name) else None
+    return picture if isinstance(picture, PictureConfig) else None
+
+
+def _is_run(name: str) -> bool:
+    return (Path(name) / "config.json").is_file()

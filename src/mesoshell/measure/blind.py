@@ -1,0 +1,57 @@
+"""A blind test: which of these pictures are real? (NumPy and SciPy only; floor 5)
+
+Alphabet
+sheet        real and made pictures in equal numbers, shuffled, read row by row
+answer       True where a picture is real                                     (2n,)
+mark         what a judge says of each: r for real, m for made
+
+The interval is Clopper and Pearson's, 95%; `chance` is the probability of as many right by guessing, or more.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Integer
+from scipy.stats import binomtest
+
+
+class Judged(NamedTuple):
+    """right: how many of count; share, with its interval; chance."""
+
+    right: int
+    count: int
+    share: float
+    low: float
+    high: float
+    chance: float
+
+
+class Sheet(NamedTuple):
+    """pictures in their order on the sheet; answer; pose: which of the n poses each shows."""
+
+    pictures: Float[np.ndarray, "_m H W C"]
+    answer: Bool[np.ndarray, "_m"]
+    pose: Integer[np.ndarray, "_m"]
+
+
+def shuffled(real: Float[np.ndarray, "n H W C"], made: Float[np.ndarray, "n H W C"], seed: int) -> Sheet:
+    """Both in one order that follows from the seed."""
+    order = np.random.default_rng(seed).permutation(len(real) + len(made))
+    return Sheet(np.concatenate([real, made])[order], order < len(real), order % len(real))
+
+
+def marks(text: str) -> Bool[np.ndarray, "_m"]:
+    """Letters r and m as they are read on a sheet; white space and commas count nothing. Raises ValueError for others."""
+    letters = "".join(text.split()).replace(",", "").lower()
+    unknown = sorted(set(letters) - set("rm"))
+    if unknown:
+        raise ValueError(f"has {unknown[0]!r}; marks are r (real) and m (made)")
+    return np.array([letter == "r" for letter in letters], bool)
+
+
+def judged(answer: Bool[np.ndarray, "m"], said: Bool[np.ndarray, "m"]) -> Judged:
+    """How well a judge told them apart."""
+    right, count = int((answer == said).sum()), len(answer)
+    test = binomtest(right, count, 0.5, alternative="greater")
+    interval = binomtest(right, count, 0.5).proportion_ci(0.95, "exact")
+    return Judged(right, count, right / count, interval.low, interval.high, float(test.pvalue))

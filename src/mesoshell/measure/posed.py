@@ -1,0 +1,116 @@
+"""Pictures of a material from the cameras and lights of renders, with their parameters (floor 5).
+
+Alphabet
+S           side of a picture, pixels
+pose        a render's camera, light and parameters
+shift       of a fitted patch in each picture, (u, v): as many pictures of one patch as can differ
+picture     premultiplied linear RGBA over black; the unit box, as renders show it                  (S, S, 4)
+
+A generator makes another texture for each picture. A parameter that the renders do not vary has the material's default.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Bundle
+from mesoshell.io.dataset import Dataset, Sample
+from mesoshell.io.material import normalised
+from mesoshell.shell.field import Point, inputs
+from mesoshell.shell.generated import maker_of
+from mesoshell.shell.scene import ready
+from mesoshell.train.generate import Shown
+from mesoshell.train.picture import PictureConfig, View, take_picture
+from mesoshell.train.snapshot import pictures
+from mesoshell.train.state import Learner, TrainConfig
+
+#: Samples a ray: more do not change what a fit scores. Pictures a call.
+SAMPLES, BATCH = 96, 20
+
+
+class Posed(NamedTuple):
+    """What makes pictures of a material: (samples, seed) → (N, S, S, 4)."""
+
+    name: str
+    pictures: Callable[[list[Sample], int], Float[np.ndarray, "N S S 4"]]
+
+
+def posed(bundle: Bundle, name: str, dataset: Dataset, picture: PictureConfig | None = None) -> Posed:
+    """A material before the cameras of a dataset. picture: how a run took its own, if it was one's. Raises InputError if it
+    is neither a generator nor one patch that repeats."""
+    width, height = dataset.samples[0].size
+    if width != height:
+        raise InputError(dataset.folder, f"has pictures of {width} × {height} pixels; expected squares")
+    if bundle.generator is None and not bundle.wraps:
+        raise InputError(name, "holds a texture with edges: give the generator, or a patch that repeats")
+    size, fov = width, float(dataset.samples[0].fov)
+    one_batch = _generated(bundle, name, picture, (size, fov)) if bundle.generator else _fitted(bundle, (size, fov))
+
+    def made(samples: list[Sample], seed: int) -> Float[np.ndarray, "N S S 4"]:
+        found = []
+        for i in range(0, len(samples), BATCH):
+            some = samples[i : i + BATCH]
+            full = some + some[-1:] * (BATCH - len(some))
+            found.append(np.asarray(one_batch(_shown(bundle, full, (seed, i))))[: len(some)])
+        return np.concatenate(found)
+
+    return Posed(name, made)
+
+
+def _shown(bundle: Bundle, samples: list[Sample], seed: tuple[int, int]) -> Shown:
+    """Poses of renders, their parameters as the material counts them, and keys of their own."""
+    known = {p.name for p in bundle.parameters}
+    values = [{k: x for k, x in sample.parameters.items() if k in known} for sample in samples]
+    alpha, beta = (
+        np.stack([normalised(bundle, v, role, "the dataset") for v in values]).astype(np.float32)
+        for role in ("alpha", "beta")
+    )
+    key = jax.random.fold_in(jax.random.key(seed[0]), seed[1])
+    camera = np.array([s.camera_to_world for s in samples], np.float32)
+    light, irradiance = (np.array([getattr(s, n) for s in samples], np.float32) for n in ("light", "irradiance"))
+    keys = np.asarray(jax.random.key_data(jax.random.split(key, len(samples))))
+    return Shown(np.zeros((len(samples), 0, 0, 4), np.float32), alpha, beta, camera, light, irradiance, keys)
+
+
+def _generated(
+    bundle: Bundle, name: str, picture: PictureConfig | None, seen: tuple[int, float]
+) -> Callable[[Shown], np.ndarray]:
+    maker = maker_of(bundle, name)
+    g = maker.config
+    taken = picture or PictureConfig(0, SAMPLES, 0.0, g.texels, g.height_rows, maker.octaves, planes=g.planes)
+    taken = PictureConfig(**vars(taken) | {"size": seen[0], "fov": seen[1]})
+    config = TrainConfig(generator=g, picture=taken)
+    return lambda batch: pictures(config, Learner(maker.generator, maker.decoder), maker.averages, batch)
+
+
+def _fitted(bundle: Bundle, seen: tuple[int, float]) -> Callable[[Shown], np.ndarray]:
+    found = ready(bundle)
+    size, fov = seen
+    config = PictureConfig(size, SAMPLES, fov, max(1, math.ceil(bundle.texel_density)))
+
+    @jax.jit
+    def batch(material, shown: Shown) -> jax.Array:
+        def one(shown: Shown) -> jax.Array:
+            k = jax.random.split(jax.random.wrap_key_data(shown.key))
+            shift = jnp.append(jax.random.uniform(k[0], (2,)), 0.0)
+
+            def see(point: Point) -> jax.Array:
+                return inputs(material, found.layout, point._replace(xi=point.xi + shift))
+
+            view = View(shown.camera_to_world, shown.light, shown.irradiance, shown.alpha)
+            return take_picture(config, material.decoder, see, view, jax.random.uniform(k[1], (1, SAMPLES)))
+
+        return jax.lax.map(one, shown)
+
+    return partial(_called, batch, found.material)
+
+
+def _called(batch: Callable, material, shown: Shown) -> np.ndarray:
+    return np.asarray(batch(material, jax.tree.map(jnp.asarray, shown)))

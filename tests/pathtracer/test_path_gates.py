@@ -1,7 +1,7 @@
 """What a scene of Mitsuba's does not call for is not in its program; what paths cannot honour of a quality is refused.
 
-Oracles: the operations of the compiled kernels, counted by Dr.Jit, with one effect off and on; how often rays ask for the boundary,
-where an effect is off for some rays of a kernel.
+Oracles: the operations of the compiled kernels, counted by Dr.Jit, with one effect off and on; how often rays ask for the
+boundary, where an effect is off for some rays of a kernel.
 That pictures stay the same is tested beside what the effects do (test_shell_paths, test_worn, test_shell_direct).
 """
 

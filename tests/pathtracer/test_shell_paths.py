@@ -125,8 +125,8 @@ def test_all_densities_that_are_asked_for_are_counted(materials) -> None:
 
 POINT = {"type": "point", "position": [-0.5, 0.2, 1.5], "intensity": 10.0}
 SKY = {"type": "constant"}
-#: Along a field of 40 × 40 patches, to its far edge.
-ACROSS = sensor(to_world=mi.ScalarTransform4f().look_at([0.5, -0.1, 0.12], [0.5, 0.4, 0.0], [0, 0, 1]))
+#: Over a field, so far off that a pixel is wider than a texel.
+AFAR = sensor(to_world=mi.ScalarTransform4f().look_at([0.5, -0.4, 0.6], [0.5, 0.5, 0.0], [0, 0, 1]))
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ ACROSS = sensor(to_world=mi.ScalarTransform4f().look_at([0.5, -0.1, 0.12], [0.5,
     [
         ("thin", 1, sensor(), SKY, 4, set()),
         ("thin", 1, sensor(), POINT, 2, {"environment", "background", "filtering"}),
-        ("rough", 40, ACROSS, SKY, 4, set()),
+        ("rough", 40, AFAR, SKY, 4, set()),
     ],
 )
 def test_effects_that_are_off_change_nothing(materials, material, patches, eye, light, depth, off) -> None:

@@ -51,7 +51,7 @@ def facts_of(
 
 
 def _albedo(bsdf: mi.BSDF | None) -> float:
-    """The largest of a surface that is diffuse and of one colour, as it was written (0.1 in float32 is above 0.1); 1 of any other."""
+    """The largest of a surface that is diffuse and of one colour, as it was written (0.1 and not float32's); 1 of others."""
     if bsdf is None or int(bsdf.flags()) & ~int(_DIFFUSE):
         return 1.0
     at: Any = dr.zeros(mi.SurfaceInteraction3f)

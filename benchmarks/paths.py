@@ -1,14 +1,16 @@
-"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later]
+"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates]
 
 Prints, in one run: samples of a material decoded a second, over what this machine's matrix products would allow; first and
 second picture; paths a second against Mitsuba's own `path` on the bare meshes; and seconds to 5% error on three scenes.
---later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`).
+--later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`). --gates: instead, how much
+longer pictures take with all effects compiled than with those that their scenes call for, in turn.
 """
 
 import argparse
 import re
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from benchmarks.rates import matrix_rate
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.pathtracer import load_dict, load_file
+from mesoshell.render.effects import Effect, Effects
 from mesoshell.render.quality import PRESETS
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
@@ -114,6 +117,42 @@ def later(name: str, side: int, spp: int = 16, passes: int = 12) -> None:
         )
 
 
+def slab(light: dict[str, Any], side: int) -> dict[str, Any]:
+    """A flat lawn of 40 × 40 patches, all that there is, under one light."""
+    view = mi.ScalarTransform4f().look_at([0, 4, 9], [0, 0, 0], [0, 1, 0])
+    film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}
+    return {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 8},
+        "sensor": {"type": "perspective", "fov": 40, "to_world": view, "film": film},
+        "light": light,
+        "plane": {
+            "type": "obj",
+            "filename": str(SCENES / "plane.obj"),
+            "to_world": mi.ScalarTransform4f().scale(4),
+            "bsdf": {"type": "mesoshell", "material": "grass", "thickness": 0.1, "scale": 0.2},
+        },
+    }
+
+
+def gates(name: str, scene: Any, spp: int = 16, turns: int = 5) -> None:
+    """Seconds of pictures with all effects that paths can have, over those with what the plan says, in turn."""
+    world = scene.integrator().world
+    plan: Effects = world.effects
+    spared = ("quadrature", "surface_materials", "twin", *(() if plan.shells.on else ("shells",)))
+    every = {n: Effect(True, "for the benchmark") for n in vars(plan) if n not in spared}
+    every |= {"quadrature": Effect(False, "for the benchmark")}
+    ways = (plan, replace(plan, **every))
+    took: list[list[float]] = [[], []]
+    for turn in range(turns + 1):
+        for way, effects in enumerate(ways):
+            world.effects = effects
+            took[way].append(seconds(lambda seed=turn: shot(scene, spp, seed)))
+    gated, full = (min(times[1:]) for times in took)  # the first ones compile
+    off = ", ".join(n.replace("_", " ") for n, e in every.items() if e.on and not getattr(plan, n).on)
+    print(f"| {name} | {full / gated:.2f} | {took[1][0] / took[0][0]:.2f} | {off} |", flush=True)
+
+
 def _bare(name: str) -> Path:
     """The scene without its shells."""
     text = (SCENES / f"{name}.xml").read_text()
@@ -128,7 +167,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--side", type=int, default=192, help="pixels along a side of the three scenes' pictures")
     parser.add_argument("--later", action="store_true", help="measure footprints after events")
+    parser.add_argument("--gates", action="store_true", help="measure what effects that are off save")
     asked = parser.parse_args()
+    if asked.gates:
+        print("| scene | all compiled, over gated | first picture | off |\n|---|---|---|---|")
+        lights = {"sun": {"type": "directional", "direction": [-0.3, -1.0, 0.2]}, "sky": {"type": "constant"}}
+        for name, light in lights.items():
+            gates(f"a lawn under a {name}", load_dict(slab(light, asked.side)))
+        for name in ("spot", "room", "field"):
+            gates(name, load_file(SCENES / f"{name}.xml", width=asked.side, height=asked.side))
+        return
     if asked.later:
         print("| scene | spread | pixel, off 0 | mean, off 0 | noise | µs a path |\n|---|---|---|---|---|---|")
     else:

@@ -1,14 +1,16 @@
-"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later]
+"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates]
 
 Prints, in one run: samples of a material decoded a second, over what this machine's matrix products would allow; first and
 second picture; paths a second against Mitsuba's own `path` on the bare meshes; and seconds to 5% error on three scenes.
---later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`).
+--later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`). --gates: instead, how much
+longer pictures take with all effects compiled than with those that their scenes call for, in turn.
 """
 
 import argparse
 import re
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from benchmarks.rates import matrix_rate
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.pathtracer import load_dict, load_file
+from mesoshell.render.effects import Effect, Effects
 from mesoshell.render.quality import PRESETS
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
@@ -26,6 +29,11 @@ SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 GOAL = 0.05
 #: Every sample is decoded: as the figure's 32 steps a ray ask for.
 STEPS = PRESETS["normal"].with_changes(samples=32, skip=0.0, early_stop=0.0, weight_cut=1.0 - 1e-7)
+
+
+#: What a path may leave out; quadrature is in the place of drawn collisions.
+GATED = ("environment", "area_light", "mesh_shadow", "object_shadow", "shell_shadow", "bounces", "roulette")
+GATED += ("camera_in_shell", "filtering", "quadrature")
 
 
 def seconds(what) -> float:
@@ -114,6 +122,42 @@ def later(name: str, side: int, spp: int = 16, passes: int = 12) -> None:
         )
 
 
+def slab(light: dict[str, Any], side: int) -> dict[str, Any]:
+    """A flat lawn of 40 × 40 patches, all that there is, under one light."""
+    view = mi.ScalarTransform4f().look_at([0, 4, 9], [0, 0, 0], [0, 1, 0])
+    film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}
+    return {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 8},
+        "sensor": {"type": "perspective", "fov": 40, "to_world": view, "film": film},
+        "light": light,
+        "plane": {
+            "type": "obj",
+            "filename": str(SCENES / "plane.obj"),
+            "to_world": mi.ScalarTransform4f().scale(4),
+            "bsdf": {"type": "mesoshell", "material": "grass", "thickness": 0.1, "scale": 0.2},
+        },
+    }
+
+
+def gates(name: str, scene: Any, spp: int = 16, turns: int = 6) -> None:
+    """Seconds of pictures with all effects compiled over those with what is planned, in turn; and until both are as noisy."""
+    world = scene.integrator().world
+    plan: Effects = world.effects
+    every = {n: Effect(n != "quadrature", "for the benchmark") for n in GATED}
+    took, shown, ways = ([], []), ([], []), (plan, replace(plan, **every))
+    for turn in range(turns + 1):
+        for way, effects in enumerate(ways):
+            world.effects, begin = effects, time.perf_counter()
+            shown[way].append(shot(scene, spp, turn))
+            took[way].append(time.perf_counter() - begin)
+    gated, full = (min(times[1:]) for times in took)  # the first ones compile
+    quiet, noisy = (np.var(pictures, axis=0, ddof=1).mean() for pictures in shown)
+    off = ", ".join(n.replace("_", " ") for n in GATED if n != "quadrature" and not getattr(plan, n).on)
+    first = took[1][0] / took[0][0]
+    print(f"| {name} | {off} | {full / gated:.2f} | {full * noisy / gated / quiet:.2f} | {first:.2f} |", flush=True)
+
+
 def _bare(name: str) -> Path:
     """The scene without its shells."""
     text = (SCENES / f"{name}.xml").read_text()
@@ -128,7 +172,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--side", type=int, default=192, help="pixels along a side of the three scenes' pictures")
     parser.add_argument("--later", action="store_true", help="measure footprints after events")
+    parser.add_argument("--gates", action="store_true", help="measure what effects that are off save")
     asked = parser.parse_args()
+    if asked.gates:
+        print("| scene | off | a picture | the same noise | the first picture |\n|---|---|---|---|---|")
+        lights = {"sun": {"type": "directional", "direction": [-0.3, -1.0, 0.2]}, "sky": {"type": "constant"}}
+        for name, light in lights.items():
+            gates(f"a lawn under a {name}", load_dict(slab(light, asked.side)))
+        for name in ("spot", "room", "field"):
+            gates(name, load_file(SCENES / f"{name}.xml", width=asked.side, height=asked.side))
+        return
     if asked.later:
         print("| scene | spread | pixel, off 0 | mean, off 0 | noise | µs a path |\n|---|---|---|---|---|---|")
     else:

@@ -3,6 +3,7 @@ JAX optimises little, since tests compile more than they compute (`optimised` is
 files what it has compiled: gigabytes in the end. The path tracer's functions are left alone: Dr.Jit rewrites their source, and
 their arrays carry no shapes."""
 
+import contextlib
 import gc
 import os
 import pkgutil
@@ -29,8 +30,7 @@ settings.load_profile("untimed")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_disable_most_optimizations", True)
-# in processes of their own too
-os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
+os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # in processes of their own too
 if jax.__version_info__ < (
     0,
     11,
@@ -55,14 +55,34 @@ def _forgotten_after():
     gc.collect()
 
 
+def _optimise(on: bool) -> None:
+    """In processes of their own too."""
+    jax.config.update("jax_disable_most_optimizations", not on)
+    os.environ.pop("JAX_DISABLE_MOST_OPTIMIZATIONS", None)
+    if not on:
+        os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
+
+
 @pytest.fixture(scope="module")
 def optimised():
-    """For programs that take longer to run than to compile, in processes of their own too."""
-    jax.config.update("jax_disable_most_optimizations", False)
-    del os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"]
+    """For programs that take longer to run than to compile."""
+    _optimise(True)
     yield
-    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
-    jax.config.update("jax_disable_most_optimizations", True)
+    _optimise(False)
+
+
+@pytest.fixture(scope="module")
+def compiled_soon(optimised):
+    """A context, where else programs are optimised, for a few that take longer to compile than to run."""
+
+    @contextlib.contextmanager
+    def within():
+        _optimise(False)
+        yield
+        jax.clear_caches()
+        _optimise(True)
+
+    return within
 
 
 @pytest.fixture(scope="session")

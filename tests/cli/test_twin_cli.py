@@ -102,6 +102,7 @@ def test_nor_one_that_bends_more_than_was_learned(folder) -> None:
 def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
     """Or one of them. The twin is of wide footprints alone, with a bound for each octave of these."""
     monkeypatch.setattr("mesoshell.cli.apart.PICTURES", 2)
+    monkeypatch.setattr("mesoshell.cli.apart.RAYS", 1)
     few = ["--preset", "tiny", "--patches", "2", "--queries", "256", "--kimg", "4.096", "--param", "dryness=1"]
     out, both = folder / "d" / "surface.npz", folder / "d" / "twin.npz"
     main(["distill", str(folder / "plain.npz"), "--out", str(out), "--twin", str(both), *few])

@@ -1,6 +1,7 @@
 """What a scene of Mitsuba's does not call for is not in its program; what paths cannot honour of a quality is refused.
 
-Oracles: the operations of the compiled kernels, counted by Dr.Jit, with one effect off and on.
+Oracles: the operations of the compiled kernels, counted by Dr.Jit, with one effect off and on; how often rays ask for the
+boundary, where an effect is off for some rays of a kernel.
 That pictures stay the same is tested beside what the effects do (test_shell_paths, test_worn, test_shell_direct).
 """
 
@@ -15,6 +16,7 @@ from test_shell_paths import loaded, materials, placed, scene, shell  # noqa: F4
 from test_worn import folder  # noqa: F401  (a fixture)
 
 from mesoshell.errors import InputError
+from mesoshell.pathtracer import march
 from mesoshell.render.effects import Effect
 from mesoshell.render.quality import PRESETS, Quality
 
@@ -27,6 +29,8 @@ GATES = [
     ("bounces", 4, ("roulette",)),
     ("roulette", 8, ("bounces",)),
     ("environment", 2, ()),
+    ("area_light", 2, ()),
+    ("direct_light", 2, ()),
 ]
 
 
@@ -50,6 +54,35 @@ def test_an_effect_that_is_off_is_not_compiled(materials, name: str, depth: int,
         world.effects = replace(plain, **{name: Effect(on, "for the test")})
         counts.append(operations(made))
     assert 0 < counts[0] < counts[1], counts
+
+
+@pytest.fixture
+def questions(monkeypatch):
+    """How often rays have asked what boundary they meet next."""
+    count, ask = dr.zeros(mi.UInt32, 1), march._ask
+
+    def counting(*arguments):
+        dr.scatter_add(count, mi.UInt32(1), mi.UInt32(0))
+        return ask(*arguments)
+
+    monkeypatch.setattr(march, "_ask", counting)
+    return lambda: int(count[0])
+
+
+@pytest.mark.parametrize("name", ["shell_shadow", "camera_in_shell"])
+def test_light_that_leaves_and_rays_from_outside_ask_less(materials, questions, name: str) -> None:  # noqa: F811
+    """And it is the same picture, sample by sample: no light meets the shell again, no ray begins in it."""
+    made = loaded(scene(shell(materials, "rough"), light=SUN))
+    world = made.integrator().world
+    plain = replace(world.effects, quadrature=Effect(False, "for the test"))
+    assert not getattr(plain, name).on
+    found = []
+    for on in (False, True):
+        world.effects, before = replace(plain, **{name: Effect(on, "for the test")}), questions()
+        found.append((np.array(mi.render(made, spp=16)), questions() - before))
+    (off, few), (full, many) = found
+    assert 0 < few < many
+    np.testing.assert_allclose(off, full, rtol=1e-5, atol=1e-6)
 
 
 def test_a_convex_shell_under_the_sun_is_summed_however_deep_paths_may_go(materials) -> None:  # noqa: F811

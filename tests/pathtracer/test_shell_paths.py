@@ -124,15 +124,24 @@ def test_all_densities_that_are_asked_for_are_counted(materials) -> None:
 
 
 POINT = {"type": "point", "position": [-0.5, 0.2, 1.5], "intensity": 10.0}
+SKY = {"type": "constant"}
+#: Over a field, so far off that a pixel is wider than a texel.
+AFAR = sensor(to_world=mi.ScalarTransform4f().look_at([0.5, -0.4, 0.6], [0.5, 0.5, 0.0], [0, 0, 1]))
 
 
 @pytest.mark.parametrize(
-    "light, depth, off",
-    [({"type": "constant"}, 4, set()), (POINT, 2, {"environment", "background", "filtering"})],
+    "material, patches, eye, light, depth, off",
+    [
+        ("thin", 1, sensor(), SKY, 4, set()),
+        ("thin", 1, sensor(), POINT, 2, {"environment", "background", "filtering"}),
+        ("rough", 40, AFAR, SKY, 4, set()),
+    ],
 )
-def test_effects_that_are_off_change_nothing(materials, light, depth, off) -> None:
-    """What the plan leaves out is not needed: with everything compiled, the same picture within its noise."""
-    made = loaded(scene(shell(materials, "thin"), light=light, depth=depth))
+def test_effects_that_are_off_change_nothing(materials, material, patches, eye, light, depth, off) -> None:
+    """What the plan leaves out is not needed: with everything compiled, the same picture within its noise, in each block of
+    4 × 4 pixels. The ground is black, so that bounces can bring nothing."""
+    asked = {"thickness": 1 / patches, "scale": 1 / patches}
+    made = loaded(scene(shell(materials, material, asked=asked), light=light, depth=depth, eye=eye))
     world = made.integrator().world
     left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
     others = {"shell_shadow", "object_shadow", "bounces", "roulette", "camera_in_shell", "quadrature"}
@@ -141,7 +150,7 @@ def test_effects_that_are_off_change_nothing(materials, light, depth, off) -> No
 
     def means(first: int) -> np.ndarray:
         runs = (np.array(mi.render(made, spp=64, seed=mi.UInt32(k)))[..., :3] for k in range(first, first + 16))
-        return np.stack([run.mean(axis=(0, 1)) for run in runs])
+        return np.stack([run.reshape(3, 4, 3, 4, 3).mean(axis=(1, 3)) for run in runs])
 
     gated = means(0)
     assert gated.mean() > 0.01
@@ -150,8 +159,22 @@ def test_effects_that_are_off_change_nothing(materials, light, depth, off) -> No
     }
     world.effects = replace(world.effects, **every)
     full = means(16)
-    z = (gated.mean(axis=0) - full.mean(axis=0)) / np.sqrt((gated.var(axis=0) + full.var(axis=0)) / 16)
-    assert np.abs(z).max() < 4.5
+    noise = np.sqrt((gated.var(axis=0) + full.var(axis=0)) / 15)
+    assert noise.mean() < 0.02 * gated.mean()
+    assert (np.abs(gated.mean(axis=0) - full.mean(axis=0)) <= 4.5 * noise + 1e-6).all()
+
+
+def test_over_dark_ground_little_is_lost_for_want_of_bounces(materials) -> None:
+    """Ground of albedo 0.1 under a shell that lets half of the light through: a fortieth, as the docs say."""
+    ground = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.1}}
+    asked = {"inner": ground, "thickness": float(np.log(2)), "scale": 1.0}
+    cut, traced = (
+        loaded(scene(shell(materials, "thin", asked=asked), depth=8), QUALITY.with_changes(dark_ground=dark))
+        for dark in (0.1, 0.0)
+    )
+    assert not cut.integrator().world.effects.bounces.on and traced.integrator().world.effects.bounces.on
+    few, all_of_it = (np.array(mi.render(made, spp=2048))[..., :3].mean() for made in (cut, traced))
+    assert 0.01 < 1 - few / all_of_it < 0.035
 
 
 def test_a_white_furnace(materials) -> None:

@@ -12,11 +12,11 @@ from mesoshell.render.effects import (
     Engine,
     left_out,
     plan_effects,
-    quality_used,
     twin_reach,
 )
 from mesoshell.render.facts import Facts, TwinFacts
 from mesoshell.render.quality import Quality
+from mesoshell.render.used import quality_used
 
 #: A shell on a convex mesh under one distant light.
 PLAIN = Facts(shells=1, distant=1, convex=True, ground=0.09, coarsest=0.5, rows=32)

@@ -11,11 +11,13 @@ import scenes
 
 from mesoshell.cli.marching import facts
 from mesoshell.io.bundle import Bundle
-from mesoshell.render.effects import Effect, plan_effects
+from mesoshell.render.camera import Camera, look_at
+from mesoshell.render.effects import MARCH, Effect, plan_effects
 from mesoshell.render.light import environment
 from mesoshell.render.quality import Quality
+from mesoshell.shell.extrude import extrude, patches_per_uv
 from mesoshell.shell.renderer import Report, render
-from mesoshell.shell.scene import Scene
+from mesoshell.shell.scene import Scene, ready
 
 QUALITY = Quality(pixel_samples=1)
 
@@ -44,6 +46,22 @@ def test_near_footprints_need_no_filter(slab: Scene) -> None:
     """Of 4 texels a patch, none is as small as a pixel; the programs with and without are counted in test_kernels."""
     off, on = shown(slab)[0], shown(slab, "filtering")[0]
     np.testing.assert_allclose(off, on, rtol=1e-5, atol=1e-7)
+
+
+def test_a_field_needs_only_what_it_is_given(tiny_bundle: Bundle) -> None:
+    """40 × 40 patches from afar, under a sky: with all effects that marched rays can have, the same picture."""
+    mesh = scenes.slab_mesh()
+    shell = extrude(mesh, 1 / 40, 1 / 40)
+    camera = Camera(look_at((0.5, -0.4, 0.6), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.7, 16, 16)
+    sky = environment(np.random.default_rng(0).uniform(size=(4, 8, 3)).astype(np.float32), 2)
+    of = ready(tiny_bundle), camera, (), sky, np.array([0.5], np.float32)
+    field = Scene(mesh, shell, *of, patches_per_uv=patches_per_uv(mesh, shell), transparent=False)
+    assert field.patches_per_uv == 40
+    plan = plan_effects(facts(field), QUALITY)
+    every = replace(plan, **{name: Effect(True, "for the test") for name in MARCH.can - {"twin"}})
+    off, on = (render(field, QUALITY, effects)[0] for effects in (plan, every))
+    assert off[..., :3].std() > 1e-2 and off[-1, :, :3].mean() > 1e-3
+    np.testing.assert_array_equal(off, on)
 
 
 def test_without_light_nothing_is_asked_for_it(slab: Scene) -> None:

@@ -18,14 +18,15 @@ from mesoshell.shell.plan import GeneratorConfig, reach
 from mesoshell.shell.scene import ready
 
 #: One process compiles what its tests share.
-pytestmark = pytest.mark.xdist_group("nodes")
+pytestmark = [pytest.mark.xdist_group("nodes"), pytest.mark.usefixtures("optimised")]
 
 TEXELS, SIZE = growing.TEXELS, (70, 150)
 
 
 @pytest.fixture(scope="module")
-def bundle() -> Bundle:
-    return growing.bundle()
+def bundle(compiled_soon) -> Bundle:
+    with compiled_soon():
+        return growing.bundle()
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from jax.typing import DTypeLike
 
-from mesoshell.shell.discriminator import DiscriminatorConfig, discriminate, init_discriminator
+from mesoshell.shell.discriminator import Discriminator, DiscriminatorConfig, discriminate, init_discriminator
 from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.train.generate import Shown, label
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
@@ -52,16 +52,24 @@ DISCRIMINATOR = sized(CONFIG, 1, 0).discriminator
 
 
 @pytest.fixture(scope="module")
-def steps() -> dict[tuple[str, int], tuple[TrainState, Report]]:
+def steps(compiled_soon) -> dict[tuple[str, int], tuple[TrainState, Report]]:
     """After one step, by precision and by the step's number: R1 is due at step 0 and not at step 1."""
     found = {}
+    with compiled_soon():  # the weights to begin with, which have no precision
+        begin = jax.jit(partial(start, sized(CONFIG, appearance=1, geometry=0)))(jax.random.key(0))
     for precision in ("float32", "bfloat16"):
         config = sized(replace(CONFIG, precision=precision), appearance=1, geometry=0)
         run = jax.jit(lambda state, batch, config=config: step(config, state, batch))
-        begin = jax.jit(lambda key, config=config: start(config, key))(jax.random.key(0))
         for number in (0, 1):
             found[precision, number] = run(begin._replace(step=jnp.asarray(number, jnp.int32)), batch())
     return found
+
+
+@pytest.fixture(scope="module")
+def judges(compiled_soon) -> Discriminator:
+    """Four discriminators as a run begins with, as one pytree."""
+    with compiled_soon():
+        return jax.jit(jax.vmap(partial(init_discriminator, DISCRIMINATOR)))(jax.random.split(jax.random.key(2), 4))
 
 
 def flat(tree: object) -> np.ndarray:
@@ -81,17 +89,15 @@ def test_r1_and_its_gradient_do_not_know_the_precision(steps) -> None:
     assert apart(exact.discriminator_adam[0].mu, short.discriminator_adam[0].mu) < 1e-6
 
 
-def test_r1_in_bfloat16_would_be_off() -> None:
+def test_r1_in_bfloat16_would_be_off(judges) -> None:
     """What the test above would find if R1 took the convolutions' precision: up to 1% in four discriminators."""
     asked = batch()
     real, c = shown(asked.image[..., :3]), label(asked)
 
-    def penalty(key: Array, dtype: DTypeLike) -> Array:
-        judge = init_discriminator(DISCRIMINATOR, key)
+    def penalty(judge: Discriminator, dtype: DTypeLike) -> Array:
         return r1(lambda y: discriminate(judge, y, c, None, dtype), real, CONFIG.gamma)
 
-    keys = jax.random.split(jax.random.key(2), 4)
-    exact, short = (jax.jit(jax.vmap(partial(penalty, dtype=dtype)))(keys) for dtype in (jnp.float32, jnp.bfloat16))
+    exact, short = (jax.jit(jax.vmap(partial(penalty, dtype=dtype)))(judges) for dtype in (jnp.float32, jnp.bfloat16))
     assert jnp.abs(short / exact - 1).max() > 1e-3
 
 
@@ -111,12 +117,12 @@ def test_a_step_with_bfloat16_convolutions_agrees(steps) -> None:
 
 
 @pytest.mark.parametrize("rows", [1, 4])
-def test_r1_of_one_picture_and_of_equal_pictures_has_a_finite_gradient(rows: int) -> None:
+def test_r1_of_one_picture_and_of_equal_pictures_has_a_finite_gradient(judges, rows: int) -> None:
     """No deviation to take a root of: second derivatives pass through it."""
     y = jnp.broadcast_to(shown(batch().image[:1, ..., :3]), (rows, 16, 16, 3))
     c = jnp.broadcast_to(label(batch())[:1], (rows, DISCRIMINATOR.labels))
     run = jax.jit(jax.value_and_grad(lambda judge: r1(lambda y: discriminate(judge, y, c), y, 1.0)))
-    value, gradient = run(jax.jit(partial(init_discriminator, DISCRIMINATOR))(jax.random.key(2)))
+    value, gradient = run(jax.tree.map(lambda weights: weights[0], judges))
     assert jnp.isfinite(value) and value > 0
     assert all(jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))
 

@@ -161,13 +161,14 @@ def test_a_host_is_killed_and_all_go_on(network) -> None:
 def test_the_first_host_is_gone_with_all_its_processes(network) -> None:
     (first, _), (second, said) = launch(network, "nerf_tex", 2, [SAVED | {"what": "parent", "host": 0, "step": 3}])
     assert (first, second) == (-9, LOST) and len(said.splitlines()) == 1, said
+    assert "lost: " in said or ": host 0 was lost, " in said  # whichever notices first: a sum over hosts, or JAX
 
 
 def test_a_host_that_is_silent_is_lost_after_a_while(network) -> None:
     """It neither answers nor closes what it holds open, as after a cut of the network."""
     runs = [SAVED | {"what": "SIGSTOP", "host": 1, "step": 3}]
     ((status, said),) = launch(network, "nerf_tex", 2, runs, quick=5)
-    assert status == LOST and said == f"mesoshell: {network}: {SAID_LOST}\n"
+    assert status == LOST and said == f"mesoshell: {network}: {SAID_LOST.replace('a host', 'host 1')}\n"
 
 
 def test_slow_checkpoints_hold_up_and_a_full_disk_ends_all(network) -> None:

@@ -27,6 +27,9 @@ SAID_LOST = (
 #: one has never come.
 _ABORTS = re.compile(r"^E\d+ .* coordination_service\w*\.cc|JAX distributed service detected fatal errors")
 _UNMET = "/RegisterTask"
+#: Which hosts are silent; that the first one is.
+_SILENT = re.compile(r"stopped sending heartbeats\):\s+((?:\d+\s+)+)")
+_FIRST = "Failed to send RPC to coordination service"
 #: Statuses with which all hosts end together, so that they may part in order: done, and diverged.
 _TOGETHER = (0, 1)
 #: Linux's PR_SET_PDEATHSIG.
@@ -49,13 +52,20 @@ def watched(work: Callable[[], None], run: Path) -> None:
     ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     noise.join(1.0)  # a process that the child began may hold its end open
     if ended == -signal.SIGABRT and noise.fatal:
-        met = _UNMET not in noise.fatal
-        print(f"mesoshell: {run}: {SAID_LOST if met else 'not all hosts came in time'}", file=sys.stderr)
+        lost = SAID_LOST.replace("a host", _lost(noise.fatal), 1)
+        print(f"mesoshell: {run}: {'not all hosts came in time' if _UNMET in noise.fatal else lost}", file=sys.stderr)
         sys.exit(LOST)
     if ended < 0:
         print(f"mesoshell: {run}: ended by {signal.Signals(-ended).name}", file=sys.stderr)
         sys.exit(128 - ended)
     sys.exit(ended)
+
+
+def _lost(fatal: str) -> str:
+    """Who is lost, as far as what JAX says before it aborts names it."""
+    silent = _SILENT.search(fatal)
+    numbers = silent[1].split() if silent else ["0"] if _FIRST in fatal else []
+    return f"host{'s'[: len(numbers) - 1]} {', '.join(numbers)}" if numbers else "a host"
 
 
 def _train(work: Callable[[], None], writing: int) -> None:

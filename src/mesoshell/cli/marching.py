@@ -23,9 +23,10 @@ from mesoshell.geometry.mesh import bounding_box, is_convex, uv_stretch
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import find
 from mesoshell.render.camera import pixel_radius
-from mesoshell.render.effects import MARCH, SURFACE, left_out, plan_effects, plan_twin, quality_used
+from mesoshell.render.effects import MARCH, SURFACE, left_out, plan_effects, plan_twin
 from mesoshell.render.facts import Facts
 from mesoshell.render.quality import PRESETS
+from mesoshell.render.used import quality_used
 from mesoshell.shell.horizon import lowest
 from mesoshell.shell.renderer import render
 from mesoshell.shell.scene import Scene, ready

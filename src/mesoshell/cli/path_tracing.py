@@ -23,9 +23,10 @@ from mesoshell.pathtracer.load import Grown, stand_on
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.worn import SurfaceMaterial
-from mesoshell.render.effects import PATHS, plan_twin, quality_used
+from mesoshell.render.effects import PATHS, plan_twin
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.render.used import quality_used
 from mesoshell.silhouette.scene import SurfaceDescription
 from mesoshell.silhouette.wear import wear
 

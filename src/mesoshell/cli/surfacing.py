@@ -13,8 +13,9 @@ from mesoshell.cli.render import Options
 from mesoshell.cli.rendering import Picture, say_effects, say_notes
 from mesoshell.io.material import find
 from mesoshell.io.surface import read_surface
-from mesoshell.render.effects import SURFACE, Effects, left_out, quality_used
+from mesoshell.render.effects import SURFACE, Effects, left_out
 from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.render.used import quality_used
 from mesoshell.silhouette.ready import ready
 from mesoshell.silhouette.renderer import SurfaceScene, plan, render
 

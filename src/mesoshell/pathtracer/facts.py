@@ -51,12 +51,12 @@ def facts_of(
 
 
 def _albedo(bsdf: mi.BSDF | None) -> float:
-    """The largest of a surface that is diffuse and of one colour; 1 of any other."""
+    """The largest of a surface that is diffuse and of one colour, as it was written (0.1 and not float32's); 1 of others."""
     if bsdf is None or int(bsdf.flags()) & ~int(_DIFFUSE):
         return 1.0
     at: Any = dr.zeros(mi.SurfaceInteraction3f)
     at.wi = mi.Vector3f(0, 0, 1)
-    return float(np.max(np.array(bsdf.eval_diffuse_reflectance(at))))
+    return round(float(np.max(np.array(bsdf.eval_diffuse_reflectance(at)))), 6)
 
 
 def _toward(scene: mi.Scene) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Every knob that trades accuracy for time, each one field of `Quality` (NumPy only; no JAX).
 
 `draft` is for looking around, `normal` for pictures, `reference` for measuring the others against. Which fields bear on a
-picture depends on the engine and on what the scene calls for: `render/effects.quality_used`.
+picture depends on the engine and on what the scene calls for: `render/used`.
 """
 
 from dataclasses import asdict, dataclass, replace

@@ -1,0 +1,33 @@
+"""Which fields of a quality bore on a picture, for its report (NumPy only; no JAX)."""
+
+from mesoshell.render.effects import NO_TWIN, Effects, Engine
+from mesoshell.render.quality import Quality
+
+
+def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str, object]:
+    """The fields that bear on a picture with these effects by this engine, and their values; others do not apply."""
+    shells, surfaces, paths, sums = effects.shells.on, effects.surface_materials.on, engine.draws, effects.quadrature.on
+    lit, opens = effects.direct_light.on, effects.bounces.on or effects.area_light.on or effects.environment.on
+    applies = {
+        "pixel_samples": not paths,
+        "samples": shells,
+        "spacing": shells,
+        "coordinates": shells,
+        "early_stop": shells or not paths,
+        "skip": shells,
+        "weight_cut": sums and lit,
+        "filtering": shells,
+        "anisotropy": effects.filtering.on,
+        "visibility": sums and lit and (effects.mesh_shadow.on or effects.object_shadow.on),
+        "environment_samples": effects.environment.on and not paths,
+        "base_samples": shells and lit and not paths,
+        "spp": paths,
+        "max_depth": paths and (effects.bounces.on or quality.max_depth <= 2),
+        "rr_depth": effects.roulette.on,
+        "dark_ground": paths and shells,
+        "bounce_spread": paths and lit and opens,
+        "twin": effects.twin.why != NO_TWIN,
+        "curvature_filter": surfaces,
+        "curve_length": surfaces and quality.curvature_filter in ("curve", "unscaled"),
+    }
+    return {name: value for name, value in quality.as_dict().items() if applies[name]}

@@ -10,6 +10,9 @@ from pathlib import Path
 
 from mesoshell.train.parallel import split_cpu
 
+#: Steps between snapshots.
+KEPT = 125
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
@@ -21,32 +24,39 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/images/fit_minutes.png"))
     options = parser.parse_args()
     split_cpu()
-    from mesoshell.train.loop import LOG_EVERY, fit
-    from mesoshell.train.rays import image_table, join, ray_table
-
+    from mesoshell.cli.memory import keep_memory
     from mesoshell.io.dataset import read_dataset
-    from mesoshell.train.fit import FitConfig, State
+    from mesoshell.io.exemplars import read_exemplars
+    from mesoshell.io.records import read_rows
+    from mesoshell.train.fit import FitConfig, fitted, given
     from mesoshell.train.holdout import score
+    from mesoshell.train.record import snapshots
+    from mesoshell.train.run import train
+    from mesoshell.train.shots import shots_of
 
-    config = FitConfig(texels=options.texels, rays=options.rays)
-    table, images = join([(ray_table(d), image_table(d)) for d in map(read_dataset, options.datasets)])
-    test = read_dataset(options.test)
-    due = {options.steps} | {LOG_EVERY * 2**k for k in range(20)}
+    keep_memory()
+    shots = shots_of([read_dataset(d) for d in options.datasets], tests=[read_dataset(options.test)])
+    config = FitConfig(texels=options.texels, rays=options.rays // 8, steps=options.steps, kept=KEPT)
+    due = {options.steps} | {KEPT * 2**k for k in range(20)}
     found: list[tuple[float, float, float, float, float]] = []
     print("| steps | minutes | foreground | alpha | 4 × 4 blocks | SSIM |\n|---|---|---|---|---|---|")
-
-    def look(row: dict, state: State) -> None:
-        if row["step"] not in due:
-            return
-        s, _ = score(config, state, test)
-        found.append((row["minutes"], s.foreground, s.alpha, s.blocks, s.ssim))
-        numbers = f"{s.foreground:.1f} | {s.alpha:.1f} | {s.blocks:.1f} | {s.ssim:.2f}"
-        print(f"| {row['step']} | {row['minutes']:.1f} | {numbers} |", flush=True)
-        if row["step"] == options.steps:
-            print(f"\nA constant colour in the true mask: {s.constant:.1f} dB")
-
     with tempfile.TemporaryDirectory() as run:
-        fit(config, table, images, options.steps, Path(run), look)
+        train(config, shots, Path(run))
+        config, shots = fitted(config, shots)
+        rows, seconds, minutes = read_rows(Path(run) / "log.jsonl", ("kimg", "images_per_s")), 0.0, {}
+        for before, row in zip([{"kimg": 0.0}, *rows], rows, strict=False):
+            seconds += 1000 * (row["kimg"] - before["kimg"]) / row["images_per_s"]
+            minutes[round(1000 * row["kimg"])] = seconds / 60
+        for images, path in snapshots(Path(run)):
+            if images // config.batch not in due:
+                continue
+            patch = given(read_exemplars(path))
+            s, _ = score(config, shots, patch, options.test)
+            spent = min((at for at in minutes if at >= images), default=max(minutes))
+            found.append((minutes[spent], s.foreground, s.alpha, s.blocks, s.ssim))
+            numbers = f"{s.foreground:.1f} | {s.alpha:.1f} | {s.blocks:.1f} | {s.ssim:.2f}"
+            print(f"| {images // config.batch} | {minutes[spent]:.1f} | {numbers} |", flush=True)
+    print(f"\nA constant colour in the true mask: {s.constant:.1f} dB")
     draw(found, options.out)
 
 

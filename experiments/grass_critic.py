@@ -6,7 +6,7 @@ Begin with the weights of a run of grass_textures.py (--transfer): from a natura
 from dataclasses import replace
 
 from mesoshell.train.state import TrainConfig
-from mesoshell.train.textures import TexturesConfig, textures_as
+from mesoshell.train.textures_state import TexturesConfig, textures_as
 
 
 def variant(preset: TrainConfig) -> TexturesConfig:

@@ -1,7 +1,7 @@
 """Grass from fitted patches (mesoshell fit): the generator learns their textures by regression, at phases of their own."""
 
 from mesoshell.train.state import TrainConfig
-from mesoshell.train.textures import TexturesConfig, textures_as
+from mesoshell.train.textures_state import TexturesConfig, textures_as
 
 
 def variant(preset: TrainConfig) -> TexturesConfig:

@@ -50,9 +50,12 @@ from mesoshell.train import (
 )
 from mesoshell.train import state as gan
 from mesoshell.train import step as gan_step
+from mesoshell.train.exemplars import Taught
 from mesoshell.train.generate import Shown
 from mesoshell.train.photographed import Rays
 from mesoshell.train.picture import PictureConfig
+from mesoshell.train.slab_pixels import predict
+from mesoshell.train.textures_state import TexturesConfig
 
 SOURCES = Path(mesoshell.__file__).parent
 ROWS = 4096
@@ -275,7 +278,7 @@ def _of_training() -> Programs:
         "train.parametric_snapshot._pictures": [
             _jitted(parametric_snapshot._pictures, PARAMETRIC, network.decoder, SHOWN)
         ],
-        "train.holdout._row": [_plain(partial(fit.predict, fitting), material, row, f(4, 4, 4), f(256, 16))],
+        "train.holdout._row": [_plain(partial(predict, fitting.layout, 0.45), material, row, f(4, 4, 4), f(256, 16))],
         **_of_textures(),
         "measure.features._batched": [
             _plain(lambda w, x: inception._conv({"x": w}, "x", x), (f(3, 3, 4, 4), f(4)), f(1, 8, 8, 4)),
@@ -287,13 +290,13 @@ def _of_training() -> Programs:
 def _of_textures() -> Programs:
     """A generator that learns exemplars, with a critic; what its start and its sheets compile are parts of the same."""
     small = GeneratorConfig(texels=32, channel_base=256, channel_max=8, channels=4, layers=4, z=0, w=8, waves=2)
-    config = textures.TexturesConfig(replace(small, height_rows=8), batch=2, adversarial=1.0, octaves=1, alphas=1)
+    config = TexturesConfig(replace(small, height_rows=8), batch=2, adversarial=1.0, octaves=1, alphas=1)
     decoder = init_decoder(KEY, 4 + 1 + 2 + 1, (8,), (8,))
     data: Any = SimpleNamespace(
         features=np.ones((2, 32, 32, 4), np.float32), height=np.ones((8, 4), np.float32), decoder=decoder
     )
     begun = jax.eval_shape(lambda: textures.start(config, data, KEY))
-    batch = textures.Taught(i(2), f(2, 32, 32, 4), f(2, 0), f(2, 32, 32, 4), f(2, 0), u(2, 2))
+    batch = Taught(i(2), f(2, 32, 32, 4), f(2, 0), f(2, 32, 32, 4), f(2, 0), u(2, 2))
     start = _plain(lambda k: textures.start(config, data, k), KEY)
     phases = jax.eval_shape(lambda p: textures.own_phases(config, p), i(2))
     shown = _jitted(textures_snapshot._shown, 1, 1, decoder, f(32, 32, 4), f(8, 4))

@@ -29,7 +29,7 @@ from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.run import train
 from mesoshell.train.stream import RunConfig, views_of
 from mesoshell.train.surface import SurfaceTraining
-from mesoshell.train.textures import TexturesConfig
+from mesoshell.train.textures_state import TexturesConfig
 from tests import balls
 
 FILES = sorted((Path(__file__).parents[2] / "experiments").glob("*.py"))

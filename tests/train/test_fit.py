@@ -15,10 +15,11 @@ from test_shots import of_patches
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.train import run
-from mesoshell.train.fit import FitConfig, FitState, feed, fitted, material_of, predict, residual, start, step
+from mesoshell.train.fit import FitConfig, FitState, feed, fitted, material_of, start, step
 from mesoshell.train.fit_snapshot import exemplars, provenance
 from mesoshell.train.holdout import score
 from mesoshell.train.shots import Rays, Shots, shots_of
+from mesoshell.train.slab_pixels import predict, residual
 from mesoshell.typing import Scalar
 
 CONFIG = FitConfig(
@@ -132,9 +133,9 @@ def some(shots: Shots) -> tuple[FitConfig, FitState, Rays]:
 def test_a_smaller_budget_leaves_rays_out_and_changes_none(shots: Shots):
     config, state, row = some(shots)
     material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
-    full, complete, _ = predict(config, material, row, state.own.occupancy[0], jitter)
+    full, complete, _ = predict(config.layout, 1.0, material, row, state.own.occupancy[0], jitter)
     assert bool(complete.all())
-    half, kept, wanted = predict(replace(config, decoded=0.5), material, row, state.own.occupancy[0], jitter)
+    half, kept, wanted = predict(config.layout, 0.5, material, row, state.own.occupancy[0], jitter)
     assert 0 < int(kept.sum()) < 128 and float(wanted) == pytest.approx(2.0, rel=0.05)
     long = kept & (full[:, 3] > 0.3)  # no candidate of theirs is too short to matter
     np.testing.assert_allclose(half[long], full[long], rtol=1e-5, atol=1e-6)
@@ -144,8 +145,8 @@ def test_empty_cells_are_not_decoded(shots: Shots):
     config, state, row = some(shots)
     empty = state.own.occupancy[0].at[16:].set(0.0)  # the upper half
     material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
-    y, complete, wanted = predict(replace(config, decoded=0.99), material, row, empty, jitter)
-    all_, _, _ = predict(config, material, row, empty, jitter)
+    y, complete, wanted = predict(config.layout, 0.99, material, row, empty, jitter)
+    all_, _, _ = predict(config.layout, 1.0, material, row, empty, jitter)
     assert 0.5 < float(wanted) < 1.5  # half of the candidates, over a budget of half of them
     assert (y[complete, 3] < all_[complete, 3] - 1e-3).mean() > 0.5
 

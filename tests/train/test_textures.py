@@ -22,18 +22,9 @@ from mesoshell.train import run, seen, textures_snapshot
 from mesoshell.train.above import TOP, from_above
 from mesoshell.train.exemplars import Scaled, feed, scaled
 from mesoshell.train.export import decoder_arrays
-from mesoshell.train.textures import (
-    TexturesConfig,
-    TexturesState,
-    fitted,
-    folded,
-    latents,
-    made,
-    own_phases,
-    start,
-    step,
-)
+from mesoshell.train.textures import folded, latents, made, own_phases, start, step
 from mesoshell.train.textures_snapshot import bundle
+from mesoshell.train.textures_state import TexturesConfig, TexturesState, fitted
 
 pytestmark = pytest.mark.xdist_group("textures")
 SIDE, C = 32, 4

@@ -30,7 +30,7 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     from mesoshell.train.record import read_record
     from mesoshell.train.state import TrainConfig
     from mesoshell.train.surface import SurfaceTraining
-    from mesoshell.train.textures import TexturesConfig
+    from mesoshell.train.textures_state import TexturesConfig
 
     probe_outputs((options.out,))
     config = read_record(options.run)[0]

@@ -121,7 +121,7 @@ def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | Non
         raise InputError(
             path,
             f"defines no `{wanted}` {of} a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an "
-            "AtlasTraining (mesoshell.train.state, .textures, .parametric, .surface and .atlas)",
+            "AtlasTraining (mesoshell.train.state, .textures_state, .parametric, .surface and .atlas)",
         )
     return config, defined.get("recipe")
 

@@ -7,7 +7,6 @@ blocks      means over 4 × 4 pixels: how well the picture is right from afar
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -19,8 +18,9 @@ from jaxtyping import Float
 
 from mesoshell.measure.image import psnr, psnr_blocks, psnr_masked, ssim
 from mesoshell.shell.field import Material
-from mesoshell.train.fit import FitConfig, predict
+from mesoshell.train.fit import FitConfig
 from mesoshell.train.shots import Rays, Shots, rays_at
+from mesoshell.train.slab_pixels import predict
 
 #: The material of each patch.
 Fitted = Callable[[int], Material]
@@ -82,7 +82,7 @@ def predicted(
 @partial(jax.jit, static_argnums=0)
 def _row(config: FitConfig, material: Material, row: Rays) -> jax.Array:
     everywhere, middle = jnp.full((1, 1, 1), jnp.inf), jnp.full((_RAYS, _CANDIDATES), 0.5)
-    return predict(replace(config, decoded=1.0), material, row, everywhere, middle)[0]
+    return predict(config.layout, 1.0, material, row, everywhere, middle)[0]
 
 
 def compare(found: Float[np.ndarray, "N H W 4"], truth: Float[np.ndarray, "N H W 4"]) -> Scores:

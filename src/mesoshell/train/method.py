@@ -31,6 +31,7 @@ from mesoshell.train import (
     surface_snapshot,
     textures,
     textures_snapshot,
+    textures_state,
 )
 from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.shots import Shots, shots_of
@@ -135,7 +136,7 @@ FIT = Method(
 )
 TEXTURES = Method(
     read=lambda config, data: read_exemplars(data["folder"]),
-    fitted=textures.fitted,
+    fitted=textures_state.fitted,
     feed=exemplars.feed,
     start=textures.start,
     step=textures.step,
@@ -152,7 +153,7 @@ _OF: dict[type, Method] = {
     surface.SurfaceTraining: SURFACE,
     atlas.AtlasTraining: ATLAS,
     fit.FitConfig: FIT,
-    textures.TexturesConfig: TEXTURES,
+    textures_state.TexturesConfig: TEXTURES,
 }
 
 

@@ -28,7 +28,7 @@ from mesoshell.train.shots import Shots
 from mesoshell.train.state import TrainConfig
 from mesoshell.train.stream import RunConfig
 from mesoshell.train.surface import SurfaceTraining
-from mesoshell.train.textures import TexturesConfig
+from mesoshell.train.textures_state import TexturesConfig
 
 METHODS: dict[str, type[RunConfig]] = {
     "gan": TrainConfig,

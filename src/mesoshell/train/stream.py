@@ -25,7 +25,7 @@ from mesoshell.train.parametric import ParametricConfig
 from mesoshell.train.picture import PictureConfig
 from mesoshell.train.state import TrainConfig, sized
 from mesoshell.train.surface import SurfaceTraining
-from mesoshell.train.textures import TexturesConfig
+from mesoshell.train.textures_state import TexturesConfig
 
 #: What a run, of any method, depends on beside the data.
 RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining | FitConfig | TexturesConfig

@@ -28,7 +28,8 @@ from mesoshell.train.above import from_above
 from mesoshell.train.exemplars import Scaled
 from mesoshell.train.export import generated_bundle
 from mesoshell.train.picture import PictureConfig, View, material_of, take_picture
-from mesoshell.train.textures import TexturesConfig, TexturesState, folded, latents, own_phases, phases_of
+from mesoshell.train.textures import folded, latents, own_phases, phases_of
+from mesoshell.train.textures_state import TexturesConfig, TexturesState
 from mesoshell.typing import Array
 
 PATCHES, SIDE = 2, 128

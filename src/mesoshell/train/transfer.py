@@ -23,7 +23,7 @@ from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.record import flat, read_record
 from mesoshell.train.state import Learner, TrainConfig, TrainState, start
 from mesoshell.train.stream import RunConfig
-from mesoshell.train.textures import TexturesConfig
+from mesoshell.train.textures_state import TexturesConfig
 
 #: What of a configuration says what the weights are and mean; and what of that follows from a dataset, or changes no weight.
 WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +19,8 @@ from mesoshell.atlas import mesh, paint
 from mesoshell.atlas import render as atlas_render
 from mesoshell.atlas.field import FieldConfig, init_field
 from mesoshell.io.bundle import Bundle
-from mesoshell.measure import captured
+from mesoshell.io.exemplars import Exemplars
+from mesoshell.measure import above, captured
 from mesoshell.nets import efficientnet, inception
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.shell import bake, bound, generated, kernels, lighting, scene, visits
@@ -50,10 +50,12 @@ from mesoshell.train import (
 )
 from mesoshell.train import state as gan
 from mesoshell.train import step as gan_step
-from mesoshell.train.exemplars import Taught
+from mesoshell.train.exemplars import Taught, scaled
+from mesoshell.train.export import decoder_arrays
 from mesoshell.train.generate import Shown
 from mesoshell.train.photographed import Rays
 from mesoshell.train.picture import PictureConfig
+from mesoshell.train.shots import Shots
 from mesoshell.train.slab_pixels import predict
 from mesoshell.train.textures_state import TexturesConfig
 
@@ -100,6 +102,7 @@ def _compiling(node: ast.AST, inside: str) -> Iterator[str]:
 def traced(bundle: Bundle) -> dict[str, list[Any]]:
     """Their jaxprs, in all the ways that matter, and those of functions that run as they are. bundle: a shell's."""
     said = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
+    said |= _of_judges(bundle)
     return {name: [x() for x in programs] for name, programs in said.items()}
 
 
@@ -186,13 +189,8 @@ def _of_generators() -> Programs:
         "shell.bake._height": [_jitted(bake._height, config, generator, f(1, 4))],
         "shell.bake._tile": [tile(one, i(2)), tile(nodes, i(2))],
         "train.export._patch": [
-            _jitted(
-                export._patch,
-                c,
-                jax.eval_shape(lambda c=c: gan.start(c, KEY)).learner,
-                jax.eval_shape(lambda c=c: init_averages(c.generator)),
-            )
-            for c in (GAN, PLANES)
+            _jitted(export._patch, c.generator, begun.generator, init_averages(c.generator), begun.decoder, 2)
+            for c, begun in ((c, jax.eval_shape(lambda c=c: gan.start(c, KEY)).learner) for c in (GAN, PLANES))
         ],
         "train.snapshot._pictures": [_jitted(snapshot._pictures, GAN, (0, 0), state.learner, averages, SHOWN)],
         "train.snapshot._feature": [_jitted(snapshot._feature, GAN, 16, state.learner, averages, SHOWN)],
@@ -259,8 +257,10 @@ def _of_training() -> Programs:
     fitting = fit.FitConfig(
         texels=16, channels=4, height_rows=8, octaves=1, trunk=(8,), head=(8,), batch=2, rays=256, candidates=16
     )
-    fitting, nothing = replace(fitting, appearance=1), cast(Any, SimpleNamespace(given=None))
-    begun = jax.eval_shape(lambda: fit.start(fitting, nothing, KEY))
+    fitting = replace(fitting, appearance=1)
+    nothing = np.zeros((0, 1), np.float32)
+    pictures = Shots(Path(), "", {}, (), np.zeros(1, int), np.zeros((0, 4), np.float16), (), (), nothing, nothing, ())
+    begun = jax.eval_shape(lambda: fit.start(fitting, pictures, KEY))
     rays = shots.Rays(
         i(2), f(2, 256, 3), f(2, 256, 3), f(2, 256), f(2, 256, 3), f(2, 256, 3), f(2, 256, 1), f(2, 256, 4), u(2, 2)
     )
@@ -292,18 +292,25 @@ def _of_textures() -> Programs:
     small = GeneratorConfig(texels=32, channel_base=256, channel_max=8, channels=4, layers=4, z=0, w=8, waves=2)
     config = TexturesConfig(replace(small, height_rows=8), batch=2, adversarial=1.0, octaves=1, alphas=1)
     decoder = init_decoder(KEY, 4 + 1 + 2 + 1, (8,), (8,))
-    data: Any = SimpleNamespace(
-        features=np.ones((2, 32, 32, 4), np.float32), height=np.ones((8, 4), np.float32), decoder=decoder
-    )
+    arrays = np.ones((2, 32, 32, 4), np.float32), np.ones((8, 4), np.float32), np.zeros((2, 0), np.float32)
+    data = scaled(Exemplars(*arrays, decoder_arrays(decoder), 1, (), {}))
     begun = jax.eval_shape(lambda: textures.start(config, data, KEY))
     batch = Taught(i(2), f(2, 32, 32, 4), f(2, 0), f(2, 32, 32, 4), f(2, 0), u(2, 2))
-    start = _plain(lambda k: textures.start(config, data, k), KEY)
     phases = jax.eval_shape(lambda p: textures.own_phases(config, p), i(2))
     shown = _jitted(textures_snapshot._shown, 1, 1, decoder, f(32, 32, 4), f(8, 4))
     return {
-        "train.natural_start.natural_start": [start],
-        "train.natural_start.natural_start.look": [],
-        "train.textures._versus": [start, _plain(partial(textures.step, config), begun, batch)],
+        "train.natural_start.natural_start.look": [],  # a forward pass of the step's
+        "train.textures._versus": [_plain(partial(textures.step, config), begun, batch)],
         "train.textures_snapshot._made": [_jitted(textures_snapshot._made, config, begun, f(2, 0), phases)],
         "train.textures_snapshot._shown": [shown],
+    }
+
+
+def _of_judges(bundle: Bundle) -> Programs:
+    found, how = scene.ready(bundle), ((1, 4), 2)
+    picture = _jitted(above._picture, found.layout, (*how, (0.0, 0.0, 1.0)), found.material, f(1))
+    return {
+        "measure.above._picture": [picture],
+        "measure.above._row": [_jitted(above._row, found.layout, found.material, f(1), how, f())],
+        "measure.posed._fitted.batch": [],  # pictures as the GAN's step takes them
     }

@@ -1,4 +1,4 @@
-"""Grass from fitted patches (mesoshell fit): the generator learns their textures by regression, at phases of their own."""
+"""From fitted patches (mesoshell fit): the generator learns their textures by regression, each at phases of its own."""
 
 from mesoshell.train.state import TrainConfig
 from mesoshell.train.textures_state import TexturesConfig, textures_as
@@ -9,4 +9,3 @@ def variant(preset: TrainConfig) -> TexturesConfig:
 
 
 config = TexturesConfig()
-recipe = "grass"

@@ -1,6 +1,6 @@
-"""Grass from fitted patches, against a critic: textures of new phases are told from exemplars, whose regression is the anchor.
+"""From fitted patches, against a critic: textures of new phases are told from exemplars, whose regression is the anchor.
 
-Begin with the weights of a run of grass_textures.py (--transfer): from a natural start the critic leads at once.
+Begin with the weights of a run of textures.py (--transfer): from a natural start the critic leads at once.
 """
 
 from dataclasses import replace
@@ -14,4 +14,3 @@ def variant(preset: TrainConfig) -> TexturesConfig:
 
 
 config = replace(TexturesConfig(), adversarial=1.0, rate=3e-3)
-recipe = "grass"

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from test_shots import of_patches
 
-from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.cli.main import main
+from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.train import run
 from mesoshell.train.fit import FitConfig, FitState, feed, fitted, material_of, start, step
@@ -176,3 +177,17 @@ def test_infinite_radiance_is_a_bounded_error(predicted: float, target: float):
 
 def tonemapped(x: float) -> float:
     return x / (1 + x)
+
+
+def test_one_patch_of_many_is_a_material(patches: Shots, tmp_path: Path, capsys: pytest.CaptureFixture):
+    config, seen = fitted(CONFIG, patches)
+    state = start(config, seen, jax.random.key(0))
+    write_exemplars(tmp_path / "e.npz", exemplars(config, seen, state, provenance(config, seen, state)))
+    main(["export", str(tmp_path / "e.npz"), "--patch", "2", "--out", str(tmp_path / "m.npz")])
+    found = read_bundle(tmp_path / "m.npz")
+    np.testing.assert_array_equal(found.arrays["features/0"], np.asarray(state.own.feature[2], np.float16))
+    assert found.wraps and found.provenance["patch"] == 2 and [p.name for p in found.parameters] == ["age"]
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(tmp_path / "e.npz"), "--out", str(tmp_path / "n.npz")])
+    assert ended.value.code == 2
+    assert "has 3 patches: say which, 0 to 2" in capsys.readouterr().err and not (tmp_path / "n.npz").exists()

@@ -14,12 +14,14 @@ from mesoshell.io.records import read_rows
 class Options:
     """Write a run's material, its generator included, as one file that needs nothing beside it."""
 
-    #: Folder of a training run.
+    #: Folder of a training run; or a file of exemplars, with --patch.
     run: tyro.conf.Positional[Path]
     #: The file to write.
     out: Path
     #: The snapshot of this many thousand images; the newest if not given.
     kimg: float | None = None
+    #: Of exemplars (`mesoshell fit` of many patches): which patch, from 0 on.
+    patch: int | None = None
 
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
@@ -33,6 +35,11 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     from mesoshell.train.textures_state import TexturesConfig
 
     probe_outputs((options.out,))
+    if options.run.is_file():
+        _patch(options)
+        return
+    if options.patch is not None:
+        raise InputError("--patch", f"is of exemplars; {options.run} is no file")
     config = read_record(options.run)[0]
     if not isinstance(config, TrainConfig | TexturesConfig | SurfaceTraining):
         raise InputError(options.run, "holds a network and no generator: it can be evaluated, not exported")
@@ -43,6 +50,21 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write(options.out, _scored(bundle, options.run, images))
     print(f"{options.out}: {images / 1000:g} kimg")
+
+
+def _patch(options: Options) -> None:
+    """One patch of exemplars as a material that repeats."""
+    from mesoshell.io.bundle import write_bundle
+    from mesoshell.io.exemplars import read_exemplars
+    from mesoshell.train.export import patch_bundle
+
+    exemplars = read_exemplars(options.run)
+    count = len(exemplars.features)
+    if options.patch is None or not 0 <= options.patch < count:
+        raise InputError("--patch", f"{options.run} has {count} patches: say which, 0 to {count - 1}")
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write_bundle(options.out, patch_bundle(exemplars, options.patch))
+    print(f"{options.out}: patch {options.patch}")
 
 
 def newest_surface(run: Path) -> Any:

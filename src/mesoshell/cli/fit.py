@@ -22,8 +22,8 @@ class Options:
     test: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
     #: Images of each patch, the last ones, that are held out to score the result on.
     held: int = 0
-    #: Material or exemplars whose decoder is taken and kept as it is; textures alone are fitted.
-    decoder: Path | None = None
+    #: Material (a bundled one, or a file) or exemplars whose decoder is taken and kept as it is; textures alone are fitted.
+    decoder: str | None = None
     #: Steps in all.
     steps: int = 4000
     #: Rays a step.

@@ -10,6 +10,7 @@ from mesoshell.io.bundle import write_bundle
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.exemplars import write_exemplars
 from mesoshell.io.image import write_png
+from mesoshell.io.material import find
 from mesoshell.io.whole import probe_outputs
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared, to_bundle
@@ -77,7 +78,7 @@ def _config(options: Options) -> FitConfig:
         steps=options.steps,
         trunk=(w, w, w),
         head=(w, w),
-        given="" if options.decoder is None else str(options.decoder),
+        given="" if options.decoder is None else str(find(options.decoder)),
         seed=options.seed,
     )
 

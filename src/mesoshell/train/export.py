@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mesoshell.io.bundle import Bundle, Parameter
+from mesoshell.io.exemplars import Exemplars
 from mesoshell.shell.bound import bounds, new_points
 from mesoshell.shell.decoder import Decoder
 from mesoshell.shell.field import Layout, Material
@@ -20,6 +21,7 @@ from mesoshell.shell.generated import Maker, generator_arrays, generator_fields,
 from mesoshell.shell.generator import Averages, Generator, synthesise, synthesise_height
 from mesoshell.shell.plan import GeneratorConfig
 from mesoshell.shell.precision import decoder_error
+from mesoshell.shell.scene import decoder_of
 from mesoshell.texture import mip
 from mesoshell.train.fit import Common, FitConfig
 from mesoshell.train.state import Learner, TrainConfig
@@ -65,6 +67,17 @@ def to_bundle(
         provenance=provenance | said,
         arrays={k: np.asarray(v) for k, v in arrays.items()},
     )
+
+
+def patch_bundle(exemplars: Exemplars, patch: int) -> Bundle:
+    """One of many patches that were fitted together, as a bundle. Its geometry is fixed: it has appearance parameters alone."""
+    feature, height = (jnp.asarray(x, jnp.float32) for x in (exemplars.features[patch], exemplars.height))
+    side, channels = feature.shape[0], feature.shape[2]
+    config = FitConfig(texels=side, channels=channels, height_rows=len(height), octaves=exemplars.height_octaves)
+    common = Common(height[:, None], decoder_of(exemplars.decoder))
+    alphas = tuple(p for p in exemplars.parameters if p.role == "alpha")
+    beta = [float(x) for x in exemplars.beta[patch]]
+    return to_bundle(config, common, feature, alphas, exemplars.provenance | {"patch": patch, "beta": beta})
 
 
 def declared(manifest: dict[str, Any]) -> tuple[Parameter, ...]:

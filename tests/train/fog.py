@@ -26,7 +26,10 @@ def through_box(o: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return near, np.maximum(far, near)
 
 
-def write(folder: Path, cameras: list[tuple[float, float, float]], size: int = SIZE) -> Dataset:
+def write(
+    folder: Path, cameras: list[tuple[float, float, float]], size: int = SIZE, instances: list[int] | None = None
+) -> Dataset:
+    """instances: which of many patches each picture shows; one patch if not given."""
     (folder / "images").mkdir(parents=True)
     rows = []
     for k, eye in enumerate(cameras):
@@ -51,6 +54,7 @@ def write(folder: Path, cameras: list[tuple[float, float, float]], size: int = S
                 "radius": float(np.linalg.norm(np.subtract(eye, 0.5))),
                 "light": [0.6, 0.0, 0.8],
                 "irradiance": IRRADIANCE.tolist(),
+                **({} if instances is None else {"instance": instances[k]}),
             }
         )
     manifest = {
@@ -65,6 +69,7 @@ def write(folder: Path, cameras: list[tuple[float, float, float]], size: int = S
         "samples_per_pixel": 1,
         "seed": 0,
         "count": len(rows),
+        **({} if instances is None else {"patch": None, "views": 1}),
     }
     (folder / "manifest.json").write_text(json.dumps(manifest))
     (folder / "samples.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -13,15 +13,23 @@ import parametric_step
 import small_step
 
 from mesoshell.io.dataset import read_dataset
+from mesoshell.io.exemplars import Exemplars, write_exemplars
 from mesoshell.io.pack import pack_dataset
+from mesoshell.shell.decoder import init_decoder
+from mesoshell.shell.plan import GeneratorConfig
+from mesoshell.shell.texture_critic import CriticConfig
 from mesoshell.silhouette.material import SurfaceConfig
 from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.export import decoder_arrays
+from mesoshell.train.fit import FitConfig
 from mesoshell.train.method import Method, method_of
+from mesoshell.train.seen import CHANNELS
 from mesoshell.train.surface import SurfaceTraining
+from mesoshell.train.textures_state import TexturesConfig
 from tests import balls
 from tests.silhouette import wearing
 
-STEPS = 6
+STEPS, KEY = 6, jax.random.key(0)
 CONFIGS: dict[str, Any] = {
     "gan": replace(small_step.CONFIG, picture=replace(small_step.CONFIG.picture, size=8), batch=4, near_kimg=0.01),
     "nerf_tex": replace(
@@ -36,6 +44,14 @@ CONFIGS: dict[str, Any] = {
     ),
     "surface": SurfaceTraining(SurfaceConfig(8, 3, (8,)), batch=256),
     "atlas": replace(atlas_step.CONFIG, side=32),
+    "fit": FitConfig(4, 4, 4, 1, (8,), (8,), batch=8, rays=16, group=4, candidates=8),
+    "textures": TexturesConfig(
+        GeneratorConfig(texels=64, channel_base=256, channel_max=4, layers=4, z=0, w=8, waves=2),
+        CriticConfig(CHANNELS, width=4),
+        batch=8,
+        adversarial=1.0,
+        warm=1,
+    ),
 }
 
 
@@ -45,6 +61,14 @@ def write(method: str, folder: Path) -> Path:
         return wearing.write_patches(folder / "set", [wearing.rows(64, k, _answer) for k in range(6)])
     if method == "atlas":
         return balls.write_capture(folder / "ball", views=16, size=32)
+    if method == "fit":
+        fog.write(folder / "many", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(12)], 8, [k // 3 for k in range(12)])
+        return folder / "many"
+    if method == "textures":
+        features, decoder = np.random.default_rng(0).normal(size=(3, 64, 64, 4)), init_decoder(KEY, 7, (8,), (8,))
+        rest = np.ones((8, 4)), np.zeros((3, 0)), decoder_arrays(decoder), 1, (), {}
+        write_exemplars(folder / "exemplars.npz", Exemplars(features, *rest))
+        return folder / "exemplars.npz"
     fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(16)], size=8)
     pack_dataset(read_dataset(folder / "fog"), folder / "packed")
     return folder / "packed"
@@ -58,7 +82,9 @@ def _answer(q: dict[str, np.ndarray]) -> dict[str, Any]:
 def subject(method: str, folder: Path) -> tuple[Any, Any]:
     """A run of STEPS steps, and what it learns from."""
     config = CONFIGS[method]
-    config = replace(config, kimg=STEPS * config.batch / 1000, snapshot_kimg=1e9)
+    fit = isinstance(config, FitConfig)
+    length = {"steps": STEPS, "kept": 10**9} if fit else {"kimg": STEPS * config.batch / 1000, "snapshot_kimg": 1e9}
+    config = replace(config, **length)
     return config, method_of(config).read(config, {"folder": folder})
 
 

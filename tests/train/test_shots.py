@@ -18,9 +18,7 @@ NO_KEY = np.zeros(2, np.uint32)
 
 def of_patches(folder: Path, instances: list[int]) -> Dataset:
     """Fog of many patches: picture i shows instances[i]."""
-    dataset = fog.write(folder, [fog.CAMERAS[i % 4] for i in range(len(instances))])
-    rows = {i: dataset.rows[i] | {"instance": k} for i, k in enumerate(instances)}
-    return replace(dataset, manifest=dataset.manifest | {"patch": None, "views": 2}, rows=rows)
+    return fog.write(folder, [fog.CAMERAS[i % 4] for i in range(len(instances))], instances=instances)
 
 
 def test_pixels_that_meet_the_box_are_learned(tmp_path: Path):

@@ -161,6 +161,7 @@ def made(
 ) -> tuple[Float[Array, "B S S C"], list[Scalar]]:
     """Textures of a patch's side, and mean squares of the layers' inputs."""
     side, corner = config.generator.texels, jnp.zeros(2, jnp.int32)
+    phases = Phases(*jax.tree.map(lambda p: p.astype(w.dtype), (phases.input, phases.layers)))
     given = synthesise(wide(config.generator), generator, state.averages, w, phases, corner, (side, side))
     return jnp.matmul(given.feature, state.a, precision="highest") + state.b[None, None, None], given.magnitude
 

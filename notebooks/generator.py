@@ -23,11 +23,18 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 
+from mesoshell.io.bundle import read_bundle
+from mesoshell.io.exemplars import Exemplars
+from mesoshell.io.material import find
 from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.repetition import autocorrelation, largest_repeat
 from mesoshell.shell.generator import draw_phases, init_averages, init_generator, map_latent, synthesise
 from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, reach, rows_of
+from mesoshell.train.above import from_above
+from mesoshell.train.exemplars import scaled
 from mesoshell.train.snapshot import as_colours
+from mesoshell.train.textures import latents, made, own_phases, start
+from mesoshell.train.textures_state import TexturesConfig
 
 config = GeneratorConfig(texels=32, channel_base=512, channel_max=16, channels=8, waves=16, z=16, w=16, betas=1)
 generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
@@ -118,18 +125,44 @@ z, phases = jax.random.normal(jax.random.key(5), (1, config.z)), draw_phases(con
 size, before = (64, 256), reach(config, (64, 256))
 nodes = 2 * before + 8 + 1, 2 * before + 2 + 1
 ramp = np.clip((np.arange(nodes[0]) - before - 1) / 6, 0, 1)
-made = {}
+varied = {}
 for name, beta in (("0", 0 * ramp), ("ramp", ramp), ("1", 0 * ramp + 1)):
     w = map_latent(generator, jnp.broadcast_to(z, (len(beta), config.z)), jnp.asarray(beta, jnp.float32)[:, None])
     on_nodes = jnp.broadcast_to(w[None, None], (1, nodes[1], *w.shape))
     run = jax.jit(lambda g, w: synthesise(config, g, averages, w, phases, jnp.zeros(2, jnp.int32), size).feature[0])
-    made[name] = np.asarray(run(generator, on_nodes))
+    varied[name] = np.asarray(run(generator, on_nodes))
 
 figure, axes = plt.subplots(3, 1, figsize=(10, 8), layout="constrained")
-together = as_colours(np.concatenate(list(made.values()))) ** (1 / 2.2)  # one scale of colours for all
-for name, picture, axis in zip(made, np.split(together, 3), axes, strict=True):
+together = as_colours(np.concatenate(list(varied.values()))) ** (1 / 2.2)  # one scale of colours for all
+for name, picture, axis in zip(varied, np.split(together, 3), axes, strict=True):
     axis.imshow(picture, origin="lower", extent=(0, 8, 0, 2))
     axis.set_title(f"parameter: {name}")
+# %% [markdown]
+# ## What it learns from, and where it begins
+#
+# A generator may learn fitted textures before it sees a picture. From above, without a ray, the bundled grass shows its blades
+# by their heights. An untrained generator of that kind begins with the same power in each octave, mean and covariance: a fog of
+# the right colours and heights, which training then turns into blades.
+
+# %%
+bundle = read_bundle(find("grass"))
+weights = {k: v for k, v in bundle.arrays.items() if k.startswith("decoder/") or k == "sigma_scale"}
+exemplar = bundle.arrays["features/2"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
+data = scaled(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))
+small = replace(
+    config, texels=64, channel_base=1024, channels=32, layers=5, waves=4, drift=1.5, z=0, betas=0, height_rows=64
+)
+learning = TexturesConfig(small)
+state = start(learning, data, jax.random.key(0))
+w, phases = latents(learning, state.generator, jnp.zeros((1, 0))), own_phases(learning, jnp.arange(1))
+field = made(learning, state, state.generator, w, phases)[0]
+figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
+for axis, f, name in zip(axes, (data.features[0], field[0]), ("fitted", "where learning begins"), strict=True):
+    seen = from_above(data.decoder, bundle.height_octaves, jnp.asarray(f), jnp.asarray(data.height), jnp.full(1, 0.2))
+    axis.imshow(seen.depth, cmap="gray", vmin=0, vmax=1, origin="lower")
+    axis.set_title(f"{name}: height of what is seen from above")
+assert abs(float(jnp.mean(field))) < 0.3 and 0.5 < float(jnp.std(field)) < 2
+
 # %% [markdown]
 # From here: `mesoshell train` teaches the generator what to grow, `mesoshell texture` writes a texture to disk, and
 # `mesoshell render mesh.obj --material grass.npz --seed 3` grows one on a mesh. See `docs/generator.md`.

@@ -61,6 +61,21 @@ def test_a_geometry_a_picture_is_refused(tmp_path: Path):
         shots_of([wild])
 
 
+def test_a_geometry_that_varies_is_refused(tmp_path: Path):
+    dataset = fog.write(tmp_path / "set", fog.CAMERAS[:2])
+    length = {"length": {"role": "beta", "range": [0, 1]}}
+    samples = tuple(replace(s, parameters=s.parameters | {"length": k / 4}) for k, s in enumerate(dataset.samples))
+    manifest = dataset.manifest | {"parameters": dataset.manifest["parameters"] | length, "patch": 0}
+    with pytest.raises(InputError, match="set: its geometry varies with length; fix it with --param length=VALUE"):
+        shots_of([replace(dataset, manifest=manifest, samples=samples)])
+
+
+def test_what_is_learned_from_is_no_test(tmp_path: Path):
+    dataset = fog.write(tmp_path / "set", fog.CAMERAS[:2])
+    with pytest.raises(InputError, match="set: is learned from"):
+        shots_of([dataset], tests=[dataset])
+
+
 def test_other_parameters_are_refused(tmp_path: Path):
     a, b = (fog.write(tmp_path / name, fog.CAMERAS[:2]) for name in "ab")
     text = json.dumps(b.manifest["parameters"]).replace("nothing", "something")

@@ -159,7 +159,7 @@ def test_weights_that_do_not_fit_are_refused_and_nothing_is_written(data, whole,
             train(config, data, tmp_path / "a", transfer=folder)
         assert str(caught.value).startswith(str(folder)) and str(caught.value).endswith(said)
     assert not (tmp_path / "a").exists() and not (tmp_path / "nothing").exists()
-    with pytest.raises(InputError, match="weights are lent by a generator's run to a generator's run of the"):
+    with pytest.raises(InputError, match="weights are lent by a generator's run to a generator's run only"):
         lender(ParametricConfig(), data, whole[1])
 
 

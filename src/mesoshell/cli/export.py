@@ -36,6 +36,8 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
 
     probe_outputs((options.out,))
     if options.run.is_file():
+        if options.kimg is not None:
+            raise InputError("--kimg", f"is of runs; {options.run} is a file of exemplars")
         _patch(options)
         return
     if options.patch is not None:

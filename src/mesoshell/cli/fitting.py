@@ -3,14 +3,13 @@
 import numpy as np
 from rich.console import Console
 
-from mesoshell.cli.fit import Options
+from mesoshell.cli.fit import Options, rows_of
 from mesoshell.cli.training import learn
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.exemplars import write_exemplars
 from mesoshell.io.image import write_png
-from mesoshell.io.material import find
 from mesoshell.io.whole import probe_outputs
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared, to_bundle
@@ -18,9 +17,6 @@ from mesoshell.train.fit import FitConfig, fitted, material_of
 from mesoshell.train.fit_snapshot import exemplars, provenance
 from mesoshell.train.holdout import Scores, score
 from mesoshell.train.shots import shots_of
-
-#: Rows of a step that rays are split into.
-_ROWS = 8
 
 
 def fit_to_file(options: Options) -> None:
@@ -37,6 +33,12 @@ def fit_to_file(options: Options) -> None:
     console.print(f"{count:,} rays of {len(shots.learned)} patches in {len(shots.samples):,} images", highlight=False)
     if options.rays > count:
         raise InputError("--rays", f"{options.rays} a step: the datasets have {count} that meet the box")
+    # a texture with its coarser levels, gradient and two moments, and what is kept of emptiness
+    check_memory(
+        "--texels",
+        f"textures of {len(shots.learned)} patches",
+        len(shots.learned) * (16 * 43 * options.texels**2 + 2**19),
+    )
     state = learn(config, shots, options.run)
     config, shots = fitted(config, shots)
     about = provenance(config, shots, state) | {"test": {}}
@@ -70,7 +72,7 @@ def _config(options: Options) -> FitConfig:
     check_memory("--texels", f"a texture of {options.texels} texels a side", 4 * 4 * 43 * options.texels**2)
     check_memory("--width", f"layers of {w} numbers", 4 * 4 * 5 * w**2)
     check_memory("--rays", f"{options.rays} rays a step", 4 * options.rays * w)
-    rows = _ROWS if options.rays % _ROWS == 0 else 1
+    rows = rows_of(options)
     return FitConfig(
         texels=options.texels,
         batch=rows,
@@ -78,7 +80,8 @@ def _config(options: Options) -> FitConfig:
         steps=options.steps,
         trunk=(w, w, w),
         head=(w, w),
-        given="" if options.decoder is None else str(find(options.decoder)),
+        given=options.decoder or "",
+        held=options.held,
         seed=options.seed,
     )
 

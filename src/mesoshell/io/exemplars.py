@@ -23,6 +23,7 @@ from jaxtyping import Float
 from mesoshell.errors import InputError
 from mesoshell.io.archive import read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle import Parameter, read_bundle
+from mesoshell.io.material import digest
 from mesoshell.io.records import parsed
 
 _MANIFEST = "manifest.json"
@@ -41,6 +42,7 @@ class Exemplars:
     parameters: tuple[Parameter, ...]
     provenance: dict[str, Any]
     path: Path = Path()
+    digest: str = ""
 
     @property
     def folder(self) -> Path:
@@ -49,12 +51,14 @@ class Exemplars:
 
     @property
     def recipe(self) -> str:
-        return self.provenance.get("datasets", [{}])[0].get("recipe", "")
+        datasets = self.provenance.get("datasets") or [{}]
+        return datasets[0].get("recipe", "")
 
     @property
     def manifest(self) -> dict[str, Any]:
         """What a run's record says of them."""
-        return {"recipe": self.recipe, "parameters": [p.name for p in self.parameters], "size": self.features.shape}
+        names = [p.name for p in self.parameters]
+        return {"recipe": self.recipe, "parameters": names, "size": self.features.shape, "digest": self.digest}
 
 
 def write_exemplars(path: str | PathLike[str], exemplars: Exemplars) -> None:
@@ -97,7 +101,16 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
     if rows != columns or rows & (rows - 1) or len(beta) != patches or height.shape[1] != channels:
         raise InputError(path, f"features, height and beta do not fit: {features.shape}, {height.shape}, {beta.shape}")
     octaves, provenance = manifest["height_octaves"], manifest["provenance"]
-    return Exemplars(features, height, beta, arrays, octaves, parameters, provenance, Path(path))
+    roles = [p.role for p in parameters]
+    if beta.shape[1] != roles.count("beta") or type(octaves) is not int or not isinstance(provenance, dict):
+        raise InputError(path, f"{_MANIFEST}: parameters, height_octaves or provenance are not those of its arrays")
+    inputs, layers = channels + 1 + 2 * octaves + roles.count("alpha"), ("trunk/0", "head/0", "sigma", "rho")
+    missing = [k for n in layers for k in (f"decoder/{n}/kernel", f"decoder/{n}/bias") if k not in arrays]
+    if missing or len(arrays["decoder/trunk/0/kernel"]) != inputs:
+        raise InputError(
+            path, f"array {missing[0]} is missing" if missing else f"its decoder does not take {inputs} numbers"
+        )
+    return Exemplars(features, height, beta, arrays, octaves, parameters, provenance, Path(path), digest(Path(path)))
 
 
 def read_decoder(path: str | PathLike[str]) -> dict[str, np.ndarray]:

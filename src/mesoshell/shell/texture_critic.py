@@ -9,6 +9,7 @@ Five convolutions without padding, so that a logit depends on what lies in its w
 stride 2, 3 × 3. The last also sees the deviation over the batch. β enters by projection, as shell/discriminator's label does.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,7 +29,7 @@ _LAYERS = ((3, 1, 1.0), (4, 2, 1.5), (4, 2, 2.0), (4, 2, 2.0), (3, 1, 2.0))
 class CriticConfig:
     """inputs: I; width: channels of the first convolution; betas: G."""
 
-    inputs: int = 30
+    inputs: int
     width: int = 64
     betas: int = 0
 
@@ -66,12 +67,17 @@ def init_critic(config: CriticConfig, key: Key[Array, ""]) -> Critic:
     return Critic(convs, dense(inputs, 1), embed)
 
 
-def criticise(critic: Critic, y: Float[Array, "B S S I"], beta: Float[Array, "B G"]) -> Float[Array, "B s s"]:
-    """D."""
+def criticise(
+    critic: Critic,
+    y: Float[Array, "B S S I"],
+    beta: Float[Array, "B G"],
+    everyone: Callable[[Array], tuple[Array, Array]] | None = None,
+) -> Float[Array, "B s s"]:
+    """D. everyone: as shell/discriminator has it."""
     x = y
     for i, (layer, (k, stride, _)) in enumerate(zip(critic.convs, _LAYERS, strict=True)):
         if i == len(_LAYERS) - 1:
-            spread = jnp.mean(jnp.sqrt(jnp.var(x, axis=0) + 1e-6))
+            spread = jnp.mean(jnp.sqrt(jnp.var(x if everyone is None else everyone(x)[0], axis=0) + 1e-6))
             x = jnp.concatenate([x, jnp.broadcast_to(spread, (*x.shape[:3], 1))], axis=-1)
         weight = layer.weight / (k * k * x.shape[-1]) ** 0.5
         where = ("NHWC", "HWIO", "NHWC")

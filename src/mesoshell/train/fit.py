@@ -25,6 +25,7 @@ import optax
 
 from mesoshell.errors import InputError
 from mesoshell.io.exemplars import Exemplars, read_decoder
+from mesoshell.io.material import digest, find
 from mesoshell.shell.decoder import Decoder, init_decoder
 from mesoshell.shell.field import Layout, Material, Point, neural_field
 from mesoshell.shell.scene import decoder_of
@@ -47,8 +48,8 @@ _UNSEEN = 1.5
 class FitConfig:
     """Everything that a fit depends on beside the data. batch, rays: B, R; group: most patches a step; decoded: share of the
     candidates that a row has room to decode; rates fall to `final` of themselves; patches, appearance: K, and the number of α,
-    which follow from the data; kept: steps between snapshots; given: a material or exemplars whose decoder and F(h) are taken,
-    and stay as they are."""
+    which follow from the data; kept: steps between snapshots; given: a material or exemplars whose decoder and F(h) are taken
+    and stay as they are, and given_digest: of that file; held: pictures of each patch, in each dataset, not learned from."""
 
     texels: int = 256
     channels: int = 32
@@ -71,6 +72,8 @@ class FitConfig:
     patches: int = 1
     appearance: int = 0
     given: str = ""
+    given_digest: str = ""
+    held: int = 0
     seed: int = 0
 
     @property
@@ -84,8 +87,8 @@ class FitConfig:
 
     @property
     def at_once(self) -> int:
-        """G."""
-        return min(self.group, self.patches, self.batch)
+        """G: rows of a step come evenly from them."""
+        return max(g for g in range(1, min(self.group, self.patches) + 1) if self.batch % g == 0)
 
     @property
     def together(self) -> int:
@@ -132,21 +135,20 @@ class FitReport(NamedTuple):
 
 
 def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
-    """The configuration for the data. Raises InputError if rows of a step do not come out even."""
+    """The configuration for the data, with the decoder that is given. Raises InputError if that does not fit them."""
     config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1])
     if config.given:
         config, shots = _given(config, shots)
-    if config.batch % config.at_once:
-        raise InputError("batch", f"{config.batch} rows do not come evenly from {config.at_once} patches")
     return config, shots
 
 
 def _given(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
-    """With what a material has of decoder and height feature. Raises InputError if its parameters are not the data's."""
-    arrays = read_decoder(config.given)
+    """With what a material has of decoder and height feature. Raises InputError if it takes another number of inputs."""
+    path = find(config.given)
+    arrays = read_decoder(path)
     decoder, height = decoder_of(arrays), arrays["height/0"]
     widths = {name: tuple(len(layer.bias) for layer in getattr(decoder, name)) for name in ("trunk", "head")}
-    config = replace(config, channels=height.shape[1], height_rows=len(height), **widths)
+    config = replace(config, channels=height.shape[1], height_rows=len(height), given_digest=digest(path), **widths)
     inputs, there = config.channels + 1 + 2 * config.octaves + config.appearance, len(decoder.trunk[0].kernel)
     if there != inputs:
         raise InputError(config.given, f"its decoder takes {there} numbers; the data give {inputs}")
@@ -160,14 +162,15 @@ def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Call
     mine = range(host * config.batch // hosts, (host + 1) * config.batch // hosts)
 
     def at(step: int) -> Rays:
-        few = max(FEW, config.at_once) if step < config.stand * config.steps else config.patches
+        learning = step < config.stand * config.steps and not config.given
+        few = max(FEW, config.at_once) if learning else config.patches
         drawn = np.random.default_rng([config.seed, step])
         group = drawn.permutation(min(few, config.patches))[: config.at_once]
         keys = drawn.integers(0, 2**32, (config.batch, 2), np.uint32)
         rows = []
         for row in mine:
             patch = int(group[row // config.together])
-            random = np.random.default_rng([config.seed, step, row])
+            random = np.random.default_rng([config.seed, step, row + 1])
             pixels = shots.learned[patch]
             rows.append(rays_at(shots, pixels[random.integers(len(pixels), size=config.rays)], patch, keys[row]))
         return Rays(*(np.stack(column) for column in zip(*rows, strict=True)))
@@ -207,9 +210,11 @@ def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE)
     (error, wanted), gradient = jax.value_and_grad(loss, which, has_aux=True)(own.feature, state.common)
     for_own, for_common = (gradient, jax.tree.map(jnp.zeros_like, state.common)) if config.given else gradient
     for_common, error, wanted = across.mean((for_common, error, wanted))
+    alphas = batch.alpha
     if across.everyone is not None:
-        everyone = across.everyone
-        group, own, for_own = jax.tree.map(lambda x: everyone(x)[0], (group, own, for_own))
+        everyone, mine = across.everyone, group.shape[0]
+        group, own, for_own, alphas = jax.tree.map(lambda x: everyone(x)[0], (group, own, for_own, alphas))
+        for_own = for_own * (mine / group.shape[0])  # a device's mean is over its own rows
     bad = not_finite((for_common, for_own))
     share = state.step.astype(error.dtype) / config.steps
     fall = config.final**share
@@ -221,7 +226,7 @@ def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE)
     keys = jax.vmap(lambda k: jax.random.fold_in(jax.random.key(config.seed), k))(
         own.adam.count * config.patches + group
     )
-    look = partial(_looked, config, common, batch.alpha.reshape(-1, config.appearance))
+    look = partial(_looked, config, common, alphas.reshape(-1, *alphas.shape[2:]))
     occupancy = across.each(look)(feature, own.occupancy, own.adam.count, keys)
     own = jax.tree.map(lambda all_, new: all_.at[group].set(new), state.own, Own(feature, adam, occupancy))
     rows = group.shape[0] * config.together

@@ -52,16 +52,18 @@ def save(path: Path, config: FitConfig, shots: Shots, state: FitState) -> None:
 
 def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray, "h w 3"]:
     """Up to COLUMNS patches, by pictures of the largest size; learned ones where none are held out."""
-    largest = max(s.size for s in shots.samples)
     patches = np.unique(np.linspace(0, config.patches - 1, COLUMNS).round().astype(int))
+    pixels = [shots.held[k] if len(shots.held[k]) else shots.learned[k] for k in patches]
+    pictures = [np.unique(np.searchsorted(shots.first, p, side="right") - 1) for p in pixels]
+    size = min(max(shots.samples[i].size for i in n) for n in pictures)
     pairs = []
-    for k in patches:
-        pixels = shots.held[k] if len(shots.held[k]) else shots.learned[k]
-        n = np.unique(np.searchsorted(shots.first, pixels, side="right") - 1)
-        nearest = min((i for i in n if shots.samples[i].size == largest), key=lambda i: shots.samples[i].radius)
+    for k, n in zip(patches, pictures, strict=True):
+        fit = [i for i in n if shots.samples[i].size == size] or list(n)
+        nearest = min(fit, key=lambda i: shots.samples[i].radius)
         pairs.append(picture_pair(config, shots, material_of(state.common, state.own.feature[k]), int(k), int(nearest)))
+    pairs = [pair for pair in pairs if pair[0].shape == pairs[0][0].shape]
     shown = np.stack([np.stack(side) for side in zip(*pairs, strict=True)]).reshape(-1, *pairs[0][0].shape)
-    return np.asarray(tiled(shown[..., :3], len(patches)))
+    return np.asarray(tiled(shown[..., :3], len(pairs)))
 
 
 def painter(config: FitConfig, path: Path) -> Callable[[Any], Any]:

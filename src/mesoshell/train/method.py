@@ -122,7 +122,7 @@ ATLAS = Method(
     painter=atlas_snapshot.painter,
 )
 FIT = Method(
-    read=lambda config, data: shots_of([read_dataset(data["folder"])]),
+    read=lambda config, data: shots_of([read_dataset(data["folder"])], config.held),
     fitted=fit.fitted,
     feed=fit.feed,
     start=fit.start,
@@ -140,7 +140,7 @@ TEXTURES = Method(
     feed=exemplars.feed,
     start=textures.start,
     step=textures.step,
-    parts=lambda state: {"generator": state.generator},
+    parts=lambda state: {"generator": state.generator} | ({"critic": state.versus.critic} if state.versus else {}),
     together=lambda config: 1,
     losses=("error", "height"),
     save=textures_snapshot.save,

@@ -71,7 +71,7 @@ def natural_start(config: GeneratorConfig, features: Float[Array, "K S S C"], ke
     first = generator.strength
     logs = jnp.zeros(len(first))
     for _ in range(_ROUNDS):
-        missing = 0.5 * jnp.log(wanted / jnp.maximum(_bands(look(generator, averages)[0]), 1e-6))
+        missing = 0.5 * jnp.log(jnp.maximum(wanted, 1e-6) / jnp.maximum(_bands(look(generator, averages)[0]), 1e-6))
         logs = jnp.clip(
             logs + 0.5 * jnp.interp(_places(config, side), jnp.arange(_BANDS, dtype=logs.dtype), missing), -3, 3
         )

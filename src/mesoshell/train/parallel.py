@@ -27,12 +27,15 @@ from mesoshell.typing import Array
 AXIS = "rows"
 
 
-def split_cpu() -> None:
-    """One device a core; must come before JAX starts. A count that the user has set in XLA_FLAGS stays."""
+def split_cpu(rows: int = 0) -> None:
+    """One device a core, or as many as divide the rows of a step; must come before JAX starts. A count that the user has set in
+    XLA_FLAGS stays."""
+    cores = os.cpu_count() or 1
+    devices = max(n for n in range(1, cores + 1) if rows % n == 0)
     flag = "--xla_force_host_platform_device_count"
     flags = os.environ.get("XLA_FLAGS", "")
     if flag not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} {flag}={os.cpu_count()}".strip()
+        os.environ["XLA_FLAGS"] = f"{flags} {flag}={devices}".strip()
 
 
 def device_count() -> int:

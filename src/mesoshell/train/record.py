@@ -42,6 +42,7 @@ METHODS: dict[str, type[RunConfig]] = {
 KEPT = (
     "recipe",
     "source",
+    "digest",
     "background",
     "box",
     "version",

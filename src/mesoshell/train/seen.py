@@ -1,10 +1,10 @@
 """What a critic sees of a texture: as the decoder sees it, in layers, from above and aslant. No ray is traced.
 
 Alphabet
-y           channels of unit variance (by the exemplars'), a picture              (S, S, CHANNELS)
+y           channels of what is seen, a picture                                   (S, S, CHANNELS)
 SLICES      layers whose opacity is seen
 LIT         layers whose reflectance toward a drawn light, times opacity, is seen from above
-SLANTS      orthographic views aslant: layers sheared by so many texels over the box's height, along (v, u)
+SLANTS      orthographic views aslant: layers sheared by so many texels over TOP, along (v, u)
 
 Features as they come tell a critic what no picture shows; single layers do not tell it that blades lean: their heights from
 above do, and sheared sums. A shear moves layers by whole texels; from beyond the tile nothing comes in.
@@ -21,7 +21,7 @@ from mesoshell.typing import Array, Float, Key, Vec3
 
 LAYERS = 16
 SLICES, LIT = tuple(range(1, LAYERS, 2)), tuple(range(2, LAYERS, 4))
-#: Over the box's height, in 1 / 128 patches.
+#: Over TOP, in 1 / 128 patches.
 SLANTS = ((32, 0), (0, 32), (-32, 0), (0, -32))
 CHANNELS = len(SLICES) + 3 * len(LIT) + 2 + len(SLANTS)
 
@@ -80,11 +80,14 @@ def draw_light(key: Key[Array, ""]) -> Vec3:
 
 
 def turned(y: Float[Array, "S S I"], key: Key[Array, ""]) -> Float[Array, "S S I"]:
-    """One of the eight flips and quarter turns of what is seen. Views aslant change places with it."""
-    t = jax.random.randint(key, (3,), 0, 2)
-    y = jnp.where(t[0] == 1, _with_slants(jnp.flip(y, 0), (2, 1, 0, 3)), y)
-    y = jnp.where(t[1] == 1, _with_slants(jnp.flip(y, 1), (0, 3, 2, 1)), y)
-    return jnp.where(t[2] == 1, _with_slants(jnp.swapaxes(y, 0, 1), (1, 0, 3, 2)), y)
+    """One of the eight flips and quarter turns of what is seen, none at all three times in ten: else a generator of turned
+    textures would not be told from one of upright ones. Views aslant change places. For materials without a parameter that is a
+    direction."""
+    t = jax.random.randint(key, (), 0, 10)
+    t = jnp.where(t >= 8, 0, t)
+    y = jnp.where(t & 1 != 0, _with_slants(jnp.flip(y, 0), (2, 1, 0, 3)), y)
+    y = jnp.where(t & 2 != 0, _with_slants(jnp.flip(y, 1), (0, 3, 2, 1)), y)
+    return jnp.where(t & 4 != 0, _with_slants(jnp.swapaxes(y, 0, 1), (1, 0, 3, 2)), y)
 
 
 def _with_slants(y: Float[Array, "S S I"], order: tuple[int, ...]) -> Float[Array, "S S I"]:

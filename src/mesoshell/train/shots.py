@@ -72,6 +72,9 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
 
     Raises InputError if a picture shows a geometry of its own, datasets have other parameters than the first, or a patch has
     no pictures left to learn from."""
+    for test in tests:
+        if test.folder.resolve() in {d.folder.resolve() for d in datasets}:
+            raise InputError(test.folder, "is learned from: it cannot test what was learned")
     datasets = [*datasets, *tests]
     kinds = [d.manifest["parameters"] for d in datasets]
     for dataset, kind in zip(datasets, kinds, strict=True):
@@ -79,6 +82,17 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
             raise InputError(dataset.folder, "has another recipe or other parameters than the first dataset")
     keys = [(_geometry(d, s), d, s) for d in datasets for s in d.samples]
     patches = {key: i for i, key in enumerate(dict.fromkeys(key for key, _, _ in keys))}
+    for dataset in datasets:
+        own = {key for key, d, _ in keys if d is dataset}
+        if dataset.manifest.get("patch", 0) is not None and len(own) > 1:
+            names = [n for n, p in kinds[0].items() if p["role"] == "beta"]
+            free = [
+                n
+                for n, values in zip(names, zip(*(key[2:] for key in own), strict=True), strict=True)
+                if len({*values}) > 1
+            ]
+            fault = f"its geometry varies with {', '.join(free)}; fix it with --param {free[0]}=VALUE"
+            raise InputError(dataset.folder, fault)
     samples = tuple(s for _, _, s in keys)
     of = np.array([patches[key] for key, _, _ in keys])
     out = np.concatenate([_held(of[[d is e for _, e, _ in keys]], 10**9 if d in tests else held) for d in datasets])
@@ -101,7 +115,7 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
         raise InputError(datasets[0].folder, "has no picture to learn from of a patch that pictures are held out of")
     beta, alpha = (_normalised(kinds[0], samples, role) for role in ("beta", "alpha"))
     origins = tuple(origin(d) for d in datasets if d not in tests)
-    manifest = datasets[0].manifest | ({"source": origins} if len(origins) > 1 else {})
+    manifest = datasets[0].manifest | {"source": origins}
     where = [int(np.flatnonzero(of == k)[0]) for k in range(len(patches))]
     return Shots(
         datasets[0].folder,

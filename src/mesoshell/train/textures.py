@@ -84,7 +84,7 @@ def step(
         assert versus
         y = across.each(lambda f, k: _seen(config, state, f, k))(feature, keys[:, at])
         y = jnp.clip((y - versus.mean[None, None, None]) / versus.deviation[None, None, None], -_MOST, _MOST)
-        return jax.vmap(turned)(y, keys[:, at + 1])
+        return y if config.generator.betas else jax.vmap(turned)(y, keys[:, at + 1])
 
     def loss(generator: Generator) -> tuple[Scalar, Any]:
         w = latents(config, generator, batch.beta)
@@ -97,7 +97,7 @@ def step(
             w_new = latents(config, generator, batch.other_beta)
             new, _ = made(config, state, generator, w_new, phases_of(config, keys[:, 0]))
             y = shown(new, 1)
-            told = jnp.mean(jax.nn.softplus(-criticise(versus.critic, y, batch.other_beta)))
+            told = jnp.mean(jax.nn.softplus(-criticise(versus.critic, y, batch.other_beta, across.everyone)))
             total += config.adversarial * told
         return total, (error, height, told, magnitude, jnp.mean(w, axis=0), y)
 
@@ -108,9 +108,12 @@ def step(
     if versus:
         real = jax.lax.stop_gradient(shown(batch.other, 3))
         versus, heard, worse = _judged(config, versus, real, jax.lax.stop_gradient(y), batch.other_beta, keys, across)
-        gradient = jax.tree.map(lambda g: jnp.where(state.step < config.warm, 0, g), gradient)
         bad.append(worse)
-    generator, adam = _moved(config, config.rate, state.generator, state.adam, gradient)
+    learner = _moved(config, config.rate, state.generator, state.adam, gradient)
+    if versus:  # Adam's counts wait too, else its first steps would be several times too large
+        waits = state.step < config.warm
+        learner = jax.tree.map(lambda old, new: jnp.where(waits, old, new), (state.generator, state.adam), learner)
+    generator, adam = learner
     rows = batch.patch.shape[0] if across.everyone is None else across.everyone(batch.patch)[0].shape[0]
     images = state.images + rows
     half_life = jnp.minimum(AVERAGE_ROWS, AVERAGE_SHARE * images.astype(error.dtype))
@@ -135,8 +138,9 @@ def _judged(
     noise = jax.vmap(lambda k: jax.random.normal(k, (2, *real.shape[1:]), jnp.float32))(keys[:, 5]).astype(real.dtype)
 
     def loss(critic: Critic) -> tuple[Scalar, Heard]:
-        good, ill = criticise(critic, real, beta), criticise(critic, fake, beta)
-        moved = (criticise(critic, y + _NOISE * noise[:, i], beta) for i, y in enumerate((real, fake)))
+        judge = partial(criticise, critic, beta=beta, everyone=across.everyone)
+        good, ill = judge(real), judge(fake)
+        moved = (judge(y + _NOISE * noise[:, i]) for i, y in enumerate((real, fake)))
         apart = [jnp.mean((m - d) ** 2) for m, d in zip(moved, (good, ill), strict=True)]
         penalty = (apart[0] + apart[1]) / _NOISE**2
         told = jnp.mean(jax.nn.softplus(-good)) + jnp.mean(jax.nn.softplus(ill))

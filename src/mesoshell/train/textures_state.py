@@ -49,11 +49,11 @@ class TexturesConfig:
 
 
 def textures_as(preset: TrainConfig) -> TexturesConfig:
-    """A run at a preset's size: twice its texels a patch, with its channels. `tiny` is over in a minute."""
-    texels, most = 2 * preset.generator.texels, preset.generator.channel_max
+    """A run at a preset's size: twice its texels a patch, 64 at least, with its channels. `tiny` is over in minutes."""
+    texels, most = max(64, 2 * preset.generator.texels), preset.generator.channel_max
     config = TexturesConfig()
     generator = replace(config.generator, texels=texels, channel_base=most * texels, channel_max=most)
-    return replace(config, generator=generator, kimg=0.24 if texels < 64 else config.kimg)
+    return replace(config, generator=generator, kimg=0.04 if most < 64 else config.kimg)
 
 
 class Versus(NamedTuple):

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from mesoshell.errors import InputError
 from mesoshell.nets.mlp import Dense
@@ -28,18 +29,21 @@ from mesoshell.train.textures_state import TexturesConfig
 #: What of a configuration says what the weights are and mean; and what of that follows from a dataset, or changes no weight.
 WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")
 MAY_DIFFER = ("generator.betas", "discriminator.labels", "generator.precision", "generator.turn", "generator.fourier")
-#: What a run on textures is lent; its decoder is the exemplars'.
-LENT = ("generator", "smooth", "averages", "a", "b")
 
 
 def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
     """What gives a run's state at the start the weights of the newest checkpoint in `folder`. Raises InputError if that is no
     generator's run, has no checkpoint, or has other networks, with the fields that differ."""
-    other, _ = read_record(folder)
+    other, begun = read_record(folder)
     if type(config) is not type(other) or not isinstance(config, TrainConfig | TexturesConfig):
-        raise InputError(folder, "weights are lent by a generator's run to a generator's run of the same method only")
+        raise InputError(folder, "weights are lent by a generator's run to a generator's run only, of the same method")
+    if isinstance(config, TexturesConfig) and begun.get("digest") != data.manifest["digest"]:
+        raise InputError(
+            folder, f"was begun with other exemplars than {data.folder}: what it learned is scaled by them"
+        )
     mine, theirs = flat(asdict(config)), flat(asdict(other))
-    differ = [k for k in mine if k.startswith(WEIGHTS) and k not in MAY_DIFFER and mine[k] != theirs[k]]
+    may_differ = MAY_DIFFER if isinstance(config, TrainConfig) else ()
+    differ = [k for k in mine if k.startswith(WEIGHTS) and k not in may_differ and mine[k] != theirs[k]]
     if differ:
         said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
         raise InputError(folder, f"its networks are not this run's: {said}")
@@ -50,7 +54,8 @@ def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
     old = found[1]
     if isinstance(config, TrainConfig):
         return lambda fresh: lend(fresh, old, config.appearance)
-    return lambda fresh: fresh._replace(**{name: getattr(old, name) for name in LENT})
+    lent = {"generator": old.smooth, "smooth": jax.tree.map(jnp.copy, old.smooth)}
+    return lambda fresh: fresh._replace(averages=old.averages, a=old.a, b=old.b, **lent)
 
 
 def _started(config: Any, data: Any) -> Any:

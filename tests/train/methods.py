@@ -29,7 +29,7 @@ from mesoshell.train.textures_state import TexturesConfig
 from tests import balls
 from tests.silhouette import wearing
 
-STEPS, KEY = 6, jax.random.key(0)
+STEPS = 6
 CONFIGS: dict[str, Any] = {
     "gan": replace(small_step.CONFIG, picture=replace(small_step.CONFIG.picture, size=8), batch=4, near_kimg=0.01),
     "nerf_tex": replace(
@@ -65,7 +65,9 @@ def write(method: str, folder: Path) -> Path:
         fog.write(folder / "many", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(12)], 8, [k // 3 for k in range(12)])
         return folder / "many"
     if method == "textures":
-        features, decoder = np.random.default_rng(0).normal(size=(3, 64, 64, 4)), init_decoder(KEY, 7, (8,), (8,))
+        folder.mkdir()
+        features = np.random.default_rng(0).normal(size=(3, 64, 64, 4))
+        decoder = init_decoder(jax.random.key(0), 7, (8,), (8,))
         rest = np.ones((8, 4)), np.zeros((3, 0)), decoder_arrays(decoder), 1, (), {}
         write_exemplars(folder / "exemplars.npz", Exemplars(features, *rest))
         return folder / "exemplars.npz"

@@ -13,19 +13,12 @@ import parametric_step
 import small_step
 
 from mesoshell.io.dataset import read_dataset
-from mesoshell.io.exemplars import Exemplars, write_exemplars
 from mesoshell.io.pack import pack_dataset
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.texture_critic import CriticConfig
 from mesoshell.silhouette.material import SurfaceConfig
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.export import decoder_arrays
 from mesoshell.train.fit import FitConfig
 from mesoshell.train.method import Method, method_of
-from mesoshell.train.seen import CHANNELS
 from mesoshell.train.surface import SurfaceTraining
-from mesoshell.train.textures_state import TexturesConfig
 from tests import balls
 from tests.silhouette import wearing
 
@@ -45,13 +38,6 @@ CONFIGS: dict[str, Any] = {
     "surface": SurfaceTraining(SurfaceConfig(8, 3, (8,)), batch=256),
     "atlas": replace(atlas_step.CONFIG, side=32),
     "fit": FitConfig(4, 4, 4, 1, (8,), (8,), batch=8, rays=16, group=4, candidates=8),
-    "textures": TexturesConfig(
-        GeneratorConfig(texels=64, channel_base=256, channel_max=4, layers=4, z=0, w=8, waves=2),
-        CriticConfig(CHANNELS, width=4),
-        batch=8,
-        adversarial=1.0,
-        warm=1,
-    ),
 }
 
 
@@ -64,13 +50,6 @@ def write(method: str, folder: Path) -> Path:
     if method == "fit":
         fog.write(folder / "many", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(12)], 8, [k // 3 for k in range(12)])
         return folder / "many"
-    if method == "textures":
-        folder.mkdir()
-        features = np.random.default_rng(0).normal(size=(3, 64, 64, 4))
-        decoder = init_decoder(jax.random.key(0), 7, (8,), (8,))
-        rest = np.ones((8, 4)), np.zeros((3, 0)), decoder_arrays(decoder), 1, (), {}
-        write_exemplars(folder / "exemplars.npz", Exemplars(features, *rest))
-        return folder / "exemplars.npz"
     fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(16)], size=8)
     pack_dataset(read_dataset(folder / "fog"), folder / "packed")
     return folder / "packed"

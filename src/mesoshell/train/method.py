@@ -2,7 +2,8 @@
 
 Alphabet
 method     pure functions of one kind of configuration and state, but for `save`; chosen once, by the configuration's type
-shown      a batch: renders with their labels (generate.Shown), or traced queries (surface.Asked)
+shown      a batch: renders with their labels (generate.Shown), traced queries (surface.Asked), rays of patches (shots.Rays), or
+           exemplars (exemplars.Taught)
 """
 
 from collections.abc import Callable

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float16, Int
+from jaxtyping import Bool, Float, Float16, Int
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, Sample, load_image, origin
@@ -76,36 +76,18 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
         if test.folder.resolve() in {d.folder.resolve() for d in datasets}:
             raise InputError(test.folder, "is learned from: it cannot test what was learned")
     datasets = [*datasets, *tests]
-    kinds = [d.manifest["parameters"] for d in datasets]
-    for dataset, kind in zip(datasets, kinds, strict=True):
-        if kind != kinds[0] or dataset.recipe != datasets[0].recipe:
-            raise InputError(dataset.folder, "has another recipe or other parameters than the first dataset")
+    parameters = _parameters(datasets)
     keys = [(_geometry(d, s), d, s) for d in datasets for s in d.samples]
     patches = {key: i for i, key in enumerate(dict.fromkeys(key for key, _, _ in keys))}
     for dataset in datasets:
-        own = {key for key, d, _ in keys if d is dataset}
-        if dataset.manifest.get("patch", 0) is not None and len(own) > 1:
-            names = [n for n, p in kinds[0].items() if p["role"] == "beta"]
-            free = [
-                n
-                for n, values in zip(names, zip(*(key[2:] for key in own), strict=True), strict=True)
-                if len({*values}) > 1
-            ]
-            fault = f"its geometry varies with {', '.join(free)}; fix it with --param {free[0]}=VALUE"
-            raise InputError(dataset.folder, fault)
+        _check_fixed(dataset, {key for key, d, _ in keys if d is dataset})
     samples = tuple(s for _, _, s in keys)
     of = np.array([patches[key] for key, _, _ in keys])
     out = np.concatenate([_held(of[[d is e for _, e, _ in keys]], 10**9 if d in tests else held) for d in datasets])
     sizes = np.array([s.size[0] * s.size[1] for s in samples])
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     check_memory(datasets[0].folder, f"{len(samples)} pictures", 12 * int(first[-1]))
-    pixels = np.empty((first[-1], 4), np.float16)
-    met = np.empty(first[-1], bool)
-    for i, sample in enumerate(samples):
-        at = slice(first[i], first[i + 1])
-        pixels[at] = load_image(sample).reshape(-1, 4)
-        near, far = box_span(*_pixel_rays(sample))
-        met[at] = far > near + 1e-6
+    pixels, met = _pixels(samples, first)
     which, left_out = np.repeat(of, sizes)[met], np.repeat(out, sizes)[met]
     hits = np.flatnonzero(met)
     learned, kept = (
@@ -113,7 +95,7 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
     )
     if min(map(len, learned)) == 0:
         raise InputError(datasets[0].folder, "has no picture to learn from of a patch that pictures are held out of")
-    beta, alpha = (_normalised(kinds[0], samples, role) for role in ("beta", "alpha"))
+    beta, alpha = (_normalised(parameters, samples, role) for role in ("beta", "alpha"))
     origins = tuple(origin(d) for d in datasets if d not in tests)
     manifest = datasets[0].manifest | {"source": origins}
     where = [int(np.flatnonzero(of == k)[0]) for k in range(len(patches))]
@@ -130,6 +112,38 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
         alpha,
         origins,
     )
+
+
+def _parameters(datasets: Sequence[Dataset]) -> dict[str, Any]:
+    """What all datasets declare. Raises InputError if one has another recipe or other parameters than the first."""
+    recipe, parameters = datasets[0].recipe, datasets[0].manifest["parameters"]
+    for dataset in datasets:
+        if dataset.recipe != recipe or dataset.manifest["parameters"] != parameters:
+            raise InputError(dataset.folder, "has another recipe or other parameters than the first dataset")
+    return parameters
+
+
+def _check_fixed(dataset: Dataset, geometries: set[tuple]) -> None:
+    """Raise InputError if a dataset of one patch has several geometries: its geometry parameters vary."""
+    if dataset.manifest.get("patch", 0) is None or len(geometries) == 1:
+        return
+    names = [n for n, p in dataset.manifest["parameters"].items() if p["role"] == "beta"]
+    free = [n for i, n in enumerate(names) if len({g[2 + i] for g in geometries}) > 1]
+    fault = f"its geometry varies with {', '.join(free)}; fix it with --param {free[0]}=VALUE"
+    raise InputError(dataset.folder, fault)
+
+
+def _pixels(
+    samples: Sequence[Sample], first: Int[np.ndarray, "_n"]
+) -> tuple[Float16[np.ndarray, "P 4"], Bool[np.ndarray, "P"]]:
+    """All pixels, and whether their rays meet the box."""
+    pixels, met = np.empty((first[-1], 4), np.float16), np.empty(first[-1], bool)
+    for i, sample in enumerate(samples):
+        at = slice(first[i], first[i + 1])
+        pixels[at] = load_image(sample).reshape(-1, 4)
+        near, far = box_span(*_pixel_rays(sample))
+        met[at] = far > near + 1e-6
+    return pixels, met
 
 
 def _geometry(dataset: Dataset, sample: Sample) -> tuple:

@@ -24,7 +24,8 @@ class Options:
     kimg: float | None = None
     #: The same experiment at another size: its pictures', networks' and batch's, and its length.
     preset: Literal["tiny", "mini", "small", "base", "paper"] | None = None
-    #: Begin with the weights of another generator's run, of another material, if this one has no checkpoint yet.
+    #: Begin with the weights of another generator's run, of another material, if this one has no checkpoint yet; a run on
+    #: textures takes a snapshot too.
     transfer: Path | None = None
     #: How a step is spread over devices.
     parallel: Literal["jit", "pmap"] = "jit"

@@ -18,6 +18,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 
 from mesoshell.shell.generator import (
@@ -179,6 +180,16 @@ def folded(generator: Generator, state: TexturesState) -> Generator:
         layers=[*generator.layers[:-1], last._replace(weight=product(last.weight, state.a), bias=bias)],
         height=[*generator.height[:-1], tall._replace(weight=tall.weight[..., :c], bias=tall.bias[:c])],
     )
+
+
+def unfolded(generator: Generator, state: TexturesState) -> Generator:
+    """A generator that `folded` makes `generator` of. What its last layers have beside a texture's channels stays `state`'s."""
+    last, tall, product = generator.layers[-1], generator.height[-1], partial(jnp.matmul, precision="highest")
+    back, c = jnp.asarray(np.linalg.pinv(np.asarray(state.a))), state.a.shape[1]
+    wider = last._replace(weight=product(last.weight, back), bias=product(last.bias - state.b / PLANE_SCALE, back))
+    own = state.generator.height[-1]
+    higher = tall._replace(weight=own.weight.at[..., :c].set(tall.weight), bias=own.bias.at[:c].set(tall.bias))
+    return generator._replace(layers=[*generator.layers[:-1], wider], height=[*generator.height[:-1], higher])
 
 
 def latents(config: TexturesConfig, generator: Generator, beta: Float[Array, "B G"]) -> Float[Array, "B W"]:

@@ -6,6 +6,9 @@ own         what the new run draws for itself: what knows a dataset's parameters
 lent        all other weights of learner, weight average and discriminator, and the averages of the layers' magnitudes
 anew        the optimisers, and the counts of steps and images
 
+A run on textures has no such parameters. It begins with averaged weights: another run's, or a snapshot's, whose last layer does
+what a and b do after a wide one's, and is taken apart again.
+
 Both networks are lent, as by Wang et al., "Transferring GANs: generating images from limited data" (2018).
 """
 
@@ -16,15 +19,19 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from mesoshell.errors import InputError
+from mesoshell.io.bundle import read_bundle
 from mesoshell.nets.mlp import Dense
+from mesoshell.shell.generated import maker_of
 from mesoshell.train import textures
 from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.exemplars import Scaled
 from mesoshell.train.record import flat, read_record
 from mesoshell.train.state import Learner, TrainConfig, TrainState, start
 from mesoshell.train.stream import RunConfig
-from mesoshell.train.textures_state import TexturesConfig
+from mesoshell.train.textures_state import TexturesConfig, TexturesState
 
 #: What of a configuration says what the weights are and mean; and what of that follows from a dataset, or changes no weight.
 WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")
@@ -32,8 +39,11 @@ MAY_DIFFER = ("generator.betas", "discriminator.labels", "generator.precision", 
 
 
 def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
-    """What gives a run's state at the start the weights of the newest checkpoint in `folder`. Raises InputError if that is no
-    generator's run, has no checkpoint, or has other networks, with the fields that differ."""
+    """What gives a run's state at the start the weights of the newest checkpoint in `folder`; for a run on textures, `folder`
+    may be a snapshot too. Raises InputError if that is no generator's run, has no checkpoint, or has other networks, with the
+    fields that differ."""
+    if isinstance(config, TexturesConfig) and folder.is_file():
+        return _of_snapshot(config, data, folder)
     other, begun = read_record(folder)
     if type(config) is not type(other) or not isinstance(config, TrainConfig | TexturesConfig):
         raise InputError(folder, "weights are lent by a generator's run to a generator's run only, of the same method")
@@ -56,6 +66,24 @@ def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
         return lambda fresh: lend(fresh, old, config.appearance)
     lent = {"generator": old.smooth, "smooth": jax.tree.map(jnp.copy, old.smooth)}
     return lambda fresh: fresh._replace(averages=old.averages, a=old.a, b=old.b, **lent)
+
+
+def _of_snapshot(config: TexturesConfig, data: Scaled, path: Path) -> Callable[[TexturesState], TexturesState]:
+    """The weights of a snapshot. Its decoder says whether it was taught by these exemplars: they scale it."""
+    maker = maker_of(read_bundle(path), str(path))
+    mine, theirs = asdict(config.generator), asdict(maker.config)
+    said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in mine if mine[k] != theirs[k])
+    if said:
+        raise InputError(path, f"its generator is not this run's: {said}")
+    taught = zip(jax.tree.leaves(maker.decoder), jax.tree.leaves(data.decoder), strict=True)
+    if not all(x.shape == y.shape and np.allclose(x, y, rtol=1e-3, atol=1e-4) for x, y in taught):
+        raise InputError(path, f"its decoder is not that of {data.folder}, or was scaled by other exemplars")
+
+    def lent(fresh: TexturesState) -> TexturesState:
+        generator = textures.unfolded(maker.generator, fresh)
+        return fresh._replace(generator=generator, smooth=jax.tree.map(jnp.copy, generator), averages=maker.averages)
+
+    return lent
 
 
 def _started(config: Any, data: Any) -> Any:

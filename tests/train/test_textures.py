@@ -10,7 +10,7 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import write_arrays
-from mesoshell.io.bundle import Parameter
+from mesoshell.io.bundle import Parameter, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.shell import decoder as net
 from mesoshell.shell.decoder import init_decoder
@@ -26,6 +26,7 @@ from mesoshell.train.natural_start import wide
 from mesoshell.train.textures import folded, latents, made, own_phases, start, step
 from mesoshell.train.textures_snapshot import bundle
 from mesoshell.train.textures_state import TexturesConfig, TexturesState, fitted
+from mesoshell.train.transfer import lender
 
 pytestmark = pytest.mark.xdist_group("textures")
 SIDE, C = 32, 4
@@ -203,6 +204,22 @@ def test_a_run_keeps_a_material_and_a_sheet(exemplars: Exemplars, tmp_path: Path
     run.train(config, read_exemplars(tmp_path / "e.npz"), tmp_path / "run")
     assert [p.name for p in (tmp_path / "run" / "snapshots").iterdir()] == ["000000004.npz"]
     assert (tmp_path / "run" / "sheets" / "000000004.png").stat().st_size > 1000
+
+
+def test_a_run_begins_with_a_snapshot(begun, exemplars: Exemplars, tmp_path: Path):
+    """What its textures are is kept; other exemplars, other networks and bundles without a generator are refused."""
+    config, data, state = begun
+    write_bundle(tmp_path / "grass.npz", bundle(config, data, state))
+    fresh = start(config, data, jax.random.key(9))
+    lent = lender(config, data, tmp_path / "grass.npz")(fresh)
+    for own, given in zip(*(jax.tree.leaves(folded(s.smooth, s)) for s in (state, lent)), strict=True):
+        np.testing.assert_allclose(given, own, rtol=1e-3, atol=1e-4)
+    assert jax.tree.map(jnp.shape, lent) == jax.tree.map(jnp.shape, fresh)
+    other = scaled(replace(exemplars, features=exemplars.features * 2))
+    with pytest.raises(InputError, match="scaled by other exemplars"):
+        lender(config, other, tmp_path / "grass.npz")
+    with pytest.raises(InputError, match="generator is not this run's: w is 8, asked for 16"):
+        lender(replace(config, generator=replace(config.generator, w=16)), data, tmp_path / "grass.npz")
 
 
 def test_faulty_exemplars_are_refused_in_one_line(exemplars: Exemplars, tmp_path: Path):

@@ -13,6 +13,7 @@ import pytest
 from test_shots import of_patches
 
 from mesoshell.cli.main import main
+from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.train import run
@@ -81,13 +82,17 @@ def test_the_decoder_stands_when_it_has_settled(patches: Shots):
 
 
 def test_a_decoder_that_is_given_stays(patches: Shots, tiny_bundle: Bundle, tmp_path: Path):
-    write_bundle(tmp_path / "given.npz", tiny_bundle)
+    age = replace(tiny_bundle.parameters[0], name="age", range=(0.0, 10.0))
+    write_bundle(tmp_path / "given.npz", replace(tiny_bundle, parameters=(age,)))
     config, seen = fitted(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
     assert (config.channels, config.trunk, config.head) == (4, (8, 8), (8,))
     state = start(config, seen, jax.random.key(0))
     new, _ = jax.jit(lambda s, b: step(config, s, b))(state, feed(config, seen)(0))
     assert same(state.common, new.common) and not same(state.own.feature, new.own.feature)
     np.testing.assert_array_equal(new.common.decoder.sigma.kernel, tiny_bundle.arrays["decoder/sigma/kernel"])
+    write_bundle(tmp_path / "given.npz", tiny_bundle)
+    with pytest.raises(InputError, match="its decoder takes dryness from 0 to 2; the data give age from 0 to 10"):
+        fitted(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
 
 
 def test_an_interrupted_fit_goes_on(patches: Shots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -10,6 +10,7 @@ from mesoshell.io.bundle import write_bundle
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.exemplars import write_exemplars
 from mesoshell.io.image import write_png
+from mesoshell.io.names import distinct_names
 from mesoshell.io.whole import probe_outputs
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared, to_bundle
@@ -42,13 +43,14 @@ def fit_to_file(options: Options) -> None:
     state = learn(config, shots, options.run)
     config, shots = fitted(config, shots)
     about = provenance(config, shots, state) | {"test": {}}
-    for dataset in [*(datasets if options.held else ()), *tests]:
+    judged = [*(datasets if options.held else ()), *tests]
+    for dataset, name in zip(judged, distinct_names([d.folder for d in judged]), strict=True):
         scores, pictures = score(
             config, shots, lambda k: material_of(state.common, state.own.feature[k]), dataset.folder
         )
-        about["test"][dataset.folder.name] = {k: round(v, 3) for k, v in scores._asdict().items()}
+        about["test"][name] = {k: round(v, 3) for k, v in scores._asdict().items()}
         console.print(f"{dataset.folder}: {_said(scores)}", highlight=False)
-        write_png(options.run / f"{dataset.folder.name}.png", _sheet(pictures))
+        write_png(options.run / f"{name}.png", _sheet(pictures))
     options.out.parent.mkdir(parents=True, exist_ok=True)
     if config.patches > 1:
         write_exemplars(options.out, exemplars(config, shots, state, about))

@@ -18,6 +18,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.image import write_png
+from mesoshell.io.names import distinct_names
 from mesoshell.io.sheet import tiled
 from mesoshell.io.whole import probe_outputs, replace_file, together
 from mesoshell.measure import fields
@@ -59,11 +60,11 @@ def score_all(options: Scores) -> None:
         if known is not None and len(known) > 1:
             columns["renders"] |= _distances([row.distance for row in among(known, known.shape[2:])])
     with together(table) as folder:
-        for name, posed in sitters.items():
+        for (name, posed), label in zip(sitters.items(), distinct_names(list(sitters)), strict=True):
             with console.status(f"{name}: {len(b)} pictures"):
                 column = {k: e._asdict() for k, e in score(judge, b, posed.pictures(b, 0)).items()}
             with console.status(f"{name}: a field from above"):
-                columns[name] = column | _over_a_field(bundles[name], name, known, folder)
+                columns[name] = column | _over_a_field(bundles[name], name, label, known, folder)
         record = {"data": str(options.data), "images": len(a), "scores": columns}
         replace_file(folder / "scores.json", (json.dumps(record, indent=1) + "\n").encode())
         text = f"{len(a)} pictures a side, of {options.data}; 95% intervals\n\n{as_table(columns)}"
@@ -97,11 +98,12 @@ def _networks(console: Console) -> list[Extractor]:
         return [extractor()]
 
 
-def _over_a_field(bundle: Bundle, name: str, known: np.ndarray | None, folder: Path) -> dict[str, dict[str, float]]:
-    """Scores of a texture alone, and its pictures in `folder`. Three planes a patch make no texture."""
+def _over_a_field(
+    bundle: Bundle, name: str, label: str, known: np.ndarray | None, folder: Path
+) -> dict[str, dict[str, float]]:
+    """Scores of a texture alone, and its pictures in `folder`, named by `label`. Three planes a patch make no texture."""
     if bundle.generator is not None and bundle.generator.get("planes", 1) > 1:
         return {}
-    label = Path(name).name.removesuffix(".npz")
     field = fields.seen_from_above(bundle, name)
     write_png(folder / f"field_{label}.png", field)
     found = {"repeat": {"value": fields.repeat(field)}}

@@ -113,12 +113,18 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
     return Exemplars(features, height, beta, arrays, octaves, parameters, provenance, Path(path), digest(Path(path)))
 
 
-def read_decoder(path: str | PathLike[str]) -> dict[str, np.ndarray]:
-    """A bundle's or exemplars' decoder, and F(h) as height/0, by the names that a bundle has for them. Raises InputError."""
+def read_decoder(path: str | PathLike[str]) -> tuple[dict[str, np.ndarray], tuple[Parameter, ...]]:
+    """A bundle's or exemplars' decoder, with F(h) as height/0, by the names that a bundle has for them; and the appearance
+    parameters that it takes. Raises InputError."""
     if "features" in read_heads(path):
-        found = read_exemplars(path)
-        return found.decoder | {"height/0": found.height}
-    arrays = read_bundle(path).arrays
-    if "height/0" not in arrays:
+        exemplars = read_exemplars(path)
+        return exemplars.decoder | {"height/0": exemplars.height}, _appearance(exemplars.parameters)
+    bundle = read_bundle(path)
+    if "height/0" not in bundle.arrays:
         raise InputError(path, "holds no height feature: one is wanted that was fitted")
-    return {k: x for k, x in arrays.items() if k.startswith("decoder/") or k in ("sigma_scale", "height/0")}
+    kept = {k: x for k, x in bundle.arrays.items() if k.startswith("decoder/") or k in ("sigma_scale", "height/0")}
+    return kept, _appearance(bundle.parameters)
+
+
+def _appearance(parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    return tuple(p for p in parameters if p.role == "alpha")

@@ -143,16 +143,25 @@ def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
 
 
 def _given(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
-    """With what a material has of decoder and height feature. Raises InputError if it takes another number of inputs."""
+    """With what a material has of decoder and height feature. Raises InputError if it takes other inputs than the data give."""
     path = find(config.given)
-    arrays = read_decoder(path)
+    arrays, appearance = read_decoder(path)
     decoder, height = decoder_of(arrays), arrays["height/0"]
     widths = {name: tuple(len(layer.bias) for layer in getattr(decoder, name)) for name in ("trunk", "head")}
     config = replace(config, channels=height.shape[1], height_rows=len(height), given_digest=digest(path), **widths)
     inputs, there = config.channels + 1 + 2 * config.octaves + config.appearance, len(decoder.trunk[0].kernel)
     if there != inputs:
         raise InputError(config.given, f"its decoder takes {there} numbers; the data give {inputs}")
+    declared = shots.manifest["parameters"].items()
+    theirs = [(p.name, p.range) for p in appearance]
+    ours = [(name, (float(p["range"][0]), float(p["range"][1]))) for name, p in declared if p["role"] == "alpha"]
+    if theirs != ours:
+        raise InputError(config.given, f"its decoder takes {_listed(theirs)}; the data give {_listed(ours)}")
     return config, replace(shots, given=arrays)
+
+
+def _listed(parameters: list[tuple[str, tuple[float, float]]]) -> str:
+    return ", ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in parameters) or "no parameter"
 
 
 def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:

@@ -48,6 +48,20 @@ def test_members_stand_in_order_and_carry_no_time(tmp_path: Path):
     assert found == [(f"{key}.npy", (1980, 1, 1, 0, 0, 0), zipfile.ZIP_DEFLATED) for key in "ba"]
 
 
+def test_noise_is_stored_and_what_is_smooth_deflates(tmp_path: Path):
+    noise = np.random.default_rng(0).normal(size=2**16).astype(np.float16)
+    half = np.concatenate([np.zeros_like(noise), noise])  # as a texture of which half is wanted
+    arrays = {"noise": noise, "half": half, "empty": np.zeros((0, 3)), "smooth": np.linspace(0, 1, 2**16, dtype="f2")}
+    write_arrays(tmp_path / "a.npz", arrays)
+    with zipfile.ZipFile(tmp_path / "a.npz") as file:
+        kinds = {info.filename: info.compress_type for info in file.infolist()}
+    assert kinds.pop("noise.npy") == zipfile.ZIP_STORED
+    assert set(kinds.values()) == {zipfile.ZIP_DEFLATED}
+    found = read_arrays(tmp_path / "a.npz", arrays)
+    for key, array in arrays.items():
+        np.testing.assert_array_equal(found[key], array)
+
+
 def test_only_the_arrays_asked_for_are_read(tmp_path: Path):
     write_arrays(tmp_path / "a.npz", {"a": np.arange(3), "b": np.arange(4)})
     read = read_arrays(tmp_path / "a.npz", ["b"])

@@ -129,7 +129,7 @@ def _of_shells(bundle: Bundle) -> Programs:
     nodes = replace(ready.layout, open=True, origin=(1, 1), nodes=(3, 3))
     planes = Layout(ready.layout.sizes, (), ready.layout.texel_density, ready.layout.octaves, True, cells=(2, 2))
     ways = [wraps, *(replace(wraps, layout=layout) for layout in (nodes, planes))]
-    cell = bound._seen, ready.layout, ready.material, f(), (2, 4, 4), (f(2), f(2)), KEY
+    cell = bound._largest, ready.layout, ready.material, f(), (2, 4, 4), 2, (f(2), f(2)), KEY
     decoder = ready.material.decoder
     found, lay = f(ROWS, decoder.trunk[-1].bias.shape[0]), teach.Lay(f(), f(2, 2), f(2))
     lesson = teach.Lesson(f(64, 2), f(64), f(64, 3), f(64, 3))
@@ -144,7 +144,7 @@ def _of_shells(bundle: Bundle) -> Programs:
             _jitted(kernels.transport, table, at, pieces, found, i(ROWS), i(ROWS), f(ROWS, 2, 3), i())
         ],
         "shell.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(64), f(64, 2))],
-        "shell.bound._seen": [_jitted(*cell)],
+        "shell.bound._largest": [_jitted(*cell)],
         "shell.bound.new_points": [_jitted(bound.new_points, ready.layout, ready.material, f(), 64, (f(2), f(2)), KEY)],
         "train.teach._taught": [
             _jitted(teach._taught, ready.layout, teach.Teacher(ready.material, f(1), f(), f(3)), lay, lesson)

@@ -4,12 +4,14 @@ Member KEY.npy holds array KEY in npy format 1.0. A head is an array's shape and
 are unpacked. Memory follows the bytes that are in the file and not the sizes that it claims; pickles are refused.
 A folder holds KEY.npy, which are mapped and not read, and text files, which count as arrays of bytes.
 Equal arrays make equal files: order, time stamps and flags are fixed (the bytes may differ between versions of zlib).
+What hardly deflates, as features in half precision, is stored: 7% less took half as long as making them.
 """
 
 import contextlib
 import io
 import math
 import zipfile
+import zlib
 from collections.abc import Iterable, Iterator
 from os import PathLike
 from pathlib import Path
@@ -24,6 +26,9 @@ from mesoshell.limits import check_memory
 LONGEST_TEXT = 2**24
 
 Head = tuple[tuple[int, ...], np.dtype]
+
+#: What is looked at to tell whether an array deflates: so many pieces of so many bytes.
+_BLOCKS, _BLOCK = 16, 4096
 
 _NPY = b"\x93NUMPY\x01\x00"
 
@@ -60,9 +65,18 @@ def write_arrays(path: str | PathLike[str], arrays: dict[str, np.ndarray]) -> No
             member = io.BytesIO()
             np.lib.format.write_array(member, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
             info = zipfile.ZipInfo(f"{key}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            info.compress_type, info.create_system, info.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
-            file.writestr(info, member.getvalue())
+            data = member.getvalue()
+            info.compress_type = zipfile.ZIP_DEFLATED if _deflates(data) else zipfile.ZIP_STORED
+            info.create_system, info.external_attr = 3, 0o644 << 16
+            file.writestr(info, data)
     replace_file(path, stream.getvalue())
+
+
+def _deflates(data: bytes) -> bool:
+    """Whether pieces of the data, from all over, lose a tenth of their bytes or more."""
+    step = max(len(data) // _BLOCKS, _BLOCK)
+    sample = b"".join(data[i : i + _BLOCK] for i in range(0, len(data), step))
+    return len(zlib.compress(sample, 1)) < 0.9 * len(sample)
 
 
 def _mapped(folder: Path) -> dict[str, np.ndarray]:

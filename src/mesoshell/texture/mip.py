@@ -90,6 +90,41 @@ def lookup(
     return (1 - fraction) * low + fraction * high
 
 
+def lookup_lattice(
+    pyramid: Pyramid,
+    sizes: Sizes,
+    v: Float[Array, "V"],
+    u: Float[Array, "U"],
+    level: Scalar,
+    density: float | None = None,
+) -> Float[Array, "V U C"]:
+    """What `lookup` gives at all (u, v) of two axes, at one level. Neighbours follow each other in memory."""
+    offsets, shapes = _tables(sizes)
+    lower, fraction = _split(level, len(sizes) - 1)
+    total = jnp.zeros((len(v), len(u), pyramid.rows.shape[1]), jnp.float32)
+    for l, share in ((lower, 1 - fraction), (jnp.minimum(lower + 1, len(sizes) - 1), fraction)):
+        lines, columns = (_on_axis(at, l, shapes[l, axis], density) for axis, at in enumerate((v, u)))
+        for line, wv in lines:
+            for column, wu in columns:
+                row = offsets[l] + line[:, None] * shapes[l, 1] + column[None]
+                weight = share * wv[:, None] * wu[None]
+                total += weight[..., None] * pyramid.rows[row].astype(jnp.float32)
+    return total
+
+
+def _on_axis(at: Float[Array, "n"], level: Array, size: Array, density: float | None) -> list[tuple[Array, Array]]:
+    """Of places on an axis of `size` texels: the two texels about each, and their weights."""
+    if density is None:
+        x = (at - jnp.floor(at)) * size.astype(at.dtype) - 0.5
+    else:
+        x = at * (jnp.exp2(-level.astype(at.dtype)) * density) - 0.5
+        x = jnp.clip(x, 0, (size - 1).astype(at.dtype))
+    first, f = jnp.floor(x).astype(jnp.int32), x - jnp.floor(x)
+    both = jnp.stack([first, first + 1])
+    before, behind = jnp.mod(both, size) if density is None else jnp.minimum(both, size - 1)
+    return [(before, 1 - f), (behind, f)]
+
+
 def _bilinear(pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Array) -> Float[Array, "C"]:
     offsets, shapes = _tables(sizes)
     h, w = shapes[level]

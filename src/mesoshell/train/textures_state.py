@@ -39,8 +39,8 @@ class TexturesConfig:
     exemplars: int = 0
     adversarial: float = 0.0
     anchor: float = 1.0
-    critic_rate: float = 1.5e-3
-    gamma: float = 60.0
+    critic_rate: float = 5e-3
+    gamma: float = 1.0
     warm: int = 20
     octaves: int = 4
     alphas: int = 0

@@ -65,6 +65,19 @@ class Prepared:
     setup: float
     work: Callable[[Progress], Rendered]
 
+    @classmethod
+    def now(
+        cls,
+        scene: Scene,
+        engine: str,
+        effects: Effects,
+        notes: tuple[str, ...],
+        begun: float,
+        work: Callable[[Progress], Rendered],
+    ) -> "Prepared":
+        """A scene that has just become ready."""
+        return cls(engine, _about(scene), effects, notes, begun, time.perf_counter() - begun, work)
+
     def picture(self, progress: Progress = lambda share: None) -> Picture:
         """Render it."""
         rendered = self.work(progress)
@@ -72,18 +85,6 @@ class Prepared:
         about = {"version": __version__, "engine": self.engine}
         report = about | rendered.record | {"material": self.material, "seconds": seconds}
         return Picture(rendered.rgba, report, (*self.notes, *rendered.notes))
-
-
-def prepared(
-    scene: Scene,
-    engine: str,
-    effects: Effects,
-    notes: tuple[str, ...],
-    begun: float,
-    work: Callable[[Progress], Rendered],
-) -> Prepared:
-    """A scene that is ready now."""
-    return Prepared(engine, _about(scene), effects, notes, begun, time.perf_counter() - begun, work)
 
 
 def _about(scene: Scene) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
 from mesoshell.scene.lod import in_place, twin_facts
-from mesoshell.scene.picture import Prepared, Progress, Rendered, prepared
+from mesoshell.scene.picture import Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell, describe_surface
 from mesoshell.silhouette.scene import SurfaceDescription
@@ -39,7 +39,7 @@ def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progre
     world = _world(made)
     assert world is not None
     work = _work(made, quality.spp)
-    return prepared(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, work)
+    return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, work)
 
 
 def prepare_file(path: Path, quality: Quality, samples: int | None, material: dict[str, Any]) -> Prepared:

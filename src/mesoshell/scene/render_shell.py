@@ -16,7 +16,7 @@ from mesoshell.render.facts import Facts
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
 from mesoshell.scene.lod import in_place, twin_facts
-from mesoshell.scene.picture import Prepared, Progress, Rendered, prepared
+from mesoshell.scene.picture import Prepared, Progress, Rendered
 from mesoshell.scene.render_surface import prepare_wearing
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
@@ -48,7 +48,7 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
         }
         return Rendered(image.astype(np.float32), report.seconds, record)
 
-    return prepared(scene, MARCH.name, effects, (*d.notes, *left_out(effects)), begun, work)
+    return Prepared.now(scene, MARCH.name, effects, (*d.notes, *left_out(effects)), begun, work)
 
 
 def marched_scene(d: ShellDescription) -> MarchedScene:

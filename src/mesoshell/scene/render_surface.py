@@ -9,7 +9,7 @@ from mesoshell.render.effects import SURFACE, left_out, plan_effects
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
-from mesoshell.scene.picture import Prepared, Progress, Rendered, prepared
+from mesoshell.scene.picture import Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import describe_surface
 from mesoshell.silhouette.ready import ready
@@ -47,4 +47,4 @@ def prepare_wearing(
         }
         return Rendered(image.astype(np.float32), report.seconds, record, report.notes)
 
-    return prepared(scene, SURFACE.name, effects, (*notes, *left_out(effects)), begun, work)
+    return Prepared.now(scene, SURFACE.name, effects, (*notes, *left_out(effects)), begun, work)

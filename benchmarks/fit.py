@@ -24,12 +24,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/images/fit_minutes.png"))
     options = parser.parse_args()
     split_cpu()
-    from mesoshell.cli.memory import keep_memory
     from mesoshell.io.dataset import read_dataset
     from mesoshell.io.exemplars import read_exemplars
     from mesoshell.io.records import read_rows
     from mesoshell.train.fit import FitConfig, fitted, given
     from mesoshell.train.holdout import score
+    from mesoshell.train.malloc import keep_memory
     from mesoshell.train.record import snapshots
     from mesoshell.train.run import train
     from mesoshell.train.shots import shots_of

@@ -9,9 +9,9 @@ SIZES = (512, 1024, 2048)
 
 def one(size: int) -> None:
     from benchmarks.scenes import spot
-    from mesoshell.cli.marching import facts
     from mesoshell.render.effects import plan_effects
     from mesoshell.render.quality import PRESETS
+    from mesoshell.scene.render_shell import facts
     from mesoshell.shell.renderer import render
 
     scene, quality = spot(size), PRESETS["draft"]

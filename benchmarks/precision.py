@@ -17,12 +17,12 @@ import numpy as np
 
 from benchmarks.products import BITS, rounded
 from benchmarks.scenes import spot
-from mesoshell.cli.marching import facts
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.measure.flip import flip
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.render_shell import facts
 from mesoshell.shell import decoder as net
 from mesoshell.shell import kernels
 from mesoshell.shell.precision import STEP, _error, _points, decode

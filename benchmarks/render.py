@@ -13,10 +13,10 @@ import argparse
 
 from benchmarks.rates import bandwidth, embree_rate, matrix_rate
 from benchmarks.scenes import spot
-from mesoshell.cli.marching import facts
 from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.render_shell import facts
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.renderer import render
 

@@ -6,10 +6,9 @@ Figures in docs/performance.md are of these proportions. What `mesoshell render`
 from importlib import resources
 from pathlib import Path
 
-from mesoshell.cli.marching import build_scene
-from mesoshell.cli.render import Options
-from mesoshell.io.bundle import read_bundle
-from mesoshell.io.material import find
+import mesoshell as ms
+from mesoshell.scene.render_shell import marched_scene
+from mesoshell.scene.setup import describe_shell
 from mesoshell.shell.scene import Scene
 
 #: Height of the shell, and side of a patch.
@@ -18,6 +17,5 @@ THICKNESS, SCALE = 0.1035, 0.207
 
 def spot(size: int) -> Scene:
     mesh = Path(str(resources.files("mesoshell") / "assets" / "spot.obj"))
-    return build_scene(
-        Options(mesh=mesh, thickness=THICKNESS, scale=SCALE, size=(size, size)), read_bundle(find("grass"))
-    )[0]
+    grass = ms.load_material("grass")
+    return marched_scene(describe_shell(ms.Scene(mesh, grass, thickness=THICKNESS, scale=SCALE, size=(size, size))))

@@ -15,17 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from mesoshell.cli.description import describe_surface
-from mesoshell.cli.render import Options
+import mesoshell as ms
 from mesoshell.geometry.mesh import Mesh, load_mesh, uv_stretch
 from mesoshell.io.image import tonemap, write_png
-from mesoshell.io.surface import read_surface
 from mesoshell.measure.flip import flip
 from mesoshell.mesostructure.dress import dressed
 from mesoshell.mesostructure.sources import source
 from mesoshell.mesostructure.tile import Tile
 from mesoshell.pathtracer import assemble
 from mesoshell.render.quality import CURVATURE_FILTERS, PRESETS
+from mesoshell.scene.setup import describe_surface
 from mesoshell.silhouette.ready import ready
 from mesoshell.silhouette.renderer import SurfaceScene, plan, render
 from mesoshell.silhouette.scene import SurfaceDescription
@@ -94,13 +93,12 @@ def compare(name: str, bundle: Path, mesh: Path, period: float | None, asked: ar
     # a period is in texture units: triangles lie within the torus, so these are a little shorter in the world
     if period is not None:
         period *= uv_stretch(load_mesh(mesh))
-    options = Options(
-        mesh, material=str(bundle), scale=period, size=(asked.side, asked.side), irradiance=4.0, camera=asked.camera
-    )
-    d = describe_surface(options)
+    material = ms.load_material(bundle)
+    side, lit = (asked.side, asked.side), {"irradiance": 4.0, "camera": asked.camera}
+    d = describe_surface(ms.Scene(mesh, material, scale=period, size=side, **lit))
     one, two, traced, triangles = of_geometry(source(name), d.mesh, d, asked.spp // 2)
     true = (one + two) / 2
-    scene = SurfaceScene(**vars(d), ready=ready(read_surface(bundle)))
+    scene = SurfaceScene(**vars(d), ready=ready(material.surface))
     quality = PRESETS["normal"].with_changes(pixel_samples=asked.samples, curvature_filter=asked.filter)
     effects = plan(scene, quality)
     render(scene, quality.with_changes(pixel_samples=1), effects)

@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.cli.marching import facts
 from mesoshell.geometry.mesh import Mesh, check_mesh
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.image import write_png
@@ -25,6 +24,7 @@ from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.render_shell import facts
 from mesoshell.shell.bound import bounds
 from mesoshell.shell.extrude import extrude
 from mesoshell.shell.field import Layout, Material

@@ -18,16 +18,12 @@ import numpy as np
 import trimesh
 import tyro
 
+import mesoshell as ms
 from benchmarks import leaf
 from benchmarks.blades import PATCH, blades
 from benchmarks.silhouettes import SPOT, over, torus
 from data_gen import grass
-from mesoshell.cli.description import Description, describe
-from mesoshell.cli.marching import facts, scene_of
-from mesoshell.cli.render import Options as Render
-from mesoshell.cli.standing import in_place, twin_facts
 from mesoshell.geometry.mesh import load_mesh, uv_stretch
-from mesoshell.io.bundle import read_bundle
 from mesoshell.io.image import tonemap
 from mesoshell.io.surface import read_surface
 from mesoshell.io.twin import Twin
@@ -38,6 +34,9 @@ from mesoshell.pathtracer import assemble
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.scene.lod import in_place, twin_facts
+from mesoshell.scene.render_shell import facts, marched_scene
+from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell import renderer as march
 from mesoshell.shell.scene import Scene
 from mesoshell.silhouette import renderer as surface
@@ -70,7 +69,8 @@ class Options:
 
 def main(given: Options) -> None:
     leaf.register()
-    bundle, points = read_bundle(given.bundle), []
+    material, points = ms.load_material(given.bundle), []
+    bundle = material.shell
     assert bundle.twin is not None, f"{given.bundle}: has no twin"
     assert [p.name for p in bundle.parameters] == ["age"], f"{given.bundle}: is no grass, and blades are"
     depth = bundle.twin.surface.depth
@@ -86,16 +86,16 @@ def main(given: Options) -> None:
                 patch = length * float(np.ptp(loaded.vertices, axis=0).max())
                 if name == "torus":  # a whole number of patches around: no seam
                     patch = uv_stretch(loaded) * WHOLE[view]
-                options = Render(
-                    mesh, thickness=depth * patch, scale=patch, size=(SIDES[view],) * 2, base=bundle.twin.base
-                )
-                d = describe(options, bundle)
-                scene = scene_of(d)
+                size, base = (SIDES[view],) * 2, bundle.twin.base
+                wanted = ms.Scene(mesh, material, depth * patch, patch, size=size, base_colour=base)
+                d = describe_shell(wanted)
+                scene = marched_scene(d)
                 true, *_ = marched(scene, TRUE)
                 tried = [(f"march, {n}", marched(scene, PRESETS["normal"].with_changes(samples=n))) for n in SAMPLES]
                 twin = near if view == "near" else bundle.twin
                 if twin is not None:
-                    found = twin_facts(options, replace(bundle, twin=twin), d, PRESETS["normal"])
+                    with_twin = ms.Material(material.name, replace(bundle, twin=twin))
+                    found = twin_facts(replace(wanted, material=with_twin), d, PRESETS["normal"])
                     whose = f"distilled ({found.misfit})" if found and found.misfit else "distilled"
                     tried.append((whose, distilled(d, twin, PRESETS["normal"])))
                 image, seconds, count = traced(d)
@@ -122,7 +122,7 @@ def marched(scene: Scene, quality: Quality) -> tuple[np.ndarray, float, float]:
     return image, asked(report.counts, scene.camera, quality), time.perf_counter() - begin
 
 
-def distilled(d: Description, twin: Twin, quality: Quality) -> tuple[np.ndarray, float, float]:
+def distilled(d: ShellDescription, twin: Twin, quality: Quality) -> tuple[np.ndarray, float, float]:
     """The same of the surface material."""
     standing = surface.SurfaceScene(**vars(in_place(d)), ready=ready(twin.surface))
     effects = surface.plan(standing, quality)
@@ -133,7 +133,7 @@ def distilled(d: Description, twin: Twin, quality: Quality) -> tuple[np.ndarray,
     return image, asked(report.counts, d.camera, quality), seconds
 
 
-def traced(d: Description) -> tuple[np.ndarray, float, int]:
+def traced(d: ShellDescription) -> tuple[np.ndarray, float, int]:
     """The picture of the recipe's blades where the shell is, seconds for `normal`'s rays a pixel, and triangles."""
     there = in_place(d)
     grown, *colours = blades(np.random.default_rng(PATCH), 1, float(d.alpha[0]))

@@ -22,6 +22,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+import mesoshell as ms
 from mesoshell.atlas import paint
 from mesoshell.atlas.capture import read_capture
 from mesoshell.atlas.layout import directions
@@ -36,8 +37,6 @@ from mesoshell.render.quality import Quality
 from mesoshell.train.atlas import atlas_as, fitted
 from mesoshell.train.atlas_snapshot import board_paint
 from mesoshell.train.presets import TINY
-from mesoshell.train.record import snapshots
-from mesoshell.train.run import train
 
 folder = Path(tempfile.mkdtemp())
 shooting = Shooting(views=24, size=32, spp=16, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)
@@ -74,8 +73,8 @@ for axis, along in zip(axes, range(3), strict=True):
 # %%
 config = atlas_as(TINY)
 rows = []
-train(config, capture, folder / "run", show=rows.append)
-found = read_captured(snapshots(folder / "run")[-1][1])
+run = ms.train(config, capture, folder / "run", show=rows.append)
+found = read_captured(max(run.snapshots.values()))
 config, capture = fitted(config, capture)
 for name, score in score_views(found, capture, config.samples).items():
     print(f"{name}: {score.value:.3g}")

@@ -23,9 +23,8 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 
-from mesoshell.io.bundle import read_bundle
+import mesoshell as ms
 from mesoshell.io.exemplars import Exemplars
-from mesoshell.io.material import find
 from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.repetition import autocorrelation, largest_repeat
 from mesoshell.shell.generator import draw_phases, init_averages, init_generator, map_latent, synthesise
@@ -145,7 +144,7 @@ for name, picture, axis in zip(varied, np.split(together, 3), axes, strict=True)
 # the right colours and heights, which training then turns into blades.
 
 # %%
-bundle = read_bundle(find("grass"))
+bundle = ms.load_material("grass").shell
 weights = {k: v for k, v in bundle.arrays.items() if k.startswith("decoder/") or k == "sigma_scale"}
 exemplar = bundle.arrays["features/2"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
 data = scaled(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))

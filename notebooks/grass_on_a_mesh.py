@@ -12,7 +12,7 @@
 # %% [markdown]
 # # Grass on a mesh, step by step
 #
-# `mesoshell render` in slow motion: a mesh becomes a shell, rays become intervals, intervals become samples, samples
+# A picture, and then the same in slow motion: a mesh becomes a shell, rays become intervals, intervals become samples, samples
 # become a picture. Every step is a plain function of arrays.
 
 # %%
@@ -22,18 +22,21 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from mesoshell.cli.marching import build_scene, facts
-from mesoshell.cli.render import Options
-from mesoshell.io.bundle import read_bundle
-from mesoshell.io.material import find
+import mesoshell as ms
 from mesoshell.render.camera import pixel_grid, rays
-from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.render_shell import marched_scene
+from mesoshell.scene.setup import describe_shell
 from mesoshell.shell.boundary import Boundary
 from mesoshell.shell.renderer import render
 
 SIZE = 96
 MESH = Path(str(resources.files("mesoshell") / "assets" / "spot.obj"))
+
+material = ms.load_material("grass")
+scene = ms.Scene(MESH, material, size=(SIZE, SIZE))
+picture = ms.render(scene, "draft")
+picture  # noqa: B018  (it displays itself)
 
 # %% [markdown]
 # ## The material
@@ -42,9 +45,9 @@ MESH = Path(str(resources.files("mesoshell") / "assets" / "spot.obj"))
 # density that lets the march skip empty space.
 
 # %%
-bundle = read_bundle(find("grass"))
+bundle = material.shell
 print({key: value.shape for key, value in bundle.arrays.items() if not key.startswith(("features", "height", "grid"))})
-print([f"{p.name}: {p.meaning}" for p in bundle.parameters])
+print([f"{name}: {p.meaning}" for name, p in material.parameters.items()])
 
 # %%
 finest = bundle.arrays["features/0"].astype(np.float32)
@@ -57,10 +60,11 @@ plt.title(f"first three of {bundle.channels} channels, {finest.shape[0]} texels 
 # The mesh is extruded along its vertex normals. Where the shell would fold into itself, it is made thinner.
 
 # %%
-scene, notes = build_scene(Options(mesh=MESH, size=(SIZE, SIZE)), bundle)
-print(*notes, sep="\n")
-height = np.linalg.norm(scene.shell.offset, axis=1)
-print(f"{len(scene.shell.faces)} prisms, thickness {height.min():.3f} to {height.max():.3f}")
+described = describe_shell(scene)
+print(*described.notes, sep="\n")
+shell = described.shell
+height = np.linalg.norm(shell.offset, axis=1)
+print(f"{len(shell.faces)} prisms, thickness {height.min():.3f} to {height.max():.3f}")
 
 # %% [markdown]
 # ## The march
@@ -68,8 +72,8 @@ print(f"{len(scene.shell.faces)} prisms, thickness {height.min():.3f} to {height
 # Each ray's way through the shell is a list of intervals, one a prism. Rays that graze cross many.
 
 # %%
-boundary = Boundary(scene.shell, scene.mesh.faces)
-origin, direction = rays(scene.camera, pixel_grid(scene.camera, 1, 0))
+boundary = Boundary(shell, described.mesh.faces)
+origin, direction = rays(described.camera, pixel_grid(described.camera, 1, 0))
 traced = boundary.trace(np.ascontiguousarray(origin), direction)
 count = np.bincount(traced.intervals.ray, minlength=SIZE * SIZE).reshape(SIZE, SIZE)
 plt.imshow(count)
@@ -78,18 +82,16 @@ plt.title(f"{traced.walked} visits, {traced.redone} of them repeated in float64"
 # %% [markdown]
 # ## The picture
 #
-# `plan_effects` decides what the scene calls for before anything is compiled.
+# What the scene calls for is decided before anything is compiled.
 
 # %%
-quality = PRESETS["draft"]
-effects = plan_effects(facts(scene), quality)
-for name, effect in vars(effects).items():
-    print("on " if effect.on else "off", name, "-", effect.why)
+effects = ms.explain(scene, "draft")
+print(effects)
 
 # %%
-image, report = render(scene, quality, effects)
-plt.imshow(np.clip(image[..., :3], 0, 1) ** (1 / 2.2))
-plt.axis("off")
+marched, quality = marched_scene(described), PRESETS["draft"]
+image, report = render(marched, quality, effects)
+assert np.array_equal(image.astype(np.float32), picture.rgba)
 print(report.counts)
 
 # %% [markdown]
@@ -98,8 +100,8 @@ print(report.counts)
 # Every knob is one field of `Quality`. Here the sample budget; the docs' performance page measures the others.
 
 # %%
-reference, _ = render(scene, quality.with_changes(samples=256, early_stop=0.0, skip=0.0), effects)
+reference, _ = render(marched, quality.with_changes(samples=256, early_stop=0.0, skip=0.0), effects)
 for samples in (8, 24, 64):
-    image, report = render(scene, quality.with_changes(samples=samples), effects)
+    image, report = render(marched, quality.with_changes(samples=samples), effects)
     error = np.sqrt(np.mean((image - reference) ** 2))
     print(f"{samples:3d} samples: error {error:.4f}, {report.counts['density_queries']:,} density queries")

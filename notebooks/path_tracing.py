@@ -12,7 +12,7 @@
 # %% [markdown]
 # # A shell in a scene of Mitsuba's
 #
-# `mesoshell.pathtracer` reads a scene as `mi.load_dict` does, but that a mesh may have a `mesoshell` BSDF. What comes back is
+# `ms.mitsuba` reads a scene as `mi.load_dict` does, but that a mesh may have a `mesoshell` BSDF. What comes back is
 # an ordinary `mi.Scene`, and `mi.render` renders it.
 
 # %%
@@ -21,10 +21,11 @@ from importlib import resources
 import matplotlib.pyplot as plt
 import numpy as np
 
-from mesoshell.pathtracer import load_dict
-
-import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
+import mesoshell as ms
 from mesoshell.render.quality import PRESETS
+
+load_dict = ms.mitsuba.load_dict
+import mitsuba as mi  # noqa: E402  (after ms.mitsuba, which names a libLLVM that works)
 
 SIZE = 96
 MESH = str(resources.files("mesoshell") / "assets" / "spot.obj")

@@ -24,6 +24,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+import mesoshell as ms
 from mesoshell.mesostructure.sources import source
 from mesoshell.mesostructure.tile import Placing
 from mesoshell.mesostructure.trace import Patch, queries
@@ -62,11 +63,8 @@ for axis, (curvature, cosine) in zip(axes, ((0.0, 1.0), (0.0, 0.4), (1.0, 0.4), 
 # Patches of random curvature, and two thousand small steps.
 
 # %%
-from mesoshell.io.patches import read_patches  # noqa: E402
 from mesoshell.mesostructure.render import Settings, of_geometry, render_patches  # noqa: E402
 from mesoshell.train.presets import TINY  # noqa: E402
-from mesoshell.train.record import snapshots  # noqa: E402
-from mesoshell.train.run import train  # noqa: E402
 from mesoshell.train.surface import surface_as  # noqa: E402
 
 folder = Path(tempfile.mkdtemp())
@@ -74,7 +72,7 @@ settings = Settings("spheres", tile.depth, (-1.0, 2.0), queries=16384, spp=4, se
 render_patches(settings, of_geometry(tile, settings.spp), 24, folder / "data", lambda done, of: None)
 log = []
 config = replace(surface_as(TINY), kimg=2000.0)
-train(config, read_patches(folder / "data"), folder / "run", show=log.append)
+run = ms.train(config, folder / "data", folder / "run", show=log.append)
 figure, axis = plt.subplots(figsize=(6, 3))
 for name in ("reflectance", "opacity"):
     axis.semilogy([row["kimg"] for row in log], [row[name] for row in log], label=name)
@@ -88,12 +86,6 @@ axis.legend()
 
 # %%
 from mesoshell.geometry.mesh import check_mesh  # noqa: E402
-from mesoshell.io.surface import read_surface  # noqa: E402
-from mesoshell.render.camera import Camera, look_at  # noqa: E402
-from mesoshell.render.light import Distant  # noqa: E402
-from mesoshell.render.quality import PRESETS  # noqa: E402
-from mesoshell.silhouette.ready import ready  # noqa: E402
-from mesoshell.silhouette.renderer import SurfaceScene, plan, render  # noqa: E402
 
 around, across = 96, 48
 i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
@@ -108,21 +100,12 @@ uv = cell * np.array([6 / around, 2.4 / across])
 halves = np.array([[0, 1, 2], [0, 2, 3]])
 mesh = check_mesh(points, index[:, halves].reshape(-1, 3), uv[:, halves].reshape(-1, 3, 2), "torus")
 
-bundle = read_surface(snapshots(folder / "run")[-1][1])
-scene = SurfaceScene(
-    mesh=mesh,
-    ready=ready(bundle),
-    period=0.6,
-    camera=Camera(look_at((0.0, 1.6, 3.2), (0.75, 0.1, 0.3)), 0.36, 192, 144),
-    lights=(Distant(np.array([-0.5, 0.7, 0.5]) / np.linalg.norm([-0.5, 0.7, 0.5]), np.full(3, 6.0)),),
-    environment=None,
-    base_colour=(0.1, 0.1, 0.1),
-    objects=(),
-    transparent=True,
-)
-opaque = replace(scene, ready=replace(scene.ready, config=replace(scene.ready.config, opacity="none")))
+material = run.material()
+camera = ms.Camera(ms.look_at((0.0, 1.6, 3.2), (0.75, 0.1, 0.3)), 0.36, 192, 144)
+scene = ms.Scene(mesh, material, scale=0.6, camera=camera, lights=[(-0.5, 0.7, 0.5)], irradiance=6.0)
+opaque = replace(scene, material=ms.Material("opaque", replace(material.surface, opacity="none")))
 figure, axes = plt.subplots(1, 2, figsize=(12, 4.5))
 for axis, one, title in zip(axes, (scene, opaque), ("with opacity", "without"), strict=True):
-    image, report = render(one, PRESETS["normal"], plan(one, PRESETS["normal"]))
-    axis.imshow(np.clip(image, 0, 1) ** (1 / 2.2))
-    axis.set(title=f"{title}: {report.counts['queries']:,} queries", xticks=[], yticks=[])
+    picture = ms.render(one)
+    axis.imshow(np.clip(picture.rgba, 0, 1) ** (1 / 2.2))
+    axis.set(title=f"{title}: {picture.report['queries']:,} queries", xticks=[], yticks=[])

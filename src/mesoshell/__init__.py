@@ -1,6 +1,107 @@
 """mesoshell: grass, carpet and fur for any mesh, as neural reflectance shells.
 
-Importing this package loads no JAX; the modules that compute do.
+    import mesoshell as ms
+
+    material = ms.load_material("grass")
+    scene = ms.Scene("bunny.obj", material, thickness=0.06, scale=0.25)
+    ms.render(scene, quality="draft").save("bunny.png")
+
+Names are imported when they are first used: importing this package loads no JAX. `mesoshell.render` and `mesoshell.train` are
+rooms of the package, and functions too: to call such a module is to call the library's function of its name (docs/api.md).
 """
 
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from inspect import Signature
+
+    from mesoshell import pathtracer as mitsuba
+    from mesoshell.api.learning import Fit, Run, fit, train
+    from mesoshell.api.rendering import explain, render
+    from mesoshell.errors import InputError
+    from mesoshell.render.camera import Camera, look_at
+    from mesoshell.render.effects import Effects
+    from mesoshell.render.light import Distant
+    from mesoshell.render.quality import Quality
+    from mesoshell.scene.materials import Material, load_material
+    from mesoshell.scene.picture import Picture
+    from mesoshell.scene.scene import Scene
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "Camera",
+    "Distant",
+    "Effects",
+    "Fit",
+    "InputError",
+    "Material",
+    "Picture",
+    "Quality",
+    "Run",
+    "Scene",
+    "__version__",
+    "explain",
+    "fit",
+    "load_material",
+    "look_at",
+    "mitsuba",
+    "render",
+    "train",
+]
+
+#: The module that defines each name.
+_HOMES = {
+    "Camera": "mesoshell.render.camera",
+    "Distant": "mesoshell.render.light",
+    "Effects": "mesoshell.render.effects",
+    "Fit": "mesoshell.api.learning",
+    "InputError": "mesoshell.errors",
+    "Material": "mesoshell.scene.materials",
+    "Picture": "mesoshell.scene.picture",
+    "Quality": "mesoshell.render.quality",
+    "Run": "mesoshell.api.learning",
+    "Scene": "mesoshell.scene.scene",
+    "explain": "mesoshell.api.rendering",
+    "fit": "mesoshell.api.learning",
+    "load_material": "mesoshell.scene.materials",
+    "look_at": "mesoshell.render.camera",
+}
+#: The rooms that are functions too, and the module that defines each.
+_FUNCTIONS = {"mesoshell.render": "mesoshell.api.rendering", "mesoshell.train": "mesoshell.api.learning"}
+
+
+class _Room(ModuleType):
+    """A room of the package that is a function of the library too."""
+
+    @property
+    def __call__(self) -> Callable[..., Any]:
+        return getattr(import_module(_FUNCTIONS[self.__name__]), self.__name__.rpartition(".")[2])
+
+    @property
+    def __signature__(self) -> "Signature":
+        from inspect import signature
+
+        return signature(self.__call__)
+
+
+for _name in _FUNCTIONS:
+    import_module(_name)
+    sys.modules[_name].__class__ = _Room
+
+
+def __getattr__(name: str) -> Any:
+    if name == "mitsuba":
+        return import_module("mesoshell.pathtracer")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

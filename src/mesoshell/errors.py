@@ -9,11 +9,16 @@ from os import PathLike
 LONGEST = 1000
 
 
+class Argument(str):
+    """Name of a Python argument that is at fault. The command line says its option instead, and so for `name`s in the text."""
+
+
 class InputError(ValueError):
-    """Unusable input. Its text is one line, `SOURCE: fault`, where SOURCE is the file or the option at fault."""
+    """Unusable input. Its text is one line, `SOURCE: fault`, where SOURCE is the file, the argument or the option at fault."""
 
     def __init__(self, source: str | PathLike[str], fault: str):
         super().__init__(one_line(f"{source}: {fault}"))
+        self.source, self.fault = source, fault
 
 
 def one_line(text: str) -> str:

@@ -6,7 +6,7 @@ import resource
 from os import PathLike
 from pathlib import Path
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 
 _CGROUP = Path("/sys/fs/cgroup/memory.max")
 
@@ -27,7 +27,7 @@ def check_memory(source: str | PathLike[str], what: str, size: int) -> None:
         raise InputError(source, f"{what} would take {size / 2**30:,.1f} GiB; this machine has {there / 2**30:,.1f}")
 
 
-def check_seed(seed: int | None, option: str = "--seed") -> None:
+def check_seed(seed: int | None) -> None:
     """Raise InputError for a seed that random keys do not hold."""
     if seed is not None and not -(2**31) <= seed < 2**32:
-        raise InputError(option, f"{seed} must be from -2147483648 to 4294967295: 32 bits")
+        raise InputError(Argument("seed"), f"{seed} must be from -2147483648 to 4294967295: 32 bits")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from mesoshell.cli.main import main
-from mesoshell.cli.material import given
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.image import read_png, write_exr, write_png
 from mesoshell.io.pack import pack_dataset
+from mesoshell.scene.materials import read_params
 from tests.shell import growing
 from tests.train import fog
 
@@ -258,11 +258,11 @@ def test_images_of_parameters_are_pictures_or_numbers(combed, tmp_path) -> None:
     """OpenEXR holds numbers as they are; what lies outside 0 to 1 is refused."""
     bundle, image = read_bundle(combed[0]), np.array([[0.1, 0.7]], np.float32)
     write_exr(tmp_path / "a.exr", np.repeat(image[..., None], 3, axis=-1), half=False)
-    np.testing.assert_allclose(given(bundle, (f"length={tmp_path / 'a.exr'}",))[1]["length"], image, rtol=1e-6)
+    np.testing.assert_allclose(read_params(bundle, {"length": tmp_path / "a.exr"})[1]["length"], image, rtol=1e-6)
     for wrong in (1.5, -0.1, np.nan):
         write_exr(tmp_path / "b.exr", np.full((1, 2, 3), wrong, np.float32))
         with pytest.raises(InputError, match="holds values outside 0 to 1"):
-            given(bundle, (f"length={tmp_path / 'b.exr'}",))
+            read_params(bundle, {"length": tmp_path / "b.exr"})
 
 
 def test_seeds_need_a_generator(tmp_path, capsys) -> None:

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesoshell.cli.description import describe
 from mesoshell.cli.main import main
-from mesoshell.cli.render import Options
 from mesoshell.geometry.mesh import uv_stretch
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_exr, read_png, write_exr
+from mesoshell.scene.materials import Material
+from mesoshell.scene.scene import Scene
+from mesoshell.scene.setup import describe_shell
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
 
@@ -63,13 +64,13 @@ def test_a_picture_its_radiance_and_its_report(material: Path, tmp_path: Path, c
 @pytest.mark.parametrize("height", [0.25, 1.0])
 def test_a_shell_has_the_proportions_of_its_material(tiny_bundle, height: float):
     """Unless it is asked to have others. Patches are resized by half of one in the UV unit at most."""
-    bundle = replace(tiny_bundle, thickness=height)
-    for asked in (Options(MESH), Options(MESH, thickness=0.2), Options(MESH, scale=0.3)):
-        made = describe(asked, bundle)
+    material = Material("tiny", replace(tiny_bundle, thickness=height))
+    for scene in (Scene(MESH, material), Scene(MESH, material, thickness=0.2), Scene(MESH, material, scale=0.3)):
+        made = describe_shell(scene)
         patch = uv_stretch(made.mesh) / made.patches_per_uv
         tall = np.linalg.norm(made.shell.offset, axis=1).max() / patch
         assert tall == pytest.approx(height, rel=0.5 / made.patches_per_uv)
-    made = describe(Options(MESH, thickness=0.2, scale=0.1), bundle)
+    made = describe_shell(Scene(MESH, material, thickness=0.2, scale=0.1))
     assert made.patches_per_uv == pytest.approx(round(uv_stretch(made.mesh) / 0.1))
 
 

@@ -17,10 +17,10 @@ from trial import Case
 from mesoshell.atlas.field import FieldConfig, init_field
 from mesoshell.atlas.photo import Photo
 from mesoshell.atlas.store import Captured, read_captured, write_captured
-from mesoshell.cli.training import experiment_of
 from mesoshell.io.patches import read_patches
 from mesoshell.io.records import read_rows
 from mesoshell.nets.encoding import HashConfig
+from mesoshell.train.experiment import experiment_of
 from mesoshell.train.presets import PRESETS
 from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.report import write_report

@@ -8,10 +8,11 @@ from typing import Any
 
 from trial import Case
 
-from mesoshell.cli.description import describe, describe_surface
 from mesoshell.cli.main import main
 from mesoshell.cli.render import Options
-from mesoshell.io.bundle import read_bundle
+from mesoshell.cli.rendering import scene_of
+from mesoshell.scene.materials import load_material
+from mesoshell.scene.setup import describe_shell, describe_surface
 
 
 def cases(good: Path) -> Iterator[Case]:
@@ -37,22 +38,31 @@ OPTIONS: dict[str, list[Any]] = {
     "mesh": [Path(x) for x in ("none.obj", ".", "a\0b.obj", "n" * 5000, "/dev/zero", "a\nb.obj", "x.abc", "x")],
 }
 
+#: The library's arguments where options are named otherwise.
+ARGUMENTS = {"param": "params", "light": "lights", "object": "objects", "base": "base_colour"}
+
 
 def of_options(good: Path) -> Iterator[Case]:
     """What `render` makes of numbers and names, before an engine sees them; for shells and for surface materials."""
-    bundle, plain = read_bundle(good / "shell.npz"), Options(good / "quad.obj", size=(8, 8))
+    shell, surface = load_material(good / "shell.npz"), load_material(good / "surface.npz")
+    plain = Options(good / "quad.obj", size=(8, 8))
     for name, values in OPTIONS.items():
         for value in values:
             options = dataclasses.replace(plain, **{name: value})
-            named = (f"--{name}", *(str(x)[:40].encode("unicode_escape").decode() for x in _flat(value)), "quad.obj")
+            named = (
+                f"--{name}: ",
+                f"{ARGUMENTS.get(name, name)}: ",
+                *(str(x)[:40].encode("unicode_escape").decode() for x in _flat(value)),
+                "quad.obj",
+            )
 
             def run(at: Path, options=options) -> Any:
-                found = describe(options, bundle)
+                found = describe_shell(scene_of(options, shell))
                 return [vars(found.shell), vars(found.camera), found.lights]
 
-            yield Case("render options", f"--{name} {value!s:.40}", (*named, "--scale", "--thickness"), run)
+            yield Case("render options", f"--{name} {value!s:.40}", (*named, "scale: ", "thickness: "), run)
             if name in ("scale", "camera", "light", "environment"):
-                run = lambda at, options=options: vars(describe_surface(options).camera)  # noqa: E731
+                run = lambda at, options=options: vars(describe_surface(scene_of(options, surface)).camera)  # noqa: E731
                 yield Case("surface options", f"--{name} {value!s:.40}", named, run)
 
 

@@ -116,7 +116,7 @@ def test_light_from_below_a_face_is_shadowed_by_a_convex_mesh(materials) -> None
 
 
 def test_spacing_that_paths_do_not_have_is_refused(materials) -> None:  # noqa: F811
-    with pytest.raises(InputError, match=r"^spacing: 'interval' requires --engine jax"):
+    with pytest.raises(InputError, match=r"^spacing: 'interval' requires `engine` jax"):
         loaded(scene(shell(materials, "thin")), Quality(spacing="interval"))
 
 

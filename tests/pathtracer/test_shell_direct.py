@@ -9,7 +9,6 @@ import pytest
 from test_shell_heights import rough
 from test_shell_march import surface
 
-from mesoshell.cli.marching import facts
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.pathtracer.direct import gather_light
@@ -22,6 +21,7 @@ from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, r
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.render_shell import facts
 from mesoshell.shell.extrude import Shell, extrude, patches_per_uv
 from mesoshell.shell.grow import Wanted, grow
 from mesoshell.shell.renderer import render

@@ -147,7 +147,7 @@ def test_a_grown_surface_reads_its_own_texture(bundle) -> None:
         return neural_field(r.material, r.layout).density(Point(xi, zero, zero, jnp.zeros(1)))[0]
 
     np.testing.assert_allclose(sigma(far, at), sigma(near, at - jnp.array([100.0, -41.0, 0.0])), rtol=1e-4)
-    with pytest.raises(InputError, match="--scale: the mesh would carry 800002 × 800002 patches"):
+    with pytest.raises(InputError, match="scale: the mesh would carry 800002 × 800002 patches"):
         grow(bundle, "it", uv * 1e6, Wanted(7))
 
 

@@ -58,7 +58,7 @@ def test_what_is_not_given_is_in_proportion(height: float, thickness, scale, exp
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
 def test_the_option_that_is_wrong_is_named(wrong: float):
-    for name, given_ in (("--thickness", (wrong, None)), ("--scale", (None, wrong)), ("--scale", (1.0, wrong))):
+    for name, given_ in (("thickness", (wrong, None)), ("scale", (None, wrong)), ("scale", (1.0, wrong))):
         with pytest.raises(InputError, match=f"^{name}: must be positive and finite, not {wrong:g}$"):
             proportions(square(), 1.0, *given_)
 
@@ -90,15 +90,15 @@ def test_a_whole_number_of_patches_where_one_fits(scale: float, patches: float, 
 @pytest.mark.parametrize(
     ("thickness", "scale", "fault"),
     [
-        (0.0, 1.0, "--thickness: must be positive and finite, not 0"),
-        (-1.0, 1.0, "--thickness: must be positive and finite, not -1"),
-        (np.nan, 1.0, "--thickness: must be positive and finite, not nan"),
-        (np.inf, 1.0, "--thickness: must be positive and finite, not inf"),
-        (np.array([1.0, 1, 0, 1]), 1.0, "--thickness: must be positive and finite, not 0 (vertex 2)"),
-        (np.ones(5), 1.0, "--thickness: has 5 values for 4 vertices"),
-        (1.0, 0.0, "--scale: must be positive and finite, not 0"),
-        (1.0, np.nan, "--scale: must be positive and finite, not nan"),
-        (1.0, np.inf, "--scale: must be positive and finite, not inf"),
+        (0.0, 1.0, "thickness: must be positive and finite, not 0"),
+        (-1.0, 1.0, "thickness: must be positive and finite, not -1"),
+        (np.nan, 1.0, "thickness: must be positive and finite, not nan"),
+        (np.inf, 1.0, "thickness: must be positive and finite, not inf"),
+        (np.array([1.0, 1, 0, 1]), 1.0, "thickness: must be positive and finite, not 0 (vertex 2)"),
+        (np.ones(5), 1.0, "thickness: has 5 values for 4 vertices"),
+        (1.0, 0.0, "scale: must be positive and finite, not 0"),
+        (1.0, np.nan, "scale: must be positive and finite, not nan"),
+        (1.0, np.inf, "scale: must be positive and finite, not inf"),
     ],
 )
 def test_faults_name_the_option(thickness: float | np.ndarray, scale: float, fault: str):
@@ -230,7 +230,5 @@ def test_a_prism_that_is_still_folded_in_the_end_is_left_out(monkeypatch: pytest
 def test_a_mesh_that_cannot_be_extruded_at_all_is_refused():
     good = square()
     lying = Mesh(good.vertices, good.faces, good.uv, np.array([[1, 0, 0]] * 4, np.float32), ())
-    with pytest.raises(
-        InputError, match=r"^--thickness: no face of the mesh can be extruded: vertex normals lie below"
-    ):
+    with pytest.raises(InputError, match=r"^thickness: no face of the mesh can be extruded: vertex normals lie below"):
         extrude(lying, 0.1, 1.0)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import scenes
 
-from mesoshell.cli.marching import facts
 from mesoshell.io.bundle import Bundle
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import MARCH, Effect, plan_effects
 from mesoshell.render.light import environment
 from mesoshell.render.quality import Quality
+from mesoshell.scene.render_shell import facts
 from mesoshell.shell.extrude import extrude, patches_per_uv
 from mesoshell.shell.renderer import Report, render
 from mesoshell.shell.scene import Scene, ready

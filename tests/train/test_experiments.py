@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from mesoshell.atlas.capture import Capture, read_capture
-from mesoshell.cli.training import check_recipe, experiment_of, read_experiment
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.exemplars import Exemplars
@@ -21,6 +20,7 @@ from mesoshell.io.patches import Patches, read_patches
 from mesoshell.mesostructure.render import Settings, render_patches
 from mesoshell.shell.decoder import init_decoder
 from mesoshell.train.atlas import AtlasTraining
+from mesoshell.train.experiment import check_recipe, experiment_of, read_experiment
 from mesoshell.train.export import decoder_arrays
 from mesoshell.train.method import method_of
 from mesoshell.train.parametric import ParametricConfig

@@ -13,11 +13,11 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.cli.description import BOUNCE, FILL
 from mesoshell.io.patches import COLUMNS
 from mesoshell.measure.flip import flip
 from mesoshell.mesostructure.render import LEAST, Answers, rows_of
 from mesoshell.mesostructure.tile import Placing
+from mesoshell.scene.defaults import BOUNCE, FILL
 
 SIDE, PICTURES, RAYS, BEHIND = 32, 24, 8, 0.18
 #: Irradiances of the lights that `mesoshell render` has by itself.

@@ -14,7 +14,7 @@ from mesoshell.atlas.render import Lit, picture, view
 from mesoshell.atlas.store import Captured, read_captured
 from mesoshell.cli.atlas import Mesh, Render, Texture, Train
 from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.training import learn, of_length, read_experiment, said
+from mesoshell.cli.training import learn, said
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr, write_exr, write_png
 from mesoshell.io.whole import probe_folder, probe_outputs
@@ -24,6 +24,7 @@ from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import PRESETS
 from mesoshell.train.atlas import AtlasTraining, atlas_as
 from mesoshell.train.atlas_snapshot import board_paint
+from mesoshell.train.experiment import of_length, read_experiment
 from mesoshell.train.presets import PRESETS as SIZES
 from mesoshell.train.record import read_record, snapshots
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
+from mesoshell.cli.spoken import spoken
 from mesoshell.errors import InputError, one_line
 
 #: Seconds after which an interrupt that a library swallowed is raised again.
@@ -77,7 +78,7 @@ def _said(fault: Exception) -> str:
     if isinstance(fault, OSError):
         where = f"{fault.filename}: " if fault.filename is not None else ""
         return one_line(f"{where}{fault.strerror or fault}")
-    return one_line(str(fault) if isinstance(fault, InputError) else f"out of memory: {fault}")
+    return spoken(fault) if isinstance(fault, InputError) else one_line(f"out of memory: {fault}")
 
 
 @contextlib.contextmanager

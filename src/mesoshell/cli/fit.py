@@ -36,16 +36,11 @@ class Options:
     seed: int = 0
 
 
-def rows_of(options: Options) -> int:
-    """Rows of a step that its rays are split into."""
-    return 8 if options.rays % 8 == 0 else 1
-
-
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Fit patches to datasets that show them; a call that is repeated goes on from the run folder."""
-    from mesoshell.train.parallel import split_cpu
+    from mesoshell.train.parallel import rows_of, split_cpu
 
-    split_cpu(rows_of(options))
+    split_cpu(rows_of(options.rays))
     from mesoshell.cli import fitting
 
     fitting.fit_to_file(options)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from mesoshell.errors import InputError
+from mesoshell.scene.defaults import EARTH, IRRADIANCE, SIZE
 
 
 def _file(text: list[str]) -> Path:
@@ -45,15 +46,15 @@ class Options:
     #: World length of one texture patch in the mesh's unit; default: as the material was made, of bundled ones the thickness.
     scale: float | None = None
     #: Width and height of the picture in pixels.
-    size: tuple[int, int] = (512, 512)
+    size: tuple[int, int] = SIZE
     #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
-    irradiance: float = 12.0
+    irradiance: float = IRRADIANCE
     #: Latitude-longitude EXR that lights the scene and is seen behind it.
     environment: Path | None = None
     #: Diffuse colour of the surface under the shell, linear R G B.
-    base: tuple[float, float, float] = (0.09, 0.06, 0.035)
+    base: tuple[float, float, float] = EARTH
     #: Further meshes in the same frame that cast and receive shadows; may be repeated.
     object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
     #: Eye x y z, target x y z and vertical field of view in degrees; default: frames the mesh from the upper front.

@@ -1,35 +1,30 @@
-"""The work of `mesoshell render`: a picture by one of the engines, and its files. Only the engine that renders is imported."""
+"""The work of `mesoshell render`: options become a scene, a picture of it becomes files. Only the engine that renders is
+imported."""
 
 import json
 import sys
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from mesoshell import __version__
 from mesoshell.cli.render import Options, parse_params
 from mesoshell.errors import InputError
-from mesoshell.io.image import write_exr, write_png
-from mesoshell.io.material import find
-from mesoshell.io.surface import KIND, kind_of
 from mesoshell.io.whole import probe_outputs, replace_file, together
+from mesoshell.render.quality import Quality
+from mesoshell.scene import picture
+from mesoshell.scene.materials import Material, load_material
+from mesoshell.scene.picture import Picture, Prepared
+from mesoshell.scene.prepare import OF_PATHS, prepare, quality_of
+from mesoshell.scene.scene import Scene
 
-#: Of what is counted a pixel: samples, bounces.
-MOST = 2**24
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """Linear RGBA; seconds by stage; record: what else the report says, as JSON."""
-
-    image: Float[np.ndarray, "H W 4"]
-    seconds: dict[str, float]
-    record: dict[str, Any]
+#: Options that a scene of Mitsuba's leaves a meaning.
+_OF_SCENES = {"mesh", "engine", "spp", "quality", "explain", "out"}
 
 
 def render_to_files(options: Options) -> None:
@@ -40,59 +35,99 @@ def render_to_files(options: Options) -> None:
     out = files_of(options.out)[0]
     probe_outputs(files_of(options.out))
     console = Console(stderr=True)
-    for name in ("spp", "max_depth"):
-        value = getattr(options, name)
-        if value is not None and options.engine != "mitsuba":
-            raise InputError(f"--{name.replace('_', '-')}", "requires --engine mitsuba")
-        if value is not None and value < 1:
-            raise InputError(f"--{name.replace('_', '-')}", f"{value} must be at least 1")
-        if value is not None and value > MOST:
-            raise InputError(f"--{name.replace('_', '-')}", f"{value} must be at most {MOST}")
-    if options.engine == "mitsuba":
-        from mesoshell.cli.path_tracing import picture
-    elif options.mesh.suffix.lower() == ".xml":
-        raise InputError(options.mesh, "is a scene of Mitsuba's: give --engine mitsuba")
-    elif kind_of(find(options.material)) == KIND:
-        from mesoshell.cli.surfacing import picture
+    given = {name: getattr(options, name) for name in OF_PATHS if getattr(options, name) is not None}
+    quality, compiling = quality_of(options.quality, options.engine, given), None
+    if options.mesh.suffix.lower() == ".xml":
+        ready = _of_mitsuba(options, quality)
     else:
-        from mesoshell.cli.marching import picture
-    found = picture(options, console)
-    seconds = {**found.seconds, "total": time.perf_counter() - begin}
-    material = {"name": options.material, "parameters": parse_params(options.param), **found.record.pop("provenance")}
-    record = {
-        "version": __version__,
-        "engine": options.engine,
-        **found.record,
-        "material": material,
-        "seconds": seconds,
-    }
-    with together(out) as folder:
-        image, radiance, report = (folder / path.name for path in files_of(options.out))
-        write_png(image, found.image)
-        write_exr(radiance, found.image)
-        replace_file(report, (json.dumps(record, indent=1) + "\n").encode())
+        material = load_material(options.material)
+        if options.engine == "jax":
+            from mesoshell.cli.compiled import keep_compiled
+
+            compiling = keep_compiled()
+        with _bar(console, "growing") as progress:
+            ready = prepare(scene_of(options, material), quality, options.engine, progress)
+    _say_notes(console, ready.notes)
+    if options.explain and ready.effects is not None:
+        console.print(str(ready.effects), highlight=False, soft_wrap=True)
+    with _bar(console, "rendering") as progress:
+        made = ready.picture(progress)
+    _say_notes(console, made.notes[len(ready.notes) :])
+    report = _report(made, begin, compiling)
+    _write(options.out, made, report)
     if options.explain:
-        stages = ", ".join(f"{k} {v:.2f} s" for k, v in seconds.items())
-        compiling = found.record.get("compile_seconds")
-        said = "" if compiling is None else f"; {compiling:.1f} s of this compiling"
+        stages = ", ".join(f"{k} {v:.2f} s" for k, v in report["seconds"].items())
+        said = "" if compiling is None else f"; {sum(compiling):.1f} s of this compiling"
         console.print(stages + said, highlight=False, soft_wrap=True)
     print(out, file=sys.stdout)
 
 
+def scene_of(options: Options, material: Material) -> Scene:
+    """The scene that the options describe. Raises InputError for a parameter that has no value."""
+    return Scene(
+        mesh=options.mesh,
+        material=material,
+        thickness=options.thickness,
+        scale=options.scale,
+        params=parse_params(options.param),
+        seed=options.seed,
+        size=options.size,
+        camera=options.camera,
+        lights=options.light,
+        irradiance=options.irradiance,
+        environment=options.environment,
+        base_colour=options.base,
+        objects=options.object,
+        up=options.up,
+        transparent=options.transparent,
+    )
+
+
+def _of_mitsuba(options: Options, quality: Quality) -> Prepared:
+    """A scene of Mitsuba's own. Raises InputError for options that it says itself."""
+    if options.engine != "mitsuba":
+        raise InputError(options.mesh, "is a scene of Mitsuba's: give --engine mitsuba")
+    for field in fields(Options):
+        default = field.default_factory() if field.default_factory is not MISSING else field.default
+        if field.name not in _OF_SCENES and getattr(options, field.name) != default:
+            raise InputError(f"--{field.name.replace('_', '-')}", f"{options.mesh} says that itself")
+    from mesoshell.scene.render_paths import prepare_file
+
+    return prepare_file(options.mesh, quality, options.spp, {"name": options.material, "parameters": {}})
+
+
+def _report(made: Picture, begin: float, compiling: list[float] | None) -> dict[str, Any]:
+    """A picture's report, of the whole command."""
+    report = dict(made.report)
+    last = {name: report.pop(name) for name in ("material", "seconds")}
+    last["seconds"]["total"] = time.perf_counter() - begin
+    return report | ({} if compiling is None else {"compile_seconds": sum(compiling)}) | last
+
+
+def _write(out: Path, made: Picture, report: dict[str, Any]) -> None:
+    with together(files_of(out)[0]) as folder:
+        image, radiance, record = (folder / path.name for path in files_of(out))
+        made.save(image)
+        made.save(radiance)
+        replace_file(record, (json.dumps(report, indent=1) + "\n").encode())
+
+
 def files_of(out: Path) -> tuple[Path, Path, Path]:
     """The picture, its radiance and its report."""
-    picture = out if out.suffix == ".png" or not out.name else out.with_suffix(".png")
-    return picture, picture.with_suffix(".exr"), picture.with_suffix(".json")
+    shown = out if out.suffix == ".png" or not out.name else out.with_suffix(".png")
+    return shown, shown.with_suffix(".exr"), shown.with_suffix(".json")
 
 
-def say_notes(console: Console, notes: tuple[str, ...]) -> None:
+@contextmanager
+def _bar(console: Console, what: str) -> Iterator[picture.Progress]:
+    """A bar that goes when it is full."""
+    columns = (TextColumn(what), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
+def _say_notes(console: Console, notes: tuple[str, ...]) -> None:
     """What the user should know, a line each."""
     for note in notes:
         console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)
-
-
-def say_effects(console: Console, effects: dict[str, dict[str, Any]]) -> None:
-    """One line an effect: whether it is compiled, and why."""
-    for name, effect in effects.items():
-        line = f"{'on ' if effect['on'] else 'off'} {name.replace('_', ' ')}: {effect['why']}"
-        console.print(line, highlight=False, soft_wrap=True)

@@ -7,14 +7,15 @@ from zipfile import is_zipfile
 import jax.numpy as jnp
 
 from mesoshell.cli.distill import Options
-from mesoshell.cli.material import given
-from mesoshell.cli.render import Options as Render
+from mesoshell.cli.render import parse_params
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import bundled, digest, find, normalised
 from mesoshell.io.surface import KIND, kind_of
 from mesoshell.mesostructure.render import Answers, Settings, of_geometry
 from mesoshell.mesostructure.sources import PROCEDURES, source
+from mesoshell.scene.defaults import EARTH
+from mesoshell.scene.materials import read_params
 from mesoshell.shell.scene import ready
 from mesoshell.silhouette.material import SurfaceConfig
 from mesoshell.train.presets import PRESETS
@@ -79,11 +80,11 @@ def _shell(options: Options) -> ShellSubject:
         raise InputError(
             options.material, "is no texture that repeats: a surface material is one period, again and again"
         )
-    values, maps = given(bundle, options.param)
+    values, maps = read_params(bundle, parse_params(options.param))
     if maps:
         raise InputError("--param", f"{next(iter(maps))} is an image: a surface material is the same everywhere")
     alpha, found = normalised(bundle, values), ready(bundle)
-    thickness, base = options.thickness or bundle.thickness, options.base or Render.base
+    thickness, base = options.thickness or bundle.thickness, options.base or EARTH
     if not all(0 <= v <= 1 for v in base):
         raise InputError("--base", "must be from 0 to 1: what is reflected of the light that falls on it")
     depth, colour = (jnp.asarray(x, jnp.float32) for x in (thickness, base))

@@ -8,13 +8,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.material import given
+from mesoshell.cli.render import parse_params
 from mesoshell.cli.texture import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.io.material import find, normalised
 from mesoshell.io.whole import new_array, new_folder, probe_folder, probe_outputs
 from mesoshell.limits import check_memory, check_seed
+from mesoshell.scene.materials import read_params
 from mesoshell.shell.bake import patches_a_tile
 from mesoshell.shell.generated import maker_of
 from mesoshell.shell.grow import Wanted, baked, field_of
@@ -102,7 +103,7 @@ def _coarser(options: Options, texels: int) -> int:
 
 def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> Wanted:
     """Numbers, and images of geometry parameters, which lie once over the extent."""
-    values, maps = given(bundle, options.param)
+    values, maps = read_params(bundle, parse_params(options.param))
     for p in bundle.parameters:
         if p.name in maps and p.role == "alpha":
             raise InputError(

@@ -1,10 +1,9 @@
 """The work of `mesoshell train`. Imports JAX, so it is loaded only when it runs."""
 
 import json
-import runpy
 import sys
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -17,15 +16,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mesoshell.cli.compiled import keep_compiled
 from mesoshell.cli.hosts import LOST, SAID_LOST
-from mesoshell.cli.memory import keep_memory
 from mesoshell.cli.train import Options
 from mesoshell.errors import InputError
 from mesoshell.io.whole import probe_folder
 from mesoshell.measure.operations import count_operations
+from mesoshell.train.experiment import check_recipe, experiment_of, of_length, read_data
 from mesoshell.train.hosts import HostLost, is_first, join
+from mesoshell.train.malloc import keep_memory
 from mesoshell.train.method import Data, method_of
-from mesoshell.train.presets import PRESETS
-from mesoshell.train.record import read_record
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.stream import RunConfig
 
@@ -35,8 +33,7 @@ def train_from(options: Options) -> None:
     keep_compiled()
     config, recipe = experiment_of(options.experiment, options.preset)
     config = of_length(config, options.kimg)
-    begun = read_record(options.run)[1] if (options.run / "config.json").exists() else {}
-    dataset = method_of(config).read(config, {**begun, "folder": options.data})
+    dataset = read_data(config, options.data, options.run)
     check_recipe(options.experiment, recipe, dataset)
     if options.coordinator is not None:
         join(options.coordinator, options.hosts)
@@ -51,15 +48,6 @@ def train_from(options: Options) -> None:
 def said(run: Path, state: Any) -> None:
     """Print how far a run is."""
     print(f"{run}: {int(state.images) / 1000:.3f} kimg")
-
-
-def of_length(config: Any, kimg: float | None) -> Any:
-    """The configuration with another `kimg`, if one is given. Raises InputError."""
-    if kimg is None:
-        return config
-    if not (np.isfinite(kimg) and kimg > 0):
-        raise InputError("--kimg", f"must be above 0 and finite, not {kimg}")
-    return replace(config, kimg=kimg)
 
 
 def learn(
@@ -97,50 +85,6 @@ def learn(
             console.print(f"mesoshell: {run}: {SAID_LOST}", soft_wrap=True, markup=False)
             sys.exit(LOST)
     return state
-
-
-def read_experiment(path: Path, preset: str | None = None) -> Any:
-    """The `config` of an experiment file, a TrainConfig or a ParametricConfig, or its `variant` of a preset. Raises InputError
-    if it does not run or lacks it."""
-    return experiment_of(path, preset)[0]
-
-
-def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | None]:
-    """The same and the `recipe` that the file is about, if it says so. It is executed once."""
-    wanted = "config" if preset is None else "variant"
-    defined = _defined(path)
-    found = defined.get(wanted)
-    try:
-        config = found(PRESETS[preset]) if preset is not None and callable(found) else found
-    except SystemExit as end:
-        raise InputError(path, f"`variant` ends the program (sys.exit: {end.code!r})") from None
-    except Exception as error:
-        raise InputError(path, f"{type(error).__name__}: {error}") from error
-    if not isinstance(config, RunConfig):
-        of = {"config": "that is", "variant": "that makes of a TrainConfig"}[wanted]
-        raise InputError(
-            path,
-            f"defines no `{wanted}` {of} a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an "
-            "AtlasTraining (mesoshell.train.state, .textures_state, .parametric, .surface and .atlas)",
-        )
-    return config, defined.get("recipe")
-
-
-def check_recipe(path: Path, recipe: str | None, dataset: Data) -> None:
-    """Raises InputError if an experiment is about a `recipe` and the dataset is of another."""
-    if recipe not in (None, dataset.recipe):
-        raise InputError(dataset.folder, f"its recipe is {dataset.recipe}; {path.name} is about {recipe}")
-
-
-def _defined(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise InputError(path, "no such file")
-    try:
-        return runpy.run_path(str(path))
-    except SystemExit as end:
-        raise InputError(path, f"ends the program (sys.exit: {end.code!r}) instead of defining an experiment") from None
-    except Exception as error:
-        raise InputError(path, f"{type(error).__name__}: {error}") from error
 
 
 def _plan(config: RunConfig, dataset: Data) -> str:

@@ -123,16 +123,22 @@ def read_heights(path: str | PathLike[str]) -> Float32[np.ndarray, "H W"]:
 
 
 def write_png(path: str | PathLike[str], image: Float[np.ndarray, "H W C"]) -> None:
-    """Write linear RGB (H, W, 3) or premultiplied RGBA (H, W, 4) as sRGB, 8 bits a channel, straight alpha.
+    """Write linear RGB (H, W, 3) or premultiplied RGBA (H, W, 4) as `png_bytes`. Raises InputError if `image` has another shape
+    or a NaN, or the file cannot be written."""
+    replace_file(path, png_bytes(_checked(path, image), path))
 
-    Colour is clipped to [0, 1] after the division by alpha; where alpha is 0 it is black. Raises InputError if `image`
-    has another shape or a NaN, or the file cannot be written.
+
+def png_bytes(image: Float[np.ndarray, "H W C"], source: str | PathLike[str] = "image") -> bytes:
+    """Linear RGB (H, W, 3) or premultiplied RGBA (H, W, 4) as a PNG file: sRGB, 8 bits a channel, straight alpha.
+
+    Colour is clipped to [0, 1] after the division by alpha; where alpha is 0 it is black. Raises InputError, about `source`,
+    for a NaN.
     """
     from PIL import Image
 
-    pixels = _checked(path, image).astype(np.float64)
+    pixels = image.astype(np.float64)
     if np.isnan(pixels).any():
-        raise InputError(path, "the image to write has NaN pixels")
+        raise InputError(source, "the image to write has NaN pixels")
     alpha = np.clip(pixels[..., 3:], 0, 1)
     cover = alpha if alpha.size else np.ones_like(pixels[..., :1])
     black = np.zeros_like(pixels[..., :3])
@@ -140,7 +146,7 @@ def write_png(path: str | PathLike[str], image: Float[np.ndarray, "H W C"]) -> N
     values = np.concatenate([linear_to_srgb(straight), alpha], axis=-1)
     stream = io.BytesIO()
     Image.fromarray((values * 255 + 0.5).astype(np.uint8)).save(stream, format="PNG")
-    replace_file(path, stream.getvalue())
+    return stream.getvalue()
 
 
 def linear_to_srgb(x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

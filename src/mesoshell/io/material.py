@@ -12,8 +12,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import MANIFEST, Bundle
+
+#: What values of parameters are given by, unless something else is at fault.
+PARAMS = Argument("params")
 
 
 def bundled() -> dict[str, Path]:
@@ -44,7 +47,7 @@ def digest(path: Path) -> str:
     return total.hexdigest()
 
 
-def check_name(bundle: Bundle, name: str, source: str = "--param") -> None:
+def check_name(bundle: Bundle, name: str, source: str = PARAMS) -> None:
     """Raise InputError, which says what was meant, unless the material has a parameter of this name."""
     known = [p.name for p in bundle.parameters]
     if name not in known:
@@ -54,7 +57,7 @@ def check_name(bundle: Bundle, name: str, source: str = "--param") -> None:
 
 
 def normalised(
-    bundle: Bundle, values: dict[str, float], role: str = "alpha", source: str = "--param"
+    bundle: Bundle, values: dict[str, float], role: str = "alpha", source: str = PARAMS
 ) -> Float[np.ndarray, "A"]:
     """α, or β, of a set of parameter values; defaults where none is given. Raises InputError for an unknown name or a value
     outside its range."""

@@ -13,8 +13,8 @@ from typing import Any, cast
 import mitsuba as mi
 import numpy as np
 
-from mesoshell.errors import InputError
-from mesoshell.geometry.mesh import Mesh, bounding_box, check_mesh, is_convex, moved, surface_area
+from mesoshell.errors import Argument, InputError
+from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex, moved, surface_area
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import bundled, check_name, find, normalised
 from mesoshell.io.surface import KIND, kind_of, read_surface
@@ -34,6 +34,7 @@ from mesoshell.render.effects import PATHS, plan_effects
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, proportions, transformed
+from mesoshell.silhouette.scene import default_period
 from mesoshell.silhouette.wear import Wear, wear
 
 NORMAL = PRESETS["normal"]
@@ -82,7 +83,7 @@ def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
                     found = _stands(element, mesh, scene.sensors(), materials)
                     stands, said = stands + found, found[0][0].notes
             except InputError as error:
-                raise InputError(element.where, str(error).removeprefix("--")) from error
+                raise InputError(element.where, str(error)) from error
             convex &= is_convex(mesh)
             notes += [f"{element.where}: {note}" for note in (*mesh.notes, *said)]
         stand_on(scene, Grown(stands, wears, convex, tuple(notes)), quality)
@@ -107,7 +108,8 @@ def stand_on(scene: mi.Scene, grown: Grown, quality: Quality) -> None:
     Raises InputError for a quality that paths cannot have."""
     if grown.stands and quality.spacing != "length":
         raise InputError(
-            "spacing", f"'{quality.spacing}' requires --engine jax: paths have samples in proportion to length"
+            Argument("spacing"),
+            f"'{quality.spacing}' requires `engine` jax: paths have samples in proportion to length",
         )
     shells = media = worn = None
     if grown.stands:
@@ -160,9 +162,9 @@ def _wears(
     ]
     if given:
         raise InputError(element.material, f"{given[0]} is of shells: a surface material has a scale alone")
-    path, box = _file(element.material), bounding_box(mesh)
+    path = _file(element.material)
     bundle = read_surface(path)
-    period = float(np.linalg.norm(box[1] - box[0])) * 2 / 25 if element.scale is None else element.scale
+    period = default_period(mesh) if element.scale is None else element.scale
     if not (np.isfinite(period) and period > 0):
         raise InputError(element.material, f"scale must be above 0, not {period:g}")
     material = materials.setdefault(path, SurfaceMaterial(bundle))

@@ -64,6 +64,11 @@ class Effects:
     def as_dict(self) -> dict[str, dict[str, object]]:
         return {name: {"on": e.on, "why": e.why} for name, e in vars(self).items()}
 
+    def __str__(self) -> str:
+        """One line an effect: whether it is compiled, and why."""
+        effects = vars(self).items()
+        return "\n".join(f"{'on ' if e.on else 'off'} {name.replace('_', ' ')}: {e.why}" for name, e in effects)
+
 
 @dataclass(frozen=True)
 class Engine:

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh, bounding_box, counted, uv_stretch
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.topology import pair_edges, split_fans
@@ -67,19 +67,20 @@ class Shell:
 def proportions(mesh: Mesh, height: float, thickness: float | None, scale: float | None) -> tuple[float, float]:
     """Thickness and scale (world) of a material that was made `height` patches high. What is not given follows from the
     other; if neither is, from the mesh's size. Raises InputError for a number that is not positive and finite."""
-    for name, value in (("--thickness", thickness), ("--scale", scale)):
+    for name, value in (("thickness", thickness), ("scale", scale)):
         if value is not None and not 0 < value < np.inf:
-            raise InputError(name, f"must be positive and finite, not {value:g}")
+            raise InputError(Argument(name), f"must be positive and finite, not {value:g}")
     low, high = bounding_box(mesh).astype(np.float64)
     least = float(np.linalg.norm(high - low)) / MOST_PATCHES
     if scale is not None and scale < least:
         raise InputError(
-            "--scale", f"{scale:g} is too small for this mesh, which would span {MOST_PATCHES:g} patches or more"
+            Argument("scale"),
+            f"{scale:g} is too small for this mesh, which would span {MOST_PATCHES:g} patches or more",
         )
     if thickness is None:
         thickness = float(np.linalg.norm(high - low)) * SHARE if scale is None else scale * height
     if scale is None and thickness / height < least:
-        raise InputError("--thickness", f"{thickness:g} makes patches too small for this mesh: give --scale")
+        raise InputError(Argument("thickness"), f"{thickness:g} makes patches too small for this mesh: give `scale`")
     return thickness, thickness / height if scale is None else scale
 
 
@@ -102,7 +103,9 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
     offset = (direction * grown[:, None]).astype(np.float32)
     stands[stands] = first_fold(base, offset.astype(np.float64), faces[stands]) >= 1
     if not stands.any():
-        raise InputError("--thickness", "no face of the mesh can be extruded: vertex normals lie below all of them")
+        raise InputError(
+            Argument("thickness"), "no face of the mesh can be extruded: vertex normals lie below all of them"
+        )
     if not stands.all():
         left = f"{(~stands).sum()} of {len(stands)} faces left out (first: face {np.argmin(stands)})"
         notes.append(f"{left}: they fold at any thickness, for a vertex normal lies below them")
@@ -222,7 +225,7 @@ def _neighbours(faces: Int[np.ndarray, "P 3"]) -> tuple[Int[np.ndarray, "P 3"], 
 def _patches(stretch: float, scale: float) -> tuple[float, list[str]]:
     """Patches a UV unit, and what to say if rounding them changed their size."""
     if not 0 < scale < np.inf:
-        raise InputError("--scale", f"must be positive and finite, not {scale:g}")
+        raise InputError(Argument("scale"), f"must be positive and finite, not {scale:g}")
     exact = stretch / scale
     patches = float(np.round(exact)) if exact >= 1 else exact
     if abs(exact / patches - 1) <= SAID_CHANGE:
@@ -234,10 +237,10 @@ def _patches(stretch: float, scale: float) -> tuple[float, list[str]]:
 def _check_thickness(thickness: float | Float[np.ndarray, "V"], count: int) -> Float[np.ndarray, "V"]:
     given = np.asarray(thickness, np.float64)
     if given.ndim and given.shape != (count,):
-        raise InputError("--thickness", f"has {given.size} values for {count} vertices")
+        raise InputError(Argument("thickness"), f"has {given.size} values for {count} vertices")
     wanted = np.broadcast_to(given, (count,))
     wrong = np.flatnonzero(~((wanted > 0) & (wanted < np.inf)))
     if len(wrong):
         where = f" (vertex {wrong[0]})" if given.ndim else ""
-        raise InputError("--thickness", f"must be positive and finite, not {wanted[wrong[0]]:g}{where}")
+        raise InputError(Argument("thickness"), f"must be positive and finite, not {wanted[wrong[0]]:g}{where}")
     return wanted

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.material import normalised
 from mesoshell.shell.bake import Share, bake
@@ -47,7 +47,7 @@ def grow(
     low, high = cells(uv)
     across, along = (int(n) for n in high.max(axis=0) - low.min(axis=0) + 1)
     if not fits((along, across), texels, bundle.channels):
-        raise InputError("--scale", f"the mesh would carry {across} × {along} patches: give larger ones")
+        raise InputError(Argument("scale"), f"the mesh would carry {across} × {along} patches: give larger ones")
     origin, needed = patches_of(uv)
     size = needed.shape[0] * texels, needed.shape[1] * texels
     moved = {key: lambda at, f=f: f(at + np.array(origin)) for key, f in wanted.fields.items()}

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
-from mesoshell.geometry.mesh import Mesh
+import numpy as np
+
+from mesoshell.geometry.mesh import Mesh, bounding_box
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant, Environment
 
@@ -20,3 +22,9 @@ class SurfaceDescription:
     base_colour: tuple[float, float, float]
     objects: tuple[Mesh, ...]
     transparent: bool
+
+
+def default_period(mesh: Mesh) -> float:
+    """World length of a period where none is given: 2/25 of the bounding box's diagonal."""
+    low, high = bounding_box(mesh)
+    return float(np.linalg.norm(high - low)) * 2 / 25

@@ -38,6 +38,11 @@ def split_cpu(rows: int = 0) -> None:
         os.environ["XLA_FLAGS"] = f"{flags} {flag}={devices}".strip()
 
 
+def rows_of(rays: int) -> int:
+    """Rows of a fit's step that its rays are split into."""
+    return 8 if rays % 8 == 0 else 1
+
+
 def device_count() -> int:
     return len(jax.devices())
 

@@ -9,7 +9,7 @@ import pytest
 PROGRAM = """
 import sys
 import numpy as np
-from mesoshell.cli.memory import keep_memory
+from mesoshell.train.malloc import keep_memory
 
 def held():
     return int(next(line for line in open("/proc/self/status") if line.startswith("VmRSS")).split()[1])

@@ -1,17 +1,17 @@
-"""A distilled surface material in the place of a shell, where the scene allows it: `plan_twin` (no JAX)."""
+"""Level of detail: a surface material that was distilled from a shell in its place, where the scene allows it: `plan_twin`
+(no JAX)."""
 
 import numpy as np
 
-from mesoshell.cli.description import Description
-from mesoshell.cli.render import Options, parse_params
 from mesoshell.geometry.mesh import Mesh, bounding_box, uv_stretch
 from mesoshell.geometry.normals import vertex_normals
-from mesoshell.io.bundle import Bundle
 from mesoshell.io.twin import Twin
 from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import twin_reach
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
+from mesoshell.scene.scene import Scene
+from mesoshell.scene.setup import ShellDescription, grows
 from mesoshell.shell.extrude import Shell
 from mesoshell.silhouette.scene import SurfaceDescription
 from mesoshell.silhouette.wear import wear
@@ -20,22 +20,23 @@ from mesoshell.silhouette.wear import wear
 THICKNESS, VALUE = 0.1, 1e-3
 
 
-def twin_facts(options: Options, bundle: Bundle, d: Description, quality: Quality) -> TwinFacts | None:
-    """What decides whether the bundle's twin may stand in for the shell that is described."""
-    if bundle.twin is None:
+def twin_facts(scene: Scene, d: ShellDescription, quality: Quality) -> TwinFacts | None:
+    """What decides whether the material's twin may stand in for the shell that is described."""
+    twin = scene.material.shell.twin
+    if twin is None:
         return None
     top = surface(d.shell)
     low, high = bounding_box(top)
     eye = d.camera.to_world[:3, 3]
     near = float(np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0)))
     finest = float(pixel_radius(d.camera.spread) / 2 * near / uv_stretch(top))
-    misfit = _misfit(options, bundle, d, bundle.twin)
-    if not misfit and finest >= twin_reach(bundle.twin.errors, quality.twin):
-        misfit = _bent(top, bundle.twin, quality)
-    return TwinFacts(finest, bundle.twin.errors, misfit)
+    misfit = _misfit(scene, d, twin)
+    if not misfit and finest >= twin_reach(twin.errors, quality.twin):
+        misfit = _bent(top, twin, quality)
+    return TwinFacts(finest, twin.errors, misfit)
 
 
-def in_place(d: Description) -> SurfaceDescription:
+def in_place(d: ShellDescription) -> SurfaceDescription:
     """The same, of a mesh that is the shell's top."""
     top = surface(d.shell)
     return SurfaceDescription(
@@ -56,10 +57,8 @@ def surface(shell: Shell) -> Mesh:
     return Mesh(top, shell.faces, shell.uv, vertex_normals(top, shell.faces)[0].astype(np.float32), ())
 
 
-def _misfit(options: Options, bundle: Bundle, d: Description, twin: Twin) -> str:
-    given = parse_params(options.param)
-    shape = [p.name for p in bundle.parameters if p.role == "beta" and p.name in given]
-    if bundle.generator is not None and (not bundle.baked or options.seed is not None or shape):
+def _misfit(scene: Scene, d: ShellDescription, twin: Twin) -> str:
+    if grows(scene):
         return "a texture is grown"
     if d.maps:
         return f"{next(iter(d.maps))} varies"

@@ -1,0 +1,39 @@
+"""Scenes rendered and explained. Importing it loads no JAX."""
+
+from typing import Any, Literal
+
+from mesoshell.render.effects import Effects
+from mesoshell.render.quality import Quality
+from mesoshell.scene.picture import Picture, Prepared, Progress
+from mesoshell.scene.prepare import prepare, quality_of
+from mesoshell.scene.scene import Scene
+
+Engine = Literal["jax", "mitsuba"]
+
+
+def render(
+    scene: Scene,
+    quality: str | Quality = "normal",
+    *,
+    engine: Engine = "jax",
+    progress: Progress = lambda share: None,
+    **changes: Any,
+) -> Picture:
+    """A picture of a scene, as `mesoshell render` makes it, bit for bit.
+
+    quality: "draft", "normal", "reference" or a Quality; changes: of its fields, such as samples=64. engine: "jax" marches
+    rays, with light straight from its sources; "mitsuba" traces paths, with light from everywhere. progress: called with the
+    share done, 0 to 1, while it renders. Raises InputError, which names the argument or the file at fault.
+    """
+    return _prepared(scene, quality, engine, changes).picture(progress)
+
+
+def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine = "jax", **changes: Any) -> Effects:
+    """Which effects a scene calls for, and why; printed, a line each. Nothing is rendered. Arguments: as of `render`."""
+    effects = _prepared(scene, quality, engine, changes).effects
+    assert effects is not None  # as of a scene of Mitsuba's own
+    return effects
+
+
+def _prepared(scene: Scene, quality: str | Quality, engine: Engine, changes: dict[str, Any]) -> Prepared:
+    return prepare(scene, quality_of(quality, engine, changes), engine)

@@ -1,0 +1,97 @@
+"""From a scene that an engine is ready to render to a picture of it (no JAX)."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell import __version__
+from mesoshell.errors import Argument, InputError
+from mesoshell.io.image import png_bytes, write_exr, write_png
+from mesoshell.render.effects import Effects
+from mesoshell.scene.scene import Scene
+
+#: Called with the share done, 0 to 1.
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A rendered picture; a notebook displays it. rgba: linear Rec. 709, premultiplied; report: JSON, what it took, which
+    effects and quality it was rendered with, and the material; notes: what the user should know, a line each."""
+
+    rgba: Float[np.ndarray, "H W 4"]
+    report: dict[str, Any] = field(repr=False)
+    notes: tuple[str, ...] = ()
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it: sRGB with straight alpha as .png, linear and premultiplied as .exr. Raises InputError for another name, or
+        where nothing can be written."""
+        writers = {".png": write_png, ".exr": write_exr}
+        suffix = Path(path).suffix.lower()
+        if suffix not in writers:
+            raise InputError(Argument("path"), f"{fspath(path)} must end in .png or .exr")
+        writers[suffix](path, self.rgba)
+
+    def _repr_png_(self) -> bytes:
+        return png_bytes(self.rgba)
+
+
+class Rendered(NamedTuple):
+    """What an engine gives: linear premultiplied RGBA, seconds by stage, and its part of the report. notes: as of a Picture."""
+
+    rgba: Float[np.ndarray, "H W 4"]
+    seconds: dict[str, float]
+    record: dict[str, Any]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A scene that an engine is ready to render. material: the report's part about it; effects: None for a scene of Mitsuba's
+    that holds no shell; notes: what the user should know, a line each; begun: `time.perf_counter` when it was asked for; setup:
+    seconds since then; work: renders it."""
+
+    engine: str
+    material: dict[str, Any]
+    effects: Effects | None
+    notes: tuple[str, ...]
+    begun: float
+    setup: float
+    work: Callable[[Progress], Rendered]
+
+    @classmethod
+    def now(
+        cls,
+        scene: Scene,
+        engine: str,
+        effects: Effects,
+        notes: tuple[str, ...],
+        begun: float,
+        work: Callable[[Progress], Rendered],
+    ) -> "Prepared":
+        """A scene that has just become ready."""
+        return cls(engine, _about(scene), effects, notes, begun, time.perf_counter() - begun, work)
+
+    def picture(self, progress: Progress = lambda share: None) -> Picture:
+        """Render it."""
+        rendered = self.work(progress)
+        seconds = {"setup": self.setup, **rendered.seconds, "total": time.perf_counter() - self.begun}
+        about = {"version": __version__, "engine": self.engine}
+        report = about | rendered.record | {"material": self.material, "seconds": seconds}
+        return Picture(rendered.rgba, report, (*self.notes, *rendered.notes))
+
+
+def _about(scene: Scene) -> dict[str, Any]:
+    """What a report says of the material: its name, the parameters given, and its provenance."""
+    given = {
+        name: f"an image of {' x '.join(map(str, value.shape))}" if isinstance(value, np.ndarray) else value
+        for name, value in scene.params.items()
+    }
+    given = {name: fspath(value) if isinstance(value, PathLike) else value for name, value in given.items()}
+    return {"name": scene.material.name, "parameters": given, **scene.material.provenance}

@@ -1,0 +1,60 @@
+"""A scene made ready by the engine that shall render it. Only that engine is imported."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import fields
+from difflib import get_close_matches
+from typing import Any
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.io.surface import KIND
+from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.scene.picture import Prepared, Progress
+from mesoshell.scene.scene import Scene
+
+ENGINES = ("jax", "mitsuba")
+#: Fields of a quality that only the path tracer has a use for; the most that they count a pixel: samples, bounces.
+OF_PATHS, MOST = ("spp", "max_depth"), 2**24
+
+
+def quality_of(quality: str | Quality, engine: str, changes: Mapping[str, Any]) -> Quality:
+    """A quality by its name, or one that is there, with changes of its fields. Raises InputError for a name, a field or a value
+    that is none, or a field that the engine has no use for."""
+    if engine not in ENGINES:
+        raise InputError(Argument("engine"), f"must be one of {', '.join(ENGINES)}, not {engine}")
+    if isinstance(quality, str) and quality not in PRESETS:
+        raise InputError(Argument("quality"), f"must be a Quality or one of {', '.join(PRESETS)}, not {quality}")
+    for name, value in changes.items():
+        _check_field(name, value, engine)
+    begun = PRESETS[quality] if isinstance(quality, str) else quality
+    try:
+        return begun.with_changes(**changes)
+    except (TypeError, ValueError) as error:
+        raise InputError(Argument("quality"), str(error)) from error
+
+
+def _check_field(name: str, value: Any, engine: str) -> None:
+    known = [field.name for field in fields(Quality)]
+    if name not in known:
+        near = get_close_matches(name, known, 1)
+        raise InputError(Argument(name), "is no field of Quality" + (f"; did you mean {near[0]}?" if near else ""))
+    if name in OF_PATHS:
+        if engine != "mitsuba":
+            raise InputError(Argument(name), "requires `engine` mitsuba")
+        if value < 1:
+            raise InputError(Argument(name), f"{value} must be at least 1")
+        if value > MOST:
+            raise InputError(Argument(name), f"{value} must be at most {MOST}")
+
+
+def prepare(scene: Scene, quality: Quality, engine: str = "jax", progress: Progress = lambda share: None) -> Prepared:
+    """The scene, ready to be rendered, its effects decided; nothing is compiled yet. progress: of growing a texture. Raises
+    InputError."""
+    begun = time.perf_counter()
+    if engine == "mitsuba":
+        from mesoshell.scene.render_paths import prepare_paths as prepared_by
+    elif scene.material.kind == KIND:
+        from mesoshell.scene.render_surface import prepare_surface as prepared_by
+    else:
+        from mesoshell.scene.render_shell import prepare_shell as prepared_by
+    return prepared_by(scene, quality, begun, progress)

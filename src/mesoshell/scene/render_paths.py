@@ -1,0 +1,149 @@
+"""Pictures by path tracing in Mitsuba: of a scene, or of one of Mitsuba's own (no JAX, but where a texture must be grown)."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import is_convex
+from mesoshell.io.surface import KIND, SurfaceBundle
+from mesoshell.limits import check_memory
+from mesoshell.pathtracer import assemble, integrator, load_file
+from mesoshell.pathtracer.load import Grown, stand_on
+from mesoshell.pathtracer.material import Material
+from mesoshell.pathtracer.media import Medium
+from mesoshell.pathtracer.worn import SurfaceMaterial
+from mesoshell.render.effects import PATHS, plan_twin
+from mesoshell.render.facts import TwinFacts
+from mesoshell.render.quality import Quality
+from mesoshell.render.used import quality_used
+from mesoshell.scene.lod import in_place, twin_facts
+from mesoshell.scene.picture import Prepared, Progress, Rendered
+from mesoshell.scene.scene import Scene
+from mesoshell.scene.setup import ShellDescription, describe_shell, describe_surface
+from mesoshell.silhouette.scene import SurfaceDescription
+from mesoshell.silhouette.wear import wear
+
+import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
+
+#: Paths that are traced at once: what is in memory.
+LANES = 2**22
+
+
+def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
+    """The scene, ready for Mitsuba. progress: of growing a texture. Raises InputError."""
+    made, notes = _made(scene, quality, progress)
+    world = _world(made)
+    assert world is not None
+    work = _work(made, quality.spp)
+    return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, work)
+
+
+def prepare_file(path: Path, quality: Quality, samples: int | None, material: dict[str, Any]) -> Prepared:
+    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as it says itself. material: what the report says
+    of it. Raises InputError."""
+    begun = time.perf_counter()
+    made = load_file(path, quality)
+    samples = _samples(made, path, samples)
+    world = _world(made)
+    effects, notes = (None, ()) if world is None else (world.effects, world.notes)
+    work = _work(made, samples)
+    return Prepared(PATHS.name, material, effects, notes, begun, time.perf_counter() - begun, work)
+
+
+def _world(scene: mi.Scene) -> Any:
+    """What its integrator traces paths through beside surfaces; None if it is none of ours."""
+    return getattr(scene.integrator(), "world", None)
+
+
+def _work(scene: mi.Scene, samples: int) -> Callable[[Progress], Rendered]:
+    def work(progress: Progress) -> Rendered:
+        begin = time.perf_counter()
+        image, rays = _rendered(scene, samples, progress)
+        world = _world(scene)
+        record = {"rays": rays, "queries": 0, "effects": {}, "quality": {}}
+        if world is not None:
+            used = quality_used(world.quality.with_changes(spp=samples), world.effects, PATHS)
+            record |= {"queries": world.queries, "effects": world.effects.as_dict(), "quality": used}
+        return Rendered(image, {"render": time.perf_counter() - begin}, record)
+
+    return work
+
+
+def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:
+    """Paths a pixel. Raises InputError for a scene of nothing to be seen by, or of a film that memory does not hold."""
+    if not scene.sensors():
+        raise InputError(path, "has no sensor")
+    width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
+    if not width * height:
+        raise InputError(path, f"its film of {width} x {height} has no pixels")
+    samples = samples or scene.sensors()[0].sampler().sample_count()
+    if not samples:
+        raise InputError(path, "its sampler takes no samples: give sample_count, or `spp`")
+    check_memory(path, f"its film of {width} x {height}", 64 * width * height)
+    return samples
+
+
+def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene, tuple[str, ...]]:
+    """A scene of Mitsuba's with what the scene holds, and what the user should know."""
+    if scene.material.kind == KIND:
+        d = describe_surface(scene)
+        return _dressed(d, scene.material.surface, quality, d.mesh.notes)
+    d, bundle = describe_shell(scene, progress), scene.material.shell
+    seen = twin_facts(scene, d, quality)
+    if bundle.twin is not None and plan_twin(seen, quality).on:
+        return _dressed(in_place(d), bundle.twin.surface, quality, d.notes, seen)
+    made = mi.load_dict(_parts(quality, d) | {"surface": assemble.surface(d.mesh, d.base_colour)})
+    names = [p.name for p in bundle.parameters if p.role == "alpha"]
+    maps = {name: assemble.over_uv(image) for name, image in d.maps.items()}
+    alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
+    medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
+    stand_on(made, Grown([(d.shell, medium)], convex=is_convex(d.mesh), twin=seen), quality)
+    return made, d.notes
+
+
+def _dressed(
+    d: SurfaceDescription,
+    bundle: SurfaceBundle,
+    quality: Quality,
+    notes: tuple[str, ...],
+    twin: TwinFacts | None = None,
+) -> tuple[mi.Scene, tuple[str, ...]]:
+    """The same of a mesh that wears a surface material."""
+    worn = wear(d.mesh, d.period, quality)
+    made = mi.load_dict(_parts(quality, d))
+    grown = Grown([], [(worn, SurfaceMaterial(bundle))], convex=is_convex(d.mesh), twin=twin)
+    stand_on(made, grown, quality)
+    return made, (*notes, *worn.notes(bundle.curvature))
+
+
+def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[str, Any]:
+    """Camera, lights and objects of what was described."""
+    integrator.register()
+    depths = {"max_depth": quality.max_depth, "rr_depth": quality.rr_depth}
+    parts: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "mesoshell_path", "hide_emitters": d.transparent, **depths},
+        "sensor": assemble.sensor(d.camera, quality.spp),
+    }
+    parts |= {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
+    parts |= {f"object{i}": assemble.surface(mesh, d.base_colour) for i, mesh in enumerate(d.objects)}
+    return parts if d.environment is None else parts | {"sky": assemble.sky(d.environment)}
+
+
+def _rendered(scene: mi.Scene, samples: int, progress: Progress) -> tuple[np.ndarray, int]:
+    """The picture, RGBA, as the mean of passes that fit in memory; and how many camera rays it took."""
+    width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
+    each = max(1, min(samples, LANES // (width * height)))
+    counts = [min(each, samples - k) for k in range(0, samples, each)]
+    total = np.zeros((height, width, 4))
+    for seed, count in enumerate(counts):
+        image = np.array(mi.render(scene, spp=count, seed=mi.UInt32(seed)))
+        if image.shape[-1] == 3:
+            image = np.concatenate([image, np.ones_like(image[..., :1])], axis=-1)
+        total += count / samples * image[..., :4]
+        progress(sum(counts[: seed + 1]) / samples)
+    return total.astype(np.float32), width * height * samples

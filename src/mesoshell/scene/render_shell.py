@@ -1,0 +1,97 @@
+"""Pictures of a neural shell by marching rays in JAX.
+
+Notation
+stretch     world length of one UV unit, averaged over the surface
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mesoshell.geometry.enclosure import enclosure
+from mesoshell.geometry.mesh import bounding_box, is_convex, uv_stretch
+from mesoshell.render.camera import pixel_radius
+from mesoshell.render.effects import MARCH, left_out, plan_effects, plan_twin
+from mesoshell.render.facts import Facts
+from mesoshell.render.quality import Quality
+from mesoshell.render.used import quality_used
+from mesoshell.scene.lod import in_place, twin_facts
+from mesoshell.scene.picture import Prepared, Progress, Rendered
+from mesoshell.scene.render_surface import prepare_wearing
+from mesoshell.scene.scene import Scene
+from mesoshell.scene.setup import ShellDescription, describe_shell
+from mesoshell.shell.horizon import lowest
+from mesoshell.shell.renderer import render
+from mesoshell.shell.scene import Scene as MarchedScene
+from mesoshell.shell.scene import ready
+
+
+def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
+    """The scene, ready to be marched, or, from afar, with a surface material in the shell's place. progress: of growing a
+    texture. Raises InputError."""
+    d = describe_shell(scene, progress)
+    twin, seen = scene.material.shell.twin, twin_facts(scene, d, quality)
+    if twin is not None and plan_twin(seen, quality).on:
+        return prepare_wearing(scene, in_place(d), twin.surface, quality, begun, seen, d.notes)
+    marched = marched_scene(d)
+    effects = plan_effects(replace(facts(marched), twin=seen), quality)
+
+    def work(progress: Progress) -> Rendered:
+        image, report = render(marched, quality, effects, progress)
+        counts = report.counts
+        record = {
+            "rays": counts.get("rays", 0),
+            "queries": sum(counts.get(k, 0) for k in ("density_queries", "transport_queries", "surface_queries")),
+            "counts": counts,
+            "effects": effects.as_dict(),
+            "quality": quality_used(quality, effects, MARCH),
+        }
+        return Rendered(image.astype(np.float32), report.seconds, record)
+
+    return Prepared.now(scene, MARCH.name, effects, (*d.notes, *left_out(effects)), begun, work)
+
+
+def marched_scene(d: ShellDescription) -> MarchedScene:
+    """What was described, ready for the renderer."""
+    return MarchedScene(
+        mesh=d.mesh,
+        shell=d.shell,
+        ready=ready(d.material, d.origin),
+        camera=d.camera,
+        lights=d.lights,
+        environment=d.environment,
+        alpha=d.alpha,
+        maps=d.maps,
+        patches_per_uv=d.patches_per_uv,
+        base_colour=d.base_colour,
+        objects=d.objects,
+        transparent=d.transparent,
+    )
+
+
+def facts(scene: MarchedScene) -> Facts:
+    """What the effects are planned from."""
+    corners = bounding_box(scene.mesh)
+    far = np.linalg.norm(np.abs(corners - scene.camera.to_world[:3, 3]).max(axis=0))
+    patch = uv_stretch(scene.mesh) / scene.patches_per_uv
+    footprint = pixel_radius(scene.camera.spread) / 2 * far / patch
+    convex = is_convex(scene.mesh)
+    ends = np.concatenate([scene.shell.base, scene.shell.base + scene.shell.offset])
+    eye = scene.camera.to_world[:3, 3]
+    return Facts(
+        shells=1,
+        objects=len(scene.objects),
+        distant=len(scene.lights),
+        environment=scene.environment is not None,
+        seen=not scene.transparent,
+        convex=convex,
+        enclosed=0.0 if convex and not scene.objects else enclosure([scene.mesh, *scene.objects]),
+        low=scene.environment is not None
+        or lowest(scene.shell, np.array([x.direction for x in scene.lights]).reshape(-1, 3)) <= 0,
+        ground=max(scene.base_colour),
+        coarsest=float(2 * footprint * scene.ready.layout.texel_density),
+        rows=scene.ready.layout.height_sizes[0][0],
+        inside=bool(((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()),
+        varying=tuple(scene.maps),
+        shaped=scene.ready.layout.nodes is not None,
+    )

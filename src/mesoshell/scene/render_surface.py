@@ -1,0 +1,50 @@
+"""Pictures of a mesh that wears a surface material, one query a hit, in JAX."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mesoshell.io.surface import SurfaceBundle
+from mesoshell.render.effects import SURFACE, left_out, plan_effects
+from mesoshell.render.facts import TwinFacts
+from mesoshell.render.quality import Quality
+from mesoshell.render.used import quality_used
+from mesoshell.scene.picture import Prepared, Progress, Rendered
+from mesoshell.scene.scene import Scene
+from mesoshell.scene.setup import describe_surface
+from mesoshell.silhouette.ready import ready
+from mesoshell.silhouette.renderer import SurfaceScene, facts, render
+from mesoshell.silhouette.scene import SurfaceDescription
+
+
+def prepare_surface(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
+    """The scene, ready to be rendered; there is nothing to say the progress of. Raises InputError."""
+    d = describe_surface(scene)
+    return prepare_wearing(scene, d, scene.material.surface, quality, begun, None, d.mesh.notes)
+
+
+def prepare_wearing(
+    scene: Scene,
+    d: SurfaceDescription,
+    bundle: SurfaceBundle,
+    quality: Quality,
+    begun: float,
+    twin: TwinFacts | None,
+    notes: tuple[str, ...],
+) -> Prepared:
+    """The same of a mesh that wears a bundle's material, perhaps as the twin of the scene's."""
+    worn = SurfaceScene(**vars(d), ready=ready(bundle))
+    effects = plan_effects(replace(facts(worn), twin=twin), quality, SURFACE)
+
+    def work(progress: Progress) -> Rendered:
+        image, report = render(worn, quality, effects, progress)
+        record = {
+            "rays": report.counts.get("rays", 0),
+            "queries": report.counts.get("queries", 0),
+            "counts": report.counts,
+            "effects": effects.as_dict(),
+            "quality": quality_used(quality, effects, SURFACE),
+        }
+        return Rendered(image.astype(np.float32), report.seconds, record, report.notes)
+
+    return Prepared.now(scene, SURFACE.name, effects, (*notes, *left_out(effects)), begun, work)

@@ -1,0 +1,68 @@
+"""A scene as its user describes it, in no engine's terms (no JAX)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.render.camera import Camera
+from mesoshell.render.light import Distant
+from mesoshell.scene.defaults import EARTH, IRRADIANCE, SIZE
+from mesoshell.scene.materials import Material, Value
+
+#: x, y, z in the mesh's axes.
+Direction = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A mesh grown with a material, its camera and its lights.
+
+    mesh: an OBJ, PLY, GLB or STL file, unwrapped if it has no texture coordinates; or a mesh that was loaded before.
+    material: of `load_material`.
+    thickness: height of the shell in the mesh's unit. Default: as high over `scale` as the material was made, or 1/25 of the
+        bounding box's diagonal. A surface material has none.
+    scale: world length of one texture patch, or of a surface material's period, in the mesh's unit. Default: as the material
+        was made; of bundled shells the thickness, of surface materials 2/25 of the diagonal.
+    params: values of the material's parameters, by name: a number in the parameter's unit, or an image that varies it over the
+        UV square, a file or (H, W) in [0, 1], whose black to white spans the parameter's range.
+    seed: which of a generator's textures grows on the mesh; a material that is one texture has no other. Default: 0.
+    size: width and height of the picture in pixels.
+    camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default: it
+        frames the mesh from the upper front.
+    lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: key, fill and bounce, unless
+        there is an environment.
+    irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
+    environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it.
+    base_colour: diffuse albedo of the surface under a shell and of `objects`, linear Rec. 709, each from 0 to 1.
+    objects: further meshes in the same frame that cast and receive shadows.
+    up: the axis that points up, "y" or "z". Default: z for PLY and STL files, else y.
+    transparent: whether the background is transparent even where there is an environment.
+
+    Files are read, and values checked, when the scene is rendered or explained. Raises InputError for a material that is none.
+    """
+
+    mesh: str | PathLike[str] | Mesh
+    material: Material
+    thickness: float | None = None
+    scale: float | None = None
+    params: Mapping[str, Value] = field(default_factory=dict)
+    seed: int | None = None
+    size: tuple[int, int] = SIZE
+    camera: Camera | Sequence[float] | None = None
+    lights: Sequence[Distant | Direction] = ()
+    irradiance: float = IRRADIANCE
+    environment: str | PathLike[str] | Float[np.ndarray, "_ _ 3"] | None = None
+    base_colour: tuple[float, float, float] = EARTH
+    objects: Sequence[str | PathLike[str] | Mesh] = ()
+    up: Literal["y", "z"] | None = None
+    transparent: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.material, Material):
+            raise InputError(Argument("material"), f"{self.material!r} was not loaded: give load_material's")

@@ -1,0 +1,75 @@
+"""Experiment files: Python that defines what a run depends on beside its data."""
+
+import runpy
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.train.method import Data, method_of
+from mesoshell.train.presets import PRESETS
+from mesoshell.train.record import read_record
+from mesoshell.train.stream import RunConfig
+
+
+def read_experiment(path: Path, preset: str | None = None) -> Any:
+    """The `config` of an experiment file, a TrainConfig or a ParametricConfig, or its `variant` of a preset. Raises InputError
+    if it does not run or lacks it."""
+    return experiment_of(path, preset)[0]
+
+
+def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | None]:
+    """The same and the `recipe` that the file is about, if it says so. It is executed once."""
+    wanted = "config" if preset is None else "variant"
+    defined = _defined(path)
+    found = defined.get(wanted)
+    try:
+        config = found(PRESETS[preset]) if preset is not None and callable(found) else found
+    except SystemExit as end:
+        raise InputError(path, f"`variant` ends the program (sys.exit: {end.code!r})") from None
+    except Exception as error:
+        raise InputError(path, f"{type(error).__name__}: {error}") from error
+    if not isinstance(config, RunConfig):
+        of = {"config": "that is", "variant": "that makes of a TrainConfig"}[wanted]
+        raise InputError(
+            path,
+            f"defines no `{wanted}` {of} a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an "
+            "AtlasTraining (mesoshell.train.state, .textures_state, .parametric, .surface and .atlas)",
+        )
+    return config, defined.get("recipe")
+
+
+def read_data(config: RunConfig, data: str | PathLike[str], run: Path) -> Data:
+    """What a run learns from: of a folder or a file, as the run in a folder was begun with, if there is one. Raises
+    InputError."""
+    begun = read_record(run)[1] if (run / "config.json").exists() else {}
+    return method_of(config).read(config, {**begun, "folder": data})
+
+
+def check_recipe(path: Path, recipe: str | None, dataset: Data) -> None:
+    """Raises InputError if an experiment is about a `recipe` and the dataset is of another."""
+    if recipe not in (None, dataset.recipe):
+        raise InputError(dataset.folder, f"its recipe is {dataset.recipe}; {path.name} is about {recipe}")
+
+
+def of_length(config: Any, kimg: float | None) -> Any:
+    """The configuration with another `kimg`, if one is given. Raises InputError."""
+    if kimg is None:
+        return config
+    if not (np.isfinite(kimg) and kimg > 0):
+        raise InputError(Argument("kimg"), f"must be above 0 and finite, not {kimg}")
+    return replace(config, kimg=kimg)
+
+
+def _defined(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise InputError(path, "no such file")
+    try:
+        return runpy.run_path(str(path))
+    except SystemExit as end:
+        raise InputError(path, f"ends the program (sys.exit: {end.code!r}) instead of defining an experiment") from None
+    except Exception as error:
+        raise InputError(path, f"{type(error).__name__}: {error}") from error

@@ -18,12 +18,12 @@ WITHOUT_JAX := numpy scipy jaxtyping trimesh networkx libigl xatlas pillow OpenE
 demo: .venv/installed
 	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
 
-test: .venv/installed-dev lint $(BLENDER) nojax
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=10
-	$(BIN)/python notebooks/execute.py
+test: .venv/installed-dev
+	+$(MAKE) -j 2 lint $(BLENDER) nojax
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=25
 
-test-all: .venv/installed-dev lint $(BLENDER) nojax
-	$(BIN)/python notebooks/execute.py
+test-all: .venv/installed-dev
+	+$(MAKE) -j 2 lint $(BLENDER) nojax
 	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=10 -m "slow or not slow"
 
 test-gpu: .venv/installed-dev

@@ -17,6 +17,7 @@
 
 # %%
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -35,7 +36,7 @@ from mesoshell.train.snapshot import as_colours
 from mesoshell.train.textures import latents, made, own_phases, start
 from mesoshell.train.textures_state import TexturesConfig
 
-config = GeneratorConfig(texels=32, channel_base=512, channel_max=16, channels=8, waves=16, z=16, w=16, betas=1)
+config = GeneratorConfig(32, channel_base=512, channel_max=16, channels=8, layers=7, waves=16, z=16, w=16, betas=1)
 generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
 
 # %% [markdown]
@@ -59,14 +60,18 @@ for i, (row, f) in enumerate(zip(rows_of(config), frequencies_of(config).layers,
 
 
 # %%
+@partial(jax.jit, static_argnums=(0, 1))
+def synthesised(config, size, w, phases, tile):
+    return synthesise(config, generator, averages, w, phases, tile, size).feature[0]
+
+
 def texture(config, seed, size, corner=(0, 0), beta=0.5):
     k = jax.random.split(jax.random.key(seed))
     z = jax.random.normal(k[0], (1, config.z))
     w = map_latent(generator, z, jnp.full((1, 1), beta))
     phases = draw_phases(config, k[1], 1)
     tile = jnp.array(corner, jnp.int32) * CELL
-    run = jax.jit(lambda g, w, p, t: synthesise(config, g, averages, w, p, t, size).feature[0])
-    return np.asarray(run(generator, w, phases, tile))
+    return np.asarray(synthesised(config, size, w, phases, tile))
 
 
 figure, axes = plt.subplots(1, 3, figsize=(11, 4))
@@ -128,8 +133,7 @@ varied = {}
 for name, beta in (("0", 0 * ramp), ("ramp", ramp), ("1", 0 * ramp + 1)):
     w = map_latent(generator, jnp.broadcast_to(z, (len(beta), config.z)), jnp.asarray(beta, jnp.float32)[:, None])
     on_nodes = jnp.broadcast_to(w[None, None], (1, nodes[1], *w.shape))
-    run = jax.jit(lambda g, w: synthesise(config, g, averages, w, phases, jnp.zeros(2, jnp.int32), size).feature[0])
-    varied[name] = np.asarray(run(generator, on_nodes))
+    varied[name] = np.asarray(synthesised(config, size, on_nodes, phases, jnp.zeros(2, jnp.int32)))
 
 figure, axes = plt.subplots(3, 1, figsize=(10, 8), layout="constrained")
 together = as_colours(np.concatenate(list(varied.values()))) ** (1 / 2.2)  # one scale of colours for all

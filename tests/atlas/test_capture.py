@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from mesoshell.atlas.capture import at_most, read_capture
+from mesoshell.atlas.capture import Capture, at_most, read_capture
 from mesoshell.atlas.hull import CELLS
 from mesoshell.atlas.photo import photo_rays, rays_of
 from mesoshell.errors import InputError
@@ -21,6 +21,11 @@ from tests import balls
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory):
     return balls.write_capture(tmp_path_factory.mktemp("captures") / "ball")
+
+
+@pytest.fixture(scope="module")
+def capture(ball) -> Capture:
+    return read_capture(ball)
 
 
 @pytest.fixture
@@ -36,8 +41,7 @@ def said(folder, **changes):
     return about
 
 
-def test_the_box_holds_the_object_closely(ball) -> None:
-    capture = read_capture(ball)
+def test_the_box_holds_the_object_closely(capture) -> None:
     assert len(capture.photos) == 16 and capture.agreement > 0.99 and not capture.warnings
     np.testing.assert_allclose(capture.centre, balls.CENTRE, atol=0.08)
     assert balls.AXES.max() < capture.half < 1.25 * balls.AXES.max()
@@ -48,15 +52,14 @@ def test_the_box_holds_the_object_closely(ball) -> None:
     assert capture.points is not None and len(capture.points) > 480
 
 
-def test_colours_are_linear_and_black_beside_the_object(ball) -> None:
-    capture = read_capture(ball)
+def test_colours_are_linear_and_black_beside_the_object(ball, capture) -> None:
     image = read_png(ball / "images/003.png")
     np.testing.assert_array_equal(capture.rgb[3], image[..., :3])
     assert (capture.rgb[3][capture.masks[3] == 0] == 0).all()
 
 
-def test_rays_of_counted_pixels_are_the_photographs_own(ball) -> None:
-    photos = read_capture(ball).photos
+def test_rays_of_counted_pixels_are_the_photographs_own(capture) -> None:
+    photos = capture.photos
     pixel = np.array([0, 47, 48 * 48 - 1, 48 * 48, 5 * 48 * 48 + 100])
     o, d = rays_of(photos, pixel)
     for i, n in enumerate(pixel):
@@ -65,8 +68,7 @@ def test_rays_of_counted_pixels_are_the_photographs_own(ball) -> None:
         np.testing.assert_allclose((o[i], d[i]), (wanted[0][0], wanted[1][0]), atol=1e-12)
 
 
-def test_smaller_pictures_are_means_seen_by_the_same_camera(ball) -> None:
-    capture = read_capture(ball)
+def test_smaller_pictures_are_means_seen_by_the_same_camera(ball, capture) -> None:
     small = at_most(capture, 16)
     assert small.rgb[0].shape == (16, 16, 3) and small.photos[0].width == 16
     np.testing.assert_allclose(small.rgb[0][4, 5], capture.rgb[0][12:15, 15:18].mean(axis=(0, 1)), rtol=1e-6)
@@ -81,8 +83,8 @@ def test_smaller_pictures_are_means_seen_by_the_same_camera(ball) -> None:
 
 
 @pytest.mark.parametrize("colour", ["black", "white"])
-def test_a_background_stands_for_masks(ball, own, colour) -> None:
-    truth = read_capture(ball)
+def test_a_background_stands_for_masks(capture, own, colour) -> None:
+    truth = capture
     for i, path in enumerate(sorted((own / "images").iterdir())):
         rgba = read_png(path)
         seen = rgba[..., :3] + (colour == "white") * (1 - rgba[..., 3:])
@@ -149,11 +151,11 @@ def codes(rgba: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("form", "images"), [(as_idr, "image"), (as_colmap, "images")])
-def test_other_forms_say_the_same(ball, tmp_path, form, images) -> None:
+def test_other_forms_say_the_same(capture, tmp_path, form, images) -> None:
     """JPEG images with masks beside them, as IDR and COLMAP have them: the box, cameras, colours and points are the same."""
     (tmp_path / images).mkdir()
     form(tmp_path)
-    found, wanted = read_capture(tmp_path), read_capture(ball)
+    found, wanted = read_capture(tmp_path), capture
     np.testing.assert_allclose(found.centre, wanted.centre, atol=0.05)
     assert found.half == pytest.approx(wanted.half, rel=0.05) and found.agreement > 0.99 and not found.warnings
     assert found.points is not None and len(found.points) > 480

@@ -212,9 +212,8 @@ def combed(tmp_path_factory) -> tuple[Path, Path]:
 
 
 def test_images_vary_geometry_and_appearance(combed, tmp_path) -> None:
-    """Each is a picture of its own; a constant image is the constant."""
+    """Each is a picture of its own (that a constant image is the constant, tests of nodes say)."""
     material, image = combed
-    write_png(tmp_path / "white.png", np.ones((2, 2, 3), np.float32))
 
     def picture(name: str, *more: object) -> np.ndarray:
         out = tmp_path / f"{name}.png"
@@ -222,13 +221,11 @@ def test_images_vary_geometry_and_appearance(combed, tmp_path) -> None:
         main([str(x) for x in (*given, "--out", out, *more)])
         return read_png(out)
 
-    some = [("a",), ("b", "--param", f"length={image}"), ("c", "--param", f"age={image}"), ("d", "--param", "length=3")]
-    a, b, c, d = (picture(*x) for x in some)
-    for i, x in enumerate((a, b, c, d)):
-        for y in (a, b, c, d)[:i]:
+    some = [("a",), ("b", "--param", f"length={image}"), ("c", "--param", f"age={image}")]
+    pictures = [picture(*x) for x in some]
+    for i, x in enumerate(pictures):
+        for y in pictures[:i]:
             assert np.abs(x - y).max() > 0.01
-    same = picture("e", "--param", f"length={tmp_path / 'white.png'}")
-    assert np.abs(same - d).mean() < 0.1 * np.abs(a - d).mean()
 
 
 def test_a_texture_takes_images_of_geometry_alone(combed, tmp_path, capsys) -> None:

@@ -99,13 +99,15 @@ def test_nor_one_that_bends_more_than_was_learned(folder) -> None:
     assert not record["effects"]["twin"]["on"]
 
 
+FEW = ["--preset", "tiny", "--patches", "2", "--queries", "256", "--kimg", "4.096", "--param", "dryness=1"]
+
+
 def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
-    """Or one of them. The twin is of wide footprints alone, with a bound for each octave of these."""
+    """The twin is of wide footprints alone, with a bound for each octave of these."""
     monkeypatch.setattr("mesoshell.cli.apart.PICTURES", 2)
     monkeypatch.setattr("mesoshell.cli.apart.RAYS", 1)
-    few = ["--preset", "tiny", "--patches", "2", "--queries", "256", "--kimg", "4.096", "--param", "dryness=1"]
     out, both = folder / "d" / "surface.npz", folder / "d" / "twin.npz"
-    main(["distill", str(folder / "plain.npz"), "--out", str(out), "--twin", str(both), *few])
+    main(["distill", str(folder / "plain.npz"), "--out", str(out), "--twin", str(both), *FEW])
     said = capsys.readouterr().out.splitlines()
     assert str(out) in said and said[-1] == str(both)
     surface, bundle = read_surface(out), read_bundle(both)
@@ -121,11 +123,19 @@ def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
     for data, (low, high) in zip(asked, ((1 / 512, 0.01), (0.25, 0.27)), strict=True):
         least = min(rows[:, COLUMNS.index("radius")].min() for rows in data.patches)
         assert low <= least * (1 + 1e-6) and least < high
-    main(["distill", str(folder / "plain.npz"), "--twin", str(folder / "d" / "alone.npz"), *few])
-    alone = read_bundle(folder / "d" / "alone.npz").twin
-    assert alone is not None and alone.errors == bundle.twin.errors
+
+
+@pytest.mark.slow
+def test_a_twin_alone_is_the_same(folder, monkeypatch) -> None:
+    monkeypatch.setattr("mesoshell.cli.apart.PICTURES", 2)
+    monkeypatch.setattr("mesoshell.cli.apart.RAYS", 1)
+    given = ["distill", str(folder / "plain.npz"), "--twin"]
+    main([*given, str(folder / "e" / "twin.npz"), "--out", str(folder / "e" / "surface.npz"), *FEW])
+    main([*given, str(folder / "f" / "alone.npz"), *FEW])
+    both, alone = (read_bundle(folder / name).twin for name in ("e/twin.npz", "f/alone.npz"))
+    assert both is not None and alone is not None and alone.errors == both.errors
     for key, array in alone.surface.arrays.items():
-        np.testing.assert_array_equal(bundle.twin.surface.arrays[key], array)
+        np.testing.assert_array_equal(both.surface.arrays[key], array)
 
 
 def test_geometry_is_distilled_too(folder, capsys) -> None:

@@ -55,13 +55,13 @@ DISCRIMINATOR = sized(CONFIG, 1, 0).discriminator
 def steps(compiled_soon) -> dict[tuple[str, int], tuple[TrainState, Report]]:
     """After one step, by precision and by the step's number: R1 is due at step 0 and not at step 1."""
     found = {}
-    with compiled_soon():  # the weights to begin with, which have no precision
+    with compiled_soon():
         begin = jax.jit(partial(start, sized(CONFIG, appearance=1, geometry=0)))(jax.random.key(0))
-    for precision in ("float32", "bfloat16"):
-        config = sized(replace(CONFIG, precision=precision), appearance=1, geometry=0)
-        run = jax.jit(lambda state, batch, config=config: step(config, state, batch))
-        for number in (0, 1):
-            found[precision, number] = run(begin._replace(step=jnp.asarray(number, jnp.int32)), batch())
+        for precision in ("float32", "bfloat16"):
+            config = sized(replace(CONFIG, precision=precision), appearance=1, geometry=0)
+            run = jax.jit(lambda state, batch, config=config: step(config, state, batch))
+            for number in (0, 1):
+                found[precision, number] = run(begin._replace(step=jnp.asarray(number, jnp.int32)), batch())
     return found
 
 

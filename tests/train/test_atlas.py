@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import atlas_step
@@ -221,13 +222,14 @@ def test_the_grid_asks_every_cell_in_turn_and_forgets() -> None:
     field = start(CONFIG, jax.random.key(0)).field
     field = jax.tree.map(jnp.zeros_like, field)
     grid, key = jnp.full((8, 8, 8), 100.0), jax.random.key(0)
+    ask = jax.jit(partial(asked, CONFIG))
     for i in range(EACH):
         before = grid
-        grid = asked(CONFIG, field, grid, jnp.asarray(i), key)
+        grid = ask(field, grid, jnp.asarray(i), key)
         assert int((grid != before).sum()) == 512 // EACH
     np.testing.assert_allclose(grid, KEEP * 100, rtol=1e-6)
     for i in range(EACH * 60):
-        grid = asked(CONFIG, field, grid, jnp.asarray(i), key)
+        grid = ask(field, grid, jnp.asarray(i), key)
     np.testing.assert_allclose(grid, DENSITY * np.log(2), rtol=1e-5)
 
 

@@ -106,13 +106,14 @@ def shrunk(config: Any) -> RunConfig:
     )
 
 
-#: What a run on textures without a critic does is a part of what one with a critic does.
-PARTS = {"textures"}
+#: What differs from another experiment in a term of the loss, which other tests have, or in a constant.
+VARIANTS = {"smooth", "mismatch", "frozen_phases", "no_fourier", "no_mip", "atlas_frequency", "atlas_no_inverse"}
+VARIANTS |= {"atlas_no_cloud", "textures", "textures_critic", "weave_cosine"}
 
 
 @pytest.mark.parametrize(
     "file",
-    [pytest.param(f, marks=pytest.mark.slow) if f.stem in PARTS else f for f in DISTINCT],
+    [pytest.param(f, marks=pytest.mark.slow) if f.stem in VARIANTS else f for f in DISTINCT],
     ids=[f.stem for f in DISTINCT],
 )
 def test_it_takes_two_steps(file: Path, data, answered, ball, tmp_path: Path) -> None:

@@ -1,0 +1,18 @@
+"""Every notebook runs from top to bottom, in a process of its own."""
+
+import pytest
+
+from notebooks.execute import NO_BLENDER, NOTEBOOKS, can_run, execute
+
+#: Those that take longer to run than to compile.
+OPTIMISED = {"atlas.py"}
+
+
+@pytest.mark.filterwarnings("default")  # of Jupyter's own
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_it_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not can_run(name):
+        pytest.skip(NO_BLENDER)
+    if name in OPTIMISED:
+        monkeypatch.delenv("JAX_DISABLE_MOST_OPTIMIZATIONS")
+    assert execute(name) > 0

@@ -136,7 +136,7 @@ def test_nothing_loads_jax_before_it_is_needed(code: str):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("verb", ["render", "fit", "dataset", "doctor"])
+@pytest.mark.parametrize("verb", ["render", "materials", "fit", "dataset", "doctor"])
 def test_every_verb_has_help(verb: str, capsys):
     with pytest.raises(SystemExit) as stop:
         main([verb, "--help"])

@@ -7,11 +7,25 @@ from collections.abc import Callable
 import tyro
 
 from mesoshell import __version__
-from mesoshell.cli import atlas, dataset, distill, doctor, evaluate, export, fit, judge, render, texture, train
+from mesoshell.cli import (
+    atlas,
+    dataset,
+    distill,
+    doctor,
+    evaluate,
+    export,
+    fit,
+    judge,
+    materials,
+    render,
+    texture,
+    train,
+)
 from mesoshell.cli.ending import concluded, usage
 
 VERBS: dict[str, Callable] = {
     "render": render.run,
+    "materials": materials.run,
     "fit": fit.run,
     "dataset": dataset.run,
     "train": train.run,

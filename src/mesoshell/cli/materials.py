@@ -1,0 +1,40 @@
+"""`mesoshell materials`: what there is to grow, and what can be set of it."""
+
+import tyro
+
+from mesoshell.io.bundle import Bundle, Parameter
+from mesoshell.io.material import bundled
+from mesoshell.scene.materials import Material, load_material
+
+_ROLES = {"alpha": "appearance", "beta": "geometry"}
+
+
+def run(names: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
+    """List the materials that come with the package, with their parameters.
+
+    Args:
+        names: materials to describe instead: names, .npz files, or folders of large textures.
+    """
+    for line in [line for name in names or tuple(bundled()) for line in lines_of(load_material(name))]:
+        print(line)
+
+
+def lines_of(material: Material) -> list[str]:
+    """What a material is, and a line for each of its parameters."""
+    lines = [f"{material.name}: {_kind(material)}"]
+    return lines + [f"  --param {p.name}={p.default:g}  {_range(p)}" for p in material.parameters.values()]
+
+
+def _kind(material: Material) -> str:
+    bundle = material.bundle
+    if not isinstance(bundle, Bundle):
+        return "surface material, one query a hit; no parameters"
+    texels = f"{bundle.texel_density:g} texels a patch"
+    if not bundle.baked:
+        return f"shell with a generator, {texels}: endless, a texture for each --seed"
+    return f"shell, {texels}: one patch that repeats" if bundle.wraps else f"shell, {texels}: one texture with edges"
+
+
+def _range(p: Parameter) -> str:
+    unit = "" if p.unit == "1" else f" {p.unit}"
+    return f"from {p.range[0]:g} to {p.range[1]:g}{unit} ({_ROLES[p.role]}): {p.meaning}"

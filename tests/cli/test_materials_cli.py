@@ -1,0 +1,49 @@
+"""What there is to grow is listed, with what can be set of it; without JAX."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mesoshell.cli.main import main
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.material import bundled
+from mesoshell.io.surface import write_surface
+from tests.silhouette import wearing
+
+
+def test_bundled_materials_are_listed(capsys) -> None:
+    main(["materials"])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines if not line.startswith(" ")] == list(bundled())
+    assert any(line.startswith("  --param age=0  from 0 to 1 (appearance): 0 is fresh green") for line in lines)
+
+
+def test_given_ones_are_described(tiny_bundle: Bundle, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_bundle("tiny.npz", tiny_bundle)
+    write_bundle("cut.npz", replace(tiny_bundle, wraps=False))
+    write_surface("woven.npz", wearing.bundle())
+    main(["materials", "tiny.npz", "cut.npz", "woven.npz"])
+    parameter = "  --param dryness=0.5  from 0 to 2 (appearance): how dry"
+    assert capsys.readouterr().out.splitlines() == [
+        "tiny.npz: shell, 4 texels a patch: one patch that repeats",
+        parameter,
+        "cut.npz: shell, 4 texels a patch: one texture with edges",
+        parameter,
+        "woven.npz: surface material, one query a hit; no parameters",
+    ]
+
+
+def test_what_is_none_is_one_line(capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["materials", "moss"])
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.startswith("mesoshell: moss: no such material")
+
+
+def test_it_loads_no_jax() -> None:
+    check = "import sys\nfrom mesoshell.cli.main import main\nmain(['materials'])\nassert 'jax' not in sys.modules"
+    subprocess.run([sys.executable, "-c", check], check=True, capture_output=True)

@@ -13,6 +13,11 @@ BLENDER := $(shell $(PYTHON) -c 'import sys; print("blender" * (sys.version_info
 # What `mesoshell render --engine mitsuba` imports
 WITHOUT_JAX := numpy scipy jaxtyping trimesh networkx libigl xatlas pillow OpenEXR tyro rich mitsuba karellen-llvm-core
 
+# rules of one environment never run at once; what may, runs in a make of its own
+ifeq ($(MAKELEVEL),0)
+.NOTPARALLEL:
+endif
+
 .PHONY: demo test test-all test-gpu lint blender nojax clean
 
 demo: .venv/installed

@@ -10,7 +10,7 @@ from mesoshell.train.textures_state import TexturesConfig, textures_as
 
 
 def variant(preset: TrainConfig) -> TexturesConfig:
-    return replace(textures_as(preset), adversarial=1.0, rate=3e-3)
+    return replace(textures_as(preset), adversarial=1.0, rate=1e-3)
 
 
-config = replace(TexturesConfig(), adversarial=1.0, rate=3e-3)
+config = replace(TexturesConfig(), adversarial=1.0, rate=1e-3)

@@ -242,6 +242,50 @@ else:
     assert surface.kind == "silhouette" and surface.parameters == {}
 
 
+#: What only a program that checks no types can ask for.
+STRANGE = """
+import mesoshell as ms, numpy as np
+material = ms.load_material({shell!r})
+def fault(call, said):
+    try:
+        call()
+    except ms.InputError as error:
+        assert str(error).startswith(said), str(error)
+    else:
+        raise AssertionError(said)
+def explained(quality="draft", engine="jax", changes={{}}, **more):
+    return lambda: ms.explain(ms.Scene({mesh!r}, material, **{{"size": (8, 6)}} | more), quality, engine=engine, **changes)
+for value in ([[0.0, 1.0]], None, "a" * 300):
+    fault(explained(params={{"dryness": value}}), "params: dryness=")
+for size in (64, (64,), (64.5, 32)):
+    fault(explained(size=size), "size: must be two whole numbers")
+far = ms.Camera(ms.look_at((0, 0, 1e38), (0, 0, 0)), 0.5, 8, 6)
+fault(explained(camera=far), "camera: holds a number beyond")
+fault(explained(camera=ms.Camera(np.eye(4), 0.5, 10**6, 10**6)), "camera: a picture of")
+for colour in (0.1, (0.1, 0.1)):
+    fault(explained(base_colour=colour), "base_colour: must be three numbers")
+fault(explained(objects="cow.obj"), "objects: must be a list of meshes")
+fault(explained(quality=None), "quality: must be a Quality or one of")
+fault(explained(changes={{"samples": 16.5}}), "samples: 16.5 is no whole number")
+fault(explained(changes={{"filtering": 1}}), "filtering: 1 is no truth value")
+fault(explained(engine="mitsuba", changes={{"spp": "x"}}), "spp: 'x' is no whole number")
+fault(lambda: ms.Camera(np.eye(4), 4.0, 8, 6), "fov: no such camera")
+fault(lambda: ms.look_at((float("nan"), 0, 0), (0, 0, 0)), "eye: eye or target is not finite")
+fault(lambda: ms.train("x.py", "data", "run", preset="huge"), "preset: must be one of tiny")
+fault(lambda: ms.train("x.py", "data", "run", parallel="foo"), "parallel: must be jit or pmap")
+fault(lambda: ms.train({{"a": 1}}, "data", "run"), "config: {{'a': 1}} is neither")
+fault(lambda: ms.fit(["data"], test="fog"), "test: must be a list")
+assert explained(params={{"dryness": np.float32(0.3)}})() and explained(changes={{"samples": np.int64(7)}})()
+import json
+small = ms.Scene({mesh!r}, material, params={{"dryness": np.float32(0.5)}}, size=(4, 3))
+json.dumps(ms.render(small, "draft").report)
+"""
+
+
+def test_values_of_other_kinds_are_one_line_too(folder: Path) -> None:
+    python(STRANGE.format(shell=str(folder / "shell.npz"), mesh=str(MESH)))
+
+
 def test_faults_of_fits_and_runs(tmp_path: Path) -> None:
     with pytest.raises(ms.InputError, match=r"^datasets: must be a list"):
         ms.fit("data/grass")

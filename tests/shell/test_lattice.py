@@ -18,7 +18,7 @@ LAYOUT = Layout(SIZES, HEIGHTS, 8.0, 1)
 LAYOUTS = {
     "around": replace(LAYOUT, sizes=mip.level_sizes(8, 8)),
     "edges": replace(LAYOUT, open=True, origin=(-1, 2)),
-    "nodes": replace(LAYOUT, open=True, nodes=NODES),
+    "nodes": replace(LAYOUT, open=True, origin=(-1, 2), nodes=NODES),
     "planes": replace(LAYOUT, sizes=mip.level_sizes(8, 8), open=True, cells=(2, 2)),
 }
 

@@ -18,6 +18,7 @@ from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit_run import conclude, fit_config, shots_to_fit
 from mesoshell.train.holdout import Scores
 from mesoshell.train.method import Data
+from mesoshell.train.presets import PRESETS
 from mesoshell.train.record import snapshots
 from mesoshell.train.stream import RunConfig
 
@@ -75,12 +76,14 @@ def fit(
     """
     if isinstance(datasets, str | PathLike) or not datasets:
         raise InputError(Argument("datasets"), f"must be a list of one dataset's folder or more, not {datasets!r}")
+    if isinstance(test, str | PathLike):
+        raise InputError(Argument("test"), f"must be a list of datasets' folders, not {test!r}")
     given = None if decoder is None else fspath(decoder)
     config, at = fit_config(steps, rays, texels, width, held, given, seed), Path(folder)
     learned, tests = ([read_dataset(path) for path in paths] for paths in (datasets, test))
     shots = shots_to_fit(config, learned, tests)
     probe_folder(at, Argument("folder"))
-    state = runs.train(config, shots, at, "jit", show)
+    state = runs.train(config, shots, at, "jit", show, again=True)
     made, scores, _ = conclude(config, shots, state, learned, tests)
     return Fit(made, scores, at)
 
@@ -121,17 +124,24 @@ def train(
     one begins with; parallel: how a step is spread over devices. Raises InputError, which names the argument or the file at
     fault; train.run.Diverged if something is not finite.
     """
+    if preset not in (None, *PRESETS):
+        raise InputError(Argument("preset"), f"must be one of {', '.join(PRESETS)}, not {preset}")
+    if parallel not in ("jit", "pmap"):
+        raise InputError(Argument("parallel"), f"must be jit or pmap, not {parallel}")
     at, file, recipe = Path(folder), None, None
     if isinstance(config, str | PathLike):
         file = Path(config)
         begun, recipe = experiment_of(file, preset)
     elif preset is not None:
         raise InputError(Argument("preset"), "is of an experiment's file")
-    else:
+    elif isinstance(config, RunConfig):
         begun = config
+    else:
+        raise InputError(Argument("config"), f"{config!r} is neither an experiment's file nor its `config`")
     begun = of_length(begun, kimg)
     dataset = read_data(begun, data, at) if isinstance(data, str | PathLike) else data
     if file is not None:
         check_recipe(file, recipe, dataset)
     probe_folder(at, Argument("folder"))
-    return Run(at, begun, runs.train(begun, dataset, at, parallel, show, Path(transfer) if transfer else None))
+    lent = Path(transfer) if transfer else None
+    return Run(at, begun, runs.train(begun, dataset, at, parallel, show, lent, again=True))

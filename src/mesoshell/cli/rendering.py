@@ -93,7 +93,7 @@ def _of_mitsuba(options: Options, quality: Quality) -> Prepared:
             raise InputError(f"--{field.name.replace('_', '-')}", f"{options.mesh} says that itself")
     from mesoshell.scene.render_paths import prepare_file
 
-    return prepare_file(options.mesh, quality, options.spp, {"name": options.material, "parameters": {}})
+    return prepare_file(options.mesh, quality, options.spp)
 
 
 def _report(made: Picture, begin: float, compiling: list[float] | None) -> dict[str, Any]:

@@ -83,7 +83,7 @@ def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
                     found = _stands(element, mesh, scene.sensors(), materials)
                     stands, said = stands + found, found[0][0].notes
             except InputError as error:
-                raise InputError(element.where, str(error)) from error
+                raise InputError(element.where, str(error).replace("`", "")) from error
             convex &= is_convex(mesh)
             notes += [f"{element.where}: {note}" for note in (*mesh.notes, *said)]
         stand_on(scene, Grown(stands, wears, convex, tuple(notes)), quality)

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.errors import Argument, InputError
+
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera. Raises ValueError for a size or a field of view that no camera has."""
+    """A pinhole camera. Raises InputError for a size, a field of view or a pose that no camera has."""
 
     to_world: Float[np.ndarray, "4 4"]
     fov: float
@@ -23,8 +25,12 @@ class Camera:
     height: int
 
     def __post_init__(self) -> None:
-        if not (0 < self.fov < np.pi) or self.width < 1 or self.height < 1 or not np.isfinite(self.to_world).all():
-            raise ValueError(f"no such camera: fov {self.fov}, size {self.width} x {self.height}")
+        if not 0 < self.fov < np.pi:
+            raise InputError(Argument("fov"), f"no such camera: {self.fov} is not between 0 and π")
+        if self.width < 1 or self.height < 1:
+            raise InputError(Argument("width"), f"no such camera: {self.width} x {self.height} has no pixels")
+        if not np.isfinite(self.to_world).all():
+            raise InputError(Argument("to_world"), "no such camera: holds NaN or infinite values")
 
     @property
     def spread(self) -> float:
@@ -32,12 +38,15 @@ class Camera:
 
 
 def look_at(eye: tuple, target: tuple, up: tuple = (0.0, 1.0, 0.0)) -> Float[np.ndarray, "4 4"]:
-    """Camera-to-world matrix of a camera at `eye` that looks at `target` with `up` upward in the image."""
+    """Camera-to-world matrix of a camera at `eye` that looks at `target` with `up` upward in the image. Raises InputError if
+    these are one point, or not finite."""
     eye_, target_, up_ = (np.asarray(v, np.float64) for v in (eye, target, up))
     back = eye_ - target_
     length = np.linalg.norm(back)
+    if not np.isfinite(length):
+        raise InputError(Argument("eye"), "eye or target is not finite")
     if not length > 0:
-        raise ValueError("eye and target are the same point")
+        raise InputError(Argument("eye"), "eye and target are the same point")
     back /= length
     if np.linalg.norm(np.cross(up_, back)) < 1e-9 * np.linalg.norm(up_):  # straight up or down: any other up will do
         up_ = np.array([0.0, 0.0, -1.0]) if abs(back[1]) > 0.5 else np.array([0.0, 1.0, 0.0])

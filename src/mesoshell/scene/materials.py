@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ def read_params(bundle: Bundle, params: Mapping[str, Value]) -> tuple[dict[str, 
 def _number(value: Value) -> float | None:
     try:
         return None if isinstance(value, np.ndarray | PathLike) else float(value)
-    except ValueError:
+    except (TypeError, ValueError):
         return None
 
 
@@ -91,7 +92,7 @@ def _image(name: str, value: Value) -> Float[np.ndarray, "H W"]:
         said, image = f"{name}, an image,", value.astype(np.float32)
     else:
         said = f"{name}={value}"
-        if not Path(str(value)).is_file():
+        if not isinstance(value, str | PathLike) or not isfile(value):
             raise InputError(PARAMS, f"{said} is neither a number nor an image file")
         image = read_picture(Path(str(value)))[..., :3].mean(axis=-1).astype(np.float32)
     if image.ndim != 2 or not image.size:

@@ -93,5 +93,5 @@ def _about(scene: Scene) -> dict[str, Any]:
         name: f"an image of {' x '.join(map(str, value.shape))}" if isinstance(value, np.ndarray) else value
         for name, value in scene.params.items()
     }
-    given = {name: fspath(value) if isinstance(value, PathLike) else value for name, value in given.items()}
+    given = {name: str(x) if isinstance(x, str | PathLike) else float(x) for name, x in given.items()}
     return {"name": scene.material.name, "parameters": given, **scene.material.provenance}

@@ -4,6 +4,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import fields
 from difflib import get_close_matches
+from numbers import Integral, Real
 from typing import Any
 
 from mesoshell.errors import Argument, InputError
@@ -13,6 +14,7 @@ from mesoshell.scene.picture import Prepared, Progress
 from mesoshell.scene.scene import Scene
 
 ENGINES = ("jax", "mitsuba")
+_WORDS = {int: "whole number", float: "number", bool: "truth value", str: "word"}
 #: Fields of a quality that only the path tracer has a use for; the most that they count a pixel: samples, bounces.
 OF_PATHS, MOST = ("spp", "max_depth"), 2**24
 
@@ -26,6 +28,8 @@ def quality_of(quality: str | Quality, engine: str, changes: Mapping[str, Any]) 
         raise InputError(Argument("quality"), f"must be a Quality or one of {', '.join(PRESETS)}, not {quality}")
     for name, value in changes.items():
         _check_field(name, value, engine)
+    if not isinstance(quality, str | Quality):
+        raise InputError(Argument("quality"), f"must be a Quality or one of {', '.join(PRESETS)}, not {quality!r}")
     begun = PRESETS[quality] if isinstance(quality, str) else quality
     try:
         return begun.with_changes(**changes)
@@ -38,6 +42,9 @@ def _check_field(name: str, value: Any, engine: str) -> None:
     if name not in known:
         near = get_close_matches(name, known, 1)
         raise InputError(Argument(name), "is no field of Quality" + (f"; did you mean {near[0]}?" if near else ""))
+    kind = type(getattr(PRESETS["normal"], name))
+    if not isinstance(value, {int: Integral, float: Real}.get(kind, kind)) or isinstance(value, bool) != (kind is bool):
+        raise InputError(Argument(name), f"{value!r} is no {_WORDS[kind]}")
     if name in OF_PATHS:
         if engine != "mitsuba":
             raise InputError(Argument(name), "requires `engine` mitsuba")

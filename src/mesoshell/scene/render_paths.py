@@ -42,16 +42,15 @@ def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progre
     return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, work)
 
 
-def prepare_file(path: Path, quality: Quality, samples: int | None, material: dict[str, Any]) -> Prepared:
-    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as it says itself. material: what the report says
-    of it. Raises InputError."""
+def prepare_file(path: Path, quality: Quality, samples: int | None) -> Prepared:
+    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as it says itself. Raises InputError."""
     begun = time.perf_counter()
     made = load_file(path, quality)
     samples = _samples(made, path, samples)
     world = _world(made)
     effects, notes = (None, ()) if world is None else (world.effects, world.notes)
     work = _work(made, samples)
-    return Prepared(PATHS.name, material, effects, notes, begun, time.perf_counter() - begun, work)
+    return Prepared(PATHS.name, {}, effects, notes, begun, time.perf_counter() - begun, work)
 
 
 def _world(scene: mi.Scene) -> Any:

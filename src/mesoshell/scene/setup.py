@@ -2,8 +2,9 @@
 must be grown).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 
@@ -144,8 +145,12 @@ def _mesh(given: str | PathLike[str] | Mesh) -> Mesh:
 
 
 def _check_colours(scene: Scene) -> None:
-    """Raise InputError for a light or a surface that is darker than black, or brighter than can be."""
+    """Raise InputError for a light or a surface that is darker than black, or brighter than can be, or no list of objects."""
     _check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
+    if np.shape(scene.base_colour) != (3,):
+        raise InputError(Argument("base_colour"), f"must be three numbers, not {scene.base_colour!r}")
+    if isinstance(scene.objects, str | PathLike):
+        raise InputError(Argument("objects"), f"must be a list of meshes, not {scene.objects!r}")
     if not all(0 <= v <= 1 for v in scene.base_colour):
         raise InputError(
             Argument("base_colour"), "must be from 0 to 1: what is reflected of the light that falls on it"
@@ -179,10 +184,17 @@ def _lights(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...],
 def _camera(scene: Scene, box: np.ndarray, thickness: float, up: int) -> Camera:
     """The camera given, or one that frames a box with a layer about it. Raises InputError."""
     given = scene.camera
-    width, height = (given.width, given.height) if isinstance(given, Camera) else scene.size
+    source, size = Argument("size"), scene.size
+    if isinstance(given, Camera):
+        source, size = Argument("camera"), (given.width, given.height)
+        if not np.abs(given.to_world).max() <= FARTHEST:
+            raise InputError(source, f"holds a number beyond {FARTHEST:g}")
+    if not isinstance(size, Sequence) or len(size) != 2 or not all(isinstance(n, Integral) for n in size):
+        raise InputError(source, f"must be two whole numbers, width and height, not {size!r}")
+    width, height = int(size[0]), int(size[1])
     if width < 1 or height < 1:
-        raise InputError(Argument("size"), f"{width} x {height} has no pixels")
-    check_memory(Argument("size"), f"a picture of {width} x {height}", 64 * width * height)
+        raise InputError(source, f"{width} x {height} has no pixels")
+    check_memory(source, f"a picture of {width} x {height}", 64 * width * height)
     if isinstance(given, Camera):
         return given
     if given is None:

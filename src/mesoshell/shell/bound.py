@@ -26,7 +26,7 @@ from mesoshell.typing import Array, Float, Key
 MARGIN = 1.5
 #: The largest deviation along the height that is probed: what each of 16 samples through a layer stands for, at a slant.
 DEEPEST = 0.05
-#: Cells that are decoded together, at most.
+#: Cells that are decoded together, about.
 _TOGETHER = 2**14
 
 

@@ -14,6 +14,7 @@ first keeps the folder; when to save and to stop they agree on with each step.
 
 import json
 import signal
+import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -49,9 +50,11 @@ def train(
     how: str = "jit",
     show: Callable[[dict[str, float]], None] = lambda row: None,
     transfer: Path | None = None,
+    again: bool = False,
 ) -> Any:
     """The state at config.kimg, trained from the newest checkpoint in `folder`, or from the start. show: sees each log row.
-    transfer: folder of another run, whose weights a start begins with.
+    transfer: folder of another run, whose weights a start begins with. again: whether a signal that stopped the run is raised
+    again when all is saved, for the program that called this.
 
     Raises InputError if the folder holds a run of another configuration, or cannot be written, or the other run's weights do
     not fit; Diverged if something is not finite; HostLost if another host is.
@@ -71,7 +74,7 @@ def train(
     with (
         noticing(),
         Checkpoints(folder / "checkpoints") as checkpoints,
-        _Stop() as stop,
+        _Stop(again) as stop,
         _Book(folder, method, config, seen, show) as book,
     ):
         done, begin = _begun(checkpoints, method.start(config, seen, jax.random.key(config.seed)), lend)
@@ -207,20 +210,28 @@ def _said(i: int, report: Any, names: list[str], checkpoints: Checkpoints) -> st
 
 
 class _Stop:
-    """Whether SIGTERM or SIGINT has come since the context was entered. A second SIGINT is handled as before."""
+    """Whether SIGTERM or SIGINT has come since the context was entered. A second SIGINT is handled as before. again: the signal
+    is raised again at the end. Threads other than the main one hear of none."""
+
+    def __init__(self, again: bool = False):
+        self.asked, self.again = False, again
+        self._before: dict[int, Any] = {}
+        self._number = 0
 
     def __enter__(self) -> "_Stop":
-        self.asked = False
-        numbers: list[int] = [signal.SIGTERM, signal.SIGINT]
-        self._before = {number: signal.signal(number, self._heard) for number in numbers}
+        if threading.current_thread() is threading.main_thread():
+            numbers: list[int] = [signal.SIGTERM, signal.SIGINT]
+            self._before = {number: signal.signal(number, self._heard) for number in numbers}
         return self
 
     def _heard(self, number: int, frame: FrameType | None) -> None:
         before = self._before[number]
         if number == signal.SIGINT and self.asked and callable(before):
             before(number, frame)
-        self.asked = True
+        self.asked, self._number = True, number
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         for number, before in self._before.items():
             signal.signal(number, before)
+        if self.again and self.asked and kind is None:
+            signal.raise_signal(self._number)

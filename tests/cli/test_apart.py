@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesoshell.cli import apart
-from mesoshell.cli.apart import LIGHTS, PICTURES, SIDE, errors_by_radius, radii
+from mesoshell.distill import error as apart
+from mesoshell.distill.error import LIGHTS, PICTURES, SIDE, errors_by_radius, radii
 from mesoshell.io.patches import COLUMNS
 from mesoshell.mesostructure.render import FINEST
 from mesoshell.mesostructure.tile import Placing

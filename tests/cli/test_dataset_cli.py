@@ -93,7 +93,7 @@ def test_a_sheet_of_each_parameter_alone(tmp_path, capsys):
 @needs_blender
 def test_what_accuracy_costs(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("mesoshell.farm.cost.REFERENCE", 64)
-    monkeypatch.setattr("mesoshell.cli.recipes.SPP", (1, 16))
+    monkeypatch.setattr("mesoshell.cli.commands.dataset_blender.SPP", (1, 16))
     status, text, _ = said(capsys, "cost", "grass", "--size", 24)
     assert status == 0
     rows = [line.split() for line in text.splitlines() if line.strip().startswith(("1 ", "16 "))]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesoshell.cli import judging
+from mesoshell.cli.commands import judge_scores as judging
 from mesoshell.cli.main import main
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_png

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mesoshell.cli.distill import Options
 from mesoshell.cli.main import main
+from mesoshell.cli.options.distill import Options
 from mesoshell.cli.subject import ShellSubject, from_afar, subject
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.image import read_exr
@@ -104,8 +104,8 @@ FEW = ["--preset", "tiny", "--patches", "2", "--queries", "256", "--kimg", "4.09
 
 def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
     """The twin is of wide footprints alone, with a bound for each octave of these."""
-    monkeypatch.setattr("mesoshell.cli.apart.PICTURES", 2)
-    monkeypatch.setattr("mesoshell.cli.apart.RAYS", 1)
+    monkeypatch.setattr("mesoshell.distill.error.PICTURES", 2)
+    monkeypatch.setattr("mesoshell.distill.error.RAYS", 1)
     out, both = folder / "d" / "surface.npz", folder / "d" / "twin.npz"
     main(["distill", str(folder / "plain.npz"), "--out", str(out), "--twin", str(both), *FEW])
     said = capsys.readouterr().out.splitlines()
@@ -127,8 +127,8 @@ def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
 
 @pytest.mark.slow
 def test_a_twin_alone_is_the_same(folder, monkeypatch) -> None:
-    monkeypatch.setattr("mesoshell.cli.apart.PICTURES", 2)
-    monkeypatch.setattr("mesoshell.cli.apart.RAYS", 1)
+    monkeypatch.setattr("mesoshell.distill.error.PICTURES", 2)
+    monkeypatch.setattr("mesoshell.distill.error.RAYS", 1)
     given = ["distill", str(folder / "plain.npz"), "--twin"]
     main([*given, str(folder / "e" / "twin.npz"), "--out", str(folder / "e" / "surface.npz"), *FEW])
     main([*given, str(folder / "f" / "alone.npz"), *FEW])

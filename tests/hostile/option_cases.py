@@ -8,9 +8,9 @@ from typing import Any
 
 from trial import Case
 
+from mesoshell.cli.commands.render import scene_of
 from mesoshell.cli.main import main
-from mesoshell.cli.render import Options
-from mesoshell.cli.rendering import scene_of
+from mesoshell.cli.options.render import Options
 from mesoshell.scene.materials import load_material
 from mesoshell.scene.setup import describe_shell, describe_surface
 

@@ -62,7 +62,7 @@ from mesoshell.train.textures_state import TexturesConfig
 SOURCES = Path(mesoshell.__file__).parent
 ROWS = 4096
 #: Whose products are no part of a result: `_matrix_rate` measures how fast they are, `_plan` compiles the steps of `train`.
-ELSEWHERE = {"cli.training._matrix_rate", "cli.training._plan"}
+ELSEWHERE = {"cli.learn._matrix_rate", "cli.learn._plan"}
 KEY = jax.random.key(0)
 
 

@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mesoshell.cli.hosts import LOST, watched
+from mesoshell.cli.host_process import LOST, watched
 
 
 def main() -> None:

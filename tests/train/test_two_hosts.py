@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import mesoshell
-from mesoshell.cli.hosts import LOST, SAID_LOST
+from mesoshell.cli.host_process import LOST, SAID_LOST
 
 #: Two processes at once are as many as there are cores.
 pytestmark = pytest.mark.xdist_group("hosts")

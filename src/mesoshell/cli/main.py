@@ -7,21 +7,9 @@ from collections.abc import Callable
 import tyro
 
 from mesoshell import __version__
-from mesoshell.cli import (
-    atlas,
-    dataset,
-    distill,
-    doctor,
-    evaluate,
-    export,
-    fit,
-    judge,
-    materials,
-    render,
-    texture,
-    train,
-)
+from mesoshell.cli.commands import doctor, export, materials
 from mesoshell.cli.ending import concluded, usage
+from mesoshell.cli.options import atlas, dataset, distill, evaluate, fit, judge, render, texture, train
 
 VERBS: dict[str, Callable] = {
     "render": render.run,

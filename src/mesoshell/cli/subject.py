@@ -6,8 +6,8 @@ from zipfile import is_zipfile
 
 import jax.numpy as jnp
 
-from mesoshell.cli.distill import Options
-from mesoshell.cli.render import parse_params
+from mesoshell.cli.options.distill import Options
+from mesoshell.cli.options.render import parse_params
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import bundled, digest, find, normalised

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mesoshell.cli.compiled import keep_compiled
+from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.material import find

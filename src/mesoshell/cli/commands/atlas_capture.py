@@ -4,7 +4,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from mesoshell.cli.atlas import Capture
+from mesoshell.cli.options.atlas import Capture
 from mesoshell.errors import InputError
 from mesoshell.farm.photograph import Shooting
 from mesoshell.farm.photograph import photograph as shoot

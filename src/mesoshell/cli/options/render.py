@@ -79,7 +79,7 @@ class Options:
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Render a mesh grown with a neural material; writes OUT.png (sRGB), OUT.exr (linear RGBA) and OUT.json."""
-    from mesoshell.cli import rendering
+    from mesoshell.cli.commands import render as rendering
 
     rendering.render_to_files(options)
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from mesoshell.cli.judge import Scores
-from mesoshell.cli.sitting import bundle_of, sitter
+from mesoshell.cli.judged_material import bundle_of, sitter
+from mesoshell.cli.options.judge import Scores
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.dataset import read_dataset

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
 
-from mesoshell.cli.dataset import Cost, Recipe, Render, Vary
+from mesoshell.cli.options.dataset import Cost, Recipe, Render, Vary
 from mesoshell.errors import InputError
 from mesoshell.farm import cost as table
 from mesoshell.farm.blender import Blender, Crash

@@ -25,6 +25,6 @@ class Options:
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Score a run's snapshots by KID and FID; writes RUN/evaluation.jsonl and RUN/report.html."""
-    from mesoshell.cli import evaluating
+    from mesoshell.cli.commands import evaluate as evaluating
 
     evaluating.evaluate(options)

@@ -41,6 +41,6 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     from mesoshell.train.parallel import rows_of, split_cpu
 
     split_cpu(rows_of(options.rays))
-    from mesoshell.cli import fitting
+    from mesoshell.cli.commands import fit as fitting
 
     fitting.fit_to_file(options)

@@ -46,6 +46,6 @@ class Options:
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Learn a surface material from a neural shell or from geometry: one query a hit."""
-    from mesoshell.cli import distilling
+    from mesoshell.cli.commands import distill as distilling
 
     distilling.distill(options)

@@ -12,9 +12,9 @@ from mesoshell.atlas.mesh import wrapped
 from mesoshell.atlas.photo import Photo, orbit
 from mesoshell.atlas.render import Lit, picture, view
 from mesoshell.atlas.store import Captured, read_captured
-from mesoshell.cli.atlas import Mesh, Render, Texture, Train
-from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.training import learn, said
+from mesoshell.cli.compilation_cache import keep_compiled
+from mesoshell.cli.learn import learn, said
+from mesoshell.cli.options.atlas import Mesh, Render, Texture, Train
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr, write_exr, write_png
 from mesoshell.io.whole import probe_folder, probe_outputs

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from mesoshell.cli.dataset import Sheet
+from mesoshell.cli.options.dataset import Sheet
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import check_dataset, read_dataset
 from mesoshell.io.image import write_png

@@ -28,6 +28,6 @@ class Options:
 
 def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     """Make one texture with a material's generator. Rendering it needs no generator, and looks the same every time."""
-    from mesoshell.cli import texturing
+    from mesoshell.cli.commands import texture as texturing
 
     texturing.texture_to_files(options)

@@ -54,10 +54,11 @@ class Scores:
 def run(command: Annotated[Blind | Marks | Scores, tyro.conf.arg(name="")]) -> None:
     """Judge materials beside renders: blind sheets, and measures."""
     if isinstance(command, Marks):
-        from mesoshell.cli import blinding
+        from mesoshell.cli.commands import judge_blind as blinding
 
         return blinding.count_marks(command)
-    from mesoshell.cli import blinding, judging
+    from mesoshell.cli.commands import judge_blind as blinding
+    from mesoshell.cli.commands import judge_scores as judging
 
     if isinstance(command, Blind):
         blinding.make_sheet(command)

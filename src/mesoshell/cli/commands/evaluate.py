@@ -11,8 +11,8 @@ from rich.console import Console
 
 from mesoshell.atlas.capture import Capture
 from mesoshell.atlas.store import read_captured
-from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.evaluate import Options
+from mesoshell.cli.compilation_cache import keep_compiled
+from mesoshell.cli.options.evaluate import Options
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.patches import Patches

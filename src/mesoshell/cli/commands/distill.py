@@ -3,13 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
-from mesoshell.cli.apart import errors_by_radius
-from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.distill import Options
-from mesoshell.cli.export import newest_surface
-from mesoshell.cli.mesostructures import planned, written
+from mesoshell.cli.commands.export import newest_surface
+from mesoshell.cli.compilation_cache import keep_compiled
+from mesoshell.cli.learn import learn, said
+from mesoshell.cli.options.distill import Options
+from mesoshell.cli.queries import planned, written
 from mesoshell.cli.subject import ShellSubject, Subject, from_afar, subject
-from mesoshell.cli.training import learn, said
+from mesoshell.distill.error import errors_by_radius
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.patches import read_patches

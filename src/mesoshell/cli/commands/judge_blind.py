@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mesoshell.cli.judge import Blind, Marks
+from mesoshell.cli.options.judge import Blind, Marks
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import load_images, read_dataset
 from mesoshell.io.image import write_png
@@ -21,7 +21,7 @@ COLUMNS, LEAST = 8, 128
 
 def make_sheet(options: Blind) -> None:
     """Write sheet.png and answers.json."""
-    from mesoshell.cli.sitting import sitter
+    from mesoshell.cli.judged_material import sitter
 
     if not 0 <= options.seed < 2**32:
         raise InputError("--seed", f"{options.seed} must be from 0 to 4294967295")

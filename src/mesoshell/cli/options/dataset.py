@@ -137,10 +137,11 @@ def run(
 ) -> None:
     """Make, check, pack and look at datasets of training images."""
     if isinstance(command, RenderPatches):
-        from mesoshell.cli import mesostructures
+        from mesoshell.cli import queries as mesostructures
 
         return mesostructures.render_patches(command)
-    from mesoshell.cli import datasets, recipes
+    from mesoshell.cli.commands import dataset as datasets
+    from mesoshell.cli.commands import dataset_blender as recipes
 
     match command:
         case Render():

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from mesoshell.cli.dataset import RenderPatches
+from mesoshell.cli.options.dataset import RenderPatches
 from mesoshell.errors import InputError
 from mesoshell.limits import check_memory
 from mesoshell.mesostructure.render import Answers, Settings, of_geometry

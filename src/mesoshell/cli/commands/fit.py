@@ -2,8 +2,8 @@
 
 from rich.console import Console
 
-from mesoshell.cli.fit import Options
-from mesoshell.cli.training import learn
+from mesoshell.cli.learn import learn
+from mesoshell.cli.options.fit import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.dataset import read_dataset

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from mesoshell.cli import hosts
+from mesoshell.cli import host_process as hosts
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,6 @@ def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
 
 
 def _work(options: Options) -> None:
-    from mesoshell.cli import training
+    from mesoshell.cli import learn as training
 
     training.train_from(options)

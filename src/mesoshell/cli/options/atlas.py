@@ -123,10 +123,10 @@ class Mesh:
 def run(command: Annotated[Capture | Train | Texture | Render | Mesh, tyro.conf.arg(name="")]) -> None:
     """Learn objects from photographs, edit their textures, export them as meshes."""
     if isinstance(command, Capture):
-        from mesoshell.cli import photographing
+        from mesoshell.cli.commands import atlas_capture as photographing
 
         return photographing.photograph(command)
-    from mesoshell.cli import captured
+    from mesoshell.cli.commands import atlas as captured
 
     match command:
         case Train():

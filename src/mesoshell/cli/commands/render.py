@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from mesoshell.cli.render import Options, parse_params
+from mesoshell.cli.options.render import Options, parse_params
 from mesoshell.errors import InputError
 from mesoshell.io.whole import probe_outputs, replace_file, together
 from mesoshell.render.quality import Quality
@@ -42,7 +42,7 @@ def render_to_files(options: Options) -> None:
     else:
         material = load_material(options.material)
         if options.engine == "jax":
-            from mesoshell.cli.compiled import keep_compiled
+            from mesoshell.cli.compilation_cache import keep_compiled
 
             compiling = keep_compiled()
         with _bar(console, "growing") as progress:

@@ -7,9 +7,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.render import parse_params
-from mesoshell.cli.texture import Options
+from mesoshell.cli.compilation_cache import keep_compiled
+from mesoshell.cli.options.render import parse_params
+from mesoshell.cli.options.texture import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.io.material import find, normalised

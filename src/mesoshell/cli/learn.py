@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from mesoshell.cli.compiled import keep_compiled
-from mesoshell.cli.hosts import LOST, SAID_LOST
-from mesoshell.cli.train import Options
+from mesoshell.cli.compilation_cache import keep_compiled
+from mesoshell.cli.host_process import LOST, SAID_LOST
+from mesoshell.cli.options.train import Options
 from mesoshell.errors import InputError
 from mesoshell.io.whole import probe_folder
 from mesoshell.measure.operations import count_operations

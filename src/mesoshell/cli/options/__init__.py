@@ -1,0 +1,1 @@
+"""What each verb takes: a file a verb, dataclasses only, which the parser reads for `--help`."""

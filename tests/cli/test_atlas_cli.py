@@ -117,7 +117,9 @@ def test_faults_are_one_line(folder, tmp_path, capsys) -> None:
         capsys, "atlas", "mesh", run, "--quads", 0, "--out", tmp_path / "a.glb"
     )
     both = "--checker", "--texture", tmp_path / "a.png"
-    assert "--checker: stands in" in fault(capsys, "atlas", "render", run, *both, "--out", tmp_path / "f")
+    assert "--checker: takes the texture's place" in fault(
+        capsys, "atlas", "render", run, *both, "--out", tmp_path / "f"
+    )
     missing = "--texture", tmp_path / "none.png"
     assert "none.png: no such file" in fault(capsys, "atlas", "render", run, *missing, "--out", tmp_path / "f")
     write_png(tmp_path / "odd.png", np.zeros((7, 9, 3), np.float32))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesoshell.cli.commands import judge_scores as judging
+from mesoshell.cli.commands import judge_scores
 from mesoshell.cli.main import main
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_png
@@ -85,7 +85,7 @@ def test_scores_stand_in_one_table(made, tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(fields, "SEEDS", 1)
     monkeypatch.setattr(fields, "SIDE", 2)
     colour = Extractor("Colour", lambda image: image[..., :3].mean(axis=(1, 2)))
-    monkeypatch.setattr(judging, "_networks", lambda console: [colour])
+    monkeypatch.setattr(judge_scores, "_networks", lambda console: [colour])
     patch, generator, out = made / "patch.npz", made / "made.npz", tmp_path / "scores"
     materials = [str(patch), str(generator)]
     main(["judge", "scores", *materials, "--data", str(made / "fog"), "--out", str(out), "--exemplars", *materials[:1]])

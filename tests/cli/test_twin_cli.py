@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mesoshell.cli.commands.distill import source_of
 from mesoshell.cli.main import main
 from mesoshell.cli.options.distill import Options
-from mesoshell.cli.subject import ShellSubject, from_afar, subject
+from mesoshell.distill.source import ShellSource, from_afar
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.io.patches import COLUMNS, read_patches
@@ -178,19 +179,19 @@ def test_a_run_belongs_to_what_it_was_begun_with(folder, capsys) -> None:
 )
 def test_a_shell_is_learned_as_high_as_it_was_made(folder, name: str, depth: float, curvature, afar: float) -> None:
     """And under surfaces that it fits under."""
-    shell = subject(Options(str(folder / f"{name}.npz"), folder / "x.npz"))
-    assert isinstance(shell, ShellSubject)
+    shell = source_of(Options(str(folder / f"{name}.npz"), folder / "x.npz"))
+    assert isinstance(shell, ShellSource)
     assert (shell.settings.depth, shell.settings.curvature) == (depth, curvature)
     assert from_afar(shell, None).settings.curvature == (-0.5, afar)
     check_curvature(shell.settings.curvature, shell.settings.depth)
-    tall = subject(Options(str(folder / f"{name}.npz"), folder / "x.npz", thickness=3.0))
-    assert isinstance(tall, ShellSubject) and from_afar(tall, None).settings.curvature == (-0.5, 0.25)
+    tall = source_of(Options(str(folder / f"{name}.npz"), folder / "x.npz", thickness=3.0))
+    assert isinstance(tall, ShellSource) and from_afar(tall, None).settings.curvature == (-0.5, 0.25)
 
 
 @pytest.mark.parametrize("preset, widths", [("small", (64, 64, 64)), ("mini", (64, 64, 64)), ("tiny", (16, 16))])
 def test_a_shell_is_given_wider_networks_than_geometry(folder, preset: Any, widths: tuple[int, ...]) -> None:
-    shell = subject(Options(str(folder / "plain.npz"), folder / "x.npz", preset=preset))
-    weave = subject(Options("weave", folder / "x.npz", preset=preset))
+    shell = source_of(Options(str(folder / "plain.npz"), folder / "x.npz", preset=preset))
+    weave = source_of(Options("weave", folder / "x.npz", preset=preset))
     assert shell.config.surface.hidden == widths and (shell.patches, shell.settings.queries) == (4096, 2048)
     assert weave.config.surface.hidden == (widths if preset == "tiny" else (24, 24, 24))
     assert (weave.patches, weave.settings.queries, weave.settings.widest) == (1024, 8192, 0.25)
@@ -199,9 +200,9 @@ def test_a_shell_is_given_wider_networks_than_geometry(folder, preset: Any, widt
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (("spheres", "--base", "0", "0", "0"), "--base: is of a shell: spheres is geometry"),
-        (("spheres", "--twin", "{folder}/t.npz"), "--twin: is of a shell: spheres is geometry"),
-        (("spheres", "--param", "age=1"), "--param: is of a shell: spheres is geometry"),
+        (("spheres", "--base", "0", "0", "0"), "--base: requires a shell; spheres is none"),
+        (("spheres", "--twin", "{folder}/t.npz"), "--twin: requires a shell; spheres is none"),
+        (("spheres", "--param", "age=1"), "--param: requires a shell; spheres is none"),
         (("spheres", "--thickness", "2"), "--thickness: of geometry is at most 1, not 2"),
         (("spheres", "--thickness", "0.6"), "--curvature: "),
         (("nothing",), "nothing: neither a material, nor an image of heights, nor one of grass, weave, "),
@@ -230,12 +231,12 @@ def test_something_must_be_asked_for(folder, capsys) -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (("--spp", "4"), "--spp: is of geometry: a shell is marched"),
+        (("--spp", "4"), "--spp: requires geometry; {folder}/plain.npz is a shell, which is marched"),
         (("--patches", "1"), "--patches: must be at least 2, not 1"),
         (("--queries", "100"), "--queries: 100 on a cylinder: a step takes 256"),
         (("--kimg", "0"), "--kimg: must be above 0, not 0"),
-        (("--out", "{folder}/none"), "--out: {folder}/none must end in .npz"),
-        (("--twin", "{folder}/none.txt"), "--twin: {folder}/none.txt must end in .npz"),
+        (("--out", "{folder}/none"), "{folder}/none: must end in .npz"),
+        (("--twin", "{folder}/none.txt"), "{folder}/none.txt: must end in .npz"),
         (("--thickness", "0"), "--thickness: must be above 0 and below 10, not 0"),
         (("--base", "-1", "0", "0"), "--base: must be from 0 to 1: what is reflected of the light that falls on it"),
         (

@@ -53,13 +53,18 @@ def test_a_fault_is_never_long():
 
 
 def _started(code: str, **how) -> subprocess.Popen:
-    program = "from mesoshell.cli import main as m\nm.VERBS['doctor'] = run\nm.main(['doctor'])"
+    program = """
+from mesoshell.cli.commands import doctor
+from mesoshell.cli.main import main
+doctor.run = lambda options: run()
+main(["doctor"])
+"""
     buffered = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
     command = [sys.executable, "-c", f"{code}\n{program}"]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=buffered, **how)
 
 
-PRINTS = "def run() -> None:\n    'Say.'\n    print('x' * {})\n"
+PRINTS = "def run() -> None:\n    print('x' * {})\n"
 
 
 @pytest.mark.parametrize("length", [1, 100_000])
@@ -77,7 +82,6 @@ WARNS = """
 import warnings
 import numpy as np
 def run() -> None:
-    'Warn.'
     np.float32(1e38) * np.float32(10)
     warnings.warn('a\\nb')
 """
@@ -98,7 +102,6 @@ def test_a_reader_that_leaves_is_no_fault():
 SWALLOWS = """
 import sys, time
 def run() -> None:
-    'Wait.'
     print('ready', flush=True)
     try:
         time.sleep(20)
@@ -114,7 +117,6 @@ def hear(phase, info):
     print('ready', flush=True)
     time.sleep(20)
 def run() -> None:
-    'Wait.'
     gc.callbacks.append(hear)
     gc.collect()
     gc.callbacks.clear()
@@ -162,11 +164,10 @@ FAULTS = {
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_what_the_system_refuses_is_one_line(name: str, monkeypatch, capsys: pytest.CaptureFixture[str]):
-    def run() -> None:
-        """Fail."""
+    def run(options: object) -> None:
         raise eval(FAULTS[name][0])
 
-    monkeypatch.setitem(__import__("mesoshell.cli.main").cli.main.VERBS, "doctor", run)
+    monkeypatch.setattr("mesoshell.cli.commands.doctor.run", run)
     with pytest.raises(SystemExit) as end:
         main(["doctor"])
     assert end.value.code == 2 and capsys.readouterr().err == FAULTS[name][1]

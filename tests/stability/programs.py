@@ -61,8 +61,8 @@ from mesoshell.train.textures_state import TexturesConfig
 
 SOURCES = Path(mesoshell.__file__).parent
 ROWS = 4096
-#: Whose products are no part of a result: `_matrix_rate` measures how fast they are, `_plan` compiles the steps of `train`.
-ELSEWHERE = {"cli.learn._matrix_rate", "cli.learn._plan"}
+#: Whose products are no part of a result: `_matrix_rate` measures how fast they are, `run_cost` compiles the steps of `train`.
+ELSEWHERE = {"measure.run_cost._matrix_rate", "measure.run_cost.run_cost"}
 KEY = jax.random.key(0)
 
 

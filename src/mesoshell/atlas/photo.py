@@ -70,3 +70,23 @@ def orbit(
 
     eye = centre + Rotation.from_rotvec(turn * up).apply(arm)
     return look_at(tuple(eye), tuple(centre), tuple(up))
+
+
+def around(photos: Sequence[Photo], centre: Float[np.ndarray, "3"], frames: int, size: tuple[int, int]) -> list[Photo]:
+    """Cameras on a circle about the mean of the photographs' upward directions, as high and as far off as these are in the
+    middle, with the first one's angle of view across its shorter side. size: width and height. Raises ValueError if there is no
+    such direction."""
+    worlds = np.stack([p.to_world for p in photos])
+    up = worlds[:, :3, 1].mean(axis=0)
+    if not np.linalg.norm(up) > 1e-3:
+        raise ValueError("the photographs have no common upward direction to go around")
+    up /= np.linalg.norm(up)
+    arms = worlds[:, :3, 3] - centre
+    far, high = np.median(np.linalg.norm(arms, axis=1)), np.median(arms @ up / np.linalg.norm(arms, axis=1))
+    sides = arms - np.outer(arms @ up, up)
+    side = sides[np.argmax(np.linalg.norm(sides, axis=1))]
+    arm = far * (high * up + np.sqrt(max(1 - high**2, 0)) * side / max(np.linalg.norm(side), 1e-9))
+    first, (width, height) = photos[0], size
+    f = first.lens[1] / min(first.width, first.height) * min(width, height)
+    lens = f, f, width / 2, height / 2
+    return [Photo(orbit(centre, up, arm, 2 * np.pi * i / frames), lens, width, height) for i in range(frames)]

@@ -1,6 +1,7 @@
 """Compiled programs kept between commands: a second render, or a run that goes on, starts at once."""
 
 import os
+import warnings
 from pathlib import Path
 
 import jax
@@ -11,6 +12,9 @@ def keep_compiled() -> list[float]:
     root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     jax.config.update("jax_compilation_cache_dir", str(root / "mesoshell" / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    # JAX writes an entry in place: one that another command is writing, or was killed while it wrote, cannot be read, and its
+    # program is compiled anew
+    warnings.filterwarnings("ignore", "Error reading persistent compilation cache entry", UserWarning)
     seconds: list[float] = []
 
     def note(event: str, duration_secs: float, **_: str | int) -> None:

@@ -1,8 +1,7 @@
-"""What `mesoshell judge` judges: a material by name or file, or a run's newest snapshot. Imports JAX."""
+"""What `mesoshell judge` is given: a material by name or file, or a run, for its newest snapshot. Imports JAX."""
 
 from pathlib import Path
 
-from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.material import find
@@ -11,9 +10,8 @@ from mesoshell.train.picture import PictureConfig
 from mesoshell.train.record import read_record, snapshots
 
 
-def sitter(name: str, dataset: Dataset) -> Posed:
-    """What makes its pictures. Raises InputError."""
-    keep_compiled()
+def posed_material(name: str, dataset: Dataset) -> Posed:
+    """What makes its pictures from the dataset's cameras. Raises InputError."""
     return posed(bundle_of(name), name, dataset, _taken(name))
 
 
@@ -23,7 +21,7 @@ def bundle_of(name: str) -> Bundle:
 
 
 def _taken(name: str) -> PictureConfig | None:
-    """How a run takes its pictures, which need not filter."""
+    """How a run takes its pictures: it need not filter."""
     picture = getattr(read_record(Path(name))[0], "picture", None) if _is_run(name) else None
     return picture if isinstance(picture, PictureConfig) else None
 

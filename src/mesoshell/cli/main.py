@@ -1,29 +1,68 @@
-"""`mesoshell VERB`: parse, run the verb, turn unusable input into one line on standard error and exit status 2."""
+"""`mesoshell VERB`: read its options, then import and call what does the work. A fault is one line and exit status 2."""
 
-import functools
 import sys
-from collections.abc import Callable
+from importlib import import_module
+from typing import Any
 
 import tyro
 
 from mesoshell import __version__
-from mesoshell.cli.commands import doctor, export, materials
 from mesoshell.cli.ending import concluded, usage
-from mesoshell.cli.options import atlas, dataset, distill, evaluate, fit, judge, render, texture, train
+from mesoshell.cli.options import (
+    atlas,
+    dataset,
+    distill,
+    doctor,
+    evaluate,
+    export,
+    fit,
+    judge,
+    materials,
+    render,
+    texture,
+    train,
+)
 
-VERBS: dict[str, Callable] = {
-    "render": render.run,
-    "materials": materials.run,
-    "fit": fit.run,
-    "dataset": dataset.run,
-    "train": train.run,
-    "evaluate": evaluate.run,
-    "judge": judge.run,
-    "export": export.run,
-    "texture": texture.run,
-    "distill": distill.run,
-    "atlas": atlas.run,
-    "doctor": doctor.run,
+VERBS: dict[str, type] = {
+    "render": render.Options,
+    "materials": materials.Options,
+    "fit": fit.Options,
+    "dataset": dataset.Options,
+    "train": train.Options,
+    "evaluate": evaluate.Options,
+    "judge": judge.Options,
+    "export": export.Options,
+    "texture": texture.Options,
+    "distill": distill.Options,
+    "atlas": atlas.Options,
+    "doctor": doctor.Options,
+}
+#: "module:function" in cli/commands that does what these options ask for.
+COMMANDS: dict[type, str] = {
+    render.Options: "render:run",
+    materials.Options: "materials:run",
+    fit.Options: "fit:run",
+    dataset.Render: "dataset_blender:render",
+    dataset.RenderPatches: "dataset_queries:run",
+    dataset.Check: "dataset:check",
+    dataset.Pack: "dataset:pack",
+    dataset.Sheet: "dataset:sheet",
+    dataset.Vary: "dataset_blender:vary",
+    dataset.Cost: "dataset_blender:cost",
+    train.Options: "train:run",
+    evaluate.Options: "evaluate:run",
+    judge.Blind: "judge_blind:make_sheet",
+    judge.Marks: "judge_blind:count_marks",
+    judge.Scores: "judge_scores:run",
+    export.Options: "export:run",
+    texture.Options: "texture:run",
+    distill.Options: "distill:run",
+    atlas.Capture: "atlas_capture:run",
+    atlas.Train: "atlas:train",
+    atlas.Texture: "atlas:texture",
+    atlas.Render: "atlas:render",
+    atlas.Mesh: "atlas:mesh",
+    doctor.Options: "doctor:run",
 }
 
 
@@ -35,27 +74,25 @@ def main(arguments: list[str] | None = None) -> None:
         return
     debug = "--debug" in given
     given = [a for a in given if a != "--debug"]
-    status = concluded(lambda: _parsed(given)(), debug)
+    status = concluded(lambda: _call(_parsed(given)), debug)
     if status:
         sys.exit(status)
 
 
-def _parsed(given: list[str]) -> Callable[[], None]:
-    """The verb with its options, to be called. Ends with status 2 and one line if there is none such."""
-    later = {name: _later(verb) for name, verb in VERBS.items()}
+def _parsed(given: list[str]) -> Any:
+    """The options of a verb, or of a verb's own verb. Ends with status 2 and one line if there is none such."""
     with usage():
-        return tyro.extras.subcommand_cli_from_dict(
-            later,
+        options = tyro.extras.subcommand_cli_from_dict(
+            VERBS,
             prog="mesoshell",
             description="Grass, carpet and fur for any mesh, as neural reflectance shells. "
             "--debug after any verb shows the traceback of an error.",
             args=given,
         )
+    return getattr(options, "command", options)
 
 
-def _later(verb: Callable) -> Callable[..., Callable[[], None]]:
-    @functools.wraps(verb)
-    def bound(*arguments: object, **named: object) -> Callable[[], None]:
-        return functools.partial(verb, *arguments, **named)
-
-    return bound
+def _call(options: Any) -> None:
+    """Do what the options ask for."""
+    module, _, function = COMMANDS[type(options)].partition(":")
+    getattr(import_module(f"mesoshell.cli.commands.{module}"), function)(options)

@@ -1,11 +1,11 @@
-"""How different a surface material looks from what it was taught by, by footprint.
+"""Distillation error: how different a surface material looks from what it was distilled from, by footprint.
 
-Alphabet
+Notation
 radius       standard deviation of a pixel's footprint, periods; pixels are two of them apart
-picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under LIGHTS of any direction:
-             all drawn anew for each. It is exposed as a camera does: what is opaque of it is middle grey on average, and it
-             stands before what is BEHIND. The teacher's is the mean of RAYS a pixel
-error        FLIP of the picture by the material against that by its teacher: 0 is the same, 1 the most
+picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under LIGHTS of any direction,
+             all drawn anew for each picture. Its exposure makes what is opaque middle grey on average, over a background of
+             radiance BEHIND. The source's is the mean of RAYS a pixel
+error        FLIP between the material's picture and the source's: 0 is the same, 1 the most
 """
 
 from collections.abc import Callable
@@ -20,19 +20,19 @@ from mesoshell.mesostructure.tile import Placing
 from mesoshell.scene.defaults import BOUNCE, FILL
 
 SIDE, PICTURES, RAYS, BEHIND = 32, 24, 8, 0.18
-#: Irradiances of the lights that `mesoshell render` has by itself.
+#: Irradiances of a scene's default lights.
 LIGHTS = (1.0, FILL, BOUNCE)
 GREY, LUMINANCE = 0.18, np.array([0.2126, 0.7152, 0.0722])
 _ALPHA, _RGB = COLUMNS.index("alpha"), slice(COLUMNS.index("r"), COLUMNS.index("b") + 1)
 
-#: Of rows of queries: α, the silhouette cosine and ρ.
+#: From rows of queries to α, the silhouette cosine and ρ.
 Painter = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 def errors_by_radius(
     answers: Answers, painter: Painter, curvature: tuple[float, float], narrowest: float, widest: float
 ) -> tuple[tuple[float, float], ...]:
-    """(radius, error), octaves of what was trained: the mean over pictures and 1.96 standard errors."""
+    """(radius, error) for each of `radii`: the mean over pictures, plus 1.96 standard errors."""
     found = []
     for k, radius in enumerate(radii(narrowest, widest)):
         each = [_error(answers, painter, curvature, radius, np.random.default_rng([k, i])) for i in range(PICTURES)]

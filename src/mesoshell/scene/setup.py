@@ -146,7 +146,7 @@ def _mesh(given: str | PathLike[str] | Mesh) -> Mesh:
 
 def _check_colours(scene: Scene) -> None:
     """Raise InputError for a light or a surface that is darker than black, or brighter than can be, or no list of objects."""
-    _check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
+    check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
     if np.shape(scene.base_colour) != (3,):
         raise InputError(Argument("base_colour"), f"must be three numbers, not {scene.base_colour!r}")
     if isinstance(scene.objects, str | PathLike):
@@ -157,7 +157,8 @@ def _check_colours(scene: Scene) -> None:
         )
 
 
-def _check_irradiance(name: str, irradiance: np.ndarray) -> None:
+def check_irradiance(name: str, irradiance: np.ndarray) -> None:
+    """Raise InputError, of the argument `name`, for light that is negative, or more than numbers hold."""
     wrong = irradiance[~((irradiance >= 0) & (irradiance <= BRIGHTEST))]
     if wrong.size:
         raise InputError(Argument(name), f"must be from 0 to {BRIGHTEST:g}, not {wrong[0]:g}")
@@ -174,8 +175,8 @@ def _up_axis(scene: Scene) -> int:
 
 def _lights(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...], Environment | None]:
     """The lights and the environment given, or three lights if there are none. Raises InputError."""
-    lights = tuple(_light(light, scene.irradiance) for light in scene.lights)
-    sky = _environment(scene, up)
+    lights = tuple(light_of(light, scene.irradiance) for light in scene.lights)
+    sky = environment_of(scene.environment, up)
     if not lights and sky is None:
         lights = default_lights(camera, up, scene.irradiance)
     return lights, sky
@@ -212,7 +213,8 @@ def _camera(scene: Scene, box: np.ndarray, thickness: float, up: int) -> Camera:
     return Camera(look_at(eye, target, axis_of(up)), np.radians(degrees), width, height)
 
 
-def _light(given: Distant | tuple[float, float, float], irradiance: float) -> Distant:
+def light_of(given: Distant | tuple[float, float, float], irradiance: float) -> Distant:
+    """A distant light, of this irradiance if only a direction is given. Raises InputError."""
     toward, strength = (given.direction, given.irradiance) if isinstance(given, Distant) else (given, irradiance)
     direction, strength = np.asarray(toward, np.float64), np.asarray(strength, np.float64)
     if direction.shape != (3,) or strength.shape not in ((), (3,)):
@@ -220,12 +222,12 @@ def _light(given: Distant | tuple[float, float, float], irradiance: float) -> Di
     length = float(np.linalg.norm(direction))
     if not (np.isfinite(length) and length > 0):
         raise InputError(Argument("lights"), f"{tuple(map(float, direction))} is no direction")
-    _check_irradiance("lights", strength)
+    check_irradiance("lights", strength)
     return Distant(direction / length, np.broadcast_to(strength, 3).copy())
 
 
-def _environment(scene: Scene, up: int) -> Environment | None:
-    given = scene.environment
+def environment_of(given: str | PathLike[str] | Float[np.ndarray, "H W 3"] | None, up: int) -> Environment | None:
+    """A latitude-longitude image as an environment. up: axis, 1 or 2. Raises InputError."""
     if given is None:
         return None
     source = Argument("environment") if isinstance(given, np.ndarray) else given

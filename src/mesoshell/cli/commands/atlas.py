@@ -1,27 +1,27 @@
-"""The work of `mesoshell atlas` after the photographs are there. Imports JAX, so it is loaded only when it runs."""
+"""`mesoshell atlas train`, `texture`, `render` and `mesh`: from photographs to an object. Imports JAX."""
 
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from mesoshell.atlas import paint
 from mesoshell.atlas.capture import read_capture
 from mesoshell.atlas.mesh import wrapped
-from mesoshell.atlas.photo import Photo, orbit
+from mesoshell.atlas.photo import Photo, around
 from mesoshell.atlas.render import Lit, picture, view
 from mesoshell.atlas.store import Captured, read_captured
+from mesoshell.cli.checks import at_least, ends_in
 from mesoshell.cli.compilation_cache import keep_compiled
-from mesoshell.cli.learn import learn, said
+from mesoshell.cli.learn import learn, print_length
 from mesoshell.cli.options.atlas import Mesh, Render, Texture, Train
+from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
-from mesoshell.io.image import read_exr, write_exr, write_png
+from mesoshell.io.image import write_exr, write_png
 from mesoshell.io.whole import probe_folder, probe_outputs
 from mesoshell.io.wrapped import write_wrapped
 from mesoshell.limits import check_memory
-from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.setup import check_irradiance, environment_of, light_of
 from mesoshell.train.atlas import AtlasTraining, atlas_as
 from mesoshell.train.atlas_snapshot import board_paint
 from mesoshell.train.experiment import of_length, read_experiment
@@ -33,21 +33,22 @@ def train(options: Train) -> None:
     """`mesoshell atlas train`."""
     keep_compiled()
     config = of_length(_config(options), options.kimg)
-    console = Console(stderr=True, highlight=False)
-    with console.status("reading photographs"):
+    with stderr().status("reading photographs"):
         capture = read_capture(options.capture, options.background, config.side)
-    said(options.run, learn(config, capture, options.run))
+    print_length(options.run, learn(config, capture, options.run))
 
 
 def texture(options: Texture) -> None:
     """`mesoshell atlas texture`."""
-    _suffix(options.out, (".png", ".exr") if options.part == "colour" else (".exr",))
+    ends_in(options.out, *((".png", ".exr") if options.part == "colour" else (".exr",)))
+    at_least(options, size=1)
+    _check_size(options)
     probe_outputs((options.out,))
-    found, size = _textured(options.object), _side(options.size)
+    found = _textured(options.object)
     if options.part != "colour" and found.config.colour != "reflectance":
         raise InputError(options.object, f"has colours as they were photographed, and no {options.part}")
-    image = paint.texture_image(found, options.layout, size, options.part)
-    _folder(options.out.parent)
+    image = paint.texture_image(found, options.layout, options.size, options.part)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     write = write_png if options.out.suffix.lower() == ".png" else write_exr
     write(options.out, image)
     print(f"{options.out}: {image.shape[1]} x {image.shape[0]}, {options.layout}")
@@ -56,7 +57,8 @@ def texture(options: Texture) -> None:
 def render(options: Render) -> None:
     """`mesoshell atlas render`."""
     if options.checker and options.texture:
-        raise InputError("--checker", "stands in the texture's place: give one of --checker and --texture")
+        raise InputError("--checker", "takes the texture's place: give one of --checker and --texture")
+    at_least(options, frames=1, samples=1, size=1)
     keep_compiled()
     probe_folder(options.out, "--out")
     found = _textured(options.object) if options.checker or options.texture else _found(options.object)
@@ -69,15 +71,16 @@ def render(options: Render) -> None:
     if samples is None:
         learned = int(found.provenance.get("config", {}).get("samples", quality.samples))
         samples = max(learned, quality.samples) if options.quality == "reference" else learned
-    quality = quality.with_changes(samples=_at_least_one("--samples", samples))
+    quality = quality.with_changes(samples=samples)
     cameras = _cameras(found, options)
     how = view(found.config, found.field, quality, painted, _lit(found, options))
-    _folder(options.out)
-    console = Console(stderr=True)
-    for i, camera in enumerate(track(cameras, "rendering", console=console, transient=True)):
-        rgba = picture(found.config, found.field, found.to_box(camera), how).rgba
-        write_exr(options.out / f"{i:04d}.exr", rgba)
-        write_png(options.out / f"{i:04d}.png", rgba)
+    options.out.mkdir(parents=True, exist_ok=True)
+    with bar(stderr(), "rendering", len(cameras), count=True) as show:
+        for i, camera in enumerate(cameras):
+            rgba = picture(found.config, found.field, found.to_box(camera), how).rgba
+            write_exr(options.out / f"{i:04d}.exr", rgba)
+            write_png(options.out / f"{i:04d}.png", rgba)
+            show(i + 1)
     for old in options.out.glob("[0-9][0-9][0-9][0-9].exr"):  # of a longer path that was rendered here before
         shown = old.with_suffix(".png")
         if int(old.stem) >= len(cameras) and shown.exists():
@@ -88,16 +91,18 @@ def render(options: Render) -> None:
 
 def mesh(options: Mesh) -> None:
     """`mesoshell atlas mesh`."""
-    _suffix(options.out, (".glb", ".obj"))
+    ends_in(options.out, ".glb", ".obj")
+    at_least(options, size=1, quads=1)
+    _check_size(options)
+    check_memory("--quads", f"a wrap of 6 x {options.quads} x {options.quads} quads", 6 * 512 * options.quads**2)
     probe_outputs((options.out,))
-    found, side, quads = _textured(options.object), _side(options.size), _at_least_one("--quads", options.quads)
-    check_memory("--quads", f"a wrap of 6 x {quads} x {quads} quads", 6 * 512 * quads**2)
-    surface = wrapped(found.config, found.field, quads, side)
+    found, side = _textured(options.object), options.size
+    surface = wrapped(found.config, found.field, options.quads, side)
     image = paint.texture_image(found, "cubemap", side)
     rough = None
     if found.config.colour == "reflectance" and options.out.suffix.lower() == ".glb":
         rough = paint.texture_image(found, "cubemap", side, "roughness")[..., 0]
-    _folder(options.out.parent)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     vertices = found.centre + found.half * surface.vertices
     write_wrapped(options.out, vertices, surface.faces, surface.uv, surface.normals, image, rough)
     print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
@@ -109,23 +114,9 @@ def _lit(found: Captured, options: Render) -> Lit | None:
         return None
     if found.config.colour != "reflectance":
         raise InputError(options.object, "has colours as they were photographed, and no reflectance that could be lit")
-    if not (np.isfinite(options.irradiance) and options.irradiance >= 0):
-        raise InputError("--irradiance", f"must be finite and not negative, not {options.irradiance}")
-    lights = []
-    for v in options.light:
-        length = float(np.linalg.norm(v))
-        if not (np.isfinite(length) and length > 0):
-            raise InputError("--light", f"{v} is no direction")
-        lights.append(Distant(np.array(v) / length, np.full(3, options.irradiance)))
-    sky = None
-    if options.environment:
-        radiance = read_exr(options.environment)[..., :3]
-        if not (np.isfinite(radiance).all() and (radiance >= 0).all() and radiance.any()):
-            raise InputError(
-                options.environment, "is no environment: it has negative or infinite pixels, or is all black"
-            )
-        sky = environment(radiance, {"y": 1, "z": 2}[options.up])
-    return Lit(tuple(lights), sky)
+    check_irradiance("irradiance", np.array(options.irradiance))
+    lights = tuple(light_of(toward, options.irradiance) for toward in options.light)
+    return Lit(lights, environment_of(options.environment, {"y": 1, "z": 2}[options.up]))
 
 
 def _config(options: Train) -> AtlasTraining:
@@ -163,52 +154,15 @@ def _cameras(found: Captured, options: Render) -> list[Photo]:
         if not found.tested:
             raise InputError(options.object, "held no view out: it has fewer than 8")
         return [found.photos[i] for i in found.tested]
-    return around(found, _at_least_one("--frames", options.frames), options.size)
-
-
-def around(found: Captured, frames: int, size: tuple[int, int]) -> list[Photo]:
-    """Cameras on a circle about the mean of the photographs' upward directions, as high and as far off as these are in the
-    middle, with the first one's angle of view across its shorter side."""
-    worlds = np.stack([p.to_world for p in found.photos])
-    up = worlds[:, :3, 1].mean(axis=0)
-    if not np.linalg.norm(up) > 1e-3:
-        raise InputError(
-            "--path", "the photographs have no common upward direction to go around: give photographs or held-out"
-        )
-    up /= np.linalg.norm(up)
-    arms = worlds[:, :3, 3] - found.centre
-    far, high = np.median(np.linalg.norm(arms, axis=1)), np.median(arms @ up / np.linalg.norm(arms, axis=1))
-    sides = arms - np.outer(arms @ up, up)
-    side = sides[np.argmax(np.linalg.norm(sides, axis=1))]
-    arm = far * (high * up + np.sqrt(max(1 - high**2, 0)) * side / max(np.linalg.norm(side), 1e-9))
-    width, height = (_at_least_one("--size", n) for n in size)
+    width, height = options.size
     check_memory("--size", f"frames of {width} x {height}", 64 * width * height)
-    check_memory("--frames", f"{frames} cameras", 512 * frames)
-    first = found.photos[0]
-    f = first.lens[1] / min(first.width, first.height) * min(width, height)
-    lens = f, f, width / 2, height / 2
-    return [Photo(orbit(found.centre, up, arm, 2 * np.pi * i / frames), lens, width, height) for i in range(frames)]
-
-
-def _suffix(path: Path, allowed: tuple[str, ...]) -> None:
-    if path.suffix.lower() not in allowed:
-        raise InputError(path, f"must end in {' or '.join(allowed)}")
-
-
-def _folder(path: Path) -> None:
+    check_memory("--frames", f"{options.frames} cameras", 512 * options.frames)
     try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(path, f"cannot be made: {error.strerror}") from error
+        return around(found.photos, found.centre, options.frames, options.size)
+    except ValueError as fault:
+        raise InputError("--path", f"{fault}: give photographs or held-out") from None
 
 
-def _side(n: int) -> int:
-    """Of the squares of a texture, which its layout has six of at most."""
-    check_memory("--size", f"a texture of {n} pixels a side", 6 * 64 * _at_least_one("--size", n) ** 2)
-    return n
-
-
-def _at_least_one(name: str, n: int) -> int:
-    if n < 1:
-        raise InputError(name, f"must be at least 1, not {n}")
-    return n
+def _check_size(options: Texture | Mesh) -> None:
+    """Raise InputError for squares of a texture, six of them in a layout at most, that memory does not hold."""
+    check_memory("--size", f"a texture of {options.size} pixels a side", 6 * 64 * options.size**2)

@@ -1,30 +1,21 @@
-"""The work of `mesoshell atlas capture`."""
+"""`mesoshell atlas capture`: photographs of a mesh, by Blender."""
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
+from mesoshell.cli.checks import at_least
 from mesoshell.cli.options.atlas import Capture
+from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
-from mesoshell.farm.photograph import Shooting
-from mesoshell.farm.photograph import photograph as shoot
+from mesoshell.farm.photograph import Shooting, photograph
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.image import read_picture
 from mesoshell.io.whole import probe_folder
 from mesoshell.limits import check_memory
 
 
-def photograph(options: Capture) -> None:
-    """All of it."""
-    for name, value, least in (
-        ("--views", options.views, 2),
-        ("--size", options.size, 8),
-        ("--spp", options.spp, 1),
-        ("--points", options.points, 1),
-        ("--seed", options.seed, 0),
-    ):
-        if value < least:
-            raise InputError(name, f"must be at least {least}, not {value}")
+def run(options: Capture) -> None:
+    """All of `mesoshell atlas capture`."""
+    at_least(options, views=2, size=8, spp=1, points=1, seed=0)
     if not (np.isfinite(options.noise) and options.noise >= 0):
         raise InputError("--noise", f"must be finite and not negative, not {options.noise}")
     check_memory("--size", f"pictures of {options.size} x {options.size}", 64 * options.size**2)
@@ -45,7 +36,6 @@ def photograph(options: Capture) -> None:
         options.noise,
         options.seed,
     )
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("photographing", total=options.views)
-        shoot(load_mesh(options.mesh), shooting, options.out, lambda n: bar.update(task, completed=n))
+    with bar(stderr(), "photographing", options.views, count=True) as show:
+        photograph(load_mesh(options.mesh), shooting, options.out, show)
     print(f"{options.out}: {options.views} photographs of {options.size} x {options.size}")

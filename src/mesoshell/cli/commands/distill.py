@@ -1,83 +1,104 @@
-"""The work of `mesoshell distill`. Imports JAX, so it is loaded only when it runs."""
+"""`mesoshell distill`: a surface material from a neural shell or from geometry. Imports JAX."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
-from mesoshell.cli.commands.export import newest_surface
+from mesoshell.cli.checks import at_least, ends_in, params_of
 from mesoshell.cli.compilation_cache import keep_compiled
-from mesoshell.cli.learn import learn, said
+from mesoshell.cli.learn import learn, print_length
 from mesoshell.cli.options.distill import Options
-from mesoshell.cli.queries import planned, written
-from mesoshell.cli.subject import ShellSubject, Subject, from_afar, subject
+from mesoshell.cli.queries import write_queries
 from mesoshell.distill.error import errors_by_radius
+from mesoshell.distill.source import ShellSource, Source, from_afar, geometry_source, is_shell, shell_source
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.patches import read_patches
-from mesoshell.io.surface import SurfaceBundle, write_surface
+from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.io.twin import Twin
 from mesoshell.io.whole import probe_outputs
+from mesoshell.measure.evaluation import with_scores
 from mesoshell.train.record import snapshots
 from mesoshell.train.surface import MIXED, fitted
 from mesoshell.train.surface_snapshot import painter
 
-#: Of a run's folder: its queries, and what is learned for the twin.
+#: Folders in a run's: its queries, and the run of the twin.
 QUERIES, AFAR = "queries", "afar"
 
 
-def distill(options: Options) -> None:
+def run(options: Options) -> None:
     """All of `mesoshell distill`."""
-    run = _checked(options)
+    folder = _checked(options)
     probe_outputs(tuple(path for path in (options.out, options.twin) if path is not None))
     keep_compiled()
-    of = subject(options)
+    source = source_of(options)
     if options.out is not None:
-        surface = _learned(of, run)
+        surface = _learned(source, folder)
         options.out.parent.mkdir(parents=True, exist_ok=True)
         write_surface(options.out, surface)
         print(options.out)
-    if options.twin is not None and isinstance(of, ShellSubject):
-        twin = _twin(from_afar(of, options.curvature), run / AFAR)
+    if options.twin is not None and isinstance(source, ShellSource):
+        twin = _twin(from_afar(source, options.curvature), folder / AFAR)
         options.twin.parent.mkdir(parents=True, exist_ok=True)
-        write_bundle(options.twin, replace(of.bundle, twin=twin))
+        write_bundle(options.twin, replace(source.bundle, twin=twin))
         print(options.twin)
 
 
-def _twin(of: ShellSubject, run: Path) -> Twin:
-    """A material of wide footprints, and how different it looks at each."""
-    surface, asked = _learned(of, run), of.settings
-    looks = painter(fitted(of.config, read_patches(run / QUERIES))[0], snapshots(run)[-1][1])
-    errors = errors_by_radius(of.answers, looks, asked.curvature, asked.narrowest, asked.widest)
-    return Twin(surface, of.alpha, of.base, errors)
+def source_of(options: Options) -> Source:
+    """What the options name. Raises InputError, also for options that are of another kind of source."""
+    name = options.material
+    given = {k: getattr(options, k) for k in ("thickness", "curvature", "patches", "queries", "preset", "kimg")}
+    if is_shell(name):
+        if options.spp is not None:
+            raise InputError("--spp", f"requires geometry; {name} is a shell, which is marched")
+        return shell_source(name, params_of(options.param), options.base, **given)
+    for option in ("twin", "base", "param"):
+        if getattr(options, option):
+            raise InputError(f"--{option}", f"requires a shell; {name} is none")
+    return geometry_source(name, options.spp, **given)
 
 
-def _learned(of: Subject, run: Path) -> SurfaceBundle:
-    """Queries, asked or there already, and what was learned from them."""
-    least = of.config.batch // MIXED
-    if of.settings.queries < least:
-        raise InputError("--queries", f"{of.settings.queries} on a cylinder: a step takes {least}")
-    if (known := planned(run / QUERIES)) not in (None, of.patches):
-        raise InputError("--patches", f"{run / QUERIES} was begun with {known}, not {of.patches}")
-    written(of.settings, of.answers, of.patches, run / QUERIES)
-    said(run, learn(of.config, read_patches(run / QUERIES), run))
-    return newest_surface(run)
+def _twin(source: ShellSource, folder: Path) -> Twin:
+    """A material of wide footprints, and its error at each."""
+    surface, asked = _learned(source, folder), source.settings
+    looks = painter(fitted(source.config, read_patches(folder / QUERIES))[0], snapshots(folder)[-1][1])
+    errors = errors_by_radius(source.answers, looks, asked.curvature, asked.narrowest, asked.widest)
+    return Twin(surface, source.alpha, source.base, errors)
+
+
+def _learned(source: Source, folder: Path) -> SurfaceBundle:
+    """What is learned from queries, which are written first where they are missing."""
+    least, queries = source.config.batch // MIXED, folder / QUERIES
+    if source.settings.queries < least:
+        raise InputError("--queries", f"{source.settings.queries} on a cylinder: a step takes {least}")
+    if (known := _planned(queries)) not in (None, source.patches):
+        raise InputError("--patches", f"{queries} was begun with {known}, not {source.patches}")
+    write_queries(source.settings, source.answers, source.patches, queries)
+    print_length(folder, learn(source.config, read_patches(queries), folder))
+    images, path = snapshots(folder)[-1]
+    return with_scores(read_surface(path), folder, images)
+
+
+def _planned(queries: Path) -> int | None:
+    """How many cylinders a dataset was begun with; None if there is none that can be read."""
+    try:
+        return json.loads((queries / "manifest.json").read_text())["count"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def _checked(options: Options) -> Path:
     """The run's folder. Raises InputError."""
-    for name, least in (("patches", 2), ("queries", 2), ("spp", 1)):
-        value = getattr(options, name)
-        if value is not None and value < least:
-            raise InputError(f"--{name}", f"must be at least {least}, not {value}")
-    first = options.out or options.twin
-    if first is None:
+    at_least(options, patches=2, queries=2, spp=1)
+    files = [path for path in (options.out, options.twin) if path is not None]
+    if not files:
         raise InputError("--out", "or --twin must name a file to write")
-    for name, path in (("--out", options.out), ("--twin", options.twin)):
-        if path is not None and path.suffix != ".npz":
-            raise InputError(name, f"{path} must end in .npz")
-    if options.twin is not None and options.out is not None and options.twin.resolve() == options.out.resolve():
+    for path in files:
+        ends_in(path, ".npz")
+    if len(files) == 2 and files[0].resolve() == files[1].resolve():
         raise InputError("--twin", f"{options.twin} is what --out names too")
     if options.kimg is not None and not 0 < options.kimg < float("inf"):
         raise InputError("--kimg", f"must be above 0, not {options.kimg:g}")
     if options.thickness is not None and not 0 < options.thickness < 10:
         raise InputError("--thickness", f"must be above 0 and below 10, not {options.thickness:g}")
-    return options.run or first.with_suffix("")
+    return options.run or files[0].with_suffix("")

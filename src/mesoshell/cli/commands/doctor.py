@@ -8,11 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+from mesoshell.cli.options.doctor import Options
+
 BLENDER_PYTHON = Path("data_gen/.venv/bin/python")
 
 
-def run() -> None:
-    """Check the installation: versions, devices, ray tracing, the Blender environment, the bundled material."""
+def run(options: Options) -> None:
+    """All of `mesoshell doctor`."""
     print(f"python      {sys.version.split()[0]} on {os.cpu_count()} processors")
     for name in ("numpy", "jax", "jaxlib", "trimesh", "embreex", "xatlas", "OpenEXR"):
         try:

@@ -1,9 +1,8 @@
-"""The work of `mesoshell fit`. Imports JAX, so it is loaded only when it runs."""
-
-from rich.console import Console
+"""`mesoshell fit`: a material of patches, from renders of them. Imports JAX."""
 
 from mesoshell.cli.learn import learn
 from mesoshell.cli.options.fit import Options
+from mesoshell.cli.progress import stderr
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.dataset import read_dataset
@@ -13,11 +12,13 @@ from mesoshell.io.names import distinct_names
 from mesoshell.io.whole import probe_outputs
 from mesoshell.train.fit_run import conclude, fit_config, shots_to_fit
 from mesoshell.train.holdout import Scores
+from mesoshell.train.parallel import rows_of, split_cpu
 
 
-def fit_to_file(options: Options) -> None:
+def run(options: Options) -> None:
     """All of `mesoshell fit`."""
-    console = Console(stderr=True)
+    split_cpu(rows_of(options.rays))  # before JAX starts
+    console = stderr()
     config = fit_config(
         options.steps, options.rays, options.texels, options.width, options.held, options.decoder, options.seed
     )
@@ -28,11 +29,11 @@ def fit_to_file(options: Options) -> None:
     with console.status("reading images"):
         shots = shots_to_fit(config, datasets, tests)
     count = sum(map(len, shots.learned))
-    console.print(f"{count:,} rays of {len(shots.learned)} patches in {len(shots.samples):,} images", highlight=False)
+    console.print(f"{count:,} rays of {len(shots.learned)} patches in {len(shots.samples):,} images")
     state = learn(config, shots, options.run)
     made, scores, sheets = conclude(config, shots, state, datasets, tests)
     for (folder, scored), name in zip(scores.items(), distinct_names(list(scores)), strict=True):
-        console.print(f"{folder}: {_said(scored)}", highlight=False)
+        console.print(f"{folder}: {_said(scored)}")
         write_png(options.run / f"{name}.png", sheets[folder])
     options.out.parent.mkdir(parents=True, exist_ok=True)
     if isinstance(made, Bundle):

@@ -1,4 +1,4 @@
-"""The work of `mesoshell judge blind` and `marks`. The latter loads no JAX."""
+"""`mesoshell judge blind` and `marks`. The latter imports no JAX."""
 
 import json
 from dataclasses import replace
@@ -21,7 +21,8 @@ COLUMNS, LEAST = 8, 128
 
 def make_sheet(options: Blind) -> None:
     """Write sheet.png and answers.json."""
-    from mesoshell.cli.judged_material import sitter
+    from mesoshell.cli.compilation_cache import keep_compiled
+    from mesoshell.cli.judged_material import posed_material
 
     if not 0 <= options.seed < 2**32:
         raise InputError("--seed", f"{options.seed} must be from 0 to 4294967295")
@@ -32,11 +33,12 @@ def make_sheet(options: Blind) -> None:
     probe_outputs(files)
     chosen = np.random.default_rng(options.seed).choice(len(dataset.samples), options.count, replace=False)
     samples = [dataset.samples[i] for i in chosen]
-    made = sitter(options.material, dataset).pictures(samples, options.seed)
+    keep_compiled()
+    made = posed_material(options.material, dataset).pictures(samples, options.seed)
     if options.against is None:
         real = load_images(replace(dataset, samples=tuple(samples)))
     else:
-        real = sitter(options.against, dataset).pictures(samples, options.seed)
+        real = posed_material(options.against, dataset).pictures(samples, options.seed)
     sheet = shuffled(real, made, options.seed)
     times = -(-LEAST // real.shape[1])
     enlarged = shown(sheet.pictures).repeat(times, axis=1).repeat(times, axis=2)

@@ -1,8 +1,8 @@
-"""The work of `mesoshell judge scores`. Imports JAX, so it is loaded only when it runs.
+"""`mesoshell judge scores`: a table of measures, a material a column. Imports JAX.
 
-Alphabet
-renders     the floor: one half of the dataset beside the other
-limit       what a generated material is asked for; a ratio is to the renders' own
+Notation
+renders     one half of the dataset compared with the other: no material can be told from renders below that
+limit       what a generated material should reach; a ratio is to the renders' own
 """
 
 import json
@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from mesoshell.cli.judged_material import bundle_of, sitter
+from mesoshell.cli.checks import at_least
+from mesoshell.cli.compilation_cache import keep_compiled
+from mesoshell.cli.judged_material import bundle_of, posed_material
 from mesoshell.cli.options.judge import Scores
+from mesoshell.cli.progress import say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.dataset import read_dataset
@@ -32,10 +35,9 @@ LIMITS = {"repeat": "0.2", "comb, lean": "20", "comb, strokes": "20", "nearest e
 SHOWN = 12
 
 
-def score_all(options: Scores) -> None:
+def run(options: Scores) -> None:
     """Write scores.json, scores.md and pictures; print the table."""
-    if options.images < 4:
-        raise InputError("--images", "must be at least 4")
+    at_least(options, images=4)
     bundles = {name: bundle_of(name) for name in options.materials}
     exemplars = [bundle_of(name) for name in options.exemplars]
     for name, bundle in zip(options.exemplars, exemplars, strict=True):
@@ -49,8 +51,9 @@ def score_all(options: Scores) -> None:
     table = options.out / "scores.md"
     probe_outputs([options.out / "scores.json", table])
     a, b = halves(dataset, options.images)
-    sitters = {name: sitter(name, dataset) for name in bundles}
-    console = Console(stderr=True, highlight=False)
+    keep_compiled()
+    posed = {name: posed_material(name, dataset) for name in bundles}
+    console = stderr()
     with console.status(f"{len(a)} renders beside {len(b)} others"):
         judge = judge_of(dataset, a, _networks(console))
         known = np.concatenate([fields.patches(x, "exemplar") for x in exemplars]) if exemplars else None
@@ -60,9 +63,9 @@ def score_all(options: Scores) -> None:
         if known is not None and len(known) > 1:
             columns["renders"] |= _distances([row.distance for row in among(known, known.shape[2:])])
     with together(table) as folder:
-        for (name, posed), label in zip(sitters.items(), distinct_names(list(sitters)), strict=True):
+        for (name, material), label in zip(posed.items(), distinct_names(list(posed)), strict=True):
             with console.status(f"{name}: {len(b)} pictures"):
-                column = {k: e._asdict() for k, e in score(judge, b, posed.pictures(b, 0)).items()}
+                column = {k: e._asdict() for k, e in score(judge, b, material.pictures(b, 0)).items()}
             with console.status(f"{name}: a field from above"):
                 columns[name] = column | _over_a_field(bundles[name], name, label, known, folder)
         record = {"data": str(options.data), "images": len(a), "scores": columns}
@@ -94,7 +97,7 @@ def _networks(console: Console) -> list[Extractor]:
     try:
         return [unseen(), extractor()]
     except InputError as error:
-        console.print(f"[dim]note:[/] {error}", highlight=False, soft_wrap=True)
+        say_notes(console, [error])
         return [extractor()]
 
 

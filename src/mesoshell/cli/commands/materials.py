@@ -1,7 +1,6 @@
 """`mesoshell materials`: what there is to grow, and what can be set of it."""
 
-import tyro
-
+from mesoshell.cli.options.materials import Options
 from mesoshell.io.bundle import Bundle, Parameter
 from mesoshell.io.material import bundled
 from mesoshell.scene.materials import Material, load_material
@@ -9,13 +8,9 @@ from mesoshell.scene.materials import Material, load_material
 _ROLES = {"alpha": "appearance", "beta": "geometry"}
 
 
-def run(names: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
-    """List the materials that come with the package, with their parameters.
-
-    Args:
-        names: materials to describe instead: names, .npz files, or folders of large textures.
-    """
-    for line in [line for name in names or tuple(bundled()) for line in lines_of(load_material(name))]:
+def run(options: Options) -> None:
+    """All of `mesoshell materials`: nothing is printed if one of the materials cannot be read."""
+    for line in [line for name in options.names or tuple(bundled()) for line in lines_of(load_material(name))]:
         print(line)
 
 

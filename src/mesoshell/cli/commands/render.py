@@ -1,23 +1,17 @@
-"""The work of `mesoshell render`: options become a scene, a picture of it becomes files. Only the engine that renders is
-imported."""
+"""`mesoshell render`: from options to a scene, from its picture to files. Only the engine that renders is imported."""
 
 import json
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-from mesoshell.cli.options.render import Options, parse_params
+from mesoshell.cli.checks import params_of
+from mesoshell.cli.options.render import Options
+from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.whole import probe_outputs, replace_file, together
 from mesoshell.render.quality import Quality
-from mesoshell.scene import picture
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.picture import Picture, Prepared
 from mesoshell.scene.prepare import OF_PATHS, prepare, quality_of
@@ -27,14 +21,14 @@ from mesoshell.scene.scene import Scene
 _OF_SCENES = {"mesh", "engine", "spp", "quality", "explain", "out"}
 
 
-def render_to_files(options: Options) -> None:
+def run(options: Options) -> None:
     """All of `mesoshell render`."""
     begin = time.perf_counter()
     if options.out.is_dir():
         raise InputError("--out", f"{options.out} is a folder")
     out = files_of(options.out)[0]
     probe_outputs(files_of(options.out))
-    console = Console(stderr=True)
+    console = stderr()
     given = {name: getattr(options, name) for name in OF_PATHS if getattr(options, name) is not None}
     quality, compiling = quality_of(options.quality, options.engine, given), None
     if options.mesh.suffix.lower() == ".xml":
@@ -45,21 +39,21 @@ def render_to_files(options: Options) -> None:
             from mesoshell.cli.compilation_cache import keep_compiled
 
             compiling = keep_compiled()
-        with _bar(console, "growing") as progress:
+        with bar(console, "growing") as progress:
             ready = prepare(scene_of(options, material), quality, options.engine, progress)
-    _say_notes(console, ready.notes)
+    say_notes(console, ready.notes)
     if options.explain and ready.effects is not None:
-        console.print(str(ready.effects), highlight=False, soft_wrap=True)
-    with _bar(console, "rendering") as progress:
+        console.print(str(ready.effects), soft_wrap=True)
+    with bar(console, "rendering") as progress:
         made = ready.picture(progress)
-    _say_notes(console, made.notes[len(ready.notes) :])
+    say_notes(console, made.notes[len(ready.notes) :])
     report = _report(made, begin, compiling)
     _write(options.out, made, report)
     if options.explain:
         stages = ", ".join(f"{k} {v:.2f} s" for k, v in report["seconds"].items())
         said = "" if compiling is None else f"; {sum(compiling):.1f} s of this compiling"
-        console.print(stages + said, highlight=False, soft_wrap=True)
-    print(out, file=sys.stdout)
+        console.print(stages + said, soft_wrap=True)
+    print(out)
 
 
 def scene_of(options: Options, material: Material) -> Scene:
@@ -69,7 +63,7 @@ def scene_of(options: Options, material: Material) -> Scene:
         material=material,
         thickness=options.thickness,
         scale=options.scale,
-        params=parse_params(options.param),
+        params=params_of(options.param),
         seed=options.seed,
         size=options.size,
         camera=options.camera,
@@ -116,18 +110,3 @@ def files_of(out: Path) -> tuple[Path, Path, Path]:
     """The picture, its radiance and its report."""
     shown = out if out.suffix == ".png" or not out.name else out.with_suffix(".png")
     return shown, shown.with_suffix(".exr"), shown.with_suffix(".json")
-
-
-@contextmanager
-def _bar(console: Console, what: str) -> Iterator[picture.Progress]:
-    """A bar that goes when it is full."""
-    columns = (TextColumn(what), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda share: bar.update(task, completed=share)
-
-
-def _say_notes(console: Console, notes: tuple[str, ...]) -> None:
-    """What the user should know, a line each."""
-    for note in notes:
-        console.print(f"[dim]note:[/] {note}", highlight=False, soft_wrap=True)

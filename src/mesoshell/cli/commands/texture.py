@@ -1,15 +1,14 @@
-"""The work of `mesoshell texture`. Imports JAX, so it is loaded only when it runs."""
+"""`mesoshell texture`: a texture of any extent by a material's generator. Imports JAX."""
 
 import time
 from dataclasses import replace
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from mesoshell.cli.checks import params_of
 from mesoshell.cli.compilation_cache import keep_compiled
-from mesoshell.cli.options.render import parse_params
 from mesoshell.cli.options.texture import Options
+from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.io.material import find, normalised
@@ -22,7 +21,7 @@ from mesoshell.shell.grow import Wanted, baked, field_of
 from mesoshell.shell.plan import halo_cost
 
 
-def texture_to_files(options: Options) -> None:
+def run(options: Options) -> None:
     """All of `mesoshell texture`."""
     begin = time.perf_counter()
     if options.out.suffix == ".npz":
@@ -41,11 +40,8 @@ def texture_to_files(options: Options) -> None:
     check_seed(options.seed)
     coarser = _coarser(options, config.texels)
     wanted = replace(_wanted(options, bundle, (size[1] / config.texels, size[0] / config.texels)), coarser=coarser)
-    console = Console(stderr=True, highlight=False)
-    columns = (TextColumn("texture"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=1.0)
-        progress = lambda share: bar.update(task, completed=share)  # noqa: E731
+    console = stderr()
+    with bar(console, "texture") as progress:
         if options.out.suffix == ".npz":
             made, share = baked(bundle, options.material, size, wanted, None, progress)
             options.out.parent.mkdir(parents=True, exist_ok=True)
@@ -103,7 +99,7 @@ def _coarser(options: Options, texels: int) -> int:
 
 def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> Wanted:
     """Numbers, and images of geometry parameters, which lie once over the extent."""
-    values, maps = read_params(bundle, parse_params(options.param))
+    values, maps = read_params(bundle, params_of(options.param))
     for p in bundle.parameters:
         if p.name in maps and p.role == "alpha":
             raise InputError(

@@ -120,20 +120,8 @@ class Mesh:
     size: int = 512
 
 
-def run(command: Annotated[Capture | Train | Texture | Render | Mesh, tyro.conf.arg(name="")]) -> None:
+@dataclass(frozen=True)
+class Options:
     """Learn objects from photographs, edit their textures, export them as meshes."""
-    if isinstance(command, Capture):
-        from mesoshell.cli.commands import atlas_capture as photographing
 
-        return photographing.photograph(command)
-    from mesoshell.cli.commands import atlas as captured
-
-    match command:
-        case Train():
-            captured.train(command)
-        case Texture():
-            captured.texture(command)
-        case Render():
-            captured.render(command)
-        case Mesh():
-            captured.mesh(command)
+    command: Annotated[Capture | Train | Texture | Render | Mesh, tyro.conf.arg(name="")]

@@ -132,27 +132,8 @@ class Sheet:
     columns: int = 12
 
 
-def run(
-    command: Annotated[Render | RenderPatches | Check | Pack | Sheet | Vary | Cost, tyro.conf.arg(name="")],
-) -> None:
+@dataclass(frozen=True)
+class Options:
     """Make, check, pack and look at datasets of training images."""
-    if isinstance(command, RenderPatches):
-        from mesoshell.cli import queries as mesostructures
 
-        return mesostructures.render_patches(command)
-    from mesoshell.cli.commands import dataset as datasets
-    from mesoshell.cli.commands import dataset_blender as recipes
-
-    match command:
-        case Render():
-            recipes.render(command)
-        case Vary():
-            recipes.vary(command)
-        case Cost():
-            recipes.cost(command)
-        case Check():
-            datasets.check(command.folder)
-        case Pack():
-            datasets.pack(command.folder, command.out, command.size)
-        case Sheet():
-            datasets.sheet(command)
+    command: Annotated[Render | RenderPatches | Check | Pack | Sheet | Vary | Cost, tyro.conf.arg(name="")]

@@ -9,16 +9,15 @@ import tyro
 
 @dataclass(frozen=True)
 class Options:
-    """Learn a surface material from a neural shell or from geometry: queries are asked of it on cylinders, then fitted. What
-    was done is kept in a folder, and a run that was interrupted goes on."""
+    """Learn a surface material from a neural shell or from geometry: one query a hit. A run that was interrupted goes on."""
 
     #: A bundled shell's name, or a .npz file or folder, with its texture; or geometry, for which mesoshell[mitsuba] is
     #: needed: weave, scales, spheres or fibres, or an image file with heights.
     material: tyro.conf.Positional[str]
     #: The surface material to write.
     out: Path | None = None
-    #: Of a shell, its bundle with a surface material of wide footprints in it, which `mesoshell render` takes where it looks
-    #: as the march does. Instead of --out, or as well.
+    #: Also distil a far-view level of detail into a copy of the shell's bundle, this file; `mesoshell render` uses it where its
+    #: error is small enough. Instead of --out, or as well.
     twin: Path | None = None
     #: Folder of queries, checkpoints and log; OUT, or TWIN, without .npz if not given.
     run: Path | None = None
@@ -42,10 +41,3 @@ class Options:
     #: tiny shows that all works; mini has 6000 steps, small 30 000: of geometry three and fifteen minutes of two cores, after
     #: six or more for the queries.
     preset: Literal["tiny", "mini", "small"] = "small"
-
-
-def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
-    """Learn a surface material from a neural shell or from geometry: one query a hit."""
-    from mesoshell.cli.commands import distill as distilling
-
-    distilling.distill(options)

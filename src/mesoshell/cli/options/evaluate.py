@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 
@@ -21,10 +20,3 @@ class Options:
     snapshots: int = 6
     #: Weights of Inception v3 (a PyTorch state dict), for the field's usual features in place of EfficientNet-Lite0's.
     inception: Path | None = None
-
-
-def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
-    """Score a run's snapshots by KID and FID; writes RUN/evaluation.jsonl and RUN/report.html."""
-    from mesoshell.cli.commands import evaluate as evaluating
-
-    evaluating.evaluate(options)

@@ -9,8 +9,7 @@ import tyro
 
 @dataclass(frozen=True)
 class Options:
-    """Fit patches to datasets that show them: a material of one patch, or many textures under one decoder; a call that is
-    repeated goes on from the run folder."""
+    """Fit patches to datasets that show them; a call that is repeated goes on from the run folder."""
 
     #: Dataset folders (as `mesoshell dataset render --patch 0` or `--patches 16` writes them); several are learnt together.
     datasets: tyro.conf.Positional[tuple[Path, ...]]
@@ -34,13 +33,3 @@ class Options:
     width: int = 64
     #: Seed of initialisation and order.
     seed: int = 0
-
-
-def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
-    """Fit patches to datasets that show them; a call that is repeated goes on from the run folder."""
-    from mesoshell.train.parallel import rows_of, split_cpu
-
-    split_cpu(rows_of(options.rays))
-    from mesoshell.cli.commands import fit as fitting
-
-    fitting.fit_to_file(options)

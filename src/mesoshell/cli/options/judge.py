@@ -51,16 +51,8 @@ class Scores:
     images: int = 400
 
 
-def run(command: Annotated[Blind | Marks | Scores, tyro.conf.arg(name="")]) -> None:
+@dataclass(frozen=True)
+class Options:
     """Judge materials beside renders: blind sheets, and measures."""
-    if isinstance(command, Marks):
-        from mesoshell.cli.commands import judge_blind as blinding
 
-        return blinding.count_marks(command)
-    from mesoshell.cli.commands import judge_blind as blinding
-    from mesoshell.cli.commands import judge_scores as judging
-
-    if isinstance(command, Blind):
-        blinding.make_sheet(command)
-    else:
-        judging.score_all(command)
+    command: Annotated[Blind | Marks | Scores, tyro.conf.arg(name="")]

@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 import tyro
 
-from mesoshell.errors import InputError
 from mesoshell.scene.defaults import EARTH, IRRADIANCE, SIZE
 
 
@@ -75,21 +74,3 @@ class Options:
     explain: bool = False
     #: The picture to write.
     out: Annotated[Path, FILE] = Path("out/render.png")
-
-
-def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
-    """Render a mesh grown with a neural material; writes OUT.png (sRGB), OUT.exr (linear RGBA) and OUT.json."""
-    from mesoshell.cli.commands import render as rendering
-
-    rendering.render_to_files(options)
-
-
-def parse_params(given: tuple[str, ...]) -> dict[str, str]:
-    """NAME=VALUE pairs. Raises InputError for anything else."""
-    pairs = {}
-    for text in given:
-        name, found, value = text.partition("=")
-        if not (found and name and value):
-            raise InputError("--param", f"'{text}' is not NAME=VALUE")
-        pairs[name] = value
-    return pairs

@@ -24,10 +24,3 @@ class Options:
     #: NAME=VALUE; may be repeated. Geometry is baked, and NAME=IMAGE varies it over the extent (grey; black to white spans
     #: its range); appearance becomes the default that a render can still change.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-
-
-def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
-    """Make one texture with a material's generator. Rendering it needs no generator, and looks the same every time."""
-    from mesoshell.cli.commands import texture as texturing
-
-    texturing.texture_to_files(options)

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
-
-from mesoshell.cli import host_process as hosts
 
 
 @dataclass(frozen=True)
@@ -35,16 +33,3 @@ class Options:
     hosts: tuple[int, int] | None = None
     #: Print parameters, memory by part and steps a second expected; train nothing.
     dry_run: bool = False
-
-
-def run(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
-    """Train a generator on a packed dataset; a run that was stopped goes on."""
-    if options.coordinator is not None:
-        hosts.watched(lambda: _work(options), options.run)
-    _work(options)
-
-
-def _work(options: Options) -> None:
-    from mesoshell.cli import learn as training
-
-    training.train_from(options)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesoshell.distill import error as apart
+from mesoshell.distill import error
 from mesoshell.distill.error import LIGHTS, PICTURES, SIDE, errors_by_radius, radii
 from mesoshell.io.patches import COLUMNS
 from mesoshell.mesostructure.render import FINEST
@@ -100,6 +100,6 @@ def test_a_teacher_that_is_grainy_is_asked_several_times(monkeypatch) -> None:
         return max(e for _, e in errors_by_radius(grainy, painter(1.0)[0], CURVATURE, FINEST, WIDEST))
 
     several = worst()
-    monkeypatch.setattr(apart, "RAYS", 1)
+    monkeypatch.setattr(error, "RAYS", 1)
     once = worst()
     assert 1e-3 < several < 0.6 * once

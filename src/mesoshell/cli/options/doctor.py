@@ -1,0 +1,8 @@
+"""`mesoshell doctor`: whether the installation works."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Options:
+    """Check the installation: versions, devices, ray tracing, the Blender environment, the bundled material."""

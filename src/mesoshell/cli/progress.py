@@ -1,0 +1,37 @@
+"""What is said on standard error while a command works: bars and notes. A bar is drawn on a terminal only."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+
+class Show(Protocol):
+    """Moves a bar on: how much is done, of how much and what (both as before if not given)."""
+
+    def __call__(self, done: float, of: float | None = None, what: str | None = None) -> None: ...
+
+
+def stderr() -> Console:
+    """The console that bars and notes go to."""
+    return Console(stderr=True, highlight=False)
+
+
+@contextmanager
+def bar(console: Console, what: str, total: float | None = 1.0, count: bool = False) -> Iterator[Show]:
+    """A bar that is gone at the end. count: show how many are done of how many; for shares, do not."""
+    columns = [TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()]
+    columns += [TextColumn("left"), TimeRemainingColumn()]
+    columns[2:2] = [MofNCompleteColumn()] * count
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda done, of=None, what=None: progress.update(task, completed=done, total=of, description=what)
+
+
+def say_notes(console: Console, notes: Sequence[object]) -> None:
+    """What the user should know, a line each."""
+    for note in notes:
+        console.print(f"[dim]note:[/] {escape(str(note))}", soft_wrap=True)

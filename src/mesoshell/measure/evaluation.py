@@ -1,0 +1,105 @@
+"""How the snapshots of a run are scored, by what the run learns; and the scores in what is exported from it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mesoshell.atlas.capture import Capture
+from mesoshell.atlas.store import read_captured
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset
+from mesoshell.io.patches import Patches
+from mesoshell.io.records import read_rows
+from mesoshell.measure.captured import CHART, LEAST_SIDE, VIEWS, score_views
+from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
+from mesoshell.measure.features import Extractor, extractor
+from mesoshell.measure.queries import QUERIES, score
+from mesoshell.train import photographed
+from mesoshell.train.atlas import AtlasTraining
+from mesoshell.train.method import method_of
+from mesoshell.train.parametric import ParametricConfig
+from mesoshell.train.state import TrainConfig
+from mesoshell.train.stream import RunConfig, views_of
+from mesoshell.train.surface import SurfaceTraining, held_out
+from mesoshell.train.surface_snapshot import painter
+
+#: In a run's folder: a score of a snapshot a line, with `name`, `kimg`, `images`, `value`, `low` and `high`.
+FILE = "evaluation.jsonl"
+_BATCH = 20
+
+
+class Evaluation(NamedTuple):
+    """of: scores of a snapshot's file, by their `names`; of `count` of `what`, such as pictures."""
+
+    names: tuple[str, ...]
+    count: int
+    what: str
+    of: Callable[[Path], dict[str, Estimate]]
+
+
+def evaluation(config: RunConfig, data: Any, run: Path, images: int, weights: Path | None = None) -> Evaluation:
+    """How snapshots of a run are scored. images: pictures to compare, at most; weights: of Inception v3, for its features
+    instead of EfficientNet-Lite0's. Raises InputError for a run, or weights, that cannot serve."""
+    if isinstance(config, AtlasTraining):
+        return _views(config, data, run)
+    if isinstance(config, SurfaceTraining):
+        return _queries(config, data)
+    assert isinstance(config, TrainConfig | ParametricConfig)
+    return _pictures(config, data, images, weights)
+
+
+def with_scores(bundle: Any, run: Path, images: int) -> Any:
+    """A bundle whose provenance holds what the run's snapshot of `images` images was scored, if it was."""
+    rows = read_rows(run / FILE, ("name", "value", "kimg"))
+    metrics = {row["name"]: row["value"] for row in rows if row["kimg"] == images / 1000}
+    return replace(bundle, provenance=bundle.provenance | {"metrics": metrics})
+
+
+def _views(config: AtlasTraining, capture: Capture, run: Path) -> Evaluation:
+    """Renders of the views that were held out, beside their photographs, and how the surface lies in its texture."""
+    tested = photographed.held_out(capture)[1]
+    if not tested:
+        raise InputError(run, "held no view out: it has fewer than 8")
+    if min(min(photo.width, photo.height) for photo in capture.photos) < LEAST_SIDE:
+        raise InputError(run, f"has pictures of fewer than {LEAST_SIDE} pixels a side, which SSIM cannot compare")
+    names = VIEWS + (() if config.field.colour == "volume" else CHART)
+    scores = lambda path: score_views(read_captured(path), capture, config.samples)  # noqa: E731
+    return Evaluation(names, len(tested), "held-out views", scores)
+
+
+def _queries(config: SurfaceTraining, data: Patches) -> Evaluation:
+    """Errors of answers to held-out queries."""
+    patches = held_out(data)[1]
+    return Evaluation(QUERIES, len(patches), "held-out patches", lambda path: score(painter(config, path), patches))
+
+
+def _pictures(
+    config: TrainConfig | ParametricConfig, dataset: Dataset, images: int, weights: Path | None
+) -> Evaluation:
+    """Distances of as many pictures to renders."""
+    network = extractor(weights)
+    count = min(images, len(dataset.samples))
+    positions = np.random.default_rng(0).permutation(len(dataset.samples))[:count]
+    real = cache(lambda: network.of(views_of(config, dataset, positions).image))
+
+    def of(snapshot: Path) -> dict[str, Estimate]:
+        made = _features(config, snapshot, dataset, positions, network)
+        return {name: with_interval(distance, real(), made) for name, distance in zip(names, (kid, fid), strict=True)}
+
+    names = (f"KID-{network.name}", f"FID-{network.name}")
+    return Evaluation(names, count, "pictures", of)
+
+
+def _features(
+    config: TrainConfig | ParametricConfig, snapshot: Path, dataset: Dataset, positions: np.ndarray, network: Extractor
+) -> np.ndarray:
+    """Features of a picture for each of these samples: its camera, light and parameters, and geometry of its own."""
+    pictures = method_of(config).painter(config, snapshot)
+    padded = np.concatenate([positions, positions[: -len(positions) % _BATCH]])
+    views = views_of(config, dataset, padded)
+    parts = [pictures(type(views)(*(x[i : i + _BATCH] for x in views))) for i in range(0, len(padded), _BATCH)]
+    return network.of(np.concatenate(parts)[: len(positions)])

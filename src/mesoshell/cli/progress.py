@@ -21,7 +21,7 @@ def stderr() -> Console:
 
 
 @contextmanager
-def bar(console: Console, what: str, total: float | None = 1.0, count: bool = False) -> Iterator[Show]:
+def bar(console: Console, what: str, total: int | float | None = 1.0, count: bool = False) -> Iterator[Show]:
     """A bar that is gone at the end. count: show how many are done of how many; for shares, do not."""
     columns = [TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()]
     columns += [TextColumn("left"), TimeRemainingColumn()]

@@ -68,11 +68,11 @@ def test_many_patches_are_continued_and_are_the_same_bytes_by_any_workers(tmp_pa
 @pytest.mark.parametrize(
     ("given", "fault"),
     [
-        ((), "--count: is missing: give it, or --patches and --views"),
-        (("--patches", 2), "--views: is missing: --patches needs --views"),
-        (("--views", 2), "--patches: is missing: --patches needs --views"),
-        (("--patches", 2, "--views", 2, "--count", 4), "--count: does not go with --patches and --views"),
-        (("--patches", 2, "--views", 2, "--patch", 0), "--patch: does not go with --patches and --views"),
+        ((), "--count: give it, or both --patches and --views"),
+        (("--patches", 2), "--patches: requires --views"),
+        (("--views", 2), "--views: requires --patches"),
+        (("--patches", 2, "--views", 2, "--count", 4), "--count: cannot be combined with --patches and --views"),
+        (("--patches", 2, "--views", 2, "--patch", 0), "--patch: cannot be combined with --patches and --views"),
         (("--patches", 0, "--views", 2), "--patches: must be at least 1, not 0"),
     ],
 )

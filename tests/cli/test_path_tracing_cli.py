@@ -107,9 +107,9 @@ def sky(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["render", "scene.xml"], "scene.xml: is a scene of Mitsuba's: give --engine mitsuba"),
+        (["render", "scene.xml"], "scene.xml: is a scene of Mitsuba's, which requires --engine mitsuba"),
         (["render", "scene.xml", "--engine", "mitsuba"], "scene.xml: no such file"),
-        (["render", "scene.xml", "--engine", "mitsuba", "--seed", "3"], "--seed: scene.xml says that itself"),
+        (["render", "scene.xml", "--engine", "mitsuba", "--seed", "3"], "--seed: is set in scene.xml"),
         (["render", str(MESH), "--spp", "3"], "--spp: requires --engine mitsuba"),
         (["render", str(MESH), "--max-depth", "3"], "--max-depth: requires --engine mitsuba"),
         (["render", str(MESH), "--engine", "mitsuba", "--spp", "0"], "--spp: 0 must be at least 1"),

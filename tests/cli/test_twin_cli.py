@@ -225,7 +225,7 @@ def test_something_must_be_asked_for(folder, capsys) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["distill", str(folder / "plain.npz")])
     assert caught.value.code == 2
-    assert capsys.readouterr().err == "mesoshell: --out: or --twin must name a file to write\n"
+    assert capsys.readouterr().err == "mesoshell: --out: give it, or --twin, or both\n"
 
 
 @pytest.mark.parametrize(
@@ -244,7 +244,7 @@ def test_something_must_be_asked_for(folder, capsys) -> None:
             "--param: dryness is an image: a surface material is the same everywhere",
         ),
         (("--param", "wetness=1"), "--param: "),
-        (("--twin", "{folder}/none.npz"), "--twin: {folder}/none.npz is what --out names too"),
+        (("--twin", "{folder}/none.npz"), "--twin: {folder}/none.npz is the file of --out"),
     ],
 )
 def test_what_cannot_be_distilled_is_one_line(folder, capsys, more: tuple[str, ...], said: str) -> None:

@@ -63,7 +63,7 @@ def _views(config: AtlasTraining, capture: Capture, run: Path) -> Evaluation:
     """Renders of the views that were held out, beside their photographs, and how the surface lies in its texture."""
     tested = photographed.held_out(capture)[1]
     if not tested:
-        raise InputError(run, "held no view out: it has fewer than 8")
+        raise InputError(run, "has no photographs held out: there are fewer than 8")
     if min(min(photo.width, photo.height) for photo in capture.photos) < LEAST_SIDE:
         raise InputError(run, f"has pictures of fewer than {LEAST_SIDE} pixels a side, which SSIM cannot compare")
     names = VIEWS + (() if config.field.colour == "volume" else CHART)

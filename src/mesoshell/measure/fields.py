@@ -9,6 +9,7 @@ Parameters have their defaults. A fitted patch repeats by construction, and its 
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from jaxtyping import Float
 
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.material import normalised
+from mesoshell.io.sheet import tiled
 from mesoshell.measure import above
 from mesoshell.measure.copies import Nearest, layer_means, nearest
 from mesoshell.measure.direction import leans, mean_error, strokes
@@ -30,6 +32,8 @@ PATCH, TIERS, SIDE, SEEDS = 64, 12, 4, 4
 #: Patches along a combed field, pixels a patch and layers, places along it.
 COMBED, FINE, PLACES = 8, 24, 4
 COMB = "lean_angle"
+#: Patches that are shown beside their nearest exemplars.
+SHOWN = 12
 
 
 class Combed(NamedTuple):
@@ -37,6 +41,34 @@ class Combed(NamedTuple):
 
     lean: float
     strokes: float
+
+
+def score(
+    bundle: Bundle, name: str, exemplars: Float[np.ndarray, "E K V U"] | None
+) -> tuple[dict[str, dict[str, float]], dict[str, Float[np.ndarray, "_h _w 3"]]]:
+    """Scores of a texture, each with its `value` and perhaps a range, `low` to `high`; and pictures: `field`, from above, and
+    `nearest`, patches beside their nearest exemplars. Both are empty for a generator of three planes: it makes no texture."""
+    if bundle.generator is not None and bundle.generator.get("planes", 1) > 1:
+        return {}, {}
+    pictures = {"field": seen_from_above(bundle, name)}
+    scores = {"repeat": {"value": repeat(pictures["field"])}}
+    if exemplars is not None:
+        made = patches(bundle, name)
+        found = copied(made, exemplars)
+        scores |= distances(found)
+        theirs = [np.roll(exemplars[row.exemplar], np.negative(row.shift), (1, 2)) for row in found]
+        pairs = [_height(x) for pair in zip(made[:SHOWN], theirs, strict=False) for x in pair]
+        pictures["nearest"] = tiled(np.stack(pairs), 8)
+    if combs(bundle):
+        off = combed(bundle, name)
+        scores |= {"comb, lean": {"value": off.lean}, "comb, strokes": {"value": off.strokes}}
+    return scores, pictures
+
+
+def distances(found: Sequence[Nearest]) -> dict[str, dict[str, float]]:
+    """The median distance from the nearest exemplar, with the least and the greatest as its range."""
+    d = [row.distance for row in found]
+    return {"nearest exemplar": {"value": float(np.median(d)), "low": min(d), "high": max(d)}}
 
 
 def seen_from_above(bundle: Bundle, name: str) -> Float[np.ndarray, "V U 3"]:
@@ -94,6 +126,14 @@ def combed(bundle: Bundle, name: str) -> Combed:
     picture = above.picture(found, alpha, field, (0.0, 0.0, 1.0), FINE).mean(axis=-1)
     stroke = strokes(picture, (PLACES, PLACES))[0]
     return Combed(math.degrees(mean_error(lean, asked, 2 * math.pi)), math.degrees(mean_error(stroke, asked, math.pi)))
+
+
+def _height(opacity: Float[np.ndarray, "K V U"]) -> Float[np.ndarray, "V U 3"]:
+    """Expected height of what is seen first from above, grey."""
+    clear = np.cumprod(1 - opacity[::-1], axis=0)
+    seen = np.concatenate([np.ones_like(clear[:1]), clear[:-1]]) * opacity[::-1]
+    height = (np.arange(len(opacity))[::-1, None, None] + 0.5) / len(opacity)
+    return np.repeat((seen * height).sum(axis=0)[..., None], 3, axis=2).astype(np.float32)
 
 
 def _grown(bundle: Bundle, name: str, side: int, wanted: Wanted) -> tuple[Ready, Float[np.ndarray, "A"]]:

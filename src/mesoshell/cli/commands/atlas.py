@@ -57,7 +57,7 @@ def texture(options: Texture) -> None:
 def render(options: Render) -> None:
     """`mesoshell atlas render`."""
     if options.checker and options.texture:
-        raise InputError("--checker", "takes the texture's place: give one of --checker and --texture")
+        raise InputError("--checker", "cannot be combined with --texture, whose place it takes")
     at_least(options, frames=1, samples=1, size=1)
     keep_compiled()
     probe_folder(options.out, "--out")
@@ -109,34 +109,34 @@ def mesh(options: Mesh) -> None:
 
 
 def _lit(found: Captured, options: Render) -> Lit | None:
-    """Other light than the camera's, if some is asked for."""
+    """The lights given; None for the camera's flash."""
     if not (options.light or options.environment):
         return None
     if found.config.colour != "reflectance":
-        raise InputError(options.object, "has colours as they were photographed, and no reflectance that could be lit")
+        raise InputError(options.object, "has colours as they were photographed, and no reflectance to light")
     check_irradiance("irradiance", np.array(options.irradiance))
     lights = tuple(light_of(toward, options.irradiance) for toward in options.light)
     return Lit(lights, environment_of(options.environment, {"y": 1, "z": 2}[options.up]))
 
 
 def _config(options: Train) -> AtlasTraining:
-    """The experiment's at the preset's size, or the preset's own with the encoding."""
+    """The experiment's configuration at the preset's size, or the preset's own, with this encoding."""
     if options.experiment is None:
         return atlas_as(SIZES[options.preset], options.encoding)
     if options.encoding is not None:
-        raise InputError("--encoding", "is the experiment's to say: give one of --encoding and --experiment")
+        raise InputError("--encoding", "cannot be combined with --experiment, which sets it")
     config = read_experiment(options.experiment, options.preset)
     if not isinstance(config, AtlasTraining):
-        raise InputError(options.experiment, "is of another way to learn: its `variant` makes no AtlasTraining")
+        raise InputError(options.experiment, "its `variant` must make an AtlasTraining")
     return config
 
 
 def _found(path: Path) -> Captured:
-    """A snapshot, or a run's newest."""
+    """A snapshot, or the newest of a run."""
     if not path.is_dir():
         return read_captured(path)
     if not isinstance(read_record(path)[0], AtlasTraining):
-        raise InputError(path, "is no run of `mesoshell atlas train`")
+        raise InputError(path, "was not made by `mesoshell atlas train`")
     return read_captured(snapshots(path)[-1][1])
 
 
@@ -152,7 +152,7 @@ def _cameras(found: Captured, options: Render) -> list[Photo]:
         return list(found.photos)
     if options.path == "held-out":
         if not found.tested:
-            raise InputError(options.object, "held no view out: it has fewer than 8")
+            raise InputError(options.object, "has no photographs held out: there are fewer than 8")
         return [found.photos[i] for i in found.tested]
     width, height = options.size
     check_memory("--size", f"frames of {width} x {height}", 64 * width * height)

@@ -46,13 +46,15 @@ def _count(options: Render) -> int:
     """Images in all. Raises InputError unless either --count or both --patches and --views are given."""
     if options.patches is None and options.views is None:
         if options.count is None:
-            raise InputError("--count", "is missing: give it, or --patches and --views")
+            raise InputError("--count", "give it, or both --patches and --views")
         return options.count
     if options.patches is None or options.views is None:
-        raise InputError("--views" if options.views is None else "--patches", "is missing: --patches needs --views")
+        raise InputError(
+            *(("--patches", "requires --views") if options.views is None else ("--views", "requires --patches"))
+        )
     for name in ("count", "patch"):
         if getattr(options, name) is not None:
-            raise InputError(f"--{name}", "does not go with --patches and --views")
+            raise InputError(f"--{name}", "cannot be combined with --patches and --views")
     return options.patches * options.views
 
 
@@ -148,7 +150,7 @@ def _settings(
     patch: int | None = None,
     views: int | None = None,
 ) -> dict[str, Any]:
-    # Blender's: as floats, in a few copies
+    # Blender holds a few copies, in floats
     check_memory("--size", f"pictures of {options.size} x {options.size}", 64 * options.size**2)
     return {
         "recipe": options.recipe,

@@ -92,11 +92,11 @@ def _checked(options: Options) -> Path:
     at_least(options, patches=2, queries=2, spp=1)
     files = [path for path in (options.out, options.twin) if path is not None]
     if not files:
-        raise InputError("--out", "or --twin must name a file to write")
+        raise InputError("--out", "give it, or --twin, or both")
     for path in files:
         ends_in(path, ".npz")
     if len(files) == 2 and files[0].resolve() == files[1].resolve():
-        raise InputError("--twin", f"{options.twin} is what --out names too")
+        raise InputError("--twin", f"{options.twin} is the file of --out")
     if options.kimg is not None and not 0 < options.kimg < float("inf"):
         raise InputError("--kimg", f"must be above 0, not {options.kimg:g}")
     if options.thickness is not None and not 0 < options.thickness < 10:

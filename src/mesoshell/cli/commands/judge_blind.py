@@ -65,7 +65,7 @@ def count_marks(options: Marks) -> None:
     said = read_object(path).get("answer")
     answer = _marks(path, said) if isinstance(said, str) else np.zeros(0, bool)
     if not len(answer):
-        raise InputError(path, "is no answer to a blind sheet")
+        raise InputError(path, "holds no answers to a blind sheet")
     rows = {}
     for file in options.marks:
         given = _marks(file, read_file(file).decode(errors="replace"))

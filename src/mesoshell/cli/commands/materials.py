@@ -1,4 +1,4 @@
-"""`mesoshell materials`: what there is to grow, and what can be set of it."""
+"""`mesoshell materials`: the materials that come with the package, and their parameters."""
 
 from mesoshell.cli.options.materials import Options
 from mesoshell.io.bundle import Bundle, Parameter

@@ -17,7 +17,7 @@ from mesoshell.scene.picture import Picture, Prepared
 from mesoshell.scene.prepare import OF_PATHS, prepare, quality_of
 from mesoshell.scene.scene import Scene
 
-#: Options that a scene of Mitsuba's leaves a meaning.
+#: Options that also apply to a scene of Mitsuba's.
 _OF_SCENES = {"mesh", "engine", "spp", "quality", "explain", "out"}
 
 
@@ -78,20 +78,20 @@ def scene_of(options: Options, material: Material) -> Scene:
 
 
 def _of_mitsuba(options: Options, quality: Quality) -> Prepared:
-    """A scene of Mitsuba's own. Raises InputError for options that it says itself."""
+    """A scene of Mitsuba's own. Raises InputError for options that are set in its file."""
     if options.engine != "mitsuba":
-        raise InputError(options.mesh, "is a scene of Mitsuba's: give --engine mitsuba")
+        raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
     for field in fields(Options):
         default = field.default_factory() if field.default_factory is not MISSING else field.default
         if field.name not in _OF_SCENES and getattr(options, field.name) != default:
-            raise InputError(f"--{field.name.replace('_', '-')}", f"{options.mesh} says that itself")
+            raise InputError(f"--{field.name.replace('_', '-')}", f"is set in {options.mesh}")
     from mesoshell.scene.render_paths import prepare_file
 
     return prepare_file(options.mesh, quality, options.spp)
 
 
 def _report(made: Picture, begin: float, compiling: list[float] | None) -> dict[str, Any]:
-    """A picture's report, of the whole command."""
+    """The picture's report, with the seconds of the whole command."""
     report = dict(made.report)
     last = {name: report.pop(name) for name in ("material", "seconds")}
     last["seconds"]["total"] = time.perf_counter() - begin

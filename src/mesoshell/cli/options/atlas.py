@@ -1,4 +1,4 @@
-"""`mesoshell atlas`: objects from photographs, with a texture that can be edited."""
+"""Options of `mesoshell atlas`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,11 +42,12 @@ class Train:
     run: Path
     #: tiny shows that all works; small is for two cores; paper is as published, for a GPU.
     preset: Literal["tiny", "small", "paper"] = "small"
-    #: How networks see a point: hash is faster to learn, frequency is the paper's and that of its preset. Of no experiment.
+    #: Encoding of points for the networks: hash learns faster, frequency is the paper's, and that of its preset. An
+    #: experiment sets its own.
     encoding: Literal["hash", "frequency"] | None = None
     #: A Python file whose `variant` makes a mesoshell.train.atlas.AtlasTraining of a preset; instead of --encoding.
     experiment: Path | None = None
-    #: What is behind the object, in photographs that have neither masks nor alpha.
+    #: Colour behind the object, in photographs that have neither masks nor alpha.
     background: Literal["black", "white"] | None = None
     #: Thousands of rays to learn from; the preset's if not given.
     kimg: float | None = None
@@ -64,7 +65,7 @@ class Texture:
     layout: Literal["cubemap", "latlong", "square"] = "cubemap"
     #: Pixels of a square's side; of latlong, its height.
     size: int = 512
-    #: Of an object of reflectance: its colour, which is albedo, or its roughness or specular, as numbers in an EXR.
+    #: What to write. Of an object with reflectance, colour is albedo; its roughness and specular are numbers in an EXR.
     part: Literal["colour", "roughness", "specular"] = "colour"
 
 
@@ -84,14 +85,14 @@ class Render:
     size: tuple[int, int] = (256, 256)
     #: An edited texture: PNG, JPEG or EXR; its transparent parts leave the object as it is.
     texture: Path | None = None
-    #: The edited texture takes the place of the object's, or is multiplied with it.
+    #: Put the edited texture in the place of the object's, or multiply the two.
     edit: Literal["replace", "multiply"] = "replace"
-    #: Of the edited texture; by its proportions if not given.
+    #: Layout of the edited texture; by its proportions if not given.
     layout: Literal["cubemap", "latlong", "square"] | None = None
     #: Show a checkerboard in the texture's place.
     checker: bool = False
-    #: Of an object of reflectance: direction toward a distant light, x y z in the photographs' axes; may be repeated. Without
-    #: any, and without an environment, the camera's flash lights it.
+    #: Direction toward a distant light, x y z in the photographs' axes, for an object with reflectance; may be repeated.
+    #: Without any, and without an environment, the camera's flash lights it.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Irradiance of each light on a plane facing it.
     irradiance: float = 3.0
@@ -99,16 +100,16 @@ class Render:
     environment: Path | None = None
     #: The axis of the photographs that points up in the environment.
     up: Literal["y", "z"] = "y"
-    #: What the render may spend: rays a pixel, directions of an environment, what a ray may pass over.
+    #: Effort: rays a pixel, directions of an environment, how little light a ray may leave out.
     quality: Literal["draft", "normal", "reference"] = "normal"
-    #: Samples a ray; as many as were learned with if not given, in reference 256 at least.
+    #: Samples a ray; as many as in training if not given, and at least 256 with --quality reference.
     samples: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mesh:
-    """Write an object's surface as a mesh with its texture, in the photographs' own frame and units. A GLB has the roughness
-    of an object of reflectance too."""
+    """Write an object's surface as a mesh with its texture, in the photographs' own frame and units. A GLB also
+    holds the roughness of an object with reflectance."""
 
     #: Folder of a run, or one of its snapshots.
     object: tyro.conf.Positional[Path]

@@ -1,4 +1,4 @@
-"""`mesoshell dataset`: training images from Blender, made, checked, packed and looked at."""
+"""Options of `mesoshell dataset`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,7 +62,7 @@ class RenderPatches:
     queries: int = 65536
     #: Light paths a query.
     spp: int = 16
-    #: Depth of the mesostructure over the side of its period; its own if not given (0.12 of images).
+    #: Depth of the mesostructure over the side of its period; its own if not given (0.12 for images).
     depth: float | None = None
     #: Least and greatest curvature, 1 / period; positive is seen from outside.
     curvature: tuple[float, float] = (-1.0, 2.0)

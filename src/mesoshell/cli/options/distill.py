@@ -1,4 +1,4 @@
-"""`mesoshell distill`: a surface material that looks like a neural shell or like geometry, for one query a hit."""
+"""Options of `mesoshell distill`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,21 +23,21 @@ class Options:
     run: Path | None = None
     #: NAME=VALUE of the shell's parameters; may be repeated. A surface material has none of its own.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    #: Height over the side of a patch, which becomes a period. Default: a shell's as it was made, geometry's own, 0.12 of
+    #: Height over the side of a patch, which becomes a period. Default: as the shell or the geometry was made, 0.12 for
     #: images.
     thickness: float | None = None
     #: Diffuse colour of the surface under a shell, linear R G B; it becomes part of the material. Default: bare earth.
     base: tuple[float, float, float] | None = None
     #: Least and greatest curvature, 1 / patch; positive is seen from outside. Default: -0.5 to 0.75 over the
-    #: thickness of a shell, -0.5 0.5 of its twin, -1 2 of geometry.
+    #: thickness for a shell, -0.5 0.5 for its twin, -1 2 for geometry.
     curvature: tuple[float, float] | None = None
-    #: Number of cylinders, and of queries on each. Default: 4096 and 2048 of a shell, 1024 and 8192 of geometry.
+    #: Number of cylinders, and of queries on each. Default: 4096 and 2048 for a shell, 1024 and 8192 for geometry.
     patches: int | None = None
     queries: int | None = None
-    #: Light paths a query, of geometry. Default: 16.
+    #: Light paths a query, for geometry. Default: 16.
     spp: int | None = None
     #: Thousands of queries to learn from; the preset's if not given.
     kimg: float | None = None
-    #: tiny shows that all works; mini has 6000 steps, small 30 000: of geometry three and fifteen minutes of two cores, after
-    #: six or more for the queries.
+    #: tiny shows that all works; mini takes 6000 steps, small 30 000: for geometry three and fifteen minutes on two cores,
+    #: after six or more for the queries.
     preset: Literal["tiny", "mini", "small"] = "small"

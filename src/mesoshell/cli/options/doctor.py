@@ -1,4 +1,4 @@
-"""`mesoshell doctor`: whether the installation works."""
+"""Options of `mesoshell doctor`: none."""
 
 from dataclasses import dataclass
 

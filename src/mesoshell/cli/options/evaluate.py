@@ -1,4 +1,4 @@
-"""`mesoshell evaluate`: how near a run's pictures are to its renders."""
+"""Options of `mesoshell evaluate`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +14,9 @@ class Options:
     run: tyro.conf.Positional[Path]
     #: Packed dataset to compare with; the run's own if not given.
     data: Path | None = None
-    #: Renders, and as many generated pictures, that are compared; at most all of the dataset's.
+    #: Number of renders, and of generated pictures, to compare; at most as many as the dataset has.
     images: int = 500
     #: Snapshots to score, evenly spaced up to the newest; those scored before with as many images are not scored again.
     snapshots: int = 6
-    #: Weights of Inception v3 (a PyTorch state dict), for the field's usual features in place of EfficientNet-Lite0's.
+    #: Weights of Inception v3 (a PyTorch state dict), to compare its features, the usual ones, and not EfficientNet-Lite0's.
     inception: Path | None = None

@@ -1,4 +1,4 @@
-"""`mesoshell export`: a run's material as one file."""
+"""Options of `mesoshell export`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,5 +16,5 @@ class Options:
     out: Path
     #: The snapshot of this many thousand images; the newest if not given.
     kimg: float | None = None
-    #: Of exemplars (`mesoshell fit` of many patches): which patch, from 0 on.
+    #: Which patch of exemplars (`mesoshell fit` of many patches), from 0 on.
     patch: int | None = None

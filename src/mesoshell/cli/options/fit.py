@@ -1,4 +1,4 @@
-"""`mesoshell fit`: materials from renders of patches."""
+"""Options of `mesoshell fit`."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`mesoshell judge`: generated or fitted materials beside renders, by eye and by numbers."""
+"""Options of `mesoshell judge`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +15,9 @@ class Blind:
     material: tyro.conf.Positional[str]
     #: Dataset folder, whose cameras, lights and parameters are used.
     data: Path
-    #: Folder that gets sheet.png, for the judge alone, and answers.json.
+    #: Folder to write: sheet.png, which the judge sees, and answers.json, which the judge must not see.
     out: Path
-    #: What counts as real in place of the dataset's renders: another material, or run.
+    #: Another material, or run, that counts as real instead of the dataset's renders.
     against: str | None = None
     #: Pictures of each kind.
     count: int = 24
@@ -45,7 +45,7 @@ class Scores:
     data: Path
     #: Folder that gets scores.json, scores.md, and pictures of each material's field from above.
     out: Path
-    #: Fitted patches that a generator learned from, to look for copies of: materials' names or .npz files.
+    #: Fitted patches that a generator learned from, to find copies of them: materials' names or .npz files.
     exemplars: tuple[str, ...] = ()
     #: Images of each half; at most all of it.
     images: int = 400

@@ -1,4 +1,4 @@
-"""`mesoshell materials`: what there is to grow, and what can be set of it."""
+"""Options of `mesoshell materials`."""
 
 from dataclasses import dataclass
 
@@ -9,5 +9,5 @@ import tyro
 class Options:
     """List the materials that come with the package, with their parameters."""
 
-    #: materials to describe instead: names, .npz files, or folders of large textures.
+    #: Materials to describe instead: names, .npz files, or folders of large textures.
     names: tyro.conf.Positional[tuple[str, ...]] = ()

@@ -1,4 +1,4 @@
-"""`mesoshell render`: a mesh in, a picture of it grown with a material out."""
+"""Options of `mesoshell render`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ def _file(text: list[str]) -> Path:
     return Path(text[0])
 
 
-#: A path of a file: one that ends as a folder's is refused.
+#: The path of a file: one that ends in a slash is refused.
 FILE = tyro.constructors.PrimitiveConstructorSpec(
     nargs=1,
     metavar="PATH",
@@ -60,7 +60,7 @@ class Options:
     camera: tuple[float, float, float, float, float, float, float] | None = None
     #: The axis that points up; default: y for OBJ and GLB, z for PLY and STL.
     up: Literal["y", "z"] | None = None
-    #: What the render may spend: draft looks around, normal is for pictures, reference measures the others.
+    #: Effort: draft is for looking around, normal for pictures, reference to measure the others by.
     quality: Literal["draft", "normal", "reference"] = "normal"
     #: jax marches rays, with light straight from its sources; mitsuba traces paths, with light from everywhere.
     engine: Literal["jax", "mitsuba"] = "jax"

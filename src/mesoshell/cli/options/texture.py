@@ -1,4 +1,4 @@
-"""`mesoshell texture`: a generator in, a texture of any extent out."""
+"""Options of `mesoshell texture`."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`mesoshell train`: a generator of materials from a dataset, or a network that it is compared with."""
+"""Options of `mesoshell train`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ class Options:
     run: Path
     #: Length of the run in thousands of images; the experiment's if not given.
     kimg: float | None = None
-    #: The same experiment at another size: its pictures', networks' and batch's, and its length.
+    #: The same experiment with pictures, networks and batches of another size, and of another length.
     preset: Literal["tiny", "mini", "small", "base", "paper"] | None = None
     #: Begin with the weights of another generator's run, of another material, if this one has no checkpoint yet; a run on
     #: textures takes a snapshot too.

@@ -1,4 +1,4 @@
-"""How a command ends: by one line that says the fault, whatever libraries print and whenever it is interrupted."""
+"""How a command ends: a fault is one line and an exit status, whatever libraries print and whenever it is interrupted."""
 
 import contextlib
 import io
@@ -21,7 +21,7 @@ AGAIN = 1.5
 
 @contextlib.contextmanager
 def in_one_line() -> Iterator[None]:
-    """Warnings become one line each, none of arithmetic; names print whatever bytes they are of; Ctrl-C is heard."""
+    """Print warnings in one line each, those of arithmetic not at all; print names of any bytes; let Ctrl-C through."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -33,11 +33,11 @@ def in_one_line() -> Iterator[None]:
 
 
 def flushed() -> None:
-    """Write out what standard output holds. Raises BrokenPipeError if nobody reads, InputError if it cannot be written."""
+    """Flush standard output. Raises BrokenPipeError if nobody reads, InputError if it cannot be written."""
     try:
         sys.stdout.flush()
     except OSError as error:
-        with contextlib.suppress(OSError, ValueError):  # else Python tries again at its end, and complains
+        with contextlib.suppress(OSError, ValueError):  # else Python flushes again when it ends, and complains
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):
             raise
@@ -45,12 +45,12 @@ def flushed() -> None:
 
 
 def concluded(work: Callable[[], None], debug: bool = False) -> int:
-    """Do the work; say in one line on standard error what it raises, unless `debug`. Returns the exit status."""
+    """Do the work, and return the exit status. A fault is one line on standard error, or a traceback with `debug`."""
     try:
         with in_one_line():
             _done(work)
     except BrokenPipeError:
-        return 141  # as a program that SIGPIPE ends
+        return 141  # as of a program that SIGPIPE ends
     except (InputError, OSError, MemoryError) as fault:
         if debug:
             raise
@@ -63,18 +63,18 @@ def concluded(work: Callable[[], None], debug: bool = False) -> int:
 
 
 def _done(work: Callable[[], None]) -> None:
-    """Do the work, and write out what it printed."""
+    """Do the work, and flush what it printed."""
     try:
         work()
     except OSError as fault:
-        if fault.filename is None:  # perhaps what could not be printed: it is still held, and fails again
+        if fault.filename is None:  # perhaps of printing: what is still buffered fails again
             flushed()
         raise
     flushed()
 
 
 def _said(fault: Exception) -> str:
-    """One line of an error that is the system's."""
+    """A fault as one line."""
     if isinstance(fault, OSError):
         where = f"{fault.filename}: " if fault.filename is not None else ""
         return one_line(f"{where}{fault.strerror or fault}")
@@ -83,7 +83,7 @@ def _said(fault: Exception) -> str:
 
 @contextlib.contextmanager
 def usage() -> Iterator[None]:
-    """A fault of the command line, which the parser draws in a box, as one line."""
+    """Print a fault that the parser finds, which it draws in a box, as one line."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
@@ -95,7 +95,7 @@ def usage() -> Iterator[None]:
 
 
 def _boxed(text: str) -> str:
-    """The sentence of a box: what is above its first rule, or the list of what is missing with the first of each text."""
+    """The sentence in the parser's box: all above its first rule, and where to read more."""
     lines = [line.strip("│ ") for line in text.splitlines()]
     lines = [line for line in lines if not line.startswith(("╭", "╰"))]
     end = next((i for i, line in enumerate(lines) if line.startswith("──")), len(lines))
@@ -110,7 +110,7 @@ def _show(message: Warning | str, category: type[Warning], *_: object) -> None:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[None]:
-    """Raise an interrupt again until it gets here: libraries that are being imported, or called back, swallow some."""
+    """Raise an interrupt again until it arrives: a library that is being imported, or its callbacks, may swallow it."""
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -126,7 +126,7 @@ def _interrupts() -> Iterator[None]:
 
     before, said = signal.signal(signal.SIGALRM, interrupt), sys.unraisablehook
     signal.signal(signal.SIGINT, interrupt)
-    # of one that a callback of the collector's swallowed, Python would print the traceback
+    # Python would print the traceback of an interrupt that a garbage collector's callback swallowed
     sys.unraisablehook = ignored
     try:
         yield

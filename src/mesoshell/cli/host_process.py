@@ -1,7 +1,7 @@
-"""A run on several hosts in a process of its own, and one that says how it ended. Must come before JAX is imported.
+"""A host of several trains in a child process; its parent says how it ended. The fork must come before JAX is imported.
 
-Where a host is lost, JAX aborts the process from a thread of the compiler's, with a trace and no way to say anything. So the
-command forks: the child trains, the parent hands on signals, and what libraries print, and says the end in one line.
+When a host is lost, JAX aborts the process from a compiler thread, with a trace and no chance to print anything else. So the
+child trains, and the parent passes on signals and what libraries print, and says the end in one line.
 """
 
 import contextlib
@@ -23,21 +23,20 @@ SAID_LOST = (
     "a host was lost, or ended with an error that it says itself; start all hosts again: the run goes on from its "
     "newest checkpoint"
 )
-#: How the service by which hosts find each other says that one is lost, and JAX that it ends the process; and what it says if
-#: one has never come.
+#: What the coordination service prints when a host is lost, and JAX when it ends the process; and when a host never came.
 _ABORTS = re.compile(r"^E\d+ .* coordination_service\w*\.cc|JAX distributed service detected fatal errors")
 _UNMET = "/RegisterTask"
-#: Which hosts are silent; that the first one is.
+#: Where it names the silent hosts; what it prints if the first is silent.
 _SILENT = re.compile(r"stopped sending heartbeats\):\s+((?:\d+\s+)+)")
 _FIRST = "Failed to send RPC to coordination service"
-#: Statuses with which all hosts end together, so that they may part in order: done, and diverged.
+#: Statuses with which all hosts end together, and can disconnect in order: done, and diverged.
 _TOGETHER = (0, 1)
 #: Linux's PR_SET_PDEATHSIG.
 _DEATH_SIGNAL = 1
 
 
 def watched(work: Callable[[], None], run: Path) -> None:
-    """Do the work of a host in a child process, and end as it does. run: what the line of a loss begins with."""
+    """Do a host's work in a child process, and end with its status. run: folder that the line about a lost host names."""
     reading, writing = os.pipe()
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
@@ -62,15 +61,15 @@ def watched(work: Callable[[], None], run: Path) -> None:
 
 
 def _lost(fatal: str) -> str:
-    """Who is lost, as far as what JAX says before it aborts names it."""
+    """Which host is lost, if what JAX prints before it aborts names it."""
     silent = _SILENT.search(fatal)
     numbers = silent[1].split() if silent else ["0"] if _FIRST in fatal else []
     return f"host{'s'[: len(numbers) - 1]} {', '.join(numbers)}" if numbers else "a host"
 
 
 def _train(work: Callable[[], None], writing: int) -> None:
-    """The child: what Python prints goes where it went, what libraries print to the parent. Ends the process at once unless all
-    hosts end together: in order it would wait for hosts that wait for it."""
+    """The child: what Python prints goes where it went before, what libraries print goes to the parent. Unless all hosts end
+    together, the process ends at once: to disconnect in order, it would wait for hosts that wait for it."""
     os.setpgid(0, 0)  # Ctrl-C in a terminal comes once, from the parent
     with contextlib.suppress(OSError, AttributeError):  # not on a Mac
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL)
@@ -96,7 +95,7 @@ def _train(work: Callable[[], None], writing: int) -> None:
 
 
 class _Noise(threading.Thread):
-    """Hands on what libraries print, but how hosts connect, and how JAX aborts, which is kept in `fatal`."""
+    """Passes on what libraries print, except how hosts connect; how JAX aborts is kept in `fatal`."""
 
     def __init__(self, reading: int):
         super().__init__(daemon=True)

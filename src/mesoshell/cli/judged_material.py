@@ -16,12 +16,12 @@ def posed_material(name: str, dataset: Dataset) -> Posed:
 
 
 def bundle_of(name: str) -> Bundle:
-    """Of a material, or of a run's newest snapshot."""
+    """A material's bundle, or that of a run's newest snapshot."""
     return read_bundle(snapshots(Path(name))[-1][1] if _is_run(name) else find(name))
 
 
 def _taken(name: str) -> PictureConfig | None:
-    """How a run takes its pictures: it need not filter."""
+    """How a run renders its pictures; None for a material."""
     picture = getattr(read_record(Path(name))[0], "picture", None) if _is_run(name) else None
     return picture if isinstance(picture, PictureConfig) else None
 

@@ -1,16 +1,16 @@
-"""What the library says, in the words of the command line: its arguments are options here."""
+"""Faults of the library in words of the command line: options for arguments."""
 
 import re
 
 from mesoshell.errors import Argument, InputError
 
-#: Options that are named otherwise than the library's arguments, and others that its sentences name.
+#: Options whose names differ from the library's arguments, and those that its sentences name.
 _NAMES = {"params": "--param", "lights": "--light", "objects": "--object", "base_colour": "--base"}
 _NAMES |= {name: f"--{name}" for name in ("engine", "scale", "spp")}
 
 
 def spoken(fault: InputError) -> str:
-    """The line of an error, with options for arguments."""
+    """A fault's line, with options in the place of arguments."""
     source = fault.source
     if isinstance(source, Argument):
         source = _NAMES.get(source, f"--{source.replace('_', '-')}")

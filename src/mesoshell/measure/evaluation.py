@@ -48,8 +48,9 @@ def evaluation(config: RunConfig, data: Any, run: Path, images: int, weights: Pa
         return _views(config, data, run)
     if isinstance(config, SurfaceTraining):
         return _queries(config, data)
-    assert isinstance(config, TrainConfig | ParametricConfig)
-    return _pictures(config, data, images, weights)
+    if isinstance(config, TrainConfig | ParametricConfig):
+        return _pictures(config, data, images, weights)
+    raise InputError(run, "cannot be evaluated: its snapshots make no pictures to compare with renders")
 
 
 def with_scores(bundle: Any, run: Path, images: int) -> Any:

@@ -5,7 +5,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from mesoshell.measure.blind import judged, marks, shuffled
+from mesoshell.measure.blind import judged, letters, marks, shuffled
 
 
 def test_a_shuffle_knows_which_are_real() -> None:
@@ -33,3 +33,8 @@ def test_guessing_and_knowing() -> None:
     assert found.chance == pytest.approx(sum(comb(10, k) for k in (8, 9, 10)) / 2**10)
     assert found.low == pytest.approx(0.4439, abs=1e-4) and found.high == pytest.approx(0.9748, abs=1e-4)
     assert judged(answer, ~answer).chance == 1
+
+
+def test_a_judge_who_is_always_right_writes_the_answer() -> None:
+    answer = np.array([True, False, False, True])
+    assert letters(answer) == "rmmr" and (marks(letters(answer)) == answer).all()

@@ -14,6 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Integer
 from scipy.stats import binomtest
 
+from mesoshell.io.sheet import shown, tiled
+
+#: Pictures a row of a sheet; the side that each is enlarged to, at least, pixels.
+COLUMNS, LEAST = 8, 128
+
 
 class Judged(NamedTuple):
     """right: how many of count; share, with its interval; chance."""
@@ -40,13 +45,24 @@ def shuffled(real: Float[np.ndarray, "n H W C"], made: Float[np.ndarray, "n H W 
     return Sheet(np.concatenate([real, made])[order], order < len(real), order % len(real))
 
 
+def drawn(sheet: Sheet) -> Float[np.ndarray, "_h _w 3"]:
+    """The sheet as one image; pictures are enlarged by a whole factor."""
+    factor = -(-LEAST // sheet.pictures.shape[1])
+    return tiled(shown(sheet.pictures).repeat(factor, axis=1).repeat(factor, axis=2), COLUMNS)
+
+
+def letters(answer: Bool[np.ndarray, "_m"]) -> str:
+    """The marks of a judge who is always right."""
+    return "".join("r" if real else "m" for real in answer)
+
+
 def marks(text: str) -> Bool[np.ndarray, "_m"]:
     """Letters r and m as they are read on a sheet; white space and commas count nothing. Raises ValueError for others."""
-    letters = "".join(text.split()).replace(",", "").lower()
-    unknown = sorted(set(letters) - set("rm"))
+    given = "".join(text.split()).replace(",", "").lower()
+    unknown = sorted(set(given) - set("rm"))
     if unknown:
         raise ValueError(f"has {unknown[0]!r}; marks are r (real) and m (made)")
-    return np.array([letter == "r" for letter in letters], bool)
+    return np.array([letter == "r" for letter in given], bool)
 
 
 def judged(answer: Bool[np.ndarray, "m"], said: Bool[np.ndarray, "m"]) -> Judged:

@@ -11,12 +11,8 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import load_images, read_dataset
 from mesoshell.io.image import write_png
 from mesoshell.io.records import read_object
-from mesoshell.io.sheet import shown, tiled
 from mesoshell.io.whole import probe_outputs, read_file, replace_file, together
-from mesoshell.measure.blind import judged, marks, shuffled
-
-#: Pictures a row; the least side that a picture is enlarged to, pixels.
-COLUMNS, LEAST = 8, 128
+from mesoshell.measure.blind import drawn, judged, letters, marks, shuffled
 
 
 def make_sheet(options: Blind) -> None:
@@ -40,8 +36,6 @@ def make_sheet(options: Blind) -> None:
     else:
         real = posed_material(options.against, dataset).pictures(samples, options.seed)
     sheet = shuffled(real, made, options.seed)
-    times = -(-LEAST // real.shape[1])
-    enlarged = shown(sheet.pictures).repeat(times, axis=1).repeat(times, axis=2)
     said = {
         "made": options.material,
         "real": options.against or str(options.data),
@@ -49,11 +43,11 @@ def make_sheet(options: Blind) -> None:
         "seed": options.seed,
         "side": real.shape[1],
         "samples": [samples[i].index for i in sheet.pose],
-        "answer": "".join("r" if x else "m" for x in sheet.answer),
+        "answer": letters(sheet.answer),
     }
     with together(files[1]) as folder:
         replace_file(folder / "answers.json", (json.dumps(said, indent=1) + "\n").encode())
-        write_png(folder / "sheet.png", tiled(enlarged, COLUMNS))
+        write_png(folder / "sheet.png", drawn(sheet))
     print(files[1])
 
 

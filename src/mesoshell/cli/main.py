@@ -23,20 +23,9 @@ from mesoshell.cli.options import (
     train,
 )
 
-VERBS: dict[str, type] = {
-    "render": render.Options,
-    "materials": materials.Options,
-    "fit": fit.Options,
-    "dataset": dataset.Options,
-    "train": train.Options,
-    "evaluate": evaluate.Options,
-    "judge": judge.Options,
-    "export": export.Options,
-    "texture": texture.Options,
-    "distill": distill.Options,
-    "atlas": atlas.Options,
-    "doctor": doctor.Options,
-}
+_VERBS = (render, materials, fit, dataset, train, evaluate, judge, export, texture, distill, atlas, doctor)
+#: The options of each verb, which has the name of their file.
+VERBS: dict[str, type] = {module.__name__.rpartition(".")[2]: module.Options for module in _VERBS}
 #: "module:function" in cli/commands that does what these options ask for.
 COMMANDS: dict[type, str] = {
     render.Options: "render:run",

@@ -101,7 +101,9 @@ def rows(folder: Path) -> list[float]:
 
 
 #: The one that compiles soonest each time; the GAN's step on several devices is in test_train_step.
-METHODS = [method if method == "nerf_tex" else pytest.param(method, marks=pytest.mark.slow) for method in methods.CONFIGS]
+METHODS = [
+    method if method == "nerf_tex" else pytest.param(method, marks=pytest.mark.slow) for method in methods.CONFIGS
+]
 
 
 @pytest.fixture(scope="module", params=METHODS)

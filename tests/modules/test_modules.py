@@ -4,11 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import flax
+import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax.errors import ScopeParamShapeError
 
 import mesoshell as ms
 from mesoshell.atlas import field as captured
@@ -172,19 +173,19 @@ def test_modules_are_differentiated_and_mapped() -> None:
 
 def test_parameters_of_another_shape_are_refused() -> None:
     module, _, inputs, _, _ = case("decoder")
-    with pytest.raises(flax.errors.ScopeParamShapeError, match=r"trunk.*\(8, 8\).*\(8, 9\)"):
+    with pytest.raises(ScopeParamShapeError, match=r"trunk.*\(8, 8\).*\(8, 9\)"):
         module.apply({"params": init_decoder(KEY, 4, (8, 9), (8,))}, *inputs)
 
 
 def test_a_submodule_draws_from_a_key_of_its_own() -> None:
-    class Two(flax.linen.Module):
-        @flax.linen.compact
+    class Two(nn.Module):
+        @nn.compact
         def __call__(self, *inputs: Any) -> Any:
             first, second = (ms.modules.Decoder(4, ((8,), (8,)), name=name) for name in ("first", "second"))
             return first(*inputs)[0] + second(*inputs)[0]
 
     inputs = case("decoder").inputs
-    variables = Two().init(KEY, *inputs)
+    variables: Any = Two().init(KEY, *inputs)
     kernels = [variables["params"][name]["rho"].kernel for name in ("first", "second")]
     assert (kernels[0] != kernels[1]).all()
 

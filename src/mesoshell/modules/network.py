@@ -32,7 +32,8 @@ class Network(nn.Module):
         """A tree whose fields are the variables of a collection."""
         like = jax.eval_shape(draw, jax.random.key(0))
         if self.is_initializing() and self.scope is not None:
-            drawn = draw(self.scope.rngs["params"].as_jax_rng())
+            own: Any = self.scope.rngs["params"]
+            drawn = draw(own.as_jax_rng())
         else:  # what is there is checked against shapes alone
             drawn = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), like)
 
@@ -56,4 +57,4 @@ class Network(nn.Module):
 
 def by_field(variables: Mapping[str, Any]) -> dict[str, Any]:
     """Variables whose collections are all of them Flax's."""
-    return {name: tree._asdict() if isinstance(tree, tuple) else tree for name, tree in variables.items()}
+    return {name: tree._asdict() if hasattr(tree, "_asdict") else tree for name, tree in variables.items()}

@@ -32,6 +32,11 @@ class Generator(Network):
     config: GeneratorConfig
     size: tuple[int, int]
 
+    @classmethod
+    def of_patch(cls, config: GeneratorConfig) -> "Generator":
+        """On the texels of one patch."""
+        return cls(config, (config.texels, config.texels))
+
     def draw(self, key: Key[Array, ""]) -> making.Generator:
         return making.init_generator(self.config, key)
 

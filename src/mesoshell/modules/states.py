@@ -58,14 +58,14 @@ def with_train_states(config: RunConfig, state: Any, states: Mapping[str, TrainS
 def _players(config: RunConfig, state: Any) -> dict[str, Player]:
     if isinstance(config, TrainConfig):
         for_learner, for_discriminator = optimisers(config)
-        generator = Generator(config.generator, (config.generator.texels,) * 2)
+        generator = Generator.of_patch(config.generator)
         judge = Discriminator(config.discriminator, jnp.dtype(config.precision))
         return {
             "learner": Player(("learner",), ("learner_adam",), partial(_of_generator, generator), for_learner),
             "discriminator": Player(("discriminator",), ("discriminator_adam",), judge.apply, for_discriminator),
         }
     if isinstance(config, TexturesConfig):
-        generator = Generator(config.generator, (config.generator.texels,) * 2)
+        generator = Generator.of_patch(config.generator)
         tx = textures_optimiser(config, config.rate)
         players = {"generator": Player(("generator",), ("adam",), generator.apply, tx)}
         if state.versus is not None:

@@ -23,6 +23,6 @@ def networks_of(stored: Bundle | SurfaceBundle | Captured) -> dict[str, Network]
     networks: dict[str, Network] = {"decoder": Decoder.like(decoder).bind({"params": decoder})}
     if stored.generator is not None:
         maker = maker_of(stored, "bundle")
-        generator = Generator(maker.config, (maker.config.texels,) * 2)
+        generator = Generator.of_patch(maker.config)
         networks["generator"] = generator.bind({"params": maker.generator, "averages": maker.averages})
     return networks

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.io.archive import write_arrays
 from mesoshell.io.bundle import Parameter, write_bundle
@@ -110,11 +111,31 @@ def test_regression_repeats_its_exemplars(begun):
     assert float(report.height) < 0.5 and not np.asarray(report.bad).any()
 
 
-def test_a_step_against_a_critic_is_finite_and_moves_both(exemplars: Exemplars):
+@pytest.fixture(scope="module")
+def against_a_critic(exemplars: Exemplars) -> tuple[TexturesConfig, Scaled, TexturesState]:
     wide = replace(exemplars, features=np.tile(exemplars.features, (1, 2, 2, 1)))
     generator = replace(GENERATOR, texels=2 * SIDE, channel_base=256, channel_max=4)
     config, data = fitted(replace(CONFIG, generator=generator, adversarial=1.0, warm=1, kimg=0.1), wide)
-    state = start(config, data, jax.random.key(0))
+    return config, data, start(config, data, jax.random.key(0))
+
+
+def test_both_players_are_train_states_of_flax(against_a_critic):
+    config, _, state = against_a_critic
+    players = ms.modules.train_states(config, state)
+    assert players.keys() == {"generator", "critic"}
+    for name, mine in players.items():
+        expected = jax.tree.map(jnp.shape, mine.tx.init(mine.params))
+        assert jax.tree.map(jnp.shape, mine.opt_state) == expected
+        other = mine.replace(params=jax.tree.map(lambda x: x + 1, mine.params), step=mine.step + 7)
+        moved = ms.modules.with_train_states(config, state, {name: other})
+        assert moved.step == 7
+        for rest, found in ms.modules.train_states(config, moved).items():
+            for x, y in zip(jax.tree.leaves(found.params), jax.tree.leaves(players[rest].params), strict=True):
+                np.testing.assert_array_equal(x, y + 1 if rest == name else y)
+
+
+def test_a_step_against_a_critic_is_finite_and_moves_both(against_a_critic):
+    config, data, state = against_a_critic
     learn, at = jax.jit(lambda s, b: step(config, s, b)), feed(config, data)
     first, report = learn(state, at(0))
     assert not np.asarray(report.bad).any() and np.isfinite(jax.tree.leaves(report._replace(bad=0))).all()

@@ -16,15 +16,12 @@ from flax.training.train_state import TrainState
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.modules.networks import CapturedField, Decoder, Discriminator, Generator, SurfaceMaterial, TextureCritic
+from mesoshell.train import atlas, parametric, surface, textures
 from mesoshell.train.atlas import AtlasTraining
-from mesoshell.train.atlas import _optimiser as atlas_optimiser
 from mesoshell.train.parametric import ParametricConfig
-from mesoshell.train.parametric import _optimiser as parametric_optimiser
 from mesoshell.train.state import TrainConfig, optimisers
 from mesoshell.train.stream import RunConfig
 from mesoshell.train.surface import SurfaceTraining
-from mesoshell.train.surface import _optimiser as surface_optimiser
-from mesoshell.train.textures import _adam as textures_optimiser
 from mesoshell.train.textures_state import TexturesConfig
 
 
@@ -66,19 +63,19 @@ def _players(config: RunConfig, state: Any) -> dict[str, Player]:
         }
     if isinstance(config, TexturesConfig):
         generator = Generator.of_patch(config.generator)
-        tx = textures_optimiser(config, config.rate)
+        tx = textures.optimiser(config, config.rate)
         players = {"generator": Player(("generator",), ("adam",), generator.apply, tx)}
         if state.versus is not None:
-            critic, tx = TextureCritic(config.critic), textures_optimiser(config, config.critic_rate)
+            critic, tx = TextureCritic(config.critic), textures.optimiser(config, config.critic_rate)
             players["critic"] = Player(("versus", "critic"), ("versus", "adam"), critic.apply, tx)
         return players
     if isinstance(config, SurfaceTraining):
-        module, tx = SurfaceMaterial(config.surface), surface_optimiser(config)
+        module, tx = SurfaceMaterial(config.surface), surface.optimiser(config)
         return {"surface": Player(("surface",), ("adam",), module.apply, tx)}
     if isinstance(config, AtlasTraining):
-        return {"field": Player(("field",), ("adam",), CapturedField(config.field).apply, atlas_optimiser(config))}
+        return {"field": Player(("field",), ("adam",), CapturedField(config.field).apply, atlas.optimiser(config))}
     if isinstance(config, ParametricConfig):
-        module, tx = Decoder.like(state.decoder), parametric_optimiser(config)
+        module, tx = Decoder.like(state.decoder), parametric.optimiser(config)
         return {"decoder": Player(("decoder",), ("adam",), module.apply, tx)}
     raise InputError(Argument("config"), "a fit of patches has no train state: its rates are its step's")
 

@@ -137,7 +137,7 @@ def feed(config: AtlasTraining, capture: Capture, host: int = 0, hosts: int = 1)
 def start(config: AtlasTraining, key: Key[Array, ""]) -> AtlasState:
     field = init_field(config.field, key)
     grid = jnp.full((CELLS,) * 3, DENSITY, jnp.float32)
-    return AtlasState(field, _optimiser(config).init(field), grid, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+    return AtlasState(field, optimiser(config).init(field), grid, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def step(
@@ -159,7 +159,7 @@ def step(
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.field)
     parts, gradient = across.mean((parts, gradient))
     with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, adam = _optimiser(config).update(gradient, state.adam, state.field)
+        updates, adam = optimiser(config).update(gradient, state.adam, state.field)
     last = share >= 1 - config.finish
     updates: Any = updates
     updates = updates._replace(
@@ -227,7 +227,7 @@ def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:
     return nearest(batch.point, all_surface) + nearest(surface, all_points)
 
 
-def _optimiser(config: AtlasTraining) -> optax.GradientTransformation:
+def optimiser(config: AtlasTraining) -> optax.GradientTransformation:
     def label(field: Field) -> Field:
         def of(net: Any) -> Any:
             return jax.tree.map(lambda _: "network", net)._replace(tables=jax.tree.map(lambda _: "tables", net.tables))

@@ -92,7 +92,7 @@ def sized_as(preset: TrainConfig, seeded: bool = False) -> ParametricConfig:
 def start(config: ParametricConfig, key: Key[Array, ""]) -> ParametricState:
     seen = 3 * (1 + 2 * config.octaves) + config.parameters * (1 + 2 * PARAMETER_OCTAVES)
     decoder = init_decoder(key, seen, config.trunk, config.head)
-    adam = _optimiser(config).init(decoder)
+    adam = optimiser(config).init(decoder)
     return ParametricState(decoder, adam, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
 
@@ -110,7 +110,7 @@ def step(
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.decoder)
     parts, gradient = across.mean((parts, gradient))
     with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, adam = _optimiser(config).update(gradient, state.adam, state.decoder)
+        updates, adam = optimiser(config).update(gradient, state.adam, state.decoder)
     rows = batch.image.shape[0] if across.everyone is None else across.everyone(batch.alpha)[0].shape[0]
     bad = not_finite(gradient)
     decoder: Any = optax.apply_updates(state.decoder, updates)
@@ -150,5 +150,5 @@ def redrawn(config: ParametricConfig, batch: Shown) -> Shown:
     return batch._replace(beta=jnp.concatenate([jnp.asarray(batch.beta)[:, :-1], seeds], axis=1))
 
 
-def _optimiser(config: ParametricConfig) -> optax.GradientTransformation:
+def optimiser(config: ParametricConfig) -> optax.GradientTransformation:
     return optax.adam(config.rate)

@@ -154,7 +154,7 @@ _VECTORS = {"u": ("u", "v"), "w": ("wx", "wy", "wz"), "light": ("lx", "ly", "lz"
 
 def start(config: SurfaceTraining, key: Key[Array, ""]) -> SurfaceState:
     surface = init_surface(config.surface, key)
-    return SurfaceState(surface, _optimiser(config).init(surface), jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+    return SurfaceState(surface, optimiser(config).init(surface), jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def step(
@@ -172,7 +172,7 @@ def step(
     parts, gradient = across.mean((parts, gradient))
     frozen = share > FREEZE
     with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, adam = _optimiser(config).update(gradient, state.adam, state.surface)
+        updates, adam = optimiser(config).update(gradient, state.adam, state.surface)
     updates: Any = updates._replace(offset=jax.tree.map(lambda x: jnp.where(frozen, 0, x), updates.offset))
     surface: Any = optax.apply_updates(state.surface, updates)
     bad = not_finite(gradient)
@@ -214,7 +214,7 @@ def _opacity_loss(config: SurfaceTraining, batch: Asked, found: Seen) -> Scalar:
     return -jnp.mean(batch.alpha * jnp.log(p) + (1 - batch.alpha) * jnp.log1p(-p))
 
 
-def _optimiser(config: SurfaceTraining) -> optax.GradientTransformation:
+def optimiser(config: SurfaceTraining) -> optax.GradientTransformation:
     def label(surface: Surface) -> Surface:
         def of(module: Any) -> Any:
             networks = jax.tree.map(lambda _: "network", (module.hidden, module.last))

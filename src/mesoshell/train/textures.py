@@ -55,7 +55,7 @@ def start(config: TexturesConfig, data: Scaled, key: Key[Array, ""]) -> Textures
         natural.averages,
         natural.a,
         natural.b,
-        _adam(config, config.rate).init(natural.generator),
+        optimiser(config, config.rate).init(natural.generator),
         jax.tree.map(jnp.copy, data.decoder),
         jnp.asarray(data.height),
         None,
@@ -70,7 +70,7 @@ def _versus(config: TexturesConfig, state: TexturesState, features: Array, key: 
     looks = jnp.stack([features[i % len(features)] for i in range(_LOOKS)])
     y = jax.jit(lambda f, k: jax.lax.map(lambda x: _seen(config, state, *x), (f, k)))(looks, keys[1:])
     critic = init_critic(config.critic, keys[0])
-    memory = _adam(config, config.critic_rate).init(critic)
+    memory = optimiser(config, config.critic_rate).init(critic)
     return Versus(critic, memory, jnp.mean(y, axis=(0, 1, 2)), jnp.std(y, axis=(0, 1, 2)) + 0.02)
 
 
@@ -208,14 +208,14 @@ def phases_of(config: TexturesConfig, keys: Key[Array, "B"]) -> Phases:
     return Phases(*jax.tree.map(lambda p: p[:, 0], (drawn.input, drawn.layers)))
 
 
-def _adam(config: TexturesConfig, rate: float) -> optax.GradientTransformation:
+def optimiser(config: TexturesConfig, rate: float) -> optax.GradientTransformation:
     steps = max(1, round(config.kimg * 1000 / config.batch))
     return optax.adam(optax.cosine_decay_schedule(rate, steps, config.final), 0.0 if config.adversarial else 0.9, 0.99)
 
 
 def _moved(config: TexturesConfig, rate: float, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
     with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, memory = _adam(config, rate).update(gradient, memory)
+        updates, memory = optimiser(config, rate).update(gradient, memory)
     return optax.apply_updates(tree, updates), memory
 
 

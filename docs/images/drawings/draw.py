@@ -1,6 +1,7 @@
-"""The drawings of docs/concepts, one function a drawing: `python docs/images/drawings/draw.py` writes NAME.svg beside this file."""
+"""The drawings of docs/concepts, a function each: `python docs/images/drawings/draw.py` writes NAME.svg beside this file."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib as mpl
@@ -46,7 +47,7 @@ def shell(figure) -> None:
     eye, end = np.array([-0.35, 1.75]), np.array([3.62, -0.305])
     arrow(ax, eye, end, RED)
     crossings = []
-    for a, b in [*zip(top, top[1:], strict=False), *zip(base, top, strict=True)]:
+    for a, b in [*pairwise(top), *zip(base, top, strict=True)]:
         t, s = np.linalg.solve(np.stack([end - eye, a - b], 1), a - eye)
         if 0 <= t <= 1 and 0 <= s <= 1:
             crossings.append(eye + t * (end - eye))
@@ -83,7 +84,7 @@ def shell(figure) -> None:
 
 
 def filtering(figure) -> None:
-    """A pixel's cone, the Gaussian of a piece of it, its ellipse on the tangent plane, and the level that its short side picks."""
+    """A pixel's cone, the Gaussian of a piece of it, its ellipse on the tangent plane, and the level that r picks."""
     ax = figure.add_subplot(1, 2, 1)
     eye, aim = np.array([-0.2, 2.6]), np.array([4.1, 0.3])
     d = (aim - eye) / np.linalg.norm(aim - eye)
@@ -115,10 +116,10 @@ def filtering(figure) -> None:
                 )
             )
         ax.text(3.1, y + 0.25, f"level {level}", va="center", fontsize=9)
-    middle = np.array([5.1, 1.3])
+    middle = 5.1, 1.3
     ax.add_patch(Ellipse(middle, 1.6, 0.8, fc=BLUE + "22", ec=BLUE, lw=1.6))
-    arrow(ax, middle, middle + [0.8, 0], BLUE, shrinkA=0, shrinkB=0)
-    arrow(ax, middle, middle + [0, 0.4], BLUE, shrinkA=0, shrinkB=0)
+    arrow(ax, middle, (5.9, 1.3), BLUE, shrinkA=0, shrinkB=0)
+    arrow(ax, middle, (5.1, 1.7), BLUE, shrinkA=0, shrinkB=0)
     ax.text(5.5, 1.12, "a", color=BLUE, ha="center", va="center", fontsize=9)
     ax.text(5.1, 1.78, "r = b", color=BLUE, ha="center", fontsize=9)
     flat(ax, (-0.1, 6.1), (-0.3, 2.8), "level = log₂(2 r · texels a patch)")
@@ -138,10 +139,10 @@ def transport(figure) -> None:
     ax.text(y[0] - 0.05, 0.55, "y", color=BLUE)
     ax.text(2.75, 1.15, "T(x, y)", color=BLUE, fontsize=9)
     for k, way in enumerate(([5.0, 0.5], [5.3, 1.3], [4.6, 1.55])):
-        start = np.array([5.3 + 0.75 * k, 2.0])
-        points = np.stack([start, np.array(way) + [0.35 * k, 0], y])
+        enters = 5.3 + 0.75 * k
+        points = np.array([(enters, 2.0), (way[0] + 0.35 * k, way[1]), y])
         ax.plot(*points.T, color=GOLD, lw=1.3)
-        arrow(ax, start + [0.55, 1.0], start, GOLD)
+        arrow(ax, (enters + 0.55, 3.0), (enters, 2.0), GOLD)
     ax.text(6.0, 3.1, "distant light $L_i$(ω′)", color=GOLD, fontsize=9)
     ax.text(5.95, 0.75, "ρ(y, ω, ω′): all of these paths", color=GOLD, fontsize=9)
     ax.text(z[0] + 0.75, 2.1, "z: does it see the light?", color=GOLD, fontsize=9)
@@ -160,8 +161,8 @@ def generator(figure) -> None:
     arrow(ax, (1.4, 1.75), (2.0, 2.05))
     for k in range(3):
         x = 4.3 + 1.25 * k
-        box(ax, (x, 1.2), (0.95, 0.75), f"layer {'1 2 L'.split()[k]}")
-        box(ax, (x, 0.05), (0.95, 0.5), f"Γ{'₁ ₂ ₗ'.split()[k]}, φ", GOLD)
+        box(ax, (x, 1.2), (0.95, 0.75), f"layer {'12L'[k]}")
+        box(ax, (x, 0.05), (0.95, 0.5), f"Γ{'₁₂ₗ'[k]}, φ", GOLD)
         arrow(ax, (x, 0.32), (x, 0.8))
         arrow(ax, (x, 2.2), (x, 1.6), BLUE)
         if k:

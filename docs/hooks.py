@@ -20,13 +20,18 @@ _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Names of the library stand for where they are defined; the page of the command line is written here."""
-    markdown = re.sub(r"^::: mesoshell\.(\w+)$", lambda found: f"::: {home(found[1])}", markdown, flags=re.MULTILINE)
+    markdown = re.sub(r"^::: mesoshell\.(\w+)$", lambda found: described(found[1]), markdown, flags=re.MULTILINE)
     return markdown + "".join(commands([])) if page.file.src_uri == "reference/cli.md" else markdown
 
 
 def on_page_content(content: str, **_: Any) -> str:
     """Equations as MathML, which browsers draw without a script."""
     return _EQUATION.sub(lambda found: equation(html.unescape(found[2]), found[1] == "div"), content)
+
+
+def described(name: str) -> str:
+    """What mkdocstrings is asked for a name of the library, under the name that users write."""
+    return f"::: {home(name)}\n    options:\n      heading: ms.{name}\n      toc_label: {name}"
 
 
 def home(name: str) -> str:

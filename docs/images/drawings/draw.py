@@ -9,12 +9,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, FancyArrowPatch, FancyBboxPatch, Polygon
+from numpy.typing import ArrayLike
 
 INK, PALE, GREEN, RED, BLUE, GOLD = "#333333", "#bbbbbb", "#4a8f3c", "#c0392b", "#2c6fad", "#d4a017"
 
 
-def arrow(ax: Axes, a: tuple, b: tuple, colour: str = INK, style: str = "-|>", **how) -> None:
-    ax.add_patch(FancyArrowPatch(a, b, arrowstyle=style, mutation_scale=11, color=colour, lw=1.3, **how))
+def arrow(ax: Axes, a: ArrayLike, b: ArrayLike, colour: str = INK, style: str = "-|>", **how) -> None:
+    ax.add_patch(FancyArrowPatch(*np.array([a, b]).tolist(), arrowstyle=style, mutation_scale=11, color=colour, lw=1.3, **how))
 
 
 def box(ax: Axes, at: tuple, size: tuple, text: str, colour: str = BLUE) -> None:

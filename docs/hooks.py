@@ -35,9 +35,11 @@ def described(name: str) -> str:
 
 
 def home(name: str) -> str:
-    """Where a name of `import mesoshell` is defined; of a room that is a function too, the function."""
+    """Where a name of `import mesoshell` is defined; a room itself, or, of a room that is a function too, the function."""
     thing = getattr(mesoshell, name)
     if isinstance(thing, ModuleType):
+        if not callable(thing):
+            return thing.__name__
         thing = thing.__call__
     return f"{thing.__module__}.{thing.__qualname__}"
 

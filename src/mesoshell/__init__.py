@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from inspect import Signature
 
+    from mesoshell import modules as modules
     from mesoshell import pathtracer as mitsuba
     from mesoshell.api.learning import Fit, Run, fit, train
     from mesoshell.api.rendering import explain, render
@@ -51,6 +52,7 @@ __all__ = [
     "load_material",
     "look_at",
     "mitsuba",
+    "modules",
     "render",
     "train",
 ]
@@ -72,6 +74,8 @@ _HOMES = {
     "load_material": "mesoshell.scene.materials",
     "look_at": "mesoshell.render.camera",
 }
+#: The rooms of the package that are names of the library.
+_ROOMS = {"mitsuba": "mesoshell.pathtracer", "modules": "mesoshell.modules"}
 #: The rooms that are functions too, and the module that defines each.
 _FUNCTIONS = {"mesoshell.render": "mesoshell.api.rendering", "mesoshell.train": "mesoshell.api.learning"}
 
@@ -96,8 +100,8 @@ for _name in _FUNCTIONS:
 
 
 def __getattr__(name: str) -> Any:
-    if name == "mitsuba":
-        return import_module("mesoshell.pathtracer")
+    if name in _ROOMS:
+        return import_module(_ROOMS[name])
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = globals()[name] = getattr(import_module(_HOMES[name]), name)

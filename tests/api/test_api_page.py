@@ -6,6 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
+import jax
 import pytest
 
 import mesoshell
@@ -37,9 +38,10 @@ def _answer(q: dict) -> dict:
 def test_every_block_prints_what_it_says(folder: Path, optimised, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     names: dict = {}
+    as_users_have_it = jax.numpy_dtype_promotion("standard")
     for block in (text for kind, text in BLOCKS if kind == "python"):
         said = [line for line in block.splitlines() if line.lstrip().startswith("print(")]
-        with contextlib.redirect_stdout(io.StringIO()) as printed:
+        with contextlib.redirect_stdout(io.StringIO()) as printed, as_users_have_it:
             exec(compile(block, "docs/tutorials/library.md", "exec"), names)
         assert printed.getvalue().splitlines() == [line.rpartition("  # ")[2] for line in said]
 

@@ -15,7 +15,8 @@ INK, PALE, GREEN, RED, BLUE, GOLD = "#333333", "#bbbbbb", "#4a8f3c", "#c0392b", 
 
 
 def arrow(ax: Axes, a: ArrayLike, b: ArrayLike, colour: str = INK, style: str = "-|>", **how) -> None:
-    ax.add_patch(FancyArrowPatch(*np.array([a, b]).tolist(), arrowstyle=style, mutation_scale=11, color=colour, lw=1.3, **how))
+    ends = [tuple(x) for x in np.array([a, b])]
+    ax.add_patch(FancyArrowPatch(ends[0], ends[1], arrowstyle=style, mutation_scale=11, color=colour, lw=1.3, **how))
 
 
 def box(ax: Axes, at: tuple, size: tuple, text: str, colour: str = BLUE) -> None:
@@ -94,7 +95,7 @@ def filtering(figure) -> None:
     ax.add_patch(Polygon([eye, far + 0.36 * side, far - 0.36 * side], fc=RED + "18", ec=RED, lw=0.8))
     angle = np.degrees(np.arctan2(d[1], d[0]))
     for t in (3.0, 3.6, 4.2):
-        ax.add_patch(Ellipse(eye + t * d, 0.55, 0.11 * t, angle=angle, fc=RED + "44", ec=RED, lw=0.8))
+        ax.add_patch(Ellipse(tuple(eye + t * d), 0.55, 0.11 * t, angle=angle, fc=RED + "44", ec=RED, lw=0.8))
     ax.plot([0.6, 4.7], [0, 0], color=INK, lw=2)
     ax.plot([0.6, 4.7], [1.3, 1.3], color=GREEN, lw=2)
     at = eye + 3.6 * d

@@ -1,4 +1,4 @@
-"""A contact sheet: many images of a dataset side by side, to look at (NumPy only; floor 2).
+"""A contact sheet: many images of a dataset side by side, to look at (NumPy and scikit-image only; floor 2).
 
 Sorted by a parameter, it shows at a glance what the parameter does; by radius, whether every scale is there.
 """
@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 from jaxtyping import Float32
+from skimage.util import montage
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, Sample, load_images
@@ -38,14 +39,9 @@ def shown(image: Float32[np.ndarray, "*N H W 4"]) -> Float32[np.ndarray, "*N H W
 
 def tiled(y: Float32[np.ndarray, "N H W 3"], columns: int) -> Float32[np.ndarray, "h w 3"]:
     """Pictures row by row, `columns` a row, with a gap about each."""
-    n, height, width = y.shape[:3]
-    columns = min(columns, n)
-    rows = math.ceil(n / columns)
-    sheet = np.full((rows * (height + _GAP) + _GAP, columns * (width + _GAP) + _GAP, 3), _GREY, np.float32)
-    for k, image in enumerate(y):
-        top, left = (_GAP + i * (size + _GAP) for i, size in zip(divmod(k, columns), (height, width), strict=True))
-        sheet[top : top + height, left : left + width] = image
-    return sheet
+    columns = min(columns, len(y))
+    grid = math.ceil(len(y) / columns), columns
+    return montage(y, fill=[_GREY] * 3, grid_shape=grid, padding_width=_GAP, channel_axis=-1)
 
 
 def _key(dataset: Dataset, sort: str | None):

@@ -1,0 +1,136 @@
+"""The networks as Flax modules: each has the configuration of its pure functions, and `__call__` is these in a row.
+
+Batches are those of the pure functions: rows of generator, discriminator, critic and decoder; one query of a surface material,
+one point of a captured object (`vmap` makes many of one).
+"""
+
+from typing import Any
+
+import flax.linen as nn
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+
+from mesoshell.atlas import field as captured
+from mesoshell.atlas.field import Field, FieldConfig, init_field
+from mesoshell.modules.network import Network
+from mesoshell.shell import decoder as decoding
+from mesoshell.shell import discriminator as judging
+from mesoshell.shell import generator as making
+from mesoshell.shell import texture_critic as criticising
+from mesoshell.shell.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator import Phases, Texture
+from mesoshell.shell.plan import GeneratorConfig
+from mesoshell.shell.texture_critic import CriticConfig
+from mesoshell.silhouette import material as silhouette
+from mesoshell.silhouette.material import Place, Seen, SurfaceConfig
+from mesoshell.typing import Array, Float, Int, Key, Scalar, Vec3
+
+
+class Generator(Network):
+    """F on a tile of `size` texels (v, u), and F(h) (shell/generator). Its collection `averages` is not learned."""
+
+    config: GeneratorConfig
+    size: tuple[int, int]
+
+    @classmethod
+    def of_patch(cls, config: GeneratorConfig) -> "Generator":
+        """On the texels of one patch."""
+        return cls(config, (config.texels, config.texels))
+
+    def draw(self, key: Key[Array, ""]) -> making.Generator:
+        return making.init_generator(self.config, key)
+
+    @nn.compact
+    def averages(self) -> making.Averages:
+        """What is not learned, as a tree."""
+        return self.declared("averages", lambda key: making.init_averages(self.config))
+
+    def __call__(
+        self, z: Float[Array, "B Z"], beta: Float[Array, "B G"], phases: Phases, tile: Int[Array, "2"]
+    ) -> tuple[Texture, Float[Array, "B R C"]]:
+        generator, averages = self.tree(), self.averages()
+        w = making.map_latent(generator, z, beta)
+        texture = making.synthesise(self.config, generator, averages, w, phases, tile, self.size)
+        return texture, making.synthesise_height(self.config, generator, w)
+
+
+class Discriminator(Network):
+    """The logit of pictures y with labels c (shell/discriminator). dtype: of the convolutions of sides above 4."""
+
+    config: DiscriminatorConfig
+    dtype: DTypeLike = jnp.float32
+
+    def draw(self, key: Key[Array, ""]) -> judging.Discriminator:
+        return judging.init_discriminator(self.config, key)
+
+    def __call__(self, y: Float[Array, "B S S 3"], c: Float[Array, "B L"]) -> Float[Array, "B"]:
+        return judging.discriminate(self.tree(), y, c, dtype=self.dtype)
+
+
+class TextureCritic(Network):
+    """A logit for each place of what is seen of textures (shell/texture_critic)."""
+
+    config: CriticConfig
+
+    def draw(self, key: Key[Array, ""]) -> criticising.Critic:
+        return criticising.init_critic(self.config, key)
+
+    def __call__(self, y: Float[Array, "B S S I"], beta: Float[Array, "B G"]) -> Float[Array, "B s s"]:
+        return criticising.criticise(self.tree(), y, beta)
+
+
+class Decoder(Network):
+    """σ and ρ of features toward a viewer and a light (shell/decoder). inputs: numbers that the trunk sees; hidden: widths of
+    trunk's and of head's layers."""
+
+    inputs: int
+    hidden: tuple[tuple[int, ...], tuple[int, ...]]
+
+    @classmethod
+    def like(cls, tree: decoding.Decoder) -> "Decoder":
+        """The module of a decoder that is there."""
+        trunk, head = (tuple(layer.bias.shape[0] for layer in layers) for layers in (tree.trunk, tree.head))
+        return cls(tree.trunk[0].kernel.shape[0], (trunk, head))
+
+    def draw(self, key: Key[Array, ""]) -> decoding.Decoder:
+        return decoding.init_decoder(key, self.inputs, *self.hidden)
+
+    def __call__(
+        self, x: Float[Array, "*batch I"], w: Float[Array, "*batch 3"], w_light: Float[Array, "*batch 3"]
+    ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch 3"]]:
+        decoder = self.tree()
+        sigma, features = decoding.trunk(decoder, x)
+        return sigma, decoding.head(decoder, decoding.toward_viewer(decoder, features, w), w_light)
+
+
+class SurfaceMaterial(Network):
+    """What a surface answers to a query and a light: α with what reflectance reads, and ρ (silhouette/material). blur: of its
+    textures, in texels; 1e-3 of one that has learned."""
+
+    config: SurfaceConfig
+
+    def draw(self, key: Key[Array, ""]) -> silhouette.Surface:
+        return silhouette.init_surface(self.config, key)
+
+    def __call__(self, place: Place, light: Vec3, blur: Scalar) -> tuple[Seen, Vec3]:
+        table = silhouette.tables(self.tree(), blur)
+        found = silhouette.seen(self.config, table, place)
+        return found, silhouette.reflectance(self.config, table, place, found, light)
+
+
+class CapturedField(Network):
+    """σ and colour of a point y seen along d, in the box's units (atlas/field); of reflectance, instead of a colour, the normal
+    and what the surface is made of."""
+
+    config: FieldConfig
+
+    def draw(self, key: Key[Array, ""]) -> Field:
+        return init_field(self.config, key)
+
+    def __call__(self, y: Vec3, d: Vec3) -> tuple[Scalar, Any]:
+        field = self.tree()
+        sigma, features = captured.density(self.config, field, y)
+        if self.config.colour != "reflectance":
+            return sigma, captured.radiance(self.config, field, y, d, features)
+        made = captured.lobes(self.config, field, captured.to_texture(field, y))
+        return sigma, (captured.normal(field, y, features), made)

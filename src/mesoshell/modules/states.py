@@ -1,0 +1,96 @@
+"""What learns in a run's state, as Flax's train states, and back.
+
+A run's state keeps its own form: a run with two players has two optimisers, and averages beside them, and checkpoints have the
+names of its fields. Here each player is a TrainState of the same arrays: `params` is its tree as the state has it, `tx` the
+run's optimiser, `apply_fn` its module's `apply`. What a step does beside an optimiser (R1, averages, parts that rest) is the
+step's.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial, reduce
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import optax
+from flax.training.train_state import TrainState
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.modules.networks import CapturedField, Decoder, Discriminator, Generator, SurfaceMaterial, TextureCritic
+from mesoshell.train.atlas import AtlasTraining
+from mesoshell.train.atlas import _optimiser as atlas_optimiser
+from mesoshell.train.parametric import ParametricConfig
+from mesoshell.train.parametric import _optimiser as parametric_optimiser
+from mesoshell.train.state import TrainConfig, optimisers
+from mesoshell.train.stream import RunConfig
+from mesoshell.train.surface import SurfaceTraining
+from mesoshell.train.surface import _optimiser as surface_optimiser
+from mesoshell.train.textures import _adam as textures_optimiser
+from mesoshell.train.textures_state import TexturesConfig
+
+
+class Player(NamedTuple):
+    """params, adam: where the state has them, as names of fields; apply: Flax's, of variables whose `params` is that tree."""
+
+    params: tuple[str, ...]
+    adam: tuple[str, ...]
+    apply: Callable[..., Any]
+    tx: optax.GradientTransformation
+
+
+def train_states(config: RunConfig, state: Any) -> dict[str, TrainState]:
+    """The players of a run's state by name. config: as it was fitted to the data. `apply_fn` of a GAN's `learner` is its
+    generator's, on one patch. Raises InputError for a fit of patches, whose rates are its step's and not its optimiser's."""
+    return {
+        name: TrainState(state.step, player.apply, _at(state, player.params), player.tx, _at(state, player.adam))
+        for name, player in _players(config, state).items()
+    }
+
+
+def with_train_states(config: RunConfig, state: Any, states: Mapping[str, TrainState]) -> Any:
+    """The run's state with those of these players, and their step. Raises InputError as `train_states`."""
+    players = _players(config, state)
+    for name, mine in states.items():
+        state = _put(state, players[name].params, mine.params)
+        state = _put(state, players[name].adam, mine.opt_state)._replace(step=mine.step)
+    return state
+
+
+def _players(config: RunConfig, state: Any) -> dict[str, Player]:
+    if isinstance(config, TrainConfig):
+        for_learner, for_discriminator = optimisers(config)
+        generator = Generator.of_patch(config.generator)
+        judge = Discriminator(config.discriminator, jnp.dtype(config.precision))
+        return {
+            "learner": Player(("learner",), ("learner_adam",), partial(_of_generator, generator), for_learner),
+            "discriminator": Player(("discriminator",), ("discriminator_adam",), judge.apply, for_discriminator),
+        }
+    if isinstance(config, TexturesConfig):
+        generator = Generator.of_patch(config.generator)
+        tx = textures_optimiser(config, config.rate)
+        players = {"generator": Player(("generator",), ("adam",), generator.apply, tx)}
+        if state.versus is not None:
+            critic, tx = TextureCritic(config.critic), textures_optimiser(config, config.critic_rate)
+            players["critic"] = Player(("versus", "critic"), ("versus", "adam"), critic.apply, tx)
+        return players
+    if isinstance(config, SurfaceTraining):
+        module, tx = SurfaceMaterial(config.surface), surface_optimiser(config)
+        return {"surface": Player(("surface",), ("adam",), module.apply, tx)}
+    if isinstance(config, AtlasTraining):
+        return {"field": Player(("field",), ("adam",), CapturedField(config.field).apply, atlas_optimiser(config))}
+    if isinstance(config, ParametricConfig):
+        module, tx = Decoder.like(state.decoder), parametric_optimiser(config)
+        return {"decoder": Player(("decoder",), ("adam",), module.apply, tx)}
+    raise InputError(Argument("config"), "a fit of patches has no train state: its rates are its step's")
+
+
+def _of_generator(generator: Generator, variables: Mapping[str, Any], *inputs: Any, **keywords: Any) -> Any:
+    return generator.apply({**variables, "params": variables["params"].generator}, *inputs, **keywords)
+
+
+def _at(state: Any, path: tuple[str, ...]) -> Any:
+    return reduce(getattr, path, state)
+
+
+def _put(state: Any, path: tuple[str, ...], value: Any) -> Any:
+    first, *rest = path
+    return state._replace(**{first: _put(getattr(state, first), tuple(rest), value) if rest else value})

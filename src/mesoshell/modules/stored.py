@@ -1,0 +1,28 @@
+"""The networks of what is on disk, as modules with their parameters."""
+
+from mesoshell.atlas.store import Captured
+from mesoshell.io.bundle import Bundle
+from mesoshell.io.surface import SurfaceBundle
+from mesoshell.modules.network import Network
+from mesoshell.modules.networks import CapturedField, Decoder, Generator, SurfaceMaterial
+from mesoshell.shell.generated import maker_of
+from mesoshell.shell.scene import decoder_of
+from mesoshell.silhouette.ready import ready
+
+
+def networks_of(stored: Bundle | SurfaceBundle | Captured) -> dict[str, Network]:
+    """By name, each bound to its parameters: a shell's `decoder`, and `generator` (of one patch) if there is one; a surface
+    material's `surface`; a captured object's `field`. A bound module is called as it is; `unbind` gives module and variables.
+    Raises InputError if a generator's weights do not fit its configuration."""
+    if isinstance(stored, Captured):
+        return {"field": CapturedField(stored.config).bind({"params": stored.field})}
+    if isinstance(stored, SurfaceBundle):
+        found = ready(stored)
+        return {"surface": SurfaceMaterial(found.config).bind({"params": found.table.surface})}
+    decoder = decoder_of(stored.arrays)
+    networks: dict[str, Network] = {"decoder": Decoder.like(decoder).bind({"params": decoder})}
+    if stored.generator is not None:
+        maker = maker_of(stored, "bundle")
+        generator = Generator.of_patch(maker.config)
+        networks["generator"] = generator.bind({"params": maker.generator, "averages": maker.averages})
+    return networks

@@ -62,4 +62,4 @@ def helped(verbs: list[str]) -> str:
     os.environ["COLUMNS"] = WIDTH
     with contextlib.redirect_stdout(io.StringIO()) as printed, contextlib.suppress(SystemExit):
         main([*verbs, "--help"])
-    return printed.getvalue()
+    return "\n".join(line.rstrip() for line in printed.getvalue().splitlines())

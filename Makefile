@@ -2,6 +2,7 @@
 # make test   sets up all that the tests need, and passes them
 # make test-all   the same with the slow tests, which take minutes each
 # make test-gpu   the hard cases, a training of `tiny` and benchmarks, on the GPU or TPU that JAX finds
+# make docs   the documentation as a site, site/index.html
 # make blender   the separate environment that `mesoshell dataset render` calls
 # make nojax   an environment without JAX, in which path tracing is tested
 
@@ -18,17 +19,17 @@ ifeq ($(MAKELEVEL),0)
 .NOTPARALLEL:
 endif
 
-.PHONY: demo test test-all test-gpu lint blender nojax clean
+.PHONY: demo test test-all test-gpu lint docs blender nojax clean
 
 demo: .venv/installed
 	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
 
 test: .venv/installed-dev
-	+$(MAKE) -j 2 lint $(BLENDER) nojax
+	+$(MAKE) -j 2 lint docs $(BLENDER) nojax
 	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=25
 
 test-all: .venv/installed-dev
-	+$(MAKE) -j 2 lint $(BLENDER) nojax
+	+$(MAKE) -j 2 lint docs $(BLENDER) nojax
 	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=10 -m "slow or not slow"
 
 test-gpu: .venv/installed-dev
@@ -45,6 +46,9 @@ lint: .venv/installed-dev
 	$(BIN)/ruff format --check
 	$(BIN)/lint-imports
 	$(BIN)/pyright
+
+docs: .venv/installed-dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 blender: data_gen/.venv/installed
 
@@ -73,4 +77,4 @@ nojax: .venv-nojax/installed
 	touch $@
 
 clean:
-	rm -rf .venv .venv-nojax out build *.egg-info
+	rm -rf .venv .venv-nojax out build site *.egg-info

@@ -3,7 +3,7 @@
 Bytes of the compiled program's collectives, by kind, for a step spread by `jit` and by `pmap` over devices that are cores here;
 the parameters' bytes beside it, and the step's operations a device. Nothing is run, and no array is made: programs are compiled
 for shapes alone. --no-pmap, --no-jit: not that one; a large preset takes minutes each. --scaling: on paper, what 8, 64 and 256
-devices would make of it, from operations, bytes and the vendors' rates; nothing is compiled (docs/pods.md has the assumptions).
+devices would make of it, from operations, bytes and the vendors' rates; nothing is compiled (docs/results/pods.md).
 """
 
 import argparse

@@ -1,6 +1,7 @@
 """The scene that all benchmarks share: the bundled mesh under the bundled grass, half as high as its patch is wide.
 
-Figures in docs/performance.md are of these proportions. What `mesoshell render` makes by default has patches half as wide.
+Figures in docs/results/performance.md are of these proportions. What `mesoshell render` makes by default has patches half
+as wide.
 """
 
 from importlib import resources

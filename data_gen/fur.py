@@ -12,7 +12,7 @@ The undercoat is paler, and a guard hair darkens from its middle to the tip.
 
 Light meets a hair in three ways, whose weights add up to less than 1: a lobe reflected at the cuticle, untinted; a lobe
 through the hair; and what the medulla scatters to all sides, which fur has and human hair has not.  Cycles' lobes for hair
-fibres are drawn; its principled hair costs 2.4 times as much a path and leaves ten times the error (docs/datasets.md).
+fibres are drawn; its principled hair costs 2.4 times as much a path and leaves ten times the error (docs/results/datasets.md).
 """
 
 from collections.abc import Mapping

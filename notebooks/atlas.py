@@ -13,7 +13,7 @@
 # # From photographs to a texture that can be painted on
 #
 # A cow is photographed by Blender, learned as a density volume with a texture that it discovers itself, painted on, and
-# turned into a mesh. (A minute's training, of small pictures: `docs/atlas.md` has longer ones.)
+# turned into a mesh. (A minute's training, of small pictures: `docs/tutorials/photographs.md` has longer ones.)
 
 # %%
 import tempfile

@@ -13,7 +13,7 @@
 # # Training images of fur
 #
 # Blender renders a slab of fur from many sides, under many lights, with random lengths and colours. Here are a dozen small
-# images: how they are made, what they hold, and how training reads them. `docs/datasets.md` has the commands.
+# images: how they are made, what they hold, and how training reads them. `docs/how_to/blender.md` has the commands.
 # It needs the Blender environment: `make blender`.
 
 # %%

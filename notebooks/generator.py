@@ -168,4 +168,4 @@ assert abs(float(jnp.mean(field))) < 0.3 and 0.5 < float(jnp.std(field)) < 2
 
 # %% [markdown]
 # From here: `mesoshell train` teaches the generator what to grow, `mesoshell texture` writes a texture to disk, and
-# `mesoshell render mesh.obj --material grass.npz --seed 3` grows one on a mesh. See `docs/generator.md`.
+# `mesoshell render mesh.obj --material grass.npz --seed 3` grows one on a mesh. See `docs/tutorials/train.md`.

@@ -7,7 +7,8 @@
     ms.render(scene, quality="draft").save("bunny.png")
 
 Names are imported when they are first used: importing this package loads no JAX. `mesoshell.render` and `mesoshell.train` are
-rooms of the package, and functions too: to call such a module is to call the library's function of its name (docs/api.md).
+rooms of the package, and functions too: to call such a module is to call the library's function of its name
+(docs/tutorials/library.md).
 """
 
 import sys

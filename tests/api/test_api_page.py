@@ -1,4 +1,4 @@
-"""docs/api.md is true: its blocks run, one after the other, and print what stands beside them."""
+"""docs/tutorials/library.md is true: its blocks run, one after the other, and print what stands beside them."""
 
 import contextlib
 import io
@@ -14,7 +14,7 @@ from tests.silhouette import wearing
 from tests.train import fog
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs/api.md").read_text()
+PAGE = (ROOT / "docs/tutorials/library.md").read_text()
 BLOCKS = re.findall(r"^```(python|xml)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
@@ -42,7 +42,7 @@ def test_every_block_prints_what_it_says(folder: Path, optimised, monkeypatch: p
     for block in (text for kind, text in BLOCKS if kind == "python"):
         said = [line for line in block.splitlines() if line.lstrip().startswith("print(")]
         with contextlib.redirect_stdout(io.StringIO()) as printed, as_users_have_it:
-            exec(compile(block, "docs/api.md", "exec"), names)
+            exec(compile(block, "docs/tutorials/library.md", "exec"), names)
         assert printed.getvalue().splitlines() == [line.rpartition("  # ")[2] for line in said]
 
 

@@ -1,1 +1,1 @@
-"""The library's own functions, as `import mesoshell as ms` gives them; docs/api.md shows them at work."""
+"""The library's own functions, as `import mesoshell as ms` gives them; docs/tutorials/library.md shows them at work."""

@@ -1,5 +1,5 @@
-"""The networks as Flax modules, and what learns as Flax's train states: `ms.modules.Decoder` (docs/api.md). The pure
-functions that they call know nothing of Flax."""
+"""The networks as Flax modules, and what learns as Flax's train states: `ms.modules.Decoder`
+(docs/tutorials/library.md). The pure functions that they call know nothing of Flax."""
 
 from flax.training.train_state import TrainState
 

@@ -28,7 +28,7 @@ SLOW, ASIDE = 8, 2.0
 class GeneratorConfig:
     """texels a patch, a power of two; layers before the output; planes: one and a height feature, or three (shell/triplane);
     waves: sinusoids a channel of a Fourier map; drift: of their phases, radians (signal/fourier; the paper has 1 and 0, and
-    docs/generator.md says why the presets have more); fourier: maps in every layer with phases drawn a texture ("random"),
+    docs/results/generator.md: why presets have more); fourier: maps in every layer with phases drawn a texture ("random"),
     always the same ("frozen"), or none beyond the input ("off"); z: numbers of the latent, 0 for none: textures differ by their
     phases alone; turn: of maps without drift about the origin, degrees from v toward u; precision: of the convolutions. A field
     that is added has a default that means what was so before it: bundles and records may lack it."""
@@ -93,7 +93,7 @@ class Span(NamedTuple):
 
 
 def spans(rows: tuple[LayerRow, ...], texels: int) -> list[Span]:
-    """For `texels` outputs from 0 on: what each layer must see, from the last to the first (derived in docs/generator.md).
+    """For `texels` outputs from 0 on: what each layer must see, from the last to the first (docs/concepts/generator.md).
 
     Sample j of a grid lies in the middle of u samples of one u times finer. With taps centred on such middles, output i of
     a down-sampling sees fine samples di − (n − d)/2 … di + (n + d)/2 − 1, and a fine sample f sees the j for which

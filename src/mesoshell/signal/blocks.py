@@ -11,8 +11,8 @@ Both filters are sums of one form: result i is Σ_j g[at + o i + s j] of term j,
 (1, −u), down (d, −1). Along y, where a block has few rows, the sum is one product with a banded matrix; along x, sums of
 shifted phases, which are never put in order at the temporary rate. Taken in the order y, x, bend, y, x, no sum of shifts
 follows another, which XLA would fuse to one slow pass; nor does one follow the cut of a block from x, fused with which it took
-four times as long. t is in the cache and never in memory; rows where blocks overlap are computed twice. `docs/performance.md`
-compares.
+four times as long. t is in the cache and never in memory; rows where blocks overlap are computed twice.
+`docs/results/performance.md` compares.
 """
 
 import functools

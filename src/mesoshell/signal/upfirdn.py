@@ -9,7 +9,7 @@ a, b         samples added (negative: taken away) before and after at the rate u
 y[i] = Σ_j g[n − 1 − k] x[j], k = uj + a − di in [0, n). The outputs i = p + mP, P = u/gcd(u, d), use the same taps: with
 Q = d/gcd(u, d), y[p + mP] = Σ_t g[n − 1 − (ut + a − dp)] x[mQ + t], a sum of few shifted copies that a compiler makes in one
 pass over memory. Its transpose has the same form, with u and d exchanged and g reversed; what automatic differentiation
-makes of slices is 20 times slower. `docs/performance.md` compares both with the definition, which is in the tests.
+makes of slices is 20 times slower. `docs/results/performance.md` compares both with the definition, which is in the tests.
 """
 
 from math import ceil, gcd

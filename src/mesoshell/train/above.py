@@ -7,7 +7,7 @@ depth       mean height of what light from above meets first                    
 cover       share of the light that is met                                        (S, S)
 
 The decoder's trunk is asked at every texel and height. A lawn that leans shows in `depth` at a glance, where layers one by one
-tell it by how their blobs move (docs/generator.md).
+tell it by how their blobs move (docs/results/generator.md).
 """
 
 from typing import NamedTuple

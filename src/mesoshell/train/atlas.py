@@ -95,7 +95,7 @@ class AtlasReport(NamedTuple):
 def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
     """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
     `paper` and hash grids for the others, if not given. Maps as wide as the paper's, at a rate that is done in minutes, fold:
-    they are narrower on a CPU, and their cycle weighs ten times as much and waits for nothing (docs/atlas.md)."""
+    they are narrower on a CPU, and their cycle weighs ten times as much and waits for nothing (docs/results/capture.md)."""
     texels = preset.picture.texels
     if texels > 64:
         grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))

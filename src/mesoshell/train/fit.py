@@ -7,7 +7,7 @@ occupancy   largest σ seen lately in each cell of (h, v, u) of a patch: candida
 share       how much of the run is done, 0 to 1
 
 A pixel is the renderer's (train/slab_pixels). Loss: mean squared error of x/(1+x) and alpha alike, to first order. What
-helped and what did not is in `docs/fitting.md`.
+helped and what did not is in `docs/results/fitting.md`.
 
 With many patches a step sees G of them. The first FEW teach the decoder while `stand` lasts, then all do, at a rate that falls;
 after `settle` of the run the decoder stays as it is and textures alone go on, so that all are fitted to the same one.

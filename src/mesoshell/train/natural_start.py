@@ -8,7 +8,8 @@ a_l         strengths of the generator's Fourier maps (shell/generator)
 band        an octave of frequencies: 2ⁱ to 2ⁱ⁺¹ cycles a tile
 
 A random field with the exemplars' spectrum is the natural start: without it fine scales begin with next to nothing, and least
-squares needs hundreds of steps to find them (docs/generator.md). A wide x has C components that are not nothing by chance.
+squares needs hundreds of steps to find them (docs/results/generator.md). A wide x has C components that are not nothing by
+chance.
 """
 
 import math

@@ -8,7 +8,7 @@ base     128²       128              base 8192, at most 128 a GPU
 paper    128²       256              base 32768, at most 512 8 GPUs over days (MesoGAN, section 5.1)
 
 γ follows 0.5 at 128² and batch 32, in proportion to pixels over batch. Fourier maps have 16 sinusoids a channel, whose
-phases drift: textures do not repeat (docs/generator.md).
+phases drift: textures do not repeat (docs/results/generator.md).
 """
 
 from mesoshell.shell.discriminator import DiscriminatorConfig

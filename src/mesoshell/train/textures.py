@@ -10,7 +10,7 @@ D           the critic's logits, a grid of them (shell/texture_critic)
 
 Regression alone teaches a generator what it is shown: its exemplars, at their phases. What it makes of others depends on how
 many those are. With `adversarial` above 0 a critic compares textures of new phases with moved exemplars, and the regression
-stays as an anchor (docs/generator.md). At 0 there is no critic in the program.
+stays as an anchor (docs/concepts/generator.md). At 0 there is no critic in the program.
 """
 
 from functools import partial

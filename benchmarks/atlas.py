@@ -20,17 +20,18 @@ from trimesh import Trimesh
 from trimesh.sample import sample_surface
 
 from benchmarks.rates import matrix_rate
-from mesoshell.atlas.capture import Capture
-from mesoshell.atlas.photo import photo_rays, pixels
-from mesoshell.atlas.render import picture, view
-from mesoshell.atlas.store import read_captured
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.image import linear_to_srgb
+from mesoshell.measure.flops import count_operations
 from mesoshell.measure.image import psnr
-from mesoshell.measure.operations import count_operations
+from mesoshell.neutex.cameras import photo_rays, pixels
+from mesoshell.neutex.capture import Capture
+from mesoshell.neutex.render import picture, view
+from mesoshell.neutex.store import read_captured
 from mesoshell.render.quality import Quality
-from mesoshell.train import atlas, photographed
-from mesoshell.train.record import read_record, snapshots
+from mesoshell.train.neutex import ray_batches
+from mesoshell.train.neutex import step as atlas
+from mesoshell.train.run_config import read_record, snapshots
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def main(options: Options) -> None:
     for run in options.runs:
         config, data = read_record(run)
         assert isinstance(config, atlas.AtlasTraining)
-        config, capture = atlas.fitted(config, photographed.recorded(data, config.side))
+        config, capture = atlas.fitted(config, ray_batches.recorded(data, config.side))
         rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
         log = sorted(
             {row["kimg"]: row for row in rows}.values(), key=lambda row: row["kimg"]
@@ -92,12 +93,12 @@ def main(options: Options) -> None:
 def by_samples(run: Path, samples: tuple[int, ...]) -> None:
     config, data = read_record(run)
     assert isinstance(config, atlas.AtlasTraining)
-    _, capture = atlas.fitted(config, photographed.recorded(data, config.side))
+    _, capture = atlas.fitted(config, ray_batches.recorded(data, config.side))
     found = read_captured(snapshots(run)[-1][1])
     for n in samples:
         how = view(found.config, found.field, Quality(samples=n, pixel_samples=1))
         errors, seconds = [], []
-        for i in photographed.held_out(capture)[1]:
+        for i in ray_batches.held_out(capture)[1]:
             photo = found.to_box(capture.photos[i])
             picture(found.config, found.field, photo, how)
             begin = time.perf_counter()
@@ -125,7 +126,7 @@ def from_surface(run: Path, mesh: Path) -> None:
 
 def black_psnr(capture: Capture) -> float:
     """Of a black picture, the mean over held-out views."""
-    views = (linear_to_srgb(np.clip(capture.rgb[i], 0, 1)) for i in photographed.held_out(capture)[1])
+    views = (linear_to_srgb(np.clip(capture.rgb[i], 0, 1)) for i in ray_batches.held_out(capture)[1])
     return float(np.mean([psnr(view, np.zeros_like(view)) for view in views]))
 
 

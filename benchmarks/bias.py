@@ -1,8 +1,8 @@
 """What noise in queries does to what is learned from them: python -m benchmarks.bias [weave spheres ...]
 
 Queries that are asked again and again come back as x̂ with their opacity α. What is learned is the x at which their loss is
-least, Σ α ((log(1 + x) − log(1 + x̂))² + 0.1 |x − x̂|) (train/surface), and not their mean Σ α x̂ / Σ α. Prints by how much it
-is off, in per cent of the mean over queries, for each mesostructure and number of light paths a query: at the finest
+least, Σ α ((log(1 + x) − log(1 + x̂))² + 0.1 |x − x̂|) (train/surface/step), and not their mean Σ α x̂ / Σ α. Prints by how much
+it is off, in per cent of the mean over queries, for each mesostructure and number of light paths a query: at the finest
 footprints, and at all.
 """
 
@@ -10,10 +10,10 @@ import argparse
 
 import numpy as np
 
-from mesoshell.mesostructure.render import FINEST, REACH, Settings, questions
-from mesoshell.mesostructure.sources import PROCEDURES, source
-from mesoshell.mesostructure.tile import Placing
-from mesoshell.mesostructure.trace import Patch, queries
+from mesoshell.datasets.queries.render import FINEST, REACH, Settings, questions
+from mesoshell.datasets.queries.sources import PROCEDURES, source
+from mesoshell.datasets.queries.tile import Placing
+from mesoshell.datasets.queries.trace import Patch, queries
 
 SPP, QUERIES, REPEATS, CURVATURES = (4, 8, 16, 32), 2048, 32, (-0.5, 0.0, 1.0)
 #: Places between the least and the greatest x̂ at which the loss is looked at.

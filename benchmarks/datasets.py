@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mesoshell.farm.blender import Blender
-from mesoshell.farm.render import SHARD
+from mesoshell.datasets.blender.process import Blender
+from mesoshell.datasets.blender.render import SHARD
 from mesoshell.io.dataset import read_dataset
-from mesoshell.train.feed import Feed
+from mesoshell.train.loader import Feed
 
 SCENES = 500
 BATCH, BATCHES = 8, 500

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from benchmarks.rates import best, matrix_rate
 from mesoshell.nets.mlp import TILE, in_tiles
-from mesoshell.shell import decoder as net
+from mesoshell.shell.material import decoder as net
 
 ROWS = 64 * TILE
 INPUTS, TRUNK, HEAD = 42, (64, 64, 64), (64, 64)

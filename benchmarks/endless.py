@@ -24,13 +24,13 @@ from mesoshell.measure.distribution import kid
 from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.features import extractor
 from mesoshell.measure.repetition import largest_repeat
-from mesoshell.shell.generated import Maker, grown, maker_of
-from mesoshell.shell.generator import draw_phases, synthesise
-from mesoshell.shell.plan import CELL
-from mesoshell.train.record import read_record, snapshots
-from mesoshell.train.snapshot import pictures
-from mesoshell.train.state import Learner, TrainConfig
-from mesoshell.train.stream import fitted, views_of
+from mesoshell.shell.generator.generator import draw_phases, synthesise
+from mesoshell.shell.generator.model import Maker, grown, maker_of
+from mesoshell.shell.generator.plan import CELL
+from mesoshell.train.curriculum import fitted, views_of
+from mesoshell.train.gan.snapshot import pictures
+from mesoshell.train.gan.state import Learner, TrainConfig
+from mesoshell.train.run_config import read_record, snapshots
 
 PATCHES, TILE, BATCH = 12, 4, 20
 #: Cells from the origin to a patch in the middle of the texture.

@@ -15,11 +15,11 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from mesoshell.shell.bake import bake, patches_a_tile
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.shell.generated import Maker, grown
-from mesoshell.shell.generator import init_averages, init_generator
-from mesoshell.shell.plan import GeneratorConfig, halo_cost
+from mesoshell.shell.generator.bake import bake, patches_a_tile
+from mesoshell.shell.generator.generator import init_averages, init_generator
+from mesoshell.shell.generator.model import Maker, grown
+from mesoshell.shell.generator.plan import GeneratorConfig, halo_cost
+from mesoshell.shell.material.decoder import init_decoder
 
 
 def maker(texels: int, base: int, most: int) -> Maker:

@@ -27,12 +27,12 @@ def main() -> None:
     from mesoshell.io.dataset import read_dataset
     from mesoshell.io.exemplars import read_exemplars
     from mesoshell.io.records import read_rows
-    from mesoshell.train.fit import FitConfig, fitted, given
-    from mesoshell.train.holdout import score
+    from mesoshell.train.fit.holdout import score
+    from mesoshell.train.fit.patch_rays import shots_of
+    from mesoshell.train.fit.step import FitConfig, fitted, given
     from mesoshell.train.malloc import keep_memory
-    from mesoshell.train.record import snapshots
     from mesoshell.train.run import train
-    from mesoshell.train.shots import shots_of
+    from mesoshell.train.run_config import snapshots
 
     keep_memory()
     shots = shots_of([read_dataset(d) for d in options.datasets], tests=[read_dataset(options.test)])

@@ -19,19 +19,26 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.rates import matrix_rate
-from mesoshell.shell.discriminator import discriminate
-from mesoshell.shell.generator import Averages, Generator, draw_phases, init_averages, init_generator, synthesise
-from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, rows_of, spans
+from mesoshell.shell.generator.discriminator import discriminate
+from mesoshell.shell.generator.generator import (
+    Averages,
+    Generator,
+    draw_phases,
+    init_averages,
+    init_generator,
+    synthesise,
+)
+from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, rows_of, spans
 from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu
 from mesoshell.signal.fourier import fourier_map
 from mesoshell.signal.modulated import modulated_conv
-from mesoshell.train.generate import Shown, generate, label
+from mesoshell.train.gan.generate import Shown, generate, label
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig, sized, start
+from mesoshell.train.gan.step import Across, step
 from mesoshell.train.losses import r1
 from mesoshell.train.parallel import in_turn
-from mesoshell.train.picture import shown
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig, sized, start
-from mesoshell.train.step import Across, step
+from mesoshell.train.patch_renderer import shown
 from mesoshell.typing import Array
 
 T64 = GeneratorConfig(texels=64, channel_base=4096, channel_max=64)

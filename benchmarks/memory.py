@@ -12,7 +12,7 @@ def one(size: int) -> None:
     from mesoshell.render.effects import plan_effects
     from mesoshell.render.quality import PRESETS
     from mesoshell.scene.render_shell import facts
-    from mesoshell.shell.renderer import render
+    from mesoshell.shell.render.renderer import render
 
     scene, quality = spot(size), PRESETS["draft"]
     render(scene, quality, plan_effects(facts(scene), quality))

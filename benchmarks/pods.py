@@ -71,10 +71,10 @@ def told(name: str, how: str, devices: int) -> dict[str, Any]:
     import jax
 
     from mesoshell.measure.collectives import collectives_of
-    from mesoshell.measure.operations import count_operations
-    from mesoshell.train.presets import PRESETS
-    from mesoshell.train.state import sized, start
-    from mesoshell.train.step import step
+    from mesoshell.measure.flops import count_operations
+    from mesoshell.train.gan.presets import PRESETS
+    from mesoshell.train.gan.state import sized, start
+    from mesoshell.train.gan.step import step
 
     config = sized(PRESETS[name], 2, 2)
     config = replace(config, batch=-(-config.batch // devices) * devices)
@@ -134,7 +134,7 @@ def shown(config: Any) -> Any:
     import jax
     import numpy as np
 
-    from mesoshell.train.generate import Shown
+    from mesoshell.train.gan.generate import Shown
 
     b, s = config.batch, config.picture.size
     shapes = ((b, s, s, 4), (b, 2), (b, 2), (b, 4, 4), (b, 3), (b, 3), (b, 2))

@@ -2,7 +2,7 @@
 
 The decoder's products with operands of TF32 and of bfloat16 (benchmarks/products), as a GPU and a TPU may have them, computed
 on whatever there is; all else is float32 as it is there. Last, as this machine does it. Errors are those of a bundle's
-`decoder_error` (shell/precision), against float64; FLIP is of one render against that in float32.
+`decoder_error` (shell/material/precision), against float64; FLIP is of one render against that in float32.
 """
 
 import argparse
@@ -23,11 +23,11 @@ from mesoshell.measure.flip import flip
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_shell import facts
-from mesoshell.shell import decoder as net
-from mesoshell.shell import kernels
-from mesoshell.shell.precision import STEP, _error, _points, decode
-from mesoshell.shell.renderer import render
-from mesoshell.shell.scene import Scene, decoder_of
+from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.precision import STEP, _error, _points, decode
+from mesoshell.shell.render import kernels
+from mesoshell.shell.render.renderer import render
+from mesoshell.shell.render.scene import Scene, decoder_of
 
 
 def errors(bits: int | None) -> dict[str, dict[str, float]]:

@@ -13,7 +13,7 @@ from benchmarks.scenes import spot
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import Quality
 from mesoshell.scene.render_shell import facts
-from mesoshell.shell.renderer import render
+from mesoshell.shell.render.renderer import render
 
 REFERENCE = Quality(pixel_samples=1, samples=2048, coordinates="exact", early_stop=0.0, skip=0.0, weight_cut=0.0)
 SIZE = 128

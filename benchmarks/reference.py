@@ -15,12 +15,12 @@ from jaxtyping import Float
 from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
-from mesoshell.shell import decoder as net
-from mesoshell.shell.field import Point, inputs
-from mesoshell.shell.lighting import Shaded, Tile
-from mesoshell.shell.renderer import Report, _Renderer
-from mesoshell.shell.sampling import Chart, Frame, Piece, frame, place, place_exact, spread
-from mesoshell.shell.scene import Scene
+from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, frame, place, place_exact, spread
+from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.field import Point, inputs
+from mesoshell.shell.render.lighting import Shaded, Tile
+from mesoshell.shell.render.renderer import Report, _Renderer
+from mesoshell.shell.render.scene import Scene
 
 #: Samples a call.
 _CHUNK = 16384

@@ -17,8 +17,8 @@ from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_shell import facts
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.renderer import render
+from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.shell.render.renderer import render
 
 
 def work(scene, counts: dict[str, int]) -> tuple[float, float]:

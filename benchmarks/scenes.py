@@ -10,7 +10,7 @@ from pathlib import Path
 import mesoshell as ms
 from mesoshell.scene.render_shell import marched_scene
 from mesoshell.scene.setup import describe_shell
-from mesoshell.shell.scene import Scene
+from mesoshell.shell.render.scene import Scene
 
 #: Height of the shell, and side of a patch.
 THICKNESS, SCALE = 0.1035, 0.207

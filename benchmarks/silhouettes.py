@@ -16,18 +16,18 @@ from typing import Any
 import numpy as np
 
 import mesoshell as ms
+from mesoshell.datasets.queries.dress import dressed
+from mesoshell.datasets.queries.sources import source
+from mesoshell.datasets.queries.tile import Tile
 from mesoshell.geometry.mesh import Mesh, load_mesh, uv_stretch
 from mesoshell.io.image import tonemap, write_png
 from mesoshell.measure.flip import flip
-from mesoshell.mesostructure.dress import dressed
-from mesoshell.mesostructure.sources import source
-from mesoshell.mesostructure.tile import Tile
-from mesoshell.pathtracer import assemble
+from mesoshell.pathtracer import scene_dict
 from mesoshell.render.quality import CURVATURE_FILTERS, PRESETS
 from mesoshell.scene.setup import describe_surface
-from mesoshell.silhouette.ready import ready
-from mesoshell.silhouette.renderer import SurfaceScene, plan, render
-from mesoshell.silhouette.scene import SurfaceDescription
+from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.renderer import SurfaceScene, plan, render
+from mesoshell.surface_material.scene import SurfaceDescription
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
@@ -69,10 +69,10 @@ def of_geometry(tile: Tile, mesh: Mesh, d: SurfaceDescription, spp: int) -> tupl
     parameters["vertex_positions"] = mi.Float(points.astype(np.float32).ravel())
     parameters["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
     parameters.update()
-    lights = {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
+    lights = {f"light{i}": scene_dict.distant(light) for i, light in enumerate(d.lights)}
     path = {"type": "path", "max_depth": 16, "hide_emitters": True}
     scene: Any = mi.load_dict(
-        {"type": "scene", "integrator": path, "sensor": assemble.sensor(d.camera, spp), "made": made} | lights
+        {"type": "scene", "integrator": path, "sensor": scene_dict.sensor(d.camera, spp), "made": made} | lights
     )
     image = np.array(mi.render(scene, spp=spp, seed=0))
     begin = time.perf_counter()

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from mesoshell.measure.variance import Shares, shares
-from mesoshell.shell import generator
-from mesoshell.shell.generator import draw_phases, init_averages, map_latent, synthesise, synthesise_height
-from mesoshell.train.picture import material_of
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig, sized, start
+from mesoshell.shell.generator import generator
+from mesoshell.shell.generator.generator import draw_phases, init_averages, map_latent, synthesise, synthesise_height
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig, sized, start
+from mesoshell.train.patch_renderer import material_of
 from mesoshell.typing import Array
 
 SEEDS = 6

@@ -25,15 +25,15 @@ from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_shell import facts
-from mesoshell.shell.bound import bounds
-from mesoshell.shell.extrude import extrude
-from mesoshell.shell.field import Layout, Material
-from mesoshell.shell.generated import Maker, grown, maker_of
-from mesoshell.shell.generator import synthesise
-from mesoshell.shell.grow import Wanted, grow
-from mesoshell.shell.renderer import Report, render
-from mesoshell.shell.scene import GRID_CELLS, Grid, Ready, Scene, ready
-from mesoshell.shell.triplane import pack_planes
+from mesoshell.shell.generator.generator import synthesise
+from mesoshell.shell.generator.model import Maker, grown, maker_of
+from mesoshell.shell.generator.texture_synthesis import Wanted, grow
+from mesoshell.shell.geometry.extrude import extrude
+from mesoshell.shell.material.density_bounds import bounds
+from mesoshell.shell.material.field import Layout, Material
+from mesoshell.shell.material.triplane import pack_planes
+from mesoshell.shell.render.renderer import Report, render
+from mesoshell.shell.render.scene import GRID_CELLS, Grid, Ready, Scene, ready
 from mesoshell.texture import mip
 
 HEIGHT, PROBES = 16, 24

@@ -23,24 +23,24 @@ from benchmarks import leaf
 from benchmarks.blades import PATCH, blades
 from benchmarks.silhouettes import SPOT, over, torus
 from data_gen import grass
+from mesoshell.datasets.queries.dress import dressed
+from mesoshell.datasets.queries.tile import Tile
 from mesoshell.geometry.mesh import load_mesh, uv_stretch
 from mesoshell.io.image import tonemap
 from mesoshell.io.surface import read_surface
 from mesoshell.io.twin import Twin
 from mesoshell.measure.flip import flip
-from mesoshell.mesostructure.dress import dressed
-from mesoshell.mesostructure.tile import Tile
-from mesoshell.pathtracer import assemble
+from mesoshell.pathtracer import scene_dict
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.lod import in_place, twin_facts
 from mesoshell.scene.render_shell import facts, marched_scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
-from mesoshell.shell import renderer as march
-from mesoshell.shell.scene import Scene
-from mesoshell.silhouette import renderer as surface
-from mesoshell.silhouette.ready import ready
+from mesoshell.shell.render import renderer as march
+from mesoshell.shell.render.scene import Scene
+from mesoshell.surface_material import renderer as surface
+from mesoshell.surface_material.loader import ready
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
@@ -150,12 +150,12 @@ def traced(d: ShellDescription) -> tuple[np.ndarray, float, int]:
         "blades": triangles(points, faces[~body], leaf_of(attributes), attributes),
         "body": triangles(points, faces[body], {"type": "diffuse", "reflectance": _rgb(d.base_colour)}, {}),
     }
-    lights = {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
+    lights = {f"light{i}": scene_dict.distant(light) for i, light in enumerate(d.lights)}
     scene: Any = mi.load_dict(
         {
             "type": "scene",
             "integrator": {"type": "path", "max_depth": 16, "hide_emitters": True},
-            "sensor": assemble.sensor(d.camera, PATHS),
+            "sensor": scene_dict.sensor(d.camera, PATHS),
         }
         | parts
         | lights

@@ -15,7 +15,7 @@ import trimesh
 
 from data_gen import grass
 from mesoshell.io.dataset import read_dataset
-from mesoshell.train.shots import Rays, box_span, rays_at, shots_of
+from mesoshell.train.fit.patch_rays import Rays, box_span, rays_at, shots_of
 
 POINTS, RAYS = 8_000_000, 20_000
 

@@ -3,9 +3,9 @@ texture (the paper's figure 3)."""
 
 from dataclasses import replace
 
-from mesoshell.train.atlas import AtlasTraining, atlas_as
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.neutex.step import AtlasTraining, atlas_as
 
 
 def variant(preset: TrainConfig) -> AtlasTraining:

@@ -1,7 +1,7 @@
 """Carpet: length, lean, lean angle, roughness and braiding are geometry; hue and saturation are appearance."""
 
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
 
 
 def variant(preset: TrainConfig) -> TrainConfig:

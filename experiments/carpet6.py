@@ -4,8 +4,8 @@ Geometry: length, lean, lean angle and roughness. Appearance: hue and saturation
 Every image shows another geometry: mesoshell dataset render carpet6 --count … --out …
 """
 
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
 
 recipe = "carpet6"
 

@@ -4,8 +4,8 @@ Geometry: length, lean, lean angle, roughness, braiding and density. Appearance:
 Every image shows another geometry: mesoshell dataset render carpet8 --count … --out …
 """
 
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
 
 recipe = "carpet8"
 

@@ -1,7 +1,7 @@
 """Fur: length and roughness are geometry; hue, saturation and value are appearance."""
 
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
 
 
 def variant(preset: TrainConfig) -> TrainConfig:

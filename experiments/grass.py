@@ -1,7 +1,7 @@
 """Grass: the method as it is. The age parameter is appearance; geometry varies with the seed alone."""
 
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
 
 
 def variant(preset: TrainConfig) -> TrainConfig:

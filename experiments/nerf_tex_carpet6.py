@@ -4,9 +4,9 @@ It learns one patch by heart, so every image must show that patch: mesoshell dat
 `carpet6.py` is ours, on a dataset without --patch.
 """
 
-from mesoshell.train.parametric import ParametricConfig, sized_as
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.nerf_tex.network import ParametricConfig, sized_as
 
 recipe = "carpet6"
 

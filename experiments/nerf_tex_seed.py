@@ -4,9 +4,9 @@ Any dataset whose images show a geometry each, so without --patch; the paper's i
 learn them all by heart, and what does it make of a seed between those that it has seen?
 """
 
-from mesoshell.train.parametric import ParametricConfig, sized_as
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.nerf_tex.network import ParametricConfig, sized_as
 
 
 def variant(preset: TrainConfig) -> ParametricConfig:

@@ -5,8 +5,8 @@ Its data are those of what it is compared with: the paper's is the carpet of 8 p
 
 from dataclasses import replace
 
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
 
 
 def variant(preset: TrainConfig) -> TrainConfig:

@@ -5,8 +5,8 @@ Begin with the weights of a run of textures.py (--transfer): from a natural star
 
 from dataclasses import replace
 
-from mesoshell.train.state import TrainConfig
-from mesoshell.train.textures_state import TexturesConfig, textures_as
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.textures.state import TexturesConfig, textures_as
 
 
 def variant(preset: TrainConfig) -> TexturesConfig:

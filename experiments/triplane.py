@@ -6,8 +6,8 @@ They end where the patch does: a surface is broken into patches, each turned at 
 
 from dataclasses import replace
 
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
 
 
 def variant(preset: TrainConfig) -> TrainConfig:

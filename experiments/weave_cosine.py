@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from mesoshell.train.presets import SMALL
-from mesoshell.train.state import TrainConfig
-from mesoshell.train.surface import SurfaceTraining, surface_as
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.surface.step import SurfaceTraining, surface_as
 
 
 def variant(preset: TrainConfig) -> SurfaceTraining:

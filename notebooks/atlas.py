@@ -23,20 +23,20 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import mesoshell as ms
-from mesoshell.atlas import paint
-from mesoshell.atlas.capture import read_capture
-from mesoshell.atlas.layout import directions
-from mesoshell.atlas.mesh import wrapped
-from mesoshell.atlas.render import picture, view
-from mesoshell.atlas.store import read_captured
-from mesoshell.farm.photograph import Shooting, photograph
+from mesoshell.datasets.blender.photograph import Shooting, photograph
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.captured import score_views
+from mesoshell.neutex import edit as paint
+from mesoshell.neutex.capture import read_capture
+from mesoshell.neutex.layout import directions
+from mesoshell.neutex.mesh import wrapped
+from mesoshell.neutex.render import picture, view
+from mesoshell.neutex.store import read_captured
 from mesoshell.render.quality import Quality
-from mesoshell.train.atlas import atlas_as, fitted
-from mesoshell.train.atlas_snapshot import board_paint
-from mesoshell.train.presets import TINY
+from mesoshell.train.gan.presets import TINY
+from mesoshell.train.neutex.snapshot import board_paint
+from mesoshell.train.neutex.step import atlas_as, fitted
 
 folder = Path(tempfile.mkdtemp())
 shooting = Shooting(views=24, size=32, spp=16, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)

@@ -23,14 +23,14 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from mesoshell.farm.blender import Blender
-from mesoshell.farm.render import Farm, render_dataset
-from mesoshell.farm.vary import vary_sheet
+from mesoshell.datasets.blender.process import Blender
+from mesoshell.datasets.blender.render import Farm, render_dataset
+from mesoshell.datasets.blender.vary import vary_sheet
 from mesoshell.io.dataset import check_dataset, read_dataset
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.io.pack import pack_dataset
 from mesoshell.io.sheet import contact_sheet
-from mesoshell.train.feed import Feed
+from mesoshell.train.loader import Feed
 
 folder = Path(tempfile.mkdtemp())
 

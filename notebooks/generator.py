@@ -28,13 +28,13 @@ import mesoshell as ms
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.repetition import autocorrelation, largest_repeat
-from mesoshell.shell.generator import draw_phases, init_averages, init_generator, map_latent, synthesise
-from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, reach, rows_of
-from mesoshell.train.above import from_above
-from mesoshell.train.exemplars import scaled
-from mesoshell.train.snapshot import as_colours
-from mesoshell.train.textures import latents, made, own_phases, start
-from mesoshell.train.textures_state import TexturesConfig
+from mesoshell.shell.generator.generator import draw_phases, init_averages, init_generator, map_latent, synthesise
+from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, reach, rows_of
+from mesoshell.train.gan.snapshot import as_colours
+from mesoshell.train.textures.depth_map import from_above
+from mesoshell.train.textures.exemplars import scaled
+from mesoshell.train.textures.state import TexturesConfig
+from mesoshell.train.textures.step import latents, made, own_phases, start
 
 config = GeneratorConfig(32, channel_base=512, channel_max=16, channels=8, layers=7, waves=16, z=16, w=16, betas=1)
 generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)

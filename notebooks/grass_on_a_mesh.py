@@ -27,8 +27,8 @@ from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_shell import marched_scene
 from mesoshell.scene.setup import describe_shell
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.renderer import render
+from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.shell.render.renderer import render
 
 SIZE = 96
 MESH = Path(str(resources.files("mesoshell") / "assets" / "spot.obj"))

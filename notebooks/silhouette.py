@@ -25,9 +25,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import mesoshell as ms
-from mesoshell.mesostructure.sources import source
-from mesoshell.mesostructure.tile import Placing
-from mesoshell.mesostructure.trace import Patch, queries
+from mesoshell.datasets.queries.sources import source
+from mesoshell.datasets.queries.tile import Placing
+from mesoshell.datasets.queries.trace import Patch, queries
 
 tile = source("spheres")
 print(f"{len(tile.faces)} triangles a period, {tile.depth} deep")
@@ -63,9 +63,9 @@ for axis, (curvature, cosine) in zip(axes, ((0.0, 1.0), (0.0, 0.4), (1.0, 0.4), 
 # Patches of random curvature, and two thousand small steps.
 
 # %%
-from mesoshell.mesostructure.render import Settings, of_geometry, render_patches  # noqa: E402
-from mesoshell.train.presets import TINY  # noqa: E402
-from mesoshell.train.surface import surface_as  # noqa: E402
+from mesoshell.datasets.queries.render import Settings, of_geometry, render_patches  # noqa: E402
+from mesoshell.train.gan.presets import TINY  # noqa: E402
+from mesoshell.train.surface.step import surface_as  # noqa: E402
 
 folder = Path(tempfile.mkdtemp())
 settings = Settings("spheres", tile.depth, (-1.0, 2.0), queries=16384, spp=4, seed=0)

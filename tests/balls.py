@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mesoshell.atlas.photo import Photo, photo_rays
 from mesoshell.io.image import write_png
 from mesoshell.io.poses import FLIP
+from mesoshell.neutex.cameras import Photo, photo_rays
 from mesoshell.render.camera import look_at
 
 CENTRE, AXES = np.array([3.0, -1.0, 2.0]), np.array([1.6, 1.2, 1.0])

@@ -21,9 +21,9 @@ import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 from mesoshell.io.bundle import Bundle, Parameter  # noqa: E402
-from mesoshell.shell.decoder import init_decoder  # noqa: E402
+from mesoshell.shell.material.decoder import init_decoder  # noqa: E402
 from mesoshell.train.export import to_bundle  # noqa: E402
-from mesoshell.train.fit import Common, FitConfig  # noqa: E402
+from mesoshell.train.fit.step import Common, FitConfig  # noqa: E402
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")

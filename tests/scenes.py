@@ -9,8 +9,8 @@ from mesoshell.render.effects import Effects, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import Quality
-from mesoshell.shell.extrude import Shell
-from mesoshell.shell.scene import Scene, ready
+from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.render.scene import Scene, ready
 
 #: Every sample decoded, none skipped, nothing filtered: what laws can be tested on exactly.
 FULL = Quality(pixel_samples=1, samples=32, early_stop=0.0, skip=0.0, weight_cut=0.0, filtering=False)

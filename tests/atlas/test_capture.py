@@ -9,12 +9,12 @@ import pytest
 import trimesh
 from PIL import Image
 
-from mesoshell.atlas.capture import Capture, at_most, read_capture
-from mesoshell.atlas.hull import CELLS
-from mesoshell.atlas.photo import photo_rays, rays_of
 from mesoshell.errors import InputError
 from mesoshell.io.image import linear_to_srgb, read_png, write_exr, write_png
 from mesoshell.io.poses import FLIP
+from mesoshell.neutex.cameras import photo_rays, rays_of
+from mesoshell.neutex.capture import Capture, at_most, read_capture
+from mesoshell.neutex.hull import CELLS
 from tests import balls
 
 

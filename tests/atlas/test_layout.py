@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mesoshell.atlas.layout import LAYOUTS, checkerboard, directions, lookup, place, shape, side_of
+from mesoshell.neutex.layout import LAYOUTS, checkerboard, directions, lookup, place, shape, side_of
 
 UNIT = st.tuples(*[st.floats(-1, 1, width=32)] * 3).filter(lambda u: np.linalg.norm(u) > 0.1)
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesoshell.atlas.field import DENSITY, FieldConfig, init_field
-from mesoshell.atlas.march import CELLS, at, march, places, span, widened
 from mesoshell.nets.encoding import HashConfig
+from mesoshell.neutex.field import DENSITY, FieldConfig, init_field
+from mesoshell.neutex.march import CELLS, at, march, places, span, widened
 
 FULL = jnp.ones((CELLS,) * 3, bool)
 MIDDLE = jnp.full(48, 0.5)

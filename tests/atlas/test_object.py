@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 import trimesh
 
-from mesoshell.atlas.field import FieldConfig, density, init_field, lobes, texture, to_surface, to_texture, viewed
-from mesoshell.atlas.layout import LAYOUTS, checkerboard, directions, shape
-from mesoshell.atlas.march import CELLS, march
-from mesoshell.atlas.mesh import REACH, wrapped
-from mesoshell.atlas.paint import painted, read_edit, texture_image
-from mesoshell.atlas.photo import Photo, photo_rays, pixels
-from mesoshell.atlas.render import Lit, Paint, View, occupancy, picture
-from mesoshell.atlas.store import Captured, read_captured, write_captured
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.archive import read_arrays, write_arrays
 from mesoshell.io.image import srgb_to_linear, write_png
-from mesoshell.io.wrapped import write_wrapped
+from mesoshell.io.mesh_export import write_wrapped
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.nets.mlp import Dense
+from mesoshell.neutex.cameras import Photo, photo_rays, pixels
+from mesoshell.neutex.edit import painted, read_edit, texture_image
+from mesoshell.neutex.field import FieldConfig, density, init_field, lobes, texture, to_surface, to_texture, viewed
+from mesoshell.neutex.layout import LAYOUTS, checkerboard, directions, shape
+from mesoshell.neutex.march import CELLS, march
+from mesoshell.neutex.mesh import REACH, wrapped
+from mesoshell.neutex.render import Lit, Paint, View, occupancy, picture
+from mesoshell.neutex.store import Captured, read_captured, write_captured
 from mesoshell.render.camera import look_at
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
@@ -262,7 +262,7 @@ def test_no_triangle_folds_however_rough_the_density(field, monkeypatch) -> None
     """Each vertex wants to move on its own, by as much as it may."""
     random = np.random.default_rng(2)
     found = lambda kernel, y, n: (random.uniform(-REACH, REACH, len(y)), np.ones(len(y)))  # noqa: E731
-    monkeypatch.setattr("mesoshell.atlas.mesh.run", found)
+    monkeypatch.setattr("mesoshell.neutex.mesh.run", found)
     mesh = wrapped(CONFIG, field, 24, 64)
     wrap = np.asarray(jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(mesh.u, jnp.float32)))
     before, after = (

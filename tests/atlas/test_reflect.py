@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesoshell.atlas.reflect import LEAST, Lobes, shade
+from mesoshell.neutex.brdf import LEAST, Lobes, shade
 
 UNIT = st.tuples(*[st.floats(-1, 1, width=32)] * 3).filter(lambda u: np.linalg.norm(u) > 0.1)
 #: A direction from a surface on: cosine to the normal, and azimuth.

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from mesoshell.atlas.layout import shape
-from mesoshell.atlas.mesh import wrapped
-from mesoshell.atlas.store import read_captured
 from mesoshell.cli.main import main
 from mesoshell.io.image import read_exr, read_png, write_png
-from mesoshell.train.record import snapshots
+from mesoshell.neutex.layout import shape
+from mesoshell.neutex.mesh import wrapped
+from mesoshell.neutex.store import read_captured
+from mesoshell.train.run_config import snapshots
 from tests import balls
 
 #: One process compiles what its tests share.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mesoshell.cli.main import main
-from mesoshell.farm import blender
+from mesoshell.datasets.blender import process as blender
 from mesoshell.io.dataset import check_dataset, read_dataset
 from mesoshell.io.image import read_png
 
@@ -92,7 +92,7 @@ def test_a_sheet_of_each_parameter_alone(tmp_path, capsys):
 
 @needs_blender
 def test_what_accuracy_costs(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("mesoshell.farm.cost.REFERENCE", 64)
+    monkeypatch.setattr("mesoshell.datasets.blender.cost.REFERENCE", 64)
     monkeypatch.setattr("mesoshell.cli.commands.dataset_blender.SPP", (1, 16))
     status, text, _ = said(capsys, "cost", "grass", "--size", 24)
     assert status == 0

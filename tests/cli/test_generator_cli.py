@@ -23,7 +23,7 @@ pytestmark = pytest.mark.xdist_group("generator_cli")
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
 EXPERIMENT = """
 from dataclasses import replace
-from mesoshell.train.presets import TINY
+from mesoshell.train.gan.presets import TINY
 config = replace(
     TINY,
     generator=replace(TINY.generator, channel_base=64, channel_max=4, channels=4, layers=4),
@@ -38,8 +38,8 @@ config = replace(
 #: The network that is compared with, at a size of its own.
 NETWORK = """
 from dataclasses import replace
-from mesoshell.train.parametric import sized_as
-from mesoshell.train.presets import TINY
+from mesoshell.train.nerf_tex.network import sized_as
+from mesoshell.train.gan.presets import TINY
 config = replace(
     sized_as(TINY, seeded=True),
     picture=replace(TINY.picture, size=8),

@@ -13,8 +13,8 @@ from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_png
 from mesoshell.measure import fields, posed
 from mesoshell.measure.features import Extractor
-from mesoshell.train.presets import TINY
-from mesoshell.train.record import keep_record
+from mesoshell.train.gan.presets import TINY
+from mesoshell.train.run_config import keep_record
 from tests.shell import growing
 from tests.train import fog
 

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from mesoshell.cli.main import main
-from mesoshell.io.patches import read_patches
+from mesoshell.io.query_dataset import read_patches
 
 TINY = ("--patches", 2, "--queries", 256, "--spp", 2)
 

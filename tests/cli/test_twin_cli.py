@@ -12,13 +12,13 @@ from PIL import Image
 from mesoshell.cli.commands.distill import source_of
 from mesoshell.cli.main import main
 from mesoshell.cli.options.distill import Options
+from mesoshell.datasets.queries.render import check_curvature
 from mesoshell.distill.source import ShellSource, from_afar
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.image import read_exr
-from mesoshell.io.patches import COLUMNS, read_patches
+from mesoshell.io.query_dataset import COLUMNS, read_patches
 from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.io.twin import Twin
-from mesoshell.mesostructure.render import check_curvature
 from tests.silhouette import wearing
 
 pytestmark = pytest.mark.xdist_group("twin_cli")

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mesoshell.datasets.queries.render import FINEST
+from mesoshell.datasets.queries.tile import Placing
 from mesoshell.distill import error
 from mesoshell.distill.error import LIGHTS, PICTURES, SIDE, errors_by_radius, radii
-from mesoshell.io.patches import COLUMNS
-from mesoshell.mesostructure.render import FINEST
-from mesoshell.mesostructure.tile import Placing
+from mesoshell.io.query_dataset import COLUMNS
 
 C = {name: i for i, name in enumerate(COLUMNS)}
 CURVATURE, WIDEST = (-1.0, 1.5), 0.5

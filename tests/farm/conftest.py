@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from stand_ins import STAND_IN, ignore, settings
 
-from mesoshell.farm.render import Farm, Report, render_dataset
+from mesoshell.datasets.blender.render import Farm, Report, render_dataset
 
 
 @pytest.fixture

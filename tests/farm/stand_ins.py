@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from mesoshell.farm.shard import Fault
+from mesoshell.datasets.blender.shard import Fault
 
 STAND_IN = (sys.executable, str(Path(__file__).parent / "stand_in.py"))
 

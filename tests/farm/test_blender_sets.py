@@ -8,9 +8,9 @@ import pytest
 
 from data_gen.sample import Drawer
 from data_gen.worker import RECIPES
-from mesoshell.farm.blender import Blender
-from mesoshell.farm.render import Farm, render_dataset
-from mesoshell.farm.shard import Done, Shard, render_shard
+from mesoshell.datasets.blender.process import Blender
+from mesoshell.datasets.blender.render import Farm, render_dataset
+from mesoshell.datasets.blender.shard import Done, Shard, render_shard
 from mesoshell.io.dataset import Sample, check_dataset, load_images, read_dataset
 from mesoshell.io.image import read_exr
 

@@ -8,9 +8,9 @@ import time
 import pytest
 from stand_ins import STAND_IN, contents, ignore, settings
 
+from mesoshell.datasets.blender import cluster as cluster_module
+from mesoshell.datasets.blender.render import SHARD, Farm, render_dataset
 from mesoshell.errors import InputError
-from mesoshell.farm import cluster as cluster_module
-from mesoshell.farm.render import SHARD, Farm, render_dataset
 from mesoshell.io.dataset import check_dataset
 
 distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesoshell.atlas.capture import read_capture
+from mesoshell.datasets.blender import photograph as farm
+from mesoshell.datasets.blender.photograph import FIELD_OF_VIEW, FLASH, LOWEST, Shooting, dome, photograph
 from mesoshell.errors import InputError
-from mesoshell.farm import photograph as farm
-from mesoshell.farm.photograph import FIELD_OF_VIEW, FLASH, LOWEST, Shooting, dome, photograph
 from mesoshell.geometry.mesh import check_mesh, load_mesh
 from mesoshell.io.image import read_exr, write_png
+from mesoshell.neutex.capture import read_capture
 
 ROOT = Path(__file__).parents[2]
 FEW = Shooting(views=9, size=16, spp=4, paint=None, flash=False, up=1, points=200, noise=0.01, seed=0)

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from stand_ins import STAND_IN, contents, ignore, settings
 
+from mesoshell.datasets.blender import shard
+from mesoshell.datasets.blender.render import SHARD, Farm, render_dataset
 from mesoshell.errors import InputError
-from mesoshell.farm import shard
-from mesoshell.farm.render import SHARD, Farm, render_dataset
-from mesoshell.io.collect import Collector, collecting
 from mesoshell.io.dataset import check_dataset, load_images, read_dataset
+from mesoshell.io.dataset_writer import Collector, collecting
 
 
 def test_the_folder_is_the_same_bytes_whoever_renders_it(farm, tmp_path):
@@ -156,7 +156,7 @@ def test_killed_midway_the_next_run_redoes_at_most_an_image_a_worker(tmp_path):
     trace, folder, count, workers = tmp_path / "trace", tmp_path / "d", 30, 2
     code = f"""
 from pathlib import Path
-from mesoshell.farm.render import Farm, render_dataset
+from mesoshell.datasets.blender.render import Farm, render_dataset
 from stand_ins import STAND_IN, ignore, settings
 render_dataset(settings("slow=0.05 trace={trace}"), {count}, Path({str(folder)!r}), Farm({workers}, 1, None, STAND_IN), ignore)
 """

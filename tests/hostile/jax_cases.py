@@ -14,17 +14,17 @@ from option_cases import commands
 from plain_cases import _put
 from trial import Case
 
-from mesoshell.atlas.field import FieldConfig, init_field
-from mesoshell.atlas.photo import Photo
-from mesoshell.atlas.store import Captured, read_captured, write_captured
-from mesoshell.io.patches import read_patches
+from mesoshell.io.query_dataset import read_patches
 from mesoshell.io.records import read_rows
 from mesoshell.nets.encoding import HashConfig
+from mesoshell.neutex.cameras import Photo
+from mesoshell.neutex.field import FieldConfig, init_field
+from mesoshell.neutex.store import Captured, read_captured, write_captured
 from mesoshell.train.experiment import experiment_of
-from mesoshell.train.presets import PRESETS
-from mesoshell.train.record import read_record, snapshots
+from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.report import write_report
-from mesoshell.train.surface import feed, surface_as
+from mesoshell.train.run_config import read_record, snapshots
+from mesoshell.train.surface.step import feed, surface_as
 
 EXPERIMENTS = [
     "",
@@ -51,12 +51,12 @@ EXPERIMENTS += [
 ]
 EXPERIMENTS += [
     "def f(): f()\nf()",
-    "from mesoshell.train.state import TrainConfig\nconfig = TrainConfig",
+    "from mesoshell.train.gan.state import TrainConfig\nconfig = TrainConfig",
     "\0",
     "é = 1\nconfig = é",
 ]
 EXPERIMENTS += [
-    "from mesoshell.train.state import TrainConfig\nconfig = TrainConfig(batch='x', nothing=1)",
+    "from mesoshell.train.gan.state import TrainConfig\nconfig = TrainConfig(batch='x', nothing=1)",
     "raise Exception('x' * 10**6)",
 ]
 

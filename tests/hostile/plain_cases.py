@@ -12,15 +12,15 @@ import samples
 from damage import THINGS, damaged, variants
 from trial import Case
 
-from mesoshell.atlas.capture import read_capture
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.dataset import check_dataset, load_images, read_dataset
 from mesoshell.io.image import read_exr, read_heights, read_picture, read_png
-from mesoshell.io.patches import read_patches
 from mesoshell.io.poses import read_colmap, read_idr, read_poses
+from mesoshell.io.query_dataset import read_patches
 from mesoshell.io.surface import read_surface
 from mesoshell.io.weights import read_weights
+from mesoshell.neutex.capture import read_capture
 
 FILES: dict[str, Callable[[Path], Any]] = {
     "quad.obj": lambda p: vars(load_mesh(p)),

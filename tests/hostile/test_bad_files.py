@@ -16,17 +16,17 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.archive import read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle import read_bundle
-from mesoshell.io.collect import collecting
 from mesoshell.io.dataset import check_dataset, load_images, read_dataset
+from mesoshell.io.dataset_writer import collecting
 from mesoshell.io.image import read_exr, read_heights, read_picture, read_png
 from mesoshell.io.material import bundled
-from mesoshell.io.patches import read_patches
 from mesoshell.io.poses import read_poses
+from mesoshell.io.query_dataset import read_patches
 from mesoshell.io.records import read_object, read_rows
 from mesoshell.io.surface import read_surface
 from mesoshell.io.weights import read_weights
-from mesoshell.train.feed import Feed
-from mesoshell.train.record import read_record
+from mesoshell.train.loader import Feed
+from mesoshell.train.run_config import read_record
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "ball.obj": load_mesh,
@@ -130,7 +130,7 @@ def test_json_of_any_kind_is_refused(tmp_path: Path, name: str, refuses):
 
 @pytest.mark.parametrize("name", TEXTS)
 def test_bundles_with_any_manifest_are_refused(tmp_path: Path, name: str, refuses):
-    from mesoshell.atlas.store import read_captured
+    from mesoshell.neutex.store import read_captured
 
     write_arrays(tmp_path / "a.npz", {"manifest.json": np.frombuffer(TEXTS[name], np.uint8)})
     for read in (read_bundle, read_surface, read_captured):
@@ -206,7 +206,7 @@ FRAME = ("file_path", "transform_matrix", "fl_x", "w", "h", "mask_path", "camera
 @pytest.mark.parametrize("field", [*FRAME, "ply_file_path", "flash", "frames"])
 def test_fields_of_transforms_may_be_anything(good: Path, tmp_path: Path, field: str):
     """156 cases; names with NUL, of 5000 characters and outside the folder among them."""
-    from mesoshell.atlas.capture import read_capture
+    from mesoshell.neutex.capture import read_capture
 
     shutil.copy(good / "a.png", tmp_path)
     for value in VALUES:

@@ -88,7 +88,7 @@ def test_an_experiment_that_is_none_is_refused(name: str, tmp_path: Path, capsys
 
 COUNTED = """
 from pathlib import Path
-from mesoshell.train.presets import PRESETS
+from mesoshell.train.gan.presets import PRESETS
 with (Path(__file__).parent / "times").open("a") as file:
     file.write("x")
 config = PRESETS["tiny"]

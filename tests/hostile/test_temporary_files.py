@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
-from mesoshell.io.whole import new_array, new_folder, probe_outputs, replace_file, together
+from mesoshell.io.atomic import new_array, new_folder, probe_outputs, replace_file, together
 
 
 def test_what_lies_beside_an_output_stays(tmp_path: Path):
@@ -45,7 +45,7 @@ def test_many_writers_of_one_file_never_fail(tmp_path: Path):
 
 def test_a_guessed_name_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Even where the random part is known, another's link is neither followed nor removed."""
-    monkeypatch.setattr("mesoshell.io.whole.secrets.token_hex", lambda n: "0")
+    monkeypatch.setattr("mesoshell.io.atomic.secrets.token_hex", lambda n: "0")
     (tmp_path / "victim").write_bytes(b"mine")
     (tmp_path / ".a.0.partial").symlink_to("victim")
     with pytest.raises(InputError, match="cannot be written: File exists"):
@@ -69,7 +69,7 @@ MAPPED = """
 import sys, resource, numpy as np
 from pathlib import Path
 from mesoshell.errors import InputError
-from mesoshell.io.whole import new_array, new_folder
+from mesoshell.io.atomic import new_array, new_folder
 resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, 2**20))
 try:
     with new_folder(Path(sys.argv[1])) as folder:

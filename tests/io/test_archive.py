@@ -12,7 +12,7 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import read_arrays, read_heads, write_arrays
-from mesoshell.io.whole import replace_file
+from mesoshell.io.atomic import replace_file
 
 DAMAGED = "not a zip file, or a truncated or damaged one"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesoshell.io.collect import collecting
-from mesoshell.io.patches import COLUMNS, read_patches
+from mesoshell.io.dataset_writer import collecting
+from mesoshell.io.query_dataset import COLUMNS, read_patches
 
 NO_DATASET = "its manifest.json or samples.jsonl is none of a dataset's"
 

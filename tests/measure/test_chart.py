@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mesoshell.atlas.layout import directions
-from mesoshell.measure.chart import chart
+from mesoshell.measure.uv_distortion import chart
+from mesoshell.neutex.layout import directions
 
 
 def test_a_sphere_on_itself_is_even_and_whole() -> None:

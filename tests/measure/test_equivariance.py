@@ -9,7 +9,7 @@ import pytest
 
 from mesoshell.measure import equivariance
 from mesoshell.measure.equivariance import eq_r, eq_t
-from mesoshell.shell.generator import (
+from mesoshell.shell.generator.generator import (
     Averages,
     Generator,
     Phases,
@@ -18,7 +18,7 @@ from mesoshell.shell.generator import (
     init_generator,
     map_latent,
 )
-from mesoshell.shell.plan import GeneratorConfig
+from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.typing import Array
 
 

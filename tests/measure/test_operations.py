@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from mesoshell.measure.operations import count_operations
+from mesoshell.measure.flops import count_operations
 
 A, B = jnp.zeros((3, 5)), jnp.zeros((5, 7))
 

@@ -6,8 +6,8 @@ import pytest
 
 from mesoshell.measure.variance import shares
 from mesoshell.nets.mlp import Dense
-from mesoshell.shell.decoder import Decoder
-from mesoshell.shell.field import Layout, Material
+from mesoshell.shell.material.decoder import Decoder
+from mesoshell.shell.material.field import Layout, Material
 from mesoshell.texture import mip
 
 SIDE = 16

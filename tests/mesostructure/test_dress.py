@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from mesoshell.datasets.queries.dress import dressed
+from mesoshell.datasets.queries.sources import of_heights
 from mesoshell.geometry.mesh import Mesh, uv_stretch
-from mesoshell.mesostructure.dress import dressed
-from mesoshell.mesostructure.sources import of_heights
 
 RING, TUBE, AROUND, ACROSS = 1.0, 0.4, 60, 24
 

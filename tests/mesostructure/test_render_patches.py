@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mesoshell.errors import InputError
-from mesoshell.io.patches import COLUMNS, read_patches
-from mesoshell.mesostructure.render import (
+from mesoshell.datasets.queries.render import (
     FINEST,
     GRAZING,
     LEAST,
@@ -22,9 +20,11 @@ from mesoshell.mesostructure.render import (
     render_patches,
     sample,
 )
-from mesoshell.mesostructure.sources import source
-from mesoshell.mesostructure.tile import Placing, Tile
-from mesoshell.mesostructure.trace import Patch, queries
+from mesoshell.datasets.queries.sources import source
+from mesoshell.datasets.queries.tile import Placing, Tile
+from mesoshell.datasets.queries.trace import Patch, queries
+from mesoshell.errors import InputError
+from mesoshell.io.query_dataset import COLUMNS, read_patches
 
 
 @pytest.fixture(scope="module")
@@ -274,7 +274,7 @@ def dimmed(tile: Tile) -> Tile:
 def test_a_row_is_a_query_that_can_be_asked_again(settings, index, monkeypatch):
     """By its columns alone: a new patch whose middle is (u, v) and whose axis lies across ω, of curvature κ, asked there in its
     own frame. Whatever the rows were turned, shifted and moved by, answers agree."""
-    monkeypatch.setattr("mesoshell.mesostructure.render.FINEST", 1e-7)
+    monkeypatch.setattr("mesoshell.datasets.queries.render.FINEST", 1e-7)
     tile = dimmed(source(settings.source, settings.depth))
     rows, _ = sample(replace(settings, spp=1, widest=2e-7), of_geometry(tile, 1), index)
     q = named(rows)

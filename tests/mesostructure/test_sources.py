@@ -9,10 +9,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from mesoshell.datasets.queries.sources import CELLS, HIGH, LOW, PROCEDURES, of_heights, source
+from mesoshell.datasets.queries.tile import Tile
 from mesoshell.errors import InputError
 from mesoshell.io.image import write_exr
-from mesoshell.mesostructure.sources import CELLS, HIGH, LOW, PROCEDURES, of_heights, source
-from mesoshell.mesostructure.tile import Tile
 
 NAMES = sorted(PROCEDURES)
 

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from mesoshell.mesostructure.tile import REACH, STRIPS, Placing, Tile, bent, frame, patch
+from mesoshell.datasets.queries.tile import REACH, STRIPS, Placing, Tile, bent, frame, patch
 
 CURVATURES = [-2.0, -0.3, 0.2, 1.7]
 

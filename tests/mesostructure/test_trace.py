@@ -9,9 +9,9 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from mesoshell.mesostructure.sources import HIGH, of_heights, source
-from mesoshell.mesostructure.tile import REACH, Placing, Tile
-from mesoshell.mesostructure.trace import AWAY, Patch, queries
+from mesoshell.datasets.queries.sources import HIGH, of_heights, source
+from mesoshell.datasets.queries.tile import REACH, Placing, Tile
+from mesoshell.datasets.queries.trace import AWAY, Patch, queries
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 

@@ -12,17 +12,14 @@ import pytest
 from flax.errors import ScopeParamShapeError
 
 import mesoshell as ms
-from mesoshell.atlas import field as captured
-from mesoshell.atlas.field import FieldConfig, init_field
-from mesoshell.atlas.store import Captured, read_captured, write_captured
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.nets.encoding import HashConfig
-from mesoshell.shell import decoder as decoding
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.shell.discriminator import DiscriminatorConfig, discriminate, init_discriminator
-from mesoshell.shell.generated import generator_arrays
-from mesoshell.shell.generator import (
+from mesoshell.neutex import field as captured
+from mesoshell.neutex.field import FieldConfig, init_field
+from mesoshell.neutex.store import Captured, read_captured, write_captured
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig, discriminate, init_discriminator
+from mesoshell.shell.generator.generator import (
     draw_phases,
     init_averages,
     init_generator,
@@ -30,10 +27,13 @@ from mesoshell.shell.generator import (
     synthesise,
     synthesise_height,
 )
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.scene import decoder_of
-from mesoshell.shell.texture_critic import CriticConfig, criticise, init_critic
-from mesoshell.silhouette.material import Place, SurfaceConfig, init_surface, reflectance, seen, tables
+from mesoshell.shell.generator.model import generator_arrays
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.generator.texture_critic import CriticConfig, criticise, init_critic
+from mesoshell.shell.material import decoder as decoding
+from mesoshell.shell.material.decoder import init_decoder
+from mesoshell.shell.render.scene import decoder_of
+from mesoshell.surface_material.network import Place, SurfaceConfig, init_surface, reflectance, seen, tables
 from tests.shell import growing
 from tests.silhouette import wearing
 

@@ -11,11 +11,15 @@ import pytest
 
 import mesoshell as ms
 from mesoshell.errors import InputError
-from mesoshell.shell.generator import draw_phases
-from mesoshell.silhouette.material import Place, SurfaceConfig
-from mesoshell.train import atlas, fit, parametric, state, surface
+from mesoshell.shell.generator.generator import draw_phases
+from mesoshell.surface_material.network import Place, SurfaceConfig
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.presets import TINY
+from mesoshell.train.fit import step as fit
+from mesoshell.train.gan import state
+from mesoshell.train.gan.presets import TINY
+from mesoshell.train.nerf_tex import network as parametric
+from mesoshell.train.neutex import step as atlas
+from mesoshell.train.surface import step as surface
 from tests.modules.test_modules import FIELD, same
 from tests.silhouette import wearing
 from tests.train import small_step

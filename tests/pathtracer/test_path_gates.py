@@ -16,7 +16,7 @@ from test_shell_paths import loaded, materials, placed, scene, shell  # noqa: F4
 from test_worn import folder  # noqa: F401  (a fixture)
 
 from mesoshell.errors import InputError
-from mesoshell.pathtracer import march
+from mesoshell.pathtracer import traversal
 from mesoshell.render.effects import Effect
 from mesoshell.render.quality import PRESETS, Quality
 
@@ -59,13 +59,13 @@ def test_an_effect_that_is_off_is_not_compiled(materials, name: str, depth: int,
 @pytest.fixture
 def questions(monkeypatch):
     """How often rays have asked what boundary they meet next."""
-    count, ask = dr.zeros(mi.UInt32, 1), march._ask
+    count, ask = dr.zeros(mi.UInt32, 1), traversal._ask
 
     def counting(*arguments):
         dr.scatter_add(count, mi.UInt32(1), mi.UInt32(0))
         return ask(*arguments)
 
-    monkeypatch.setattr(march, "_ask", counting)
+    monkeypatch.setattr(traversal, "_ask", counting)
     return lambda: int(count[0])
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mesoshell.geometry.mesh import check_mesh
-from mesoshell.pathtracer.detail import texels_needed
-from mesoshell.shell.extrude import Shell, extrude
+from mesoshell.pathtracer.texture_lod import texels_needed
+from mesoshell.shell.geometry.extrude import Shell, extrude
 
 import mitsuba as mi  # isort: skip
 

@@ -15,17 +15,17 @@ from mesoshell.pathtracer.direct import gather_light
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.quadrature import Ray
+from mesoshell.pathtracer.render_context import World
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.pathtracer.world import World
 from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, rays
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_shell import facts
-from mesoshell.shell.extrude import Shell, extrude, patches_per_uv
-from mesoshell.shell.grow import Wanted, grow
-from mesoshell.shell.renderer import render
-from mesoshell.shell.scene import Scene, ready
+from mesoshell.shell.generator.texture_synthesis import Wanted, grow
+from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv
+from mesoshell.shell.render.renderer import render
+from mesoshell.shell.render.scene import Scene, ready
 from tests.shell import growing
 
 ROOT = Path(__file__).parents[2]

@@ -19,10 +19,10 @@ from mesoshell.pathtracer import load_file, maps
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.quadrature import Sample
-from mesoshell.shell.extrude import extrude, patches_per_uv
-from mesoshell.shell.field import Point, neural_field
-from mesoshell.shell.grow import Wanted, baked, field_of, grow
-from mesoshell.shell.scene import ready
+from mesoshell.shell.generator.texture_synthesis import Wanted, baked, field_of, grow
+from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
+from mesoshell.shell.material.field import Point, neural_field
+from mesoshell.shell.render.scene import ready
 from tests.shell import growing
 
 #: One process compiles what its tests share.

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mesoshell.geometry.mesh import Mesh, load_mesh
-from mesoshell.pathtracer import march
+from mesoshell.pathtracer import traversal
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.extrude import Shell, extrude
+from mesoshell.shell.geometry.extrude import Shell, extrude
+from mesoshell.shell.geometry.tracer import Boundary
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -32,11 +32,11 @@ def marched(shells, scene, o, d, outside):
     """Length inside the shells, where the first piece begins, and how many pieces there are."""
     met = scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(o), mi.Vector3f(d)))
     tmax = dr.select(met.is_valid(), mi.Float64(met.t), dr.inf)
-    w = march.at_start(dr.zeros(mi.Float64, dr.width(o)), outside)
+    w = traversal.at_start(dr.zeros(mi.Float64, dr.width(o)), outside)
     length, first = dr.zeros(mi.Float64, dr.width(o)), dr.full(mi.Float64, dr.inf, dr.width(o))
     count, moves = dr.zeros(mi.UInt32, dr.width(o)), dr.zeros(mi.UInt32, dr.width(o))
-    while (w.mode != march.OVER) & (moves < 4000):
-        w, piece, found = march.advance(shells, o, d, tmax, w)
+    while (w.mode != traversal.OVER) & (moves < 4000):
+        w, piece, found = traversal.advance(shells, o, d, tmax, w)
         length += dr.select(found, piece.t1 - piece.t0, 0)
         first = dr.select(found & (first == dr.inf), piece.t0, first)
         count += dr.select(found, mi.UInt32(1), mi.UInt32(0))

@@ -15,11 +15,11 @@ from test_shell_direct import QUALITY, ROOT
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
-from mesoshell.pathtracer import baking
+from mesoshell.pathtracer import texture_cache
 from mesoshell.pathtracer.load import load_dict, load_file
 from mesoshell.render.effects import Effect
 from mesoshell.render.quality import Quality
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.geometry.extrude import extrude
 from tests.shell import growing
 
 SIZE = 12
@@ -346,7 +346,7 @@ def test_a_generators_texture_is_made_once(materials, tmp_path, monkeypatch) -> 
     parts = scene(shell(materials, "grown", asked={"seed": 3, "length": 2.5, "age": 4.0}))
     made = picture(parts, spp=4)
     assert [p.suffix for p in (tmp_path / "cache/mesoshell/textures").iterdir()] == [".npz"]
-    monkeypatch.setattr(baking.subprocess, "run", None)
+    monkeypatch.setattr(texture_cache.subprocess, "run", None)
     np.testing.assert_allclose(picture(parts, spp=4), made, atol=1e-6)
     monkeypatch.undo()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))

@@ -10,15 +10,15 @@ from test_shell_march import surface
 from mesoshell.io.bundle import read_bundle
 from mesoshell.pathtracer import scatter
 from mesoshell.pathtracer.direct import gather_light
-from mesoshell.pathtracer.flight import fly
+from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.quadrature import Here, Ray, canonical, no_here
+from mesoshell.pathtracer.render_context import World
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.pathtracer.world import World
 from mesoshell.render.effects import PATHS, plan_effects
 from mesoshell.render.facts import Facts
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.geometry.extrude import extrude
 
 LIGHT = (0.6, 0.0, 0.8)
 #: Rows of J⁻¹: as it is, sheared and flat, mirrored.

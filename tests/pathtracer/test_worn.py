@@ -19,18 +19,18 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.surface import write_surface
-from mesoshell.pathtracer import assemble
+from mesoshell.pathtracer import scene_dict
 from mesoshell.pathtracer.load import load_dict, load_file
 from mesoshell.pathtracer.quadrature import Ray, no_here
-from mesoshell.pathtracer.worn import SurfaceMaterial, Worn, density_around, draw_around
+from mesoshell.pathtracer.surface_material import SurfaceMaterial, Worn, density_around, draw_around
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import Effect
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS, Quality
-from mesoshell.silhouette.ready import ready
-from mesoshell.silhouette.renderer import SurfaceScene, _answered, plan, render
-from mesoshell.silhouette.surface import Dressed, Local
-from mesoshell.silhouette.wear import wear
+from mesoshell.surface_material.intersector import Dressed, Local
+from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.renderer import SurfaceScene, _answered, plan, render
+from mesoshell.surface_material.tables import wear
 from tests.silhouette import wearing
 
 ROOT = Path(__file__).parents[2]
@@ -294,8 +294,8 @@ def test_the_engines_show_the_same(folder) -> None:
     theirs = render(s, Quality(pixel_samples=64, early_stop=0.0), plan(s, QUALITY))[0]
     assert ((theirs[..., 3] > 0.1) & (theirs[..., 3] < 0.9)).mean() > 0.15
     shape = worn(folder, "lump", "rough", {"scale": 1.0})
-    parts = scene(shape, light=assemble.distant(lights[0]), eye=assemble.sensor(camera, 64))
-    made = loaded(parts | {"second": assemble.distant(lights[1])})
+    parts = scene(shape, light=scene_dict.distant(lights[0]), eye=scene_dict.sensor(camera, 64))
+    made = loaded(parts | {"second": scene_dict.distant(lights[1])})
     runs = np.stack([np.array(mi.render(made, spp=128, seed=mi.UInt32(k))) for k in range(12)])
     mean, error = runs.mean(axis=(0, 1, 2)), runs.mean(axis=(1, 2)).std(axis=0, ddof=1) / np.sqrt(12)
     assert (error < 0.005 * mean).all()

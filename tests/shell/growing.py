@@ -3,12 +3,12 @@
 import jax
 
 from mesoshell.io.bundle import Bundle, Parameter
-from mesoshell.shell.discriminator import DiscriminatorConfig
-from mesoshell.shell.generator import init_averages
-from mesoshell.shell.plan import GeneratorConfig
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator.generator import init_averages
+from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.train.export import generator_bundle
-from mesoshell.train.picture import PictureConfig
-from mesoshell.train.state import TrainConfig, sized, start
+from mesoshell.train.gan.state import TrainConfig, sized, start
+from mesoshell.train.patch_renderer import PictureConfig
 
 TEXELS = 16
 PARAMETERS = (

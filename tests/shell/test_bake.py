@@ -11,12 +11,12 @@ import pytest
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.twin import Twin
-from mesoshell.shell.field import Point, neural_field
-from mesoshell.shell.generated import grown, maker_of
-from mesoshell.shell.generator import synthesise
-from mesoshell.shell.grow import Wanted, baked, grow, patches_of
-from mesoshell.shell.plan import halo_cost
-from mesoshell.shell.scene import ready
+from mesoshell.shell.generator.generator import synthesise
+from mesoshell.shell.generator.model import grown, maker_of
+from mesoshell.shell.generator.plan import halo_cost
+from mesoshell.shell.generator.texture_synthesis import Wanted, baked, grow, patches_of
+from mesoshell.shell.material.field import Point, neural_field
+from mesoshell.shell.render.scene import ready
 from mesoshell.texture import mip
 from tests.silhouette import wearing
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mesoshell.shell.discriminator import (
+from mesoshell.shell.generator.discriminator import (
     GROUP,
     Conv,
     DiscriminatorConfig,

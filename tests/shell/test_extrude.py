@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh, uv_stretch
-from mesoshell.shell import extrude as extrusion
-from mesoshell.shell.extrude import Shell, extrude, first_fold, proportions
+from mesoshell.shell.geometry import extrude as extrusion
+from mesoshell.shell.geometry.extrude import Shell, extrude, first_fold, proportions
 
 DATA = Path(__file__).parents[1] / "data"
 SPOT = load_mesh(DATA / "spot.obj")

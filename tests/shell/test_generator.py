@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mesoshell.shell.generator import (
+from mesoshell.shell.generator.generator import (
     Phases,
     draw_phases,
     init_averages,
@@ -16,7 +16,7 @@ from mesoshell.shell.generator import (
     synthesise,
     synthesise_height,
 )
-from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of, rows_of, spans
+from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of, rows_of, spans
 from mesoshell.signal.fourier import shifted_phase
 from mesoshell.typing import Array
 

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from mesoshell.geometry.mesh import check_mesh
-from mesoshell.shell.extrude import extrude
-from mesoshell.shell.horizon import lowest
+from mesoshell.shell.geometry.extrude import extrude
+from mesoshell.shell.geometry.horizon import lowest
 
 
 def test_known_angles() -> None:

@@ -13,12 +13,12 @@ import pytest
 import scenes
 
 from mesoshell.render.quality import Quality
-from mesoshell.shell import kernels
-from mesoshell.shell.kernels import Program, Samples
-from mesoshell.shell.lighting import Tile
-from mesoshell.shell.renderer import Report, _Renderer, render
-from mesoshell.shell.sampling import spread
-from mesoshell.shell.scene import Scene
+from mesoshell.shell.geometry.sampling import spread
+from mesoshell.shell.render import kernels
+from mesoshell.shell.render.kernels import Program, Samples
+from mesoshell.shell.render.lighting import Tile
+from mesoshell.shell.render.renderer import Report, _Renderer, render
+from mesoshell.shell.render.scene import Scene
 
 
 def setting(scene: Scene, quality: Quality) -> tuple[_Renderer, tuple]:

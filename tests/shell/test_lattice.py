@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mesoshell.shell.bound import MARGIN, bounds, new_points
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.shell.field import Layout, Material, Point, inputs
-from mesoshell.shell.lattice import inputs_on_lattice
+from mesoshell.shell.material.decoder import init_decoder
+from mesoshell.shell.material.density_bounds import MARGIN, bounds, new_points
+from mesoshell.shell.material.field import Layout, Material, Point, inputs
+from mesoshell.shell.material.lattice import inputs_on_lattice
 from mesoshell.texture import mip
 
 C, SIZES, HEIGHTS, NODES = 3, ((8, 16), (4, 8), (2, 4), (1, 2), (1, 1)), mip.level_sizes(4, 1), (3, 4)

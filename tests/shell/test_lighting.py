@@ -12,8 +12,8 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import Quality
-from mesoshell.shell.renderer import render
-from mesoshell.shell.scene import Scene
+from mesoshell.shell.render.renderer import render
+from mesoshell.shell.render.scene import Scene
 
 DOWN = Distant(np.array([0.0, 0.0, 1.0]), np.full(3, 3.0))
 

@@ -15,9 +15,9 @@ from mesoshell.render.effects import MARCH, Effect, plan_effects
 from mesoshell.render.light import environment
 from mesoshell.render.quality import Quality
 from mesoshell.scene.render_shell import facts
-from mesoshell.shell.extrude import extrude, patches_per_uv
-from mesoshell.shell.renderer import Report, render
-from mesoshell.shell.scene import Scene, ready
+from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
+from mesoshell.shell.render.renderer import Report, render
+from mesoshell.shell.render.scene import Scene, ready
 
 QUALITY = Quality(pixel_samples=1)
 

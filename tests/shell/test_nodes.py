@@ -6,16 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import mesoshell.shell.bake as bake
+import mesoshell.shell.generator.bake as bake
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.shell.field import Point, inputs
-from mesoshell.shell.generated import Maker, grown, maker_of
-from mesoshell.shell.generator import init_averages, init_generator
-from mesoshell.shell.grow import Wanted, baked, field_of, grow
-from mesoshell.shell.nodes import hat, window
-from mesoshell.shell.plan import GeneratorConfig, reach
-from mesoshell.shell.scene import ready
+from mesoshell.shell.generator.generator import init_averages, init_generator
+from mesoshell.shell.generator.model import Maker, grown, maker_of
+from mesoshell.shell.generator.nodes import hat, window
+from mesoshell.shell.generator.plan import GeneratorConfig, reach
+from mesoshell.shell.generator.texture_synthesis import Wanted, baked, field_of, grow
+from mesoshell.shell.material.decoder import init_decoder
+from mesoshell.shell.material.field import Point, inputs
+from mesoshell.shell.render.scene import ready
 
 #: One process compiles what its tests share.
 pytestmark = [pytest.mark.xdist_group("nodes"), pytest.mark.usefixtures("optimised")]

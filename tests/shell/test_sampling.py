@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.geometry.mesh import check_mesh
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.extrude import Shell, extrude
-from mesoshell.shell.sampling import Chart, Piece, frame, inverse_jacobian, place_exact, spread
-from mesoshell.shell.visits import Intervals
+from mesoshell.shell.geometry.batched_walk import Intervals
+from mesoshell.shell.geometry.extrude import Shell, extrude
+from mesoshell.shell.geometry.sampling import Chart, Piece, frame, inverse_jacobian, place_exact, spread
+from mesoshell.shell.geometry.tracer import Boundary
 
 COUNT = 400
 

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.errors import InputError
-from mesoshell.shell.generated import generator_arrays, generator_fields, maker_of
-from mesoshell.shell.generator import init_averages, init_generator, synthesise_height
-from mesoshell.shell.grow import Wanted, baked
-from mesoshell.shell.plan import GeneratorConfig, rows_of
-from mesoshell.shell.triplane import PLANES, lookup_planes, pack_planes
+from mesoshell.shell.generator.generator import init_averages, init_generator, synthesise_height
+from mesoshell.shell.generator.model import generator_arrays, generator_fields, maker_of
+from mesoshell.shell.generator.plan import GeneratorConfig, rows_of
+from mesoshell.shell.generator.texture_synthesis import Wanted, baked
+from mesoshell.shell.material.triplane import PLANES, lookup_planes, pack_planes
 
 N, CELLS = 8, (2, 3)
 SIZES = tuple((N >> i, N >> i) for i in range(4))

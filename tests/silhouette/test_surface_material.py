@@ -9,7 +9,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from mesoshell.io.surface import SurfaceBundle
-from mesoshell.silhouette.material import (
+from mesoshell.surface_material.loader import ready, surface_of
+from mesoshell.surface_material.network import (
     Place,
     SurfaceConfig,
     blurred,
@@ -18,7 +19,6 @@ from mesoshell.silhouette.material import (
     seen,
     tables,
 )
-from mesoshell.silhouette.ready import ready, surface_of
 from tests.silhouette import wearing
 
 FORMS = ("direct", "cosine", "none")

@@ -16,11 +16,11 @@ from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, r
 from mesoshell.render.effects import SURFACE, Effect, Effects, plan_effects
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
-from mesoshell.silhouette import renderer
-from mesoshell.silhouette.ready import ready
-from mesoshell.silhouette.renderer import Report, SurfaceScene, facts, plan, render
-from mesoshell.silhouette.surface import Dressed
-from mesoshell.silhouette.wear import wear
+from mesoshell.surface_material import renderer
+from mesoshell.surface_material.intersector import Dressed
+from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.renderer import Report, SurfaceScene, facts, plan, render
+from mesoshell.surface_material.tables import wear
 from tests.silhouette import wearing
 
 EXACT = Quality(pixel_samples=1, early_stop=0.0)

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from mesoshell.geometry.mesh import Mesh, check_mesh, surface_area
 from mesoshell.render.quality import Quality
-from mesoshell.silhouette.surface import Dressed, Local
-from mesoshell.silhouette.wear import LEAST, wear
+from mesoshell.surface_material.intersector import Dressed, Local
+from mesoshell.surface_material.tables import LEAST, wear
 from tests.silhouette import wearing
 
 CURVE, POINT = Quality(), Quality(curvature_filter="point")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mesoshell.geometry.mesh import Mesh, check_mesh
-from mesoshell.io.patches import COLUMNS
+from mesoshell.io.query_dataset import COLUMNS
 from mesoshell.io.surface import MODULES, SurfaceBundle
 
 SIZES: dict[str, Any] = {"texels": 8, "channels": 3, "hidden": (8,)}

@@ -10,10 +10,10 @@ import mitsuba as mi
 import numpy as np
 
 from mesoshell.geometry.mesh import Mesh
-from mesoshell.pathtracer import march, walk
+from mesoshell.pathtracer import prism, traversal
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.shell.boundary import Trace
-from mesoshell.shell.visits import Intervals
+from mesoshell.shell.geometry.batched_walk import Intervals
+from mesoshell.shell.geometry.tracer import Trace
 
 #: Pieces of one ray that are kept, and moves after which a ray is given up.
 MOST, MOVES = 128, 4000
@@ -23,13 +23,13 @@ def leave_sides(d: np.ndarray, p: np.ndarray, n: np.ndarray) -> SimpleNamespace:
     """`walk.leave_side` on rows of rays from 0 and sides: t, u, h, inside and margin."""
     way, feet, posts = _vector(d), [_vector(p[:, k]) for k in (0, 1)], [_vector(n[:, k]) for k in (0, 1)]
     f = [dr.dot(way, dr.cross(a, b)) for a, b in zip(feet, posts, strict=True)]
-    found = walk.leave_side(way, feet, posts, f)
+    found = prism.leave_side(way, feet, posts, f)
     return SimpleNamespace(**{k: np.array(getattr(found, k)) for k in ("t", "u", "h", "inside", "margin")})
 
 
 def leave_caps(d: np.ndarray, corners: np.ndarray) -> SimpleNamespace:
     """`walk.leave_cap`, upward: inside, margin and the barycentric coordinates (λ₀, λ₁)."""
-    found: Any = walk.leave_cap(_vector(d), [_vector(corners[:, k]) for k in range(3)], 1)
+    found: Any = prism.leave_cap(_vector(d), [_vector(corners[:, k]) for k in range(3)], 1)
     return SimpleNamespace(inside=np.array(found.inside), margin=np.array(found.margin), bary=np.array(found.bary).T)
 
 
@@ -67,11 +67,11 @@ def trace(
 @dr.syntax
 def _collect(shells, o, d, tmax, outside, table):
     """Fill the table with every ray's pieces; how many there are, and how many moves were made."""
-    w = march.at_start(dr.zeros(mi.Float64, dr.width(o)), outside)
+    w = traversal.at_start(dr.zeros(mi.Float64, dr.width(o)), outside)
     index = dr.arange(mi.UInt32, dr.width(o)) * MOST
     count, moves = dr.zeros(mi.UInt32, dr.width(o)), dr.zeros(mi.UInt32, dr.width(o))
-    while (w.mode != march.OVER) & (moves < MOVES):
-        w, piece, found = march.advance(shells, o, d, tmax, w)
+    while (w.mode != traversal.OVER) & (moves < MOVES):
+        w, piece, found = traversal.advance(shells, o, d, tmax, w)
         _keep(table, piece, index + dr.minimum(count, MOST - 1), found)
         count += dr.select(found, mi.UInt32(1), mi.UInt32(0))
         moves += 1

@@ -6,8 +6,8 @@ Each works on the float32 arrays that the code under test sees, and shares no li
 import mpmath
 import numpy as np
 
-from mesoshell.shell.boundary import Trace
-from mesoshell.shell.extrude import Shell
+from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.tracer import Trace
 
 
 def as_mp(x: np.ndarray) -> np.ndarray:

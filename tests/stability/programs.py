@@ -15,49 +15,58 @@ import jax.numpy as jnp
 import numpy as np
 
 import mesoshell
-from mesoshell.atlas import mesh, paint
-from mesoshell.atlas import render as atlas_render
-from mesoshell.atlas.field import FieldConfig, init_field
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.measure import above, captured
 from mesoshell.nets import efficientnet, inception
 from mesoshell.nets.encoding import HashConfig
-from mesoshell.shell import bake, bound, generated, kernels, lighting, scene, visits
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.shell.discriminator import DiscriminatorConfig
-from mesoshell.shell.field import Layout
-from mesoshell.shell.generator import Phases, draw_phases, init_averages, init_generator, map_latent, synthesise
-from mesoshell.shell.march import Place, Prisms, Ray
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.sampling import Chart, Frame, Piece
-from mesoshell.signal.fourier import shifted_phase
-from mesoshell.silhouette import material as surface_material
-from mesoshell.silhouette import renderer as surface_renderer
-from mesoshell.train import (
-    atlas,
-    export,
-    fit,
-    parametric,
-    parametric_snapshot,
-    shots,
-    snapshot,
-    surface,
-    surface_snapshot,
-    teach,
-    textures,
-    textures_snapshot,
+from mesoshell.neutex import edit as paint
+from mesoshell.neutex import mesh
+from mesoshell.neutex import render as atlas_render
+from mesoshell.neutex.field import FieldConfig, init_field
+from mesoshell.shell.generator import bake, model
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator.generator import (
+    Phases,
+    draw_phases,
+    init_averages,
+    init_generator,
+    map_latent,
+    synthesise,
 )
-from mesoshell.train import state as gan
-from mesoshell.train import step as gan_step
-from mesoshell.train.exemplars import Taught, scaled
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.geometry import batched_walk
+from mesoshell.shell.geometry.march import Place, Prisms, Ray
+from mesoshell.shell.geometry.sampling import Chart, Frame, Piece
+from mesoshell.shell.material import density_bounds
+from mesoshell.shell.material.decoder import init_decoder
+from mesoshell.shell.material.field import Layout
+from mesoshell.shell.render import kernels, lighting, scene
+from mesoshell.signal.fourier import shifted_phase
+from mesoshell.surface_material import network as surface_material
+from mesoshell.surface_material import renderer as surface_renderer
+from mesoshell.train import export
 from mesoshell.train.export import decoder_arrays
-from mesoshell.train.generate import Shown
-from mesoshell.train.photographed import Rays
-from mesoshell.train.picture import PictureConfig
-from mesoshell.train.shots import Shots
-from mesoshell.train.slab_pixels import predict
-from mesoshell.train.textures_state import TexturesConfig
+from mesoshell.train.fit import patch_rays
+from mesoshell.train.fit import step as fit
+from mesoshell.train.fit.patch_rays import Shots
+from mesoshell.train.fit.slab_pixels import predict
+from mesoshell.train.gan import snapshot
+from mesoshell.train.gan import state as gan
+from mesoshell.train.gan import step as gan_step
+from mesoshell.train.gan.generate import Shown
+from mesoshell.train.nerf_tex import network as parametric
+from mesoshell.train.nerf_tex import snapshot as parametric_snapshot
+from mesoshell.train.neutex import step as atlas
+from mesoshell.train.neutex.ray_batches import Rays
+from mesoshell.train.patch_renderer import PictureConfig
+from mesoshell.train.surface import shell_teacher
+from mesoshell.train.surface import snapshot as surface_snapshot
+from mesoshell.train.surface import step as surface
+from mesoshell.train.textures import snapshot as textures_snapshot
+from mesoshell.train.textures import step as textures
+from mesoshell.train.textures.exemplars import Taught, scaled
+from mesoshell.train.textures.state import TexturesConfig
 
 SOURCES = Path(mesoshell.__file__).parent
 ROWS = 4096
@@ -129,25 +138,31 @@ def _of_shells(bundle: Bundle) -> Programs:
     nodes = replace(ready.layout, open=True, origin=(1, 1), nodes=(3, 3))
     planes = Layout(ready.layout.sizes, (), ready.layout.texel_density, ready.layout.octaves, True, cells=(2, 2))
     ways = [wraps, *(replace(wraps, layout=layout) for layout in (nodes, planes))]
-    cell = bound._largest, ready.layout, ready.material, f(), (2, 4, 4), 2, (f(2), f(2)), KEY
+    cell = density_bounds._largest, ready.layout, ready.material, f(), (2, 4, 4), 2, (f(2), f(2)), KEY
     decoder = ready.material.decoder
-    found, lay = f(ROWS, decoder.trunk[-1].bias.shape[0]), teach.Lay(f(), f(2, 2), f(2))
-    lesson = teach.Lesson(f(64, 2), f(64), f(64, 3), f(64, 3))
+    found, lay = f(ROWS, decoder.trunk[-1].bias.shape[0]), shell_teacher.Lay(f(), f(2, 2), f(2))
+    lesson = shell_teacher.Lesson(f(64, 2), f(64), f(64, 3), f(64, 3))
     return {
-        "shell.visits._begin": [_jitted(visits._begin, prisms, rays, i(128), i(128))],
-        "shell.visits._advance": [_jitted(visits._advance, prisms, rays, place, i())],
-        "shell.kernels.frames": [_jitted(kernels.frames, chart, pieces, i())],
-        "shell.kernels.depth_bounds": [_jitted(kernels.depth_bounds, p, table, pieces, at, samples, i()) for p in ways],
-        "shell.kernels.density": [_jitted(kernels.density, p, table, pieces, at, samples, i()) for p in ways],
-        "shell.kernels.density_at": [_jitted(kernels.density_at, wraps, table, f(ROWS, 3), f(ROWS), i())],
-        "shell.kernels.transport": [
+        "shell.geometry.batched_walk._begin": [_jitted(batched_walk._begin, prisms, rays, i(128), i(128))],
+        "shell.geometry.batched_walk._advance": [_jitted(batched_walk._advance, prisms, rays, place, i())],
+        "shell.render.kernels.frames": [_jitted(kernels.frames, chart, pieces, i())],
+        "shell.render.kernels.depth_bounds": [
+            _jitted(kernels.depth_bounds, p, table, pieces, at, samples, i()) for p in ways
+        ],
+        "shell.render.kernels.density": [_jitted(kernels.density, p, table, pieces, at, samples, i()) for p in ways],
+        "shell.render.kernels.density_at": [_jitted(kernels.density_at, wraps, table, f(ROWS, 3), f(ROWS), i())],
+        "shell.render.kernels.transport": [
             _jitted(kernels.transport, table, at, pieces, found, i(ROWS), i(ROWS), f(ROWS, 2, 3), i())
         ],
-        "shell.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(64), f(64, 2))],
-        "shell.bound._largest": [_jitted(*cell)],
-        "shell.bound.new_points": [_jitted(bound.new_points, ready.layout, ready.material, f(), 64, (f(2), f(2)), KEY)],
-        "train.teach._taught": [
-            _jitted(teach._taught, ready.layout, teach.Teacher(ready.material, f(1), f(), f(3)), lay, lesson)
+        "shell.render.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(64), f(64, 2))],
+        "shell.material.density_bounds._largest": [_jitted(*cell)],
+        "shell.material.density_bounds.new_points": [
+            _jitted(density_bounds.new_points, ready.layout, ready.material, f(), 64, (f(2), f(2)), KEY)
+        ],
+        "train.surface.shell_teacher._taught": [
+            _jitted(
+                shell_teacher._taught, ready.layout, shell_teacher.Teacher(ready.material, f(1), f(), f(3)), lay, lesson
+            )
         ],
     }
 
@@ -176,7 +191,7 @@ def _of_generators() -> Programs:
         jax.eval_shape(make) for make in (lambda: init_generator(config, KEY), lambda: init_averages(config))
     )
     phases = jax.eval_shape(lambda: draw_phases(config, KEY, 1))
-    one, nodes = (generated.Grown(w, phases) for w in (f(1, 4), f(1, 9, 9, 4)))
+    one, nodes = (model.Grown(w, phases) for w in (f(1, 4), f(1, 9, 9, 4)))
     tile = partial(_jitted, bake._tile, config, 16, generator, averages)
 
     def made(w: Any, phases: Phases) -> Any:
@@ -186,16 +201,16 @@ def _of_generators() -> Programs:
 
     slow = jnp.zeros((2, 2), jnp.int32)
     return {
-        "shell.bake._height": [_jitted(bake._height, config, generator, f(1, 4))],
-        "shell.bake._tile": [tile(one, i(2)), tile(nodes, i(2))],
+        "shell.generator.bake._height": [_jitted(bake._height, config, generator, f(1, 4))],
+        "shell.generator.bake._tile": [tile(one, i(2)), tile(nodes, i(2))],
         "train.export._patch": [
             _jitted(export._patch, c.generator, begun.generator, init_averages(c.generator), begun.decoder, 2)
             for c, begun in ((c, jax.eval_shape(lambda c=c: gan.start(c, KEY)).learner) for c in (GAN, PLANES))
         ],
-        "train.snapshot._pictures": [_jitted(snapshot._pictures, GAN, (0, 0), state.learner, averages, SHOWN)],
-        "train.snapshot._feature": [_jitted(snapshot._feature, GAN, 16, state.learner, averages, SHOWN)],
+        "train.gan.snapshot._pictures": [_jitted(snapshot._pictures, GAN, (0, 0), state.learner, averages, SHOWN)],
+        "train.gan.snapshot._feature": [_jitted(snapshot._feature, GAN, 16, state.learner, averages, SHOWN)],
         "measure.equivariance._texture.made": [_plain(made, f(1, 4), phases)],
-        "shell.generator.map_latent": [_plain(map_latent, generator, f(1, 4), f(1, 1))],
+        "shell.generator.generator.map_latent": [_plain(map_latent, generator, f(1, 4), f(1, 1))],
         "signal.fourier.shifted_phase": [_plain(lambda p, s: shifted_phase(slow, slow, p, s), f(1, 5, 2), f(2))],
     }
 
@@ -210,12 +225,14 @@ def _of_surfaces() -> Programs:
         rows = f(ROWS, 2), f(ROWS), f(ROWS, 3), f(ROWS)
         asked = surface.Asked(f(64, 2), f(64), f(64, 3), f(64), f(64, 3), f(64), f(64), f(64, 3))
         programs = {
-            "silhouette.renderer._ask_opacity": _jitted(surface_renderer._ask_opacity, config, table, rows, i()),
-            "silhouette.renderer._ask": _jitted(surface_renderer._ask, config, table, (*rows, f(ROWS, 2, 3)), i()),
-            "silhouette.material.tables": _plain(surface_material.tables, made, f()),
-            "train.surface_snapshot._current": _jitted(surface_snapshot._current, training, state, asked),
-            "train.surface_snapshot._answers": _jitted(surface_snapshot._answers, training, made, asked),
-            "train.surface.step": _plain(partial(surface.step, training), state, asked),
+            "surface_material.renderer._ask_opacity": _jitted(surface_renderer._ask_opacity, config, table, rows, i()),
+            "surface_material.renderer._ask": _jitted(
+                surface_renderer._ask, config, table, (*rows, f(ROWS, 2, 3)), i()
+            ),
+            "surface_material.network.tables": _plain(surface_material.tables, made, f()),
+            "train.surface.snapshot._current": _jitted(surface_snapshot._current, training, state, asked),
+            "train.surface.snapshot._answers": _jitted(surface_snapshot._answers, training, made, asked),
+            "train.surface.step.step": _plain(partial(surface.step, training), state, asked),
         }
         found = {name: [*found.get(name, []), program] for name, program in programs.items()}
     return found
@@ -235,17 +252,17 @@ def _of_objects() -> Programs:
         state = jax.eval_shape(lambda t=training: atlas.start(t, KEY))
         rays = Rays(f(16, 3), f(16, 3), f(16, 3), f(16), i(16), f(16, 3), f(16, 3))
         programs = {
-            "atlas.render._greatest": _jitted(atlas_render._greatest, config, field),
-            "atlas.render._tiles": _jitted(atlas_render._tiles, form, thing, (f(1, 1024, 3), f(1, 1024, 3), lit)),
-            "atlas.mesh._surface_near": _jitted(mesh._surface_near, config, field, f(ROWS, 3), f(ROWS, 3), i()),
-            "atlas.mesh._surface": _jitted(mesh._surface, field, y),
+            "neutex.render._greatest": _jitted(atlas_render._greatest, config, field),
+            "neutex.render._tiles": _jitted(atlas_render._tiles, form, thing, (f(1, 1024, 3), f(1, 1024, 3), lit)),
+            "neutex.mesh._surface_near": _jitted(mesh._surface_near, config, field, f(ROWS, 3), f(ROWS, 3), i()),
+            "neutex.mesh._surface": _jitted(mesh._surface, field, y),
             "measure.captured._there": _jitted(captured._there, field, y),
-            "train.atlas.step": _plain(partial(atlas.step, training), state, rays),
+            "train.neutex.step.step": _plain(partial(atlas.step, training), state, rays),
         }
         if colour != "volume":
-            programs["atlas.paint._greatest"] = _jitted(paint._greatest, config, "colour", field, f(2, 3), y)
+            programs["neutex.edit._greatest"] = _jitted(paint._greatest, config, "colour", field, f(2, 3), y)
         if colour == "reflectance":
-            programs["atlas.render._normals"] = _jitted(atlas_render._normals, config, field, y)
+            programs["neutex.render._normals"] = _jitted(atlas_render._normals, config, field, y)
         found |= {name: [*found.get(name, []), program] for name, program in programs.items()}
     return found
 
@@ -261,7 +278,7 @@ def _of_training() -> Programs:
     nothing = np.zeros((0, 1), np.float32)
     pictures = Shots(Path(), "", {}, (), np.zeros(1, int), np.zeros((0, 4), np.float16), (), (), nothing, nothing, ())
     begun = jax.eval_shape(lambda: fit.start(fitting, pictures, KEY))
-    rays = shots.Rays(
+    rays = patch_rays.Rays(
         i(2), f(2, 256, 3), f(2, 256, 3), f(2, 256), f(2, 256, 3), f(2, 256, 3), f(2, 256, 1), f(2, 256, 4), u(2, 2)
     )
     row = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), rays)
@@ -275,10 +292,12 @@ def _of_training() -> Programs:
             _plain(partial(fit.step, fitting), begun, rays),
         ],
         "train.parallel._by_pmap": [],  # the same steps
-        "train.parametric_snapshot._pictures": [
+        "train.nerf_tex.snapshot._pictures": [
             _jitted(parametric_snapshot._pictures, PARAMETRIC, network.decoder, SHOWN)
         ],
-        "train.holdout._row": [_plain(partial(predict, fitting.layout, 0.45), material, row, f(4, 4, 4), f(256, 16))],
+        "train.fit.holdout._row": [
+            _plain(partial(predict, fitting.layout, 0.45), material, row, f(4, 4, 4), f(256, 16))
+        ],
         **_of_textures(),
         "measure.features._batched": [
             _plain(lambda w, x: inception._conv({"x": w}, "x", x), (f(3, 3, 4, 4), f(4)), f(1, 8, 8, 4)),
@@ -299,10 +318,10 @@ def _of_textures() -> Programs:
     phases = jax.eval_shape(lambda p: textures.own_phases(config, p), i(2))
     shown = _jitted(textures_snapshot._shown, 1, 1, decoder, f(32, 32, 4), f(8, 4))
     return {
-        "train.natural_start.natural_start.look": [],  # a forward pass of the step's
-        "train.textures._versus": [_plain(partial(textures.step, config), begun, batch)],
-        "train.textures_snapshot._made": [_jitted(textures_snapshot._made, config, begun, f(2, 0), phases)],
-        "train.textures_snapshot._shown": [shown],
+        "train.textures.natural_start.natural_start.look": [],  # a forward pass of the step's
+        "train.textures.step._versus": [_plain(partial(textures.step, config), begun, batch)],
+        "train.textures.snapshot._made": [_jitted(textures_snapshot._made, config, begun, f(2, 0), phases)],
+        "train.textures.snapshot._shown": [shown],
     }
 
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from mesoshell.nets.mlp import Dense
-from mesoshell.shell import kernels
-from mesoshell.shell.decoder import Decoder
-from mesoshell.shell.field import Layout, Material
-from mesoshell.shell.kernels import Program, Table, gaussian_taps
-from mesoshell.shell.sampling import Chart
-from mesoshell.shell.scene import Grid
+from mesoshell.shell.geometry.sampling import Chart
+from mesoshell.shell.material.decoder import Decoder
+from mesoshell.shell.material.field import Layout, Material
+from mesoshell.shell.render import kernels
+from mesoshell.shell.render.kernels import Program, Table, gaussian_taps
+from mesoshell.shell.render.scene import Grid
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import Footprint, footprint
 

@@ -17,18 +17,18 @@ from mesoshell.io.bundle import Bundle, Parameter, read_bundle, write_bundle
 from mesoshell.measure.flip import flip
 from mesoshell.nets.mlp import Dense
 from mesoshell.render.camera import look_at
-from mesoshell.shell.decoder import Decoder, head, init_decoder, toward_viewer, trunk
-from mesoshell.shell.discriminator import DiscriminatorConfig
-from mesoshell.shell.field import Layout, Material, Point, inputs
-from mesoshell.shell.generated import grown, maker_of
-from mesoshell.shell.generator import init_averages, init_generator, synthesise, synthesise_height
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.precision import SHORT, STEP, decode, decoder_error
-from mesoshell.shell.renderer import render
-from mesoshell.shell.scene import ready
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator.generator import init_averages, init_generator, synthesise, synthesise_height
+from mesoshell.shell.generator.model import grown, maker_of
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.material.decoder import Decoder, head, init_decoder, toward_viewer, trunk
+from mesoshell.shell.material.field import Layout, Material, Point, inputs
+from mesoshell.shell.material.precision import SHORT, STEP, decode, decoder_error
+from mesoshell.shell.render.renderer import render
+from mesoshell.shell.render.scene import ready
 from mesoshell.train.export import generator_bundle
-from mesoshell.train.picture import PictureConfig, along, material_of, pixel_rays
-from mesoshell.train.state import Learner, TrainConfig, sized
+from mesoshell.train.gan.state import Learner, TrainConfig, sized
+from mesoshell.train.patch_renderer import PictureConfig, along, material_of, pixel_rays
 from mesoshell.typing import Array
 
 DOUBLE, SINGLE, HALF, BRAIN = np.dtype(np.float64), np.dtype(np.float32), SHORT["float16"], SHORT["bfloat16"]

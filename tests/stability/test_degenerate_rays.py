@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from surfaces import ball, rays_at
 
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.geometry.extrude import extrude
+from mesoshell.shell.geometry.tracer import Boundary
 
 MESH = ball(1)
 BOUNDARY = Boundary(extrude(MESH, 0.2, 1.0), MESH.faces)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mesoshell.geometry.mesh import check_mesh
 from mesoshell.geometry.normals import face_normals
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.geometry.extrude import extrude
 
 UV = np.array([[0.0, 0], [1, 0], [0, 1]])
 WHOLE = np.array([[0.0, 0, 5], [1, 0, 5], [0, 1, 5]])

@@ -9,8 +9,8 @@ from oracles import assert_ends_on_ray, assert_sorted_apart, mp_leave_side, span
 from sides import leave_sides
 from surfaces import ball, rays_at, unit
 
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.geometry.extrude import extrude
+from mesoshell.shell.geometry.tracer import Boundary
 
 OFFSETS = [1e3, 1e4, 1e5]
 TOWARD = np.array([0.6, -0.48, 0.64])

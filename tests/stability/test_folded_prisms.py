@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesoshell.geometry.mesh import Mesh, check_mesh, uv_stretch
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.geometry.extrude import extrude
 
 SIDE = 9
 

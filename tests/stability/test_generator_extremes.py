@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mesoshell.shell.generator import Phases, draw_phases, init_averages, init_generator, synthesise
-from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of
+from mesoshell.shell.generator.generator import Phases, draw_phases, init_averages, init_generator, synthesise
+from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of
 from mesoshell.signal.filtered_lrelu import CLAMP, GAIN, Activation, filtered_lrelu
 from mesoshell.signal.modulated import modulated_conv
 from mesoshell.signal.schedule import layer_schedule

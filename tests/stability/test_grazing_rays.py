@@ -17,9 +17,9 @@ from surfaces import ball, unit
 
 from benchmarks.products import BITS, rounded
 from mesoshell.geometry import patch
-from mesoshell.shell import visits
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.geometry import batched_walk
+from mesoshell.shell.geometry.extrude import extrude
+from mesoshell.shell.geometry.tracer import Boundary
 
 COUNT = 1500
 OFF = 1e-3
@@ -104,7 +104,7 @@ def test_no_cap_is_wrong_and_unflagged(angle: float, operands: str):
 def _walking(request, monkeypatch):
     """The walk's programs with such operands."""
     for name in ("_begin", "_advance") if request.param in BITS else ():
-        monkeypatch.setattr(visits, name, jax.jit(rounded(getattr(visits, name), BITS[request.param])))
+        monkeypatch.setattr(batched_walk, name, jax.jit(rounded(getattr(batched_walk, name), BITS[request.param])))
 
 
 @pytest.mark.usefixtures("_walking")

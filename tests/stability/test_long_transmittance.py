@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mesoshell.render.composite import weights
-from mesoshell.shell.renderer import accumulate
+from mesoshell.shell.render.renderer import accumulate
 
 STEPS = 5000
 

@@ -20,17 +20,17 @@ from test_softplus_extremes import POINTS, true_softplus
 from mesoshell.geometry.mesh import check_mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.pathtracer.direct import gather_light, opacity
-from mesoshell.pathtracer.flight import fly
+from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.levels import softplus
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.quadrature import Ray, nothing
+from mesoshell.pathtracer.render_context import World
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.pathtracer.world import World
-from mesoshell.pathtracer.worn import _sigmoid
+from mesoshell.pathtracer.surface_material import _sigmoid
 from mesoshell.render.effects import PATHS, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.quality import PRESETS
-from mesoshell.shell.extrude import extrude
+from mesoshell.shell.geometry.extrude import extrude
 
 mpmath.mp.dps = 50
 

@@ -22,9 +22,9 @@ from test_shared_edges import FAR, PART, targets
 
 from mesoshell.geometry.mesh import Mesh, uv_stretch
 from mesoshell.pathtracer import quadrature
+from mesoshell.pathtracer.prism import Piece
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.pathtracer.walk import Piece
-from mesoshell.shell.extrude import Shell, extrude
+from mesoshell.shell.geometry.extrude import Shell, extrude
 
 
 def single(x: np.ndarray) -> np.ndarray:

@@ -13,11 +13,11 @@ import scenes
 
 from mesoshell.render.camera import rays
 from mesoshell.render.light import Distant, environment
-from mesoshell.shell.field import Point, neural_field
-from mesoshell.shell.lighting import Tile
-from mesoshell.shell.renderer import Report, _Renderer, render
-from mesoshell.shell.sampling import spread
-from mesoshell.shell.scene import Scene, ready
+from mesoshell.shell.geometry.sampling import spread
+from mesoshell.shell.material.field import Point, neural_field
+from mesoshell.shell.render.lighting import Tile
+from mesoshell.shell.render.renderer import Report, _Renderer, render
+from mesoshell.shell.render.scene import Scene, ready
 
 
 def test_extinction_is_bit_identical_under_any_directions(tiny_bundle):

@@ -11,8 +11,8 @@ from sides import leave_sides
 from surfaces import ball, rays_at, sheet, together, torus, unit
 
 from mesoshell.geometry.mesh import Mesh
-from mesoshell.shell.boundary import Boundary, Trace
-from mesoshell.shell.extrude import Shell, extrude
+from mesoshell.shell.geometry.extrude import Shell, extrude
+from mesoshell.shell.geometry.tracer import Boundary, Trace
 
 POINTS = 4000
 OVERLAPPING = "balls whose shells overlap"  # where one cuts the other, λ and h are interpolated

@@ -19,9 +19,15 @@ from mesoshell.numerics import product
 pytestmark = pytest.mark.xdist_group("rounded_products")
 
 #: Files that import JAX whose `@` is NumPy's, and the one product that may be rounded.
-ALLOWED = {"signal/fourier.py", "shell/precision.py", "atlas/mesh.py", "nets/mlp.py", "train/exemplars.py"}
+ALLOWED = {
+    "signal/fourier.py",
+    "shell/material/precision.py",
+    "neutex/mesh.py",
+    "nets/mlp.py",
+    "train/textures/exemplars.py",
+}
 #: What a random start is made with: rounded, it is another start.
-START = {"train/natural_start.py": {"jnp.linalg.eigh", "jnp.linalg.qr"}}
+START = {"train/textures/natural_start.py": {"jnp.linalg.eigh", "jnp.linalg.qr"}}
 #: Functions of jax.numpy and jax.lax that are made of products.
 PRODUCTS = {"dot", "vdot", "matmul", "einsum", "tensordot", "inner", "dot_general", "conv_general_dilated", "conv"}
 SOLVERS = {"inv", "solve", "det", "pinv", "lstsq", "eigh", "svd", "qr", "cholesky", "matrix_power", "multi_dot"}
@@ -45,7 +51,7 @@ def test_no_product_outside_of_networks_may_be_rounded(programs):
 def test_a_network_s_products_are_seen(programs, tiny_bundle):
     """The test above does not hold because nothing is found."""
     layers = sum(name.startswith("decoder/trunk") and name.endswith("kernel") for name in tiny_bundle.arrays)
-    for jaxpr in programs["shell.kernels.density"]:
+    for jaxpr in programs["shell.render.kernels.density"]:
         assert [network for _, network in products(jaxpr.jaxpr)] == [True] * (layers + 1)
 
 

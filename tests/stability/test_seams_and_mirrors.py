@@ -11,10 +11,10 @@ import pytest
 from surfaces import rays_at, sheet
 
 from mesoshell.geometry.mesh import Mesh, check_mesh
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.decoder import direction
-from mesoshell.shell.extrude import Shell, extrude
-from mesoshell.shell.sampling import Chart, canonical, inverse_jacobian
+from mesoshell.shell.geometry.extrude import Shell, extrude
+from mesoshell.shell.geometry.sampling import Chart, canonical, inverse_jacobian
+from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.shell.material.decoder import direction
 
 ROUND, UP = 16, 4
 WAVY = sheet(lambda x, y: 0.2 * np.sin(3 * x + y))

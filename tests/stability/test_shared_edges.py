@@ -9,8 +9,8 @@ import pytest
 from oracles import assert_sorted_apart, span_of_convex, total_length
 from surfaces import ball, rays_at
 
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.extrude import Shell, extrude
+from mesoshell.shell.geometry.extrude import Shell, extrude
+from mesoshell.shell.geometry.tracer import Boundary
 
 PART = 10000  # rays at a time: the oracle holds a number for each ray and face
 FAR = (148376.0, 1234.0, -223423.0)

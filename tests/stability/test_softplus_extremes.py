@@ -10,7 +10,7 @@ import numpy as np
 
 from mesoshell.nets.mlp import Dense
 from mesoshell.numerics import opacity, softplus
-from mesoshell.shell.decoder import Decoder, head, toward_viewer, trunk
+from mesoshell.shell.material.decoder import Decoder, head, toward_viewer, trunk
 
 POINTS = np.array([-1e4, -104, -88, -20, -1, -1e-30, 0, 1e-30, 1, 20, 88, 104, 1e4], np.float32)
 

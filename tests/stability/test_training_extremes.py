@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from jax.typing import DTypeLike
 
-from mesoshell.shell.discriminator import Discriminator, DiscriminatorConfig, discriminate, init_discriminator
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.train.generate import Shown, label
+from mesoshell.shell.generator.discriminator import Discriminator, DiscriminatorConfig, discriminate, init_discriminator
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.train.gan.generate import Shown, label
+from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers, sized, start
+from mesoshell.train.gan.step import MOST, Report, _updated, not_finite, step
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
-from mesoshell.train.picture import PictureConfig, shown
-from mesoshell.train.state import Learner, TrainConfig, TrainState, optimisers, sized, start
-from mesoshell.train.step import MOST, Report, _updated, not_finite, step
+from mesoshell.train.patch_renderer import PictureConfig, shown
 from mesoshell.typing import Array
 
 #: One process compiles what its tests share.

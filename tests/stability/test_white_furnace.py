@@ -19,19 +19,19 @@ from mesoshell.geometry.mesh import check_mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.numerics import optical_depth
 from mesoshell.pathtracer import scatter
-from mesoshell.pathtracer.flight import Flight, fly
+from mesoshell.pathtracer.free_flight import Flight, fly
 from mesoshell.pathtracer.material import FADE, Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.quadrature import Ray
+from mesoshell.pathtracer.render_context import World
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.pathtracer.world import World
 from mesoshell.render.composite import weights
 from mesoshell.render.effects import PATHS, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.light import environment
-from mesoshell.shell.extrude import extrude
-from mesoshell.shell.field import Field, Point
-from mesoshell.shell.renderer import render
+from mesoshell.shell.geometry.extrude import extrude
+from mesoshell.shell.material.field import Field, Point
+from mesoshell.shell.render.renderer import render
 
 import drjit as dr  # isort: skip
 import mitsuba as mi  # isort: skip

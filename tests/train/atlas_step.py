@@ -16,11 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.atlas.field import FieldConfig
 from mesoshell.nets.encoding import HashConfig
-from mesoshell.train.atlas import AtlasTraining, start, step
+from mesoshell.neutex.field import FieldConfig
+from mesoshell.train.neutex.ray_batches import Rays
+from mesoshell.train.neutex.step import AtlasTraining, start, step
 from mesoshell.train.parallel import spread_step
-from mesoshell.train.photographed import Rays
 
 FIELD = FieldConfig((8, 8), (8,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 1), hash=HashConfig(3, 2, 8, 4, 12))
 CONFIG = AtlasTraining(

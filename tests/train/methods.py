@@ -14,11 +14,11 @@ import small_step
 
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.pack import pack_dataset
-from mesoshell.silhouette.material import SurfaceConfig
+from mesoshell.surface_material.network import SurfaceConfig
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.fit import FitConfig
+from mesoshell.train.fit.step import FitConfig
 from mesoshell.train.method import Method, method_of
-from mesoshell.train.surface import SurfaceTraining
+from mesoshell.train.surface.step import SurfaceTraining
 from tests import balls
 from tests.silhouette import wearing
 

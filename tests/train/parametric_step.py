@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 import small_step
 
-from mesoshell.train.generate import Shown
+from mesoshell.train.gan.generate import Shown
+from mesoshell.train.nerf_tex.network import ParametricConfig, start, step
 from mesoshell.train.parallel import spread_step
-from mesoshell.train.parametric import ParametricConfig, start, step
 
 CONFIG = ParametricConfig(small_step.CONFIG.picture, (16, 16), (8,), octaves=2, batch=8, parameters=2)
 

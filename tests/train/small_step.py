@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 
-from mesoshell.shell.discriminator import DiscriminatorConfig
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.train.generate import Shown
-from mesoshell.train.picture import PictureConfig
-from mesoshell.train.state import TrainConfig, sized
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.state import TrainConfig, sized
+from mesoshell.train.patch_renderer import PictureConfig
 
 CONFIG = sized(
     TrainConfig(

@@ -15,15 +15,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mesoshell.atlas.capture import Capture, read_capture
-from mesoshell.atlas.field import DENSITY, to_surface, to_texture
-from mesoshell.atlas.photo import photo_rays, pixels
-from mesoshell.atlas.store import read_captured
 from mesoshell.errors import InputError
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.captured import CHART, VIEWS, score_views
-from mesoshell.train import atlas
-from mesoshell.train.atlas import (
+from mesoshell.neutex.cameras import photo_rays, pixels
+from mesoshell.neutex.capture import Capture, read_capture
+from mesoshell.neutex.field import DENSITY, to_surface, to_texture
+from mesoshell.neutex.store import read_captured
+from mesoshell.train.gan.presets import PAPER, SMALL, TINY
+from mesoshell.train.gan.step import HERE
+from mesoshell.train.method import ATLAS, method_of
+from mesoshell.train.neutex import step as atlas
+from mesoshell.train.neutex.ray_batches import Rays, held_out, recorded
+from mesoshell.train.neutex.step import (
     EACH,
     KEEP,
     AtlasTraining,
@@ -35,12 +39,8 @@ from mesoshell.train.atlas import (
     start,
     step,
 )
-from mesoshell.train.method import ATLAS, method_of
-from mesoshell.train.photographed import Rays, held_out, recorded
-from mesoshell.train.presets import PAPER, SMALL, TINY
-from mesoshell.train.record import keep_record, read_record, snapshots
 from mesoshell.train.run import train
-from mesoshell.train.step import HERE
+from mesoshell.train.run_config import keep_record, read_record, snapshots
 from tests import balls
 
 #: One process compiles what its tests share.
@@ -205,7 +205,7 @@ def test_one_drawn_sample_stands_for_all_of_a_rays() -> None:
     drawn = jax.vmap(
         lambda n: atlas._ray(CONFIG, field, occupied, jax.random.key(0), Rays(o, d, none, zero, n, none, none))[1]
     )(jnp.arange(4096))
-    from mesoshell.atlas.march import march
+    from mesoshell.neutex.march import march
 
     def whole(n):
         xi, _ = jax.random.split(jax.random.fold_in(jax.random.key(0), n))

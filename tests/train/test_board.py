@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mesoshell.io.image import write_png
-from mesoshell.train import board
+from mesoshell.train import tensorboard
 
-PACKAGES: dict[str, tuple[str, str]] = dict(zip(("tensorboard", "tensorboardX"), board._PACKAGES, strict=True))
+PACKAGES: dict[str, tuple[str, str]] = dict(zip(("tensorboard", "tensorboardX"), tensorboard._PACKAGES, strict=True))
 
 
 def events(folder: Path, messages: str) -> list:
@@ -28,10 +28,10 @@ def events(folder: Path, messages: str) -> list:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_what_was_written_is_read_back(package: str, tmp_path: Path, monkeypatch) -> None:
     pytest.importorskip(package, reason=f"{package} is not installed")
-    monkeypatch.setattr(board, "_PACKAGES", (PACKAGES[package],))
+    monkeypatch.setattr(tensorboard, "_PACKAGES", (PACKAGES[package],))
     path = tmp_path / "000000256.png"
     write_png(path, np.linspace(0, 1, 5 * 7 * 3).reshape(5, 7, 3))
-    shown = board.open_board(tmp_path / "board")
+    shown = tensorboard.open_board(tmp_path / "board")
     shown.row({"kimg": 0.128, "generator": 0.5, "real": -1.25})
     shown.row({"kimg": 0.256, "generator": 0.25, "real": float("nan")})
     shown.sheet(path)
@@ -47,8 +47,8 @@ def test_what_was_written_is_read_back(package: str, tmp_path: Path, monkeypatch
 
 
 def test_without_a_package_nothing_is_written(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(board, "_PACKAGES", (("no_such_package.writer", "no_such_package.proto"),))
-    shown = board.open_board(tmp_path / "board")
+    monkeypatch.setattr(tensorboard, "_PACKAGES", (("no_such_package.writer", "no_such_package.proto"),))
+    shown = tensorboard.open_board(tmp_path / "board")
     shown.row({"kimg": 1.0})
     shown.sheet(tmp_path / "missing.png")
     shown.close()

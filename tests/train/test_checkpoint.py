@@ -14,7 +14,7 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.train.checkpoint import KEPT, Checkpoints
-from mesoshell.train.record import forget_after
+from mesoshell.train.run_config import forget_after
 
 #: Where a read fails, orbax closes its event loop under others that are under way: the collector hears of these, a test later.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -11,25 +11,25 @@ import jax
 import numpy as np
 import pytest
 
-from mesoshell.atlas.capture import Capture, read_capture
+from mesoshell.datasets.queries.render import Settings, render_patches
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.io.pack import pack_dataset
-from mesoshell.io.patches import Patches, read_patches
-from mesoshell.mesostructure.render import Settings, render_patches
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.train.atlas import AtlasTraining
+from mesoshell.io.query_dataset import Patches, read_patches
+from mesoshell.neutex.capture import Capture, read_capture
+from mesoshell.shell.material.decoder import init_decoder
+from mesoshell.train.curriculum import RunConfig, views_of
 from mesoshell.train.experiment import check_recipe, experiment_of, read_experiment
 from mesoshell.train.export import decoder_arrays
+from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import method_of
-from mesoshell.train.parametric import ParametricConfig
-from mesoshell.train.presets import PRESETS
-from mesoshell.train.record import read_record, snapshots
+from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.neutex.step import AtlasTraining
 from mesoshell.train.run import train
-from mesoshell.train.stream import RunConfig, views_of
-from mesoshell.train.surface import SurfaceTraining
-from mesoshell.train.textures_state import TexturesConfig
+from mesoshell.train.run_config import read_record, snapshots
+from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.textures.state import TexturesConfig
 from tests import balls
 
 FILES = sorted((Path(__file__).parents[2] / "experiments").glob("*.py"))

@@ -10,7 +10,7 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
-from mesoshell.train.feed import Feed
+from mesoshell.train.loader import Feed
 
 N = 12
 PARAMETERS = {

@@ -17,11 +17,11 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.train import run
-from mesoshell.train.fit import FitConfig, FitState, feed, fitted, material_of, start, step
-from mesoshell.train.fit_snapshot import exemplars, provenance
-from mesoshell.train.holdout import score
-from mesoshell.train.shots import Rays, Shots, shots_of
-from mesoshell.train.slab_pixels import predict, residual
+from mesoshell.train.fit.holdout import score
+from mesoshell.train.fit.patch_rays import Rays, Shots, shots_of
+from mesoshell.train.fit.slab_pixels import predict, residual
+from mesoshell.train.fit.snapshot import exemplars, provenance
+from mesoshell.train.fit.step import FitConfig, FitState, feed, fitted, material_of, start, step
 from mesoshell.typing import Scalar
 
 CONFIG = FitConfig(

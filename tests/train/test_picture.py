@@ -10,11 +10,11 @@ import pytest
 from fog import CAMERAS, FOV, through_box
 
 from mesoshell.render.camera import Camera, look_at, pixel_grid, rays
-from mesoshell.shell.boundary import Boundary
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.shell.extrude import Shell
-from mesoshell.shell.field import inputs
-from mesoshell.train.picture import (
+from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.shell.material.decoder import init_decoder
+from mesoshell.shell.material.field import inputs
+from mesoshell.train.patch_renderer import (
     PictureConfig,
     View,
     box_span,

@@ -8,10 +8,10 @@ import numpy as np
 import small_step
 from scipy.ndimage import gaussian_filter
 
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.train.picture import PictureConfig, material_of
-from mesoshell.train.regularise import STEP, blurred, roughness
-from mesoshell.train.state import start
+from mesoshell.shell.material.decoder import init_decoder
+from mesoshell.train.gan.regularise import STEP, blurred, roughness
+from mesoshell.train.gan.state import start
+from mesoshell.train.patch_renderer import PictureConfig, material_of
 
 
 def test_blur_is_scipys_and_none_at_zero() -> None:
@@ -42,7 +42,7 @@ def test_roughness_of_a_constant_density_is_zero_and_grows_with_slope() -> None:
 
 
 def test_views_of_one_texture_share_it_and_its_parameters() -> None:
-    from mesoshell.train.generate import asked, generate
+    from mesoshell.train.gan.generate import asked, generate
 
     config = replace(small_step.CONFIG, views=2)
     batch = jax.tree.map(lambda x: x if x.dtype == np.uint32 else jnp.float32(x), small_step.batch())

@@ -11,7 +11,7 @@ import pytest
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, load_images
 from mesoshell.render.camera import Camera, pixel_grid, rays
-from mesoshell.train.shots import rays_at, shots_of
+from mesoshell.train.fit.patch_rays import rays_at, shots_of
 
 NO_KEY = np.zeros(2, np.uint32)
 

@@ -9,11 +9,11 @@ import numpy as np
 from benchmarks.start import begun
 from mesoshell.nets.mlp import Dense
 from mesoshell.render.camera import look_at
-from mesoshell.shell.generator import init_averages
-from mesoshell.train.generate import Shown, generate
-from mesoshell.train.presets import TINY
-from mesoshell.train.state import Learner, sized, start
-from mesoshell.train.step import HERE
+from mesoshell.shell.generator.generator import init_averages
+from mesoshell.train.gan.generate import Shown, generate
+from mesoshell.train.gan.presets import TINY
+from mesoshell.train.gan.state import Learner, sized, start
+from mesoshell.train.gan.step import HERE
 
 CONFIG = sized(TINY, 1, 0)
 BATCH = 8

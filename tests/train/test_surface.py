@@ -14,18 +14,20 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from mesoshell.errors import InputError
-from mesoshell.io.patches import Patches, read_patches
+from mesoshell.io.query_dataset import Patches, read_patches
 from mesoshell.io.surface import SurfaceBundle, read_surface
 from mesoshell.measure.queries import QUERIES, score
-from mesoshell.silhouette.material import Seen, Surface, SurfaceConfig
-from mesoshell.silhouette.ready import surface_of
-from mesoshell.train import run, surface
+from mesoshell.surface_material.loader import surface_of
+from mesoshell.surface_material.network import Seen, Surface, SurfaceConfig
+from mesoshell.train import run
+from mesoshell.train.gan.presets import SMALL, TINY
+from mesoshell.train.gan.step import Across
 from mesoshell.train.method import SURFACE, method_of
-from mesoshell.train.presets import SMALL, TINY
-from mesoshell.train.record import keep_record, read_record
 from mesoshell.train.run import Diverged, train
-from mesoshell.train.step import Across
-from mesoshell.train.surface import (
+from mesoshell.train.run_config import keep_record, read_record
+from mesoshell.train.surface import step as surface
+from mesoshell.train.surface.snapshot import bundle, painter, save, sheet
+from mesoshell.train.surface.step import (
     COARSE,
     FINE,
     FREEZE,
@@ -45,7 +47,6 @@ from mesoshell.train.surface import (
     step,
     surface_as,
 )
-from mesoshell.train.surface_snapshot import bundle, painter, save, sheet
 from tests.silhouette import wearing
 
 #: One process compiles what its tests share.

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mesoshell.datasets.queries.tile import Placing, bent
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
-from mesoshell.mesostructure.tile import Placing, bent
-from mesoshell.shell.field import Field, Layout
-from mesoshell.shell.scene import ready
-from mesoshell.train import teach
-from mesoshell.train.teach import BATCH, SAMPLES, Lay, Lesson, Teacher, answer, answers, frame, span
+from mesoshell.shell.material.field import Field, Layout
+from mesoshell.shell.render.scene import ready
+from mesoshell.train.surface import shell_teacher
+from mesoshell.train.surface.shell_teacher import BATCH, SAMPLES, Lay, Lesson, Teacher, answer, answers, frame, span
 
 DEPTH = 0.4
 TURN, SHIFT, PLACE = 0.7, np.array([0.3, -0.2]), np.array([0.1, 0.25])
@@ -162,7 +162,9 @@ def test_the_texture_lies_turned_and_shifted() -> None:
 def test_a_footprint_is_about_the_place_on_the_surface(monkeypatch) -> None:
     """However flat a ray is: three quarters of the variance are the filter's, one quarter is where rays are marched."""
     seen: list[Lesson] = []
-    monkeypatch.setattr(teach, "_taught", lambda layout, teacher, lay, part: seen.append(part) or np.zeros((BATCH, 4)))
+    monkeypatch.setattr(
+        shell_teacher, "_taught", lambda layout, teacher, lay, part: seen.append(part) or np.zeros((BATCH, 4))
+    )
     n = 3 * BATCH - 5
     columns = {
         "place": np.tile(PLACE, (n, 1)),

@@ -13,20 +13,22 @@ from mesoshell.errors import InputError
 from mesoshell.io.archive import write_arrays
 from mesoshell.io.bundle import Parameter, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
-from mesoshell.shell import decoder as net
-from mesoshell.shell.decoder import init_decoder
-from mesoshell.shell.generator import map_latent, synthesise, synthesise_height
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.scene import decoder_of
-from mesoshell.shell.texture_critic import CriticConfig, criticise, init_critic
-from mesoshell.train import run, seen, textures_snapshot
-from mesoshell.train.above import TOP, from_above
-from mesoshell.train.exemplars import Scaled, feed, scaled
+from mesoshell.shell.generator.generator import map_latent, synthesise, synthesise_height
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.generator.texture_critic import CriticConfig, criticise, init_critic
+from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.decoder import init_decoder
+from mesoshell.shell.render.scene import decoder_of
+from mesoshell.train import run
 from mesoshell.train.export import decoder_arrays
-from mesoshell.train.natural_start import wide
-from mesoshell.train.textures import folded, latents, made, own_phases, start, step
-from mesoshell.train.textures_snapshot import bundle
-from mesoshell.train.textures_state import TexturesConfig, TexturesState, fitted
+from mesoshell.train.textures import critic_view
+from mesoshell.train.textures import snapshot as textures_snapshot
+from mesoshell.train.textures.depth_map import TOP, from_above
+from mesoshell.train.textures.exemplars import Scaled, feed, scaled
+from mesoshell.train.textures.natural_start import wide
+from mesoshell.train.textures.snapshot import bundle
+from mesoshell.train.textures.state import TexturesConfig, TexturesState, fitted
+from mesoshell.train.textures.step import folded, latents, made, own_phases, start, step
 from mesoshell.train.transfer import lender
 
 pytestmark = pytest.mark.xdist_group("textures")
@@ -34,7 +36,7 @@ SIDE, C = 32, 4
 GENERATOR = GeneratorConfig(
     texels=SIDE, channel_base=512, channel_max=16, channels=C, layers=4, z=0, w=8, waves=2, height_width=16
 )
-CONFIG = TexturesConfig(GENERATOR, CriticConfig(seen.CHANNELS, width=4), batch=2, snapshot_kimg=1e9)
+CONFIG = TexturesConfig(GENERATOR, CriticConfig(critic_view.CHANNELS, width=4), batch=2, snapshot_kimg=1e9)
 DECODER = init_decoder(jax.random.key(5), C + 1 + 2 + 1, (8, 8), (8,))
 
 
@@ -185,16 +187,16 @@ def test_a_turned_texture_is_seen_turned(
     moved = jnp.flip(f, [axis for axis in (0, 1) if turn[axis]])
     moved = jnp.swapaxes(moved, 0, 1) if turn[2] else moved
     light, height = jnp.array([0.0, 0.0, 1.0]), jnp.asarray(data.height)
-    a, b = (seen.see(data.decoder, 1, x, height, jnp.full(1, 0.3), light) for x in (f, moved))
-    expected = seen.turned(a, jax.random.key(0))
+    a, b = (critic_view.see(data.decoder, 1, x, height, jnp.full(1, 0.3), light) for x in (f, moved))
+    expected = critic_view.turned(a, jax.random.key(0))
     np.testing.assert_allclose(b, expected, rtol=1e-4, atol=1e-5)
     assert not np.allclose(b, a, atol=1e-3)
 
 
 def test_a_view_aslant_looks_along_its_slant():
     """One column of matter: from aside it is seen where its layers lie against the view."""
-    above = seen.Above(jnp.zeros((16, 128, 128)).at[:, 64, 64].set(1.0), *(jnp.zeros(1),) * 3)
-    seen_from = np.asarray(seen._aslant(above, (32, 0), 128))
+    above = critic_view.Above(jnp.zeros((16, 128, 128)).at[:, 64, 64].set(1.0), *(jnp.zeros(1),) * 3)
+    seen_from = np.asarray(critic_view._aslant(above, (32, 0), 128))
     rows = np.flatnonzero(seen_from[:, 64])
     assert rows.max() == 63 and rows.min() == 64 - 31  # the top in its place but for half a layer, the foot by 31 of 32
     heights = seen_from[rows, 64]

@@ -19,12 +19,12 @@ from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
 from mesoshell.train import run
 from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.curriculum import SEED, fitted, fitted_parametric, renders
+from mesoshell.train.gan.state import TrainConfig, TrainState
 from mesoshell.train.method import GAN
-from mesoshell.train.parametric import ParametricConfig
-from mesoshell.train.record import keep_record, read_record
+from mesoshell.train.nerf_tex.network import ParametricConfig
 from mesoshell.train.run import Diverged, train
-from mesoshell.train.state import TrainConfig, TrainState
-from mesoshell.train.stream import SEED, fitted, fitted_parametric, renders
+from mesoshell.train.run_config import keep_record, read_record
 from mesoshell.train.transfer import lender
 
 #: One process compiles what its tests share.

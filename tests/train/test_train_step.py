@@ -14,11 +14,11 @@ import pytest
 import small_step
 
 from mesoshell.numerics import softplus
-from mesoshell.shell.discriminator import discriminate
-from mesoshell.train.generate import label
-from mesoshell.train.picture import shown
-from mesoshell.train.state import Learner, optimisers, start
-from mesoshell.train.step import step
+from mesoshell.shell.generator.discriminator import discriminate
+from mesoshell.train.gan.generate import label
+from mesoshell.train.gan.state import Learner, optimisers, start
+from mesoshell.train.gan.step import step
+from mesoshell.train.patch_renderer import shown
 
 #: One process compiles what its tests share.
 pytestmark = pytest.mark.xdist_group("train_step")

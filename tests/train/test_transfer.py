@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import small_step
 
-from mesoshell.shell.decoder import trunk
-from mesoshell.train.state import TrainState, sized, start
+from mesoshell.shell.material.decoder import trunk
+from mesoshell.train.gan.state import TrainState, sized, start
 from mesoshell.train.transfer import lend
 
 OLD, NEW = sized(small_step.CONFIG, 1, 1), sized(small_step.CONFIG, 3, 0)

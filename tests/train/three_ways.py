@@ -16,9 +16,9 @@ import numpy as np
 from small_step import CONFIG as PLAIN
 from small_step import batch
 
+from mesoshell.train.gan.state import start
+from mesoshell.train.gan.step import step
 from mesoshell.train.parallel import spread_step
-from mesoshell.train.state import start
-from mesoshell.train.step import step
 
 CONFIG = replace(PLAIN, mismatch=0.5)
 

@@ -6,8 +6,8 @@ from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.material import find
 from mesoshell.measure.posed import Posed, posed
-from mesoshell.train.picture import PictureConfig
-from mesoshell.train.record import read_record, snapshots
+from mesoshell.train.patch_renderer import PictureConfig
+from mesoshell.train.run_config import read_record, snapshots
 
 
 def posed_material(name: str, dataset: Dataset) -> Posed:

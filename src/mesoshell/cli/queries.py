@@ -4,9 +4,9 @@ import time
 from pathlib import Path
 
 from mesoshell.cli.progress import bar, stderr
+from mesoshell.datasets.queries.render import Answers, Settings, render_patches
 from mesoshell.errors import InputError
 from mesoshell.limits import check_memory
-from mesoshell.mesostructure.render import Answers, Settings, render_patches
 
 #: Light paths of a query, at most.
 MOST = 2**24

@@ -13,10 +13,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.io.patches import COLUMNS
+from mesoshell.datasets.queries.render import LEAST, Answers, rows_of
+from mesoshell.datasets.queries.tile import Placing
+from mesoshell.io.query_dataset import COLUMNS
 from mesoshell.measure.flip import flip
-from mesoshell.mesostructure.render import LEAST, Answers, rows_of
-from mesoshell.mesostructure.tile import Placing
 from mesoshell.scene.defaults import BOUNCE, FILL
 
 SIDE, PICTURES, RAYS, BEHIND = 32, 24, 8, 0.18

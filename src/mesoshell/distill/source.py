@@ -12,19 +12,19 @@ from zipfile import is_zipfile
 
 import jax.numpy as jnp
 
+from mesoshell.datasets.queries.render import Answers, Settings, of_geometry
+from mesoshell.datasets.queries.sources import PROCEDURES, source
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import PARAMS, bundled, digest, find, normalised
 from mesoshell.io.surface import KIND, kind_of
-from mesoshell.mesostructure.render import Answers, Settings, of_geometry
-from mesoshell.mesostructure.sources import PROCEDURES, source
 from mesoshell.scene.defaults import EARTH
 from mesoshell.scene.materials import read_params
-from mesoshell.shell.scene import ready
-from mesoshell.silhouette.material import SurfaceConfig
-from mesoshell.train.presets import PRESETS
-from mesoshell.train.surface import SurfaceTraining, surface_as
-from mesoshell.train.teach import Teacher, answers
+from mesoshell.shell.render.scene import ready
+from mesoshell.surface_material.network import SurfaceConfig
+from mesoshell.train.gan.presets import PRESETS
+from mesoshell.train.surface.shell_teacher import Teacher, answers
+from mesoshell.train.surface.step import SurfaceTraining, surface_as
 
 #: Widths of the network's layers for a shell, which reflects in more ways than a woven surface: at the widest footprints,
 #: layers of 24 learned the median query to 4%, these to 2%.

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.whole import read_file, replace_file
+from mesoshell.io.atomic import read_file, replace_file
 from mesoshell.limits import check_memory
 
 #: Bytes of a manifest, at most.

@@ -35,8 +35,8 @@ manifest.json (a uint8 array: UTF-8 text of one JSON object), every field requir
 
 Arrays: the table `SHELL` below; i counts 0, 1, 2, … without a gap and j = i + 1. Without a generator, features, height and
 grid are required; with one they are all there or all missing, and generator/… holds its weights, whose shapes follow from its
-configuration (`shell/generated` checks them). heights is there if geometry varies over the texture: F(h) at the corners of its
-patches, bilinear between them; height is then their mean. twin/… holds the arrays of the distilled surface material.
+configuration (`shell/generator/model` checks them). heights is there if geometry varies over the texture: F(h) at the corners
+of its patches, bilinear between them; height is then their mean. twin/… holds the arrays of the distilled surface material.
 
 A feature level has half the texels of the one before along each axis: of a texture that wraps max(1, n // 2), down to 1; of one
 with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a power of two). There is a grid for each level: its cells

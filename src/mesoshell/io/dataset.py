@@ -29,8 +29,8 @@ import numpy as np
 from jaxtyping import Float16, Float32, Float64
 
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import read_file
 from mesoshell.io.image import read_exr
-from mesoshell.io.whole import read_file
 from mesoshell.limits import check_memory
 
 _MANIFEST = {"recipe": str, "version": object, "field_of_view": object, "parameters": dict, "radius_range": list}

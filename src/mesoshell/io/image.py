@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from mesoshell.errors import InputError
-from mesoshell.io.whole import read_file, replace_file
+from mesoshell.io.atomic import read_file, replace_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HALF_MAX = 65504.0

@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Float16, Float32
 
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import new_folder, replace_file
 from mesoshell.io.dataset import Dataset, load_image
-from mesoshell.io.whole import new_folder, replace_file
 
 #: Bytes of a shard, at most.
 _SHARD_BYTES = 2**26

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mesoshell.errors import InputError
-from mesoshell.io.whole import read_file
+from mesoshell.io.atomic import read_file
 
 
 def parsed(path: str | PathLike[str], text: bytes | str, where: str = "") -> Any:

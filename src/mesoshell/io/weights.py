@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.whole import read_file
+from mesoshell.io.atomic import read_file
 
 _TYPES = {
     "FloatStorage": "<f4",

@@ -18,9 +18,9 @@ from jaxtyping import Float
 
 from mesoshell.numerics import opacity, optical_depth
 from mesoshell.render.composite import tonemap, weights
-from mesoshell.shell import decoder as net
-from mesoshell.shell.field import Layout, Material, Point, inputs
-from mesoshell.shell.scene import Ready
+from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.field import Layout, Material, Point, inputs
+from mesoshell.shell.render.scene import Ready
 
 #: E⊥ of a picture's light, as the recipes' have it.
 _IRRADIANCE = 40.0

@@ -11,18 +11,18 @@ The texture is judged by all photographs' pixels, at most SIDE of them a side, s
 import jax
 import numpy as np
 
-from mesoshell.atlas.capture import Capture, at_most
-from mesoshell.atlas.field import to_surface, to_texture
-from mesoshell.atlas.photo import photo_rays, pixels
-from mesoshell.atlas.render import picture, view
-from mesoshell.atlas.store import Captured
 from mesoshell.io.image import linear_to_srgb
-from mesoshell.measure.chart import chart
 from mesoshell.measure.distribution import Estimate
 from mesoshell.measure.image import psnr, ssim
+from mesoshell.measure.uv_distortion import chart
 from mesoshell.nets.batches import run
+from mesoshell.neutex.cameras import photo_rays, pixels
+from mesoshell.neutex.capture import Capture, at_most
+from mesoshell.neutex.field import to_surface, to_texture
+from mesoshell.neutex.render import picture, view
+from mesoshell.neutex.store import Captured
 from mesoshell.render.quality import Quality
-from mesoshell.train.photographed import held_out
+from mesoshell.train.neutex.ray_batches import held_out
 
 SIDE = 64
 #: Pixels that SSIM needs.

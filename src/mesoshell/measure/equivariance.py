@@ -20,8 +20,8 @@ from jaxtyping import Float
 from scipy.ndimage import correlate1d, map_coordinates
 from scipy.signal import fftconvolve
 
-from mesoshell.shell.generator import Averages, Generator, Phases, synthesise
-from mesoshell.shell.plan import CELL, GeneratorConfig, frequencies_of
+from mesoshell.shell.generator.generator import Averages, Generator, Phases, synthesise
+from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of
 from mesoshell.signal.fourier import shifted_phase
 from mesoshell.signal.kaiser import radial_lowpass
 from mesoshell.typing import Array

@@ -8,24 +8,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mesoshell.atlas.capture import Capture
-from mesoshell.atlas.store import read_captured
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
-from mesoshell.io.patches import Patches
+from mesoshell.io.query_dataset import Patches
 from mesoshell.io.records import read_rows
 from mesoshell.measure.captured import CHART, LEAST_SIDE, VIEWS, score_views
 from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
 from mesoshell.measure.queries import QUERIES, score
-from mesoshell.train import photographed
-from mesoshell.train.atlas import AtlasTraining
+from mesoshell.neutex.capture import Capture
+from mesoshell.neutex.store import read_captured
+from mesoshell.train.curriculum import RunConfig, views_of
+from mesoshell.train.gan.state import TrainConfig
 from mesoshell.train.method import method_of
-from mesoshell.train.parametric import ParametricConfig
-from mesoshell.train.state import TrainConfig
-from mesoshell.train.stream import RunConfig, views_of
-from mesoshell.train.surface import SurfaceTraining, held_out
-from mesoshell.train.surface_snapshot import painter
+from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.neutex import ray_batches
+from mesoshell.train.neutex.step import AtlasTraining
+from mesoshell.train.surface.snapshot import painter
+from mesoshell.train.surface.step import SurfaceTraining, held_out
 
 #: In a run's folder: a score of a snapshot a line, with `name`, `kimg`, `images`, `value`, `low` and `high`.
 FILE = "evaluation.jsonl"
@@ -62,7 +62,7 @@ def with_scores(bundle: Any, run: Path, images: int) -> Any:
 
 def _views(config: AtlasTraining, capture: Capture, run: Path) -> Evaluation:
     """Renders of the views that were held out, beside their photographs, and how the surface lies in its texture."""
-    tested = photographed.held_out(capture)[1]
+    tested = ray_batches.held_out(capture)[1]
     if not tested:
         raise InputError(run, "has no photographs held out: there are fewer than 8")
     if min(min(photo.width, photo.height) for photo in capture.photos) < LEAST_SIDE:

@@ -22,8 +22,8 @@ from mesoshell.measure import above
 from mesoshell.measure.copies import Nearest, layer_means, nearest
 from mesoshell.measure.direction import leans, mean_error, strokes
 from mesoshell.measure.repetition import largest_repeat
-from mesoshell.shell.grow import Wanted, baked
-from mesoshell.shell.scene import Ready, ready
+from mesoshell.shell.generator.texture_synthesis import Wanted, baked
+from mesoshell.shell.render.scene import Ready, ready
 
 #: Patches along a field, pixels a patch, layers; light of its picture.
 FIELD, LAYERS, ASLANT = (12, 24), 32, (0.6, 0.0, 0.8)

@@ -23,13 +23,13 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.dataset import Dataset, Sample
 from mesoshell.io.material import normalised
-from mesoshell.shell.field import Point, inputs
-from mesoshell.shell.generated import maker_of
-from mesoshell.shell.scene import ready
-from mesoshell.train.generate import Shown
-from mesoshell.train.picture import PictureConfig, View, take_picture
-from mesoshell.train.snapshot import pictures
-from mesoshell.train.state import Learner, TrainConfig
+from mesoshell.shell.generator.model import maker_of
+from mesoshell.shell.material.field import Point, inputs
+from mesoshell.shell.render.scene import ready
+from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.snapshot import pictures
+from mesoshell.train.gan.state import Learner, TrainConfig
+from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
 
 #: Samples a ray: more do not change what a fit scores. Pictures a call.
 SAMPLES, BATCH = 96, 20

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.io.patches import COLUMNS
+from mesoshell.io.query_dataset import COLUMNS
 from mesoshell.measure.distribution import Estimate
 
 #: Names of the scores.

@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.measure.operations import count_operations
+from mesoshell.measure.flops import count_operations
+from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.method import Data, method_of
-from mesoshell.train.stream import RunConfig
 
 
 def run_cost(config: RunConfig, dataset: Data) -> str:

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.shell.field import Layout, Material, Point, neural_field
+from mesoshell.shell.material.field import Layout, Material, Point, neural_field
 from mesoshell.typing import Array, Float, Scalar
 
 

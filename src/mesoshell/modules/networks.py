@@ -10,24 +10,24 @@ import flax.linen as nn
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
-from mesoshell.atlas import field as captured
-from mesoshell.atlas.field import Field, FieldConfig, init_field
 from mesoshell.modules.network import Network
-from mesoshell.shell import decoder as decoding
-from mesoshell.shell import discriminator as judging
-from mesoshell.shell import generator as making
-from mesoshell.shell import texture_critic as criticising
-from mesoshell.shell.discriminator import DiscriminatorConfig
-from mesoshell.shell.generator import Phases, Texture
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.texture_critic import CriticConfig
-from mesoshell.silhouette import material as silhouette
-from mesoshell.silhouette.material import Place, Seen, SurfaceConfig
+from mesoshell.neutex import field as captured
+from mesoshell.neutex.field import Field, FieldConfig, init_field
+from mesoshell.shell.generator import discriminator as judging
+from mesoshell.shell.generator import generator as making
+from mesoshell.shell.generator import texture_critic as criticising
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator.generator import Phases, Texture
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.generator.texture_critic import CriticConfig
+from mesoshell.shell.material import decoder as decoding
+from mesoshell.surface_material import network as silhouette
+from mesoshell.surface_material.network import Place, Seen, SurfaceConfig
 from mesoshell.typing import Array, Float, Int, Key, Scalar, Vec3
 
 
 class Generator(Network):
-    """F on a tile of `size` texels (v, u), and F(h) (shell/generator). Its collection `averages` is not learned."""
+    """F on a tile of `size` texels (v, u), and F(h) (shell/generator/generator). Its collection `averages` is not learned."""
 
     config: GeneratorConfig
     size: tuple[int, int]
@@ -55,7 +55,7 @@ class Generator(Network):
 
 
 class Discriminator(Network):
-    """The logit of pictures y with labels c (shell/discriminator). dtype: of the convolutions of sides above 4."""
+    """The logit of pictures y with labels c (shell/generator/discriminator). dtype: of the convolutions of sides above 4."""
 
     config: DiscriminatorConfig
     dtype: DTypeLike = jnp.float32
@@ -68,7 +68,7 @@ class Discriminator(Network):
 
 
 class TextureCritic(Network):
-    """A logit for each place of what is seen of textures (shell/texture_critic)."""
+    """A logit for each place of what is seen of textures (shell/generator/texture_critic)."""
 
     config: CriticConfig
 
@@ -80,8 +80,8 @@ class TextureCritic(Network):
 
 
 class Decoder(Network):
-    """σ and ρ of features toward a viewer and a light (shell/decoder). inputs: numbers that the trunk sees; hidden: widths of
-    trunk's and of head's layers."""
+    """σ and ρ of features toward a viewer and a light (shell/material/decoder). inputs: numbers that the trunk sees; hidden:
+    widths of trunk's and of head's layers."""
 
     inputs: int
     hidden: tuple[tuple[int, ...], tuple[int, ...]]
@@ -104,8 +104,8 @@ class Decoder(Network):
 
 
 class SurfaceMaterial(Network):
-    """What a surface answers to a query and a light: α with what reflectance reads, and ρ (silhouette/material). blur: of its
-    textures, in texels; 1e-3 of one that has learned."""
+    """What a surface answers to a query and a light: α with what reflectance reads, and ρ (surface_material/network). blur: of
+    its textures, in texels; 1e-3 of one that has learned."""
 
     config: SurfaceConfig
 
@@ -119,8 +119,8 @@ class SurfaceMaterial(Network):
 
 
 class CapturedField(Network):
-    """σ and colour of a point y seen along d, in the box's units (atlas/field); of reflectance, instead of a colour, the normal
-    and what the surface is made of."""
+    """σ and colour of a point y seen along d, in the box's units (neutex/field); of reflectance, instead of a colour, the
+    normal and what the surface is made of."""
 
     config: FieldConfig
 

@@ -16,13 +16,16 @@ from flax.training.train_state import TrainState
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.modules.networks import CapturedField, Decoder, Discriminator, Generator, SurfaceMaterial, TextureCritic
-from mesoshell.train import atlas, parametric, surface, textures
-from mesoshell.train.atlas import AtlasTraining
-from mesoshell.train.parametric import ParametricConfig
-from mesoshell.train.state import TrainConfig, optimisers
-from mesoshell.train.stream import RunConfig
-from mesoshell.train.surface import SurfaceTraining
-from mesoshell.train.textures_state import TexturesConfig
+from mesoshell.train.curriculum import RunConfig
+from mesoshell.train.gan.state import TrainConfig, optimisers
+from mesoshell.train.nerf_tex import network as parametric
+from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.neutex import step as atlas
+from mesoshell.train.neutex.step import AtlasTraining
+from mesoshell.train.surface import step as surface
+from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.textures import step as textures
+from mesoshell.train.textures.state import TexturesConfig
 
 
 class Player(NamedTuple):

@@ -1,13 +1,13 @@
 """The networks of what is on disk, as modules with their parameters."""
 
-from mesoshell.atlas.store import Captured
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.modules.network import Network
 from mesoshell.modules.networks import CapturedField, Decoder, Generator, SurfaceMaterial
-from mesoshell.shell.generated import maker_of
-from mesoshell.shell.scene import decoder_of
-from mesoshell.silhouette.ready import ready
+from mesoshell.neutex.store import Captured
+from mesoshell.shell.generator.model import maker_of
+from mesoshell.shell.render.scene import decoder_of
+from mesoshell.surface_material.loader import ready
 
 
 def networks_of(stored: Bundle | SurfaceBundle | Captured) -> dict[str, Network]:

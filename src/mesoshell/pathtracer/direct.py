@@ -13,10 +13,10 @@ import drjit as dr
 import mitsuba as mi
 
 from mesoshell.pathtracer.events import segment, single
-from mesoshell.pathtracer.flight import fly
-from mesoshell.pathtracer.march import ADVANCE
+from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.quadrature import begin, canonical, seek
 from mesoshell.pathtracer.scatter import exit_distance
+from mesoshell.pathtracer.traversal import ADVANCE
 
 
 @dr.syntax

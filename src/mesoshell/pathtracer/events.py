@@ -17,10 +17,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.march import ADVANCE
 from mesoshell.pathtracer.quadrature import Ray, canonical
 from mesoshell.pathtracer.scatter import density, draw, exit_distance
-from mesoshell.pathtracer.worn import density_around, draw_around
+from mesoshell.pathtracer.surface_material import density_around, draw_around
+from mesoshell.pathtracer.traversal import ADVANCE
 
 #: Of a shadow's way, what is left out at the emitter, which would block it.
 SHY = 1e-4

@@ -6,13 +6,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mesoshell.pathtracer.detail import PINHOLES, coarsest, eye_of
 from mesoshell.pathtracer.media import Medium
-from mesoshell.pathtracer.worn import SurfaceMaterial
+from mesoshell.pathtracer.surface_material import SurfaceMaterial
+from mesoshell.pathtracer.texture_lod import PINHOLES, coarsest, eye_of
 from mesoshell.render.facts import Facts
-from mesoshell.shell.extrude import Shell
-from mesoshell.shell.horizon import lowest
-from mesoshell.silhouette.wear import Wear
+from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.horizon import lowest
+from mesoshell.surface_material.tables import Wear
 
 #: All that scatters at a surface that is diffuse, of one colour.
 _DIFFUSE = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide

@@ -1,4 +1,4 @@
-"""F(h) of a material, filtered: one for all of its texture, or one at each node if geometry varies (shell/field, in Dr.Jit).
+"""F(h) of a material, filtered: one for all of a texture, or one at each node of it (shell/material/field in Dr.Jit).
 
 Alphabet
 F(h)        height feature, C numbers, between rows and between levels

@@ -15,27 +15,27 @@ import numpy as np
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex, moved, surface_area
+from mesoshell.io.atomic import read_file
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import bundled, check_name, find, normalised
 from mesoshell.io.surface import KIND, kind_of, read_surface
-from mesoshell.io.whole import read_file
-from mesoshell.pathtracer import elements, integrator
-from mesoshell.pathtracer.baking import Asked, textured
-from mesoshell.pathtracer.detail import texels_needed
-from mesoshell.pathtracer.elements import Element
+from mesoshell.pathtracer import integrator, xml_bsdf
 from mesoshell.pathtracer.facts import distant, facts_of
 from mesoshell.pathtracer.maps import check_map, field_of
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
+from mesoshell.pathtracer.render_context import World
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.pathtracer.world import World
-from mesoshell.pathtracer.worn import SurfaceMaterial, Worn
+from mesoshell.pathtracer.surface_material import SurfaceMaterial, Worn
+from mesoshell.pathtracer.texture_cache import Asked, textured
+from mesoshell.pathtracer.texture_lod import texels_needed
+from mesoshell.pathtracer.xml_bsdf import Element
 from mesoshell.render.effects import PATHS, plan_effects
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import PRESETS, Quality
-from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, proportions, transformed
-from mesoshell.silhouette.scene import default_period
-from mesoshell.silhouette.wear import Wear, wear
+from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions, transformed
+from mesoshell.surface_material.scene import default_period
+from mesoshell.surface_material.tables import Wear, wear
 
 NORMAL = PRESETS["normal"]
 
@@ -69,7 +69,7 @@ def load_dict(scene: dict[str, Any], quality: Quality = NORMAL) -> mi.Scene:
 
 def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
     integrator.register()
-    scene, asked = elements.read(source, parse, lambda material: kind_of(_file(material)) == KIND)
+    scene, asked = xml_bsdf.read(source, parse, lambda material: kind_of(_file(material)) == KIND)
     if asked:
         materials: dict[Any, Any] = {}
         stands, wears, convex, notes = [], [], True, []

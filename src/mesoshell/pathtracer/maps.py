@@ -3,7 +3,7 @@
 Alphabet
 u, v        texture coordinates of the material, patches; over `patches` they are the mesh's own UV
 flipped     Mitsuba's v is 1 minus ours
-node        a corner of patches: geometry is made there, and interpolated between (shell/nodes)
+node        a corner of patches: geometry is made there, and interpolated between (shell/generator/nodes)
 
 Appearance is looked up where a sample lies; geometry is read at nodes before a scene is compiled. Some of these lie beyond the
 mesh's UV: if that is within the unit square, they have what its edge has, and the image does not come again there.

@@ -1,9 +1,9 @@
-"""A material from its bundle: filtered features and the network, in Dr.Jit (texture/mip, shell/field, shell/decoder).
+"""A material from its bundle: filtered features and the network, in Dr.Jit (texture/mip, shell/material).
 
 Alphabet
 ξ           (u, v, h), u and v in patches                                         (3,), canonical
 r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
-taps        lookups along the long axis of the footprint (shell/kernels); 0: nothing is filtered, the finest levels are read
+taps        lookups along the long axis of the footprint (shell/render/kernels); 0: the finest levels are read, unfiltered
 F           F(u, v) + F(h), each filtered                                         (C,)
 α           appearance parameters, normalised                                     (A,)
 σ, ρ        extinction and transport function
@@ -19,14 +19,14 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.levels import Levels, between_levels, count, level_of, network, softplus
 
-#: How far below the horizon, as a cosine, light still counts a little (shell/decoder).
+#: How far below the horizon, as a cosine, light still counts a little (shell/material/decoder).
 FADE = 0.1
-#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges (shell/scene).
+#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges (shell/render/scene).
 GRID_CELLS = 8
 
 
 def gaussian_taps(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and weights of n taps of a Gaussian cut at ±2.3 standard deviations, of variance 1 (shell/kernels)."""
+    """Positions and weights of n taps of a Gaussian cut at ±2.3 standard deviations, of variance 1 (shell/render/kernels)."""
     positions = (np.arange(n) + 0.5) / n * 4.6 - 2.3
     weights = np.exp(-positions * positions / 2)
     weights /= weights.sum()
@@ -142,7 +142,7 @@ def _index(x, n):
 
 
 def _above(w):
-    """A direction, brought to the horizon if it lies below (shell/decoder)."""
+    """A direction, brought to the horizon if it lies below (shell/material/decoder)."""
     flat = mi.Vector3f(w.x, w.y, dr.maximum(w.z, 0))
     length = dr.norm(flat)
     return dr.select(length > 0, flat / dr.select(length > 0, length, 1), 0)

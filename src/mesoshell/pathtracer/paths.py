@@ -17,9 +17,9 @@ import drjit as dr
 import mitsuba as mi
 
 from mesoshell.pathtracer.events import at_collision, at_surface, at_worn, beyond, power, single
-from mesoshell.pathtracer.flight import fly, still
+from mesoshell.pathtracer.free_flight import fly, still
 from mesoshell.pathtracer.quadrature import Ray
-from mesoshell.pathtracer.worn import nothing_met
+from mesoshell.pathtracer.surface_material import nothing_met
 
 
 @dataclass

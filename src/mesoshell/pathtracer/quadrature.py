@@ -1,10 +1,10 @@
-"""Samples on a ray through all shells, at equal canonical spacing (shell/sampling, shell/renderer).
+"""Samples on a ray through all shells, at equal canonical spacing (shell/geometry/sampling, shell/render/renderer).
 
 Alphabet
 J⁻¹         inverse of ∂P/∂(u, v, h) in the middle of a piece; E: (u, v) = uv₂ + E (λ₀, λ₁)
 ℓ           canonical length of a piece, |ξ1 − ξ0|; L: of all of a ray's pieces; N samples stand for L/N each
 f           position of a sample on its piece, 0 to 1
-λ, h        barycentric coordinates and height; "exact" coordinates invert the prism's map by Newton's method (shell/sampling)
+λ, h        barycentric coordinates and height; "exact" ones invert the prism's map by Newton's method (shell/geometry/sampling)
 ṙ, a        a cone's radius at t is ṙ (t + a)
 Σ           σ_t² ddᵀ + σ_r² (1 − ddᵀ), the cone's piece as a Gaussian; J⁻¹ Σ J⁻ᵀ in canonical space (texture/footprint)
 
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.march import OVER, Walker, advance, at_start
-from mesoshell.pathtracer.walk import Piece
+from mesoshell.pathtracer.prism import Piece
+from mesoshell.pathtracer.traversal import OVER, Walker, advance, at_start
 
 
 @dataclass

@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from mesoshell.pathtracer.material import FADE
 from mesoshell.pathtracer.quadrature import canonical
-from mesoshell.shell.extrude import FLATTEST
+from mesoshell.shell.geometry.extrude import FLATTEST
 
 
 def draw(here, xi):

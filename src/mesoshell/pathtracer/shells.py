@@ -1,4 +1,4 @@
-"""Shells as tables: prisms, and the triangles that bound them, in a scene of their own (shell/boundary, in Mitsuba).
+"""Shells as tables: prisms, and the triangles that bound them, in a scene of their own (shell/geometry/tracer, in Mitsuba).
 
 Alphabet
 code        of a triangle: 0, 1, 2: part of the tetrahedron around that side, at a border; 3: the top; 4: the base
@@ -16,8 +16,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mesoshell.pathtracer.walk import BASE, TOP
-from mesoshell.shell.extrude import Shell
+from mesoshell.pathtracer.prism import BASE, TOP
+from mesoshell.shell.geometry.extrude import Shell
 
 _TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 

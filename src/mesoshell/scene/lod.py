@@ -12,9 +12,9 @@ from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, grows
-from mesoshell.shell.extrude import Shell
-from mesoshell.silhouette.scene import SurfaceDescription
-from mesoshell.silhouette.wear import wear
+from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.surface_material.scene import SurfaceDescription
+from mesoshell.surface_material.tables import wear
 
 #: By how much thickness over patch may differ from what was distilled, and a colour or a parameter.
 THICKNESS, VALUE = 0.1, 1e-3

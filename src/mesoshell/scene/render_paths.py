@@ -11,11 +11,11 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.surface import KIND, SurfaceBundle
 from mesoshell.limits import check_memory
-from mesoshell.pathtracer import assemble, integrator, load_file
+from mesoshell.pathtracer import integrator, load_file, scene_dict
 from mesoshell.pathtracer.load import Grown, stand_on
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
-from mesoshell.pathtracer.worn import SurfaceMaterial
+from mesoshell.pathtracer.surface_material import SurfaceMaterial
 from mesoshell.render.effects import PATHS, plan_twin
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
@@ -24,8 +24,8 @@ from mesoshell.scene.lod import in_place, twin_facts
 from mesoshell.scene.picture import Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell, describe_surface
-from mesoshell.silhouette.scene import SurfaceDescription
-from mesoshell.silhouette.wear import wear
+from mesoshell.surface_material.scene import SurfaceDescription
+from mesoshell.surface_material.tables import wear
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
 
@@ -95,9 +95,9 @@ def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene,
     seen = twin_facts(scene, d, quality)
     if bundle.twin is not None and plan_twin(seen, quality).on:
         return _dressed(in_place(d), bundle.twin.surface, quality, d.notes, seen)
-    made = mi.load_dict(_parts(quality, d) | {"surface": assemble.surface(d.mesh, d.base_colour)})
+    made = mi.load_dict(_parts(quality, d) | {"surface": scene_dict.surface(d.mesh, d.base_colour)})
     names = [p.name for p in bundle.parameters if p.role == "alpha"]
-    maps = {name: assemble.over_uv(image) for name, image in d.maps.items()}
+    maps = {name: scene_dict.over_uv(image) for name, image in d.maps.items()}
     alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
     medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
     stand_on(made, Grown([(d.shell, medium)], convex=is_convex(d.mesh), twin=seen), quality)
@@ -126,11 +126,11 @@ def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[s
     parts: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "mesoshell_path", "hide_emitters": d.transparent, **depths},
-        "sensor": assemble.sensor(d.camera, quality.spp),
+        "sensor": scene_dict.sensor(d.camera, quality.spp),
     }
-    parts |= {f"light{i}": assemble.distant(light) for i, light in enumerate(d.lights)}
-    parts |= {f"object{i}": assemble.surface(mesh, d.base_colour) for i, mesh in enumerate(d.objects)}
-    return parts if d.environment is None else parts | {"sky": assemble.sky(d.environment)}
+    parts |= {f"light{i}": scene_dict.distant(light) for i, light in enumerate(d.lights)}
+    parts |= {f"object{i}": scene_dict.surface(mesh, d.base_colour) for i, mesh in enumerate(d.objects)}
+    return parts if d.environment is None else parts | {"sky": scene_dict.sky(d.environment)}
 
 
 def _rendered(scene: mi.Scene, samples: int, progress: Progress) -> tuple[np.ndarray, int]:

@@ -20,10 +20,10 @@ from mesoshell.scene.picture import Prepared, Progress, Rendered
 from mesoshell.scene.render_surface import prepare_wearing
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
-from mesoshell.shell.horizon import lowest
-from mesoshell.shell.renderer import render
-from mesoshell.shell.scene import Scene as MarchedScene
-from mesoshell.shell.scene import ready
+from mesoshell.shell.geometry.horizon import lowest
+from mesoshell.shell.render.renderer import render
+from mesoshell.shell.render.scene import Scene as MarchedScene
+from mesoshell.shell.render.scene import ready
 
 
 def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:

@@ -12,9 +12,9 @@ from mesoshell.render.used import quality_used
 from mesoshell.scene.picture import Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import describe_surface
-from mesoshell.silhouette.ready import ready
-from mesoshell.silhouette.renderer import SurfaceScene, facts, render
-from mesoshell.silhouette.scene import SurfaceDescription
+from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.renderer import SurfaceScene, facts, render
+from mesoshell.surface_material.scene import SurfaceDescription
 
 
 def prepare_surface(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:

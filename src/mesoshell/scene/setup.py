@@ -22,9 +22,9 @@ from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Scene
-from mesoshell.shell.chart import patches_of
-from mesoshell.shell.extrude import Shell, extrude, patches_per_uv, proportions
-from mesoshell.silhouette.scene import SurfaceDescription, default_period
+from mesoshell.shell.geometry.chart import patches_of
+from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
+from mesoshell.surface_material.scene import SurfaceDescription, default_period
 
 #: Irradiance or radiance, at most: sums of it are numbers in single precision.
 BRIGHTEST = 1e30
@@ -104,7 +104,7 @@ def _textured(
     values, shape, patches, repeats = wanted
     name, bundle = scene.material.name, scene.material.shell
     if grows(scene):
-        from mesoshell.shell.grow import Wanted, field_of, grow
+        from mesoshell.shell.generator.texture_synthesis import Wanted, field_of, grow
 
         fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
         return *grow(bundle, name, uv.reshape(-1, 3, 2), Wanted(scene.seed or 0, values, fields), progress), []

@@ -9,7 +9,7 @@ half-width   of the transition band: max(f_t, s/2) − f_c                      
 Between its convolution and its down-sampling a layer works at the temporary rate, twice the larger of input and output.
 Config T has 3 × 3 convolutions and separable filters; R has 1 × 1 with twice the channels, and its down-sampling filters
 are radial except where sampling is critical. Sizes carry the margin of 10 samples of zero-padded training at a fixed size;
-`mesoshell.shell.generator` runs the same layers without padding and takes all but the sizes and paddings.
+`mesoshell.shell.generator.generator` runs the same layers without padding and takes all but the sizes and paddings.
 """
 
 from dataclasses import dataclass

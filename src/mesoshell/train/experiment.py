@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from mesoshell.errors import Argument, InputError
+from mesoshell.train.curriculum import RunConfig
+from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import Data, method_of
-from mesoshell.train.presets import PRESETS
-from mesoshell.train.record import read_record
-from mesoshell.train.stream import RunConfig
+from mesoshell.train.run_config import read_record
 
 
 def read_experiment(path: Path, preset: str | None = None) -> Any:
@@ -37,7 +37,7 @@ def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | Non
         raise InputError(
             path,
             f"defines no `{wanted}` {of} a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an "
-            "AtlasTraining (mesoshell.train.state, .textures_state, .parametric, .surface and .atlas)",
+            "AtlasTraining (mesoshell.train.gan.state, .textures_state, .parametric, .surface and .atlas)",
         )
     return config, defined.get("recipe")
 

@@ -14,17 +14,17 @@ import numpy as np
 
 from mesoshell.io.bundle import Bundle, Parameter
 from mesoshell.io.exemplars import Exemplars
-from mesoshell.shell.bound import bounds, new_points
-from mesoshell.shell.decoder import Decoder
-from mesoshell.shell.field import Layout, Material
-from mesoshell.shell.generated import Maker, generator_arrays, generator_fields, grown
-from mesoshell.shell.generator import Averages, Generator, synthesise, synthesise_height
-from mesoshell.shell.plan import GeneratorConfig
-from mesoshell.shell.precision import decoder_error
-from mesoshell.shell.scene import decoder_of
+from mesoshell.shell.generator.generator import Averages, Generator, synthesise, synthesise_height
+from mesoshell.shell.generator.model import Maker, generator_arrays, generator_fields, grown
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.material.decoder import Decoder
+from mesoshell.shell.material.density_bounds import bounds, new_points
+from mesoshell.shell.material.field import Layout, Material
+from mesoshell.shell.material.precision import decoder_error
+from mesoshell.shell.render.scene import decoder_of
 from mesoshell.texture import mip
-from mesoshell.train.fit import Common, FitConfig
-from mesoshell.train.state import Learner, TrainConfig
+from mesoshell.train.fit.step import Common, FitConfig
+from mesoshell.train.gan.state import Learner, TrainConfig
 from mesoshell.typing import Array, Float
 
 CELLS_UV, CELLS_H, PROBES = 64, 32, 256

@@ -12,32 +12,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mesoshell.atlas.capture import Capture
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.exemplars import Exemplars, read_exemplars
-from mesoshell.io.patches import Patches, read_patches
-from mesoshell.train import (
-    atlas,
-    atlas_snapshot,
-    exemplars,
-    fit,
-    fit_snapshot,
-    parametric,
-    parametric_snapshot,
-    photographed,
-    snapshot,
-    state,
-    step,
-    surface,
-    surface_snapshot,
-    textures,
-    textures_snapshot,
-    textures_state,
-)
-from mesoshell.train.parametric import ParametricConfig
-from mesoshell.train.shots import Shots, shots_of
-from mesoshell.train.state import TrainConfig, TrainState
-from mesoshell.train.stream import RunConfig, fitted, fitted_parametric, renders
+from mesoshell.io.query_dataset import Patches, read_patches
+from mesoshell.neutex.capture import Capture
+from mesoshell.train.curriculum import RunConfig, fitted, fitted_parametric, renders
+from mesoshell.train.fit import snapshot as fit_snapshot
+from mesoshell.train.fit import step as fit
+from mesoshell.train.fit.patch_rays import Shots, shots_of
+from mesoshell.train.gan import snapshot, state, step
+from mesoshell.train.gan.state import TrainConfig, TrainState
+from mesoshell.train.nerf_tex import network as parametric
+from mesoshell.train.nerf_tex import snapshot as parametric_snapshot
+from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.neutex import ray_batches
+from mesoshell.train.neutex import snapshot as atlas_snapshot
+from mesoshell.train.neutex import step as atlas
+from mesoshell.train.surface import snapshot as surface_snapshot
+from mesoshell.train.surface import step as surface
+from mesoshell.train.textures import exemplars
+from mesoshell.train.textures import snapshot as textures_snapshot
+from mesoshell.train.textures import state as textures_state
+from mesoshell.train.textures import step as textures
 
 #: What runs learn from.
 Data = Dataset | Patches | Capture | Shots | Exemplars
@@ -110,7 +106,7 @@ SURFACE = Method(
     painter=surface_snapshot.painter,
 )
 ATLAS = Method(
-    read=lambda config, data: photographed.recorded(data, config.side),
+    read=lambda config, data: ray_batches.recorded(data, config.side),
     fitted=atlas.fitted,
     feed=atlas.feed,
     start=lambda config, data, key: atlas.start(config, key),

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from mesoshell.io.atomic import replace_file
 from mesoshell.io.records import read_rows
-from mesoshell.io.whole import replace_file
 
 SHEETS = 8
 #: What a log may hold, by the axis that it is drawn on.

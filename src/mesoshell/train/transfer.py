@@ -24,14 +24,14 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import read_bundle
 from mesoshell.nets.mlp import Dense
-from mesoshell.shell.generated import maker_of
-from mesoshell.train import textures
+from mesoshell.shell.generator.model import maker_of
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.exemplars import Scaled
-from mesoshell.train.record import flat, read_record
-from mesoshell.train.state import Learner, TrainConfig, TrainState, start
-from mesoshell.train.stream import RunConfig
-from mesoshell.train.textures_state import TexturesConfig, TexturesState
+from mesoshell.train.curriculum import RunConfig
+from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, start
+from mesoshell.train.run_config import flat, read_record
+from mesoshell.train.textures import step as textures
+from mesoshell.train.textures.exemplars import Scaled
+from mesoshell.train.textures.state import TexturesConfig, TexturesState
 
 #: What of a configuration says what the weights are and mean; and what of that follows from a dataset, or changes no weight.
 WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")

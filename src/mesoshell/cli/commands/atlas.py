@@ -4,29 +4,29 @@ from pathlib import Path
 
 import numpy as np
 
-from mesoshell.atlas import paint
-from mesoshell.atlas.capture import read_capture
-from mesoshell.atlas.mesh import wrapped
-from mesoshell.atlas.photo import Photo, around
-from mesoshell.atlas.render import Lit, picture, view
-from mesoshell.atlas.store import Captured, read_captured
 from mesoshell.cli.checks import at_least, ends_in
 from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.learn import learn, print_length
 from mesoshell.cli.options.atlas import Mesh, Render, Texture, Train
 from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import probe_folder, probe_outputs
 from mesoshell.io.image import write_exr, write_png
-from mesoshell.io.whole import probe_folder, probe_outputs
-from mesoshell.io.wrapped import write_wrapped
+from mesoshell.io.mesh_export import write_wrapped
 from mesoshell.limits import check_memory
+from mesoshell.neutex import edit as paint
+from mesoshell.neutex.cameras import Photo, around
+from mesoshell.neutex.capture import read_capture
+from mesoshell.neutex.mesh import wrapped
+from mesoshell.neutex.render import Lit, picture, view
+from mesoshell.neutex.store import Captured, read_captured
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.setup import check_irradiance, environment_of, light_of
-from mesoshell.train.atlas import AtlasTraining, atlas_as
-from mesoshell.train.atlas_snapshot import board_paint
 from mesoshell.train.experiment import of_length, read_experiment
-from mesoshell.train.presets import PRESETS as SIZES
-from mesoshell.train.record import read_record, snapshots
+from mesoshell.train.gan.presets import PRESETS as SIZES
+from mesoshell.train.neutex.snapshot import board_paint
+from mesoshell.train.neutex.step import AtlasTraining, atlas_as
+from mesoshell.train.run_config import read_record, snapshots
 
 
 def train(options: Train) -> None:

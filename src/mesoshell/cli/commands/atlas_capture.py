@@ -5,11 +5,11 @@ import numpy as np
 from mesoshell.cli.checks import at_least
 from mesoshell.cli.options.atlas import Capture
 from mesoshell.cli.progress import bar, stderr
+from mesoshell.datasets.blender.photograph import Shooting, photograph
 from mesoshell.errors import InputError
-from mesoshell.farm.photograph import Shooting, photograph
 from mesoshell.geometry.mesh import load_mesh
+from mesoshell.io.atomic import probe_folder
 from mesoshell.io.image import read_picture
-from mesoshell.io.whole import probe_folder
 from mesoshell.limits import check_memory
 
 

@@ -13,15 +13,15 @@ import numpy as np
 from mesoshell.cli.checks import at_least
 from mesoshell.cli.options.dataset import Cost, Recipe, Render, Vary
 from mesoshell.cli.progress import bar, stderr
+from mesoshell.datasets.blender import cost as table
+from mesoshell.datasets.blender.cost import SPP, Cell, measure_cost, reference_image
+from mesoshell.datasets.blender.process import Blender, Crash
+from mesoshell.datasets.blender.render import Farm, Report, render_dataset
+from mesoshell.datasets.blender.shard import Fault
+from mesoshell.datasets.blender.vary import vary_sheet
 from mesoshell.errors import InputError
-from mesoshell.farm import cost as table
-from mesoshell.farm.blender import Blender, Crash
-from mesoshell.farm.cost import SPP, Cell, measure_cost, reference_image
-from mesoshell.farm.render import Farm, Report, render_dataset
-from mesoshell.farm.shard import Fault
-from mesoshell.farm.vary import vary_sheet
+from mesoshell.io.atomic import probe_outputs, replace_file
 from mesoshell.io.image import write_png
-from mesoshell.io.whole import probe_outputs, replace_file
 from mesoshell.limits import check_memory
 
 #: Seconds between two lines of progress where there is no terminal to draw a bar on.

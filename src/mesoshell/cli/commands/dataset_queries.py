@@ -3,9 +3,9 @@
 from mesoshell.cli.checks import at_least
 from mesoshell.cli.options.dataset import RenderPatches
 from mesoshell.cli.queries import write_queries
+from mesoshell.datasets.queries.render import Settings, of_geometry
+from mesoshell.datasets.queries.sources import source
 from mesoshell.errors import InputError
-from mesoshell.mesostructure.render import Settings, of_geometry
-from mesoshell.mesostructure.sources import source
 
 
 def run(options: RenderPatches) -> None:

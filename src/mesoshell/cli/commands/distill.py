@@ -12,15 +12,15 @@ from mesoshell.cli.queries import write_queries
 from mesoshell.distill.error import errors_by_radius
 from mesoshell.distill.source import ShellSource, Source, from_afar, geometry_source, is_shell, shell_source
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import probe_outputs
 from mesoshell.io.bundle import write_bundle
-from mesoshell.io.patches import read_patches
+from mesoshell.io.query_dataset import read_patches
 from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.io.twin import Twin
-from mesoshell.io.whole import probe_outputs
 from mesoshell.measure.evaluation import with_scores
-from mesoshell.train.record import snapshots
-from mesoshell.train.surface import MIXED, fitted
-from mesoshell.train.surface_snapshot import painter
+from mesoshell.train.run_config import snapshots
+from mesoshell.train.surface.snapshot import painter
+from mesoshell.train.surface.step import MIXED, fitted
 
 #: Folders in a run's: its queries, and the run of the twin.
 QUERIES, AFAR = "queries", "afar"

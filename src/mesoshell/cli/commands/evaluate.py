@@ -8,12 +8,12 @@ from mesoshell.cli.checks import at_least
 from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.options.evaluate import Options
 from mesoshell.cli.progress import stderr
+from mesoshell.io.atomic import probe_folder, replace_file
 from mesoshell.io.records import read_rows
-from mesoshell.io.whole import probe_folder, replace_file
 from mesoshell.measure.evaluation import FILE, evaluation
 from mesoshell.train.method import method_of
-from mesoshell.train.record import read_record, snapshots
 from mesoshell.train.report import write_report
+from mesoshell.train.run_config import read_record, snapshots
 
 
 def run(options: Options) -> None:

@@ -5,16 +5,16 @@ from typing import Any
 
 from mesoshell.cli.options.export import Options
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import probe_outputs
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.exemplars import read_exemplars
 from mesoshell.io.surface import read_surface, write_surface
-from mesoshell.io.whole import probe_outputs
 from mesoshell.measure.evaluation import with_scores
 from mesoshell.train.export import patch_bundle
-from mesoshell.train.record import read_record, snapshots
-from mesoshell.train.state import TrainConfig
-from mesoshell.train.surface import SurfaceTraining
-from mesoshell.train.textures_state import TexturesConfig
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.run_config import read_record, snapshots
+from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.textures.state import TexturesConfig
 
 
 def run(options: Options) -> None:

@@ -4,14 +4,14 @@ from mesoshell.cli.learn import learn
 from mesoshell.cli.options.fit import Options
 from mesoshell.cli.progress import stderr
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import probe_outputs
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.exemplars import write_exemplars
 from mesoshell.io.image import write_png
 from mesoshell.io.names import distinct_names
-from mesoshell.io.whole import probe_outputs
-from mesoshell.train.fit_run import conclude, fit_config, shots_to_fit
-from mesoshell.train.holdout import Scores
+from mesoshell.train.fit.holdout import Scores
+from mesoshell.train.fit.result import conclude, fit_config, shots_to_fit
 from mesoshell.train.parallel import rows_of, split_cpu
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from mesoshell.cli.options.judge import Blind, Marks
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import probe_outputs, read_file, replace_file, together
 from mesoshell.io.dataset import load_images, read_dataset
 from mesoshell.io.image import write_png
 from mesoshell.io.records import read_object
-from mesoshell.io.whole import probe_outputs, read_file, replace_file, together
 from mesoshell.measure.blind import drawn, judged, letters, marks, shuffled
 
 

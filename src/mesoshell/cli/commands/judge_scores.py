@@ -14,10 +14,10 @@ from mesoshell.cli.judged_material import bundle_of, posed_material
 from mesoshell.cli.options.judge import Scores
 from mesoshell.cli.progress import say_notes, stderr
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import probe_outputs, replace_file, together
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.image import write_png
 from mesoshell.io.names import distinct_names
-from mesoshell.io.whole import probe_outputs, replace_file, together
 from mesoshell.measure import fields
 from mesoshell.measure.copies import among
 from mesoshell.measure.features import Extractor, extractor, unseen

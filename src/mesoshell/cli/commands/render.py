@@ -10,7 +10,7 @@ from mesoshell.cli.checks import params_of
 from mesoshell.cli.options.render import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
-from mesoshell.io.whole import probe_outputs, replace_file, together
+from mesoshell.io.atomic import probe_outputs, replace_file, together
 from mesoshell.render.quality import Quality
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.picture import Picture, Prepared

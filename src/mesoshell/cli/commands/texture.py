@@ -10,15 +10,15 @@ from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.options.texture import Options
 from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import new_array, new_folder, probe_folder, probe_outputs
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
 from mesoshell.io.material import find, normalised
-from mesoshell.io.whole import new_array, new_folder, probe_folder, probe_outputs
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.scene.materials import read_params
-from mesoshell.shell.bake import patches_a_tile
-from mesoshell.shell.generated import maker_of
-from mesoshell.shell.grow import Wanted, baked, field_of
-from mesoshell.shell.plan import halo_cost
+from mesoshell.shell.generator.bake import patches_a_tile
+from mesoshell.shell.generator.model import maker_of
+from mesoshell.shell.generator.plan import halo_cost
+from mesoshell.shell.generator.texture_synthesis import Wanted, baked, field_of
 
 
 def run(options: Options) -> None:

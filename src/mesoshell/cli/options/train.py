@@ -11,8 +11,8 @@ import tyro
 class Options:
     """Train a generator on a packed dataset; a run that was stopped goes on."""
 
-    #: The experiment: a Python file that defines `config`, a mesoshell.train.state.TrainConfig (or, to be compared with,
-    #: a mesoshell.train.parametric.ParametricConfig), and `variant`, which makes one of a preset.
+    #: The experiment: a Python file that defines `config`, a mesoshell.train.gan.state.TrainConfig (or, to be compared with,
+    #: a mesoshell.train.nerf_tex.network.ParametricConfig), and `variant`, which makes one of a preset.
     experiment: tyro.conf.Positional[Path]
     #: Packed dataset folder (mesoshell dataset pack).
     data: Path

@@ -1,0 +1,54 @@
+"""Shards on this machine, a few at a time (floor 5).
+
+A thread a worker: it does little but wait for its Blender process. What happens comes back through one queue, so that
+whoever iterates is the only one who writes the dataset's lists.
+"""
+
+import queue
+import threading
+from collections.abc import Generator, Iterator, Sequence
+
+from mesoshell.datasets.blender.shard import Done, Fault, Shard, render_shard
+
+
+def run_here(shards: Sequence[Shard], workers: int) -> Generator[Done | Fault, None, None]:
+    """What happens, as it happens. When the iteration ends early, every worker ends with the image in hand."""
+    waiting: queue.SimpleQueue[Shard] = queue.SimpleQueue()
+    events: queue.SimpleQueue[Done | Fault | BaseException | None] = queue.SimpleQueue()
+    stop = threading.Event()
+    for shard in shards:
+        waiting.put(shard)
+
+    def work() -> None:
+        try:
+            while not stop.is_set():
+                _each(render_shard(waiting.get_nowait()), events, stop)
+        except queue.Empty:
+            events.put(None)
+        except BaseException as error:  # whoever iterates must see it, whatever it is
+            events.put(error)
+
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(workers)]
+    for thread in threads:
+        thread.start()
+    try:
+        running = workers
+        while running:
+            event = events.get()
+            if isinstance(event, BaseException):
+                raise event
+            if event is None:
+                running -= 1
+            else:
+                yield event
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+
+
+def _each(results: Iterator[Done | Fault], events: queue.SimpleQueue, stop: threading.Event) -> None:
+    for result in results:
+        events.put(result)
+        if stop.is_set():
+            return

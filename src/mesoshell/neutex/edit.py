@@ -1,0 +1,103 @@
+"""The texture as an image, and what an edited image does to an object.
+
+Alphabet
+T           an object's texture, linear: the greatest of its colours over directions d, as the paper shows it; or, of
+            reflectance, its albedo, roughness or specular (neutex/brdf), grey
+d           from the photographs' places (VIEWS of them at most) that lie before the surface F_uv⁻¹ there, as how it looks from
+            elsewhere is not known. Where none lies before it, straight on
+E, α        an edit: colours and coverage of an image of any layout
+c′ = a + s c    what becomes of a colour c that a view sees at u:
+multiply    s = E, a = 0
+replace     s = min(1, E/T), a = E − s T: where E = T nothing changes; elsewhere what views add to the colour goes on, never
+            more of it than there was
+
+Where α is below 1 the edit is mixed with s = 1, a = 0.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float as NumPyFloat
+
+from mesoshell.errors import InputError
+from mesoshell.io.image import read_picture
+from mesoshell.nets.batches import run
+from mesoshell.neutex.brdf import LEAST
+from mesoshell.neutex.field import Field, FieldConfig, lobes, texture, to_surface, viewed
+from mesoshell.neutex.layout import LAYOUTS, Layout, directions, shape, side_of
+from mesoshell.neutex.render import Paint
+from mesoshell.neutex.store import Captured
+from mesoshell.numerics import normalise
+
+Edit = Literal["replace", "multiply"]
+Part = Literal["colour", "roughness", "specular"]
+VIEWS = 32
+#: Cosine from which a camera lies before a surface.
+BEFORE = 0.1
+#: What a texture is taken to have at least, where it is divided by.
+DARKEST = 1e-4
+
+
+def texture_image(found: Captured, layout: Layout, side: int, part: Part = "colour") -> NumPyFloat[np.ndarray, "h w 3"]:
+    """T, linear and not negative. part: others than colour are of reflectance."""
+    u = directions(layout, side)
+    some = np.linspace(0, len(found.photos) - 1, min(VIEWS, len(found.photos))).round().astype(int)
+    eyes = np.stack([found.to_box(found.photos[i]).to_world[:3, 3] for i in some]).astype(np.float32)
+    (image,) = run(lambda u, n: (_greatest(found.config, part, found.field, eyes, u),), u.reshape(-1, 3))
+    return np.maximum(image, 0).reshape(u.shape)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _greatest(config: FieldConfig, part: Part, field: Field, eyes, u):
+    def point(u):
+        if config.colour == "reflectance":
+            found = lobes(config, field, u)
+            of = {"colour": found.albedo, "roughness": jnp.maximum(found.roughness, LEAST), "specular": found.specular}
+            return jnp.broadcast_to(of[part], 3)
+        base, features = texture(config, field, u)
+        y, n = _surface(field, u)
+        toward = normalise(eyes - y[None])
+        before = (jnp.sum(toward * n[None], axis=1) > BEFORE)[:, None]
+        ways = jnp.where(before, toward, n[None])
+        each = jax.vmap(lambda v: viewed(config, field, features, -v))(ways)
+        return base + jnp.max(jnp.where(before | ~before.any(), each, -jnp.inf), axis=0)
+
+    return jax.lax.map(jax.vmap(point), u.reshape(-1, 1024, 3)).reshape(-1, 3)
+
+
+def _surface(field: Field, u):
+    """F_uv⁻¹(u), and its normal there, outward."""
+    a = normalise(jnp.cross(u, jnp.eye(3, dtype=u.dtype)[jnp.argmin(jnp.abs(u))]))
+    (y, along), (_, across) = (jax.jvp(lambda u: to_surface(field, u), (u,), (v,)) for v in (a, jnp.cross(u, a)))
+    return y, normalise(jnp.cross(along, across))
+
+
+def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.ndarray, "h w c"]]:
+    """An image, and the layout that it is of: as said, or the only one with its proportions. Raises InputError."""
+    image = read_picture(path)
+    if not np.isfinite(image).all():
+        raise InputError(path, "has pixels that are not finite")
+    h, w = image.shape[:2]
+    asked: tuple[Layout, ...] = LAYOUTS if layout is None else (layout,)
+    fit: list[Layout] = [name for name in asked if side_of(name, h, w)]
+    if not fit:
+        sizes = " or ".join(f"{name} ({shape(name, 1)[1]}:{shape(name, 1)[0]})" for name in asked)
+        raise InputError(path, f"is {w} x {h} pixels, the proportions of no {sizes}")
+    return fit[0], image
+
+
+def painted(found: Captured, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit) -> Paint:
+    """What an edit does. image: linear RGB, or premultiplied RGBA."""
+    alpha = image[..., 3:] if image.shape[2] == 4 else np.ones_like(image[..., :1])
+    rgb = image[..., :3]  # α E
+    if edit == "multiply":
+        return Paint(layout, np.concatenate([np.zeros_like(rgb), rgb + (1 - alpha)], axis=-1))
+    side = side_of(layout, *image.shape[:2])
+    assert side
+    now = texture_image(found, layout, side)
+    s = np.minimum(alpha, rgb / np.maximum(now, DARKEST))  # α s
+    return Paint(layout, np.concatenate([rgb - s * now, s + (1 - alpha)], axis=-1))

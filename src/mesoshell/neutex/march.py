@@ -1,0 +1,95 @@
+"""A ray's way through the box: where its samples lie, and what they come to.
+
+Alphabet
+o, d        in the box's units; t in [t0, t1]: inside [−1, 1]³, all of it, in front of the camera
+occupied    cells of the box where σ can be above what may be passed over, with their neighbours
+ℓ           length of [t0, t1] in occupied cells; the N samples share it evenly: one in each N-th of it, at ξ of that part
+w, T        weights of the samples and transmittance of the ray (render/composite); I = Σ w c
+away        Σ w max(n·d, 0)²: how much of what reflects is seen from behind (Verbin et al. 2022, Ref-NeRF, equation 11)
+flash       of reflectance: light comes the way that the camera looks; all that the camera sees is lit, as of a surface: in the
+            depth of a fog light would be dimmed once more
+
+Samples are where the shared quadrature has them, at ℓ/N from each other: a ray that sees no occupied cell has none, and none
+lies in an empty one. Whether a stretch is occupied is asked PROBES times along it, at less than a cell from each other.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from mesoshell.neutex.brdf import Lobes, shade
+from mesoshell.neutex.field import Field, FieldConfig, density, lobes, normal, radiance, to_texture
+from mesoshell.numerics import optical_depth
+from mesoshell.render.composite import weights
+from mesoshell.typing import Array, Bool, Float, Scalar, Vec3
+
+#: Cells a side of the grid, and probes: √3 · CELLS of them lie a cell apart on the longest way through.
+CELLS, PROBES = 32, 64
+
+
+class Marched(NamedTuple):
+    """colour: I; passed: T; w and y: of the samples; away: 0 but of reflectance."""
+
+    colour: Vec3
+    passed: Scalar
+    w: Float[Array, "N"]
+    y: Float[Array, "N 3"]
+    away: Scalar
+
+
+def span(o: Vec3, d: Vec3) -> tuple[Scalar, Scalar]:
+    """t0 and t1; t1 = t0 where the ray misses the box. A direction may have zeros, or be zero."""
+    tiny = jnp.asarray(1e-20, d.dtype)
+    slow = jnp.where(jnp.abs(d) < tiny, jnp.where(d < 0, -tiny, tiny), d)
+    a, b = (-1 - o) / slow, (1 - o) / slow
+    t0 = jnp.maximum(jnp.max(jnp.minimum(a, b)), 0)
+    t1 = jnp.min(jnp.maximum(a, b))
+    return t0, jnp.maximum(t1, t0)
+
+
+def places(o: Vec3, d: Vec3, occupied: Bool[Array, "n n n"], xi: Float[Array, "N"]) -> tuple[Float[Array, "N"], Scalar]:
+    """t of the samples, and ℓ/N. xi: each one's place in its part, 0 to 1."""
+    t0, t1 = span(o, d)
+    edges = t0 + (t1 - t0) * jnp.linspace(0, 1, PROBES + 1, dtype=o.dtype)
+    middle = (edges[1:] + edges[:-1]) / 2
+    held = at(occupied, o[None] + jnp.outer(middle, d))
+    through = jnp.concatenate([jnp.zeros(1, o.dtype), jnp.cumsum(jnp.where(held, (t1 - t0) / PROBES, 0))])
+    n = xi.shape[0]
+    wanted = (jnp.arange(n, dtype=o.dtype) + xi) * (through[-1] / n)
+    return jnp.interp(wanted, through, edges), through[-1] / n
+
+
+def at(occupied: Bool[Array, "n n n"], y: Float[Array, "*k 3"]) -> Bool[Array, "*k"]:
+    n = occupied.shape[0]
+    cell = jnp.clip(jnp.floor((y + 1) * (n / 2)).astype(jnp.int32), 0, n - 1)
+    return occupied[cell[..., 0], cell[..., 1], cell[..., 2]]
+
+
+def widened(held: Bool[Array, "n n n"]) -> Bool[Array, "n n n"]:
+    """With all neighbours."""
+    return jax.lax.reduce_window(held, False, jax.lax.bitwise_or, (3, 3, 3), (1, 1, 1), "SAME")
+
+
+def march(
+    config: FieldConfig, field: Field, o: Vec3, d: Vec3, occupied: Bool[Array, "n n n"], xi: Float[Array, "N"]
+) -> Marched:
+    """What one ray sees."""
+    t, step = places(o, d, occupied, xi)
+    y = o[None] + jnp.outer(t, d)
+    sigma, features = jax.vmap(lambda y: density(config, field, y))(y)
+    w, passed = weights(optical_depth(sigma, jnp.broadcast_to(step, sigma.shape)))
+    away = jnp.zeros((), y.dtype)
+    if config.colour == "reflectance":
+        made = jax.vmap(lambda y: lobes(config, field, to_texture(field, y)))(y)
+        n = jax.vmap(lambda y, f: normal(field, y, f))(y, features)
+        away = jnp.sum(w * jnp.maximum(jnp.sum(n * d[None], axis=1), 0) ** 2)
+        c = jax.vmap(lambda made, n, t: flashed(config, made, n, d, t))(made, n, t)
+    else:
+        c = jax.vmap(lambda y, f: radiance(config, field, y, d, f))(y, features)
+    return Marched(jnp.matmul(w, c, precision="highest"), passed, w, y, away)
+
+
+def flashed(config: FieldConfig, made: Lobes, n: Vec3, d: Vec3, t: Scalar) -> Vec3:
+    """c of a point at distance t from a camera that lights it, but for what lies between."""
+    return shade(made, n, -d, -d) * (config.flash / jnp.maximum(t, 1e-3) ** 2)

@@ -1,0 +1,208 @@
+"""Pictures of a captured object.
+
+Alphabet
+samples     of a ray: `Quality.samples`, in whole CHUNKs, at the middles of their parts; `Quality.pixel_samples` rays a pixel
+occupied    cells where σ reaches Quality.skip over the box's diagonal, asked at ASKED³ points in each, with their neighbours:
+            no sample lies elsewhere, and a ray loses at most `skip` of optical depth, as far as those points show
+early_stop  samples are taken CHUNK at a time, until no ray of a tile has more than this transmittance
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float as NumPyFloat
+
+from mesoshell.nets.batches import pad, run
+from mesoshell.neutex.brdf import shade
+from mesoshell.neutex.cameras import Photo, photo_rays, pixels
+from mesoshell.neutex.field import Field, FieldConfig, density, lobes, normal, radiance, to_texture
+from mesoshell.neutex.layout import Layout, lookup
+from mesoshell.neutex.march import CELLS, flashed, places, widened
+from mesoshell.numerics import opacity, optical_depth
+from mesoshell.render.light import Distant, Environment, beams
+from mesoshell.render.quality import Quality
+from mesoshell.typing import Array, Bool, Float, Scalar
+
+TILE, CHUNK, ASKED = 1024, 8, 3
+#: How far along a surface's normal a light's way begins, in the box's units: outside of the fog that the surface is.
+AWAY = 0.06
+
+
+class Picture(NamedTuple):
+    """rgba: linear, premultiplied; depth: Σ w t, in the box's units."""
+
+    rgba: NumPyFloat[np.ndarray, "h w 4"]
+    depth: NumPyFloat[np.ndarray, "h w"]
+
+
+class Paint(NamedTuple):
+    """An edit: c′ = a(u) + s(u) c, with a and s side by side (neutex/edit)."""
+
+    layout: Layout
+    image: NumPyFloat[np.ndarray, "h w 6"]
+
+
+class Lit(NamedTuple):
+    """Light on an object of reflectance, in the world's axes; without it the camera's flash goes on."""
+
+    lights: tuple[Distant, ...]
+    sky: Environment | None
+
+
+class View(NamedTuple):
+    """How an object is shown: how finely, where it is not empty (`occupancy`), with which edit and light."""
+
+    quality: Quality
+    occupied: Bool[Array, "n n n"]
+    paint: Paint | None = None
+    lit: Lit | None = None
+
+
+class Form(NamedTuple):
+    """What is compiled. shown: colours too, or transmittance and depth alone; layout: of the edit, if there is one."""
+
+    config: FieldConfig
+    samples: int
+    layout: Layout | None
+    shown: bool
+
+
+class Thing(NamedTuple):
+    """Arrays that all rays share; image: the edit's."""
+
+    field: Field
+    occupied: Bool[Array, "n n n"]
+    stop: Scalar
+    image: Float[Array, "h w 6"] | None
+
+
+def view(
+    config: FieldConfig, field: Field, quality: Quality, paint: Paint | None = None, lit: Lit | None = None
+) -> View:
+    """Ready to show an object from anywhere."""
+    return View(quality, occupancy(config, field, quality.skip), paint, lit)
+
+
+def occupancy(config: FieldConfig, field: Field, skip: float) -> Bool[Array, "n n n"]:
+    """Cells that rays take samples in; all of them if nothing may be skipped."""
+    if not skip:
+        return jnp.ones((CELLS,) * 3, bool)
+    return widened(_greatest(config, field) > skip / (2 * 3**0.5))
+
+
+@partial(jax.jit, static_argnums=0)
+def _greatest(config: FieldConfig, field: Field) -> Float[Array, "n n n"]:
+    fine = CELLS * ASKED
+    axis = (jnp.arange(fine, dtype=jnp.float32) + 0.5) / fine * 2 - 1
+
+    def plane(x: Array) -> Array:
+        grid = jnp.stack(jnp.broadcast_arrays(x, axis[:, None], axis[None]), axis=-1).reshape(-1, 3)
+        return jax.vmap(lambda y: density(config, field, y)[0])(grid).reshape(fine, fine)
+
+    sigma = jax.lax.map(plane, axis)
+    return sigma.reshape(CELLS, ASKED, CELLS, ASKED, CELLS, ASKED).max(axis=(1, 3, 5))
+
+
+def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Picture:
+    """What a camera in the box's units sees. Each light other than the flash is blocked by what it passes on its way to where
+    a ray ends, on the mean."""
+    n = how.quality.pixel_samples
+    found = np.mean([_once(config, field, photo_rays(photo, pixels(photo, n, k)), how, k) for k in range(n)], axis=0)
+    size = photo.height, photo.width
+    return Picture(found[:, :4].reshape(*size, 4), found[:, 4].reshape(size))
+
+
+def _once(config: FieldConfig, field: Field, rays: tuple[np.ndarray, np.ndarray], how: View, k: int) -> np.ndarray:
+    """RGBA and depth by one ray a pixel, the k-th."""
+    o, d = (x.astype(np.float32) for x in rays)
+    quality, paint = how.quality, how.paint
+    form = Form(config, -(-quality.samples // CHUNK) * CHUNK, paint and paint.layout, True)
+    thing = Thing(field, how.occupied, jnp.float32(quality.early_stop), paint and jnp.asarray(paint.image, jnp.float32))
+    light = None
+    if how.lit is not None:
+        _, passed, depth = _marched(form._replace(shown=False), thing, o, d)
+        y = o + d * (depth / np.maximum(1 - passed, 1e-3))
+        (n,) = run(lambda y, count: (_normals(config, field, y),), y)
+        falling = beams(how.lit.lights, how.lit.sky, quality.environment_samples, len(o), np.random.default_rng(k))
+        toward = np.stack([beam.toward for beam in falling], axis=1).astype(np.float32)
+        strength = [
+            beam.strength * _marched(form._replace(shown=False), thing, y + AWAY * n, toward[:, i])[1]
+            for i, beam in enumerate(falling)
+        ]
+        light = toward, np.stack(strength, axis=1).astype(np.float32)
+    rgb, passed, depth = _marched(form, thing, o, d, light)
+    return np.concatenate([np.maximum(rgb, 0), 1 - passed, depth], axis=1)
+
+
+@partial(jax.jit, static_argnums=0)
+def _normals(config: FieldConfig, field: Field, y):
+    return jax.vmap(lambda y: normal(field, y, density(config, field, y)[1]))(y)
+
+
+def _marched(form: Form, thing: Thing, o, d, light=None):
+    """(colour, transmittance, depth) of any number of rays. light: (toward, E⊥) of each ray's lights, or the flash."""
+    rows = -(-len(o) // TILE) * TILE
+
+    def tiled(x):
+        return jnp.asarray(pad(x, rows).reshape(-1, TILE, *x.shape[1:]))
+
+    found = _tiles(form, thing, jax.tree.map(tiled, (o, d, light)))
+    return tuple(np.asarray(x).reshape(rows, -1)[: len(o)] for x in found)
+
+
+@partial(jax.jit, static_argnums=0)
+def _tiles(form: Form, thing: Thing, rays):
+    return jax.lax.map(lambda tile: _tile(form, thing, *tile), rays)
+
+
+def _tile(form: Form, thing: Thing, o, d, light):
+    """(colour, transmittance, depth) of TILE rays, a few samples of all of them at a time."""
+    t, step = jax.vmap(lambda o, d: places(o, d, thing.occupied, jnp.full(form.samples, 0.5, o.dtype)))(o, d)
+
+    def more(state):
+        k, _, depth, _ = state
+        return (k < form.samples // CHUNK) & (jnp.exp(-jnp.min(depth)) > thing.stop)
+
+    def chunk(state):
+        k, colour, through, far = state
+        here = jax.lax.dynamic_slice_in_dim(t, k * CHUNK, CHUNK, axis=1)
+        y = o[:, None] + here[..., None] * d[:, None]
+        sigma, c = jax.vmap(lambda y, t, d, l: jax.vmap(lambda y, t: _seen(form, thing, y, t, d, l))(y, t))(
+            y, here, d, light
+        )
+        tau = optical_depth(sigma, jnp.broadcast_to(step[:, None], sigma.shape))
+        after = through[:, None] + jnp.cumsum(tau, axis=1)
+        w = jnp.exp(tau - after) * opacity(tau)
+        colour = colour + jnp.einsum("rk,rkc->rc", w, c, precision="highest")
+        return k + 1, colour, after[:, -1], far + jnp.sum(w * here, axis=1)
+
+    zero = jnp.zeros(TILE, o.dtype)
+    # rays without samples wait for nothing
+    begin = jnp.where(step > 0, zero, jnp.inf)
+    _, colour, through, far = jax.lax.while_loop(more, chunk, (0, jnp.zeros((TILE, 3), o.dtype), begin, zero))
+    return colour, jnp.where(step > 0, jnp.exp(-through), 1.0), far
+
+
+def _seen(form: Form, thing: Thing, y, t, d, light):
+    """σ and colour of a point at distance t."""
+    config, field = form.config, thing.field
+    sigma, features = density(config, field, y)
+    if not form.shown:
+        return sigma, jnp.zeros(3, y.dtype)
+    if config.colour != "reflectance":
+        return sigma, _edited(form, thing, radiance(config, field, y, d, features), y)
+    made, n = lobes(config, field, to_texture(field, y)), normal(field, y, features)
+    made = made._replace(albedo=_edited(form, thing, made.albedo, y))
+    if light is None:
+        return sigma, flashed(config, made, n, d, t)
+    return sigma, jnp.sum(jax.vmap(lambda toward, strength: shade(made, n, -d, toward) * strength)(*light), axis=0)
+
+
+def _edited(form: Form, thing: Thing, c, y):
+    if form.layout is None or thing.image is None:
+        return c
+    both = lookup(form.layout, thing.image, to_texture(thing.field, y))
+    return both[:3] + both[3:] * c

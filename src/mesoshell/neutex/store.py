@@ -1,0 +1,114 @@
+"""A captured object on disk: its networks, its box, and where its photographs were taken from (floor 4).
+
+Alphabet
+PATH.npz    arrays by their place in Field, slash-joined (sigma/hidden/0/kernel), and manifest.json; readable with NumPy alone
+world       of the capture: x = centre + half · y
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.archive import read_arrays, read_heads, write_arrays
+from mesoshell.io.records import parsed
+from mesoshell.nets.encoding import HashConfig
+from mesoshell.neutex.cameras import Photo
+from mesoshell.neutex.field import Field, FieldConfig, init_field
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Captured:
+    """photos: of the views, as learned from; tested: which of them were held out."""
+
+    config: FieldConfig
+    field: Field
+    centre: Float[np.ndarray, "3"]
+    half: float
+    photos: tuple[Photo, ...]
+    tested: tuple[int, ...]
+    provenance: dict[str, Any]
+
+    def to_box(self, photo: Photo) -> Photo:
+        """The same camera in the box's units."""
+        m = photo.to_world.copy()
+        m[:3, 3] = (m[:3, 3] - self.centre) / self.half
+        return photo._replace(to_world=m)
+
+
+def write_captured(path: Path, captured: Captured) -> None:
+    """Raises InputError if the file cannot be written."""
+    about = {
+        "schema": SCHEMA,
+        "kind": "captured object",
+        "config": asdict(captured.config),
+        "centre": captured.centre.tolist(),
+        "half": captured.half,
+        "photos": [{**p._asdict(), "to_world": p.to_world.tolist()} for p in captured.photos],
+        "tested": captured.tested,
+        "provenance": captured.provenance,
+    }
+    arrays = {"manifest.json": np.frombuffer(json.dumps(about).encode(), np.uint8)}
+    write_arrays(path, arrays | {k: np.asarray(x, np.float32) for k, x in _named(captured.field).items()})
+
+
+def read_captured(path: Path) -> Captured:
+    """Raises InputError if the file is none, or does not hold what it says."""
+    heads = read_heads(path)
+    if "manifest.json" not in heads:
+        raise InputError(path, "is no captured object: it has no manifest.json")
+    try:
+        about = parsed(path, read_arrays(path, ["manifest.json"])["manifest.json"].tobytes(), "manifest.json is ")
+        if about["kind"] != "captured object" or about["schema"] != SCHEMA:
+            raise InputError(
+                path, f"is no captured object of schema {SCHEMA}, but {about['kind']} of {about['schema']}"
+            )
+        config = _config(about["config"])
+        template = jax.eval_shape(lambda: init_field(config, jax.random.key(0)))
+        photos = tuple(_photo(p) for p in about["photos"])
+        centre, half = np.array(about["centre"], np.float64).reshape(3), float(about["half"])
+        tested, provenance = tuple(map(int, about["tested"])), dict(about["provenance"])
+        if not (np.isfinite(centre).all() and 0 < half < np.inf and all(0 <= i < len(photos) for i in tested)):
+            raise ValueError(f"its box is about {centre} with half a side of {half}, its held views are {tested}")
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, ZeroDivisionError) as error:
+        raise InputError(path, f"is no captured object: {error}") from None
+    named = _named(template)
+    for key, wanted in named.items():
+        head = heads.get(key)
+        if head is None or head[0] != wanted.shape or head[1] != np.float32:
+            said = f"{head[0]} of {head[1]}" if head else "missing"
+            raise InputError(path, f"{key} is {said}, not {wanted.shape} of float32")
+    arrays = read_arrays(path, named)
+    leaves = [jnp.asarray(arrays[key]) for key in named]
+    if not all(np.isfinite(x).all() for x in leaves):
+        raise InputError(path, "has weights that are not finite")
+    field = jax.tree.unflatten(jax.tree.structure(template), leaves)
+    return Captured(config, field, centre, half, photos, tested, provenance)
+
+
+def _named(field: Field) -> dict[str, Any]:
+    return {
+        "/".join(str(getattr(k, "name", getattr(k, "idx", k))) for k in path): leaf
+        for path, leaf in jax.tree_util.tree_leaves_with_path(field)
+    }
+
+
+def _config(entries: dict[str, Any]) -> FieldConfig:
+    lists = {k: tuple(x) if isinstance(x, list) else x for k, x in entries.items()}
+    return FieldConfig(**{**lists, "hash": HashConfig(**entries["hash"])})
+
+
+def _photo(entries: dict[str, Any]) -> Photo:
+    m = np.array(entries["to_world"], np.float64).reshape(4, 4)
+    fx, fy, cx, cy = (float(x) for x in entries["lens"])
+    return Photo(m, (fx, fy, cx, cy), int(entries["width"]), int(entries["height"]))

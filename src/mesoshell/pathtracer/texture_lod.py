@@ -1,0 +1,94 @@
+"""How fine a texture the cameras of a scene can see.
+
+Alphabet
+ṙ           deviation of a pixel's cone at distance 1: half its radius
+d           least distance from a camera to a prism, world
+s           greatest world length of a patch on a prism, over directions of (u, v)
+needed      s / (2 ṙ d) texels a patch: there a texel is as wide as the footprint's ±1 deviation, and finer levels are not read
+coarsest    2 ṙ D n / s, with the greatest distance D and the least s, at n texels a patch: a footprint's ±1 deviation in texels
+
+What is seen by way of something else has come farther, so its footprints are wider. (A lens or a concave mirror that
+magnifies is not thought of.)
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from mesoshell.pathtracer.render_context import RADIUS
+from mesoshell.shell.geometry.extrude import Shell
+
+#: Where in the picture cones are measured, as shares of its sides: the narrowest are in the corners.
+_PLACES = (0.0, 0.5, 1.0)
+#: Cameras whose rays all come from about one point.
+PINHOLES = ("PerspectiveCamera", "ThinLensCamera")
+
+
+def texels_needed(sensors: list[mi.Sensor], shells: list[Shell], most: int) -> int:
+    """Texels a patch, `most` or a half, a quarter, ... of it, that the nearest view of any of the shells calls for."""
+    if any(s.class_name() not in PINHOLES for s in sensors):
+        return most
+    needed = max((_needed(sensor, shell) for sensor in sensors for shell in shells), default=float(most))
+    while most > 1 and needed <= most / 2:
+        most //= 2
+    return most
+
+
+def coarsest(sensors: list[mi.Sensor], shells: list[Shell], texels: list[float]) -> float:
+    """The widest that a camera's own footprints can be on any of the shells, in texels; texels: of each, a patch."""
+    if any(s.class_name() not in PINHOLES for s in sensors):
+        return np.inf
+    seen = ((sensor, shell, n) for sensor in sensors for shell, n in zip(shells, texels, strict=True))
+    return max((_widest(sensor, shell) * n for sensor, shell, n in seen), default=0.0)
+
+
+def eye_of(sensor: mi.Sensor) -> Float[np.ndarray, "3"]:
+    return np.array(sensor.world_transform().matrix)[:3, 3].ravel()
+
+
+def _needed(sensor: mi.Sensor, shell: Shell) -> float:
+    base = shell.base.astype(np.float64)[shell.faces]
+    eyes = np.broadcast_to(eye_of(sensor), (len(base), 3))
+    away = np.linalg.norm(trimesh.triangles.closest_point(base, eyes) - eyes, axis=1)
+    away = away - np.linalg.norm(shell.offset[shell.faces], axis=-1).max(axis=1)
+    if (away <= 0).any():
+        return np.inf
+    return float((_patch_length(shell, base) / (2 * _spread(sensor) * away)).max())
+
+
+def _widest(sensor: mi.Sensor, shell: Shell) -> float:
+    """Patches."""
+    base = shell.base.astype(np.float64)[shell.faces]
+    far = np.linalg.norm(base + shell.offset[shell.faces] - eye_of(sensor), axis=-1).max()
+    length = _patch_length(shell, base, -2)
+    return float(2 * _spread(sensor, np.max) * far / length[length > 0].min(initial=np.inf))
+
+
+def _patch_length(shell: Shell, base: np.ndarray, order: int = 2) -> np.ndarray:
+    """s of each prism: the greatest singular value of ∂P/∂(u, v), or the least (order −2), at the base or at the top, whichever
+    is larger."""
+    uv = shell.uv.astype(np.float64)
+    across = np.stack([uv[:, 0] - uv[:, 2], uv[:, 1] - uv[:, 2]], axis=-1)
+    lengths = []
+    for corners in (base, base + shell.offset[shell.faces]):
+        edges = np.stack([corners[:, 0] - corners[:, 2], corners[:, 1] - corners[:, 2]], axis=-1)
+        flat = np.abs(np.linalg.det(across)) < 1e-30
+        lengths.append(
+            np.linalg.norm(edges @ np.linalg.inv(np.where(flat[:, None, None], np.eye(2), across)), order, (1, 2))
+        )
+    return np.maximum(*lengths)
+
+
+def _spread(sensor: mi.Sensor, which: Callable = np.min) -> float:
+    """ṙ, the least over the picture, or the greatest."""
+    places = np.stack(np.meshgrid(_PLACES, _PLACES)).reshape(2, -1)
+    count = places.shape[1]
+    time: Any = dr.full(mi.Float, float(sensor.shutter_open()), count)
+    wavelength: Any = dr.full(mi.Float, 0.5, count)
+    rays, _ = sensor.sample_ray_differential(time, wavelength, mi.Point2f(places), mi.Point2f(0.5))
+    return float(which(np.array(dr.norm(rays.d_x - rays.d)))) * RADIUS / 2

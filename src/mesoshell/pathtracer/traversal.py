@@ -1,0 +1,147 @@
+"""A ray's way through all shells, one prism at a time (shell/geometry/tracer, as a state machine a lane).
+
+Alphabet
+o, d        ray origin and unit direction, float64                                (3,), world
+t           distance from o                                                       world
+tmax        where the ray meets a surface of the scene                            world
+start       what lies before it is not the ray's, or has been walked              world
+
+A ray in free space asks the boundary what comes next. It enters a shell through the top from outside, through the base from
+behind, or through a border's side; it leaves through them the other way. (A border is met as the tetrahedron around its
+bilinear side: the exact side decides.) If it leaves, it began inside: walk back to where it began, then forward. If it enters,
+it may have begun inside all the same, where shells overlap: it did if, further on, it leaves more often than it enters. That
+is counted, but for rays that are known to begin outside; and if so, the places where it leaves are searched for the one from
+which a walk back comes to where it began. A ray that is known to begin outside, and leaves, has come in at an edge that
+rounding has hidden: it is walked back to there.
+
+A walk that has left the shell returns the ray to free space. Where two visits overlap, the later one begins where the earlier
+one ended. So density is never counted twice, and pieces come in the order of the ray.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.prism import LOST, TOP, WALKING, Piece, Place, enter, owner, step
+
+FREE, COUNT, SEARCH, BACK, FORWARD, OVER = 0, 1, 2, 3, 4, 5
+#: Step past a boundary before free space begins again, relative to the scene's size.
+ADVANCE = 2e-6
+#: A ray along a post goes round it through every prism there without getting on, and one along a side to and fro. After so
+#: many it has lost its way, and free space begins again.
+MOST_STUCK = 64
+
+
+@dataclass
+class Walker:
+    """Where a ray stands. sure: it is outside at `start`; at: where the boundary is asked from; depth: how often it has entered
+    since `start`; stuck: how many prisms it has crossed without getting on."""
+
+    mode: mi.UInt32
+    start: mi.Float64
+    sure: mi.Bool
+    at: mi.Float64
+    depth: mi.UInt32
+    place: Place
+    stuck: mi.UInt32
+
+
+def nowhere() -> Place:
+    return Place(mi.UInt32(0), mi.Float64(0), mi.Float64(0), mi.Vector2d(0), mi.Float64(0), mi.UInt32(LOST))
+
+
+def no_piece() -> Piece:
+    zero, none = mi.Float64(0), mi.Vector2d(0)
+    return Piece(mi.UInt32(0), zero, mi.Float64(0), none, mi.Vector2d(0), mi.Float64(0), mi.Float64(0))
+
+
+def at_start(start, outside) -> Walker:
+    """A ray that begins in free space; outside: it is known to be so."""
+    none = dr.zeros(mi.UInt32, dr.width(start))
+    return Walker(none + FREE, mi.Float64(start), mi.Bool(outside), mi.Float64(start), none + 0, nowhere(), none + 0)
+
+
+@dr.syntax
+def advance(shells, o, d, tmax, w):
+    """One move: the boundary is asked, or one prism crossed. Returns the walker, a piece, and whether there is one."""
+    piece, found = no_piece(), mi.Bool(False)
+    if w.mode <= SEARCH:
+        w = _ask(shells, o, d, tmax, w)
+    elif w.mode != OVER:
+        w, piece, found = _cross(shells, o, d, tmax, w)
+    return w, piece, found
+
+
+def _ask(shells, o, d, tmax, w: Walker) -> Walker:
+    """From free space: what the boundary says."""
+    x = o + w.at * d
+    met = shells.scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(x - shells.centre), mi.Vector3f(d)))
+    hit = met.is_valid()
+    triangle = dr.select(hit, met.prim_index, 0)
+    normal = dr.gather(mi.Vector3d, shells.normal, triangle)
+    slope = dr.dot(normal, d)
+    exact = dr.dot(normal, dr.gather(mi.Vector3d, shells.point, triangle) - x) / dr.select(slope == 0, 1, slope)
+    rough = mi.Float64(met.t)
+    close = (slope != 0) & (dr.abs(exact - rough) < 1e-3 * (shells.size + rough))
+    t = w.at + dr.maximum(dr.select(close, exact, rough), 0)
+    code, prism = dr.gather(mi.UInt32, shells.code, triangle), dr.gather(mi.UInt32, shells.prism, triangle)
+    border, against = code < TOP, slope < 0
+    prism = owner(shells, o, d, prism, code, hit & ~border)
+    ahead, behind = enter(shells, o, d, prism, code), enter(shells, o, -d, prism, code)
+    cap_in = dr.select(code == TOP, against, ~against)
+    enters = hit & (ahead.exit == WALKING) & dr.select(border, ahead.t > w.at, cap_in)
+    leaves = hit & (behind.exit == WALKING) & dr.select(border, -behind.t > w.at, ~cap_in)
+    out = leaves & (~enters | (-behind.t < ahead.t))  # of a border's two crossings the nearer one
+    into = enters & ~out
+    free, counting, searching = w.mode == FREE, w.mode == COUNT, w.mode == SEARCH
+    back = out & (free | searching)
+    forward = into & free & w.sure
+    count = (into & free & ~w.sure) | (counting & hit & ~(out & (w.depth == 0)))
+    search = (counting & out & (w.depth == 0)) | (searching & hit & ~back)
+    settled = (counting | searching) & ~hit
+    mode = dr.select(count, mi.UInt32(COUNT), dr.select(search, mi.UInt32(SEARCH), mi.UInt32(FREE)))
+    mode = dr.select(back, mi.UInt32(BACK), dr.select(forward, mi.UInt32(FORWARD), mode))
+    mode = dr.select((free & ~hit) | (forward & (ahead.t >= tmax)), mi.UInt32(OVER), mode)
+    event = dr.maximum(t, dr.select(into, ahead.t, dr.select(out, -behind.t, t)))
+    event = dr.select(settled | (counting & search), w.start, event)
+    on = event + ADVANCE * (shells.size + event)
+    start = dr.select((mode == FREE) & ~settled, on, w.start)  # what was met there was nothing
+    depth = dr.select(into, w.depth + 1, dr.select(out & (w.depth > 0), w.depth - 1, w.depth))
+    return Walker(
+        mode, start, w.sure | settled, on, dr.select(count, depth, 0), dr.select(back, behind, ahead), mi.UInt32(0)
+    )
+
+
+def _cross(shells, o, d, tmax, w: Walker):
+    """One prism, forward or back."""
+    back = w.mode == BACK
+    after, piece = step(shells, o, dr.select(back, -d, d), w.place)
+    stuck = dr.select(after.t > w.place.t, 0, w.stuck + 1)
+    after.exit = dr.select(stuck < MOST_STUCK, after.exit, LOST)
+    # back: the prism's far end is where the ray enters it
+    there, ended, lost = -after.t <= w.start, after.exit != WALKING, after.exit == LOST
+    reached = back & ~lost & dr.select(w.sure, ended & ~there, there)
+    nothing = back & w.sure & ~reached & (ended | there)
+    entry = Place(piece.prism, -piece.t1, after.slack, piece.bary1, piece.h1, mi.UInt32(WALKING))
+    left = ~back & (after.exit != WALKING)
+    over = ~back & (after.t >= tmax)
+    elsewhere = back & ~w.sure & ~reached & ended
+    end = dr.select((after.exit != LOST) & (after.t > w.start), after.t, w.at)  # without progress, past what was met
+    mode = dr.select(reached, mi.UInt32(FORWARD), dr.select(elsewhere, mi.UInt32(SEARCH), w.mode))
+    mode = dr.select(over, mi.UInt32(OVER), dr.select(left | nothing, mi.UInt32(FREE), mode))
+    found, piece = _cut(piece, w.start, tmax)
+    place = dr.select(reached, entry, after)
+    start = dr.select(left, end, w.start)
+    at = dr.select(left, dr.maximum(end + ADVANCE * (shells.size + end), w.at), w.at)
+    return Walker(mode, start, w.sure & ~left, at, w.depth, place, stuck), piece, found & ~back
+
+
+def _cut(i: Piece, begin, end):
+    """The part of a piece between begin and end, λ and h interpolated there; and whether there is one."""
+    t0, t1 = dr.maximum(i.t0, begin), dr.minimum(i.t1, end)
+    some = t1 > t0
+    length = dr.select(some, i.t1 - i.t0, 1)
+    a, b = (t0 - i.t0) / length, (t1 - i.t0) / length
+    bary0, bary1 = (1 - a) * i.bary0 + a * i.bary1, (1 - b) * i.bary0 + b * i.bary1
+    return some, Piece(i.prism, t0, t1, bary0, bary1, (1 - a) * i.h0 + a * i.h1, (1 - b) * i.h0 + b * i.h1)

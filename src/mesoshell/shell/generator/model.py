@@ -1,0 +1,108 @@
+"""A generator in a bundle, and a texture's own numbers: latent, phases and height feature from a seed and parameters.
+
+Alphabet
+seed        of a material: z, and the phases φ of all Fourier maps, follow from it
+β           geometry parameters, normalised to [0, 1]                             (G,), or (P, Q, G) on nodes
+w           mapping(z, β)                                                          (1, W), or (1, P, Q, W) on nodes
+
+The weights' names in a bundle are their places in the pytrees: generator/layers/0/weight is Generator.layers[0].weight.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Bundle
+from mesoshell.shell.generator.generator import (
+    Averages,
+    Generator,
+    Phases,
+    draw_phases,
+    init_averages,
+    init_generator,
+    map_latent,
+)
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.material.decoder import Decoder
+from mesoshell.shell.render.scene import decoder_of
+from mesoshell.typing import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Maker:
+    """All that makes a material: the generator with its averages, the decoder, and octaves of its height encoding."""
+
+    config: GeneratorConfig
+    generator: Generator
+    averages: Averages
+    decoder: Decoder
+    octaves: int
+
+
+class Grown(NamedTuple):
+    """A texture before it is synthesised: what its seed and parameters stand for. w: on nodes if geometry varies."""
+
+    w: Float[Array, "1 *nodes W"]
+    phases: Phases
+
+
+def generator_arrays(generator: Generator, averages: Averages) -> dict[str, np.ndarray]:
+    """The bundle's arrays of a generator."""
+    return {name: np.asarray(x, np.float32) for name, x in _named((generator, averages)).items()}
+
+
+def generator_fields(config: GeneratorConfig) -> dict[str, Any]:
+    """The bundle's field `generator`."""
+    return asdict(config)
+
+
+def maker_of(bundle: Bundle, name: str) -> Maker:
+    """The generator of a bundle. Raises InputError, about `name`, if it has none or its weights do not fit."""
+    if bundle.generator is None:
+        raise InputError(name, "holds one texture and no generator; another seed, extent or geometry cannot be had")
+    try:
+        config = GeneratorConfig(**bundle.generator)
+        like = jax.eval_shape(lambda: (init_generator(config, jax.random.key(0)), init_averages(config)))
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError) as error:
+        raise InputError(name, f"manifest.json: generator is no configuration of ours: {error}") from error
+    named = _named(like)
+    for key, expected in named.items():
+        if key not in bundle.arrays:
+            raise InputError(name, f"array {key} is missing")
+        if bundle.arrays[key].shape != expected.shape:
+            raise InputError(name, f"array {key} has shape {bundle.arrays[key].shape}; expected {expected.shape}")
+    for key in bundle.arrays:
+        if key.startswith("generator/") and key not in named:
+            raise InputError(name, f"unexpected array {key!r}")
+        if key.startswith("generator/magnitude/") and not bundle.arrays[key] > 0:
+            raise InputError(name, f"array {key} is {bundle.arrays[key]}; a mean square is above 0")
+    if (config.texels, config.channels) != (bundle.texel_density, bundle.channels):
+        raise InputError(name, "manifest.json: the generator's texels or channels are not the material's")
+    leaves = [jnp.asarray(bundle.arrays[key], jnp.float32) for key in named]
+    generator, averages = jax.tree.unflatten(jax.tree.structure(like), leaves)
+    return Maker(config, generator, averages, decoder_of(bundle.arrays), bundle.height_octaves)
+
+
+def grown(maker: Maker, seed: int, beta: Float[np.ndarray, "*nodes G"]) -> Grown:
+    """The latent and the phases of a seed."""
+    k = jax.random.split(jax.random.key(seed))
+    z = jax.random.normal(k[0], (1, maker.config.z), jnp.float32)
+    rows = jnp.asarray(beta, jnp.float32).reshape(math.prod(beta.shape[:-1]), beta.shape[-1])
+    w = map_latent(maker.generator, jnp.broadcast_to(z, (len(rows), maker.config.z)), rows)
+    return Grown(w.reshape(1, *beta.shape[:-1], w.shape[-1]), draw_phases(maker.config, k[1], 1))
+
+
+def _named(trees: tuple[Any, Any]) -> dict[str, Any]:
+    """Leaves by name, in the order of flattening."""
+    leaves = jax.tree_util.tree_leaves_with_path(trees)
+    return {f"generator/{'/'.join(_step(s) for s in path[1:])}": leaf for path, leaf in leaves}
+
+
+def _step(step: Any) -> str:
+    return str(getattr(step, "name", getattr(step, "idx", "")))

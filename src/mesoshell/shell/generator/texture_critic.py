@@ -1,0 +1,98 @@
+"""Is a texture's neighbourhood one that was fitted? A discriminator of what train/textures/critic_view sees, a logit a patch.
+
+Alphabet
+y        what is seen of a texture, channels of unit variance                     (B, S, S, I)
+β        geometry parameters                                                      (B, G)
+D        logits, greater for exemplars: one for each place of a grid              (B, s, s)
+
+Five convolutions without padding, so that a logit depends on what lies in its window alone: 3 × 3, three of 4 × 4 with
+stride 2, 3 × 3. The last also sees the deviation over the batch. β enters by projection, as discriminator.py's label does.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from mesoshell.nets.mlp import Dense
+from mesoshell.shell.generator.discriminator import Conv
+from mesoshell.shell.generator.generator import in_turns
+from mesoshell.typing import Array, Float, Key
+
+#: (side of the kernel, stride, width over the first's) of each convolution.
+_LAYERS = ((3, 1, 1.0), (4, 2, 1.5), (4, 2, 2.0), (4, 2, 2.0), (3, 1, 2.0))
+
+
+@dataclass(frozen=True)
+class CriticConfig:
+    """inputs: I; width: channels of the first convolution; betas: G."""
+
+    inputs: int
+    width: int = 64
+    betas: int = 0
+
+
+def grid_side(side: int) -> int:
+    """How many logits there are along a side of S texels; none if S is less than a window."""
+    for k, stride, _ in _LAYERS:
+        side = max(0, side - k + stride) // stride
+    return side
+
+
+class Critic(NamedTuple):
+    """What is learned. embed: of β, if there is one."""
+
+    convs: list[Conv]
+    out: Dense
+    embed: list[Dense]
+
+
+def init_critic(config: CriticConfig, key: Key[Array, ""]) -> Critic:
+    """Unit normal weights, zero biases."""
+    keys = iter(jax.random.split(key, 16))
+    convs, inputs = [], config.inputs
+    for i, (k, _, wide) in enumerate(_LAYERS):
+        outputs = round(config.width * wide)
+        inputs += i == len(_LAYERS) - 1
+        weight = jax.random.normal(next(keys), (k, k, inputs, outputs), jnp.float32)
+        convs.append(Conv(weight, jnp.zeros(outputs, jnp.float32)))
+        inputs = outputs
+
+    def dense(inputs: int, outputs: int) -> Dense:
+        return Dense(jax.random.normal(next(keys), (inputs, outputs), jnp.float32), jnp.zeros(outputs, jnp.float32))
+
+    embed = [dense(3 * config.betas, config.width), dense(config.width, inputs)] if config.betas else []
+    return Critic(convs, dense(inputs, 1), embed)
+
+
+def criticise(
+    critic: Critic,
+    y: Float[Array, "B S S I"],
+    beta: Float[Array, "B G"],
+    everyone: Callable[[Array], tuple[Array, Array]] | None = None,
+) -> Float[Array, "B s s"]:
+    """D. everyone: as shell/generator/discriminator has it."""
+    x = y
+    for i, (layer, (k, stride, _)) in enumerate(zip(critic.convs, _LAYERS, strict=True)):
+        if i == len(_LAYERS) - 1:
+            spread = jnp.mean(jnp.sqrt(jnp.var(x if everyone is None else everyone(x)[0], axis=0) + 1e-6))
+            x = jnp.concatenate([x, jnp.broadcast_to(spread, (*x.shape[:3], 1))], axis=-1)
+        weight = layer.weight / (k * k * x.shape[-1]) ** 0.5
+        where = ("NHWC", "HWIO", "NHWC")
+        x = jax.lax.conv_general_dilated(
+            x, weight, (stride, stride), "VALID", dimension_numbers=where, precision="highest"
+        )
+        x = jax.nn.leaky_relu(x + layer.bias[None, None, None], 0.2) * 2**0.5
+    if not critic.embed:
+        return _dense(critic.out, x)[..., 0]
+    about = jax.nn.leaky_relu(_dense(critic.embed[0], in_turns(beta)), 0.2) * 2**0.5
+    about = _dense(critic.embed[1], about)
+    about = about * jax.lax.rsqrt(jnp.mean(about**2, axis=1, keepdims=True) + 1e-8)
+    return _dense(critic.out, x)[..., 0] + jnp.mean(x * about[:, None, None], axis=-1) * x.shape[-1] ** 0.5
+
+
+def _dense(layer: Dense, x: Float[Array, "*B I"]) -> Float[Array, "*B O"]:
+    kernel = layer.kernel / layer.kernel.shape[0] ** 0.5
+    return jnp.matmul(x, kernel, precision="highest") + layer.bias[(None,) * (x.ndim - 1)]

@@ -1,0 +1,116 @@
+"""A material grown for a surface: one texture over all of its chart, from a seed and parameters (floor 4).
+
+Alphabet
+uv          texture coordinates of the shell's corners, in patches: any range
+origin      (u, v) of the texture's first texel: whole patches below the least uv
+β           geometry parameters, normalised; a field of one is its value at each place, as (u, v) ↦ β
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.io.bundle import Bundle
+from mesoshell.io.material import normalised
+from mesoshell.shell.generator.bake import Share, bake
+from mesoshell.shell.generator.model import grown, maker_of
+from mesoshell.shell.generator.nodes import count_nodes
+from mesoshell.shell.geometry.chart import cells, fits, patches_of
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a texture is asked to be. values: of parameters, in their units; fields: of geometry parameters that vary, from
+    (…, 2) coordinates in patches to (…) values in [0, 1]; coarser: how many of the finest levels are left out."""
+
+    seed: int = 0
+    values: dict[str, float] = field(default_factory=dict)
+    fields: dict[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
+    coarser: int = 0
+
+
+def grow(
+    bundle: Bundle,
+    name: str,
+    uv: Float[np.ndarray, "P 3 2"],
+    wanted: Wanted,
+    progress: Callable[[float], None] = lambda share: None,
+) -> tuple[Bundle, tuple[int, int]]:
+    """The bundle with a texture that covers the surface, and its origin (u, v).
+
+    Raises InputError, about `name`, if there is no generator, or the texture would not fit in memory.
+    """
+    texels = int(bundle.texel_density)
+    low, high = cells(uv)
+    across, along = (int(n) for n in high.max(axis=0) - low.min(axis=0) + 1)
+    if not fits((along, across), texels, bundle.channels):
+        raise InputError(Argument("scale"), f"the mesh would carry {across} × {along} patches: give larger ones")
+    origin, needed = patches_of(uv)
+    size = needed.shape[0] * texels, needed.shape[1] * texels
+    moved = {key: lambda at, f=f: f(at + np.array(origin)) for key, f in wanted.fields.items()}
+    found, share = baked(bundle, name, size, replace(wanted, fields=moved), needed, progress)
+    return replace(found, provenance=found.provenance | share._asdict()), origin
+
+
+def baked(
+    bundle: Bundle,
+    name: str,
+    size: tuple[int, int],
+    wanted: Wanted,
+    needed: Bool[np.ndarray, "P Q"] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+    allocate: Callable[[str, tuple[int, ...]], np.ndarray] | None = None,
+) -> tuple[Bundle, Share]:
+    """The bundle with a texture of `size` texels (V, U) in place of its generator; its defaults are the given values."""
+    maker = maker_of(bundle, name)
+    if maker.config.planes > 1:
+        raise InputError(name, "has three planes a patch, which end at its sides: no texture can be made of them")
+    beta = _geometry(bundle, wanted, count_nodes(size, maker.config.texels))
+    arrays = {key: array for key, array in bundle.arrays.items() if key.startswith(("decoder/", "sigma_scale"))}
+
+    def in_memory(key: str, shape: tuple[int, ...]) -> np.ndarray:
+        return np.zeros(shape, np.float16)
+
+    def keep(key: str, shape: tuple[int, ...]) -> np.ndarray:
+        arrays[key] = (allocate or in_memory)(key, shape)
+        return arrays[key]
+
+    share = bake(maker, grown(maker, wanted.seed, beta), size, keep, needed, progress, wanted.coarser)
+    parameters = tuple(replace(p, default=float(wanted.values.get(p.name, p.default))) for p in bundle.parameters)
+    density = bundle.texel_density / 2**wanted.coarser
+    made = replace(
+        bundle, arrays=arrays, generator=None, twin=None, wraps=False, parameters=parameters, texel_density=density
+    )
+    return replace(made, provenance=bundle.provenance | {"seed": wanted.seed, "varies": sorted(wanted.fields)}), share
+
+
+def _geometry(bundle: Bundle, wanted: Wanted, nodes: tuple[int, int]) -> Float[np.ndarray, "*nodes G"]:
+    """β everywhere; or at each corner of the texture's patches, if a field has it vary."""
+    same = normalised(bundle, wanted.values, "beta")
+    if not wanted.fields:
+        return same
+    varying = np.broadcast_to(same, (*nodes, len(same))).copy()
+    at = np.stack(np.meshgrid(np.arange(nodes[1]), np.arange(nodes[0])), axis=-1).astype(np.float64)
+    names = [p.name for p in bundle.parameters if p.role == "beta"]
+    for name, values in wanted.fields.items():
+        varying[..., names.index(name)] = values(at)
+    return varying
+
+
+def field_of(
+    image: Float[np.ndarray, "H W"], square: tuple[float, float], repeats: bool
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The nearest pixel of an image that lies over `square` patches along (u, v), its last row at v = 0; outside, the image
+    again or its edge."""
+    shape = np.array(image.shape[::-1])
+
+    def value(at: np.ndarray) -> np.ndarray:
+        uv = at / np.array(square)
+        uv = uv - np.floor(uv) if repeats else np.clip(uv, 0, 1)
+        column, row = np.moveaxis(np.minimum((uv * shape).astype(int), shape - 1), -1, 0)
+        return image[::-1][row, column]
+
+    return value

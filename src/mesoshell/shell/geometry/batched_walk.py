@@ -1,0 +1,164 @@
+"""Walks of many rays through the shell: compiled in chunks, doubtful ones repeated in float64.
+
+A *visit* is one stay of a ray in the shell, from the face where it enters to the face where it leaves.
+
+The compiled program takes CAPACITY rays at most and serves any number below: it works through them in chunks of CHUNK
+rays that advance in lock-step, STEPS prisms at most, and stops a chunk when all its rays have left. Rays that need more
+go on in the next call, packed together, so a few long grazing rays do not hold the others up.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mesoshell.shell.geometry.march import LOST, WALKING, Place, Prisms, Ray, enter, walk
+from mesoshell.typing import Array
+
+CAPACITY, CHUNK, STEPS = 4096, 128, 16
+#: Prisms after which a walk is given up as lost: only a shell of NaNs can need as many.
+LONGEST = 4096
+
+
+class Intervals(NamedTuple):
+    """Intervals of many rays. ray: index of the ray; λ (bary) and h at both ends; t from each ray's origin."""
+
+    ray: Int[np.ndarray, "I"]
+    prism: Int[np.ndarray, "I"]
+    t0: Float[np.ndarray, "I"]
+    t1: Float[np.ndarray, "I"]
+    bary0: Float[np.ndarray, "I 2"]
+    bary1: Float[np.ndarray, "I 2"]
+    h0: Float[np.ndarray, "I"]
+    h1: Float[np.ndarray, "I"]
+
+
+class Visits(NamedTuple):
+    """One visit a ray: its intervals, the code of the face it left through (LOST: it met no prism), and where.
+
+    doubt: a decision lay within its rounding error. t, prism, bary: the place of leaving.
+    """
+
+    intervals: Intervals
+    left: Int[np.ndarray, "R"]
+    t: Float[np.ndarray, "R"]
+    prism: Int[np.ndarray, "R"]
+    bary: Float[np.ndarray, "R 2"]
+    doubt: Bool[np.ndarray, "R"]
+
+
+class Starts(NamedTuple):
+    """Rays that are about to enter: a point on each ray near its entry (float64), direction, prism, code of the face."""
+
+    point: Float[np.ndarray, "R 3"]
+    direction: Float[np.ndarray, "R 3"]
+    prism: Int[np.ndarray, "R"]
+    code: Int[np.ndarray, "R"]
+
+
+def visit(prisms: Prisms, starts: Starts, exact: bool = False) -> tuple[Visits, int]:
+    """All visits, and how many of them were repeated in float64. exact: compute every one in float64."""
+    if exact:
+        with jax.enable_x64(True):
+            return _visit(prisms, starts, np.float64), len(starts.code)
+    first = _visit(prisms, starts, np.float32)
+    again = np.flatnonzero(first.doubt)
+    if not len(again):
+        return first, 0
+    with jax.enable_x64(True):
+        second = _visit(prisms, Starts(*(x[again] for x in starts)), np.float64)
+    kept = ~first.doubt[first.intervals.ray]
+    moved = second.intervals._replace(ray=again[second.intervals.ray])
+    intervals = Intervals(
+        *(np.concatenate([a[kept], b.astype(a.dtype)]) for a, b in zip(first.intervals, moved, strict=True))
+    )
+    ends = []
+    for a, b in zip(first[1:], second[1:], strict=True):
+        a = a.copy()
+        a[again] = b
+        ends.append(a)
+    return Visits(intervals, *ends), len(again)
+
+
+def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
+    """Visits in one precision, in batches of at most CAPACITY rays that are still walking."""
+    count = len(starts.code)
+    near = starts.point.astype(np.float32)
+    parts: Any = (near, starts.point - near.astype(np.float64), starts.direction)
+    rays = Ray(*(x.astype(dtype) for x in parts))
+    capacity = CAPACITY if dtype is np.float32 else CHUNK
+    place = _in_batches(lambda r, p, c: _begin(prisms, r, p, c), count, (rays, starts.prism, starts.code), capacity)
+    found: list[Intervals] = []
+    for _ in range(0, LONGEST, STEPS):
+        walking = np.flatnonzero(place.exit == WALKING)
+        if not len(walking):
+            break
+        for part in np.split(walking, range(capacity, len(walking), capacity)):
+            n = len(part)
+            some: Any = jax.tree.map(lambda x, part=part: _padded(x[part], capacity), (rays, place))
+            after, rows, used = jax.tree.map(np.asarray, _advance(prisms, *some, np.int32(n)))
+            for whole, new in zip(place, after, strict=True):
+                whole[part] = new[:n]
+            valid = np.arange(STEPS)[:, None] < used[None, :n]
+            found.append(_compact(rows, valid, part))
+    place.exit[place.exit == WALKING] = LOST
+    intervals = Intervals(*(np.concatenate(c) for c in zip(*found, strict=True))) if found else no_intervals()
+    return Visits(intervals, place.exit, place.t, place.prism, place.bary, place.doubt)
+
+
+def _compact(rows: tuple, valid: Bool[np.ndarray, "S n"], part: Int[np.ndarray, "n"]) -> Intervals:
+    """Rows (STEPS, CAPACITY) of a call to a flat list, in order of steps."""
+    prism, t0, t1, bary0, h0, bary1, h1 = (x[:, : valid.shape[1]][valid] for x in rows)
+    ray = np.broadcast_to(part, valid.shape)[valid]
+    return Intervals(ray, prism, t0, t1, bary0, bary1, h0, h1)
+
+
+def _in_batches(function: Callable, count: int, arrays: tuple, capacity: int) -> Any:
+    """`function` on padded batches, its results concatenated and cut to `count` writable rows."""
+    parts = []
+    for i in range(0, max(count, 1), capacity):
+        some = jax.tree.map(lambda x, i=i: _padded(x[i : i + capacity], capacity), arrays)
+        parts.append(jax.tree.map(np.asarray, function(*some)))
+    return jax.tree.map(lambda *x: np.concatenate(x)[:count].copy(), *parts)
+
+
+def _padded(x: np.ndarray, rows: int) -> np.ndarray:
+    return np.concatenate([x, np.zeros((rows - len(x), *x.shape[1:]), x.dtype)]) if len(x) < rows else x
+
+
+def no_intervals() -> Intervals:
+    none, pair, index = np.zeros(0, np.float32), np.zeros((0, 2), np.float32), np.zeros(0, np.int32)
+    return Intervals(index, index, none, none, pair, pair, none, none)
+
+
+@jax.jit
+def _begin(prisms: Prisms, rays: Ray, prism: Array, code: Array) -> Place:
+    return jax.vmap(enter, in_axes=(None, 0, 0, 0))(prisms, rays, prism, code)
+
+
+@jax.jit
+def _advance(prisms: Prisms, rays: Ray, place: Place, count: Array) -> tuple:
+    """`walk` on the first `count` rays, a chunk at a time."""
+    length = place.t.shape[0]
+    chunk = min(CHUNK, length)
+    part = jax.eval_shape(lambda r, p: walk(prisms, r, p, STEPS), *_slice((rays, place), 0, chunk))
+    rows = jax.tree.map(lambda s: jnp.zeros((STEPS, length, *s.shape[2:]), s.dtype), part[1])
+
+    def body(i: Array, carry: tuple) -> tuple:
+        place, rows, used = carry
+        begin = i * chunk
+        some, at = _slice((rays, place), begin, chunk)
+        after, new, steps = walk(prisms, some, at, STEPS)
+        place = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 0), place, after)
+        rows = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 1), rows, new)
+        return place, rows, jax.lax.dynamic_update_slice_in_dim(used, steps, begin, 0)
+
+    begin: Any = (place, rows, jnp.zeros(length, jnp.int32))
+    return jax.lax.fori_loop(0, (count + chunk - 1) // chunk, body, begin)
+
+
+def _slice(tree: tuple, begin: Array | int, size: int) -> tuple:
+    return jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, begin, size), tree)

@@ -1,0 +1,113 @@
+"""A material as a field in the shell: density first, then transport for each light (MesoGAN, section 4.2).
+
+Alphabet
+ξ           (u, v, h), u and v in patches                                    (3,), canonical
+r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
+F           F(u, v) + F(h), each filtered                                     (C,)
+α           appearance parameters, normalised                                 (A,)
+σ, ρ        extinction and transport function
+ω, ω′       toward the viewer, toward the light                               (3,), canonical
+
+A `Field` is a pair of pure functions of one point, so that renderers and tests take any medium, not only neural ones.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.decoder import Decoder
+from mesoshell.shell.material.triplane import lookup_planes
+from mesoshell.texture import mip
+from mesoshell.texture.mip import Pyramid, Sizes
+from mesoshell.typing import Array, Float, Scalar, Vec2, Vec3
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves, whether the
+    texture has edges or is one patch that wraps around, the (u, v) at which one with edges begins, in whole patches, and how
+    many cells there are along (v, u) if each has three planes of its own (shell/material/triplane) in place of one texture.
+    nodes: how many there are along (v, u) if F(h) varies over the texture (shell/generator/nodes)."""
+
+    sizes: Sizes
+    height_sizes: Sizes
+    texel_density: float
+    octaves: int
+    open: bool = False
+    origin: tuple[int, int] = (0, 0)
+    cells: tuple[int, int] | None = None
+    nodes: tuple[int, int] | None = None
+
+
+class Material(NamedTuple):
+    """Arrays of a neural material: feature pyramid, height pyramid and decoder."""
+
+    texture: Pyramid
+    height: Pyramid
+    decoder: Decoder
+
+
+class Point(NamedTuple):
+    """Where the field is asked: ξ, the filter there, and the appearance parameters."""
+
+    xi: Vec3
+    radius: Scalar
+    height_deviation: Scalar
+    alpha: Float[Array, "A"]
+
+
+class Field(NamedTuple):
+    """density: Point → (σ, features). transport: (features, ω, ω′) → ρ."""
+
+    density: Callable[[Point], tuple[Scalar, Float[Array, "W"]]]
+    transport: Callable[[Float[Array, "W"], Vec3, Vec3], Vec3]
+
+
+def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"]:
+    """What the decoder sees of a point: filtered F(u, v) + F(h), encoded height, α."""
+    encoded = net.encode_height(point.xi[2], layout.octaves)
+    if layout.cells is not None:
+        where = point.xi, point.radius, point.height_deviation
+        return jnp.concatenate(
+            [lookup_planes(material.texture, layout.sizes, layout.cells, *where), encoded, point.alpha]
+        )
+    level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
+    rows = float(layout.height_sizes[0][0])
+    level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
+    density = layout.texel_density if layout.open else None
+    uv = point.xi[:2] - jnp.array(layout.origin, point.xi.dtype) if layout.open else point.xi[:2]
+    plane = mip.lookup(material.texture, layout.sizes, uv, level, density)
+    if layout.nodes is None:
+        profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
+    else:
+        profile = _between_nodes(material.height, layout, layout.nodes, uv, (point.xi[2], level_h))
+    return jnp.concatenate([plane + profile, encoded, point.alpha])
+
+
+def _between_nodes(
+    pyramid: Pyramid, layout: Layout, nodes: tuple[int, int], uv: Vec2, at: tuple[Scalar, Scalar]
+) -> Float[Array, "C"]:
+    """F(h) at (u, v), from those of the four nodes around it. at: h and level."""
+    rows = sum(h for h, _ in layout.height_sizes)
+    first = jnp.clip(jnp.floor(uv), 0, jnp.array(nodes[::-1], uv.dtype) - 2)
+    fu, fv = jnp.clip(uv - first, 0, 1)
+    u, v = first.astype(jnp.int32)
+    corners = (((v + j) * nodes[1] + u + i) * rows for j in (0, 1) for i in (0, 1))
+    found = jnp.stack([mip.lookup_height(pyramid, layout.height_sizes, *at, first=row) for row in corners])
+    share = jnp.stack([(1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu])
+    return jnp.matmul(share, found, precision="highest")
+
+
+def neural_field(material: Material, layout: Layout) -> Field:
+    """The field of a neural material."""
+
+    def density(point: Point) -> tuple[Scalar, Float[Array, "W"]]:
+        return net.trunk(material.decoder, inputs(material, layout, point))
+
+    def transport(found: Float[Array, "W"], w: Vec3, w_light: Vec3) -> Vec3:
+        return net.head(material.decoder, net.toward_viewer(material.decoder, found, w), w_light)
+
+    return Field(density, transport)

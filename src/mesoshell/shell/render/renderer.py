@@ -1,0 +1,241 @@
+"""Render a scene: trace, sample, skip, decode front to back, light, composite.
+
+Alphabet
+R, I, S     rays, intervals, samples of one tile of rays
+τ, T, w     optical depth of a sample, transmittance before it, its weight T (1 − e^{−τ})
+ρ           transport; a sample adds w ρ E⊥ for each light that its interval sees
+
+Work is compacted at every stage: rays that meet nothing make no intervals, samples in empty space (by the bundle's σ grid)
+are not decoded, rays whose transmittance has fallen below `early_stop` get no further wave of samples, and light is
+computed only for samples whose weight exceeds `Quality.least_weight`. Image tiles bound the memory, whatever the image's size.
+"""
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.nets.batches import CAPACITY, batches, pad, run
+from mesoshell.render.camera import pixel_grid, pixel_radius, rays
+from mesoshell.render.effects import Effects
+from mesoshell.render.light import lookup
+from mesoshell.render.quality import Quality
+from mesoshell.shell.geometry.batched_walk import Intervals
+from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, Spread, spread
+from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.shell.render import kernels
+from mesoshell.shell.render.kernels import Program, Samples, Table
+from mesoshell.shell.render.lighting import Lighting, Shaded, Tile
+from mesoshell.shell.render.scene import Scene
+
+#: Rays of a tile of the image; samples a ray and wave.
+RAYS, WAVE = 32768, 8
+
+
+@dataclass
+class Report:
+    """Seconds by stage and counts of a render. Tiles run on several threads: a stage's seconds are summed over them, so
+    only `wall` compares with a clock."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def time(self, stage: str, since: float) -> float:
+        now = time.perf_counter()
+        with self.lock:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
+        return now
+
+    def count(self, **more: int) -> None:
+        with self.lock:
+            for name, value in more.items():
+                self.counts[name] = self.counts.get(name, 0) + int(value)
+
+
+def render(
+    scene: Scene, quality: Quality, effects: Effects, progress: Callable[[float], None] = lambda share: None
+) -> tuple[Float[np.ndarray, "H W 4"], Report]:
+    """Linear RGBA, premultiplied, (H, W, 4), and what it took. progress: called with the share done, 0 to 1.
+
+    The picture does not depend on the number of threads: each tile draws its random numbers from its own seed.
+    """
+    report, begin = Report(), time.perf_counter()
+    camera = scene.camera
+    renderer = _Renderer(scene, quality, effects, report)
+    pixels = camera.height * camera.width
+    work = [(k, i) for k in range(quality.pixel_samples) for i in range(0, pixels, RAYS)]
+    image = np.zeros((pixels, 4))
+
+    def one(item: tuple[int, int]) -> tuple[int, np.ndarray]:
+        k, first = item
+        xy = pixel_grid(camera, quality.pixel_samples, k, slice(first, first + RAYS))
+        o, d = rays(camera, xy)
+        directions = d.astype(np.float32).astype(np.float64)
+        shift = (k + 0.5) / quality.pixel_samples
+        return first, renderer.tile(np.ascontiguousarray(o), directions, shift, np.random.default_rng(item))
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for done, (first, rgba) in enumerate(pool.map(one, work), start=1):
+            image[first : first + len(rgba)] += rgba
+            progress(done / len(work))
+    report.time("wall", begin)
+    image /= quality.pixel_samples
+    return image.reshape(camera.height, camera.width, 4), report
+
+
+class _Renderer:
+    """A scene's tables, ready for tiles of rays."""
+
+    def __init__(self, scene: Scene, quality: Quality, effects: Effects, report: Report):
+        begin = time.perf_counter()
+        self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
+        shell, ready = scene.shell, scene.ready
+        self.boundary = Boundary(shell, scene.mesh.faces, others=_soup(scene))
+        varying = (
+            tuple(i for i, n in enumerate(ready.names) if n in scene.maps) if effects.varying_parameters.on else ()
+        )
+        self.program = Program(
+            ready.layout,
+            ready.grid_shapes,
+            effects.filtering.on,
+            quality.anisotropy if effects.anisotropic_filtering.on else 1,
+            quality.coordinates == "exact",
+            varying,
+        )
+        maps = [scene.maps[ready.names[i]] for i in varying]
+        self.table = Table(
+            Chart(self.boundary.prisms.corners, jnp.asarray(shell.uv.reshape(-1, 6))),
+            ready.material,
+            ready.grid,
+            jnp.asarray(scene.alpha, jnp.float32),
+            jnp.asarray(np.stack(maps) if maps else np.zeros((0, 1, 1)), jnp.float32),
+            jnp.asarray(scene.patches_per_uv, jnp.float32),
+            jnp.asarray(pixel_radius(scene.camera.spread), jnp.float32),
+        )
+        self.lighting = Lighting(scene, quality, effects, self.boundary, self.program, self.table, report)
+        report.time("prepare", begin)
+
+    def tile(
+        self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], shift: float, random: np.random.Generator
+    ) -> Float[np.ndarray, "R 4"]:
+        """Premultiplied RGBA of rays. shift: of their samples; the rays of a pixel have theirs at other places."""
+        clock = time.perf_counter()
+        traced = self.boundary.trace(o, d)
+        clock = self.report.time("trace", clock)
+        self.report.count(rays=len(o), visits=traced.walked, visits_in_float64=traced.redone)
+        i = traced.intervals
+        self.report.count(intervals=len(i.ray))
+        pieces, at = self.frames(i, o, d)
+        plan = spread(i, np.asarray(at.length)[: len(i.ray)], self.quality.samples, self.quality.spacing, shift)
+        samples, ray = self.candidates(i, plan, pieces, at)
+        self.report.time("sample", clock)
+        lit = Tile(o, d, self.lighting.beams(len(o), random))
+        depth, shaded = self.march(samples, ray, pieces, at, lit)
+        rgb = self.lighting.shell(lit, i, shaded, at)
+        through = np.exp(-depth)
+        solid = np.isfinite(traced.end)
+        rgb += through[:, None] * self.lighting.surfaces(lit, traced, through)
+        clock = time.perf_counter()
+        alpha = np.where(solid, 1.0, 1 - through)
+        if self.effects.background.on and self.scene.environment is not None:
+            rgb += (through * ~solid)[:, None] * lookup(self.scene.environment, d)
+            alpha = np.ones(len(o))
+        self.report.time("composite", clock)
+        return np.concatenate([rgb, alpha[:, None]], axis=1)
+
+    def frames(self, i: Intervals, o: np.ndarray, d: np.ndarray) -> tuple[Piece, Frame]:
+        """Rows of the intervals, padded to a power of two, and their canonical frames."""
+        capacity = 1 << max(12, int(len(i.ray) - 1).bit_length())
+        start = o[i.ray] + i.t0[:, None] * d[i.ray]
+        rows = (
+            i.prism,
+            np.stack([i.t0, i.t1], axis=1),
+            np.stack([i.bary0, i.bary1], axis=1),
+            np.stack([i.h0, i.h1], axis=1),
+            start,
+            d[i.ray],
+        )
+        padded = Piece(*(jnp.asarray(pad(x if k == 0 else x.astype(np.float32), capacity)) for k, x in enumerate(rows)))
+        return padded, kernels.frames(self.table.chart, padded, np.int32(len(i.ray)))
+
+    def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:
+        return lambda *a: kernel(self.program, self.table, pieces, at, Samples(*a[:-1]), a[-1])
+
+    def candidates(self, i: Intervals, plan: Spread, pieces: Piece, at: Frame) -> tuple[Samples, np.ndarray]:
+        """Samples that may hold something, sorted by ray and distance, and the ray of each."""
+        row = np.repeat(np.arange(len(i.ray), dtype=np.int32), plan.count)
+        within = np.arange(len(row)) - np.repeat(np.cumsum(plan.count) - plan.count, plan.count)
+        length = np.maximum(np.asarray(at.length)[: len(i.ray)], np.finfo(np.float32).tiny)
+        f = ((within + plan.first[row] + plan.shift) * plan.step[row] - plan.begin[row]) / length[row]
+        share = np.minimum(plan.step / length, 1.0)
+        step = plan.step.astype(np.float32)[row]
+        s = Samples(row, np.clip(f, 0, 1).astype(np.float32), share.astype(np.float32)[row], step)
+        self.report.count(samples=len(row))
+        if self.quality.skip > 0:
+            bounds = run(self._kernel(kernels.depth_bounds, pieces, at), *s)
+            length = np.bincount(i.ray[row], step)
+            s = take(s, np.flatnonzero(bounds * length[i.ray[row]] > self.quality.skip * step))
+        return s, i.ray[s.row]
+
+    def march(
+        self, samples: Samples, ray: np.ndarray, pieces: Piece, at: Frame, tile: Tile
+    ) -> tuple[np.ndarray, Shaded]:
+        """Decode samples wave by wave, front to back. Returns the rays' optical depths and the samples to light."""
+        clock = time.perf_counter()
+        depth = np.zeros(len(tile.o))
+        rank = np.arange(len(ray)) - np.searchsorted(ray, ray)
+        stop = -np.log(self.quality.early_stop) if self.quality.early_stop > 0 else np.inf
+        density = self._kernel(kernels.density, pieces, at)
+        none = np.zeros(0, np.int32)
+        nothing = np.zeros(0)
+        parts = [Shaded(none, nothing, none, nothing, np.zeros((0, len(tile.beams), 3), np.float32))]
+        for wave in range(0, int(rank.max(initial=-1)) + 1, WAVE):
+            chosen = np.flatnonzero((rank >= wave) & (rank < wave + WAVE) & (depth[ray] < stop))
+            if not len(chosen):
+                break
+            some, owner = take(samples, chosen), ray[chosen]
+            found = batches(density, *some)
+            tau = np.concatenate([np.asarray(x) for x, _ in found])[: len(chosen)]
+            clock = self.report.time("decode", clock)
+            weight, depth = accumulate(depth, owner, tau)
+            heavy = np.flatnonzero(weight > self.quality.least_weight)
+            edges = np.searchsorted(heavy, np.arange(len(found) + 1) * CAPACITY)
+            for k, (_, features) in enumerate(found):
+                own = heavy[edges[k] : edges[k + 1]]
+                if len(own) and tile.beams:
+                    rho = self.lighting.transport(
+                        tile, features, own - k * CAPACITY, some.row[own], owner[own], pieces, at
+                    )
+                    parts.append(Shaded(some.row[own], some.f[own], owner[own], weight[own], rho))
+            clock = self.report.time("transport", clock)
+            self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
+        return depth, Shaded(*(np.concatenate(c) for c in zip(*parts, strict=True)))
+
+
+def accumulate(
+    depth: Float[np.ndarray, "R"], owner: np.ndarray, tau: Float[np.ndarray, "S"]
+) -> tuple[Float[np.ndarray, "S"], Float[np.ndarray, "R"]]:
+    """Weights of samples sorted by ray and distance, given each ray's depth so far; and the depths after them."""
+    capped = np.minimum(tau, 1e3).astype(np.float64)  # opaque already: more would only cost the next rays' digits
+    through = np.cumsum(capped)
+    first = np.searchsorted(owner, owner)  # index of the ray's first sample here
+    before = depth[owner] + (through - capped) - (through[first] - capped[first])
+    after = depth + np.bincount(owner, tau, len(depth))
+    return np.exp(-before) * -np.expm1(-tau.astype(np.float64)), after
+
+
+def take(s: Samples, index: np.ndarray) -> Samples:
+    return Samples(*(x[index] for x in s))
+
+
+def _soup(scene: Scene) -> np.ndarray:
+    """Triangles of the other objects, (F, 3, 3)."""
+    parts = [m.vertices[m.faces] for m in scene.objects]
+    return np.concatenate(parts) if parts else np.zeros((0, 3, 3), np.float32)

@@ -1,0 +1,95 @@
+"""What rays meet on a mesh that wears a surface material, in the material's terms (surface_material/tables).
+
+Rays pass through the surface from within: what a material is seen by lies outside.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from jaxtyping import Bool, Float, Int
+
+from mesoshell.geometry.curvature import lookup
+from mesoshell.surface_material.tables import LEAST, Wear
+
+#: Step past a surface, relative to the scene's size.
+ADVANCE = 2e-6
+
+
+class Hits(NamedTuple):
+    """What rays meet first. face: −1 for nothing; front: from outside; bary: of the face's first two corners."""
+
+    t: Float[np.ndarray, "R"]
+    face: Int[np.ndarray, "R"]
+    front: Bool[np.ndarray, "R"]
+    bary: Float[np.ndarray, "R 3"]
+
+
+class Local(NamedTuple):
+    """Queries without light: u in periods, radius, ω and κ; and the axes (t, b, n) as rows."""
+
+    u: Float[np.ndarray, "H 2"]
+    radius: Float[np.ndarray, "H"]
+    w: Float[np.ndarray, "H 3"]
+    kappa: Float[np.ndarray, "H"]
+    axes: Float[np.ndarray, "H 3 3"]
+
+
+class Dressed:
+    """A mesh ready to be met. others: triangles of further objects, numbered after the mesh's faces."""
+
+    def __init__(self, worn: Wear, others: Float[np.ndarray, "N 3 3"]):
+        mesh = worn.mesh
+        self.worn, self.count = worn, len(mesh.faces)
+        self.corners = np.concatenate([mesh.vertices[mesh.faces].astype(np.float64), others])
+        self.normal = _unit(np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]))
+        self.size = float(np.ptp(self.corners.reshape(-1, 3), axis=0).max())
+        self.centre = self.corners.mean(axis=(0, 1))  # Embree works in float32: keep its numbers small
+        self.scene = EmbreeScene()
+        TriangleMesh(self.scene, np.ascontiguousarray(self.corners - self.centre, np.float32))
+
+    def meet(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> Hits:
+        """The nearest triangle of each ray, from either side."""
+        found = self.scene.run((o - self.centre).astype(np.float32), d.astype(np.float32), output=True)
+        face = np.where(found["geomID"] < 0, -1, found["primID"]).astype(np.int64)
+        u, v = (found[k].astype(np.float64) for k in ("u", "v"))
+        bary = np.stack([1 - u - v, u, v], axis=1)
+        return Hits(found["tfar"].astype(np.float64), face, _dot(self.normal[face], d) < 0, bary)
+
+    def queries(
+        self, hits: Hits, rows: Int[np.ndarray, "H"], d: Float[np.ndarray, "H 3"], cone: Float[np.ndarray, "H"]
+    ) -> Local:
+        """What hits ask of the material. d: directions of the rays that met them; cone: standard deviation of each ray's
+        footprint across it, world."""
+        worn, mesh = self.worn, self.worn.mesh
+        face, bary = hits.face[rows], hits.bary[rows]
+        n = _unit(np.einsum("hk,hki->hi", bary, mesh.normals[mesh.faces[face]].astype(np.float64)))
+        t = worn.along_u[face] - _dot(worn.along_u[face], n)[:, None] * n
+        t = _unit(np.where(_dot(t, t)[:, None] > 1e-24, t, np.cross(n, _least(n))))
+        b = np.cross(n, t)
+        b = np.where(_dot(b, worn.along_v[face])[:, None] < 0, -b, b)
+        axes = np.stack([t, b, n], axis=1)
+        w = -np.einsum("hij,hj->hi", axes, d)
+        w[:, 2] = np.maximum(w[:, 2], LEAST)
+        u = np.einsum("hk,hkc->hc", bary, worn.uv[face])
+        kappa = lookup(worn.table, mesh.faces[face], bary, d) * worn.period
+        return Local(u % 1.0, cone / worn.period, _unit(w), kappa, axes)
+
+    def facing(self, hits: Hits, rows: Int[np.ndarray, "H"], d: Float[np.ndarray, "H 3"]) -> np.ndarray:
+        """Normals of faces that rays met, against the ray."""
+        normal = self.normal[hits.face[rows]]
+        return np.where(_dot(normal, d)[:, None] > 0, -normal, normal)
+
+
+def _least(n: np.ndarray) -> np.ndarray:
+    """The axis that each vector has least of."""
+    return np.eye(3)[np.abs(n).argmin(axis=1)]
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    return x / np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-30)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("ij,ij->i", a, b)

@@ -1,0 +1,256 @@
+"""Pictures of a mesh that wears a surface material: one query a hit, in the place of a march.
+
+Alphabet
+α, ρ         opacity and reflectance of a hit (surface_material/network)
+T            what comes through the hits before
+L, E         a light's direction and irradiance on the plane facing it                                       (render/light)
+V            what comes through the material on the way to a light, from the hit on
+
+A ray adds T α Σ ρ E V at each hit from outside, goes on with T (1 − α), and passes from within. A light below the horizon of a
+hit leaves the body through its other side first, which does not stop it: that there is a body in its way ρ knows.
+"""
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.geometry.enclosure import enclosure
+from mesoshell.geometry.mesh import is_convex
+from mesoshell.nets.batches import run
+from mesoshell.nets.mlp import in_tiles
+from mesoshell.render.camera import pixel_grid, pixel_radius, rays
+from mesoshell.render.effects import SURFACE, Effects, plan_effects
+from mesoshell.render.facts import Facts
+from mesoshell.render.light import Beam, beams, lookup
+from mesoshell.render.quality import Quality
+from mesoshell.surface_material.intersector import ADVANCE, Dressed, Hits, Local
+from mesoshell.surface_material.loader import Ready
+from mesoshell.surface_material.network import Place, SurfaceConfig, Tables, reflectance, seen
+from mesoshell.surface_material.scene import SurfaceDescription
+from mesoshell.surface_material.tables import wear
+from mesoshell.typing import Array
+
+#: Rays of a tile of the picture; surfaces that a ray, or a shadow, passes at most: those that would pass more are counted.
+RAYS, MOST = 32768, 1024
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceScene(SurfaceDescription):
+    """What is rendered, with what."""
+
+    ready: Ready
+
+
+def facts(scene: SurfaceScene) -> Facts:
+    """What the effects are planned from."""
+    convex = is_convex(scene.mesh)
+    return Facts(
+        surfaces=1,
+        objects=len(scene.objects),
+        distant=len(scene.lights),
+        environment=scene.environment is not None,
+        seen=not scene.transparent,
+        convex=convex,
+        enclosed=0.0 if convex and not scene.objects else enclosure([scene.mesh, *scene.objects]),
+        passable=scene.ready.config.opacity != "none",
+    )
+
+
+def plan(scene: SurfaceScene, quality: Quality) -> Effects:
+    """Decide each effect."""
+    return plan_effects(facts(scene), quality, SURFACE)
+
+
+@dataclass
+class Report:
+    """Seconds by stage, summed over threads but for `wall`, and counts. notes: what the user should know."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def add(self, stage: str, since: float, **counts: int) -> None:
+        with self.lock:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - since
+            for name, value in counts.items():
+                self.counts[name] = self.counts.get(name, 0) + value
+
+
+def render(
+    scene: SurfaceScene,
+    quality: Quality,
+    effects: Effects,
+    progress: Callable[[float], None] = lambda share: None,
+) -> tuple[Float[np.ndarray, "H W 4"], Report]:
+    """Linear RGBA, premultiplied, and what it took. progress: called with the share done, 0 to 1."""
+    report, begin = Report(), time.perf_counter()
+    camera = scene.camera
+    others = [m.vertices[m.faces].astype(np.float64) for m in scene.objects]
+    dressed = Dressed(wear(scene.mesh, scene.period, quality), np.concatenate([np.zeros((0, 3, 3)), *others]))
+    report.notes = dressed.worn.notes(scene.ready.curvature)
+    report.add("prepare", begin)
+    pixels = camera.height * camera.width
+    work = [(k, i) for k in range(quality.pixel_samples) for i in range(0, pixels, RAYS)]
+    image = np.zeros((pixels, 4))
+
+    def one(item: tuple[int, int]) -> tuple[int, np.ndarray]:
+        k, first = item
+        o, d = rays(camera, pixel_grid(camera, quality.pixel_samples, k, slice(first, first + RAYS)))
+        tile = _Tile(scene, dressed, quality, effects, report)
+        return first, tile.rgba(np.ascontiguousarray(o), d, np.random.default_rng(item))
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for done, (first, rgba) in enumerate(pool.map(one, work), start=1):
+            image[first : first + len(rgba)] += rgba
+            progress(done / len(work))
+    report.add("wall", begin)
+    if cut := report.counts.get("cut_short"):
+        report.notes += (f"{cut} rays and shadows passed {MOST} surfaces, and what lies behind these was left out",)
+    return (image / quality.pixel_samples).reshape(camera.height, camera.width, 4), report
+
+
+class _Tile:
+    """Rays that are rendered together."""
+
+    def __init__(self, scene, dressed: Dressed, quality: Quality, effects: Effects, report: Report):
+        self.scene, self.dressed, self.quality, self.effects, self.report = scene, dressed, quality, effects, report
+        self.spread = pixel_radius(scene.camera.spread) / 2
+
+    def rgba(self, o: np.ndarray, d: np.ndarray, random: np.random.Generator) -> Float[np.ndarray, "R 4"]:
+        """Premultiplied."""
+        count = len(o)
+        sky = self.scene.environment if self.effects.environment.on else None
+        lights = beams(self.scene.lights, sky, self.quality.environment_samples, count, random)
+        rgb, through, start = np.zeros((count, 3)), np.ones(count), np.zeros(count)
+        alive = np.arange(count)
+        for _ in range(MOST):
+            clock = time.perf_counter()
+            hits = self.dressed.meet(o[alive] + start[alive, None] * d[alive], d[alive])
+            self.report.add("trace", clock, rays=len(alive))
+            met = hits.face >= 0
+            start[alive] += np.where(met, hits.t + ADVANCE * (self.dressed.size + hits.t), 0)
+            ours = np.flatnonzero(met & hits.front & (hits.face < self.dressed.count))
+            other = np.flatnonzero(hits.face >= self.dressed.count)
+            for rows, shade in ((ours, self._material), (other, self._diffuse)):
+                ray = alive[rows]
+                alpha, light = shade(hits, rows, (o[ray], d[ray], start[ray]), _some(lights, ray))
+                rgb[ray] += (through[ray] * alpha)[:, None] * light
+                through[ray] *= 1 - alpha
+            alive = alive[met & (through[alive] > self.quality.early_stop)]
+            if not len(alive):
+                break
+        self.report.add("trace", time.perf_counter(), cut_short=len(alive))
+        alpha = 1 - through
+        if self.effects.background.on and self.scene.environment is not None:
+            rgb += through[:, None] * lookup(self.scene.environment, d)
+            alpha = np.ones(count)
+        return np.concatenate([rgb, alpha[:, None]], axis=1)
+
+    def _material(self, hits: Hits, rows: np.ndarray, ray: tuple, lights: list[Beam]) -> tuple[np.ndarray, np.ndarray]:
+        """α of hits and what they reflect."""
+        o, d, t = ray
+        clock = time.perf_counter()
+        local = self.dressed.queries(hits, rows, d, self.spread * t)
+        if not lights:
+            alpha = _opacity(self.scene.ready, local)
+            self.report.add("query", clock, queries=len(rows))
+            return alpha, np.zeros((len(rows), 3))
+        toward = [np.einsum("hij,hj->hi", local.axes, beam.toward) for beam in lights]
+        alpha, rho = _answered(self.scene.ready, local, np.stack(toward, axis=1))
+        normal = self.dressed.facing(hits, rows, d)
+        self.report.add("query", clock, queries=len(rows), transport_queries=len(rows) * len(lights))
+        out = np.zeros((len(rows), 3))
+        for k, beam in enumerate(lights):
+            out += rho[:, k] * beam.strength * self._visible(o, d, t, normal, beam.toward)[:, None]
+        return alpha, out
+
+    def _diffuse(self, hits: Hits, rows: np.ndarray, ray: tuple, lights: list[Beam]) -> tuple[np.ndarray, np.ndarray]:
+        """Other objects."""
+        o, d, t = ray
+        normal = self.dressed.facing(hits, rows, d)
+        out = np.zeros((len(rows), 3))
+        for beam in lights:
+            cosine = np.maximum(np.einsum("ij,ij->i", normal, beam.toward), 0)
+            seen = self._visible(o, d, t, normal, beam.toward)
+            out += (cosine * seen)[:, None] * beam.strength * np.asarray(self.scene.base_colour) / np.pi
+        return np.ones(len(rows)), out
+
+    def _visible(self, o, d, t, normal, toward) -> Float[np.ndarray, "H"]:
+        """V from hits at t toward a light. normal: of the face that was met: over the horizon of an interpolated one there is
+        light that has to come through the face itself."""
+        through = np.ones(len(t))
+        if not (self.effects.mesh_shadow.on or self.effects.object_shadow.on) or not len(t):
+            return through
+        clock = time.perf_counter()
+        away = 4 * ADVANCE * (self.dressed.size + t) * np.where(np.einsum("ij,ij->i", normal, toward) < 0, -1, 1)
+        x, start, alive = o + t[:, None] * d + away[:, None] * normal, np.zeros(len(t)), np.arange(len(t))
+        asked = 0
+        for _ in range(MOST):
+            hits = self.dressed.meet(x[alive] + start[alive, None] * toward[alive], toward[alive])
+            met = hits.face >= 0
+            start[alive] += np.where(met, hits.t + ADVANCE * (self.dressed.size + hits.t), 0)
+            through[alive[hits.face >= self.dressed.count]] = 0
+            rows = np.flatnonzero(met & hits.front & (hits.face < self.dressed.count))
+            ray = alive[rows]
+            if self.effects.opacity.on:
+                local = self.dressed.queries(hits, rows, toward[ray], self.spread * t[ray])
+                alpha = _opacity(self.scene.ready, local)
+                asked += len(rows)
+            else:
+                alpha = np.ones(len(rows))
+            through[ray] *= 1 - alpha
+            alive = alive[met & (through[alive] > self.quality.early_stop)]
+            if not len(alive):
+                break
+        self.report.add("shadow", clock, shadow_rays=len(t), opacity_queries=asked, cut_short=len(alive))
+        return through
+
+
+def _some(lights: list[Beam], rows: np.ndarray) -> list[Beam]:
+    return [Beam(beam.toward[rows], beam.strength[rows]) for beam in lights]
+
+
+def _opacity(ready: Ready, local: Local) -> Float[np.ndarray, "H"]:
+    """α."""
+    return run(lambda *x: _ask_opacity(ready.config, ready.table, x[:-1], x[-1]), *_rows(ready, local)).astype(
+        np.float64
+    )
+
+
+def _answered(ready: Ready, local: Local, light: Float[np.ndarray, "H L 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """α (H,) and ρ (H, L, 3); at least one light."""
+    rows = (*_rows(ready, local), light.astype(np.float32))
+    alpha, rho = run(lambda *x: _ask(ready.config, ready.table, x[:-1], x[-1]), *rows)
+    return alpha.astype(np.float64), rho.reshape(light.shape).astype(np.float64)
+
+
+def _rows(ready: Ready, local: Local) -> tuple[np.ndarray, ...]:
+    low, high = ready.curvature
+    kappa = (2 * np.clip(local.kappa, low, high) - low - high) / (high - low)
+    return tuple(np.asarray(x, np.float32) for x in (local.u, local.radius, local.w, kappa))
+
+
+@partial(jax.jit, static_argnums=0)
+def _ask_opacity(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> Array:
+    alpha = jax.vmap(lambda *x: seen(config, table, Place(*x)).alpha)
+    return in_tiles(lambda *x: (alpha(*x),), count, rows, ((0, jnp.float32),))[0]
+
+
+@partial(jax.jit, static_argnums=0)
+def _ask(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> tuple[Array, Array]:
+    def one(u: Array, radius: Array, w: Array, kappa: Array, light: Array) -> tuple[Array, Array]:
+        place = Place(u, radius, w, kappa)
+        found = seen(config, table, place)
+        return found.alpha, jax.vmap(lambda l: reflectance(config, table, place, found, l))(light).reshape(-1)
+
+    return in_tiles(jax.vmap(one), count, rows, ((0, jnp.float32), (3 * rows[-1].shape[1], jnp.float32)))

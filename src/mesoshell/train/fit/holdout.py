@@ -1,0 +1,111 @@
+"""How well a fit predicts images that it has not seen.
+
+Alphabet
+y           x / (1 + x) of radiance, and alpha: what is compared, peak 1
+foreground  pixels whose true alpha exceeds 0.5
+blocks      means over 4 × 4 pixels: how well the picture is right from afar
+"""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.measure.image import psnr, psnr_blocks, psnr_masked, ssim
+from mesoshell.shell.material.field import Material
+from mesoshell.train.fit.patch_rays import Rays, Shots, rays_at
+from mesoshell.train.fit.slab_pixels import predict
+from mesoshell.train.fit.step import FitConfig
+
+#: The material of each patch.
+Fitted = Callable[[int], Material]
+#: Rays a call, and candidate samples a ray: enough that more do not change the figures.
+_RAYS, _CANDIDATES = 1024, 96
+
+
+class Scores(NamedTuple):
+    """dB, except ssim and mean: predicted radiance of all pixels over the true, less 1. constant: foreground of the best single
+    colour in the true mask, the floor of the scale."""
+
+    foreground: float
+    alpha: float
+    blocks: float
+    ssim: float
+    constant: float
+    mean: float
+
+
+def score(config: FitConfig, shots: Shots, fitted: Fitted, folder: Path) -> tuple[Scores, Float[np.ndarray, "N H W 4"]]:
+    """Scores over all pictures of a dataset that were held out, and what is predicted of them, patch by patch."""
+    some = [(k, n) for k, n in held_pictures(shots) if shots.samples[n].file.is_relative_to(folder)]
+    found, true = (
+        np.stack(x) for x in zip(*(picture_pair(config, shots, fitted(k), k, n) for k, n in some), strict=True)
+    )
+    return compare(found, true), found
+
+
+def held_pictures(shots: Shots) -> list[tuple[int, int]]:
+    """(Patch, picture) of what was held out."""
+    found = (np.unique(np.searchsorted(shots.first, p, side="right") - 1) for p in shots.held)
+    return [(k, int(n)) for k, pictures in enumerate(found) for n in pictures]
+
+
+def picture_pair(
+    config: FitConfig, shots: Shots, material: Material, patch: int, n: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Picture n as fitted and as rendered, y of every pixel, (H, W, 4) each."""
+    pixels = np.arange(shots.first[n], shots.first[n + 1])
+    hits = np.intersect1d(pixels, np.concatenate([shots.learned[patch], shots.held[patch]]))
+    y = np.zeros((len(pixels), 4), np.float32)
+    y[hits - shots.first[n]] = predicted(config, shots, material, patch, hits)
+    width, height = shots.samples[n].size
+    return y.reshape(height, width, 4), shots.target(pixels).reshape(height, width, 4)
+
+
+def predicted(
+    config: FitConfig, shots: Shots, material: Material, patch: int, pixels: np.ndarray
+) -> Float[np.ndarray, "R 4"]:
+    """y of some pixels of a patch's pictures."""
+    out = np.zeros((len(pixels), 4), np.float32)
+    for begin in range(0, len(pixels), _RAYS):
+        some = pixels[begin : begin + _RAYS]
+        row = rays_at(shots, np.resize(some, _RAYS), patch, np.zeros(2, np.uint32))
+        out[begin : begin + _RAYS] = np.asarray(_row(config, material, row))[: len(some)]
+    return out
+
+
+@partial(jax.jit, static_argnums=0)
+def _row(config: FitConfig, material: Material, row: Rays) -> jax.Array:
+    everywhere, middle = jnp.full((1, 1, 1), jnp.inf), jnp.full((_RAYS, _CANDIDATES), 0.5)
+    return predict(config.layout, 1.0, material, row, everywhere, middle)[0]
+
+
+def compare(found: Float[np.ndarray, "N H W 4"], truth: Float[np.ndarray, "N H W 4"]) -> Scores:
+    """Scores of predicted y against true y."""
+    y, true = _tall(found), _tall(truth)
+    mask = true[..., 3] > 0.5
+    flat = np.broadcast_to(true[mask][:, :3].mean(axis=0), true[..., :3].shape).astype(np.float32)
+    return Scores(
+        foreground=psnr_masked(y[..., :3], true[..., :3], mask),
+        alpha=psnr(y[..., 3:], true[..., 3:]),
+        blocks=psnr_blocks(y[..., :3], true[..., :3], 4),
+        ssim=float(np.mean([ssim(a[..., :3], b[..., :3]) for a, b in zip(found, truth, strict=True)])),
+        constant=psnr_masked(flat, true[..., :3], mask),
+        mean=_radiance(y) / _radiance(true) - 1,
+    )
+
+
+def _tall(y: Float[np.ndarray, "N H W 4"]) -> Float[np.ndarray, "M W 4"]:
+    """All images one below the other."""
+    return y.reshape(-1, *y.shape[2:])
+
+
+def _radiance(y: Float[np.ndarray, "... 4"]) -> float:
+    """Of all pixels together."""
+    colour = y[..., :3].astype(np.float64)
+    return float((colour / (1 - colour)).sum())

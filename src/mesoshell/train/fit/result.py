@@ -1,0 +1,115 @@
+"""A fit from its numbers to what it leaves: a material, or textures of many patches, and how they score.
+
+sheet    predicted images side by side, as linear radiance over black
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.io.bundle import Bundle
+from mesoshell.io.dataset import Dataset
+from mesoshell.io.exemplars import Exemplars
+from mesoshell.io.names import distinct_names
+from mesoshell.limits import check_memory, check_seed
+from mesoshell.train.export import declared, to_bundle
+from mesoshell.train.fit.holdout import Scores, score
+from mesoshell.train.fit.patch_rays import Shots, shots_of
+from mesoshell.train.fit.snapshot import exemplars, provenance
+from mesoshell.train.fit.step import FitConfig, FitState, fitted, material_of
+from mesoshell.train.parallel import rows_of
+
+
+class Fitted(NamedTuple):
+    """made: a material of one patch, or textures of many; scores and sheets: by a dataset's folder."""
+
+    made: Bundle | Exemplars
+    scores: dict[Path, Scores]
+    sheets: dict[Path, Float[np.ndarray, "h w 3"]]
+
+
+def fit_config(
+    steps: int = 4000,
+    rays: int = 2048,
+    texels: int = 256,
+    width: int = 64,
+    held: int = 0,
+    decoder: str | None = None,
+    seed: int = 0,
+) -> FitConfig:
+    """steps: in all; rays: of a step; texels: along a patch's side, a power of two; width: of the decoder's layers; held:
+    images of each patch, the last ones, that are not learned from; decoder: a material or exemplars whose decoder is taken and
+    kept. Raises InputError for a number that is none of these, or more than memory holds."""
+    for name, value in (("steps", steps), ("rays", rays), ("width", width)):
+        if value < 1:
+            raise InputError(Argument(name), "must be at least 1")
+    if held < 0:
+        raise InputError(Argument("held"), "must be at least 0")
+    if texels < 1 or texels & (texels - 1):
+        raise InputError(Argument("texels"), f"{texels} is not a power of two")
+    check_seed(seed)
+    # with gradients and two moments: 32 channels with their coarser levels, and the decoder's layers
+    check_memory(Argument("texels"), f"a texture of {texels} texels a side", 4 * 4 * 43 * texels**2)
+    check_memory(Argument("width"), f"layers of {width} numbers", 4 * 4 * 5 * width**2)
+    check_memory(Argument("rays"), f"{rays} rays a step", 4 * rays * width)
+    rows = rows_of(rays)
+    return FitConfig(
+        texels=texels,
+        batch=rows,
+        rays=rays // rows,
+        steps=steps,
+        trunk=(width, width, width),
+        head=(width, width),
+        given=decoder or "",
+        held=held,
+        seed=seed,
+    )
+
+
+def shots_to_fit(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence[Dataset]) -> Shots:
+    """The pictures of datasets, and of those that only test. Raises InputError if they have too few rays for a step, or more
+    patches than memory holds."""
+    shots = shots_of(datasets, config.held, tests)
+    count, asked = sum(map(len, shots.learned)), config.rays * config.batch
+    if asked > count:
+        raise InputError(Argument("rays"), f"{asked} a step: the datasets have {count} that meet the box")
+    # a texture with its coarser levels, gradient and two moments, and what is kept of emptiness
+    patches = len(shots.learned)
+    check_memory(Argument("texels"), f"textures of {patches} patches", patches * (16 * 43 * config.texels**2 + 2**19))
+    return shots
+
+
+def conclude(
+    config: FitConfig, shots: Shots, state: FitState, datasets: Sequence[Dataset], tests: Sequence[Dataset]
+) -> Fitted:
+    """What a fit at its end leaves, scored on what was held out and on the tests."""
+    config, shots = fitted(config, shots)
+    scores, sheets = {}, {}
+    for dataset in [*(datasets if config.held else ()), *tests]:
+        scored, pictures = score(
+            config, shots, lambda k: material_of(state.common, state.own.feature[k]), dataset.folder
+        )
+        scores[dataset.folder], sheets[dataset.folder] = scored, _sheet(pictures)
+    names = distinct_names(list(scores))
+    tested = {n: {k: round(v, 3) for k, v in s._asdict().items()} for n, s in zip(names, scores.values(), strict=True)}
+    about: dict[str, Any] = provenance(config, shots, state) | {"test": tested}
+    if config.patches > 1:
+        return Fitted(exemplars(config, shots, state, about), scores, sheets)
+    parameters = declared(shots.manifest)
+    return Fitted(to_bundle(config, state.common, state.own.feature[0], parameters, about), scores, sheets)
+
+
+def _sheet(y: np.ndarray, columns: int = 6, most: int = 96) -> np.ndarray:
+    """Predicted images side by side, evenly chosen of many."""
+    y = y[np.unique(np.linspace(0, len(y) - 1, most).astype(int))]
+    n, h, w = y.shape[:3]
+    rows = -(-n // columns)
+    sheet = np.zeros((rows * h, columns * w, 3), np.float32)
+    for i in range(n):
+        r, c = divmod(i, columns)
+        sheet[r * h : (r + 1) * h, c * w : (c + 1) * w] = y[i, ..., :3]
+    return sheet

@@ -1,0 +1,70 @@
+"""What a fit keeps on the way: the textures that it has with their decoder, and pictures that it was not shown beside renders.
+
+sheet    a column a patch: its nearest held-out picture as fitted, over the render, as x / (1 + x)
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.checkout import commit
+from mesoshell.io.exemplars import Exemplars, write_exemplars
+from mesoshell.io.sheet import tiled
+from mesoshell.train.export import declared, decoder_arrays
+from mesoshell.train.fit.holdout import picture_pair
+from mesoshell.train.fit.patch_rays import Shots
+from mesoshell.train.fit.step import FitConfig, FitState, material_of
+
+COLUMNS = 12
+
+
+def provenance(config: FitConfig, shots: Shots, state: FitState) -> dict[str, Any]:
+    """Where what was fitted comes from."""
+    return {
+        "config": asdict(config),
+        "steps": int(state.step),
+        "commit": commit(),
+        "datasets": [*shots.origins],
+    }
+
+
+def exemplars(config: FitConfig, shots: Shots, state: FitState, about: dict[str, Any]) -> Exemplars:
+    """What was fitted, as it is written. about: its provenance."""
+    return Exemplars(
+        np.asarray(state.own.feature),
+        np.asarray(state.common.height)[:, 0],
+        shots.beta,
+        decoder_arrays(state.common.decoder),
+        config.octaves,
+        declared(shots.manifest),
+        about,
+    )
+
+
+def save(path: Path, config: FitConfig, shots: Shots, state: FitState) -> None:
+    write_exemplars(path, exemplars(config, shots, state, provenance(config, shots, state)))
+
+
+def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray, "h w 3"]:
+    """Up to COLUMNS patches, by pictures of the largest size; learned ones where none are held out."""
+    patches = np.unique(np.linspace(0, config.patches - 1, COLUMNS).round().astype(int))
+    pixels = [shots.held[k] if len(shots.held[k]) else shots.learned[k] for k in patches]
+    pictures = [np.unique(np.searchsorted(shots.first, p, side="right") - 1) for p in pixels]
+    size = min(max(shots.samples[i].size for i in n) for n in pictures)
+    pairs = []
+    for k, n in zip(patches, pictures, strict=True):
+        fit = [i for i in n if shots.samples[i].size == size] or list(n)
+        nearest = min(fit, key=lambda i: shots.samples[i].radius)
+        pairs.append(picture_pair(config, shots, material_of(state.common, state.own.feature[k]), int(k), int(nearest)))
+    pairs = [pair for pair in pairs if pair[0].shape == pairs[0][0].shape]
+    shown = np.stack([np.stack(side) for side in zip(*pairs, strict=True)]).reshape(-1, *pairs[0][0].shape)
+    return np.asarray(tiled(shown[..., :3], len(pairs)))
+
+
+def painter(config: FitConfig, path: Path) -> Callable[[Any], Any]:
+    raise InputError(path, "is of a fit, which scores its own held-out pictures")

@@ -1,0 +1,107 @@
+"""Pictures of random textures, and what the discriminator is told of a picture.
+
+Alphabet
+B            pictures a step; each row has a random key of its own, so that its numbers do not depend on where it is computed
+T            textures a step: `views` pictures, one after the other in the batch, look at the same one
+c            label: α, β (both in turns), direction to the camera from the box's centre, log of its distance, direction to the
+             light                                                                (B, L)
+each         how a function of one row is applied to all of them: at once, or in turn
+
+A texture costs four times what a picture of it costs, so that a second camera on it is cheap.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from mesoshell.shell.generator.generator import (
+    Averages,
+    Phases,
+    draw_phases,
+    in_turns,
+    map_latent,
+    synthesise,
+    synthesise_height,
+)
+from mesoshell.shell.material.field import inputs
+from mesoshell.train.gan.regularise import roughness
+from mesoshell.train.gan.state import Learner, TrainConfig
+from mesoshell.train.patch_renderer import View, material_of, take_picture
+from mesoshell.typing import Array, Float, Scalar
+
+
+class Shown(NamedTuple):
+    """Renders of a step with their labels, and the keys of as many generated pictures. image: linear RGBA.
+
+    NumPy arrays on the host, JAX arrays in a step."""
+
+    image: Any  # (B, S, S, 4)
+    alpha: Any  # (B, A)
+    beta: Any  # (B, G)
+    camera_to_world: Any  # (B, 4, 4)
+    light: Any  # (B, 3)
+    irradiance: Any  # (B, 3)
+    key: Any  # (B, 2), uint32
+
+
+class Seen(NamedTuple):
+    """What the generator's state averages: mean squares of its layers' inputs, mean of w. roughness: see regularise."""
+
+    magnitude: list[Scalar]
+    w: Float[Array, "W"]
+    roughness: Scalar
+
+
+def label(batch: Shown) -> Float[Array, "B L"]:
+    """c."""
+    toward = batch.camera_to_world[:, :3, 3] - 0.5
+    distance = jnp.sqrt(jnp.sum(toward**2, axis=1, keepdims=True))
+    about = in_turns(jnp.concatenate([batch.alpha, batch.beta], axis=1))
+    return jnp.concatenate([about, toward / distance, jnp.log(distance), batch.light], axis=1)
+
+
+def asked(config: TrainConfig, batch: Shown) -> Shown:
+    """What generated pictures are asked to be: a texture's parameters are those of the first of its views."""
+
+    def first(x: Array) -> Array:
+        return jnp.repeat(x[:: config.views], config.views, axis=0)
+
+    return batch._replace(alpha=first(batch.alpha), beta=first(batch.beta))
+
+
+def generate(
+    config: TrainConfig,
+    learner: Learner,
+    averages: Averages,
+    batch: Shown,
+    each: Callable[[Callable], Callable],
+    tile: tuple[int, int] = (0, 0),
+) -> tuple[Float[Array, "B S S 4"], Seen]:
+    """Pictures of fresh textures from the batch's cameras, lights and parameters (those of `asked`). tile: of the plane."""
+    keys = jax.vmap(lambda k: jax.random.split(k, 3))(jax.random.wrap_key_data(batch.key))
+    textures = keys[:: config.views]
+    dtype = batch.alpha.dtype
+    z = jax.vmap(lambda k: jax.random.normal(k, (config.generator.z,), jnp.float32))(textures[:, 0]).astype(dtype)
+    phases = jax.vmap(lambda k: draw_phases(config.generator, k, 1))(textures[:, 1])
+    phases = Phases(*jax.tree.map(lambda p: p[:, 0].astype(dtype), (phases.input, phases.layers)))
+    w = map_latent(learner.generator, z, batch.beta[:: config.views])
+    side = config.generator.texels
+    corner = jnp.array(tile, jnp.int32)
+    texture = synthesise(config.generator, learner.generator, averages, w, phases, corner, (side, side))
+    height = synthesise_height(config.generator, learner.generator, w)
+
+    def one(feature: Array, height: Array, view: View, key: Array) -> tuple[Array, Array]:
+        # one row for all rays: with one for each, thin layers turn into noise, and a generator learns to make do with that
+        jitter = jax.random.uniform(key, (1, config.picture.samples), jnp.float32).astype(dtype)
+        material = material_of(config.picture, feature, height, learner.decoder)
+        rough = roughness(config.picture, material, view.alpha, key) if config.density else jnp.zeros((), dtype)
+        see = partial(inputs, material, config.picture.layout)
+        return take_picture(config.picture, learner.decoder, see, view, jitter), rough
+
+    views = View(batch.camera_to_world, batch.light, batch.irradiance, batch.alpha)
+    feature, height = (jnp.repeat(x, config.views, axis=0) for x in (texture.feature, height))
+    pictures, rough = each(one)(feature, height, views, keys[:, 2])
+    return pictures, Seen(texture.magnitude, jax.lax.stop_gradient(jnp.mean(w, axis=0)), jnp.mean(rough))

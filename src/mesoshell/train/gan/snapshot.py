@@ -1,0 +1,108 @@
+"""What a GAN's run keeps on the way: the material of the averaged weights, and a sheet of pictures.
+
+Alphabet
+snapshot    a bundle that `mesoshell render` takes
+sheet       rows of six: near renders, pictures from far cameras, and from the near renders' cameras, one texture a column; and
+            beside them the first three features of 4 × 4 patches
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.io.bundle import read_bundle, write_bundle
+from mesoshell.io.checkout import commit
+from mesoshell.io.dataset import Dataset, origin
+from mesoshell.io.image import tonemap
+from mesoshell.io.sheet import tiled
+from mesoshell.shell.generator.generator import Averages, draw_phases, map_latent, synthesise
+from mesoshell.shell.generator.model import maker_of
+from mesoshell.train.curriculum import views_of
+from mesoshell.train.export import declared, generator_bundle
+from mesoshell.train.gan.generate import Shown, generate
+from mesoshell.train.gan.state import Learner, TrainConfig, TrainState
+from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.parallel import in_turn
+from mesoshell.typing import Array
+
+COLUMNS, EXTENT = 6, 4
+
+
+def save(path: Path, config: TrainConfig, dataset: Dataset, state: TrainState) -> None:
+    """The material of the averaged weights, as a bundle."""
+    about = provenance(config, dataset, int(state.images))
+    write_bundle(path, generator_bundle(config, state.smooth, state.averages, declared(dataset.manifest), about))
+
+
+def painter(config: TrainConfig, path: Path) -> Callable[[Shown], Float[np.ndarray, "B S S 4"]]:
+    """What makes pictures of a snapshot, a texture each, with the labels and keys of a batch."""
+    maker = maker_of(read_bundle(path), str(path))
+    learner = Learner(maker.generator, maker.decoder)
+    return lambda batch: pictures(config, learner, maker.averages, batch)
+
+
+def provenance(config: TrainConfig | ParametricConfig, dataset: Dataset, images: int) -> dict:
+    """Where a snapshot comes from."""
+    return {"config": asdict(config), "dataset": origin(dataset), "commit": commit(), "images": images}
+
+
+def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.ndarray, "h w 3"]:
+    """Pictures of fixed seeds, as linear values to be shown."""
+    learner, averages = state.smooth, state.averages
+    far, near = ends(config, dataset)
+    far = far._replace(alpha=near.alpha, beta=near.beta, key=near.key)
+    rows = [near.image, *(pictures(config, learner, averages, batch) for batch in (far, near))]
+    shown = in_rows(rows)
+    side = EXTENT * config.generator.texels
+    feature = np.asarray(_feature(config, side, learner, averages, far))
+    wide = as_colours(feature)
+    height = max(len(shown), side)
+    parts = [np.pad(x, ((0, height - len(x)), (0, 0), (0, 0))) for x in (shown, wide)]
+    return np.concatenate(parts, axis=1)
+
+
+def ends(config: TrainConfig | ParametricConfig, dataset: Dataset) -> tuple[Shown, Shown]:
+    """A row of the farthest renders, and one of the nearest."""
+    far_first = sorted(range(len(dataset.samples)), key=lambda i: -dataset.samples[i].radius)
+    return views_of(config, dataset, far_first[:COLUMNS]), views_of(config, dataset, far_first[-COLUMNS:])
+
+
+def in_rows(rows: list[np.ndarray]) -> Float[np.ndarray, "h w 3"]:
+    """Linear RGBA pictures, a row each, as values to be shown."""
+    radiance = np.concatenate([np.maximum(np.asarray(row)[..., :3], 0) for row in rows])
+    return np.asarray(tiled(tonemap(radiance), COLUMNS))
+
+
+def as_colours(feature: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "V U 3"]:
+    """The first three channels, their middle grey and two standard deviations black and white."""
+    x = feature[..., :3]
+    spread = np.maximum(x.std(axis=(0, 1)), 1e-6)
+    return np.clip(0.5 + (x - x.mean(axis=(0, 1))) / (4 * spread), 0, 1).astype(np.float32) ** 2.2
+
+
+def pictures(
+    config: TrainConfig, learner: Learner, averages: Averages, batch: Shown, tile: tuple[int, int] = (0, 0)
+) -> Float[np.ndarray, "B S S 4"]:
+    """Generated pictures of a tile of the plane, a texture each, with the labels and keys of a batch."""
+    return np.asarray(_pictures(replace(config, views=1), tile, learner, averages, jax.tree.map(jnp.asarray, batch)))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _pictures(config: TrainConfig, tile: tuple[int, int], learner: Learner, averages: Averages, batch: Shown) -> Array:
+    return generate(config, learner, averages, batch, in_turn, tile)[0]
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _feature(config: TrainConfig, side: int, learner: Learner, averages: Averages, batch: Shown) -> Array:
+    k = jax.random.split(jax.random.key(config.seed))
+    z = jax.random.normal(k[0], (1, config.generator.z), jnp.float32)
+    w = map_latent(learner.generator, z, batch.beta[:1])
+    phases = draw_phases(config.generator, k[1], 1)
+    corner = jnp.zeros(2, jnp.int32)
+    return synthesise(config.generator, learner.generator, averages, w, phases, corner, (side, side)).feature[0]

@@ -1,0 +1,176 @@
+"""One training step: pictures of random textures, and both players' updates (MesoGAN, section 5.1).
+
+Alphabet
+B            pictures, and renders, a step
+y            what the discriminator sees: 2x/(1 + x) − 1                         (B, S, S, 3)
+c, c′        labels of the renders, and of the pictures                           (B, L)
+c″           of the renders, with the parameters of the next one                  (B, L)
+across       how to take a mean over devices, and all devices' rows: nothing to do where arrays are global already
+
+Both players learn from one forward pass of the generator: its pictures are judged once for its own gradient, and, held fixed,
+once for the discriminator's. R1 is an update of its own every `r1_every` steps, in the pictures' type whatever the precision.
+That renders are not of other parameters the discriminator may be told as well (Reed et al., "Generative adversarial text to
+image synthesis", 2016, section 4.2).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from mesoshell.shell.generator.discriminator import discriminate
+from mesoshell.shell.generator.generator import Averages
+from mesoshell.train.gan.generate import Seen, Shown, asked, generate, label
+from mesoshell.train.gan.regularise import blurred
+from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers
+from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
+from mesoshell.train.patch_renderer import shown
+from mesoshell.typing import Array, Bool, Scalar
+
+#: Images after which half of the old magnitude is left, and how much of the mean of w each step keeps.
+MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
+#: Half-life of the weight average: this many images, or this share of those seen if that is fewer.
+AVERAGE_IMAGES, AVERAGE_SHARE = 10_000.0, 0.05
+#: A gradient whose square float32 cannot hold.
+MOST = 1e19
+
+
+class Across(NamedTuple):
+    """What devices share when each holds rows of its own, and whether a device sees its pictures at once or in turn."""
+
+    mean: Callable[[Any], Any] = lambda tree: tree
+    everyone: Callable[[Array], tuple[Array, Array]] | None = None
+    each: Callable[[Callable], Callable] = jax.vmap
+
+
+#: Arrays are global: one device, or several that the compiler spreads them over.
+HERE = Across()
+
+
+class Report(NamedTuple):
+    """Losses, mean logits, and which leaves of the gradients (learner's, then discriminator's) are not finite. r1 is as it is
+    minimised: r1_every times R1 where it is due, else 0, so that its mean over steps is R1."""
+
+    generator: Scalar
+    discriminator: Scalar
+    r1: Scalar
+    real: Scalar
+    fake: Scalar
+    bad: Bool[Array, "_leaves"]
+
+
+def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = HERE) -> tuple[TrainState, Report]:
+    """Both updates, R1 if it is due, and the averages. Pure."""
+    wanted = asked(config, batch)
+    c, c_fake, sharp = label(batch), label(wanted), shown(batch.image[..., :3])
+    for_learner, for_discriminator = optimisers(config)
+    s = config.blur * jnp.maximum(1 - state.images.astype(sharp.dtype) / (1000 * config.blur_kimg), 0)
+
+    def softened(y: Array) -> Array:
+        return blurred(y, s, config.blur) if config.blur else y
+
+    real = softened(sharp)
+
+    def judged(discriminator: Any, y: Array, c: Array) -> Array:
+        return discriminate(discriminator, y, c, across.everyone, config.precision)
+
+    def make(learner: Learner) -> tuple[tuple[Array, Scalar], Seen]:
+        pictures, seen = generate(config, learner, state.averages, wanted, across.each)
+        return (softened(shown(pictures[..., :3])), seen.roughness), seen
+
+    (fake, _), back, seen = jax.vjp(make, state.learner, has_aux=True)
+
+    def fooled(y: Array) -> tuple[Scalar, Scalar]:
+        logits = judged(state.discriminator, y, c_fake)
+        return generator_loss(logits), jnp.mean(logits)
+
+    def told_apart(discriminator: Any) -> tuple[Scalar, Scalar]:
+        logits = judged(discriminator, real, c)
+        loss = discriminator_loss(logits, judged(discriminator, fake, c_fake))
+        if config.mismatch:
+            loss += config.mismatch * fake_loss(judged(discriminator, real, label(_mismatched(batch, across))))
+        return loss, jnp.mean(logits)
+
+    (g_loss, fake_logit), by_picture = jax.value_and_grad(fooled, has_aux=True)(fake)
+    (d_loss, real_logit), d_gradient = jax.value_and_grad(told_apart, has_aux=True)(state.discriminator)
+    (g_gradient,) = back((by_picture, jnp.asarray(config.density, real.dtype)))
+    g_gradient, d_gradient, seen = across.mean((g_gradient, d_gradient, seen))
+    learner, learner_adam = _updated(for_learner, state.learner, state.learner_adam, g_gradient)
+    judge, judge_adam = _updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
+
+    def regularised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
+        return _regularised(config, judge, adam, (real, c), across)
+
+    def passed(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
+        return judge, adam, jnp.zeros((), real.dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
+
+    due = state.step % config.r1_every == 0
+    judge, judge_adam, penalty, bad_penalty = jax.lax.cond(due, regularised, passed, judge, judge_adam)
+    rows = batch.image.shape[0] if across.everyone is None else across.everyone(batch.alpha)[0].shape[0]
+    images = state.images + rows
+    losses = across.mean((g_loss, d_loss, real_logit, fake_logit))
+    bad = jnp.concatenate([not_finite(g_gradient), not_finite(d_gradient) | bad_penalty])
+    new = TrainState(
+        learner,
+        _smoothed(state.smooth, learner, rows, images),
+        _averaged(state.averages, seen, rows),
+        judge,
+        learner_adam,
+        judge_adam,
+        state.step + 1,
+        images,
+    )
+    return new, Report(losses[0], losses[1], penalty, losses[2], losses[3], bad)
+
+
+def _mismatched(batch: Shown, across: Across) -> Shown:
+    """Each row with the parameters of the next, of all devices' rows."""
+
+    def next_of(x: Array) -> Array:
+        rows, own = (x, jnp.arange(x.shape[0])) if across.everyone is None else across.everyone(x)
+        return rows[(own + 1) % rows.shape[0]]
+
+    return batch._replace(alpha=next_of(batch.alpha), beta=next_of(batch.beta))
+
+
+def _regularised(
+    config: TrainConfig, judge: Any, adam: Any, seen: tuple[Array, Array], across: Across
+) -> tuple[Any, Any, Scalar, Bool[Array, "_leaves"]]:
+    """The update by R1 of (y, c), what it was, and which leaves of its gradient are not finite."""
+    y, c = seen
+
+    def penalty(judge: Any) -> Scalar:
+        return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone, y.dtype), y, config.gamma)
+
+    value, gradient = jax.value_and_grad(penalty)(judge)
+    value, gradient = across.mean((value, gradient))
+    judge, adam = _updated(optimisers(config)[1], judge, adam, gradient)
+    return judge, adam, value, not_finite(gradient)
+
+
+def _updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, memory = adam.update(gradient, memory, tree)
+    return optax.apply_updates(tree, updates), memory
+
+
+def _smoothed(smooth: Learner, learner: Learner, rows: int, images: Array) -> Learner:
+    half_life = jnp.minimum(AVERAGE_IMAGES, AVERAGE_SHARE * images.astype(jnp.float32))
+    keep = 0.5 ** (rows / jnp.maximum(half_life, 1e-8))
+    return jax.tree.map(lambda old, new: new + (old - new) * keep.astype(new.dtype), smooth, learner)
+
+
+def _averaged(averages: Averages, seen: Seen, rows: int) -> Averages:
+    keep = 0.5 ** (rows / MAGNITUDE_HALF_LIFE)
+    magnitude = [
+        new.astype(old.dtype) + (old - new.astype(old.dtype)) * keep
+        for old, new in zip(averages.magnitude, seen.magnitude, strict=True)
+    ]
+    return Averages(magnitude, seen.w + (averages.w - seen.w) * W_KEEP)
+
+
+def not_finite(tree: Any) -> Bool[Array, "_leaves"]:
+    """Which leaves hold NaN, infinity, or what Adam's squares turn into it: such a weight would never move again."""
+    return jnp.stack([~(jnp.abs(leaf) < MOST).all() for leaf in jax.tree.leaves(tree)])

@@ -1,0 +1,154 @@
+"""The method compared with: one network of a place, two directions and the parameters, fitted to renders (NeRF-Tex).
+
+No texture, no random numbers that make one, no discriminator (MesoGAN, section 6.3 and appendix B).
+
+Alphabet
+B, P         pictures a step; normalised parameters that the network sees: all α, all β, and with `seeded` the geometry's seed
+ξ            (u, v, h): the network sees it and sin, cos of π·2ᵏ·ξ for `octaves` values of k
+p            parameters in [0, 1], encoded in the same way with PARAMETER_OCTAVES values of k
+loss         SMAPE of linear radiance, and mean square error of transmittance, over all pixels
+
+The network is the project's own decoder: its trunk gives σ, its head ρ. `seeded` asks whether a seed can stand for a geometry:
+each render's is a number in [0, 1], its place among the dataset's, and a new picture draws one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from mesoshell.shell.material.decoder import Decoder, encode_height, init_decoder
+from mesoshell.shell.material.field import Point
+from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.step import HERE, Across, not_finite
+from mesoshell.train.losses import smape, transmittance_loss
+from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
+from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
+
+PARAMETER_OCTAVES = 4
+
+
+@dataclass(frozen=True)
+class ParametricConfig:
+    """Everything that such a run depends on beside the data; fields that a TrainConfig has too mean the same.
+
+    octaves: of the encoding of ξ; rate: Adam's; parameters: P, which follows from the dataset.
+    """
+
+    picture: PictureConfig = field(default_factory=PictureConfig)
+    trunk: tuple[int, ...] = (128, 128, 128, 128)
+    head: tuple[int, ...] = (64,)
+    octaves: int = 7
+    batch: int = 8
+    kimg: float = 200.0
+    near_kimg: float = 20.0
+    rate: float = 1e-3
+    snapshot_kimg: float = 2.0
+    seed: int = 0
+    parameters: int = 0
+    seeded: bool = False
+
+
+class ParametricState(NamedTuple):
+    """A run under way; a pytree of arrays. images: renders seen."""
+
+    decoder: Decoder
+    adam: optax.OptState
+    step: Int[Array, ""]
+    images: Int[Array, ""]
+
+
+class ParametricReport(NamedTuple):
+    """Both parts of the loss, and which leaves of the gradient are not finite."""
+
+    radiance: Scalar
+    transmittance: Scalar
+    bad: Bool[Array, "_leaves"]
+
+
+def sized_as(preset: TrainConfig, seeded: bool = False) -> ParametricConfig:
+    """The network at a preset's size. With no texture to remember a patch, it has twice the decoder's width and four layers
+    in its trunk; the shortest wave of its encoding is as long as two of the preset's texels."""
+    width = preset.trunk[0]
+    return ParametricConfig(
+        picture=preset.picture,
+        trunk=(2 * width,) * 4,
+        head=(width,),
+        octaves=preset.picture.texels.bit_length(),
+        batch=preset.batch,
+        kimg=preset.kimg,
+        near_kimg=preset.near_kimg,
+        snapshot_kimg=preset.snapshot_kimg,
+        seed=preset.seed,
+        seeded=seeded,
+    )
+
+
+def start(config: ParametricConfig, key: Key[Array, ""]) -> ParametricState:
+    seen = 3 * (1 + 2 * config.octaves) + config.parameters * (1 + 2 * PARAMETER_OCTAVES)
+    decoder = init_decoder(key, seen, config.trunk, config.head)
+    adam = optimiser(config).init(decoder)
+    return ParametricState(decoder, adam, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+
+
+def step(
+    config: ParametricConfig, state: ParametricState, batch: Shown, across: Across = HERE
+) -> tuple[ParametricState, ParametricReport]:
+    """One update. Pure."""
+
+    def loss(decoder: Decoder) -> tuple[Scalar, tuple[Scalar, Scalar]]:
+        made = paint(config, decoder, batch, across.each)
+        radiance = smape(made[..., :3], batch.image[..., :3])
+        transmittance = transmittance_loss(made[..., 3], batch.image[..., 3])
+        return radiance + transmittance, (radiance, transmittance)
+
+    (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.decoder)
+    parts, gradient = across.mean((parts, gradient))
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, adam = optimiser(config).update(gradient, state.adam, state.decoder)
+    rows = batch.image.shape[0] if across.everyone is None else across.everyone(batch.alpha)[0].shape[0]
+    bad = not_finite(gradient)
+    decoder: Any = optax.apply_updates(state.decoder, updates)
+    return ParametricState(decoder, adam, state.step + 1, state.images + rows), ParametricReport(
+        parts[0], parts[1], bad
+    )
+
+
+def paint(
+    config: ParametricConfig, decoder: Decoder, batch: Shown, each: Callable[[Callable], Callable]
+) -> Float[Array, "B S S 4"]:
+    """Pictures from a batch's cameras, lights and parameters, the seeds among its β included."""
+    keys = jax.random.wrap_key_data(batch.key)
+    parameters = jnp.concatenate([batch.alpha, batch.beta], axis=1)
+    shape = (config.picture.size**2, config.picture.samples)
+
+    def one(view: View, key: Array) -> Array:
+        jitter = jax.random.uniform(key, shape, jnp.float32).astype(view.alpha.dtype)
+        return take_picture(config.picture, decoder, partial(see, config), view, jitter)
+
+    return each(one)(View(batch.camera_to_world, batch.light, batch.irradiance, parameters), keys)
+
+
+def see(config: ParametricConfig, point: Point) -> Float[Array, "I"]:
+    """What the network sees of a point: ξ and p, each with its sines and cosines."""
+    place = jax.vmap(lambda x: encode_height(x, config.octaves))(point.xi)
+    parameters = jax.vmap(lambda x: encode_height(x, PARAMETER_OCTAVES))(point.alpha)
+    return jnp.concatenate([place.reshape(-1), parameters.reshape(-1)])
+
+
+def redrawn(config: ParametricConfig, batch: Shown) -> Shown:
+    """The batch with seeds that no render has, drawn by its keys; the batch itself if the network sees none."""
+    if not config.seeded:
+        return batch
+    keys = jax.vmap(lambda k: jax.random.fold_in(k, 1))(jax.random.wrap_key_data(jnp.asarray(batch.key)))
+    seeds: Any = jax.vmap(lambda k: jax.random.uniform(k, (1,), jnp.float32))(keys)
+    return batch._replace(beta=jnp.concatenate([jnp.asarray(batch.beta)[:, :-1], seeds], axis=1))
+
+
+def optimiser(config: ParametricConfig) -> optax.GradientTransformation:
+    return optax.adam(config.rate)

@@ -1,0 +1,89 @@
+"""What a run of a captured object keeps on the way: the object as a file, and a sheet of it.
+
+Alphabet
+sheet        two views that were held out (or, if none was, learned from), of each its photograph, a render, and one with a
+             checkerboard for texture; beneath them the texture, as a cubemap
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.io.checkout import commit
+from mesoshell.neutex.cameras import Photo
+from mesoshell.neutex.capture import Capture
+from mesoshell.neutex.edit import texture_image
+from mesoshell.neutex.layout import checkerboard
+from mesoshell.neutex.render import Paint, picture, view
+from mesoshell.neutex.store import Captured, read_captured, write_captured
+from mesoshell.render.quality import Quality
+from mesoshell.train.neutex.ray_batches import held_out
+from mesoshell.train.neutex.step import AtlasState, AtlasTraining
+
+#: Of the sheet: squares a face's side, pixels of the checkerboard's and of the texture's faces.
+SQUARES, BOARD = 6, 192
+
+
+def save(path: Path, config: AtlasTraining, capture: Capture, state: AtlasState) -> None:
+    """The object as it is now."""
+    write_captured(path, captured(config, capture, state))
+
+
+def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> Captured:
+    about = {"config": asdict(config), "capture": capture.manifest, "commit": commit(), "rays": int(state.images)}
+    return Captured(
+        config.field,
+        state.field,
+        capture.centre,
+        capture.half,
+        capture.photos,
+        tuple(held_out(capture)[1]),
+        about,
+    )
+
+
+def painter(config: AtlasTraining, path: Path) -> Callable[[list[Photo]], list[np.ndarray]]:
+    """What renders cameras by a snapshot: linear premultiplied RGBA."""
+    found = read_captured(path)
+    how = view(found.config, found.field, quality_of(config))
+
+    def pictures(photos: list[Photo]) -> list[np.ndarray]:
+        return [picture(found.config, found.field, found.to_box(p), how).rgba for p in photos]
+
+    return pictures
+
+
+def sheet(config: AtlasTraining, capture: Capture, state: AtlasState) -> Float[np.ndarray, "h w 3"]:
+    """Pictures of the object, linear."""
+    now = captured(config, capture, state)
+    how = view(now.config, now.field, quality_of(config))
+    chosen = (held_out(capture)[1] or list(range(len(capture.photos))))[:2]
+    mapped = now.config.colour != "volume"
+    row = []
+    for i in chosen:
+        photo = now.to_box(capture.photos[i])
+        row += [capture.rgb[i], picture(now.config, now.field, photo, how).rgba[..., :3]]
+        if mapped:
+            row.append(picture(now.config, now.field, photo, how._replace(paint=board_paint())).rgba[..., :3])
+    height = min(x.shape[0] for x in row)
+    whole = np.concatenate([x[:height] for x in row], axis=1)
+    if mapped:
+        flat = texture_image(now, "cubemap", max(whole.shape[1] // 3, 1))
+        beneath = np.zeros((flat.shape[0], whole.shape[1], 3), np.float32)
+        beneath[:, : flat.shape[1]] = flat
+        whole = np.concatenate([whole, beneath])
+    return np.asarray(np.clip(whole, 0, 1), np.float32)
+
+
+def board_paint() -> Paint:
+    """A checkerboard in the object's place: nothing of its own colours is left."""
+    board = checkerboard("cubemap", BOARD, SQUARES)
+    return Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
+
+
+def quality_of(config: AtlasTraining) -> Quality:
+    """Rays as the run learned from them."""
+    return Quality(samples=config.samples, pixel_samples=1)

@@ -1,0 +1,240 @@
+"""Learning an object from its photographs (NeuTex, sections 3.4 and 4.2).
+
+Alphabet
+B            rays a step (train/neutex/ray_batches)
+I, T         colour and transmittance of a ray; M: its pixel's mask
+render       Σ (sRGB(I) − sRGB(I_gt))², for linear colours: what their photographs' own values are (equation 9)
+cycle        Σ w ‖F_uv⁻¹(F_uv(y)) − y‖² (equation 12), from one sample a ray, drawn by w: the same mean at 1/N of the cost. It
+             moves the two maps alone, as w and y are held fixed
+mask         (M − (1 − T))² (equation 13)
+facing       of reflectance, away (neutex/march): what a ray sees from behind is black, and dark paint would be learned as holes
+chamfer      mean square distance from each of B points of a cloud to the nearest of B points of F_uv⁻¹'s surface, and back
+phase        chamfer and render, for the first `chamfer` of the run if there is a cloud, and the others too unless `alone`; then
+             render + cycle + mask; for the last `finish` of it F_tex alone (section 4.2: 50 000 steps of 550 000, then "until
+             convergence")
+grid         the greatest σ seen in each cell, forgotten slowly; a step asks one cell in EACH; below SPARSE none is sampled
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from mesoshell.errors import InputError
+from mesoshell.nets.encoding import HashConfig
+from mesoshell.neutex.capture import Capture, at_most
+from mesoshell.neutex.field import (
+    DENSITY,
+    Field,
+    FieldConfig,
+    density,
+    init_field,
+    to_surface,
+    to_texture,
+)
+from mesoshell.neutex.march import CELLS, march, widened
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.step import HERE, Across, not_finite
+from mesoshell.train.neutex.ray_batches import Rays, held_out, rays_for
+from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
+
+#: Cells of the grid are asked in so many turns; what is left of a cell's σ at each; and what is passed over.
+EACH, KEEP, SPARSE = 16, 0.9, 0.05
+#: Of the run's learning rates, at its end.
+SLOWEST = 0.05
+
+
+@dataclass(frozen=True)
+class AtlasTraining:
+    """Everything that a run depends on beside the data. side: of the pictures at most, pixels; samples: N; batch: B; kimg:
+    thousands of rays; cycle, mask: weights a₁ and a₂; facing: of its part; chamfer, finish: shares of the run; alone: the cycle
+    and the masks wait until `chamfer` is over; cloud: whether there is one, which follows from the capture."""
+
+    field: FieldConfig = field(default_factory=FieldConfig)
+    side: int = 512
+    samples: int = 256
+    batch: int = 768
+    kimg: float = 768 * 600.0
+    rate: float = 5e-4
+    table_rate: float = 1e-2
+    cycle: float = 1.0
+    mask: float = 1.0
+    facing: float = 0.3
+    chamfer: float = 0.1
+    alone: bool = True
+    finish: float = 0.1
+    snapshot_kimg: float = 768 * 50.0
+    seed: int = 0
+    cloud: bool = False
+
+
+class AtlasState(NamedTuple):
+    """A run under way; a pytree of arrays. images: rays seen."""
+
+    field: Field
+    adam: optax.OptState
+    grid: Float[Array, "n n n"]
+    step: Int[Array, ""]
+    images: Int[Array, ""]
+
+
+class AtlasReport(NamedTuple):
+    """Parts of the loss, before their weights, and which leaves of the gradient are not finite."""
+
+    render: Scalar
+    cycle: Scalar
+    mask: Scalar
+    chamfer: Scalar
+    facing: Scalar
+    bad: Bool[Array, "_leaves"]
+
+
+def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
+    """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
+    `paper` and hash grids for the others, if not given. Maps as wide as the paper's, at a rate that is done in minutes, fold:
+    they are narrower on a CPU, and their cycle weighs ten times as much and waits for nothing (docs/results/capture.md)."""
+    texels = preset.picture.texels
+    if texels > 64:
+        grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))
+        return AtlasTraining(grids if encoding == "hash" else FieldConfig())
+    if encoding == "frequency":
+        field = FieldConfig((96,) * 4, (96,) * 3, (64, 64), (128, 128), 32, octaves=(6, 6, 2))
+    else:
+        field = FieldConfig((64,) * 2, (64,) * 2, (64, 64), (128, 128), 32, "hash")
+    small = AtlasTraining(field, side=128, samples=32, batch=1024, kimg=1024 * 4.0, rate=2e-3, snapshot_kimg=512.0)
+    small = replace(small, cycle=10.0, alone=False)
+    if texels > 16:
+        return small
+    field = replace(field, hash=HashConfig(levels=5, rows=12, finest=32))
+    return replace(
+        small, field=field, side=32, samples=24, batch=512, kimg=512 * 0.4, rate=3e-3, snapshot_kimg=512 * 0.2
+    )
+
+
+def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capture]:
+    """The configuration for a capture, and the capture at the size that it asks for. Raises InputError if reflectance is to be
+    learned and no light is known, or nothing is left at that size."""
+    if config.field.colour == "reflectance":
+        if capture.flash is None:
+            raise InputError(
+                capture.folder, "says no `flash`: reflectance is learned from photographs lit by the camera alone"
+            )
+        config = replace(config, field=replace(config.field, flash=capture.flash / capture.half**2))
+    capture = at_most(capture, config.side)
+    if not any((capture.masks[i] >= 0.5).any() for i in held_out(capture)[0]):
+        raise InputError(capture.folder, f"at {config.side} pixels a side no pixel is half covered by the object")
+    return replace(config, cloud=capture.points is not None), capture
+
+
+def feed(config: AtlasTraining, capture: Capture, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
+    """This host's rays of step i. Raises InputError if hosts cannot share them evenly."""
+    return rays_for(config.batch, config.seed, capture, host, hosts)
+
+
+def start(config: AtlasTraining, key: Key[Array, ""]) -> AtlasState:
+    field = init_field(config.field, key)
+    grid = jnp.full((CELLS,) * 3, DENSITY, jnp.float32)
+    return AtlasState(field, optimiser(config).init(field), grid, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+
+
+def step(
+    config: AtlasTraining, state: AtlasState, batch: Rays, across: Across = HERE
+) -> tuple[AtlasState, AtlasReport]:
+    """One update. Pure."""
+    share = state.images.astype(jnp.float32) / (config.kimg * 1000)
+    early = (share < config.chamfer) & config.cloud
+    occupied = widened(state.grid > SPARSE)
+    key = jax.random.key(config.seed)
+
+    def loss(field: Field) -> tuple[Scalar, tuple[Scalar, ...]]:
+        parts = jax.vmap(lambda row: _ray(config, field, occupied, key, row))(batch)
+        render, cycle, mask, facing = (jnp.mean(x) for x in parts)
+        near = jax.lax.cond(early, lambda: _chamfer(field, batch, across), lambda: jnp.zeros(()))
+        others = jnp.where(early & config.alone, 0, config.cycle * cycle + config.mask * mask)
+        return render + others + config.facing * facing + near, (render, cycle, mask, near, facing)
+
+    (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.field)
+    parts, gradient = across.mean((parts, gradient))
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, adam = optimiser(config).update(gradient, state.adam, state.field)
+    last = share >= 1 - config.finish
+    updates: Any = updates
+    updates = updates._replace(
+        **{
+            part: jax.tree.map(lambda x: jnp.where(last, 0, x), getattr(updates, part))
+            for part in ("sigma", "uv", "inverse")
+        }
+    )
+    field: Any = optax.apply_updates(state.field, updates)
+    bad = not_finite(gradient)
+    grid = asked(config, field, state.grid, state.step, key)
+    rows = batch.mask.shape[0] if across.everyone is None else across.everyone(batch.mask)[0].shape[0]
+    after = AtlasState(field, adam, grid, state.step + 1, state.images + rows)
+    return after, AtlasReport(*parts, bad=bad)
+
+
+def asked(config: AtlasTraining, field: Field, grid: Float[Array, "n n n"], step: Int[Array, ""], key: Array) -> Array:
+    """The grid after this step's cells were asked, somewhere in each."""
+    n = grid.shape[0]
+    cells = jnp.arange(n**3 // EACH) * EACH + (step * 7) % EACH  # 7: neighbours are asked at different times
+    corner = jnp.stack(jnp.unravel_index(cells, (n, n, n)), axis=-1).astype(grid.dtype)
+    place = corner + jax.random.uniform(jax.random.fold_in(key, step), corner.shape, grid.dtype)
+    sigma = jax.vmap(lambda y: density(config.field, field, y)[0])(place * (2 / n) - 1)
+    old = grid.ravel()
+    return old.at[cells].set(jnp.maximum(KEEP * old[cells], sigma)).reshape(grid.shape)
+
+
+def encoded(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """sRGB of linear x; straight below its knee, for every x below 0 too."""
+    knee = 0.0031308
+    return jnp.where(x <= knee, 12.92 * x, 1.055 * jnp.maximum(x, knee) ** (1 / 2.4) - 0.055)
+
+
+def _ray(
+    config: AtlasTraining, field: Field, occupied: Array, key: Array, row: Rays
+) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Parts of the loss of one ray: render, cycle, mask (equations 9, 12 and 13) and facing. row: of a batch."""
+    xi, pick = jax.random.split(jax.random.fold_in(key, row.noise))
+    places = jax.random.uniform(xi, (config.samples,), row.o.dtype)
+    found = march(config.field, field, row.o, row.d, occupied, places)
+    render = jnp.sum((encoded(found.colour) - encoded(row.rgb)) ** 2)
+    cycle = jnp.zeros((), row.o.dtype)
+    if config.cycle and config.field.colour != "volume":
+        w = jax.lax.stop_gradient(found.w)
+        through = jnp.cumsum(w)
+        i = jnp.sum(through < jax.random.uniform(pick, (), row.o.dtype) * through[-1])
+        y = jax.lax.stop_gradient(found.y[jnp.minimum(i, config.samples - 1)])
+        cycle = through[-1] * jnp.sum((to_surface(field, to_texture(field, y)) - y) ** 2)
+    return render, cycle, (row.mask - (1 - found.passed)) ** 2, found.away
+
+
+def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:
+    """Of this device's rows, to the nearest of all devices'."""
+    surface = jax.vmap(lambda u: to_surface(field, u))(batch.u)
+    all_surface, all_points = surface, batch.point
+    if across.everyone is not None:
+        all_surface, all_points = across.everyone(surface)[0], across.everyone(batch.point)[0]
+
+    def nearest(a: Array, b: Array) -> Scalar:
+        squares = (
+            jnp.sum(a**2, axis=1)[:, None] + jnp.sum(b**2, axis=1)[None] - 2 * jnp.matmul(a, b.T, precision="highest")
+        )
+        return jnp.mean(jnp.min(jnp.maximum(squares, 0), axis=1))
+
+    return nearest(batch.point, all_surface) + nearest(surface, all_points)
+
+
+def optimiser(config: AtlasTraining) -> optax.GradientTransformation:
+    def label(field: Field) -> Field:
+        def of(net: Any) -> Any:
+            return jax.tree.map(lambda _: "network", net)._replace(tables=jax.tree.map(lambda _: "tables", net.tables))
+
+        return Field(*(of(net) for net in field))
+
+    steps = max(1, round(config.kimg * 1000 / config.batch))
+    rates = {"tables": config.table_rate, "network": config.rate}
+    falling = {name: optax.cosine_decay_schedule(rate, steps, SLOWEST) for name, rate in rates.items()}
+    return optax.multi_transform({name: optax.adam(rate, eps=1e-15) for name, rate in falling.items()}, label)

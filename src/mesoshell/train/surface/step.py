@@ -1,0 +1,237 @@
+"""Learning a surface material from traced queries.
+
+Alphabet
+B            queries a step
+x            π ρ: 1 for a white diffuse surface that faces the light
+blur         standard deviation of the blur of all textures, texels: from WIDE to `fine` over SHRINK of the run, geometrically
+fine         0.1 where there are queries enough, else as wide as has ENOUGH of them in its square: with less than these, the
+             finest texels learn the noise of their own queries
+loss         mean over rays that met something of (log(1 + x) − log(1 + x̂))² + 0.1 |x − x̂|; of α, cross-entropy, or of the
+             silhouette cosine, its squared error
+
+The modules of opacity and of reflectance share no weights, and Adam does not see scale: their losses are added as they are.
+Rates fall along a cosine to SLOWEST of what they began with: at one rate to the end, finest texels stay grainy.
+The offset is frozen for the last part of the run (FREEZE), as the reflectance's texture settles on where it leads.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from mesoshell.errors import InputError
+from mesoshell.io.query_dataset import COLUMNS, Patches
+from mesoshell.surface_material.network import (
+    Place,
+    Seen,
+    Surface,
+    SurfaceConfig,
+    init_surface,
+    reflectance,
+    seen,
+    tables,
+)
+from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.step import HERE, Across, not_finite
+from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
+
+WIDE, SHRINK, FREEZE = 8.0, 0.6, 0.8
+#: Queries in the square of `fine`, and its bounds, texels. Of 128 queries a texel, blurs of 1 and of 0.1 left 4.9% and 6.1% of
+#: squared error to what was held out.
+ENOUGH, FINE, COARSE = 128, 0.1, 1.0
+SLOWEST = 0.02
+#: Patches that a step's queries are of; one in so many patches, at the end, is held out.
+MIXED, HELD = 64, 32
+
+
+@dataclass(frozen=True)
+class SurfaceTraining:
+    """Everything that a run depends on beside the data. batch: B; kimg: thousands of queries to learn from; curvature: the
+    range of the dataset's κ; fine: the least blur. These two follow from the dataset."""
+
+    surface: SurfaceConfig = field(default_factory=SurfaceConfig)
+    batch: int = 16384
+    kimg: float = 16384 * 30.0
+    rate: float = 1e-3
+    texture_rate: float = 1e-2
+    snapshot_kimg: float = 16384 * 3.0
+    seed: int = 0
+    curvature: tuple[float, float] = (-1.0, 1.0)
+    fine: float = FINE
+
+
+class Asked(NamedTuple):
+    """A batch of queries with their answers; the columns of io/query_dataset."""
+
+    u: Float[Array, "B 2"]
+    radius: Float[Array, "B"]
+    w: Float[Array, "B 3"]
+    kappa: Float[Array, "B"]
+    light: Float[Array, "B 3"]
+    alpha: Float[Array, "B"]
+    cosine: Float[Array, "B"]
+    rgb: Float[Array, "B 3"]
+
+
+class SurfaceState(NamedTuple):
+    """A run under way; a pytree of arrays. images: queries seen."""
+
+    surface: Surface
+    adam: optax.OptState
+    step: Int[Array, ""]
+    images: Int[Array, ""]
+
+
+class SurfaceReport(NamedTuple):
+    """Parts of the loss, and which leaves of the gradient are not finite."""
+
+    reflectance: Scalar
+    opacity: Scalar
+    bad: Bool[Array, "_leaves"]
+
+
+def surface_as(preset: TrainConfig, hidden: tuple[int, ...] = SurfaceConfig.hidden) -> SurfaceTraining:
+    """A run at a preset's size: `small` and above are 30 000 steps, `mini` 6000, `tiny` is over in a minute and has networks
+    of its own. hidden: their layers."""
+    if preset.picture.texels < 32:
+        return SurfaceTraining(SurfaceConfig(32, hidden=(16, 16)), batch=1024, kimg=200 * 1.024, snapshot_kimg=102.4)
+    surface = SurfaceConfig(hidden=hidden)
+    return SurfaceTraining(surface) if preset.picture.texels > 32 else SurfaceTraining(surface, kimg=16384 * 6.0)
+
+
+def fitted(config: SurfaceTraining, data: Patches) -> tuple[SurfaceTraining, Patches]:
+    """The configuration for a dataset. Raises InputError if there is too little of it, or it does not say what it is of."""
+    if len(data.patches) < 2:
+        raise InputError(data.folder, f"has {len(data.patches)} patch: one is held out, others are learned from")
+    try:
+        low, high = (float(x) for x in data.manifest["curvature"])
+        known = low < high and float(data.manifest["depth"]) > 0
+    except (KeyError, TypeError, ValueError):
+        known = False
+    if not known:
+        raise InputError(data.folder / "manifest.json", "has no range of curvature, or no depth")
+    each = sum(len(rows) for rows in held_out(data)[0]) / config.surface.texels**2
+    return replace(config, curvature=(low, high), fine=float(np.clip((ENOUGH / each) ** 0.5, FINE, COARSE))), data
+
+
+def held_out(data: Patches) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Patches to learn from, and patches to test with."""
+    last = max(1, len(data.patches) // HELD)
+    return data.patches[:-last], data.patches[-last:]
+
+
+def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) -> Callable[[int], "Asked"]:
+    """This host's queries of step i: equal runs of neighbours from patches drawn for the step. Raises InputError if they do
+    not come out even, a patch is too small, or holds NaN."""
+    patches = held_out(data)[0]
+    mixed = min(MIXED, config.batch)
+    each = config.batch // mixed
+    if config.batch % mixed or mixed % hosts:
+        raise InputError("batch", f"{config.batch} queries do not come evenly from {mixed} patches for {hosts} hosts")
+    least = min(len(rows) for rows in patches)
+    if least < each:
+        raise InputError(data.folder, f"has {least} queries in a patch; a step takes {each}")
+
+    def at(step: int) -> Asked:
+        random = np.random.default_rng([config.seed, step])
+        chosen, first = random.integers(len(patches), size=mixed), random.random(mixed)
+        rows = []
+        for k, share in list(zip(chosen, first, strict=True))[host::hosts]:
+            begin = int(share * (len(patches[k]) - each + 1))
+            rows.append(patches[k][begin : begin + each])
+            if not np.isfinite(rows[-1]).all():
+                raise InputError(data.folder, f"patch {k} has NaN or infinite numbers")
+        return asked(np.concatenate(rows))
+
+    return at
+
+
+def asked(rows: np.ndarray) -> "Asked":
+    """Rows of a patch by their meaning."""
+    column: dict[str, Any] = {name: np.ascontiguousarray(rows[:, i]) for i, name in enumerate(COLUMNS)}
+    column |= {name: np.stack([column[c] for c in of], axis=-1) for name, of in _VECTORS.items()}
+    return Asked(**{name: column[name] for name in Asked._fields})
+
+
+#: Fields of Asked that are several columns.
+_VECTORS = {"u": ("u", "v"), "w": ("wx", "wy", "wz"), "light": ("lx", "ly", "lz"), "rgb": ("r", "g", "b")}
+
+
+def start(config: SurfaceTraining, key: Key[Array, ""]) -> SurfaceState:
+    surface = init_surface(config.surface, key)
+    return SurfaceState(surface, optimiser(config).init(surface), jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+
+
+def step(
+    config: SurfaceTraining, state: SurfaceState, batch: Asked, across: Across = HERE
+) -> tuple[SurfaceState, SurfaceReport]:
+    """One update. Pure."""
+    share = state.images.astype(jnp.float32) / (config.kimg * 1000)
+
+    def loss(surface: Surface) -> tuple[Scalar, tuple[Scalar, Scalar]]:
+        found, rho = ask(config, surface, batch, blur_at(config, share))
+        parts = _reflectance_loss(batch, rho), _opacity_loss(config, batch, found)
+        return parts[0] + parts[1], parts
+
+    (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.surface)
+    parts, gradient = across.mean((parts, gradient))
+    frozen = share > FREEZE
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, adam = optimiser(config).update(gradient, state.adam, state.surface)
+    updates: Any = updates._replace(offset=jax.tree.map(lambda x: jnp.where(frozen, 0, x), updates.offset))
+    surface: Any = optax.apply_updates(state.surface, updates)
+    bad = not_finite(gradient)
+    rows = batch.radius.shape[0] if across.everyone is None else across.everyone(batch.radius)[0].shape[0]
+    return SurfaceState(surface, adam, state.step + 1, state.images + rows), SurfaceReport(parts[0], parts[1], bad)
+
+
+def blur_at(config: SurfaceTraining, share: Scalar) -> Scalar:
+    """Of textures, when this share of the run is done."""
+    return WIDE * (config.fine / WIDE) ** jnp.clip(share / SHRINK, 0, 1)
+
+
+def ask(config: SurfaceTraining, surface: Surface, batch: Asked, blur: Scalar) -> tuple[Seen, Float[Array, "B 3"]]:
+    """What a surface answers to a batch: α and c, and ρ."""
+    table = tables(surface, blur)
+    low, high = config.curvature
+    kappa = (2 * batch.kappa - low - high) / (high - low)
+    place = Place(batch.u, batch.radius, batch.w, kappa)
+    found = jax.vmap(lambda p: seen(config.surface, table, p))(place)
+    rho = jax.vmap(lambda p, s, l: reflectance(config.surface, table, p, s, l))(place, found, batch.light)
+    return found, rho
+
+
+def _reflectance_loss(batch: Asked, rho: Float[Array, "B 3"]) -> Scalar:
+    """Over rays that met something; what a query of some that did not says counts by their share."""
+    met = batch.alpha[:, None]
+    wanted = jnp.pi * batch.rgb / jnp.maximum(met, 1e-3)
+    x = jnp.pi * rho
+    apart = (jnp.log1p(x) - jnp.log1p(wanted)) ** 2 + 0.1 * jnp.abs(x - wanted)
+    return jnp.mean(met * apart)
+
+
+def _opacity_loss(config: SurfaceTraining, batch: Asked, found: Seen) -> Scalar:
+    if config.surface.opacity == "none":
+        return jnp.zeros((), batch.alpha.dtype)
+    if config.surface.opacity == "cosine":
+        return jnp.mean((found.cosine - batch.cosine) ** 2)
+    p = jnp.clip(found.alpha, 1e-6, 1 - 1e-6)
+    return -jnp.mean(batch.alpha * jnp.log(p) + (1 - batch.alpha) * jnp.log1p(-p))
+
+
+def optimiser(config: SurfaceTraining) -> optax.GradientTransformation:
+    def label(surface: Surface) -> Surface:
+        def of(module: Any) -> Any:
+            networks = jax.tree.map(lambda _: "network", (module.hidden, module.last))
+            return type(module)(["texture"] * len(module.texture), *networks)
+
+        return Surface(*(of(module) for module in surface))
+
+    steps = max(1, round(config.kimg * 1000 / config.batch))
+    rates = {"texture": config.texture_rate, "network": config.rate}
+    falling = {name: optax.cosine_decay_schedule(rate, steps, SLOWEST) for name, rate in rates.items()}
+    return optax.multi_transform({name: optax.adam(rate) for name, rate in falling.items()}, label)

@@ -1,0 +1,58 @@
+"""A texture as it looks from above, without a ray: what its layers hold, and how high the first thing is that light meets.
+
+Alphabet
+n, h        layers, and their heights: the middles of equal parts of [0, TOP]
+o           opacity of a layer, 1 − exp(−σ Δh)                                    (S, S, n)
+depth       mean height of what light from above meets first                      (S, S)
+cover       share of the light that is met                                        (S, S)
+
+The decoder's trunk is asked at every texel and height. A lawn that leans shows in `depth` at a glance, where layers one by one
+tell it by how their blobs move (docs/results/generator.md).
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.decoder import Decoder
+from mesoshell.typing import Array, Float
+
+#: Nothing grows above this: recipes leave room under the box's top.
+TOP = 0.96
+
+
+class Above(NamedTuple):
+    """Layers from the lowest up, and what light from above meets. found: the trunk's features, of each layer."""
+
+    opacity: Float[Array, "n S S"]
+    found: Float[Array, "n S S W"]
+    depth: Float[Array, "S S"]
+    cover: Float[Array, "S S"]
+
+
+def from_above(
+    decoder: Decoder,
+    octaves: int,
+    feature: Float[Array, "S S C"],
+    height: Float[Array, "R C"],
+    alpha: Float[Array, "A"],
+    layers: int = 24,
+) -> Above:
+    """One texture's layers. height: F(h) at the middles of R equal parts of [0, 1]."""
+    h = (jnp.arange(layers, dtype=feature.dtype) + 0.5) / layers * TOP
+    side, about = feature.shape[:2], jnp.arange(len(height), dtype=feature.dtype)
+    profile = jax.vmap(lambda f: jnp.interp(h * len(height) - 0.5, about, f), in_axes=1, out_axes=1)(height)
+    encoded = jax.vmap(lambda x: net.encode_height(x, octaves))(h)
+
+    @jax.checkpoint
+    def layer(at: tuple[Array, Array]) -> tuple[Array, Array]:
+        told = jnp.broadcast_to(jnp.concatenate([at[1], alpha]), (*side, len(at[1]) + len(alpha)))
+        return net.trunk(decoder, jnp.concatenate([feature + at[0][None, None], told], axis=-1))
+
+    sigma, found = jax.lax.map(layer, (profile, encoded))
+    opacity = 1 - jnp.exp(-sigma * (TOP / layers))
+    over = jnp.cumprod(1 - opacity[::-1], axis=0)[::-1]
+    share = jnp.concatenate([over[1:], jnp.ones_like(over[:1])]) * opacity
+    return Above(opacity, found, jnp.einsum("nvu,n->vu", share, h, precision="highest"), jnp.sum(share, axis=0))

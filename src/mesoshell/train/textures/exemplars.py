@@ -1,0 +1,97 @@
+"""Exemplars for a generator to learn: scaled, and in rows of a step.
+
+Alphabet
+K           exemplars (io/exemplars)
+f, F        a channel as it was fitted, and scaled: F = (f − mean)/deviation
+B           rows a step
+
+What scales the channels goes into the decoder's first layer, and into F(h): the decoder gives what it gave.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.exemplars import Exemplars
+from mesoshell.nets.mlp import Dense
+from mesoshell.shell.material.decoder import Decoder
+from mesoshell.shell.render.scene import decoder_of
+
+
+class Taught(NamedTuple):
+    """Rows of a step: an exemplar to be repeated at its own phases, and another, moved, to be told from what is new.
+    NumPy on the host. key: of a new texture's phases, and of lights."""
+
+    patch: Any  # (B,)
+    feature: Any  # (B, S, S, C)
+    beta: Any  # (B, G)
+    other: Any  # (B, S, S, C)
+    other_beta: Any  # (B, G)
+    key: Any  # (B, 2), uint32
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """Exemplars of zero mean and unit variance a channel, and the decoder that takes them so. what: as they were read."""
+
+    what: Exemplars
+    features: Float[np.ndarray, "K S S C"]
+    height: Float[np.ndarray, "R C"]
+    decoder: Decoder
+
+    @property
+    def folder(self) -> Path:
+        return self.what.folder
+
+    @property
+    def recipe(self) -> str:
+        return self.what.recipe
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        return self.what.manifest
+
+    @property
+    def alphas(self) -> int:
+        """How many appearance parameters the decoder takes."""
+        return sum(p.role == "alpha" for p in self.what.parameters)
+
+
+def scaled(exemplars: Exemplars) -> Scaled:
+    """Exemplars at unit variance a channel."""
+    f = exemplars.features.astype(np.float32)
+    mean, deviation = f.mean(axis=(0, 1, 2)), np.maximum(f.std(axis=(0, 1, 2)), 1e-6)
+    decoder = decoder_of(exemplars.decoder)
+    kernel, bias = (np.asarray(x) for x in decoder.trunk[0])
+    c = len(mean)
+    wider = jnp.asarray(np.concatenate([kernel[:c] * deviation[:, None], kernel[c:]]))
+    decoder = decoder._replace(trunk=[Dense(wider, jnp.asarray(bias + mean @ kernel[:c])), *decoder.trunk[1:]])
+    return Scaled(exemplars, (f - mean) / deviation, exemplars.height.astype(np.float32) / deviation, decoder)
+
+
+def feed(config: Any, data: Scaled, host: int = 0, hosts: int = 1) -> Callable[[int], Taught]:
+    """This host's rows of step i: exemplars in a new order each pass. Raises InputError if hosts cannot share the batch."""
+    if config.batch % hosts:
+        raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
+    rows, count, side = config.batch // hosts, len(data.features), data.features.shape[1]
+
+    def at(step: int) -> Taught:
+        places = np.arange(step * config.batch, (step + 1) * config.batch)
+        order = {n: np.random.default_rng([config.seed, n]).permutation(count) for n in np.unique(places // count)}
+        mine = slice(host * rows, (host + 1) * rows)
+        patch = np.array([order[n // count][n % count] for n in places])[mine]
+        drawn = np.random.default_rng([config.seed, step, 1])
+        other = drawn.integers(count, size=config.batch)[mine]
+        shift = drawn.integers(side, size=(config.batch, 2))[mine]
+        keys = drawn.integers(0, 2**32, (config.batch, 2), np.uint32)[mine]
+        moved = np.stack([np.roll(data.features[k], tuple(s), axis=(0, 1)) for k, s in zip(other, shift, strict=True)])
+        beta = data.what.beta
+        return Taught(patch.astype(np.int32), data.features[patch], beta[patch], moved, beta[other], keys)
+
+    return at

@@ -1,0 +1,138 @@
+"""A start from which an untrained generator makes what exemplars are at large: their mean, covariance, and power by octave.
+
+Alphabet
+x           what the untrained generator gives, WIDE channels                     (B, S, S, W)
+A, b        F = A x + b: the C largest principal components of x, brought to unit variance, turned at random, and given the
+            exemplars' correlation                                                (W, C), (C,)
+a_l         strengths of the generator's Fourier maps (shell/generator/generator)
+band        an octave of frequencies: 2ⁱ to 2ⁱ⁺¹ cycles a tile
+
+A random field with the exemplars' spectrum is the natural start: without it fine scales begin with next to nothing, and least
+squares needs hundreds of steps to find them (docs/results/generator.md). A wide x has C components that are not nothing by
+chance.
+"""
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from mesoshell.shell.generator.generator import (
+    Averages,
+    Generator,
+    draw_phases,
+    init_averages,
+    init_generator,
+    map_latent,
+    synthesise,
+)
+from mesoshell.shell.generator.plan import GeneratorConfig, frequencies_of, rows_of
+from mesoshell.typing import Array, Float, Key
+
+#: Textures that are looked at, texels of a side of theirs, rounds of solving, and passes that settle magnitudes.
+_TEXTURES, _SIDE, _ROUNDS, _PASSES = 8, 64, 8, 3
+_BANDS = 5
+
+
+class Natural(NamedTuple):
+    """Where learning begins; a generator of WIDE channels, and what makes C of them."""
+
+    generator: Generator
+    averages: Averages
+    a: Float[Array, "W C"]
+    b: Float[Array, "C"]
+
+
+def wide(config: GeneratorConfig) -> GeneratorConfig:
+    """The generator that learns: its last layer has twice the channels of a texture."""
+    return replace(config, channels=2 * config.channels)
+
+
+def natural_start(config: GeneratorConfig, features: Float[Array, "K S S C"], key: Key[Array, ""]) -> Natural:
+    """A start for exemplars of zero mean and unit variance a channel."""
+    k = jax.random.split(key, 4)
+    looked = jnp.stack([_crop(f, i) for i, f in zip(range(_TEXTURES), _cycled(features), strict=True)])
+    wanted = _bands(looked)
+    many = wide(config)
+    generator, averages = init_generator(many, k[0]), init_averages(many)
+    phases, beta = draw_phases(many, k[1], _TEXTURES), jax.random.uniform(k[2], (_TEXTURES, config.betas), jnp.float32)
+    side = min(_SIDE, features.shape[1])
+
+    @jax.jit
+    def look(generator: Generator, averages: Averages) -> tuple[Array, Averages]:
+        w = map_latent(generator, jnp.zeros((_TEXTURES, config.z), jnp.float32), beta)
+        made = synthesise(many, generator, averages, w, phases, jnp.zeros(2, jnp.int32), (side, side))
+        return made.feature, Averages(made.magnitude, jnp.mean(w, axis=0))
+
+    settle = partial(_settled, look)
+    averages = settle(generator, averages, 4 * _PASSES)
+    first = generator.strength
+    logs = jnp.zeros(len(first))
+    for _ in range(_ROUNDS):
+        missing = 0.5 * jnp.log(jnp.maximum(wanted, 1e-6) / jnp.maximum(_bands(look(generator, averages)[0]), 1e-6))
+        logs = jnp.clip(
+            logs + 0.5 * jnp.interp(_places(config, side), jnp.arange(_BANDS, dtype=logs.dtype), missing), -3, 3
+        )
+        generator = generator._replace(strength=[s * jnp.exp(g) for s, g in zip(first, logs, strict=True)])
+        averages = settle(generator, averages, _PASSES)
+    x = look(generator, averages)[0].reshape(-1, many.channels)
+    a, b = _as_covariant(x, features.reshape(-1, features.shape[3]), k[3])
+    return Natural(generator, averages, a, b)
+
+
+def _settled(look, generator: Generator, averages: Averages, passes: int) -> Averages:
+    for _ in range(passes):
+        averages = look(generator, averages)[1]
+    return averages
+
+
+def _cycled(features: Float[Array, "K S S C"]) -> list[Array]:
+    return [features[i % len(features)] for i in range(_TEXTURES)]
+
+
+def _crop(f: Float[Array, "S S C"], i: int) -> Float[Array, "s s C"]:
+    """A window of a texture that wraps around, another for each i."""
+    side = min(_SIDE, f.shape[0])
+    return jnp.roll(f, (17 * i, 31 * i), axis=(0, 1))[:side, :side]
+
+
+def _bands(x: Float[Array, "B S S C"]) -> Float[Array, "n"]:
+    """Share of the power in each octave, under a Hann window."""
+    x = x - jnp.mean(x, axis=(1, 2), keepdims=True)
+    n = x.shape[1]
+    window = jnp.hanning(n)
+    power = jnp.mean(
+        jnp.sum(jnp.abs(jnp.fft.fft2(x * (window[:, None] * window[None])[None, :, :, None], axes=(1, 2))) ** 2, -1), 0
+    )
+    k = jnp.fft.fftfreq(n, 1 / n)
+    r = jnp.hypot(k[:, None], k[None])
+    found = jnp.stack([jnp.sum(jnp.where((r >= 2**i) & (r < 2 ** (i + 1)), power, 0.0)) for i in range(_BANDS)])
+    return found / jnp.sum(found)
+
+
+def _places(config: GeneratorConfig, side: int) -> Float[Array, "l"]:
+    """Where the layers that have maps lie among the bands."""
+    rows = [row for row, f in zip(rows_of(config), frequencies_of(config).layers, strict=True) if len(f)]
+    middle = [math.sqrt(max(row.in_cutoff, 1) * max(row.out_cutoff, 1)) * side / config.texels for row in rows]
+    return jnp.asarray([min(max(math.log2(m), 0.0), _BANDS - 1.0) for m in middle])
+
+
+def _as_covariant(
+    x: Float[Array, "N W"], f: Float[Array, "M C"], key: Key[Array, ""]
+) -> tuple[Float[Array, "W C"], Float[Array, "C"]]:
+    """A and b."""
+    c = f.shape[1]
+    product = partial(jnp.matmul, precision="highest")
+    mean = jnp.mean(x, axis=0)
+    values, vectors = jnp.linalg.eigh(product((x - mean[None]).T, x - mean[None]) / len(x))
+    values, vectors = values[-c:], vectors[:, -c:]
+    turn = jnp.linalg.qr(jax.random.normal(key, (c, c), jnp.float32))[0]
+    apart = f - jnp.mean(f, axis=0, keepdims=True)
+    own, axes = jnp.linalg.eigh(product(apart.T, apart) / len(f))
+    root = product(axes * jnp.sqrt(jnp.maximum(own, own[-1] * 1e-4))[None], axes.T)
+    white = vectors / jnp.sqrt(jnp.maximum(values, values[-1] * 1e-6))[None]
+    a = product(product(white, turn), root)
+    return a, jnp.mean(f, axis=0) - product(mean, a)

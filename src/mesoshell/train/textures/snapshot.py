@@ -1,0 +1,107 @@
+"""What a run on textures keeps on the way: the material, and what its textures look like.
+
+sheet    rows: exemplars; the generator at their phases; the generator at phases that it never saw. Columns: pictures of the box
+         from three sides, then the height of what is seen from above, once for each of PATCHES
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.checkout import commit
+from mesoshell.numerics import normalise
+from mesoshell.render.camera import look_at
+from mesoshell.render.composite import tonemap
+from mesoshell.shell.generator.generator import synthesise, synthesise_height
+from mesoshell.shell.material.field import inputs
+from mesoshell.train.export import generated_bundle
+from mesoshell.train.patch_renderer import PictureConfig, View, material_of, take_picture
+from mesoshell.train.textures.depth_map import from_above
+from mesoshell.train.textures.exemplars import Scaled
+from mesoshell.train.textures.state import TexturesConfig, TexturesState
+from mesoshell.train.textures.step import folded, latents, own_phases, phases_of
+from mesoshell.typing import Array
+
+PATCHES, SIDE = 2, 128
+#: Cameras of a sheet: angle from above and about, radians.
+_CAMERAS = ((0.35, 0.5), (0.9, 2.0), (1.3, 4.0))
+_DISTANCE, _LIGHT, _IRRADIANCE = 3.4, (0.4, 0.3, 0.85), 3.0
+
+
+def save(path: Path, config: TexturesConfig, data: Scaled, state: TexturesState) -> None:
+    write_bundle(path, bundle(config, data, state))
+
+
+def bundle(config: TexturesConfig, data: Scaled, state: TexturesState) -> Bundle:
+    """The material of the averaged weights."""
+    about: dict[str, Any] = {"config": asdict(config), "commit": commit(), "images": int(state.images)}
+    about["exemplars"] = data.what.provenance
+    octaves, declared = data.what.height_octaves, data.what.parameters
+    made = folded(state.smooth, state), state.averages, state.decoder
+    return generated_bundle(config.generator, *made, octaves, declared, about)
+
+
+def sheet(config: TexturesConfig, data: Scaled, state: TexturesState) -> Float[np.ndarray, "h w 3"]:
+    """Pictures of textures, as linear values to be shown."""
+    count = len(data.features)
+    patch = np.arange(PATCHES) % count
+    beta = jnp.asarray(data.what.beta[patch])
+    own = _made(config, state, beta, own_phases(config, jnp.asarray(patch)))
+    new = _made(config, state, beta, phases_of(config, jax.random.split(jax.random.key(10_000 + config.seed), PATCHES)))
+    heights = jnp.broadcast_to(state.height, (PATCHES, *state.height.shape))
+    octaves, alphas = data.what.height_octaves, sum(p.role == "alpha" for p in data.what.parameters)
+    rows = []
+    for feature, height in ((jnp.asarray(data.features[patch]), heights), own, new):
+        shown = [_shown(octaves, alphas, state.decoder, f, h) for f, h in zip(feature, height, strict=True)]
+        rows.append(np.concatenate([np.asarray(x) for x in shown], axis=1))
+    return np.concatenate(rows, axis=0)
+
+
+def painter(config: TexturesConfig, path: Path) -> Callable[[Any], Any]:
+    raise InputError(path, "is of a run on textures, which has no renders to be scored by")
+
+
+@partial(jax.jit, static_argnums=0)
+def _made(config: TexturesConfig, state: TexturesState, beta: Array, phases: Any) -> tuple[Array, Array]:
+    """Textures of some phases, and their height features."""
+    generator, side = folded(state.smooth, state), config.generator.texels
+    w, at = latents(config, generator, beta), jnp.zeros(2, jnp.int32)
+    texture = synthesise(config.generator, generator, state.averages, w, phases, at, (side, side))
+    return texture.feature, synthesise_height(config.generator, generator, w)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _shown(octaves: int, alphas: int, decoder: Any, feature: Array, height: Array) -> Float[Array, "h w 3"]:
+    """Pictures of the box, and its depth from above, side by side."""
+    config = PictureConfig(size=SIDE, samples=64, texels=feature.shape[0], height_rows=height.shape[0], octaves=octaves)
+    alpha = jnp.full(alphas, 0.2)
+    light = normalise(jnp.asarray(_LIGHT))
+    material = material_of(config, feature, height, decoder)
+    jitter = jnp.full((1, config.samples), 0.5)
+    pictures = []
+    for camera in _cameras():
+        view = View(jnp.asarray(camera, jnp.float32), light, jnp.full(3, _IRRADIANCE), alpha)
+        rgba = take_picture(config, decoder, partial(inputs, material, config.layout), view, jitter)
+        pictures.append(tonemap(jnp.maximum(rgba[..., :3], 0)))
+    depth = from_above(decoder, octaves, feature, height, alpha).depth
+    depth = jax.image.resize(depth, (SIDE, SIDE), "nearest")
+    return jnp.concatenate([*pictures, jnp.broadcast_to(depth[..., None] ** 2.2, (SIDE, SIDE, 3))], axis=1)
+
+
+def _cameras() -> list[np.ndarray]:
+    centre = np.array([0.5, 0.5, 0.25])
+    found = []
+    for down, about in _CAMERAS:
+        toward = np.array([math.sin(down) * math.cos(about), math.sin(down) * math.sin(about), math.cos(down)])
+        found.append(look_at(tuple(centre + _DISTANCE * toward), tuple(centre), (0.0, 0.0, 1.0)))
+    return found

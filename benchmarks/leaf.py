@@ -1,6 +1,6 @@
 """The grass recipe's leaf in Mitsuba: a thin sheet that reflects, lets light through and shines a little (data_gen/grass).
 
-Alphabet
+Notation
 R, T        diffuse reflectance and transmittance, textures `reflect` and `transmit` (mesh attributes are wrong in instances)
 g           share of the shine, GGX without colour
 wi, wo      toward the viewer and toward the light, local; an upper sign is that of the side which is seen

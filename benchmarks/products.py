@@ -1,6 +1,6 @@
 """Which matrix products of a program a GPU or a TPU would round, and what the program would give if it did.
 
-Alphabet
+Notation
 product      dot_general or convolution of float32; its operands are rounded unless its precision is HIGHEST
 TF32         what a GPU's matrix units keep of an operand: 10 bits of mantissa; bfloat16, a TPU's: 7. Sums stay float32
 network      the scope (`jax.named_scope`) of the layers of networks, which may be rounded (docs/results/performance.md)

@@ -1,6 +1,6 @@
 """The recipe `carpet`: tufts of plied yarn that lean the way they are combed, and its restrictions to fewer parameters.
 
-Alphabet
+Notation
     tuft      three plies that leave the backing together; a square grid of tufts, PITCH apart
     ply       FIBRES fibres twisted about the ply's own axis
     s         position along a tuft, 0 at the backing and 1 at the cut end (attribute `along`)

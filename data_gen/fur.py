@@ -1,6 +1,6 @@
 """The recipe `fur`: a dense, fine undercoat below longer, tapered guard hairs.
 
-Alphabet
+Notation
     t         position along a hair, 0 at the root and 1 at the tip (attribute `along`)
     length    of the longest hair, in box heights
     clump     hairs whose tips lean together, as wet or oily fur does; a jittered grid of centres

@@ -1,6 +1,6 @@
 """The recipe `grass`: curved blades that age from green to straw.
 
-Alphabet
+Notation
     R         rows of vertices along a blade: R − 1 pairs and one tip vertex, K = 2R − 1
     t         position along a blade, 0 at the root and 1 at the tip (attribute `along`)
     edge      unit vector across the blade, in the leaf's plane and perpendicular to its curve

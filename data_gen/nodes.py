@@ -1,6 +1,6 @@
 """A Blender node tree written as expressions: every method adds a node and returns its output socket.
 
-Alphabet
+Notation
     socket    where a value enters or leaves a node; any operand may be a socket or a constant
 """
 

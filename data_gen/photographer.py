@@ -2,7 +2,7 @@
 
     python -m data_gen.photographer settings.json
 
-Alphabet
+Notation
     settings  mesh, frames ([{"file": …, "camera_to_world": …}, …]), fov, size, samples_per_pixel, paint, flash, sun, threads
     mesh      arrays `vertices` (V, 3), `faces` (T, 3), `uv` (T, 3, 2)
     flash     light from the camera alone: a point there, dark around; else a grey sky, and a sun from direction `sun`

@@ -1,6 +1,6 @@
 """What a recipe is: a name, a version, its parameters, how its geometry grows and what it is made of.
 
-Alphabet
+Notation
     role      "alpha" for appearance (the decoder's input), "beta" for geometry (the mapping network's)
     range     (low, high), inclusive, in the parameter's own unit
     frame     the unit box [0, 1]³, z up: one patch; roots at z = 0, everything at z ≤ TOP

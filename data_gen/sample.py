@@ -1,6 +1,6 @@
 """Random camera, light and parameters of one sample, from a hash.  Pure Python and NumPy.
 
-Alphabet
+Notation
     frame     the unit box [0, 1]³, right-handed, z up; (x, y, z) are the canonical (u, v, h)
     c         the box's centre (0.5, 0.5, 0.5), which every camera looks at
     r         camera radius, its distance from c, in box sides

@@ -1,6 +1,6 @@
 """Where things grow and how they bend: points, fields and noise that close on a torus.
 
-Alphabet
+Notation
     L         side of the torus, in patches
     t         position along a strand, 0 at the root and 1 at the tip
     field     a smooth random vector of the plane at every point, periodic in L

@@ -1,6 +1,6 @@
 """The 3 × 3 slab in Blender: what camera rays may see of it, and the ground.
 
-Alphabet
+Notation
     frame     the unit box [0, 1]³, z up; the slab covers [−1, 2)²
     inside    a piece wholly in the box: an ordinary object
     outside   a piece that misses the box: hidden from camera rays by the object's own flag

@@ -1,6 +1,6 @@
 """Blender as a camera: one scene, made once; then one image a sample.
 
-Alphabet
+Notation
     frame     the unit box [0, 1]³, z up; the camera looks along its −z with y up, pixel centres at +0.5
     spp       light paths a pixel
     E⊥        irradiance of the sun on the plane that faces it

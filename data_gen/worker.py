@@ -11,7 +11,7 @@ whose file is null renders nothing and is answered with the row.
 Its parent's end closes its input, so it never outlives it by more than one image.  Without a request it stays out of
 Blender: a manifest costs no import.
 
-Alphabet
+Notation
     E⊥        `irradiance` of a row: RGB, linear Rec. 709, on the plane that faces the light
     coverage  the box's side over the frame's width, at the distance of the box's centre
 """

@@ -1,4 +1,4 @@
-"""What a user did that we cannot use (floor 1).
+"""What a user did that we cannot use.
 
 The command line prints an `InputError` as one line and exits with 2; from Python it is an ordinary `ValueError`.
 """

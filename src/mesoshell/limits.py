@@ -1,4 +1,4 @@
-"""What a command may ask for, checked before it is allocated (standard library only; floor 1)."""
+"""What a command may ask for, checked before it is allocated (standard library only)."""
 
 import contextlib
 import os

@@ -1,5 +1,5 @@
 """Divisions, norms and exponentials whose values and gradients are finite for every float, and small products that no
-backend rounds (floor 1).
+backend rounds.
 
 Each function works on arrays of any shape and of either precision. The rule is the same everywhere: a `where` whose
 unused branch could produce an infinity first replaces that branch's *input*, so that neither the value nor the

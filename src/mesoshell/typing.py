@@ -1,4 +1,4 @@
-"""Array aliases and the project's alphabet (floor 1; imports nothing of ours).
+"""Array aliases and the project's notation (imports nothing of ours).
 
 symbol     meaning                                                        shape, unit, frame
 o, d, t    ray origin, unit direction, distance                           (3,), world

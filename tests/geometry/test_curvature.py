@@ -1,6 +1,6 @@
 """Curvature: against closed forms, at several resolutions; along curves; and its laws.
 
-Alphabet
+Notation
 F       a function that is 0 on a surface and grows outward
 S       P H P / |∇F|, H the Hessian of F and P the projection to the tangent plane: κ(d) = d·S d for a unit tangent d
 """

@@ -1,6 +1,6 @@
 """Pictures that must be the same in the mean, at two million paths each: z-tests of every pixel, and of the whole.
 
-Alphabet
+Notation
 runs        independent pictures of one scene, (passes, H, W, C)
 p           chance of a pixel's difference if the means are one (Welch); Šidák's correction for the least of many
 """

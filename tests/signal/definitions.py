@@ -1,6 +1,6 @@
 """The layers' operations by their definitions, slow and plain: what the fast ones are tested against.
 
-Alphabet
+Notation
 x            samples                                                            (B, H, W, C)
 g            filter                                                             (n, m)
 w, s         weights (k, k, I, O), styles a sample (B, I)

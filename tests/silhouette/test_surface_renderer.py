@@ -1,6 +1,6 @@
 """Pictures of surface materials: what is known of constant ones, laws of light, and every ray by hand in float64.
 
-Alphabet
+Notation
 ρ, E        reflectance; irradiance of a distant light on the plane facing it
 """
 

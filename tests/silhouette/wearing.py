@@ -1,6 +1,6 @@
 """Surface materials, the answers that they should give, meshes and queries, small enough for several test files to make.
 
-Alphabet
+Notation
 u, r, ω, ω′, κ   a query: places in periods (N, 2), footprints (N), directions (N, 3), curvature in 1 / period (N)
 """
 

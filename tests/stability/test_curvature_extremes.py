@@ -1,6 +1,6 @@
 """Hard case 17: curvature near flat, at borders, saddles, valence 3, vertices where surfaces touch; far, tiny and huge meshes.
 
-Alphabet
+Notation
 h       edge length
 δ       rounding of a float32 coordinate; a curvature is told to about δ / h²
 """

@@ -1,6 +1,6 @@
 """Curvature of a mesh: principal values at its vertices, and the table of least curvatures that a renderer reads.
 
-Alphabet
+Notation
 n           unit normal of a vertex (the mesh's own)                                                        (V, 3)
 k₁ ≥ k₂     principal values, 1 / world length, positive where the surface is convex seen from outside      (V, 2)
 d₁, d₂      unit principal directions, (d₁, d₂, n) right-handed; any in the tangent plane at umbilics       (V, 2, 3)

@@ -1,6 +1,6 @@
 """A triangle mesh that the rest can rely on: read, checked, mended, and every mend said.
 
-Alphabet
+Notation
 V, F        vertices and triangles of the checked mesh; N vertices of the file, before welding
 uv          texture coordinates of each corner, in UV units (the unit square is one texture image)
 stretch     world length of one UV unit, √(area in the world / area in UV): the mean over the surface

@@ -1,6 +1,6 @@
 """Unit normals of faces and vertices.
 
-Alphabet
+Notation
 m       unit normal of a face                               (F, 3)
 θ       angle of a face at a corner                         (F, 3), radians
 n       unit normal of a vertex, Σ θ m over its faces       (V, 3)

@@ -1,6 +1,6 @@
 """Where a ray leaves a prism of the shell: bilinear sides and flat caps (MesoGAN, appendix A; Reshetov 2019).
 
-Alphabet. All points are relative to the ray's origin, so that a scene far from the world's origin loses nothing.
+Notation. All points are relative to the ray's origin, so that a scene far from the world's origin loses nothing.
 
 d            unit direction of the ray; the ray is t·d                                       (3,), world
 p0, p1       lower ends of two neighbouring "posts" of a prism, counter-clockwise from above  (3,), world

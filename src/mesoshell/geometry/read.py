@@ -1,6 +1,6 @@
 """Mesh files to arrays, as they are written: nothing welded, dropped or mended.
 
-Alphabet
+Notation
 N, M        vertices and triangles of the file; index: of one of them, counted from 0
 uv          texture coordinates of each corner, NaN on corners without
 v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are passed over

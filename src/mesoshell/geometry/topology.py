@@ -1,6 +1,6 @@
 """Which triangles share an edge, and which way round they go.
 
-Alphabet
+Notation
 F            number of triangles
 half-edge    3f + k: edge k of triangle f, from its vertex k to its vertex (k + 1) mod 3
 partner      the other half-edge on the same two vertices, where exactly two triangles meet there

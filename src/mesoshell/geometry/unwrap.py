@@ -1,6 +1,6 @@
 """Texture coordinates for a mesh without any, by xatlas.
 
-Alphabet
+Notation
 uv      corner coordinates in the unit square, one scale in u and v, charts apart and none mirrored
 edge    mean edge length; xatlas sees the mesh in this unit, about its centre, for it holds areas below 1e-7 for zero
 

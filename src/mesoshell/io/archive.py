@@ -1,4 +1,4 @@
-"""Arrays in a zip, numpy.savez_compressed's layout, or in a folder, read without trust (standard library, NumPy; floor 2).
+"""Arrays in a zip, numpy.savez_compressed's layout, or in a folder, read without trust (standard library, NumPy).
 
 Member KEY.npy holds array KEY in npy format 1.0. A head is an array's shape and type: what can be checked before data
 are unpacked. Memory follows the bytes that are in the file and not the sizes that it claims; pickles are refused.

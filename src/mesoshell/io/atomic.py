@@ -1,4 +1,4 @@
-"""Whole files or none: bytes in, bytes out, with one-line faults (standard library only; floor 2).
+"""Whole files or none: bytes in, bytes out, with one-line faults (standard library only).
 
 A writer makes its file in memory and hands it to `replace_file`: a file beside PATH is written and renamed, so that PATH is
 the new file or what it was before. A folder is filled under another name by `new_folder`. Both names are random and made

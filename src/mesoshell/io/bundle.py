@@ -1,4 +1,4 @@
-"""The bundle: a material in one NAME.npz, or in a folder (standard library and NumPy only; floor 2).
+"""The bundle: a material in one NAME.npz, or in a folder (standard library and NumPy only).
 
 symbol   meaning                                                                   shape, unit
 C        channels of the features

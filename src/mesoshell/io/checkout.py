@@ -1,4 +1,4 @@
-"""Which code of this package wrote a file: for the provenance of bundles (floor 2)."""
+"""Which code of this package wrote a file: for the provenance of bundles."""
 
 import os
 import subprocess

@@ -1,5 +1,5 @@
 """Reading of a dataset folder: manifest.json, samples.jsonl (a row a sample), and images/NAME.exr or, if it is packed,
-shards/NAME.npy (NumPy only; floor 2).
+shards/NAME.npy (NumPy only).
 
 symbol           meaning                                                       shape, unit, frame
 camera_to_world  rigid; the camera looks along −z, y up                        (4, 4), canonical (the unit box) / camera

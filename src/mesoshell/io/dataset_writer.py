@@ -1,4 +1,4 @@
-"""The writing end of a dataset folder: one run at a time adds rows to it (standard library only; floor 2).
+"""The writing end of a dataset folder: one run at a time adds rows to it (standard library only).
 
 symbol       meaning
 settings     all of manifest.json but `count`: what two runs must share to add to one folder

@@ -1,4 +1,4 @@
-"""Exemplars: feature textures of many patches under one decoder, in one NAME.npz (standard library and NumPy only; floor 2).
+"""Exemplars: feature textures of many patches under one decoder, in one NAME.npz (standard library and NumPy only).
 
 symbol   meaning                                                       shape
 K        patches

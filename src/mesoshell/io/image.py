@@ -1,4 +1,4 @@
-"""Images on disk: OpenEXR for radiance, PNG for looking at (NumPy only; floor 2).
+"""Images on disk: OpenEXR for radiance, PNG for looking at (NumPy only).
 
 symbol  meaning                                             shape, unit
 H W C   rows (top first), columns, channels: RGB or RGBA    C is 3 or 4

@@ -1,6 +1,6 @@
-"""Materials by name, and what is asked of their parameters (NumPy only; floor 2).
+"""Materials by name, and what is asked of their parameters (NumPy only).
 
-Alphabet
+Notation
 α, β        appearance and geometry parameters in the order of the bundle, each normalised to [0, 1] by its range
 """
 

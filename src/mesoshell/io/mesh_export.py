@@ -1,4 +1,4 @@
-"""A mesh with its texture as GLB, or as OBJ with MTL and _texture.png beside it (trimesh, Pillow; floor 2)."""
+"""A mesh with its texture as GLB, or as OBJ with MTL and _texture.png beside it (trimesh, Pillow)."""
 
 import io
 from pathlib import Path

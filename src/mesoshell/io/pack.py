@@ -1,4 +1,4 @@
-"""A dataset as arrays to be memory-mapped: OUT/manifest.json, samples.jsonl and shards/NNNN.npy (NumPy only; floor 2).
+"""A dataset as arrays to be memory-mapped: OUT/manifest.json, samples.jsonl and shards/NNNN.npy (NumPy only).
 
 symbol   meaning                                                       shape
 shard    half-precision premultiplied linear RGBA, rows from the top   (n, H, W, 4)

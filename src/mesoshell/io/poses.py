@@ -1,6 +1,6 @@
-"""Cameras of posed photographs, from the three ways in which captures say them (NumPy, SciPy; floor 2).
+"""Cameras of posed photographs, from the three ways in which captures say them (NumPy, SciPy).
 
-Alphabet
+Notation
 M           camera to world, 4 × 4, rigid; the camera looks along −z, y up in the image (OpenGL)
 lens        (fx, fy, cx, cy), pixels; (0, 0) is the image's upper left corner, pixel centres at + 0.5
 P           world to image, of a camera that looks along +z with y down (OpenCV): P = K [R | t]

@@ -1,4 +1,4 @@
-"""Queries of a mesostructure on curved patches, as they lie on disk (NumPy only; floor 2).
+"""Queries of a mesostructure on curved patches, as they lie on disk (NumPy only).
 
 A folder: manifest.json, samples.jsonl with a row a patch (index, file, sha256, curvature), and patches/NNNNNN.npy, float32
 (Q, 16), a query a row:

@@ -1,4 +1,4 @@
-"""JSON that others wrote, with one-line faults (standard library only; floor 2)."""
+"""JSON that others wrote, with one-line faults (standard library only)."""
 
 import json
 from os import PathLike

@@ -1,4 +1,4 @@
-"""A contact sheet: many images of a dataset side by side, to look at (NumPy and scikit-image only; floor 2).
+"""A contact sheet: many images of a dataset side by side, to look at (NumPy and scikit-image only).
 
 Sorted by a parameter, it shows at a glance what the parameter does; by radius, whether every scale is there.
 """

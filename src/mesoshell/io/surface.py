@@ -1,6 +1,6 @@
-"""The bundle of a surface material: kind "silhouette", a NAME.npz like a shell's (standard library and NumPy only; floor 2).
+"""The bundle of a surface material: kind "silhouette", a NAME.npz like a shell's (standard library and NumPy only).
 
-Alphabet
+Notation
 period       side of the square that the texture repeats; also a unit of length                              texture unit
 N            texels along a period at the finest level, a power of two; level i has max(1, N / 2ⁱ), down to 1
 C            channels

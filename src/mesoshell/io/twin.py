@@ -1,6 +1,6 @@
-"""A surface material that was distilled from a shell, kept in the shell's bundle (standard library and NumPy only; floor 2).
+"""A surface material that was distilled from a shell, kept in the shell's bundle (standard library and NumPy only).
 
-Alphabet
+Notation
 radius       standard deviation of a footprint, patches of the shell, which are periods of the surface material
 error        how different pictures of such footprints by the surface material look from those by the march: FLIP, their mean
              and 1.96 standard errors (cli/apart)

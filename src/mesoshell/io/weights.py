@@ -1,4 +1,4 @@
-"""Network weights that PyTorch has saved, read without it (standard library and NumPy only; floor 2).
+"""Network weights that PyTorch has saved, read without it (standard library and NumPy only).
 
 symbol      meaning
 storage     a run of numbers of one type; tensors are views of it: offset, shape and strides, counted in numbers

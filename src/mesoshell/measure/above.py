@@ -1,6 +1,6 @@
-"""A flat field of patches from straight above, without a mesh: its opacities by layer, and a picture (floor 5).
+"""A flat field of patches from straight above, without a mesh: its opacities by layer, and a picture.
 
-Alphabet
+Notation
 P            patches along a side of the field; n pixels a patch
 K            layers of equal height; layer 0 lies on the base
 opacity      1 − e^{−σ/K} of a layer                                                      (K, P n, P n)

@@ -1,6 +1,6 @@
-"""A blind test: which of these pictures are real? (NumPy and SciPy only; floor 5)
+"""A blind test: which of these pictures are real? (NumPy and SciPy only)
 
-Alphabet
+Notation
 sheet        real and made pictures in equal numbers, shuffled, read row by row
 answer       True where a picture is real                                     (2n,)
 mark         what a judge says of each: r for real, m for made

@@ -1,6 +1,6 @@
-"""How well a captured object shows views that were held out, and how its surface lies in its texture (floor 5).
+"""How well a captured object shows views that were held out, and how its surface lies in its texture.
 
-Alphabet
+Notation
 PSNR, SSIM   of sRGB values, whole photographs, what is not the object black (the paper's table 1)
 cycle        |F_uv⁻¹(F_uv(y)) − y| at the surface, root mean square, per cent of the box's side
 y            where a pixel's ray meets the surface: at its mean distance, if more than half of it is stopped

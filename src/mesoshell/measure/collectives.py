@@ -1,6 +1,6 @@
-"""What a compiled program sends between devices, read in its text (floor 5).
+"""What a compiled program sends between devices, read in its text.
 
-Alphabet
+Notation
 kind        all-reduce, all-gather, reduce-scatter, all-to-all, collective-permute
 bytes       of what a device holds after it: a ring of n devices sends and receives (n−1)/n of it in each direction, an
             all-reduce twice that

@@ -1,6 +1,6 @@
-"""How near a texture is to exemplars at any shift: is it a copy? (NumPy and SciPy only; floor 5)
+"""How near a texture is to exemplars at any shift: is it a copy? (NumPy and SciPy only)
 
-Alphabet
+Notation
 x            opacities of a window in K layers                                       (K, h, w)
 e            those of an exemplar, a torus at least as large                         (K, V, U)
 m            mean opacity of each layer, over all exemplars: taken off both

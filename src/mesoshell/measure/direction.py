@@ -1,6 +1,6 @@
-"""The direction of a pile at places: of strokes in a picture, or of strands in a volume (NumPy and SciPy only; floor 5).
+"""The direction of a pile at places: of strokes in a picture, or of strands in a volume (NumPy and SciPy only).
 
-Alphabet
+Notation
 f            a picture (V, U), or a volume (K, V, U) of opacities whose layers k go from the base up
 S            structure tensor: Gaussian means of products of f's derivatives; along a stroke f changes least
 angle        from u toward v, radians

@@ -1,4 +1,4 @@
-"""Distances between two sets of features: KID and FID (NumPy only; floor 5).
+"""Distances between two sets of features: KID and FID (NumPy only).
 
 symbol  meaning                                                                   shape
 X, Y    features of N and M pictures                                              (N, D), (M, D)

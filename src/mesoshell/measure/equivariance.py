@@ -1,6 +1,6 @@
-"""How exactly a generator's texture follows its Fourier maps: EQ-T and EQ-R (Alias-Free GAN, section 3; floor 5).
+"""How exactly a generator's texture follows its Fourier maps: EQ-T and EQ-R (Alias-Free GAN, section 3).
 
-Alphabet
+Notation
 F, F′       texture, and texture of maps that were moved by d texels along (v, u), or turned about the origin by an angle
 expected    F itself moved or turned, by interpolation
 EQ          10 log10(4 var F / mean (F′ − expected)²), in dB: F ranges over about ±√var

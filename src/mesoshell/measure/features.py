@@ -1,4 +1,4 @@
-"""Features of pictures for KID and FID, and what to call the result (floor 5).
+"""Features of pictures for KID and FID, and what to call the result.
 
 symbol    meaning
 image     premultiplied linear RGB or RGBA over black

@@ -1,6 +1,6 @@
-"""Judgements of a material's texture over a flat field: does it repeat, does it copy, can it be combed? (floor 5)
+"""Judgements of a material's texture over a flat field: does it repeat, does it copy, can it be combed?
 
-Alphabet
+Notation
 repeat       largest autocorrelation, at lags of a patch or more, of a picture from above
 D            distance of a patch from its nearest exemplar at any shift (measure/copies)
 comb         a field of the parameter `lean_angle` that turns once about its middle, and the pile's direction at 16 places

@@ -1,4 +1,4 @@
-"""FLIP: how different two pictures look when they are shown in turn at one place (NumPy and SciPy only; floor 5).
+"""FLIP: how different two pictures look when they are shown in turn at one place (NumPy and SciPy only).
 
 Andersson et al. 2020, *FLIP: a difference evaluator for alternating images*; sections and constants are the paper's.
 

@@ -1,4 +1,4 @@
-"""How many operations a function does in products and convolutions, counted in its jaxpr (floor 5).
+"""How many operations a function does in products and convolutions, counted in its jaxpr.
 
 XLA's own count takes the body of a loop once; this one multiplies by the number of turns. Of alternatives the dearest counts.
 """

@@ -1,4 +1,4 @@
-"""Distances between two images: PSNR and SSIM (NumPy and scikit-image only; floor 5).
+"""Distances between two images: PSNR and SSIM (NumPy and scikit-image only).
 
 symbol  meaning                                                       shape, unit
 a, b    finite images of one shape                                    (H, W, C) or (H, W), any one scale

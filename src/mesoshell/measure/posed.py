@@ -1,6 +1,6 @@
-"""Pictures of a material from the cameras and lights of renders, with their parameters (floor 5).
+"""Pictures of a material from the cameras and lights of renders, with their parameters.
 
-Alphabet
+Notation
 S           side of a picture, pixels
 pose        a render's camera, light and parameters
 shift       of a fitted patch in each picture, (u, v): as many pictures of one patch as can differ

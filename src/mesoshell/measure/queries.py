@@ -1,6 +1,6 @@
 """How well a surface material answers queries that were held out.
 
-Alphabet
+Notation
 α, ρ         opacity, and reflectance of rays that met something; with a hat, the material's answer
 reflectance  Σ α |ρ̂ − ρ|² / Σ α |ρ|² over a patch: what the data's own noise adds is in it
 opacity      mean of |α̂ − α| over a patch

@@ -1,6 +1,6 @@
-"""A reader of parameters: ridge regression on features of pictures (NumPy only; floor 5).
+"""A reader of parameters: ridge regression on features of pictures (NumPy only).
 
-Alphabet
+Notation
 X            features of N pictures, each over its deviation, less the mean                 (N, D)
 T            parameters, normalised                                                         (N, P)
 λ            ridge, of those in RIDGES the one with the least error of pictures left out one at a time, for each parameter

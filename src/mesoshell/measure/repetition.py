@@ -1,6 +1,6 @@
-"""Does a texture repeat itself, or drift? (NumPy and SciPy only; floor 5)
+"""Does a texture repeat itself, or drift? (NumPy and SciPy only)
 
-Alphabet
+Notation
 F           texture, (V, U, C)
 lag         displacement between two places, texels
 A(lag)      Σ_c cov(F_c(x), F_c(x + lag)) / Σ_c var F_c, over all x that have both places in the texture

@@ -1,6 +1,6 @@
-"""Scores of a set of pictures beside renders: distances, and how well parameters can be read off them (floor 5).
+"""Scores of a set of pictures beside renders: distances, and how well parameters can be read off them.
 
-Alphabet
+Notation
 A, B        halves of a dataset, of other patches each where it has many views of a patch
 floor       scores of B's renders beside A's: what the same thing scores
 made        pictures from B's cameras, with B's lights and parameters, beside A's renders

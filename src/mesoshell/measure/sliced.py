@@ -1,6 +1,6 @@
-"""Sliced Wasserstein distance between patches of two sets of pictures: a measure without a network (NumPy and SciPy; floor 5).
+"""Sliced Wasserstein distance between patches of two sets of pictures: a measure without a network (NumPy and SciPy).
 
-Alphabet
+Notation
 level        of a Laplacian pyramid: 0 is the finest; the coarsest holds what is left, no difference    Burt and Adelson 1983
 descriptor   7 × 7 pixels of a level in 3 channels, at PATCHES random places of a picture                 147 numbers
 X, Y         descriptors of N pictures each, less the mean and over the deviation of X's channels

@@ -1,6 +1,6 @@
-"""How evenly a surface lies in its texture (NumPy only; floor 5).
+"""How evenly a surface lies in its texture (NumPy only).
 
-Alphabet
+Notation
 y, u        of each pixel of a view: where its ray meets the surface, and the unit vector that stands there in the texture
 J           area in the texture over area on the surface, of a triangle of neighbouring pixels
 distortion  standard deviation of ln J over the surface, by area: 0 if all parts have the same share of the texture; J below

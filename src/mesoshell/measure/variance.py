@@ -1,6 +1,6 @@
 """Whether a material lies in the plane or in layers: analysis of variance of its density.
 
-Alphabet
+Notation
 x           log σ at the middles of n³ equal cells of a patch, (h, v, u)
 plane       variance over (v, u) of x's mean over h, over the variance of x: 1 if every height is the same
 height      variance over h of x's mean over (v, u), over the variance of x: 1 if the material is nothing but layers

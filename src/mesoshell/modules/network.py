@@ -1,6 +1,6 @@
 """What all modules are: a tree of parameters, drawn by a pure function and declared to Flax field by field.
 
-Alphabet
+Notation
 tree        parameters as the pure functions take them, and as checkpoints and bundles keep them: a NamedTuple of pytrees
 variables   Flax's: collections by name; each is {field: that part of a tree}, and may be given as the tree itself
 """

@@ -1,6 +1,6 @@
-"""Features of EfficientNet-Lite0 and Lite2, in which distances of sets of pictures are measured (Tan and Le 2019; floor 2).
+"""Features of EfficientNet-Lite0 and Lite2, in which distances of sets of pictures are measured (Tan and Le 2019).
 
-Alphabet
+Notation
 x        pictures, sRGB-encoded values in [0, 1]                                     (B, S, S, 3)
 k        side of a kernel
 features mean over the last layer's pixels                                           (B, 1280)

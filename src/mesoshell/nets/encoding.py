@@ -1,6 +1,6 @@
-"""What a network sees of a point in space (floor 2).
+"""What a network sees of a point in space.
 
-Alphabet
+Notation
 y           a point of [−1, 1]³
 frequency   (y, sin π2ᵏy, cos π2ᵏy …), k < octaves (NeRF, equation 4)
 hash grid   L grids of growing resolution; a corner's features lie at its number in a table of 2ᴮ rows, or at a hash of it where

@@ -1,6 +1,6 @@
-"""Features of Inception v3 as FID is defined on, from weights that the user has (Szegedy et al. 2016; floor 2).
+"""Features of Inception v3 as FID is defined on, from weights that the user has (Szegedy et al. 2016).
 
-Alphabet
+Notation
 x          pictures, sRGB-encoded values in [0, 1]                              (B, S, S, 3)
 features   mean over the last block's pixels                                    (B, 2048)
 

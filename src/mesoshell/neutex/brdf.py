@@ -1,6 +1,6 @@
 """What a point of a surface sends on of light from one direction (NeuTex, section 5.4, after Neural Reflectance Fields).
 
-Alphabet
+Notation
 n, v, l     normal, directions to the viewer and to the light; unit vectors, h halfway between v and l
 albedo      of the diffuse part; f₀: reflectance head on of the glossy part, the same for all colours; α: roughness squared
 shade       (albedo/π + D F G / (4 n·v n·l)) n·l: D of GGX, G of Smith, height-correlated, F of Schlick; 0 where l lies behind

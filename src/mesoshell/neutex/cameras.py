@@ -1,6 +1,6 @@
-"""A photograph's camera: a pinhole whose centre need not be the image's (NumPy; floor 4).
+"""A photograph's camera: a pinhole whose centre need not be the image's (NumPy).
 
-Alphabet
+Notation
 M           camera to world, 4 × 4; the camera looks along −z, x to the right, y up
 lens        (fx, fy, cx, cy), pixels
 (x, y)      pixel coordinates, (0, 0) at the image's upper left corner; centres at + 0.5

@@ -1,6 +1,6 @@
 """An object's photographs, ready to be learned from: linear colours, masks, and the box that the object lies in.
 
-Alphabet
+Notation
 x, y        a point of the capture's world, and of the box: y = (x − centre) / half; the object lies in [−1, 1]³
 rgb         linear Rec. 709, premultiplied by the mask: what is not the object is black
 mask        share of a pixel that the object covers: of a file of its own, of the image's alpha, or of what is not `background`

@@ -1,6 +1,6 @@
 """The texture as an image, and what an edited image does to an object.
 
-Alphabet
+Notation
 T           an object's texture, linear: the greatest of its colours over directions d, as the paper shows it; or, of
             reflectance, its albedo, roughness or specular (neutex/brdf), grey
 d           from the photographs' places (VIEWS of them at most) that lie before the surface F_uv⁻¹ there, as how it looks from

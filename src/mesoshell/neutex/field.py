@@ -1,6 +1,6 @@
 """The object as four networks: density in the volume, colour on a sphere, and the ways there and back (NeuTex, section 3).
 
-Alphabet
+Notation
 y           a point of the box [−1, 1]³; d: unit direction from the camera
 u           a point of the texture: a unit vector (their spherical UV)
 F_σ         y → σ, per unit of the box

@@ -1,6 +1,6 @@
-"""The space that silhouettes leave: where an object can be, from its masks alone (NumPy; floor 4).
+"""The space that silhouettes leave: where an object can be, from its masks alone (NumPy).
 
-Alphabet
+Notation
 hull        cells of a grid whose centres lie inside the masks of all views that see them (Laurentini's visual hull)
 box         centre c and half side a: y = (x − c) / a lies in [−1, 1]³ for all of the object
 agreement   share of a view's masked pixels whose rays meet the hull: 1 if poses, lenses and masks fit each other

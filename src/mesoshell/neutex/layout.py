@@ -1,6 +1,6 @@
-"""The sphere of a texture as an image (floor 4).
+"""The sphere of a texture as an image.
 
-Alphabet
+Notation
 u           a unit vector
 (x, y)      place in the image, [0, 1]², x right and y down
 cubemap     six squares, 3 across and 2 down: +x −x +y over −y +z −z; each as it is seen from outside

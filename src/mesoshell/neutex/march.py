@@ -1,6 +1,6 @@
 """A ray's way through the box: where its samples lie, and what they come to.
 
-Alphabet
+Notation
 o, d        in the box's units; t in [t0, t1]: inside [−1, 1]³, all of it, in front of the camera
 occupied    cells of the box where σ can be above what may be passed over, with their neighbours
 ℓ           length of [t0, t1] in occupied cells; the N samples share it evenly: one in each N-th of it, at ξ of that part

@@ -1,6 +1,6 @@
 """The surface that the texture is wrapped on, as triangles.
 
-Alphabet
+Notation
 cube        six squares of n × n quads, the cubemap's: no triangle crosses a side of the texture's image
 lattice     places of the cube's corners of quads in whole numbers, 0 to n on each axis; squares share those on an edge
 wrap        F_uv⁻¹ of the lattice's directions u, with normals n: closed, as F_uv⁻¹ is continuous on the sphere, and smooth

@@ -1,6 +1,6 @@
 """Pictures of a captured object.
 
-Alphabet
+Notation
 samples     of a ray: `Quality.samples`, in whole CHUNKs, at the middles of their parts; `Quality.pixel_samples` rays a pixel
 occupied    cells where σ reaches Quality.skip over the box's diagonal, asked at ASKED³ points in each, with their neighbours:
             no sample lies elsewhere, and a ray loses at most `skip` of optical depth, as far as those points show

@@ -1,6 +1,6 @@
-"""A captured object on disk: its networks, its box, and where its photographs were taken from (floor 4).
+"""A captured object on disk: its networks, its box, and where its photographs were taken from.
 
-Alphabet
+Notation
 PATH.npz    arrays by their place in Field, slash-joined (sigma/hidden/0/kernel), and manifest.json; readable with NumPy alone
 world       of the capture: x = centre + half · y
 """

@@ -1,6 +1,6 @@
 """What a shell scatters toward a ray from distant lights alone: all samples of it in place of one that is drawn.
 
-Alphabet
+Notation
 τ, T, w     optical depth of a sample, transmittance before it, its weight T (1 − e^{−τ})
 E⊥          irradiance of a distant light on the plane facing it                    RGB
 V           visibility of a light, from the exit point on the shell's top

@@ -1,6 +1,6 @@
 """What happens to a path where it meets something: light is asked for, and the path goes on.
 
-Alphabet
+Notation
 value, p    f cos θ of a surface, or ρ of a collision, toward an emitter; the density with which the event draws that direction
 weight      value over density of the direction that the event has drawn
 pdf         density of that direction, 1/sr

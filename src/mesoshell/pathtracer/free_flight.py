@@ -1,6 +1,6 @@
 """A ray's flight through all shells: to a collision, or out again with a transmittance.
 
-Alphabet
+Notation
 τ           optical depth so far
 target      −log(1 − ξ): the flight ends where τ passes it, with density T σ |J⁻¹ d| over the samples of the ray; infinite for a
             ray that only asks how much of it gets through

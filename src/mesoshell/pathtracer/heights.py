@@ -1,6 +1,6 @@
 """F(h) of a material, filtered: one for all of a texture, or one at each node of it (shell/material/field in Dr.Jit).
 
-Alphabet
+Notation
 F(h)        height feature, C numbers, between rows and between levels
 node        a corner of patches; those of a texture with edges, which begins at `origin`, lie at (v, u) = 0, 1, 2, …
 σ_h         standard deviation of the filter along the height

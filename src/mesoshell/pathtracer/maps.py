@@ -1,6 +1,6 @@
 """Textures of a scene that give a material's parameters, each over the mesh's UV.
 
-Alphabet
+Notation
 u, v        texture coordinates of the material, patches; over `patches` they are the mesh's own UV
 flipped     Mitsuba's v is 1 minus ours
 node        a corner of patches: geometry is made there, and interpolated between (shell/generator/nodes)

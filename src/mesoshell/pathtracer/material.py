@@ -1,6 +1,6 @@
 """A material from its bundle: filtered features and the network, in Dr.Jit (texture/mip, shell/material).
 
-Alphabet
+Notation
 ξ           (u, v, h), u and v in patches                                         (3,), canonical
 r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
 taps        lookups along the long axis of the footprint (shell/render/kernels); 0: the finest levels are read, unfiltered

@@ -1,6 +1,6 @@
 """The materials of all shells of a scene, asked by the prism that a sample lies in.
 
-Alphabet
+Notation
 α           appearance parameters of a shell, normalised                           (A,)
 
 What a scene does not have is not compiled: with one material there is no choice among them, with one shell α is a constant.

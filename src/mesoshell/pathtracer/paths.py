@@ -1,6 +1,6 @@
 """Paths through a scene with shells: next-event estimation, and MIS over all emitters.
 
-Alphabet
+Notation
 β           throughput of the path so far                                        RGB
 segment     of a path, from one event to the next; or of a shadow, from an event to an emitter
 event       a collision in a shell, a surface, or a surface material             (pathtracer/events)

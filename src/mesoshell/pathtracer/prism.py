@@ -1,6 +1,6 @@
 """One prism of the walk through a shell, in float64 (shell/geometry/march, line by line; Dr.Jit in place of JAX).
 
-Alphabet
+Notation
 o, d        ray origin and unit direction; a walk backward has −d and counts t from o along it     (3,), world
 p_k, n_k    base points relative to o, and posts, of a prism's three vertices                      (3,), world
 F_k         d · (p_k × n_k): zero where the ray's line meets the line of post k

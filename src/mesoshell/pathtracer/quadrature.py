@@ -1,6 +1,6 @@
 """Samples on a ray through all shells, at equal canonical spacing (shell/geometry/sampling, shell/render/renderer).
 
-Alphabet
+Notation
 J⁻¹         inverse of ∂P/∂(u, v, h) in the middle of a piece; E: (u, v) = uv₂ + E (λ₀, λ₁)
 ℓ           canonical length of a piece, |ξ1 − ξ0|; L: of all of a ray's pieces; N samples stand for L/N each
 f           position of a sample on its piece, 0 to 1

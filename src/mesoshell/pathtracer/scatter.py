@@ -1,6 +1,6 @@
 """Directions of scattering inside a shell, drawn in canonical space.
 
-Alphabet
+Notation
 A           J⁻¹: ω′ = normalise(A d) of a world direction d
 p_c         (z + f) / (π (1 + f)²) over canonical directions with z above −f = −FADE: ρ fades to 0 there, and so does p_c
 p           density over world directions: p_c |det A| / |A d|³

@@ -1,6 +1,6 @@
 """Scenes of Mitsuba's from what the command line describes: meshes, a pinhole camera, distant lights, a sky.
 
-Alphabet
+Notation
 M           camera to world: ours looks along −z with x to the right, Mitsuba's along z with x to the left
 
 Surfaces are diffuse. Images over the UV square have v = 1 in their first row; Mitsuba's bitmaps have v = 0 there.

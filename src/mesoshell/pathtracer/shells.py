@@ -1,6 +1,6 @@
 """Shells as tables: prisms, and the triangles that bound them, in a scene of their own (shell/geometry/tracer, in Mitsuba).
 
-Alphabet
+Notation
 code        of a triangle: 0, 1, 2: part of the tetrahedron around that side, at a border; 3: the top; 4: the base
 shell       index of the shell that a prism belongs to
 

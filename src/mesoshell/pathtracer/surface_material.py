@@ -1,6 +1,6 @@
 """Meshes that wear surface materials, and these materials (surface_material/network, surface_material/tables, in Dr.Jit).
 
-Alphabet
+Notation
 u            place on the texture, periods                                                                    (2,)
 r            standard deviation of the ray's footprint there, periods
 κ            curvature along the ray, 1 / period

@@ -1,6 +1,6 @@
 """How fine a texture the cameras of a scene can see.
 
-Alphabet
+Notation
 ṙ           deviation of a pixel's cone at distance 1: half its radius
 d           least distance from a camera to a prism, world
 s           greatest world length of a patch on a prism, over directions of (u, v)

@@ -1,6 +1,6 @@
 """A ray's way through all shells, one prism at a time (shell/geometry/tracer, as a state machine a lane).
 
-Alphabet
+Notation
 o, d        ray origin and unit direction, float64                                (3,), world
 t           distance from o                                                       world
 tmax        where the ray meets a surface of the scene                            world

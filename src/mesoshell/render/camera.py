@@ -1,6 +1,6 @@
 """Pinhole cameras: rays, and the cone of a pixel.
 
-Alphabet
+Notation
 M           camera to world, 4 × 4; the camera looks along −z, x to the right, y up (OpenGL and Blender)
 fov         full vertical field of view, radians
 (x, y)      pixel coordinates, (0, 0) at the image's upper left corner; centres at + 0.5

@@ -1,6 +1,6 @@
 """From optical depths to a pixel: transmittance and weights (MesoGAN, equations 1 and 2).
 
-Alphabet
+Notation
 τ_k         optical depth of sample k along the ray, ≥ 0
 T_k         transmittance before sample k, exp(−Σ_{i<k} τ_i): depths are summed, never transmittances multiplied
 w_k         T_k · (1 − e^{−τ_k}), the probability that the ray's collision lies in sample k

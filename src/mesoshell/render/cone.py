@@ -1,6 +1,6 @@
 """A pixel's cone, and the Gaussian of one piece of it (Barron et al. 2021, equations 7 and 8).
 
-Alphabet
+Notation
 t0, t1      ends of the piece along the ray, 0 ≤ t0 ≤ t1                      world
 μ, δ        its middle and half length
 ṙ           radius of the cone at distance 1 (a box pixel of width w: w·2/√12)

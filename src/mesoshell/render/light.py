@@ -1,6 +1,6 @@
 """Lights: distant ones, and an environment sampled by its brightness.
 
-Alphabet
+Notation
 L           unit vector toward a light                                        (3,), world
 E⊥          irradiance on the plane facing a distant light                     RGB
 (θ, φ)      polar angle from the map's upper edge, azimuth; a latitude-longitude map with z (or y) up

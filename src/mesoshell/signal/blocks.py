@@ -1,6 +1,6 @@
-"""A filtered leaky ReLU a block of rows and channels at a time: the fast way on a CPU (floor 2).
+"""A filtered leaky ReLU a block of rows and channels at a time: the fast way on a CPU.
 
-Alphabet
+Notation
 x, t, y      samples before, at the temporary rate, and after                  (B, H, W, C)
 u, d         factors up and down; q = u/d is whole
 g            filter of n taps

@@ -1,6 +1,6 @@
-"""A leaky ReLU at a higher rate, so that what it adds above the cutoff is filtered away (Alias-Free GAN, figure 4; floor 2).
+"""A leaky ReLU at a higher rate, so that what it adds above the cutoff is filtered away (Alias-Free GAN, figure 4).
 
-Alphabet
+Notation
 x, y         samples before and after                                          (B, H, W, C)
 u, d         factors up and down
 g_u, g_d     filters at the temporary rate: g_u separable, g_d separable or radial

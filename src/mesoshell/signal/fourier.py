@@ -1,6 +1,6 @@
-"""Fourier maps: sinusoids in each channel, exact at any distance from the origin (MesoGAN, section 4.1; floor 2).
+"""Fourier maps: sinusoids in each channel, exact at any distance from the origin (MesoGAN, section 4.1).
 
-Alphabet
+Notation
 K        sinusoids a channel; sinusoid k of channel c is row k C + c of what follows
 f        frequency of a sinusoid, (f_v, f_u), in steps of 2⁻¹⁶ cycles a patch: integers          (K C, 2), int32
 θ        what a sinusoid's phase has drifted along v, and along u, by a place there: a sum of I slow waves, as strong as

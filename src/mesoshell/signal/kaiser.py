@@ -1,6 +1,6 @@
-"""Low-pass filters by the Kaiser window, in float64 (Alias-Free GAN, appendix C; floor 2).
+"""Low-pass filters by the Kaiser window, in float64 (Alias-Free GAN, appendix C).
 
-Alphabet
+Notation
 f_c      cutoff: halfway down the transition band                              cycles a patch
 w        half-width of the transition band                                    cycles a patch
 s        sampling rate of the filter                                          samples a patch

@@ -1,6 +1,6 @@
-"""Convolution whose input channels are scaled a sample, and whose output is scaled back (StyleGAN2, section 2.2; floor 2).
+"""Convolution whose input channels are scaled a sample, and whose output is scaled back (StyleGAN2, section 2.2).
 
-Alphabet
+Notation
 x, y     samples before and after                                              (B, H, W, I), (B, H, W, O)
 w        weights, brought to unit mean square an output channel                (k, k, I, O)
 s        styles, brought to unit mean square a sample                          (B, I), or (B, H, W, I): they vary over x

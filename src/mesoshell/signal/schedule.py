@@ -1,6 +1,6 @@
 """The layers of an alias-free generator: rates, cutoffs, sizes, channels and filters (Alias-Free GAN, section 3.2).
 
-Alphabet
+Notation
 i            layer, 0 … N; N (14 in the papers) is the output, the two layers before it are critically sampled
 f_c, f_t     cutoff and stopband of a layer's output, geometric from 2 and 2^2.1 to res/2 and 2^0.3·res/2     cycles a patch
 s            sampling rate: the least power of two ≥ 2f_t, at most res                                        samples a patch

@@ -1,6 +1,6 @@
-"""Up-sample, filter, down-sample, phase by phase (floor 2).
+"""Up-sample, filter, down-sample, phase by phase.
 
-Alphabet
+Notation
 x, y         samples before and after                                          (B, H, W, C)
 g            filter, odd or even; 1D for one axis                               (n,)
 u, d         factors: u − 1 zeros after each sample; every d-th sample is kept

@@ -1,6 +1,6 @@
 """The network of a surface material: opacity, offset and reflectance of one query (Neural Materials on Curved Surfaces).
 
-Alphabet
+Notation
 u            where a ray meets the bounding surface, in periods of the texture; it wraps around                    (2,)
 r            standard deviation of the ray's footprint there, periods
 ω, ω′        unit directions toward the viewer and the light; x and y along u and v, z outward                     (3,)

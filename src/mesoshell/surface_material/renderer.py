@@ -1,6 +1,6 @@
 """Pictures of a mesh that wears a surface material: one query a hit, in the place of a march.
 
-Alphabet
+Notation
 α, ρ         opacity and reflectance of a hit (surface_material/network)
 T            what comes through the hits before
 L, E         a light's direction and irradiance on the plane facing it                                       (render/light)

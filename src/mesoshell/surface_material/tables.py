@@ -1,6 +1,6 @@
 """A mesh that wears a surface material, as tables (NumPy only: both engines read them).
 
-Alphabet
+Notation
 u, v         texture coordinates in periods; one period is `period` long in the world
 t, b, n      at a hit: n interpolated, outward; t along ∂P/∂u, b along ∂P/∂v, orthonormal; left-handed on mirrored charts
 κ            least curvature along the ray about the hit (geometry/curvature) times the period

@@ -1,6 +1,6 @@
 """From a cone's Gaussian in the world to a filter radius on the texture (after MesoGAN, section 5.1).
 
-Alphabet
+Notation
 d           unit ray direction                                               (3,), world
 A           J⁻¹, world to canonical                                          (3, 3)
 Σ           σ_t² ddᵀ + σ_r² (1 − ddᵀ), covariance in the world

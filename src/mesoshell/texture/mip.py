@@ -1,6 +1,6 @@
 """Feature pyramids and their filtered lookup, in two dimensions and in one.
 
-Alphabet
+Notation
 F           features, level 0 first; each level the box average of 2 × 2 texels (2 in 1D) of the one before
 (u, v)      texture coordinates in patches; the texture covers one patch and wraps around, or it has `density` texels a
             patch, begins at (0, 0) and repeats its last texels beyond its edges; v grows along axis 0

@@ -1,6 +1,6 @@
 """Renders for training, step by step, nearer cameras later.
 
-Alphabet
+Notation
 share      of the samples, farthest cameras first, that a step may see: from FIRST to all over `near_kimg`, in STAGES
 step       counted from 0; what step i sees depends on the configuration, the dataset and i alone, so that a run may resume
 row        place in the global batch; each has its own key

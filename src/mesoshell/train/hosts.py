@@ -1,6 +1,6 @@
 """Several hosts that train as one: how they meet, what the first says to all, and what is said when one is lost.
 
-Alphabet
+Notation
 host        a process with devices of its own; the first is number 0, and reads and writes the run's folder alone
 asked       what a host wants of the step to come: a stop, a checkpoint; what any host asks, all do, after the same step
 lost        a host that sends no sign of life for LOST_AFTER seconds, or whose end is noticed in a sum over hosts

@@ -1,4 +1,4 @@
-"""Batches of a packed dataset: shuffled, split over hosts, restartable at any step (floor 5).
+"""Batches of a packed dataset: shuffled, split over hosts, restartable at any step.
 
 symbol    meaning                                                  shape, unit
 B         samples a batch, on this host

@@ -1,7 +1,7 @@
 """What the generator and the discriminator minimise (Goodfellow et al. 2014; Mescheder et al. 2018), and what a regression does
 (NeRF-Tex; MesoGAN, appendix B).
 
-Alphabet
+Notation
 D(y)     logit of a picture, greater for renders                                (B,)
 γ        weight of R1
 a, b     made and true: linear radiance, or alpha

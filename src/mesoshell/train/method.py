@@ -1,6 +1,6 @@
 """The ways of learning that a run may go: what it asks of each, as one interface.
 
-Alphabet
+Notation
 method     pure functions of one kind of configuration and state, but for `save`; chosen once, by the configuration's type
 shown      a batch: renders with their labels (generate.Shown), traced queries (surface.Asked), rays of patches (shots.Rays), or
            exemplars (exemplars.Taught)

@@ -1,6 +1,6 @@
 """How many devices there are, and how a step is spread over them. No other file knows.
 
-Alphabet
+Notation
 D           devices; each takes an equal share of a step's rows (rays, pictures), and all hold the same parameters
 g           gradient; the step's is the mean over devices of each device's own: pmean(grad(loss)), since grad(pmean(loss))
             inside a mapped function counts every device's cotangent again

@@ -1,6 +1,6 @@
 """Pictures of the unit box from generated features: what a training step shows to the discriminator.
 
-Alphabet
+Notation
 S, N         side of the picture in pixels; samples a ray
 o, d         ray origin and unit direction; world and canonical frame are the same in the unit box (J = 1)
 t0, t1       where a ray enters and leaves the box; t1 = t0 if it misses

@@ -1,6 +1,6 @@
 """report.html of a run: its curves and its sheets on one page that needs nothing beside it.
 
-Alphabet
+Notation
 log          rows of log.jsonl: losses, logits if two play, images a second, by kimg
 scores       rows of evaluation.jsonl: KID and FID with their intervals, by kimg
 """

@@ -1,6 +1,6 @@
 """A training run: steps, a log, checkpoints, resumption, and a stop when something is not finite.
 
-Alphabet
+Notation
 folder       config.json (what the run was begun with), log.jsonl, checkpoints/, snapshots/IMAGES.npz, sheets/IMAGES.png,
              board/ (TensorBoard's, if it is installed)
 method       what a run asks of the way it learns (train/method); the loop knows no other difference

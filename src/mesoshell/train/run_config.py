@@ -1,6 +1,6 @@
 """What a run's folder says of it: config.json, and the snapshots that there are.
 
-Alphabet
+Notation
 record      {"method": which of METHODS, "config": the fields of its configuration, "data": of the dataset it was begun with};
             the GAN's has no "method", as those did that are older than the choice
 """

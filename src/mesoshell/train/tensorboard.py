@@ -1,6 +1,6 @@
-"""TensorBoard's event files, if a package that writes them is installed; nothing otherwise (floor 5).
+"""TensorBoard's event files, if a package that writes them is installed; nothing otherwise.
 
-Alphabet
+Notation
 row        numbers of a log row by name; `kimg` among them says when
 sheet      a PNG file whose name is the number of images seen
 step       TensorBoard's axis: images seen by the discriminator

@@ -1,6 +1,6 @@
 """Transfer learning: a generator's run that begins with the weights of another run's, whose material is another.
 
-Alphabet
+Notation
 own         what the new run draws for itself: what knows a dataset's parameters. That is the mapping network with its mean w,
             the discriminator's embedding of labels, and the decoder's inputs that are appearance
 lent        all other weights of learner, weight average and discriminator, and the averages of the layers' magnitudes

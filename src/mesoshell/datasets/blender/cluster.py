@@ -1,4 +1,4 @@
-"""Shards on a Dask cluster whose machines share the dataset's folder (floor 5; the extra `cluster`).
+"""Shards on a Dask cluster whose machines share the dataset's folder (the extra `cluster`).
 
 The scheduler gives the shard of a worker that died to another one, which keeps the images that are there. A shard's
 rows come back when it ends. If the run that asked is killed, the shards in hand are rendered to their ends.

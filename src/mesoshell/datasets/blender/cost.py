@@ -1,4 +1,4 @@
-"""What accuracy costs in Blender: error and seconds of one sample at many numbers of light paths (floor 5).
+"""What accuracy costs in Blender: error and seconds of one sample at many numbers of light paths.
 
 symbol  meaning
 y       x / (1 + x) of radiance: what training sees, peak 1

@@ -1,4 +1,4 @@
-"""Shards on this machine, a few at a time (floor 5).
+"""Shards on this machine, a few at a time.
 
 A thread a worker: it does little but wait for its Blender process. What happens comes back through one queue, so that
 whoever iterates is the only one who writes the dataset's lists.

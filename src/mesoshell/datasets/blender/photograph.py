@@ -1,6 +1,6 @@
-"""Photographs of a mesh by Blender, as a capture that `mesoshell atlas train` reads: images, poses, a point cloud (floor 5).
+"""Photographs of a mesh by Blender, as a capture that `mesoshell atlas train` reads: images, poses, a point cloud.
 
-Alphabet
+Notation
 dome        directions from the mesh's middle, spread evenly over the part of the sphere above LOWEST, pole first; z or y up
 distance    from the middle: where the mesh's bounding sphere fills FILL of the frame
 cloud       points of the surface, by area, moved by a normal deviation of `noise` × the longest side of the bounding box

@@ -1,4 +1,4 @@
-"""A Blender process that renders samples on request: the other end of `data_gen/worker.py` (standard library; floor 5).
+"""A Blender process that renders samples on request: the other end of `data_gen/worker.py` (standard library).
 
 symbol    meaning
 settings  what all samples of a dataset share: recipe, seed, size, samples_per_pixel, denoise, coverage, fixed, patch, views

@@ -1,4 +1,4 @@
-"""A dataset from its settings: what is missing, in shards, rendered here or on a cluster (floor 5)."""
+"""A dataset from its settings: what is missing, in shards, rendered here or on a cluster."""
 
 import contextlib
 from collections.abc import Callable, Mapping

@@ -1,4 +1,4 @@
-"""A shard: some tens of samples, rendered by one Blender process (floor 5).
+"""A shard: some tens of samples, rendered by one Blender process.
 
 symbol   meaning
 done     index, row of samples.jsonl, and what it cost (a line of log.jsonl)

@@ -1,4 +1,4 @@
-"""A picture of what every parameter of a recipe does, alone (floor 5)."""
+"""A picture of what every parameter of a recipe does, alone."""
 
 import tempfile
 from collections.abc import Callable

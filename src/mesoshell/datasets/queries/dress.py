@@ -1,6 +1,6 @@
 """A mesostructure as geometry on a mesh: what a surface material stands for, to compare it with (NumPy and Embree).
 
-Alphabet
+Notation
 period       world length of one period of the texture; u and v of the mesh are counted in periods
 P, n         point and interpolated unit normal of the mesh at (u, v): a vertex (u, v, h) of the tile comes to P + period h n
 

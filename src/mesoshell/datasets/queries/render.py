@@ -1,6 +1,6 @@
 """A dataset of queries: patches of cylinders of random curvature, turned and shifted on the texture, one after the other.
 
-Alphabet
+Notation
 κ            curvature, uniform in a range of both signs; every eighth patch is flat
 place        in the middle of the patch, one period wide
 ω            across the cylinder's axis, from either side; one in four is GRAZING

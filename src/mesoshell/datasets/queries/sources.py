@@ -1,6 +1,6 @@
 """Mesostructures to learn: a height map of any image file, and four that are made here (NumPy only).
 
-Alphabet
+Notation
 D            depth of a tile, texture units                                       (datasets/queries/tile)
 h            height, −D at the body and 0 at the bounding surface
 cells        of a height map's grid, along u and v

@@ -1,6 +1,6 @@
 """One period of a mesostructure, and copies of it bent onto a cylinder (NumPy only).
 
-Alphabet
+Notation
 u, v, h      texture coordinates, one period each, and height over the bounding surface, all in texture units; h ≤ 0
 D            depth: everything lies in −D ≤ h ≤ 0, and a solid body below
 κ            curvature of the cylinder, 1 / texture unit: positive if it is seen from outside, 0 if flat, negative from within

@@ -1,6 +1,6 @@
 """Light traced through a mesostructure on a cylinder, in Mitsuba: what a surface material must answer.
 
-Alphabet
+Notation
 P, ω, ω′     where a ray meets the bounding surface; unit directions toward the viewer and the light, in the frame there
 α            whether the ray meets the mesostructure, or leaves through the bounding surface without
 L / E⊥       radiance toward ω over the irradiance of a distant light on the plane facing it, all bounces          1/sr

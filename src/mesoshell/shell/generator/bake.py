@@ -1,6 +1,6 @@
-"""From a generator to a texture of any extent: tiles, their mips, the height feature and the σ grid (floor 4).
+"""From a generator to a texture of any extent: tiles, their mips, the height feature and the σ grid.
 
-Alphabet
+Notation
 V, U        texels of the whole texture along v and u: any
 tile        TILE texels a side at most, whole patches; tiles are computed with a halo of their own, so none needs another
 n_l         texels a patch of level l; a tile is whole patches, so each texel of a level lies in one tile

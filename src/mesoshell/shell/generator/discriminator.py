@@ -1,6 +1,6 @@
 """The discriminator: is a picture a render, and one of what its label says? (StyleGAN2's residual network; MesoGAN, 5.1)
 
-Alphabet
+Notation
 y        picture, 2x/(1 + x) − 1 of linear radiance x over black                 (B, S, S, 3)
 c        label: α, β, direction to the camera, log of its distance, direction to the light    (B, L)
 S        side of the picture, a power of two; blocks halve it down to 4

@@ -1,6 +1,6 @@
 """The generator of feature textures (MesoGAN, section 4.1, on Alias-Free GAN's layers).
 
-Alphabet
+Notation
 z, β        what is drawn, and geometry parameters in [0, 1]                     (B, Z), (B, G)
 w           what a layer's styles come from: mapping(z, β)                        (B, W), or on nodes about a tile (nodes.py)
 Γ_l         Fourier map added to the input of layer l (signal/fourier)

@@ -1,6 +1,6 @@
 """A generator in a bundle, and a texture's own numbers: latent, phases and height feature from a seed and parameters.
 
-Alphabet
+Notation
 seed        of a material: z, and the phases φ of all Fourier maps, follow from it
 β           geometry parameters, normalised to [0, 1]                             (G,), or (P, Q, G) on nodes
 w           mapping(z, β)                                                          (1, W), or (1, P, Q, W) on nodes

@@ -1,6 +1,6 @@
 """Geometry that varies over a texture: w at the corners of patches, and between them (MesoGAN, figure 10).
 
-Alphabet
+Notation
 node         a corner of patches; a texture of P × Q patches, begun ones included, has (P + 1) × (Q + 1)
 β(u, v)      geometry parameters at a place                                            (G,), normalised
 w            at each node, of one z and the node's own β                               (1, P + 1, Q + 1, W)

@@ -1,6 +1,6 @@
-"""What follows from a generator's configuration alone: layers, frequencies, and which samples a layer must see (floor 4).
+"""What follows from a generator's configuration alone: layers, frequencies, and which samples a layer must see.
 
-Alphabet
+Notation
 texels      of F a patch; the plane's grid of rate s has its sample i at (i + ½)/s patches
 tile        a rectangle of the plane; it begins at whole cells, of which a patch has CELL
 span        where a layer is evaluated along one axis for a tile: the tile with what the layers after it reach

@@ -1,6 +1,6 @@
 """Is a texture's neighbourhood one that was fitted? A discriminator of what train/textures/critic_view sees, a logit a patch.
 
-Alphabet
+Notation
 y        what is seen of a texture, channels of unit variance                     (B, S, S, I)
 β        geometry parameters                                                      (B, G)
 D        logits, greater for exemplars: one for each place of a grid              (B, s, s)

@@ -1,6 +1,6 @@
-"""A material grown for a surface: one texture over all of its chart, from a seed and parameters (floor 4).
+"""A material grown for a surface: one texture over all of its chart, from a seed and parameters.
 
-Alphabet
+Notation
 uv          texture coordinates of the shell's corners, in patches: any range
 origin      (u, v) of the texture's first texel: whole patches below the least uv
 β           geometry parameters, normalised; a field of one is its value at each place, as (u, v) ↦ β

@@ -1,6 +1,6 @@
-"""Which patches of the plane a surface's chart lies on (NumPy only; floor 4).
+"""Which patches of the plane a surface's chart lies on (NumPy only).
 
-Alphabet
+Notation
 uv          texture coordinates of a surface's corners, in patches: any range
 needed      patches that the surface touches, or comes nearer to than REACH patches: lookups of far views reach over
 """

@@ -1,6 +1,6 @@
 """A mesh to a shell of prisms, one on each triangle (MesoGAN §4.2 and appendix A; Porumbescu et al. 2005, shell maps).
 
-Alphabet
+Notation
 λ_i, h          barycentric coordinates and relative height of a point in a prism, h in [0, 1]
 b_i, o_i        base and offset of corner i, world: P(λ, h) = Σ λ_i (b_i + h o_i);  o = thickness × vertex normal
 E_j, D_j        edges b_j − b_0 and o_j − o_0, j = 1, 2

@@ -3,7 +3,7 @@
 A ray that has entered a prism leaves it through one of three sides, the top or the base; through a side it enters the
 neighbour, and so on until it leaves the shell. One step of the walk is one prism and yields one interval.
 
-Alphabet
+Notation
 o, d        ray origin and unit direction                                         (3,), world
 t           distance from the ray's origin                                        world
 λ           barycentric coordinates in a prism's triangle, (λ₀, λ₁); λ₂ = 1 − λ₀ − λ₁

@@ -1,6 +1,6 @@
 """Samples on intervals: where they lie in canonical space, and how wide the pixel's cone is there.
 
-Alphabet
+Notation
 λ, h        barycentric coordinates and height in a prism; P(λ, h) = Σ λ_i (b_i + h n_i)
 E           2 × 2: (u, v) = uv₂ + E (λ₀, λ₁)
 J⁻¹         inverse of ∂P/∂(u, v, h); as diag(E, 1) · (∂P/∂(λ₀, λ₁, h))⁻¹ it is finite even where a face has no UV area

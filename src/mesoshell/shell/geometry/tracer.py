@@ -1,6 +1,6 @@
 """Rays against the shell: entry through Embree, then the prism walk, then on to the next entry.
 
-Alphabet
+Notation
 o, d        ray origin and unit direction, float64 on the host                       (R, 3), world
 t           distance from the origin                                                 world
 code        0, 1, 2: a side at a border; 3: the top; 4: the base surface

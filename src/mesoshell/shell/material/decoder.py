@@ -1,6 +1,6 @@
 """The network that turns features into extinction and reflectance (MesoGAN, equation 3).
 
-Alphabet
+Notation
 F           F(u, v) + F(h)                                                    (C,)
 h           height; the network sees h and sin, cos of π·2ᵏ·h for `octaves` values of k
 α           appearance parameters                                             (A,)

@@ -1,6 +1,6 @@
-"""The σ grid: what lets a render pass over empty space (floor 4).
+"""The σ grid: what lets a render pass over empty space.
 
-Alphabet
+Notation
 cell        of (h, v, u); it holds MARGIN times the largest σ that was seen in it, its walls' surroundings included
 l           level: grid l bounds σ for levels in [l, l + 1)
 excess      of σ over the bound, at points that no probe saw

@@ -1,6 +1,6 @@
 """A material as a field in the shell: density first, then transport for each light (MesoGAN, section 4.2).
 
-Alphabet
+Notation
 ξ           (u, v, h), u and v in patches                                    (3,), canonical
 r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
 F           F(u, v) + F(h), each filtered                                     (C,)

@@ -1,6 +1,6 @@
 """What the decoder sees at all (u, v) of two axes, at one height: as shell/material/field has it for one point.
 
-Alphabet
+Notation
 (v, u)      coordinates along each axis, in patches                               (V,), (U,)
 at          height, filter and appearance, the same for all; its (u, v) is not looked at
 nodes       of F(h), if geometry varies (shell/generator/nodes)

@@ -1,6 +1,6 @@
-"""What a decoder loses in 16 bits, against float64 (floor 4).
+"""What a decoder loses in 16 bits, against float64.
 
-Alphabet
+Notation
 x           what the decoder sees of a point: F(u, v) + F(h), encoded h, α           (N, I)
 ω, ω′       toward the viewer, toward the light, both above the horizon              (N, 3), canonical
 a           opacity 1 − e^{−σℓ} of a step ℓ: what of σ a picture shows               (N,)

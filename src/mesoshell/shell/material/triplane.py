@@ -1,6 +1,6 @@
 """Three planes in place of a plane and a height feature: what the method is compared with (MesoGAN, section 6.2).
 
-Alphabet
+Notation
 plane        0 on (u, v), 1 on (u, h), 2 on (v, h), each of n × n texels a patch; F is the sum of the three
 cell         a patch of surface. Each has planes of its own: those on (u, h) and (v, h) say nothing beyond their patch
 r, σ_h       standard deviations of the filter on the tangent plane, in patches, and along the height

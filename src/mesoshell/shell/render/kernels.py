@@ -4,7 +4,7 @@ Each kernel works on padded arrays of a fixed capacity and a count, in tiles (`n
 once whatever the scene. What an effect needs is traced only if the effect is on: `Program` is a static argument, and two
 scenes that call for the same effects share a compiled program.
 
-Alphabet
+Notation
 S           samples: each is an interval's row, a position f on it, and the share of the interval it stands for
 τ           optical depth of a sample, σ times the canonical length it stands for
 """

@@ -1,6 +1,6 @@
 """Light on a tile of rays: what the shell scatters, and what the surfaces under and beside it reflect.
 
-Alphabet
+Notation
 L           unit vector toward a light                                         (3,), world
 E           E⊥ of a distant light, or radiance / p of a drawn direction          RGB
 V           visibility, 0 or 1: from the exit point on the shell's top toward L; only surfaces block, since ρ holds the

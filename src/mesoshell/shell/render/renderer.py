@@ -1,6 +1,6 @@
 """Render a scene: trace, sample, skip, decode front to back, light, composite.
 
-Alphabet
+Notation
 R, I, S     rays, intervals, samples of one tile of rays
 τ, T, w     optical depth of a sample, transmittance before it, its weight T (1 − e^{−τ})
 ρ           transport; a sample adds w ρ E⊥ for each light that its interval sees

@@ -1,6 +1,6 @@
 """What there is to render: a mesh under a shell, a material, a camera and lights; and the material's arrays in JAX.
 
-Alphabet
+Notation
 α           appearance parameters in the order of the bundle, each normalised to [0, 1] by its range
 grid        largest σ over cells of (h, v, u), one grid a mip level; grid l bounds σ for levels in [l, l + 1)
 """

@@ -1,6 +1,6 @@
 """How well a fit predicts images that it has not seen.
 
-Alphabet
+Notation
 y           x / (1 + x) of radiance, and alpha: what is compared, peak 1
 foreground  pixels whose true alpha exceeds 0.5
 blocks      means over 4 × 4 pixels: how well the picture is right from afar

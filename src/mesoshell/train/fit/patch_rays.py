@@ -1,6 +1,6 @@
 """Pictures of patches as rays: which patch each shows, which pixels meet the unit box, and the rows of a step.
 
-Alphabet
+Notation
 K, N        patches, and pictures of all of them
 patch       a geometry: a recipe at a version, an instance, and its β; datasets that share it add pictures to it
 pixel       place among all pixels of all pictures, row by row; of picture n from first[n] on

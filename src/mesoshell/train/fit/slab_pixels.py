@@ -1,6 +1,6 @@
 """A pixel of a patch, as the renderer would have it, and how far it is from a render's.
 
-Alphabet
+Notation
 R, N        rays of a row, and candidate samples a ray
 occupancy   largest σ seen lately in each cell of (h, v, u): candidates in empty cells are not decoded   (D, V, U)
 x, y        radiance; x/(1+x) of it, and alpha

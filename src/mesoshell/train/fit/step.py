@@ -1,6 +1,6 @@
 """Fit patches to their renders: a feature texture each; one decoder and one height feature for all (an auto-decoder).
 
-Alphabet
+Notation
 K, G        patches; patches a step
 B, R, N     rows a step, each of rays of one patch; rays a row; candidate samples a ray
 occupancy   largest σ seen lately in each cell of (h, v, u) of a patch: candidates in empty cells are not decoded

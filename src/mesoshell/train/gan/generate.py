@@ -1,6 +1,6 @@
 """Pictures of random textures, and what the discriminator is told of a picture.
 
-Alphabet
+Notation
 B            pictures a step; each row has a random key of its own, so that its numbers do not depend on where it is computed
 T            textures a step: `views` pictures, one after the other in the batch, look at the same one
 c            label: α, β (both in turns), direction to the camera from the box's centre, log of its distance, direction to the

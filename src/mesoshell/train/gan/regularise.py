@@ -1,6 +1,6 @@
 """Two helps that a run may ask for: early pictures seen through a blur, and density that changes little over small steps.
 
-Alphabet
+Notation
 s            standard deviation of the blur, pixels: `blur` at first, falling evenly to 0 at `blur_kimg`
 δ            standard deviation of the step between two points, canonical lengths
 σ            extinction in units of the decoder's scale

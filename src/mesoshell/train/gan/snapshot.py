@@ -1,6 +1,6 @@
 """What a GAN's run keeps on the way: the material of the averaged weights, and a sheet of pictures.
 
-Alphabet
+Notation
 snapshot    a bundle that `mesoshell render` takes
 sheet       rows of six: near renders, pictures from far cameras, and from the near renders' cameras, one texture a column; and
             beside them the first three features of 4 × 4 patches

@@ -1,6 +1,6 @@
 """What a training run is made of: its configuration, its state, and how both begin.
 
-Alphabet
+Notation
 kimg       thousands of renders shown to the discriminator
 A, G       number of appearance and of geometry parameters of the dataset
 """

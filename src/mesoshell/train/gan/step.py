@@ -1,6 +1,6 @@
 """One training step: pictures of random textures, and both players' updates (MesoGAN, section 5.1).
 
-Alphabet
+Notation
 B            pictures, and renders, a step
 y            what the discriminator sees: 2x/(1 + x) − 1                         (B, S, S, 3)
 c, c′        labels of the renders, and of the pictures                           (B, L)

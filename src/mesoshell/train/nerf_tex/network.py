@@ -2,7 +2,7 @@
 
 No texture, no random numbers that make one, no discriminator (MesoGAN, section 6.3 and appendix B).
 
-Alphabet
+Notation
 B, P         pictures a step; normalised parameters that the network sees: all α, all β, and with `seeded` the geometry's seed
 ξ            (u, v, h): the network sees it and sin, cos of π·2ᵏ·ξ for `octaves` values of k
 p            parameters in [0, 1], encoded in the same way with PARAMETER_OCTAVES values of k

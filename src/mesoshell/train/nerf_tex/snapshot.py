@@ -1,6 +1,6 @@
 """What a run of the parametric network keeps on the way: its weights, and a sheet of pictures.
 
-Alphabet
+Notation
 snapshot    an archive of arrays (io/archive), PART/LAYER/kernel and bias; its manifest.json says that it is no bundle, so that
             what reads materials refuses it by its kind
 sheet       rows of six: near renders and pictures of the same, far renders and pictures of the same

@@ -1,6 +1,6 @@
 """Rays of photographs, step by step: which are learned from, and which are kept to test with.
 
-Alphabet
+Notation
 batch        rays a step: two thirds through the object's masks, one third beside them, of all views that are learned from
 step         counted from 0; what step i sees depends on the seed, the capture and i alone, so that a run may resume
 """

@@ -1,6 +1,6 @@
 """What a run of a captured object keeps on the way: the object as a file, and a sheet of it.
 
-Alphabet
+Notation
 sheet        two views that were held out (or, if none was, learned from), of each its photograph, a render, and one with a
              checkerboard for texture; beneath them the texture, as a cubemap
 """

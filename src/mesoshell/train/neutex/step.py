@@ -1,6 +1,6 @@
 """Learning an object from its photographs (NeuTex, sections 3.4 and 4.2).
 
-Alphabet
+Notation
 B            rays a step (train/neutex/ray_batches)
 I, T         colour and transmittance of a ray; M: its pixel's mask
 render       Σ (sRGB(I) − sRGB(I_gt))², for linear colours: what their photographs' own values are (equation 9)

@@ -1,6 +1,6 @@
 """A neural shell as the teacher of a surface material: queries marched through it on a cylinder.
 
-Alphabet
+Notation
 D            thickness of the shell in patches; the surface material's period is a patch
 κ            curvature of the bounding surface, the shell's top                                              1 / patch
 x, z         place in the plane across the axis: the ray enters at 0, x runs across, z outward               patches

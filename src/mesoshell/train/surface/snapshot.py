@@ -1,6 +1,6 @@
 """What a run of a surface material keeps on the way: the material as a bundle, and a sheet of it.
 
-Alphabet
+Notation
 snapshot     a bundle that `mesoshell render` takes (io/surface); its textures are blurred as they are at that time
 sheet        rows: flat, and as curved as was trained; columns: from above, and ever flatter; lit from the upper left. What rays
              pass is blue

@@ -1,6 +1,6 @@
 """Learning a surface material from traced queries.
 
-Alphabet
+Notation
 B            queries a step
 x            π ρ: 1 for a white diffuse surface that faces the light
 blur         standard deviation of the blur of all textures, texels: from WIDE to `fine` over SHRINK of the run, geometrically

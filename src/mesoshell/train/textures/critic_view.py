@@ -1,6 +1,6 @@
 """What a critic sees of a texture: as the decoder sees it, in layers, from above and aslant. No ray is traced.
 
-Alphabet
+Notation
 y           channels of what is seen, a picture                                   (S, S, CHANNELS)
 SLICES      layers whose opacity is seen
 LIT         layers whose reflectance toward a drawn light, times opacity, is seen from above

@@ -1,6 +1,6 @@
 """A texture as it looks from above, without a ray: what its layers hold, and how high the first thing is that light meets.
 
-Alphabet
+Notation
 n, h        layers, and their heights: the middles of equal parts of [0, TOP]
 o           opacity of a layer, 1 − exp(−σ Δh)                                    (S, S, n)
 depth       mean height of what light from above meets first                      (S, S)

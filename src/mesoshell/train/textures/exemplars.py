@@ -1,6 +1,6 @@
 """Exemplars for a generator to learn: scaled, and in rows of a step.
 
-Alphabet
+Notation
 K           exemplars (io/exemplars)
 f, F        a channel as it was fitted, and scaled: F = (f − mean)/deviation
 B           rows a step

@@ -1,6 +1,6 @@
 """A start from which an untrained generator makes what exemplars are at large: their mean, covariance, and power by octave.
 
-Alphabet
+Notation
 x           what the untrained generator gives, WIDE channels                     (B, S, S, W)
 A, b        F = A x + b: the C largest principal components of x, brought to unit variance, turned at random, and given the
             exemplars' correlation                                                (W, C), (C,)

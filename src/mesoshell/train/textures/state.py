@@ -1,6 +1,6 @@
 """A run on textures under way: what it depends on, what it holds, what it says of a step.
 
-Alphabet
+Notation
 γ           of the critic's penalty γ/2 mean (D(y + ε n) − D(y))²/ε², on both sides, n normal
 """
 

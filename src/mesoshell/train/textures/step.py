@@ -1,6 +1,6 @@
 """The generator learns fitted textures, through the decoder that they were fitted with: no ray is traced.
 
-Alphabet
+Notation
 K, B        exemplars (train/textures/exemplars), each with phases of its own, drawn once; rows a step
 F̂, F        what the generator makes of an exemplar's phases and β; the exemplar's texture        (B, S, S, C)
 error       mean of (F̂ − F)²; exemplars are scaled to unit variance a channel, so it is the share of the variance that is left

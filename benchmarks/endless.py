@@ -27,7 +27,7 @@ from mesoshell.measure.repetition import largest_repeat
 from mesoshell.shell.generator.generator import draw_phases, synthesise
 from mesoshell.shell.generator.model import Maker, grown, maker_of
 from mesoshell.shell.generator.plan import CELL
-from mesoshell.train.curriculum import fitted, views_of
+from mesoshell.train.gan.curriculum import fitted, views_of
 from mesoshell.train.gan.snapshot import pictures
 from mesoshell.train.gan.state import Learner, TrainConfig
 from mesoshell.train.run_config import read_record, snapshots

@@ -35,10 +35,11 @@ from mesoshell.signal.modulated import modulated_conv
 from mesoshell.train.gan.generate import Shown, generate, label
 from mesoshell.train.gan.presets import SMALL
 from mesoshell.train.gan.state import TrainConfig, sized, start
-from mesoshell.train.gan.step import Across, step
+from mesoshell.train.gan.step import step
 from mesoshell.train.losses import r1
 from mesoshell.train.parallel import in_turn
 from mesoshell.train.patch_renderer import shown
+from mesoshell.train.update import Across
 from mesoshell.typing import Array
 
 T64 = GeneratorConfig(texels=64, channel_base=4096, channel_max=64)

@@ -24,10 +24,11 @@ from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.loader import decoder_of
 from mesoshell.shell.material.precision import STEP, _error, _points, decode
 from mesoshell.shell.render import kernels
 from mesoshell.shell.render.renderer import render
-from mesoshell.shell.render.scene import Scene, decoder_of
+from mesoshell.shell.render.scene import Scene
 
 
 def errors(bits: int | None) -> dict[str, dict[str, float]]:

@@ -31,9 +31,10 @@ from mesoshell.shell.generator.texture_synthesis import Wanted, grow
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.material.density_bounds import bounds
 from mesoshell.shell.material.field import Layout, Material
+from mesoshell.shell.material.loader import GRID_CELLS, DeviceMaterial, Grid, ready
 from mesoshell.shell.material.triplane import pack_planes
 from mesoshell.shell.render.renderer import Report, render
-from mesoshell.shell.render.scene import GRID_CELLS, Grid, Ready, Scene, ready
+from mesoshell.shell.render.scene import Scene
 from mesoshell.texture import mip
 
 HEIGHT, PROBES = 16, 24
@@ -62,12 +63,12 @@ def hill(patches: int, rng: np.random.Generator | None, steps: int = 4) -> Mesh:
     return check_mesh(vertices, faces.astype(np.int32), uv.astype(np.float32), "hill")
 
 
-def ours(bundle: Bundle, name: str, mesh: Mesh) -> Ready:
+def ours(bundle: Bundle, name: str, mesh: Mesh) -> DeviceMaterial:
     found, origin = grow(bundle, name, extrude(mesh, THICKNESS, 1.0).uv, Wanted())
     return ready(found, origin)
 
 
-def planes(bundle: Bundle, maker: Maker, patches: int) -> Ready:
+def planes(bundle: Bundle, maker: Maker, patches: int) -> DeviceMaterial:
     """Planes of every patch, each of a seed of its own."""
     texels = maker.config.texels
 
@@ -91,10 +92,10 @@ def planes(bundle: Bundle, maker: Maker, patches: int) -> Ready:
     grids = [bounds(layout, material, i, shape, corner, PROBES) for i, shape in enumerate(shapes)]
     names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
-    return Ready(material, layout, Grid(jnp.asarray(flat)), tuple(shapes), names)
+    return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), tuple(shapes), names)
 
 
-def pictured(material: Ready, mesh: Mesh, size: int, quality: str) -> tuple[np.ndarray, Report]:
+def pictured(material: DeviceMaterial, mesh: Mesh, size: int, quality: str) -> tuple[np.ndarray, Report]:
     shell = extrude(mesh, THICKNESS, 1.0)
     n = float(mesh.vertices[:, :2].max())
     camera = Camera(look_at((n / 2, -0.75 * n, 0.9 * n), (n / 2, n / 2, 0.1 * n), (0.0, 0.0, 1.0)), 0.75, size, size)

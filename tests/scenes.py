@@ -10,7 +10,8 @@ from mesoshell.render.facts import Facts
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry.extrude import Shell
-from mesoshell.shell.render.scene import Scene, ready
+from mesoshell.shell.material.loader import ready
+from mesoshell.shell.render.scene import Scene
 
 #: Every sample decoded, none skipped, nothing filtered: what laws can be tested on exactly.
 FULL = Quality(pixel_samples=1, samples=32, early_stop=0.0, skip=0.0, weight_cut=0.0, filtering=False)

@@ -15,7 +15,7 @@ from mesoshell.measure import above, fields
 from mesoshell.measure.posed import posed
 from mesoshell.render.composite import weights
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.render.scene import ready
+from mesoshell.shell.material.loader import ready
 from tests.shell import growing
 from tests.train import fog
 

@@ -32,7 +32,7 @@ from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.generator.texture_critic import CriticConfig, criticise, init_critic
 from mesoshell.shell.material import decoder as decoding
 from mesoshell.shell.material.decoder import init_decoder
-from mesoshell.shell.render.scene import decoder_of
+from mesoshell.shell.material.loader import decoder_of
 from mesoshell.surface_material.network import Place, SurfaceConfig, init_surface, reflectance, seen, tables
 from tests.shell import growing
 from tests.silhouette import wearing

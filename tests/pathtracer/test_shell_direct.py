@@ -24,8 +24,9 @@ from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.generator.texture_synthesis import Wanted, grow
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv
+from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.renderer import render
-from mesoshell.shell.render.scene import Scene, ready
+from mesoshell.shell.render.scene import Scene
 from tests.shell import growing
 
 ROOT = Path(__file__).parents[2]

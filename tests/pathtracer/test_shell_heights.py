@@ -22,7 +22,7 @@ from mesoshell.pathtracer.quadrature import Sample
 from mesoshell.shell.generator.texture_synthesis import Wanted, baked, field_of, grow
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.render.scene import ready
+from mesoshell.shell.material.loader import ready
 from tests.shell import growing
 
 #: One process compiles what its tests share.

@@ -13,8 +13,8 @@ from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.quadrature import Sample
 from mesoshell.shell.material.field import Point, neural_field
+from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.kernels import Program, bound
-from mesoshell.shell.render.scene import ready
 from mesoshell.texture import mip
 
 GRASS = Path(__file__).parents[2] / "src" / "mesoshell" / "assets" / "grass.npz"

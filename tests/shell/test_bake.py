@@ -16,7 +16,7 @@ from mesoshell.shell.generator.model import grown, maker_of
 from mesoshell.shell.generator.plan import halo_cost
 from mesoshell.shell.generator.texture_synthesis import Wanted, baked, grow, patches_of
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.render.scene import ready
+from mesoshell.shell.material.loader import ready
 from mesoshell.texture import mip
 from tests.silhouette import wearing
 

@@ -8,7 +8,7 @@ import pytest
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.shell.material.density_bounds import DEEPEST, new_points
-from mesoshell.shell.render.scene import ready
+from mesoshell.shell.material.loader import ready
 from mesoshell.texture.footprint import footprint
 
 

@@ -16,8 +16,9 @@ from mesoshell.render.light import environment
 from mesoshell.render.quality import Quality
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
+from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.renderer import Report, render
-from mesoshell.shell.render.scene import Scene, ready
+from mesoshell.shell.render.scene import Scene
 
 QUALITY = Quality(pixel_samples=1)
 

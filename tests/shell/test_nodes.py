@@ -15,7 +15,7 @@ from mesoshell.shell.generator.plan import GeneratorConfig, reach
 from mesoshell.shell.generator.texture_synthesis import Wanted, baked, field_of, grow
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.field import Point, inputs
-from mesoshell.shell.render.scene import ready
+from mesoshell.shell.material.loader import ready
 
 #: One process compiles what its tests share.
 pytestmark = [pytest.mark.xdist_group("nodes"), pytest.mark.usefixtures("optimised")]

@@ -38,10 +38,10 @@ from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.geometry import batched_walk
 from mesoshell.shell.geometry.march import Place, Prisms, Ray
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece
-from mesoshell.shell.material import density_bounds
+from mesoshell.shell.material import density_bounds, loader
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.field import Layout
-from mesoshell.shell.render import kernels, lighting, scene
+from mesoshell.shell.render import kernels, lighting
 from mesoshell.signal.fourier import shifted_phase
 from mesoshell.surface_material import network as surface_material
 from mesoshell.surface_material import renderer as surface_renderer
@@ -127,7 +127,7 @@ def _plain(function: Callable, *arguments: Any) -> Callable[[], Any]:
 
 
 def _of_shells(bundle: Bundle) -> Programs:
-    ready = scene.ready(bundle)
+    ready = loader.ready(bundle)
     prisms, chart = Prisms(f(2, 18), i(2, 6)), Chart(f(2, 18), f(2, 6))
     rays = Ray(f(128, 3), f(128, 3), f(128, 3))
     place = Place(i(128), f(128), f(128), f(128, 2), f(128), i(128), b(128))
@@ -326,7 +326,7 @@ def _of_textures() -> Programs:
 
 
 def _of_judges(bundle: Bundle) -> Programs:
-    found, how = scene.ready(bundle), ((1, 4), 2)
+    found, how = loader.ready(bundle), ((1, 4), 2)
     picture = _jitted(above._picture, found.layout, (*how, (0.0, 0.0, 1.0)), found.material, f(1))
     return {
         "measure.above._picture": [picture],

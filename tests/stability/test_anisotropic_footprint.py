@@ -14,9 +14,9 @@ from mesoshell.nets.mlp import Dense
 from mesoshell.shell.geometry.sampling import Chart
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.field import Layout, Material
+from mesoshell.shell.material.loader import Grid
 from mesoshell.shell.render import kernels
 from mesoshell.shell.render.kernels import Program, Table, gaussian_taps
-from mesoshell.shell.render.scene import Grid
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import Footprint, footprint
 

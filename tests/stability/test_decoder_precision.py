@@ -23,9 +23,9 @@ from mesoshell.shell.generator.model import grown, maker_of
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.material.decoder import Decoder, head, init_decoder, toward_viewer, trunk
 from mesoshell.shell.material.field import Layout, Material, Point, inputs
+from mesoshell.shell.material.loader import ready
 from mesoshell.shell.material.precision import SHORT, STEP, decode, decoder_error
 from mesoshell.shell.render.renderer import render
-from mesoshell.shell.render.scene import ready
 from mesoshell.train.export import generator_bundle
 from mesoshell.train.gan.state import Learner, TrainConfig, sized
 from mesoshell.train.patch_renderer import PictureConfig, along, material_of, pixel_rays

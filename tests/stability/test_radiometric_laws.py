@@ -15,9 +15,10 @@ from mesoshell.render.camera import rays
 from mesoshell.render.light import Distant, environment
 from mesoshell.shell.geometry.sampling import spread
 from mesoshell.shell.material.field import Point, neural_field
+from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.lighting import Tile
 from mesoshell.shell.render.renderer import Report, _Renderer, render
-from mesoshell.shell.render.scene import Scene, ready
+from mesoshell.shell.render.scene import Scene
 
 
 def test_extinction_is_bit_identical_under_any_directions(tiny_bundle):

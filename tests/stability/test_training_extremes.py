@@ -17,9 +17,10 @@ from mesoshell.shell.generator.discriminator import Discriminator, Discriminator
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.train.gan.generate import Shown, label
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers, sized, start
-from mesoshell.train.gan.step import MOST, Report, _updated, not_finite, step
+from mesoshell.train.gan.step import Report, step
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
 from mesoshell.train.patch_renderer import PictureConfig, shown
+from mesoshell.train.update import MOST, not_finite, updated
 from mesoshell.typing import Array
 
 #: One process compiles what its tests share.
@@ -137,7 +138,7 @@ def test_adam_at_zero_gradient_moves_nothing(player: int) -> None:
 
     weights = learner(0.0, 1.0, -1e-30)
     zero = jax.tree.map(jnp.zeros_like, weights)
-    update = jax.jit(lambda w, memory, g: _updated(adam, w, memory, g))
+    update = jax.jit(lambda w, memory, g: updated(adam, w, memory, g))
     first, memory = update(weights, adam.init(weights), zero)
     np.testing.assert_array_equal(first.generator, weights.generator)
     np.testing.assert_array_equal(memory[0].nu.generator, 0)
@@ -146,7 +147,7 @@ def test_adam_at_zero_gradient_moves_nothing(player: int) -> None:
 
     def again(_: int, now: tuple) -> tuple:
         weights, memory = now
-        return _updated(adam, weights, memory, zero)
+        return updated(adam, weights, memory, zero)
 
     still, memory = jax.jit(lambda now: jax.lax.fori_loop(0, 3000, again, now))((moved, memory))
     np.testing.assert_array_equal(still.generator, moved.generator)

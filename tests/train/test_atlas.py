@@ -23,7 +23,6 @@ from mesoshell.neutex.capture import Capture, read_capture
 from mesoshell.neutex.field import DENSITY, to_surface, to_texture
 from mesoshell.neutex.store import read_captured
 from mesoshell.train.gan.presets import PAPER, SMALL, TINY
-from mesoshell.train.gan.step import HERE
 from mesoshell.train.method import ATLAS, method_of
 from mesoshell.train.neutex import step as atlas
 from mesoshell.train.neutex.ray_batches import Rays, held_out, recorded
@@ -41,6 +40,7 @@ from mesoshell.train.neutex.step import (
 )
 from mesoshell.train.run import train
 from mesoshell.train.run_config import keep_record, read_record, snapshots
+from mesoshell.train.update import HERE
 from tests import balls
 
 #: One process compiles what its tests share.

@@ -19,15 +19,15 @@ from mesoshell.io.pack import pack_dataset
 from mesoshell.io.query_dataset import Patches, read_patches
 from mesoshell.neutex.capture import Capture, read_capture
 from mesoshell.shell.material.decoder import init_decoder
-from mesoshell.train.curriculum import RunConfig, views_of
 from mesoshell.train.experiment import check_recipe, experiment_of, read_experiment
 from mesoshell.train.export import decoder_arrays
+from mesoshell.train.gan.curriculum import views_of
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import method_of
 from mesoshell.train.nerf_tex.network import ParametricConfig
 from mesoshell.train.neutex.step import AtlasTraining
 from mesoshell.train.run import train
-from mesoshell.train.run_config import read_record, snapshots
+from mesoshell.train.run_config import RunConfig, read_record, snapshots
 from mesoshell.train.surface.step import SurfaceTraining
 from mesoshell.train.textures.state import TexturesConfig
 from tests import balls

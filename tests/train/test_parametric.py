@@ -17,16 +17,18 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
 from mesoshell.shell.material.field import Point
-from mesoshell.train.curriculum import SEED, fitted_parametric, renders, views_of, with_seeds
+from mesoshell.train.gan.curriculum import renders, views_of
 from mesoshell.train.gan.generate import Shown
 from mesoshell.train.gan.presets import TINY
-from mesoshell.train.gan.step import HERE
 from mesoshell.train.losses import EPSILON, smape, transmittance_loss
 from mesoshell.train.method import NERF_TEX, method_of
 from mesoshell.train.nerf_tex.network import ParametricConfig, paint, redrawn, see, sized_as, start, step
+from mesoshell.train.nerf_tex.seeds import SEED, with_seeds
+from mesoshell.train.nerf_tex.seeds import fitted as fitted_parametric
 from mesoshell.train.nerf_tex.snapshot import painter, pictures, save
 from mesoshell.train.run import train
 from mesoshell.train.run_config import keep_record, read_record
+from mesoshell.train.update import HERE
 
 CONFIG = parametric_step.CONFIG
 

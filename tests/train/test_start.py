@@ -13,7 +13,7 @@ from mesoshell.shell.generator.generator import init_averages
 from mesoshell.train.gan.generate import Shown, generate
 from mesoshell.train.gan.presets import TINY
 from mesoshell.train.gan.state import Learner, sized, start
-from mesoshell.train.gan.step import HERE
+from mesoshell.train.update import HERE
 
 CONFIG = sized(TINY, 1, 0)
 BATCH = 8

@@ -21,7 +21,6 @@ from mesoshell.surface_material.loader import surface_of
 from mesoshell.surface_material.network import Seen, Surface, SurfaceConfig
 from mesoshell.train import run
 from mesoshell.train.gan.presets import SMALL, TINY
-from mesoshell.train.gan.step import Across
 from mesoshell.train.method import SURFACE, method_of
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.run_config import keep_record, read_record
@@ -47,6 +46,7 @@ from mesoshell.train.surface.step import (
     step,
     surface_as,
 )
+from mesoshell.train.update import Across
 from tests.silhouette import wearing
 
 #: One process compiles what its tests share.

@@ -11,7 +11,7 @@ from mesoshell.datasets.queries.tile import Placing, bent
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.shell.material.field import Field, Layout
-from mesoshell.shell.render.scene import ready
+from mesoshell.shell.material.loader import ready
 from mesoshell.train.surface import shell_teacher
 from mesoshell.train.surface.shell_teacher import BATCH, SAMPLES, Lay, Lesson, Teacher, answer, answers, frame, span
 

@@ -18,7 +18,7 @@ from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.generator.texture_critic import CriticConfig, criticise, init_critic
 from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.decoder import init_decoder
-from mesoshell.shell.render.scene import decoder_of
+from mesoshell.shell.material.loader import decoder_of
 from mesoshell.train import run
 from mesoshell.train.export import decoder_arrays
 from mesoshell.train.textures import critic_view

@@ -19,10 +19,12 @@ from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
 from mesoshell.train import run
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.curriculum import SEED, fitted, fitted_parametric, renders
+from mesoshell.train.gan.curriculum import fitted, renders
 from mesoshell.train.gan.state import TrainConfig, TrainState
 from mesoshell.train.method import GAN
 from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.nerf_tex.seeds import SEED
+from mesoshell.train.nerf_tex.seeds import fitted as fitted_parametric
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.run_config import keep_record, read_record
 from mesoshell.train.transfer import lender

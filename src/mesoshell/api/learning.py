@@ -13,14 +13,13 @@ from mesoshell.io.dataset import read_dataset
 from mesoshell.io.exemplars import Exemplars, write_exemplars
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.train import run as runs
-from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.experiment import check_recipe, experiment_of, of_length, read_data
 from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.holdout import Scores
 from mesoshell.train.fit.result import conclude, fit_config, shots_to_fit
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import Data
-from mesoshell.train.run_config import snapshots
+from mesoshell.train.run_config import RunConfig, snapshots
 
 #: Called with each row of the log: kimg, images_per_s and losses.
 Show = Callable[[dict[str, float]], None]

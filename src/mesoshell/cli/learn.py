@@ -7,11 +7,11 @@ from typing import Any, Literal
 from mesoshell.cli.host_process import LOST, SAID_LOST
 from mesoshell.cli.progress import bar, stderr
 from mesoshell.io.atomic import probe_folder
-from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.hosts import HostLost, is_first
 from mesoshell.train.malloc import keep_memory
 from mesoshell.train.method import Data, method_of
 from mesoshell.train.run import Diverged, train
+from mesoshell.train.run_config import RunConfig
 
 
 def learn(

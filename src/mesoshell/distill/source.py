@@ -20,7 +20,7 @@ from mesoshell.io.material import PARAMS, bundled, digest, find, normalised
 from mesoshell.io.surface import KIND, kind_of
 from mesoshell.scene.defaults import EARTH
 from mesoshell.scene.materials import read_params
-from mesoshell.shell.render.scene import ready
+from mesoshell.shell.material.loader import ready
 from mesoshell.surface_material.network import SurfaceConfig
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.surface.shell_teacher import Teacher, answers

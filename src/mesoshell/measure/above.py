@@ -20,14 +20,14 @@ from mesoshell.numerics import opacity, optical_depth
 from mesoshell.render.composite import tonemap, weights
 from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.field import Layout, Material, Point, inputs
-from mesoshell.shell.render.scene import Ready
+from mesoshell.shell.material.loader import DeviceMaterial
 
 #: E⊥ of a picture's light, as the recipes' have it.
 _IRRADIANCE = 40.0
 
 
 def opacities(
-    found: Ready, alpha: Float[np.ndarray, "A"], field: tuple[int, int], layers: int
+    found: DeviceMaterial, alpha: Float[np.ndarray, "A"], field: tuple[int, int], layers: int
 ) -> Float[np.ndarray, "K V U"]:
     """field: P and n."""
     sigma = jax.lax.map(lambda row: _row(found.layout, found.material, alpha, (field, layers), row)[0], _rows(field))
@@ -35,7 +35,11 @@ def opacities(
 
 
 def picture(
-    found: Ready, alpha: Float[np.ndarray, "A"], field: tuple[int, int], light: tuple[float, float, float], layers: int
+    found: DeviceMaterial,
+    alpha: Float[np.ndarray, "A"],
+    field: tuple[int, int],
+    light: tuple[float, float, float],
+    layers: int,
 ) -> Float[np.ndarray, "V U 3"]:
     """field: P and n; light: a unit vector toward it."""
     return np.asarray(_picture(found.layout, (field, layers, light), found.material, jnp.asarray(alpha)))

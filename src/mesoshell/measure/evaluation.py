@@ -18,12 +18,13 @@ from mesoshell.measure.features import Extractor, extractor
 from mesoshell.measure.queries import QUERIES, score
 from mesoshell.neutex.capture import Capture
 from mesoshell.neutex.store import read_captured
-from mesoshell.train.curriculum import RunConfig, views_of
+from mesoshell.train.gan.curriculum import views_of
 from mesoshell.train.gan.state import TrainConfig
 from mesoshell.train.method import method_of
 from mesoshell.train.nerf_tex.network import ParametricConfig
 from mesoshell.train.neutex import ray_batches
 from mesoshell.train.neutex.step import AtlasTraining
+from mesoshell.train.run_config import RunConfig
 from mesoshell.train.surface.snapshot import painter
 from mesoshell.train.surface.step import SurfaceTraining, held_out
 

@@ -23,7 +23,7 @@ from mesoshell.measure.copies import Nearest, layer_means, nearest
 from mesoshell.measure.direction import leans, mean_error, strokes
 from mesoshell.measure.repetition import largest_repeat
 from mesoshell.shell.generator.texture_synthesis import Wanted, baked
-from mesoshell.shell.render.scene import Ready, ready
+from mesoshell.shell.material.loader import DeviceMaterial, ready
 
 #: Patches along a field, pixels a patch, layers; light of its picture.
 FIELD, LAYERS, ASLANT = (12, 24), 32, (0.6, 0.0, 0.8)
@@ -136,7 +136,7 @@ def _height(opacity: Float[np.ndarray, "K V U"]) -> Float[np.ndarray, "V U 3"]:
     return np.repeat((seen * height).sum(axis=0)[..., None], 3, axis=2).astype(np.float32)
 
 
-def _grown(bundle: Bundle, name: str, side: int, wanted: Wanted) -> tuple[Ready, Float[np.ndarray, "A"]]:
+def _grown(bundle: Bundle, name: str, side: int, wanted: Wanted) -> tuple[DeviceMaterial, Float[np.ndarray, "A"]]:
     """The material over `side` × `side` patches, and α."""
     if bundle.generator is not None:
         texels = round(side * bundle.texel_density)

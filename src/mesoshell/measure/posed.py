@@ -25,7 +25,7 @@ from mesoshell.io.dataset import Dataset, Sample
 from mesoshell.io.material import normalised
 from mesoshell.shell.generator.model import maker_of
 from mesoshell.shell.material.field import Point, inputs
-from mesoshell.shell.render.scene import ready
+from mesoshell.shell.material.loader import ready
 from mesoshell.train.gan.generate import Shown
 from mesoshell.train.gan.snapshot import pictures
 from mesoshell.train.gan.state import Learner, TrainConfig

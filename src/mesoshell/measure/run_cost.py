@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from mesoshell.measure.flops import count_operations
-from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.method import Data, method_of
+from mesoshell.train.run_config import RunConfig
 
 
 def run_cost(config: RunConfig, dataset: Data) -> str:

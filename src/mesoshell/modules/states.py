@@ -16,12 +16,12 @@ from flax.training.train_state import TrainState
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.modules.networks import CapturedField, Decoder, Discriminator, Generator, SurfaceMaterial, TextureCritic
-from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.gan.state import TrainConfig, optimisers
 from mesoshell.train.nerf_tex import network as parametric
 from mesoshell.train.nerf_tex.network import ParametricConfig
 from mesoshell.train.neutex import step as atlas
 from mesoshell.train.neutex.step import AtlasTraining
+from mesoshell.train.run_config import RunConfig
 from mesoshell.train.surface import step as surface
 from mesoshell.train.surface.step import SurfaceTraining
 from mesoshell.train.textures import step as textures

@@ -6,7 +6,7 @@ from mesoshell.modules.network import Network
 from mesoshell.modules.networks import CapturedField, Decoder, Generator, SurfaceMaterial
 from mesoshell.neutex.store import Captured
 from mesoshell.shell.generator.model import maker_of
-from mesoshell.shell.render.scene import decoder_of
+from mesoshell.shell.material.loader import decoder_of
 from mesoshell.surface_material.loader import ready
 
 

@@ -82,7 +82,7 @@ class Thing(NamedTuple):
 def view(
     config: FieldConfig, field: Field, quality: Quality, paint: Paint | None = None, lit: Lit | None = None
 ) -> View:
-    """Ready to show an object from anywhere."""
+    """Make ready to show an object from anywhere."""
     return View(quality, occupancy(config, field, quality.skip), paint, lit)
 
 

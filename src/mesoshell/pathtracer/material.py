@@ -21,7 +21,7 @@ from mesoshell.pathtracer.levels import Levels, between_levels, count, level_of,
 
 #: How far below the horizon, as a cosine, light still counts a little (shell/material/decoder).
 FADE = 0.1
-#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges (shell/render/scene).
+#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges (shell/material/loader).
 GRID_CELLS = 8
 
 

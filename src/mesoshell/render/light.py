@@ -29,7 +29,7 @@ class Environment(NamedTuple):
 
 
 def environment(radiance: Float[np.ndarray, "H W 3"], up: int) -> Environment:
-    """Ready a map for sampling in proportion to luminance times solid angle."""
+    """Make a map ready for sampling in proportion to luminance times solid angle."""
     h = radiance.shape[0]
     area = np.sin((np.arange(h) + 0.5) / h * np.pi)[:, None]
     luminance = radiance @ np.array([0.2126, 0.7152, 0.0722])

@@ -21,9 +21,9 @@ from mesoshell.scene.render_surface import prepare_wearing
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.geometry.horizon import lowest
+from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.renderer import render
 from mesoshell.shell.render.scene import Scene as MarchedScene
-from mesoshell.shell.render.scene import ready
 
 
 def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:

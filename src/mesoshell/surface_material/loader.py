@@ -11,7 +11,7 @@ from mesoshell.surface_material.network import Module, Surface, SurfaceConfig, T
 
 
 @dataclass(frozen=True, eq=False)
-class Ready:
+class DeviceMaterial:
     """curvature: the range of κ that the material was trained for."""
 
     config: SurfaceConfig
@@ -19,7 +19,7 @@ class Ready:
     curvature: tuple[float, float]
 
 
-def ready(bundle: SurfaceBundle) -> Ready:
+def ready(bundle: SurfaceBundle) -> DeviceMaterial:
     """A bundle's network, ready to be asked."""
     hidden = tuple(
         bundle.arrays[f"reflectance/hidden/{i}/bias"].shape[0]
@@ -27,7 +27,7 @@ def ready(bundle: SurfaceBundle) -> Ready:
     )
     asked: Any = (bundle.opacity, bundle.sees_curvature, bundle.step, bundle.offset)
     config = SurfaceConfig(bundle.texels, bundle.channels, hidden, *asked)
-    return Ready(config, tables(surface_of(bundle), jnp.asarray(1e-3, jnp.float32)), bundle.curvature)
+    return DeviceMaterial(config, tables(surface_of(bundle), jnp.asarray(1e-3, jnp.float32)), bundle.curvature)
 
 
 def surface_of(bundle: SurfaceBundle) -> Surface:

@@ -33,7 +33,7 @@ from mesoshell.render.facts import Facts
 from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality
 from mesoshell.surface_material.intersector import ADVANCE, Dressed, Hits, Local
-from mesoshell.surface_material.loader import Ready
+from mesoshell.surface_material.loader import DeviceMaterial
 from mesoshell.surface_material.network import Place, SurfaceConfig, Tables, reflectance, seen
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import wear
@@ -47,7 +47,7 @@ RAYS, MOST = 32768, 1024
 class SurfaceScene(SurfaceDescription):
     """What is rendered, with what."""
 
-    ready: Ready
+    ready: DeviceMaterial
 
 
 def facts(scene: SurfaceScene) -> Facts:
@@ -220,21 +220,21 @@ def _some(lights: list[Beam], rows: np.ndarray) -> list[Beam]:
     return [Beam(beam.toward[rows], beam.strength[rows]) for beam in lights]
 
 
-def _opacity(ready: Ready, local: Local) -> Float[np.ndarray, "H"]:
+def _opacity(ready: DeviceMaterial, local: Local) -> Float[np.ndarray, "H"]:
     """α."""
     return run(lambda *x: _ask_opacity(ready.config, ready.table, x[:-1], x[-1]), *_rows(ready, local)).astype(
         np.float64
     )
 
 
-def _answered(ready: Ready, local: Local, light: Float[np.ndarray, "H L 3"]) -> tuple[np.ndarray, np.ndarray]:
+def _answered(ready: DeviceMaterial, local: Local, light: Float[np.ndarray, "H L 3"]) -> tuple[np.ndarray, np.ndarray]:
     """α (H,) and ρ (H, L, 3); at least one light."""
     rows = (*_rows(ready, local), light.astype(np.float32))
     alpha, rho = run(lambda *x: _ask(ready.config, ready.table, x[:-1], x[-1]), *rows)
     return alpha.astype(np.float64), rho.reshape(light.shape).astype(np.float64)
 
 
-def _rows(ready: Ready, local: Local) -> tuple[np.ndarray, ...]:
+def _rows(ready: DeviceMaterial, local: Local) -> tuple[np.ndarray, ...]:
     low, high = ready.curvature
     kappa = (2 * np.clip(local.kappa, low, high) - low - high) / (high - low)
     return tuple(np.asarray(x, np.float32) for x in (local.u, local.radius, local.w, kappa))

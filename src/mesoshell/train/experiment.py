@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import Data, method_of
-from mesoshell.train.run_config import read_record
+from mesoshell.train.run_config import RunConfig, read_record
 
 
 def read_experiment(path: Path, preset: str | None = None) -> Any:

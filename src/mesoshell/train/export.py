@@ -20,8 +20,8 @@ from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.density_bounds import bounds, new_points
 from mesoshell.shell.material.field import Layout, Material
+from mesoshell.shell.material.loader import decoder_of
 from mesoshell.shell.material.precision import decoder_error
-from mesoshell.shell.render.scene import decoder_of
 from mesoshell.texture import mip
 from mesoshell.train.fit.step import Common, FitConfig
 from mesoshell.train.gan.state import Learner, TrainConfig

@@ -16,18 +16,20 @@ from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.exemplars import Exemplars, read_exemplars
 from mesoshell.io.query_dataset import Patches, read_patches
 from mesoshell.neutex.capture import Capture
-from mesoshell.train.curriculum import RunConfig, fitted, fitted_parametric, renders
 from mesoshell.train.fit import snapshot as fit_snapshot
 from mesoshell.train.fit import step as fit
 from mesoshell.train.fit.patch_rays import Shots, shots_of
 from mesoshell.train.gan import snapshot, state, step
+from mesoshell.train.gan.curriculum import fitted, renders
 from mesoshell.train.gan.state import TrainConfig, TrainState
 from mesoshell.train.nerf_tex import network as parametric
 from mesoshell.train.nerf_tex import snapshot as parametric_snapshot
 from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.nerf_tex.seeds import fitted as fitted_parametric
 from mesoshell.train.neutex import ray_batches
 from mesoshell.train.neutex import snapshot as atlas_snapshot
 from mesoshell.train.neutex import step as atlas
+from mesoshell.train.run_config import RunConfig
 from mesoshell.train.surface import snapshot as surface_snapshot
 from mesoshell.train.surface import step as surface
 from mesoshell.train.textures import exemplars

@@ -21,7 +21,7 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from mesoshell.errors import InputError
-from mesoshell.train.gan.step import HERE, Across
+from mesoshell.train.update import HERE, Across
 from mesoshell.typing import Array
 
 AXIS = "rows"

@@ -26,12 +26,11 @@ import numpy as np
 
 from mesoshell.io.image import write_png
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.hosts import is_first, noticing, received, wait_for_all
 from mesoshell.train.method import Data, Method, method_of
 from mesoshell.train.parallel import Spread, spread_step
 from mesoshell.train.report import write_report
-from mesoshell.train.run_config import forget_after, keep_record
+from mesoshell.train.run_config import RunConfig, forget_after, keep_record
 from mesoshell.train.tensorboard import open_board
 from mesoshell.train.transfer import lender
 

@@ -21,7 +21,6 @@ from mesoshell.io.exemplars import Exemplars
 from mesoshell.io.query_dataset import Patches
 from mesoshell.io.records import read_object, read_rows
 from mesoshell.neutex.capture import Capture
-from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.fit.patch_rays import Shots
 from mesoshell.train.fit.step import FitConfig
 from mesoshell.train.gan.state import TrainConfig
@@ -30,6 +29,8 @@ from mesoshell.train.neutex.step import AtlasTraining
 from mesoshell.train.surface.step import SurfaceTraining
 from mesoshell.train.textures.state import TexturesConfig
 
+#: What a run, of any method, depends on beside the data.
+RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining | FitConfig | TexturesConfig
 METHODS: dict[str, type[RunConfig]] = {
     "gan": TrainConfig,
     "nerf_tex": ParametricConfig,

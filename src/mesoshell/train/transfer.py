@@ -26,9 +26,8 @@ from mesoshell.io.bundle import read_bundle
 from mesoshell.nets.mlp import Dense
 from mesoshell.shell.generator.model import maker_of
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.curriculum import RunConfig
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, start
-from mesoshell.train.run_config import flat, read_record
+from mesoshell.train.run_config import RunConfig, flat, read_record
 from mesoshell.train.textures import step as textures
 from mesoshell.train.textures.exemplars import Scaled
 from mesoshell.train.textures.state import TexturesConfig, TexturesState

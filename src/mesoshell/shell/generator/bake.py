@@ -28,7 +28,7 @@ from mesoshell.shell.generator.nodes import window
 from mesoshell.shell.generator.plan import CELL, GeneratorConfig, reach
 from mesoshell.shell.material.density_bounds import bounds, new_points
 from mesoshell.shell.material.field import Layout, Material
-from mesoshell.shell.render.scene import GRID_CELLS, pack_heights
+from mesoshell.shell.material.loader import GRID_CELLS, pack_heights
 from mesoshell.texture import mip
 from mesoshell.typing import Array
 

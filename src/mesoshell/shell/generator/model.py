@@ -30,7 +30,7 @@ from mesoshell.shell.generator.generator import (
 )
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.material.decoder import Decoder
-from mesoshell.shell.render.scene import decoder_of
+from mesoshell.shell.material.loader import decoder_of
 from mesoshell.typing import Array
 
 

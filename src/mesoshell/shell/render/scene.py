@@ -1,47 +1,19 @@
-"""What there is to render: a mesh under a shell, a material, a camera and lights; and the material's arrays in JAX.
+"""What there is to render: a mesh under a shell, a material, a camera and lights.
 
 Notation
 α           appearance parameters in the order of the bundle, each normalised to [0, 1] by its range
-grid        largest σ over cells of (h, v, u), one grid a mip level; grid l bounds σ for levels in [l, l + 1)
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from mesoshell.geometry.mesh import Mesh
-from mesoshell.io.bundle import Bundle
-from mesoshell.nets.mlp import Dense
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant, Environment
 from mesoshell.shell.geometry.extrude import Shell
-from mesoshell.shell.material.decoder import Decoder
-from mesoshell.shell.material.field import Layout, Material
-from mesoshell.texture import mip
-from mesoshell.typing import Array
-
-#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges.
-GRID_CELLS = 8
-
-
-class Grid(NamedTuple):
-    """The σ bounds of all levels, flattened."""
-
-    values: Float[Array, "G"]
-
-
-@dataclass(frozen=True, eq=False)
-class Ready:
-    """A bundle ready to be evaluated: arrays, and what a compiled program must know of them."""
-
-    material: Material
-    layout: Layout
-    grid: Grid
-    grid_shapes: tuple[tuple[int, int, int], ...]
-    names: tuple[str, ...]
+from mesoshell.shell.material.loader import DeviceMaterial
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +26,7 @@ class Scene:
 
     mesh: Mesh
     shell: Shell
-    ready: Ready
+    ready: DeviceMaterial
     camera: Camera
     lights: tuple[Distant, ...]
     environment: Environment | None = None
@@ -64,57 +36,3 @@ class Scene:
     base_colour: tuple[float, float, float] = (0.09, 0.06, 0.035)
     objects: tuple[Mesh, ...] = ()
     transparent: bool = True
-
-
-def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> Ready:
-    """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather.
-
-    origin: (u, v), in whole patches, at which a texture with edges begins.
-    """
-    a = bundle.arrays
-    levels = [a[f"features/{i}"] for i in range(_count(a, "features/{}"))]
-    varies = "heights/0" in a
-    heights = [a[f"heights/{i}"] if varies else a[f"height/{i}"][None, None] for i in range(_count(a, "height/{}"))]
-    grids = [a[f"grid/{i}"] for i in range(len(levels))]
-    layout = Layout(
-        tuple(x.shape[:2] for x in levels),
-        tuple((x.shape[2], 1) for x in heights),
-        float(bundle.texel_density),
-        bundle.height_octaves,
-        not bundle.wraps,
-        origin,
-        nodes=heights[0].shape[:2] if varies else None,
-    )
-    material = Material(
-        mip.pack([jnp.asarray(x) for x in levels]),
-        mip.Pyramid(jnp.asarray(pack_heights(heights).reshape(-1, bundle.channels))),
-        decoder_of(a),
-    )
-    flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
-    names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
-    return Ready(material, layout, Grid(jnp.asarray(flat)), tuple(g.shape for g in grids), names)
-
-
-def pack_heights(levels: list[Float[np.ndarray, "P Q _r C"]]) -> Float[np.ndarray, "P Q R C"]:
-    """Levels of F(h) at each node, one after the other."""
-    return np.concatenate(levels, axis=2)
-
-
-def _count(arrays: dict[str, np.ndarray], key: str) -> int:
-    n = 0
-    while key.format(n) in arrays:
-        n += 1
-    return n
-
-
-def decoder_of(a: dict[str, np.ndarray]) -> Decoder:
-    """The decoder of a bundle's arrays."""
-
-    def dense(name: str) -> Dense:
-        return Dense(jnp.asarray(a[f"{name}/kernel"], jnp.float32), jnp.asarray(a[f"{name}/bias"], jnp.float32))
-
-    def layers(name: str) -> list[Dense]:
-        return [dense(f"{name}/{i}") for i in range(_count(a, name + "/{}/kernel"))]
-
-    scale = jnp.asarray(a["sigma_scale"], jnp.float32)
-    return Decoder(layers("decoder/trunk"), dense("decoder/sigma"), layers("decoder/head"), dense("decoder/rho"), scale)

@@ -28,12 +28,12 @@ from mesoshell.io.exemplars import Exemplars, read_decoder
 from mesoshell.io.material import digest, find
 from mesoshell.shell.material.decoder import Decoder, init_decoder
 from mesoshell.shell.material.field import Layout, Material, Point, neural_field
-from mesoshell.shell.render.scene import decoder_of
+from mesoshell.shell.material.loader import decoder_of
 from mesoshell.texture import mip
 from mesoshell.texture.mip import Pyramid
 from mesoshell.train.fit.patch_rays import Rays, Shots, rays_at
 from mesoshell.train.fit.slab_pixels import predict, residual
-from mesoshell.train.gan.step import HERE, Across, not_finite
+from mesoshell.train.update import HERE, Across, descent, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 #: Patches that the decoder learns on at first.
@@ -248,8 +248,7 @@ def _adam() -> optax.GradientTransformation:
 
 
 def _moved(rate: Scalar, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
-    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, memory = _adam().update(gradient, memory)
+    updates, memory = descent(_adam(), tree, memory, gradient)
     return jax.tree.map(lambda x, u: x - rate * u, tree, updates), memory
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,11 +24,10 @@ from mesoshell.io.image import tonemap
 from mesoshell.io.sheet import tiled
 from mesoshell.shell.generator.generator import Averages, draw_phases, map_latent, synthesise
 from mesoshell.shell.generator.model import maker_of
-from mesoshell.train.curriculum import views_of
 from mesoshell.train.export import declared, generator_bundle
+from mesoshell.train.gan.curriculum import Paced, views_of
 from mesoshell.train.gan.generate import Shown, generate
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState
-from mesoshell.train.nerf_tex.network import ParametricConfig
 from mesoshell.train.parallel import in_turn
 from mesoshell.typing import Array
 
@@ -47,7 +47,7 @@ def painter(config: TrainConfig, path: Path) -> Callable[[Shown], Float[np.ndarr
     return lambda batch: pictures(config, learner, maker.averages, batch)
 
 
-def provenance(config: TrainConfig | ParametricConfig, dataset: Dataset, images: int) -> dict:
+def provenance(config: Any, dataset: Dataset, images: int) -> dict:
     """Where a snapshot comes from."""
     return {"config": asdict(config), "dataset": origin(dataset), "commit": commit(), "images": images}
 
@@ -67,7 +67,7 @@ def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.
     return np.concatenate(parts, axis=1)
 
 
-def ends(config: TrainConfig | ParametricConfig, dataset: Dataset) -> tuple[Shown, Shown]:
+def ends(config: Paced, dataset: Dataset) -> tuple[Shown, Shown]:
     """A row of the farthest renders, and one of the nearest."""
     far_first = sorted(range(len(dataset.samples)), key=lambda i: -dataset.samples[i].radius)
     return views_of(config, dataset, far_first[:COLUMNS]), views_of(config, dataset, far_first[-COLUMNS:])

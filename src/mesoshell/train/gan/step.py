@@ -13,12 +13,10 @@ That renders are not of other parameters the discriminator may be told as well (
 image synthesis", 2016, section 4.2).
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import optax
 
 from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.shell.generator.generator import Averages
@@ -27,26 +25,13 @@ from mesoshell.train.gan.regularise import blurred
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers
 from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
 from mesoshell.train.patch_renderer import shown
+from mesoshell.train.update import HERE, Across, not_finite, updated
 from mesoshell.typing import Array, Bool, Scalar
 
 #: Images after which half of the old magnitude is left, and how much of the mean of w each step keeps.
 MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
 #: Half-life of the weight average: this many images, or this share of those seen if that is fewer.
 AVERAGE_IMAGES, AVERAGE_SHARE = 10_000.0, 0.05
-#: A gradient whose square float32 cannot hold.
-MOST = 1e19
-
-
-class Across(NamedTuple):
-    """What devices share when each holds rows of its own, and whether a device sees its pictures at once or in turn."""
-
-    mean: Callable[[Any], Any] = lambda tree: tree
-    everyone: Callable[[Array], tuple[Array, Array]] | None = None
-    each: Callable[[Callable], Callable] = jax.vmap
-
-
-#: Arrays are global: one device, or several that the compiler spreads them over.
-HERE = Across()
 
 
 class Report(NamedTuple):
@@ -97,8 +82,8 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
     (d_loss, real_logit), d_gradient = jax.value_and_grad(told_apart, has_aux=True)(state.discriminator)
     (g_gradient,) = back((by_picture, jnp.asarray(config.density, real.dtype)))
     g_gradient, d_gradient, seen = across.mean((g_gradient, d_gradient, seen))
-    learner, learner_adam = _updated(for_learner, state.learner, state.learner_adam, g_gradient)
-    judge, judge_adam = _updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
+    learner, learner_adam = updated(for_learner, state.learner, state.learner_adam, g_gradient)
+    judge, judge_adam = updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
 
     def regularised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
         return _regularised(config, judge, adam, (real, c), across)
@@ -108,7 +93,7 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
 
     due = state.step % config.r1_every == 0
     judge, judge_adam, penalty, bad_penalty = jax.lax.cond(due, regularised, passed, judge, judge_adam)
-    rows = batch.image.shape[0] if across.everyone is None else across.everyone(batch.alpha)[0].shape[0]
+    rows = across.rows(batch.alpha)
     images = state.images + rows
     losses = across.mean((g_loss, d_loss, real_logit, fake_logit))
     bad = jnp.concatenate([not_finite(g_gradient), not_finite(d_gradient) | bad_penalty])
@@ -146,14 +131,8 @@ def _regularised(
 
     value, gradient = jax.value_and_grad(penalty)(judge)
     value, gradient = across.mean((value, gradient))
-    judge, adam = _updated(optimisers(config)[1], judge, adam, gradient)
+    judge, adam = updated(optimisers(config)[1], judge, adam, gradient)
     return judge, adam, value, not_finite(gradient)
-
-
-def _updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
-    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, memory = adam.update(gradient, memory, tree)
-    return optax.apply_updates(tree, updates), memory
 
 
 def _smoothed(smooth: Learner, learner: Learner, rows: int, images: Array) -> Learner:
@@ -169,8 +148,3 @@ def _averaged(averages: Averages, seen: Seen, rows: int) -> Averages:
         for old, new in zip(averages.magnitude, seen.magnitude, strict=True)
     ]
     return Averages(magnitude, seen.w + (averages.w - seen.w) * W_KEEP)
-
-
-def not_finite(tree: Any) -> Bool[Array, "_leaves"]:
-    """Which leaves hold NaN, infinity, or what Adam's squares turn into it: such a weight would never move again."""
-    return jnp.stack([~(jnp.abs(leaf) < MOST).all() for leaf in jax.tree.leaves(tree)])

@@ -25,9 +25,9 @@ from mesoshell.shell.material.decoder import Decoder, encode_height, init_decode
 from mesoshell.shell.material.field import Point
 from mesoshell.train.gan.generate import Shown
 from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.gan.step import HERE, Across, not_finite
 from mesoshell.train.losses import smape, transmittance_loss
 from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
+from mesoshell.train.update import HERE, Across, not_finite, updated
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 PARAMETER_OCTAVES = 4
@@ -109,11 +109,8 @@ def step(
 
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.decoder)
     parts, gradient = across.mean((parts, gradient))
-    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, adam = optimiser(config).update(gradient, state.adam, state.decoder)
-    rows = batch.image.shape[0] if across.everyone is None else across.everyone(batch.alpha)[0].shape[0]
-    bad = not_finite(gradient)
-    decoder: Any = optax.apply_updates(state.decoder, updates)
+    decoder, adam = updated(optimiser(config), state.decoder, state.adam, gradient)
+    rows, bad = across.rows(batch.alpha), not_finite(gradient)
     return ParametricState(decoder, adam, state.step + 1, state.images + rows), ParametricReport(
         parts[0], parts[1], bad
     )

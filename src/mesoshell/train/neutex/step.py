@@ -37,8 +37,8 @@ from mesoshell.neutex.field import (
 )
 from mesoshell.neutex.march import CELLS, march, widened
 from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.gan.step import HERE, Across, not_finite
 from mesoshell.train.neutex.ray_batches import Rays, held_out, rays_for
+from mesoshell.train.update import HERE, Across, descent, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 #: Cells of the grid are asked in so many turns; what is left of a cell's σ at each; and what is passed over.
@@ -158,8 +158,7 @@ def step(
 
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.field)
     parts, gradient = across.mean((parts, gradient))
-    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, adam = optimiser(config).update(gradient, state.adam, state.field)
+    updates, adam = descent(optimiser(config), state.field, state.adam, gradient)
     last = share >= 1 - config.finish
     updates: Any = updates
     updates = updates._replace(
@@ -171,7 +170,7 @@ def step(
     field: Any = optax.apply_updates(state.field, updates)
     bad = not_finite(gradient)
     grid = asked(config, field, state.grid, state.step, key)
-    rows = batch.mask.shape[0] if across.everyone is None else across.everyone(batch.mask)[0].shape[0]
+    rows = across.rows(batch.mask)
     after = AtlasState(field, adam, grid, state.step + 1, state.images + rows)
     return after, AtlasReport(*parts, bad=bad)
 

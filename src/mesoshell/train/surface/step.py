@@ -36,7 +36,7 @@ from mesoshell.surface_material.network import (
     tables,
 )
 from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.gan.step import HERE, Across, not_finite
+from mesoshell.train.update import HERE, Across, descent, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 WIDE, SHRINK, FREEZE = 8.0, 0.6, 0.8
@@ -180,12 +180,11 @@ def step(
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.surface)
     parts, gradient = across.mean((parts, gradient))
     frozen = share > FREEZE
-    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, adam = optimiser(config).update(gradient, state.adam, state.surface)
+    updates, adam = descent(optimiser(config), state.surface, state.adam, gradient)
     updates: Any = updates._replace(offset=jax.tree.map(lambda x: jnp.where(frozen, 0, x), updates.offset))
     surface: Any = optax.apply_updates(state.surface, updates)
     bad = not_finite(gradient)
-    rows = batch.radius.shape[0] if across.everyone is None else across.everyone(batch.radius)[0].shape[0]
+    rows = across.rows(batch.radius)
     return SurfaceState(surface, adam, state.step + 1, state.images + rows), SurfaceReport(parts[0], parts[1], bad)
 
 

@@ -21,7 +21,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.nets.mlp import Dense
 from mesoshell.shell.material.decoder import Decoder
-from mesoshell.shell.render.scene import decoder_of
+from mesoshell.shell.material.loader import decoder_of
 
 
 class Taught(NamedTuple):

@@ -32,11 +32,11 @@ from mesoshell.shell.generator.generator import (
     synthesise_height,
 )
 from mesoshell.shell.generator.texture_critic import Critic, criticise, init_critic
-from mesoshell.train.gan.step import HERE, Across, not_finite
 from mesoshell.train.textures.critic_view import draw_light, see, turned
 from mesoshell.train.textures.exemplars import Scaled, Taught
 from mesoshell.train.textures.natural_start import natural_start, wide
 from mesoshell.train.textures.state import Heard, TexturesConfig, TexturesReport, TexturesState, Versus
+from mesoshell.train.update import HERE, Across, not_finite, updated
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 #: Half of an old magnitude is left after this many rows; of a weight, in the average, after this many or AVERAGE_SHARE of all.
@@ -110,12 +110,12 @@ def step(
         real = jax.lax.stop_gradient(shown(batch.other, 3))
         versus, heard, worse = _judged(config, versus, real, jax.lax.stop_gradient(y), batch.other_beta, keys, across)
         bad.append(worse)
-    learner = _moved(config, config.rate, state.generator, state.adam, gradient)
+    learner = updated(optimiser(config, config.rate), state.generator, state.adam, gradient)
     if versus:  # Adam's counts wait too, else its first steps would be several times too large
         waits = state.step < config.warm
         learner = jax.tree.map(lambda old, new: jnp.where(waits, old, new), (state.generator, state.adam), learner)
     generator, adam = learner
-    rows = batch.patch.shape[0] if across.everyone is None else across.everyone(batch.patch)[0].shape[0]
+    rows = across.rows(batch.patch)
     images = state.images + rows
     half_life = jnp.minimum(AVERAGE_ROWS, AVERAGE_SHARE * images.astype(error.dtype))
     new = state._replace(
@@ -149,7 +149,7 @@ def _judged(
 
     (_, heard), gradient = jax.value_and_grad(loss, has_aux=True)(versus.critic)
     heard, gradient = across.mean((heard, gradient))
-    critic, adam = _moved(config, config.critic_rate, versus.critic, versus.adam, gradient)
+    critic, adam = updated(optimiser(config, config.critic_rate), versus.critic, versus.adam, gradient)
     return versus._replace(critic=critic, adam=adam), heard, not_finite(gradient)
 
 
@@ -211,12 +211,6 @@ def phases_of(config: TexturesConfig, keys: Key[Array, "B"]) -> Phases:
 def optimiser(config: TexturesConfig, rate: float) -> optax.GradientTransformation:
     steps = max(1, round(config.kimg * 1000 / config.batch))
     return optax.adam(optax.cosine_decay_schedule(rate, steps, config.final), 0.0 if config.adversarial else 0.9, 0.99)
-
-
-def _moved(config: TexturesConfig, rate: float, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
-    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, memory = optimiser(config, rate).update(gradient, memory)
-    return optax.apply_updates(tree, updates), memory
 
 
 def _towards(old: Any, new: Any, keep: Any) -> Any:

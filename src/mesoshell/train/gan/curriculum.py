@@ -4,11 +4,11 @@ Notation
 share      of the samples, farthest cameras first, that a step may see: from FIRST to all over `near_kimg`, in STAGES
 step       counted from 0; what step i sees depends on the configuration, the dataset and i alone, so that a run may resume
 row        place in the global batch; each has its own key
-seed       of a sample's geometry, as one more β: (i + ½)/n for the i-th of n samples, so that no two are alike in float32
 """
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -17,23 +17,25 @@ from jaxtyping import Int
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.shell.generator.discriminator import GROUP
-from mesoshell.train.fit.step import FitConfig
 from mesoshell.train.gan.generate import Shown
 from mesoshell.train.gan.state import TrainConfig, sized
 from mesoshell.train.loader import Feed, take
-from mesoshell.train.nerf_tex.network import ParametricConfig
-from mesoshell.train.neutex.step import AtlasTraining
 from mesoshell.train.patch_renderer import PictureConfig
-from mesoshell.train.surface.step import SurfaceTraining
-from mesoshell.train.textures.state import TexturesConfig
-
-#: What a run, of any method, depends on beside the data.
-RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining | FitConfig | TexturesConfig
-#: The name of the seed among parameters; not one that a recipe could use.
-SEED = "geometry seed"
 
 #: The farthest quarter at first, then one eighth of the way at a time.
 FIRST, STAGES = 0.25, 8
+
+
+@runtime_checkable
+class Paced(Protocol):
+    """Of a configuration, what says which renders a step sees."""
+
+    @property
+    def batch(self) -> int: ...
+    @property
+    def near_kimg(self) -> float: ...
+    @property
+    def seed(self) -> int: ...
 
 
 def fitted(config: TrainConfig, dataset: Dataset) -> tuple[TrainConfig, Dataset]:
@@ -47,7 +49,7 @@ def fitted(config: TrainConfig, dataset: Dataset) -> tuple[TrainConfig, Dataset]
     roles = [entry["role"] for entry in seen.manifest["parameters"].values()]
     if config.mismatch and not roles:
         raise InputError("mismatch", "needs a dataset with parameters: without them no render is beside wrong ones")
-    config = replace(config, picture=_fitted_picture(config.picture, dataset))
+    config = replace(config, picture=fitted_picture(config.picture, dataset))
     return sized(config, roles.count("alpha"), roles.count("beta")), seen
 
 
@@ -58,39 +60,8 @@ def varying(dataset: Dataset) -> Dataset:
     return replace(dataset, manifest=dataset.manifest | {"parameters": kept})
 
 
-def fitted_parametric(config: ParametricConfig, dataset: Dataset) -> tuple[ParametricConfig, Dataset]:
-    """The configuration for a dataset, and the dataset with what varies in it, its seeds too if the network sees them. Raises
-    InputError if images are not of the configured size, or show other geometry each and no seed tells which, or the same and
-    there is no need."""
-    patch = dataset.manifest.get("patch", None if config.seeded else 0)
-    if patch is None and not config.seeded:
-        raise InputError(
-            dataset.folder,
-            "every image shows another geometry, which this network cannot tell apart: render one patch "
-            f"(mesoshell dataset render {dataset.recipe} --patch 0 …), or train experiments/nerf_tex_seed.py",
-        )
-    if patch is not None and config.seeded:
-        raise InputError(
-            dataset.folder, f"every image shows patch {patch}; seeds as a parameter need a dataset without --patch"
-        )
-    dataset = with_seeds(varying(dataset)) if config.seeded else varying(dataset)
-    picture = _fitted_picture(config.picture, dataset)
-    return replace(config, picture=picture, parameters=len(dataset.manifest["parameters"])), dataset
-
-
-def with_seeds(dataset: Dataset) -> Dataset:
-    """The dataset with one more parameter, the last of its β: which geometry a sample shows."""
-    entry = {"role": "beta", "range": [0.0, 1.0], "default": 0.5, "unit": "1", "meaning": "which geometry"}
-    manifest = dataset.manifest | {"parameters": dataset.manifest["parameters"] | {SEED: entry}}
-    count = len(dataset.samples)
-    samples = tuple(
-        replace(sample, parameters=sample.parameters | {SEED: (i + 0.5) / count})
-        for i, sample in enumerate(dataset.samples)
-    )
-    return replace(dataset, manifest=manifest, samples=samples)
-
-
-def _fitted_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
+def fitted_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
+    """With the field of view of a dataset. Raises InputError if its images have another size."""
     size, wanted = dataset.samples[0].size, picture.size
     if size != (wanted, wanted):
         raise InputError(
@@ -101,9 +72,7 @@ def _fitted_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
     return replace(picture, fov=float(dataset.samples[0].fov))
 
 
-def renders(
-    config: TrainConfig | ParametricConfig, dataset: Dataset, host: int = 0, hosts: int = 1
-) -> Callable[[int], Shown]:
+def renders(config: Paced, dataset: Dataset, host: int = 0, hosts: int = 1) -> Callable[[int], Shown]:
     """This host's rows of step i, as NumPy arrays. Raises InputError if hosts cannot share the batch, or data are too few."""
     if config.batch % hosts:
         raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
@@ -127,9 +96,7 @@ def renders(
     return at
 
 
-def views_of(
-    config: TrainConfig | ParametricConfig, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]
-) -> Shown:
+def views_of(config: Paced, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]) -> Shown:
     """The samples at these positions, with keys of their own: the same whenever they are asked for."""
     b = take(dataset, np.asarray(positions))
     keys = np.stack(

@@ -13,7 +13,7 @@ import jax
 from mesoshell.cli.main import main as mesoshell
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.pack import pack_dataset
-from tests.train import fog
+from tests.helpers import fog
 
 SIDE = 16
 MISSING = "no accelerator: JAX finds {} only; install JAX for yours, as .venv/bin/pip install -e '.[cuda]' (or .[tpu])"

@@ -17,7 +17,7 @@ from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_exr, read_png
 from mesoshell.io.material import bundled
 from mesoshell.io.surface import write_surface
-from tests.silhouette import wearing
+from tests.helpers import wearing
 
 ROOT = Path(__file__).parents[2]
 MESH = ROOT / "tests/data/suzanne.obj"

@@ -10,8 +10,7 @@ import jax
 import pytest
 
 import mesoshell
-from tests.silhouette import wearing
-from tests.train import fog
+from tests.helpers import fog, wearing
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/tutorials/library.md").read_text()

@@ -14,7 +14,7 @@ from mesoshell.neutex.layout import shape
 from mesoshell.neutex.mesh import wrapped
 from mesoshell.neutex.store import read_captured
 from mesoshell.train.run_config import snapshots
-from tests import balls
+from tests.helpers import balls
 
 #: One process compiles what its tests share.
 pytestmark = pytest.mark.xdist_group("atlas_cli")

@@ -14,8 +14,7 @@ from mesoshell.io.dataset import read_dataset
 from mesoshell.io.image import read_png, write_exr, write_png
 from mesoshell.io.pack import pack_dataset
 from mesoshell.scene.materials import read_params
-from tests.shell import growing
-from tests.train import fog
+from tests.helpers import fog, growing
 
 #: One process compiles what its tests share.
 pytestmark = pytest.mark.xdist_group("generator_cli")

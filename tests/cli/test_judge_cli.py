@@ -15,8 +15,7 @@ from mesoshell.measure import fields, posed
 from mesoshell.measure.features import Extractor
 from mesoshell.train.gan.presets import TINY
 from mesoshell.train.run_config import keep_record
-from tests.shell import growing
-from tests.train import fog
+from tests.helpers import fog, growing
 
 #: One process compiles what its tests share.
 pytestmark = pytest.mark.xdist_group("judge_cli")

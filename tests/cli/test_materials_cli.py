@@ -11,7 +11,7 @@ from mesoshell.cli.main import main
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.material import bundled
 from mesoshell.io.surface import write_surface
-from tests.silhouette import wearing
+from tests.helpers import wearing
 
 
 def test_bundled_materials_are_listed(capsys) -> None:

@@ -12,7 +12,7 @@ from mesoshell.cli.main import main
 from mesoshell.io.image import read_exr, read_png
 from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.measure.queries import QUERIES
-from tests.silhouette import wearing
+from tests.helpers import wearing
 
 #: One process compiles what its tests share.
 pytestmark = pytest.mark.xdist_group("surface_cli")

@@ -19,7 +19,7 @@ from mesoshell.io.image import read_exr
 from mesoshell.io.query_dataset import COLUMNS, read_patches
 from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.io.twin import Twin
-from tests.silhouette import wearing
+from tests.helpers import wearing
 
 pytestmark = pytest.mark.xdist_group("twin_cli")
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-HERE = Path(__file__).parent
+ROOT = Path(__file__).parents[2]
 #: MiB that the process may have held at most: it holds JAX, or an engine, too.
 PEAK = {"plain": 600, "option": 600, "jax": 1500, "engine": 6000}
 #: Groups of cases, and how many there are of each at least.
@@ -44,10 +44,10 @@ ENGINE = {"jax": 90, "mitsuba": 90, "XML": 60}
 
 def tried(kind: str, folder: Path) -> dict[str, list[dict[str, Any]]]:
     """What became of all cases of a kind, by group."""
-    command = [sys.executable, str(HERE / "trial.py"), str(folder), kind]
+    command = [sys.executable, "-m", "tests.helpers.hostile.trial", str(folder), kind]
     # a cache would be written for each of a thousand small programs
     alone = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "JAX_ENABLE_COMPILATION_CACHE": "false"}
-    found = subprocess.run(command, capture_output=True, text=True, env=alone)
+    found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=alone)
     assert found.returncode == 0 and found.stderr == "", found.stderr[-2000:]
     groups = defaultdict(list)
     for line in found.stdout.splitlines():

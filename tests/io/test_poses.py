@@ -9,7 +9,7 @@ import trimesh
 from mesoshell.errors import InputError
 from mesoshell.io.image import write_png
 from mesoshell.io.poses import FLIP, read_poses
-from tests import balls
+from tests.helpers import balls
 
 PHOTOS = balls.photos(views=4, size=24)
 LENS = (30.0, 28.0, 11.0, 12.5)

@@ -11,7 +11,7 @@ import pytest
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.surface import fields_of
 from mesoshell.io.twin import Twin, checked_twin
-from tests.silhouette import wearing
+from tests.helpers import wearing
 
 
 def with_twin(bundle: Bundle, **more: Any) -> Bundle:

@@ -16,8 +16,7 @@ from mesoshell.measure.posed import posed
 from mesoshell.render.composite import weights
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
-from tests.shell import growing
-from tests.train import fog
+from tests.helpers import fog, growing
 
 #: Programs that its tests share.
 pytestmark = pytest.mark.xdist_group("posed")

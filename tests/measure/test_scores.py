@@ -10,7 +10,7 @@ from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.image import write_exr
 from mesoshell.measure.features import Extractor
 from mesoshell.measure.scores import halves, judge_of, renders, score
-from tests.train import fog
+from tests.helpers import fog
 
 
 def colours(image: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ from flax.errors import ScopeParamShapeError
 import mesoshell as ms
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.surface import read_surface, write_surface
-from mesoshell.nets.encoding import HashConfig
 from mesoshell.neutex import field as captured
 from mesoshell.neutex.field import FieldConfig, init_field
 from mesoshell.neutex.store import Captured, read_captured, write_captured
@@ -34,15 +33,14 @@ from mesoshell.shell.material import decoder as decoding
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.loader import decoder_of
 from mesoshell.surface_material.network import Place, SurfaceConfig, init_surface, reflectance, seen, tables
-from tests.shell import growing
-from tests.silhouette import wearing
+from tests.helpers import growing, wearing
+from tests.helpers.same_trees import FIELD, same
 
 KEY = jax.random.key(4)
 GENERATOR = GeneratorConfig(16, "T", 64, 4, channels=4, layers=4, z=4, w=4, betas=1, height_rows=8, height_width=4)
 JUDGE = DiscriminatorConfig(8, 32, 4, labels=3, embedding=4)
 CRITIC = CriticConfig(3, width=4, betas=1)
 SURFACE = SurfaceConfig(8, 3, (8,))
-FIELD = FieldConfig((8,), (8,), (8,), (8,), 8, "hash", hash=HashConfig(2, 2, 6, 4, 8), octaves=(2, 2, 1))
 
 
 class Case(NamedTuple):
@@ -122,14 +120,6 @@ def case(name: str) -> Case:
 
 
 NAMES = ["generator", "discriminator", "critic", "decoder", "surface", "texture", "volume", "reflectance"]
-
-
-def same(a: Any, b: Any) -> None:
-    """One structure, the same bits."""
-    assert jax.tree.structure(a) == jax.tree.structure(b)
-    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
-        np.testing.assert_array_equal(np.asarray(x), np.asarray(y))
-        assert x.dtype == y.dtype
 
 
 @pytest.mark.parametrize("name", NAMES)

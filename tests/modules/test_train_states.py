@@ -20,9 +20,8 @@ from mesoshell.train.gan.presets import TINY
 from mesoshell.train.nerf_tex import network as parametric
 from mesoshell.train.neutex import step as atlas
 from mesoshell.train.surface import step as surface
-from tests.modules.test_modules import FIELD, same
-from tests.silhouette import wearing
-from tests.train import small_step
+from tests.helpers import small_step, wearing
+from tests.helpers.same_trees import FIELD, same
 
 KEY = jax.random.key(2)
 SURFACE = surface.SurfaceTraining(SurfaceConfig(8, 3, (8,)), batch=64)

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from definitions import filtered_lrelu_plain, modulated_conv_plain
 from jax.test_util import check_grads
 
 from mesoshell.signal import blocks, modulated
@@ -19,6 +18,7 @@ from mesoshell.signal.filtered_lrelu import (
 )
 from mesoshell.signal.modulated import modulated_conv
 from mesoshell.signal.schedule import LayerRow, layer_schedule
+from tests.helpers.definitions import filtered_lrelu_plain, modulated_conv_plain
 
 DATA = Path(__file__).parent.parent / "data/aliasfree"
 LAYERS = [("T64", 0), ("T64", 5), ("T64", 13), ("T64", 14), ("R64", 4), ("R64", 8), ("R64", 14)]

@@ -4,12 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from definitions import upfirdn_plain
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.signal import upfirdn
 
 from mesoshell.signal.upfirdn import Resampling, resample
+from tests.helpers.definitions import upfirdn_plain
 
 
 def scipys(x: np.ndarray, how: Resampling) -> np.ndarray:

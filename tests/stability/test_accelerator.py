@@ -23,5 +23,8 @@ def test_without_an_accelerator_it_ends_in_one_line():
 
 def test_no_hard_case_chooses_the_device():
     chooses = re.compile("jax_platform|JAX_PLATFORM|default_device|jax.devices")
-    files = [TESTS / "conftest.py", *(p for p in (TESTS / "stability").glob("*.py") if p != Path(__file__))]
+    files = [
+        TESTS / "conftest.py",
+        *(p for d in ("stability", "helpers/stability") for p in (TESTS / d).glob("*.py") if p != Path(__file__)),
+    ]
     assert [p.name for p in files if chooses.search(p.read_text())] == []

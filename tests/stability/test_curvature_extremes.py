@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
-from surfaces import ball, plain, sheet, together, unit
 
 from mesoshell.geometry.curvature import along, curvature_table, principal, range_of
 from mesoshell.geometry.mesh import Mesh, check_mesh
 from mesoshell.geometry.topology import pair_edges
+from tests.helpers.stability.surfaces import ball, plain, sheet, together, unit
 
 ICO = trimesh.creation.icosphere(3)
 

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scenes
 
 import mesoshell
 from mesoshell.io.bundle import Bundle, Parameter, read_bundle, write_bundle
@@ -30,6 +29,7 @@ from mesoshell.train.export import generator_bundle
 from mesoshell.train.gan.state import Learner, TrainConfig, sized
 from mesoshell.train.patch_renderer import PictureConfig, along, material_of, pixel_rays
 from mesoshell.typing import Array
+from tests.helpers import scenes
 
 DOUBLE, SINGLE, HALF, BRAIN = np.dtype(np.float64), np.dtype(np.float32), SHORT["float16"], SHORT["bfloat16"]
 VIEW = PictureConfig(size=48, samples=32, fov=0.5)

@@ -5,24 +5,14 @@ The oracle is the same batch without them.
 
 import numpy as np
 import pytest
-from surfaces import ball, rays_at
 
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
+from tests.helpers.stability.hard_rays import BAD
+from tests.helpers.stability.surfaces import ball, rays_at
 
 MESH = ball(1)
 BOUNDARY = Boundary(extrude(MESH, 0.2, 1.0), MESH.faces)
-BAD = {
-    "no direction": ([0, 0, 3], [0, 0, 0]),
-    "a direction below every float32": ([0, 0, 3], [0, 0, -1e-60]),
-    "a direction beyond every float32": ([0, 0, 3], [0, 0, -1e60]),
-    "an infinite direction": ([0, 0, 3], [0, 0, -np.inf]),
-    "a NaN in the direction": ([0, 0, 3], [np.nan, 0, -1]),
-    "an infinite origin": ([0, 0, np.inf], [0, 0, -1]),
-    "a NaN in the origin": ([np.nan, 0, 3], [0, 0, -1]),
-    "an origin beyond every float32": ([0, 0, 1e60], [0, 0, -1]),
-    "no number at all": ([np.nan] * 3, [np.nan] * 3),
-}
 
 
 @pytest.mark.parametrize("bad", BAD)

@@ -6,24 +6,11 @@ opacity 1 over any length above 0.
 
 import jax
 import jax.numpy as jnp
-import mpmath
 import numpy as np
 import pytest
 
 from mesoshell.numerics import opacity, optical_depth
-
-SIGMAS = [0.0, 1e-30, 1e-12, 1e-3, 1.0, 50.0, 1e7, np.inf]
-LENGTHS = [1e-6, 9.99e-4, 1e-3, 0.03, 1.0, 200.0]
-mpmath.mp.dps = 50
-
-
-def true_opacity(sigma: float, t: float) -> tuple:
-    """Value, and derivatives with respect to σ and t."""
-    s, l = mpmath.mpf(sigma), mpmath.mpf(t)
-    if mpmath.isinf(s):
-        return mpmath.mpf(1), mpmath.mpf(0), mpmath.mpf(0)
-    through = mpmath.exp(-s * l)
-    return -mpmath.expm1(-s * l), l * through, s * through
+from tests.helpers.stability.extremes import LENGTHS, SIGMAS, true_opacity
 
 
 def alpha(sigma, t):

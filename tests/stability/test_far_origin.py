@@ -5,15 +5,19 @@ Both take the float32 vertices as they come out of rounding at that offset: what
 
 import numpy as np
 import pytest
-from oracles import assert_ends_on_ray, assert_sorted_apart, mp_leave_side, span_of_convex, total_length
-from sides import leave_sides
-from surfaces import ball, rays_at, unit
 
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
-
-OFFSETS = [1e3, 1e4, 1e5]
-TOWARD = np.array([0.6, -0.48, 0.64])
+from tests.helpers.stability.hard_rays import OFFSETS, TOWARD
+from tests.helpers.stability.oracles import (
+    assert_ends_on_ray,
+    assert_sorted_apart,
+    mp_leave_side,
+    span_of_convex,
+    total_length,
+)
+from tests.helpers.stability.sides import leave_sides
+from tests.helpers.stability.surfaces import ball, rays_at, unit
 
 
 @pytest.mark.parametrize("offset", OFFSETS)

@@ -8,20 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesoshell.geometry.mesh import Mesh, check_mesh, uv_stretch
+from mesoshell.geometry.mesh import uv_stretch
 from mesoshell.shell.geometry.extrude import extrude
-
-SIDE = 9
-
-
-def surface(height, size: float = 1.0) -> Mesh:
-    """A graph z = height(x, y) over the square [-size, size]², grown on its upper side."""
-    x, y = (size * g for g in np.meshgrid(np.linspace(-1, 1, SIDE), np.linspace(-1, 1, SIDE), indexing="ij"))
-    points = np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3)
-    i = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
-    a, b, c, d = (corner.ravel() for corner in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    return check_mesh(points, faces, points[faces][..., :2], "surface")
+from tests.helpers.stability.hard_rays import SIDE, surface
 
 
 def least_jacobian(base: np.ndarray, offset: np.ndarray, faces: np.ndarray, points: int = 1000) -> np.ndarray:

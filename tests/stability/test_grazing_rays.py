@@ -11,37 +11,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles import mp_leave_cap, mp_leave_side, span_of_convex
-from sides import OPERANDS, leave_sides, on
-from surfaces import ball, unit
 
 from benchmarks.products import BITS, rounded
 from mesoshell.geometry import patch
 from mesoshell.shell.geometry import batched_walk
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
+from tests.helpers.stability.hard_rays import COUNT, SHIFT, grazed_sides, grazing
+from tests.helpers.stability.oracles import mp_leave_cap, mp_leave_side, span_of_convex
+from tests.helpers.stability.sides import OPERANDS, leave_sides, on
+from tests.helpers.stability.surfaces import ball, unit
 
-COUNT = 1500
 OFF = 1e-3
-SHIFT = 3e-7
-
-
-def grazing(normal: np.ndarray, angle: float, rng: np.random.Generator) -> np.ndarray:
-    """Directions that lean outward from a surface by an angle."""
-    along = unit(np.cross(normal, rng.normal(size=normal.shape)))
-    return unit(along + angle * unit(normal))
-
-
-def grazed_sides(angle: float, twist: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rays through points in and just beside random sides, at an angle to the tangent plane there."""
-    e, n0 = unit(rng.normal(size=(COUNT, 3))), 0.3 * unit(rng.normal(size=(COUNT, 3)))
-    n0 = n0 - 0.7 * np.sum(n0 * e, axis=1, keepdims=True) * e
-    n1 = n0 + twist * 0.3 * unit(rng.normal(size=(COUNT, 3)))
-    u, h = rng.uniform(-0.1, 1.1, (2, COUNT, 1))
-    normal = np.cross(e + h * (n1 - n0), n0 + u * (n1 - n0))
-    d = grazing(normal, angle, rng)
-    p0 = rng.uniform(0.1, 4, (COUNT, 1)) * d - (u * e + h * (n0 + u * (n1 - n0)))
-    return d.astype(np.float32), np.stack([p0, p0 + e], 1).astype(np.float32), np.stack([n0, n1], 1).astype(np.float32)
 
 
 @lru_cache

@@ -5,29 +5,12 @@ Oracle: mpmath sums of the same float32 depths; log T is compared, since T itsel
 
 import jax
 import jax.numpy as jnp
-import mpmath
 import numpy as np
 import pytest
 
 from mesoshell.render.composite import weights
 from mesoshell.shell.render.renderer import accumulate
-
-STEPS = 5000
-
-
-def depths(total: float, seed: int) -> np.ndarray:
-    """Random depths of very different sizes, `total` in sum."""
-    tau = np.random.default_rng(seed).uniform(0, 1, STEPS) ** 8
-    return (tau * total / tau.sum()).astype(np.float32)
-
-
-def true_sums(tau: np.ndarray) -> np.ndarray:
-    """Σ of the depths before each sample, then of all."""
-    total, sums = mpmath.mpf(0), [0.0]
-    for x in tau:
-        total += mpmath.mpf(float(x))
-        sums.append(float(total))
-    return np.array(sums)
+from tests.helpers.stability.extremes import STEPS, depths, true_sums
 
 
 @pytest.mark.parametrize("total", [1e-6, 1.0, 60.0])

@@ -7,29 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles import mp_leave_side
-from sides import leave_sides
-from surfaces import unit
 
 from mesoshell.geometry.patch import leave_side, post_function
-
-KINDS = {"equal": 300, "trapezoid": 300, "twisted": 300}
-
-
-def sides(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directions, feet and posts, relative to the rays' origins; every ray leaves through its side's interior."""
-    count = KINDS[kind]
-    rng = np.random.default_rng(len(kind))
-    e, n0 = unit(rng.normal(size=(count, 3))), rng.normal(size=(count, 3))
-    n0 = 0.3 * unit(n0 - 0.8 * np.sum(n0 * e, axis=1, keepdims=True) * e)
-    outward = unit(np.cross(e, n0))
-    n1 = n0 + {"equal": 0, "trapezoid": 0.2, "twisted": 0}[kind] * n0 + (1e-6 * outward if kind == "twisted" else 0)
-    u, h = rng.uniform(0.02, 0.98, (2, count, 1))
-    d = unit(rng.normal(size=(count, 3)))
-    lean = np.sum(d * outward, axis=1, keepdims=True)
-    d = unit(d + (np.sign(lean) * np.maximum(np.abs(lean), 0.1) - lean) * outward) * np.sign(lean)
-    p0 = rng.uniform(0.5, 3, (count, 1)) * d - (u * e + h * (n0 + u * (n1 - n0)))
-    return d.astype(np.float32), np.stack([p0, p0 + e], 1).astype(np.float32), np.stack([n0, n1], 1).astype(np.float32)
+from tests.helpers.stability.hard_rays import KINDS, sides
+from tests.helpers.stability.oracles import mp_leave_side
+from tests.helpers.stability.sides import leave_sides
 
 
 def naive_misses(d: np.ndarray, p: np.ndarray, n: np.ndarray) -> np.ndarray:

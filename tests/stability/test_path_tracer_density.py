@@ -3,7 +3,7 @@
 Oracle: mpmath on the same float32 numbers.
 """
 
-import dr_march  # noqa: F401  isort: skip  (it makes Mitsuba ready)
+from tests.helpers.stability import dr_march  # noqa: F401  isort: skip  (it makes Mitsuba ready)
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,9 +13,6 @@ import mitsuba as mi
 import mpmath
 import numpy as np
 import pytest
-from test_extinction_extremes import LENGTHS, SIGMAS, true_opacity
-from test_long_transmittance import STEPS, depths, true_sums
-from test_softplus_extremes import POINTS, true_softplus
 
 from mesoshell.geometry.mesh import check_mesh
 from mesoshell.io.bundle import Bundle
@@ -31,6 +28,16 @@ from mesoshell.render.effects import PATHS, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.quality import PRESETS
 from mesoshell.shell.geometry.extrude import extrude
+from tests.helpers.stability.extremes import (
+    LENGTHS,
+    POINTS,
+    SIGMAS,
+    STEPS,
+    depths,
+    true_opacity,
+    true_softplus,
+    true_sums,
+)
 
 mpmath.mp.dps = 50
 

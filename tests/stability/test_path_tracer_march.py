@@ -5,26 +5,43 @@ The surface underneath is met in Mitsuba's own scene, in float32: its distance i
 
 from dataclasses import replace
 
-import dr_march
 import mitsuba as mi
 import numpy as np
 import pytest
-from dr_march import trace
-from oracles import assert_ends_on_ray, assert_sorted_apart, locate, prism_point, span_of_convex, total_length
-from surfaces import ball, plain, rays_at, sheet, torus, unit
-from test_degenerate_rays import BAD
-from test_far_origin import OFFSETS, TOWARD
-from test_folded_prisms import surface as grown_up
-from test_grazing_rays import SHIFT, grazing
-from test_reentry import OVERLAPPING, SCENES, assert_as_sampled, rays_through
-from test_seams_and_mirrors import cylinder, mirrored
-from test_shared_edges import FAR, PART, targets
 
 from mesoshell.geometry.mesh import Mesh, uv_stretch
 from mesoshell.pathtracer import quadrature
 from mesoshell.pathtracer.prism import Piece
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import Shell, extrude
+from tests.helpers.stability import dr_march
+from tests.helpers.stability.dr_march import trace
+from tests.helpers.stability.hard_rays import (
+    BAD,
+    FAR,
+    OFFSETS,
+    OVERLAPPING,
+    PART,
+    SCENES,
+    SHIFT,
+    TOWARD,
+    assert_as_sampled,
+    cylinder,
+    grazing,
+    mirrored,
+    rays_through,
+    targets,
+)
+from tests.helpers.stability.hard_rays import surface as grown_up
+from tests.helpers.stability.oracles import (
+    assert_ends_on_ray,
+    assert_sorted_apart,
+    locate,
+    prism_point,
+    span_of_convex,
+    total_length,
+)
+from tests.helpers.stability.surfaces import ball, plain, rays_at, sheet, torus, unit
 
 
 def single(x: np.ndarray) -> np.ndarray:

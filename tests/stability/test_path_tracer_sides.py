@@ -5,12 +5,11 @@ It walks in float64 on a mesh's float32 numbers: nothing is redone, so nothing m
 
 import numpy as np
 import pytest
-from dr_march import leave_caps, leave_sides
-from oracles import mp_leave_cap, mp_leave_side
-from surfaces import unit
-from test_far_origin import OFFSETS, TOWARD
-from test_grazing_rays import COUNT, grazed_sides, grazing
-from test_near_planar_patch import KINDS, sides
+
+from tests.helpers.stability.dr_march import leave_caps, leave_sides
+from tests.helpers.stability.hard_rays import COUNT, KINDS, OFFSETS, TOWARD, grazed_sides, grazing, sides
+from tests.helpers.stability.oracles import mp_leave_cap, mp_leave_side
+from tests.helpers.stability.surfaces import unit
 
 
 def exact(d: np.ndarray, p: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scenes
 
 from mesoshell.render.camera import rays
 from mesoshell.render.light import Distant, environment
@@ -19,6 +18,7 @@ from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.lighting import Tile
 from mesoshell.shell.render.renderer import Report, _Renderer, render
 from mesoshell.shell.render.scene import Scene
+from tests.helpers import scenes
 
 
 def test_extinction_is_bit_identical_under_any_directions(tiny_bundle):

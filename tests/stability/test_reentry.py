@@ -6,51 +6,19 @@ interval covers it, up to one step at the intervals' ends.
 
 import numpy as np
 import pytest
-from oracles import assert_ends_on_ray, assert_sorted_apart, locate, mp_leave_side, prism_point, total_length
-from sides import leave_sides
-from surfaces import ball, rays_at, sheet, together, torus, unit
 
-from mesoshell.geometry.mesh import Mesh
-from mesoshell.shell.geometry.extrude import Shell, extrude
-from mesoshell.shell.geometry.tracer import Boundary, Trace
-
-POINTS = 4000
-OVERLAPPING = "balls whose shells overlap"  # where one cuts the other, λ and h are interpolated
-BENT = sheet(lambda x, y: 0.6 * np.cos(3 * x) + 0.1 * y * y)
-SCENES = {
-    "torus": (torus(), 0.12),
-    "two balls": (together(ball(1), ball(1, 0.5, (2.0, 0.3, 0.1))), 0.2),
-    OVERLAPPING: (together(ball(1), ball(1, 0.5, (1.6, 0.3, 0.1))), 0.2),
-    "bent sheet": (BENT, 0.15),
-}
-
-
-def assert_as_sampled(trace: Trace, shell: Shell, o: np.ndarray, d: np.ndarray, reach: float) -> np.ndarray:
-    """Compare with the oracle up to each ray's end; returns the number of separate visits of each ray."""
-    i = trace.intervals
-    assert_sorted_apart(trace)
-    visits = np.zeros(len(o), int)
-    for r in range(len(o)):
-        last = min(trace.end[r], reach)
-        t = (np.arange(POINTS) + 0.5) * last / POINTS
-        held = locate(shell, o[r] + t[:, None] * d[r])
-        t0, t1, prism = i.t0[i.ray == r], i.t1[i.ray == r], i.prism[i.ray == r]
-        covers = (t[:, None] >= t0) & (t[:, None] < t1)
-        ends = np.concatenate([t0, t1, [0, last]])
-        clear = np.asarray(np.abs(t[:, None] - ends).min(axis=1) > last / POINTS)
-        inside = np.any(held, axis=1).astype(int)
-        np.testing.assert_array_equal(np.any(covers, axis=1).astype(int)[clear], inside[clear], f"ray {r}")
-        point, interval = np.nonzero(covers & clear[:, None])
-        assert held[point, prism[interval]].all(), f"ray {r}: wrong prism"
-        visits[r] = np.sum(np.diff(inside, prepend=0) > 0)
-    return visits
-
-
-def rays_through(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return rays_at(
-        mesh.vertices[rng.integers(0, len(mesh.vertices), count)] + 0.1 * rng.normal(size=(count, 3)), 3, rng
-    )
+from mesoshell.shell.geometry.extrude import extrude
+from mesoshell.shell.geometry.tracer import Boundary
+from tests.helpers.stability.hard_rays import OVERLAPPING, SCENES, assert_as_sampled, rays_through
+from tests.helpers.stability.oracles import (
+    assert_ends_on_ray,
+    assert_sorted_apart,
+    mp_leave_side,
+    prism_point,
+    total_length,
+)
+from tests.helpers.stability.sides import leave_sides
+from tests.helpers.stability.surfaces import sheet, together, unit
 
 
 @pytest.mark.parametrize("opaque", [True, False])

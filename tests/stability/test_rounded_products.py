@@ -10,10 +10,10 @@ from collections.abc import Iterator
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from programs import ELSEWHERE, SOURCES, compiled, traced
 
 from benchmarks.products import products, unset
 from mesoshell.numerics import product
+from tests.helpers.stability.programs import ELSEWHERE, SOURCES, compiled, traced
 
 #: One process traces what its tests share.
 pytestmark = pytest.mark.xdist_group("rounded_products")

@@ -8,35 +8,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from surfaces import rays_at, sheet
 
-from mesoshell.geometry.mesh import Mesh, check_mesh
+from mesoshell.geometry.mesh import Mesh
 from mesoshell.shell.geometry.extrude import Shell, extrude
 from mesoshell.shell.geometry.sampling import Chart, canonical, inverse_jacobian
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.material.decoder import direction
+from tests.helpers.stability.hard_rays import cylinder, mirrored
+from tests.helpers.stability.surfaces import rays_at, sheet
 
-ROUND, UP = 16, 4
 WAVY = sheet(lambda x, y: 0.2 * np.sin(3 * x + y))
-
-
-def mirrored(mesh: Mesh) -> Mesh:
-    """The same surface with u turned over."""
-    return check_mesh(mesh.vertices, mesh.faces, mesh.uv * np.array([-1, 1]), "mirrored")
-
-
-def cylinder() -> Mesh:
-    """Around z, without ends; u runs once round from 0 to 1 at angle 0, v upward."""
-    i, j = (x.ravel() for x in np.meshgrid(np.arange(ROUND), np.arange(UP), indexing="ij"))
-    angle = 2 * np.pi * np.repeat(np.arange(ROUND), UP + 1) / ROUND
-    points = np.stack([np.cos(angle), np.sin(angle), np.tile(np.arange(UP + 1) / UP, ROUND)], axis=1)
-
-    def corner(di: int, dj: int) -> tuple[np.ndarray, np.ndarray]:
-        return (i + di) % ROUND * (UP + 1) + j + dj, np.stack([(i + di) / ROUND, (j + dj) / UP], axis=1)
-
-    (a, p), (b, q), (c, r), (d, s) = corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    return check_mesh(points, faces, np.concatenate([np.stack([p, q, r], 1), np.stack([p, r, s], 1)]), "cylinder")
 
 
 def chart_of(boundary: Boundary, shell: Shell) -> Chart:

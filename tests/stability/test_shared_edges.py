@@ -6,27 +6,12 @@ leaks if it passes through the base surface, or if its length inside the shell i
 
 import numpy as np
 import pytest
-from oracles import assert_sorted_apart, span_of_convex, total_length
-from surfaces import ball, rays_at
 
-from mesoshell.shell.geometry.extrude import Shell, extrude
+from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
-
-PART = 10000  # rays at a time: the oracle holds a number for each ray and face
-FAR = (148376.0, 1234.0, -223423.0)
-
-
-def targets(shell: Shell, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Points in equal parts on vertices, posts, edges of the base and of the top, and sides."""
-    base, post = shell.base.astype(np.float64), shell.offset.astype(np.float64)
-    kind = np.arange(count) % 5
-    face, k = rng.integers(0, len(shell.faces), count), rng.integers(0, 3, count)
-    i, j = shell.faces[face, k], shell.faces[face, (k + 1) % 3]
-    u = np.where(kind < 2, 0, rng.uniform(size=count))[:, None]
-    h = np.select([kind == 0, kind == 2, kind == 3], [np.arange(count) // 5 % 2, 0, 1], rng.uniform(size=count))[
-        :, None
-    ]
-    return (1 - u) * (base[i] + h * post[i]) + u * (base[j] + h * post[j])
+from tests.helpers.stability.hard_rays import FAR, PART, targets
+from tests.helpers.stability.oracles import assert_sorted_apart, span_of_convex, total_length
+from tests.helpers.stability.surfaces import ball, rays_at
 
 
 def leaks(radius: float, centre: tuple[float, float, float], count: int, tolerance: float) -> np.ndarray:

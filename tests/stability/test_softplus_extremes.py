@@ -11,12 +11,7 @@ import numpy as np
 from mesoshell.nets.mlp import Dense
 from mesoshell.numerics import opacity, softplus
 from mesoshell.shell.material.decoder import Decoder, head, toward_viewer, trunk
-
-POINTS = np.array([-1e4, -104, -88, -20, -1, -1e-30, 0, 1e-30, 1, 20, 88, 104, 1e4], np.float32)
-
-
-def true_softplus(x: np.ndarray) -> np.ndarray:
-    return np.array([float(mpmath.log1p(mpmath.exp(mpmath.mpf(float(v))))) for v in x])
+from tests.helpers.stability.extremes import POINTS, true_softplus
 
 
 def true_slope(x: np.ndarray) -> np.ndarray:

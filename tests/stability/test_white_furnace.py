@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scenes
 from scipy.stats import chi2
 
 import mesoshell.pathtracer  # noqa: F401  (it makes Mitsuba ready)
@@ -32,6 +31,7 @@ from mesoshell.render.light import environment
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.material.field import Field, Point
 from mesoshell.shell.render.renderer import render
+from tests.helpers import scenes
 
 import drjit as dr  # isort: skip
 import mitsuba as mi  # isort: skip

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import fog
 import jax
 import numpy as np
 import pytest
@@ -30,7 +29,7 @@ from mesoshell.train.run import train
 from mesoshell.train.run_config import RunConfig, read_record, snapshots
 from mesoshell.train.surface.step import SurfaceTraining
 from mesoshell.train.textures.state import TexturesConfig
-from tests import balls
+from tests.helpers import balls, fog
 
 FILES = sorted((Path(__file__).parents[2] / "experiments").glob("*.py"))
 #: A file for each configuration: one step differs from another by its configuration and its data alone.

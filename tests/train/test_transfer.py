@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import small_step
 
 from mesoshell.shell.material.decoder import trunk
 from mesoshell.train.gan.state import TrainState, sized, start
 from mesoshell.train.transfer import lend
+from tests.helpers import small_step
 
 OLD, NEW = sized(small_step.CONFIG, 1, 1), sized(small_step.CONFIG, 3, 0)
 

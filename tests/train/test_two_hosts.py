@@ -10,17 +10,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import methods
 import numpy as np
 import pytest
 
 import mesoshell
 from mesoshell.cli.host_process import LOST, SAID_LOST
+from tests.helpers import methods
 
 #: Two processes at once are as many as there are cores.
 pytestmark = pytest.mark.xdist_group("hosts")
 
-HERE = Path(__file__).parent
+ROOT = Path(__file__).parents[2]
 #: Runs at 2 hosts each way, the second of each stopped by a signal to one host, and gone on with.
 BOTH_WAYS: list[dict[str, Any]] = [
     {"name": "jit", "how": "jit"},
@@ -43,7 +43,7 @@ def launch(folder: Path, method: str, hosts: int, runs: list[dict[str, Any]], **
     plan = {"port": free_port(), "hosts": hosts, "method": method, "data": str(data), "folder": str(folder)}
     plan |= {"compiled": str(folder / "programs"), "runs": runs}
     (folder / "plan.json").write_text(json.dumps(plan | more))
-    command = [sys.executable, str(HERE / "hosts_at_work.py"), str(folder / "plan.json")]
+    command = [sys.executable, "-m", "tests.helpers.hosts_at_work", str(folder / "plan.json")]
     frozen = runs[-1]["host"] if runs[-1].get("what") == "SIGSTOP" else None
     return together([[*command, str(i)] for i in range(1 if "join" in more else hosts)], folder, frozen)
 
@@ -55,7 +55,7 @@ def free_port() -> int:
 
 
 def together(commands: list[list[str]], folder: Path, frozen: int | None = None) -> list[tuple[int, str]]:
-    path = os.pathsep.join(map(str, [Path(mesoshell.__file__).parent.parent, HERE.parent.parent, HERE]))
+    path = os.pathsep.join(map(str, [Path(mesoshell.__file__).parent.parent, ROOT]))
     env = os.environ | {"PYTHONPATH": path, "JAX_PLATFORMS": "cpu", "XDG_CACHE_HOME": str(folder / "cache")}
     processes = [
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=env, cwd=folder)

@@ -1,0 +1,85 @@
+"""Pictures of patches as rays: against the cameras' own rays, the closed form of a box, and the images."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import load_images
+from mesoshell.render.camera import Camera, pixel_grid, rays
+from mesoshell.train.fit.patch_rays import rays_at, shots_of
+from tests.helpers import fog
+from tests.helpers.patch_images import of_patches
+
+NO_KEY = np.zeros(2, np.uint32)
+
+
+def test_pixels_that_meet_the_box_are_learned(tmp_path: Path):
+    dataset = fog.write(tmp_path / "set", fog.CAMERAS)
+    shots = shots_of([dataset])
+    assert len(shots.learned) == 1 and len(shots.held[0]) == 0
+    images = load_images(dataset).reshape(-1, 4)
+    found = 0
+    for k, sample in enumerate(dataset.samples):
+        camera = Camera(np.asarray(sample.camera_to_world), sample.fov, *sample.size)
+        o, d = rays(camera, pixel_grid(camera, 1, 0))
+        near, far = fog.through_box(o, d)
+        own = shots.learned[0][(shots.learned[0] >= shots.first[k]) & (shots.learned[0] < shots.first[k + 1])]
+        np.testing.assert_array_equal(own - shots.first[k], np.flatnonzero(far > near))
+        row = rays_at(shots, own, 0, NO_KEY)
+        np.testing.assert_allclose(row.origin, o[far > near], rtol=1e-6)
+        np.testing.assert_allclose(row.direction, d[far > near], atol=1e-6)
+        y = images[own]
+        np.testing.assert_allclose(row.target[:, :3], y[:, :3] / (1 + y[:, :3]), rtol=2e-3)  # kept in half precision
+        np.testing.assert_allclose(row.target[:, 3], y[:, 3], rtol=1e-3)
+        np.testing.assert_allclose(row.alpha[:, 0], 0.05 + k / 10, rtol=1e-6)
+        found += len(own)
+    assert found == len(shots.learned[0])
+
+
+def test_datasets_of_the_same_patches_add_up(tmp_path: Path):
+    a, b = of_patches(tmp_path / "a", [0, 0, 1, 1]), of_patches(tmp_path / "b", [1, 1, 0, 0])
+    shots = shots_of([a, b], held=1)
+    assert len(shots.learned) == 2
+    for k, pictures in enumerate(([0, 6], [2, 4])):  # the last of each patch, in each dataset, is held out
+        np.testing.assert_array_equal(np.unique(np.searchsorted(shots.first, shots.learned[k], "right") - 1), pictures)
+    alone = shots_of([a], tests=[b])
+    assert sum(map(len, alone.held)) == sum(map(len, shots_of([b]).learned))
+
+
+def test_a_geometry_a_picture_is_refused(tmp_path: Path):
+    dataset = fog.write(tmp_path / "set", fog.CAMERAS[:2])
+    wild = replace(dataset, manifest=dataset.manifest | {"patch": None})
+    with pytest.raises(InputError, match="set: every image shows another geometry; render it with --patch 0, or"):
+        shots_of([wild])
+
+
+def test_a_geometry_that_varies_is_refused(tmp_path: Path):
+    dataset = fog.write(tmp_path / "set", fog.CAMERAS[:2])
+    length = {"length": {"role": "beta", "range": [0, 1]}}
+    samples = tuple(replace(s, parameters=s.parameters | {"length": k / 4}) for k, s in enumerate(dataset.samples))
+    manifest = dataset.manifest | {"parameters": dataset.manifest["parameters"] | length, "patch": 0}
+    with pytest.raises(InputError, match="set: its geometry varies with length; fix it with --param length=VALUE"):
+        shots_of([replace(dataset, manifest=manifest, samples=samples)])
+
+
+def test_what_is_learned_from_is_no_test(tmp_path: Path):
+    dataset = fog.write(tmp_path / "set", fog.CAMERAS[:2])
+    with pytest.raises(InputError, match="set: is learned from"):
+        shots_of([dataset], tests=[dataset])
+
+
+def test_other_parameters_are_refused(tmp_path: Path):
+    a, b = (fog.write(tmp_path / name, fog.CAMERAS[:2]) for name in "ab")
+    text = json.dumps(b.manifest["parameters"]).replace("nothing", "something")
+    other = replace(b, manifest=b.manifest | {"parameters": json.loads(text)})
+    with pytest.raises(InputError, match="b: has another recipe or other parameters than the first dataset"):
+        shots_of([a, other])
+
+
+def test_nothing_to_learn_from_is_refused(tmp_path: Path):
+    with pytest.raises(InputError, match="has no picture to learn from of a patch that pictures are held out of"):
+        shots_of([of_patches(tmp_path / "a", [0, 0, 1, 1])], held=2)

@@ -1,0 +1,198 @@
+"""A fit recovers fog, an interrupted fit ends where the uninterrupted one does, and decoding less changes no ray's value."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mesoshell.cli.main import main
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
+from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
+from mesoshell.train import run
+from mesoshell.train.fit.holdout import score
+from mesoshell.train.fit.patch_rays import Rays, Shots, shots_of
+from mesoshell.train.fit.slab_pixels import predict, residual
+from mesoshell.train.fit.snapshot import exemplars, provenance
+from mesoshell.train.fit.step import FitConfig, FitState, feed, fitted, material_of, start, step
+from mesoshell.typing import Scalar
+from tests.helpers import fog
+from tests.helpers.patch_images import of_patches
+
+CONFIG = FitConfig(
+    texels=4,
+    channels=4,
+    height_rows=4,
+    octaves=1,
+    trunk=(16,),
+    head=(16,),
+    batch=2,
+    rays=64,
+    candidates=16,
+    decoded=1.0,
+    kept=10**6,
+)
+
+
+@pytest.fixture(scope="module")
+def shots(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+    folder = tmp_path_factory.mktemp("fog")
+    unseen = fog.write(folder / "unseen", [(2.2, 1.9, 2.0)])
+    return shots_of([fog.write(folder / "train", fog.CAMERAS)], tests=[unseen])
+
+
+def test_fog_is_recovered_in_views_not_seen(shots: Shots, tmp_path: Path):
+    config, seen = fitted(replace(CONFIG, steps=200), shots)
+    state = run.train(config, seen, tmp_path)
+    where = shots.samples[-1].file.parents[1]
+    scores, pictures = score(config, seen, lambda k: material_of(state.common, state.own.feature[k]), where)
+    assert scores.alpha > 35 and scores.foreground > 35
+    assert pictures.shape == (1, fog.SIZE, fog.SIZE, 4)
+
+
+@pytest.fixture(scope="module")
+def patches(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+    """Three patches of the same fog."""
+    return shots_of([of_patches(tmp_path_factory.mktemp("many") / "set", [0, 0, 0, 1, 1, 1, 2, 2, 2])], held=1)
+
+
+def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: Shots):
+    config, seen = fitted(replace(CONFIG, group=2, steps=4, stand=0.0), patches)
+    state, batch = start(config, seen, jax.random.key(0)), feed(config, seen)(3)
+    new, _ = jax.jit(lambda s, b: step(config, s, b))(state, batch)
+    moved = [k for k in range(3) if not np.array_equal(state.own.feature[k], new.own.feature[k])]
+    assert moved == sorted(set(batch.patch.tolist())) and len(moved) == 2
+    np.testing.assert_array_equal(new.own.adam.count, np.isin(np.arange(3), moved))
+
+
+def test_the_decoder_stands_when_it_has_settled(patches: Shots):
+    config, seen = fitted(replace(CONFIG, steps=10, settle=0.5), patches)
+    learn, at = jax.jit(lambda s, b: step(config, s, b)), feed(config, seen)
+    states = [start(config, seen, jax.random.key(0))]
+    for i in range(7):
+        states.append(learn(states[-1], at(i))[0])
+    moves = [not same(a.common, b.common) for a, b in pairwise(states)]
+    assert moves == [True] * 5 + [False] * 2
+    assert not same(states[5].own.feature, states[6].own.feature)
+
+
+def test_a_decoder_that_is_given_stays(patches: Shots, tiny_bundle: Bundle, tmp_path: Path):
+    age = replace(tiny_bundle.parameters[0], name="age", range=(0.0, 10.0))
+    write_bundle(tmp_path / "given.npz", replace(tiny_bundle, parameters=(age,)))
+    config, seen = fitted(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
+    assert (config.channels, config.trunk, config.head) == (4, (8, 8), (8,))
+    state = start(config, seen, jax.random.key(0))
+    new, _ = jax.jit(lambda s, b: step(config, s, b))(state, feed(config, seen)(0))
+    assert same(state.common, new.common) and not same(state.own.feature, new.own.feature)
+    np.testing.assert_array_equal(new.common.decoder.sigma.kernel, tiny_bundle.arrays["decoder/sigma/kernel"])
+    write_bundle(tmp_path / "given.npz", tiny_bundle)
+    with pytest.raises(InputError, match="its decoder takes dryness from 0 to 2; the data give age from 0 to 10"):
+        fitted(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
+
+
+def test_an_interrupted_fit_goes_on(patches: Shots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    config, seen = fitted(replace(CONFIG, steps=12, group=2), patches)
+    whole = run.train(config, seen, tmp_path / "whole")
+    monkeypatch.setattr(run, "SAVE_EVERY", 0.0)
+    monkeypatch.setattr(run, "LOG_EVERY", 5)
+
+    def stop(row: dict) -> None:
+        if row["kimg"] == 10 * config.batch / 1000:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run.train(config, seen, tmp_path / "parts", show=stop)
+    assert same(whole, run.train(config, seen, tmp_path / "parts"))
+    kept = read_exemplars(next((tmp_path / "whole" / "snapshots").glob("*.npz")))
+    np.testing.assert_array_equal(kept.features, np.asarray(whole.own.feature, np.float16))
+
+
+def test_exemplars_are_read_as_they_were_written(patches: Shots, tmp_path: Path):
+    config, seen = fitted(CONFIG, patches)
+    state = start(config, seen, jax.random.key(0))
+    written: Exemplars = exemplars(config, seen, state, provenance(config, seen, state))
+    write_exemplars(tmp_path / "e.npz", written)
+    found = read_exemplars(tmp_path / "e.npz")
+    np.testing.assert_array_equal(found.features, written.features.astype(np.float16))
+    assert (found.parameters, found.height_octaves) == (written.parameters, 1)
+    assert found.provenance["datasets"][0]["recipe"] == found.recipe == "fog"
+    for key, array in written.decoder.items():
+        np.testing.assert_array_equal(found.decoder[key], array)
+
+
+def same(a: Any, b: Any) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+
+
+def some(shots: Shots) -> tuple[FitConfig, FitState, Rays]:
+    """A row of rays whose filters are no wider than a cell: those that are wide are always decoded."""
+    config, seen = fitted(replace(CONFIG, rays=128), shots)
+    row = jax.tree.map(lambda x: jnp.asarray(x[0]), feed(config, seen)(0))
+    return config, start(config, seen, jax.random.key(0)), row._replace(radius=0.01 * row.radius)
+
+
+def test_a_smaller_budget_leaves_rays_out_and_changes_none(shots: Shots):
+    config, state, row = some(shots)
+    material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
+    full, complete, _ = predict(config.layout, 1.0, material, row, state.own.occupancy[0], jitter)
+    assert bool(complete.all())
+    half, kept, wanted = predict(config.layout, 0.5, material, row, state.own.occupancy[0], jitter)
+    assert 0 < int(kept.sum()) < 128 and float(wanted) == pytest.approx(2.0, rel=0.05)
+    long = kept & (full[:, 3] > 0.3)  # no candidate of theirs is too short to matter
+    np.testing.assert_allclose(half[long], full[long], rtol=1e-5, atol=1e-6)
+
+
+def test_empty_cells_are_not_decoded(shots: Shots):
+    config, state, row = some(shots)
+    empty = state.own.occupancy[0].at[16:].set(0.0)  # the upper half
+    material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
+    y, complete, wanted = predict(config.layout, 0.99, material, row, empty, jitter)
+    all_, _, _ = predict(config.layout, 1.0, material, row, empty, jitter)
+    assert 0.5 < float(wanted) < 1.5  # half of the candidates, over a budget of half of them
+    assert (y[complete, 3] < all_[complete, 3] - 1e-3).mean() > 0.5
+
+
+def test_the_best_answer_for_pixels_that_look_alike_is_their_mean():
+    """Of radiance, not of x/(1+x), whose mean is 0.57 here in place of 1.05; small differences are those of y."""
+    target = jnp.asarray([[tonemapped(x)] * 3 + [1.0] for x in (0.1, 2.0)], jnp.float32)
+
+    def loss(x: Scalar) -> Scalar:
+        y = jnp.broadcast_to(jnp.append(jnp.full(3, x / (1 + x)), 1.0), (2, 4))
+        return jnp.mean(jnp.square(residual(y, target)))
+
+    slopes = [float(jax.grad(loss)(jnp.asarray(x, jnp.float32))) for x in (1.04, 1.05, 1.06)]
+    assert slopes[0] < -1e-4 < slopes[1] < 1e-4 < slopes[2]
+    y = target + jnp.asarray([[1e-3, -1e-3, 0, 1e-3]] * 2, jnp.float32)
+    np.testing.assert_allclose(residual(y, target), y - target, rtol=5e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("target", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("predicted", [0.0, 0.5, 1.0])
+def test_infinite_radiance_is_a_bounded_error(predicted: float, target: float):
+    """y is 1 from 2e7 on in single precision: a firefly, or a prediction that diverged."""
+    y, true = (jnp.full(4, v, jnp.float32) for v in (predicted, target))
+    error, gradient = jax.value_and_grad(lambda y: jnp.sum(jnp.square(residual(y, true))))(y)
+    assert np.isfinite(error) and np.isfinite(np.asarray(gradient)).all() and float(error) < 1e5
+
+
+def tonemapped(x: float) -> float:
+    return x / (1 + x)
+
+
+def test_one_patch_of_many_is_a_material(patches: Shots, tmp_path: Path, capsys: pytest.CaptureFixture):
+    config, seen = fitted(CONFIG, patches)
+    state = start(config, seen, jax.random.key(0))
+    write_exemplars(tmp_path / "e.npz", exemplars(config, seen, state, provenance(config, seen, state)))
+    main(["export", str(tmp_path / "e.npz"), "--patch", "2", "--out", str(tmp_path / "m.npz")])
+    found = read_bundle(tmp_path / "m.npz")
+    np.testing.assert_array_equal(found.arrays["features/0"], np.asarray(state.own.feature[2], np.float16))
+    assert found.wraps and found.provenance["patch"] == 2 and [p.name for p in found.parameters] == ["age"]
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(tmp_path / "e.npz"), "--out", str(tmp_path / "n.npz")])
+    assert ended.value.code == 2
+    assert "has 3 patches: say which, 0 to 2" in capsys.readouterr().err and not (tmp_path / "n.npz").exists()

@@ -1,0 +1,130 @@
+"""A training step: the same on any number of devices however it is spread, and R1 in float32 always."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mesoshell.numerics import softplus
+from mesoshell.shell.generator.discriminator import discriminate
+from mesoshell.train.gan.generate import label
+from mesoshell.train.gan.state import Learner, optimisers, start
+from mesoshell.train.gan.step import step
+from mesoshell.train.patch_renderer import shown
+from tests.helpers import small_step
+
+ROOT = Path(__file__).parents[3]
+
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("train_step")
+
+
+def test_one_device_sharded_and_pmap_agree() -> None:
+    """Losses, gradients of both players and averages to 1e-6, eight devices with one row each: groups and means are global."""
+    done = subprocess.run([sys.executable, "-m", "tests.helpers.three_ways"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert len(said) == 11
+    for name, value in said.items():
+        assert value == 8 if name.endswith("images") else value < 1e-6, name
+
+
+@pytest.fixture(scope="module")
+def stepped() -> dict:
+    """The state after one step, and after one with blur and density."""
+    found = {}
+    changes = {"plain": {}, "helped": {"blur": 2.0, "density": 0.25}, "told": {"mismatch": 0.5}}
+    for name, change in changes.items():
+        config = replace(small_step.CONFIG, **change)
+        batch = jax.tree.map(
+            lambda x: jnp.asarray(x) if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), small_step.batch()
+        )
+        state = start(config, jax.random.key(0))
+        found[name] = jax.jit(lambda s, b, config=config: step(config, s, b))(state, batch)
+    return found
+
+
+def test_everything_moves_and_nothing_is_bad(stepped) -> None:
+    state, report = stepped["plain"]
+    before = start(small_step.CONFIG, jax.random.key(0))
+    assert not report.bad.any() and int(state.step) == 1 and int(state.images) == 8
+    still = [
+        jax.tree_util.keystr(path)
+        for (path, a), b in zip(
+            jax.tree_util.tree_leaves_with_path((before.learner.generator, before.discriminator)),
+            jax.tree.leaves((state.learner.generator, state.discriminator)),
+            strict=True,
+        )
+        if jnp.array_equal(a, b)
+    ]
+    assert still == []
+
+
+def test_helps_change_what_they_are_asked_to_change(stepped) -> None:
+    """First moments are gradients. A blur reaches both players; both report nothing bad."""
+    (plain, _), (helped, report) = stepped["plain"], stepped["helped"]
+    assert not report.bad.any()
+    for pick in (lambda s: s.learner_adam[0].mu.decoder, lambda s: s.discriminator_adam[0].mu):
+        pairs = zip(jax.tree.leaves(pick(plain)), jax.tree.leaves(pick(helped)), strict=True)
+        assert any(np.abs(x - y).max() > 1e-2 * np.abs(x).max() for x, y in pairs)
+
+
+def test_renders_beside_the_next_ones_parameters_count_as_made(stepped) -> None:
+    """For the discriminator alone, by the weight that was asked for."""
+    (plain, before), (told, after) = stepped["plain"], stepped["told"]
+    for a, b in zip(jax.tree.leaves(plain.learner), jax.tree.leaves(told.learner), strict=True):
+        np.testing.assert_array_equal(a, b)
+    batch = small_step.batch()
+    wrong = batch._replace(alpha=np.roll(batch.alpha, -1, axis=0), beta=np.roll(batch.beta, -1, axis=0))
+    wrong = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), wrong)
+    y, c = shown(wrong.image[..., :3]), label(wrong)
+    logits = discriminate(start(small_step.CONFIG, jax.random.key(0)).discriminator, y, c)
+    more = 0.5 * np.mean(np.log1p(np.exp(logits)))
+    assert more > 0.1
+    np.testing.assert_allclose(after.discriminator - before.discriminator, more, rtol=1e-4)
+
+
+def test_r1_is_float32_where_convolutions_are_not() -> None:
+    """In the traced step, the update that is there every 16th step has no half-precision value; the rest has."""
+    config = replace(small_step.CONFIG, precision="bfloat16")
+    state = jax.eval_shape(lambda: start(config, jax.random.key(0)))
+    floats = jax.tree.map(lambda x: x if x.dtype == np.uint32 else x.astype(np.float32), small_step.batch())
+    traced = jax.make_jaxpr(lambda s, b: step(config, s, b))(state, floats).jaxpr
+    lazy = max((e for e in traced.eqns if e.primitive.name == "cond"), key=lambda e: len(e.outvars))
+    assert len(lazy.outvars) > len(jax.tree.leaves(state.discriminator))
+    assert "bf16" in str(traced) and "bf16" not in str(lazy.params["branches"])
+
+
+def test_a_decoder_begins_dark_and_learns_at_the_generators_pace() -> None:
+    state = start(small_step.CONFIG, jax.random.key(0))
+    adam, _ = optimisers(small_step.CONFIG)
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
+        updates, _ = adam.update(jax.tree.map(jnp.ones_like, state.learner), state.learner_adam, state.learner)
+    generator, decoder = cast(Learner, updates)
+    rate = small_step.CONFIG.generator_rate
+    np.testing.assert_allclose(generator.layers[0].weight, -rate, rtol=1e-5)
+    for layer in (*decoder.trunk, decoder.sigma, *decoder.head, decoder.rho):
+        np.testing.assert_allclose(layer.kernel, -rate / len(layer.kernel) ** 0.5, rtol=1e-5)
+        np.testing.assert_allclose(layer.bias, -rate, rtol=1e-5)
+    assert decoder.scale == 0
+    rho = softplus(state.learner.decoder.rho.bias - 2)
+    assert 0.1 < 40 * float(rho[0]) < 0.25  # the median of a render's covered pixels is 0.165
+
+
+def test_labels_say_where_the_camera_and_the_light_are() -> None:
+    batch = small_step.batch()
+    c = label(jax.tree.map(jnp.asarray, batch))
+    eye = batch.camera_to_world[:, :3, 3] - 0.5
+    parameters = np.concatenate([batch.alpha, batch.beta], axis=1)
+    turns = [f(2 * np.pi * parameters) for f in (np.sin, np.cos)]
+    np.testing.assert_allclose(c[:, :6], np.concatenate([2 * parameters - 1, *turns], axis=1), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(c[:, 6:9], eye / np.linalg.norm(eye, axis=1, keepdims=True), rtol=1e-5)
+    np.testing.assert_allclose(c[:, 9], np.log(np.linalg.norm(eye, axis=1)), rtol=1e-5)
+    np.testing.assert_allclose(c[:, 10:], batch.light, rtol=1e-6)

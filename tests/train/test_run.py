@@ -1,0 +1,287 @@
+"""Runs go on where they stopped, bit for bit; refuse what is not theirs; stop when something is not finite."""
+
+import json
+import os
+import shutil
+import signal
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from mesoshell.errors import InputError
+from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.io.pack import pack_dataset
+from mesoshell.train import run
+from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.gan.curriculum import fitted, renders
+from mesoshell.train.gan.state import TrainConfig, TrainState
+from mesoshell.train.method import GAN
+from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.nerf_tex.seeds import SEED
+from mesoshell.train.nerf_tex.seeds import fitted as fitted_parametric
+from mesoshell.train.run import Diverged, train
+from mesoshell.train.run_config import keep_record, read_record
+from mesoshell.train.transfer import lender
+from tests.helpers import fog, small_step
+
+#: One process compiles what its tests share.
+pytestmark = pytest.mark.xdist_group("train_run")
+
+CONFIG = replace(
+    small_step.CONFIG,
+    picture=replace(small_step.CONFIG.picture, size=8),
+    batch=4,
+    kimg=0.016,
+    near_kimg=0.01,
+)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Dataset:
+    """Fog seen from sixteen distances, packed at 8²."""
+    folder = tmp_path_factory.mktemp("data")
+    fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(16)], size=8)
+    pack_dataset(read_dataset(folder / "fog"), folder / "packed")
+    return read_dataset(folder / "packed")
+
+
+def leaves(state: TrainState) -> list[np.ndarray]:
+    return [np.asarray(x) for x in jax.tree.leaves(state)]
+
+
+@pytest.fixture(scope="module")
+def whole(data, tmp_path_factory) -> tuple[TrainState, Path]:
+    folder = tmp_path_factory.mktemp("run")
+    return train(CONFIG, data, folder / "whole"), folder / "whole"
+
+
+def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
+    state, folder = whole
+    assert int(state.step) == 4 and int(state.images) == 16
+    row = json.loads((folder / "log.jsonl").read_text().splitlines()[-1])
+    assert row["kimg"] == 0.016 and np.isfinite(list(row.values())).all()
+    assert row["r1"] > 0  # due at the first step of the row's four: the row is their mean
+    assert json.loads((folder / "config.json").read_text())["config"]["batch"] == 4
+    assert max(int(p.name) for p in (folder / "checkpoints").iterdir() if p.name.isdigit()) == 4
+
+
+def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, tmp_path, monkeypatch) -> None:
+    def terminated(*arguments):
+        at = renders(*arguments)
+
+        def batch(i: int):
+            if i == 1:
+                os.kill(os.getpid(), signal.SIGTERM)
+            return at(i)
+
+        return batch
+
+    monkeypatch.setattr(run, "method_of", lambda config: GAN._replace(feed=terminated))
+    before = signal.getsignal(signal.SIGTERM)
+    assert int(train(CONFIG, data, tmp_path / "cut").step) == 2
+    assert signal.getsignal(signal.SIGTERM) is before
+    monkeypatch.undo()
+    for a, b in zip(leaves(whole[0]), leaves(train(CONFIG, data, tmp_path / "cut")), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_run_goes_on_from_the_checkpoint_before_a_torn_one_and_its_log_has_each_row_once(
+    data, whole, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr(run, "SAVE_EVERY", 0.0)
+    monkeypatch.setattr(run, "LOG_EVERY", 1)
+    train(CONFIG, data, tmp_path / "torn")
+    log = (tmp_path / "torn" / "log.jsonl").read_text().splitlines()
+    for path in (tmp_path / "torn" / "checkpoints" / "4" / "default" / "d").iterdir():
+        path.write_bytes(path.read_bytes()[:100])
+    with pytest.warns(UserWarning, match=r"checkpoints/4: cannot be read, the checkpoint before it is taken"):
+        again = train(CONFIG, data, tmp_path / "torn")
+    for a, b in zip(leaves(whole[0]), leaves(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+    rows = [json.loads(line)["kimg"] for line in (tmp_path / "torn" / "log.jsonl").read_text().splitlines()]
+    assert rows == [json.loads(line)["kimg"] for line in log] == [0.004, 0.008, 0.012, 0.016]
+
+
+def test_a_second_interrupt_ends_a_run_at_once() -> None:
+    with pytest.raises(KeyboardInterrupt), run._Stop() as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.asked
+        os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_program_that_calls_a_run_hears_its_signal_again() -> None:
+    """When the context ends; in another thread there are no signals to be heard."""
+    ended = False
+    with pytest.raises(KeyboardInterrupt), run._Stop(again=True) as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        ended = stop.asked
+    assert ended
+    with run._Stop() as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+    assert stop.asked
+
+    def elsewhere() -> bool:
+        with run._Stop(again=True) as stop:
+            return stop.asked
+
+    with ThreadPoolExecutor(1) as pool:
+        assert not pool.submit(elsewhere).result()
+
+
+def test_a_run_begins_with_anothers_weights_and_goes_on_with_its_own(data, whole, tmp_path, monkeypatch) -> None:
+    """What it begins with is its checkpoint 0: a run that is killed while it compiles needs the other one no more."""
+    place, began = run.spread_step, []
+
+    def killed(*arguments):
+        def placed(state):
+            began.append(state)
+            raise KeyboardInterrupt
+
+        return place(*arguments)._replace(place=placed)
+
+    monkeypatch.setattr(run, "spread_step", killed)
+    with pytest.raises(KeyboardInterrupt):
+        train(CONFIG, data, tmp_path / "a", transfer=whole[1])
+    with Checkpoints(tmp_path / "a" / "checkpoints") as checkpoints:
+        found = checkpoints.newest(whole[0])
+    assert found is not None and found[0] == int(found[1].images) == 0
+    begun = found[1]
+    np.testing.assert_array_equal(begun.learner.generator.mix, whole[0].learner.generator.mix)
+    assert not np.array_equal(begun.learner.generator.mapping[0].kernel, whole[0].learner.generator.mapping[0].kernel)
+    with pytest.raises(KeyboardInterrupt):
+        train(CONFIG, data, tmp_path / "a")
+    for a, b in zip(leaves(began[0]), leaves(began[1]), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert read_record(tmp_path / "a")[1]["transfer"] == str(whole[1].resolve())
+    with pytest.raises(InputError, match=r"data.transfer is .*whole, asked for .*/a$"):
+        train(CONFIG, data, tmp_path / "a", transfer=tmp_path / "a")
+
+
+def test_weights_that_do_not_fit_are_refused_and_nothing_is_written(data, whole, tmp_path) -> None:
+    wider = replace(CONFIG, trunk=(5,), picture=replace(CONFIG.picture, octaves=2))
+    (tmp_path / "none").mkdir()
+    shutil.copy(whole[1] / "config.json", tmp_path / "none")
+    for config, folder, said in (
+        (
+            wider,
+            whole[1],
+            "its networks are not this run's: picture.octaves is 1, asked for 2, trunk is (4,), asked for (5,)",
+        ),
+        (CONFIG, tmp_path / "none", "has no checkpoint yet"),
+        (CONFIG, tmp_path / "nothing", "no such file"),
+    ):
+        with pytest.raises(InputError) as caught:
+            train(config, data, tmp_path / "a", transfer=folder)
+        assert str(caught.value).startswith(str(folder)) and str(caught.value).endswith(said)
+    assert not (tmp_path / "a").exists() and not (tmp_path / "nothing").exists()
+    with pytest.raises(InputError, match="weights are lent by a generator's run to a generator's run only"):
+        lender(ParametricConfig(), data, whole[1])
+
+
+def test_another_configuration_is_refused_before_anything_compiles(data, whole, monkeypatch) -> None:
+    monkeypatch.setattr(run, "spread_step", None)
+    with pytest.raises(InputError) as caught:
+        train(replace(CONFIG, gamma=7.0, trunk=(9,)), data, whole[1])
+    assert str(caught.value).endswith(
+        "the run was begun with another configuration: config.gamma is 0.5, asked for 7.0, config.trunk is [4], asked for [9]"
+    )
+
+
+def test_a_record_older_than_a_field_has_its_default(data, whole, tmp_path) -> None:
+    """So a run goes on after a version that can do more; a field or a method that is not ours is refused."""
+    config, path = fitted(CONFIG, data)[0], tmp_path / "config.json"
+    kept = json.loads((whole[1] / "config.json").read_text())
+    assert list(kept) == ["config", "data"] and read_record(whole[1]) == (config, kept["data"])
+    old = json.loads(json.dumps(kept))
+    for part, name in ((old["config"], "density"), (old["config"]["picture"], "filtering")):
+        del part[name]
+    path.write_text(json.dumps(old))
+    assert read_record(tmp_path)[0] == config
+    with pytest.raises(InputError, match=r"configuration: config.density is 0.0, asked for 0.25$"):
+        keep_record(replace(config, density=0.25), data, tmp_path)
+    keep_record(config, data, tmp_path)
+    assert json.loads(path.read_text()) == kept
+    for strange in ({"config": kept["config"] | {"x": 1}}, {"method": "x"}, {"config": 3}):
+        path.write_text(json.dumps(kept | strange))
+        with pytest.raises(InputError, match=r"config\.json: is no record of a training run"):
+            read_record(tmp_path)
+
+
+def test_what_was_fixed_for_all_renders_is_no_parameter(data) -> None:
+    """What it does cannot be learned, so no label, material or mapping network knows it."""
+    fixed = replace(data, manifest=data.manifest | {"fixed_parameters": {"age": 0.5}})
+    config, seen = fitted(CONFIG, fixed)
+    assert (config.appearance, config.generator.betas) == (0, 0) and seen.manifest["parameters"] == {}
+    batch = renders(config, seen, 0, 1)(0)
+    assert batch.alpha.shape == (4, 0) and batch.beta.shape == (4, 0)
+    assert fitted(CONFIG, data)[0].appearance == 1
+    with pytest.raises(InputError, match=r"^mismatch: needs a dataset with parameters"):
+        fitted(replace(CONFIG, mismatch=1.0), fixed)
+    network, seen = fitted_parametric(ParametricConfig(CONFIG.picture, seeded=True), fixed)
+    assert network.parameters == 1 and list(seen.manifest["parameters"]) == [SEED]
+
+
+def test_a_folder_is_known_by_any_path_to_it(data, whole, tmp_path) -> None:
+    """A path through a folder that is not there yet must not come by another run's record unseen."""
+    shutil.copytree(whole[1], tmp_path / "run")
+    kept = (tmp_path / "run" / "config.json").read_bytes()
+    with pytest.raises(
+        InputError, match=r"run/config\.json: the run was begun with another configuration: config.gamma"
+    ):
+        keep_record(replace(fitted(CONFIG, data)[0], gamma=7.0), data, tmp_path / "nothing" / ".." / "run")
+    assert (tmp_path / "run" / "config.json").read_bytes() == kept and not (tmp_path / "nothing").exists()
+
+
+def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeypatch) -> None:
+    def poisoned(*arguments):
+        at = renders(*arguments)
+        return lambda i: at(i)._replace(image=np.full_like(at(i).image, np.nan))
+
+    monkeypatch.setattr(run, "method_of", lambda config: GAN._replace(feed=poisoned))
+    shutil.copytree(whole[1], tmp_path / "bad")
+    with pytest.raises(Diverged) as caught:
+        train(replace(CONFIG, kimg=0.02), data, tmp_path / "bad")
+    said = str(caught.value)
+    assert said.startswith("step 5: the gradient of discriminator.colour.weight is not finite")
+    assert said.endswith(f"the last good checkpoint is {tmp_path / 'bad/checkpoints/4'}")
+    with pytest.raises(Diverged, match=r"^step 1: .* not finite; the last good checkpoint is .*/lent/checkpoints/0$"):
+        train(CONFIG, data, tmp_path / "lent", transfer=whole[1])
+
+
+def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:
+    config = fitted(CONFIG, data)[0]
+    at = renders(config, data)
+
+    def distance(i: int) -> np.ndarray:
+        return np.linalg.norm(at(i).camera_to_world[:, :3, 3] - 0.5, axis=1)
+
+    far = sorted(float(np.linalg.norm(s.camera_to_world[:3, 3] - 0.5)) for s in data.samples)[-4:]
+    assert (distance(0) >= far[0] - 1e-5).all()
+    assert min(distance(i).min() for i in range(4, 20)) < far[0]
+    halves = [renders(config, data, host, 2)(5) for host in (0, 1)]
+    np.testing.assert_array_equal(np.concatenate([h.key for h in halves]), at(5).key)
+    assert [len(h.image) for h in halves] == [2, 2]
+
+
+def test_images_of_another_size_are_refused(data) -> None:
+    config: TrainConfig = replace(CONFIG, picture=replace(CONFIG.picture, size=16))
+    with pytest.raises(
+        InputError, match=r"has images of 8 × 8 pixels; the experiment wants 16 × 16: mesoshell dataset pack"
+    ):
+        fitted(config, data)
+
+
+def test_a_batch_that_parts_the_views_of_a_texture_is_refused(data, tmp_path) -> None:
+    with pytest.raises(InputError, match="batch: 16 is no multiple of the 1 devices and the 3 views"):
+        train(replace(CONFIG, batch=16, views=3), data, tmp_path / "run")
+
+
+def test_views_that_would_share_a_group_are_refused(data) -> None:
+    with pytest.raises(InputError, match="views: 2 of a texture need a batch of 8, not 4"):
+        fitted(replace(CONFIG, views=2), data)

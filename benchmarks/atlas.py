@@ -27,7 +27,7 @@ from mesoshell.measure.image import psnr
 from mesoshell.neutex.cameras import photo_rays, pixels
 from mesoshell.neutex.capture import Capture
 from mesoshell.neutex.render import picture, view
-from mesoshell.neutex.store import read_captured
+from mesoshell.neutex.store import read_neutex
 from mesoshell.render.quality import Quality
 from mesoshell.train.neutex import ray_batches
 from mesoshell.train.neutex import step as atlas
@@ -94,7 +94,7 @@ def by_samples(run: Path, samples: tuple[int, ...]) -> None:
     config, data = read_record(run)
     assert isinstance(config, atlas.AtlasTraining)
     _, capture = atlas.fitted(config, ray_batches.recorded(data, config.side))
-    found = read_captured(snapshots(run)[-1][1])
+    found = read_neutex(snapshots(run)[-1][1])
     for n in samples:
         how = view(found.config, found.field, Quality(samples=n, pixel_samples=1))
         errors, seconds = [], []
@@ -109,7 +109,7 @@ def by_samples(run: Path, samples: tuple[int, ...]) -> None:
 
 
 def from_surface(run: Path, mesh: Path) -> None:
-    found = read_captured(snapshots(run)[-1][1])
+    found = read_neutex(snapshots(run)[-1][1])
     model = load_mesh(mesh)
     near = KDTree(sample_surface(Trimesh(model.vertices, model.faces), 200_000, seed=0)[0])
     how = view(found.config, found.field, Quality(samples=64, pixel_samples=1))

@@ -25,7 +25,7 @@ from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.features import extractor
 from mesoshell.measure.repetition import largest_repeat
 from mesoshell.shell.generator.generator import draw_phases, synthesise
-from mesoshell.shell.generator.model import Maker, grown, maker_of
+from mesoshell.shell.generator.model import GeneratorModel, grown, maker_of
 from mesoshell.shell.generator.plan import CELL
 from mesoshell.train.gan.curriculum import fitted, views_of
 from mesoshell.train.gan.snapshot import pictures
@@ -37,7 +37,7 @@ PATCHES, TILE, BATCH = 12, 4, 20
 INSIDE = (5 * CELL, 6 * CELL)
 
 
-def textures(maker: Maker, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def textures(maker: GeneratorModel, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """12 × 12 patches of seed 0, and training crops of the same w with phases of their own."""
     side, config = maker.config.texels, maker.config
     w, phases = grown(maker, 0, beta)
@@ -68,7 +68,7 @@ def moments(large: np.ndarray, crops: np.ndarray, side: int) -> tuple[float, flo
 
 
 def features(
-    config: TrainConfig, maker: Maker, dataset, count: int, tile: tuple[int, int] | None, network
+    config: TrainConfig, maker: GeneratorModel, dataset, count: int, tile: tuple[int, int] | None, network
 ) -> np.ndarray:
     """Of renders, or of pictures of a tile from their cameras."""
     positions = np.random.default_rng(0).permutation(len(dataset.samples))[:count]

@@ -17,17 +17,17 @@ import numpy as np
 
 from mesoshell.shell.generator.bake import bake, patches_a_tile
 from mesoshell.shell.generator.generator import init_averages, init_generator
-from mesoshell.shell.generator.model import Maker, grown
+from mesoshell.shell.generator.model import GeneratorModel, grown
 from mesoshell.shell.generator.plan import GeneratorConfig, halo_cost
 from mesoshell.shell.material.decoder import init_decoder
 
 
-def maker(texels: int, base: int, most: int) -> Maker:
+def maker(texels: int, base: int, most: int) -> GeneratorModel:
     """Random weights; the decoder is the default's size."""
     config = GeneratorConfig(texels=texels, channel_base=base, channel_max=most)
     keys, octaves = jax.random.split(jax.random.key(0)), 4
     decoder = init_decoder(keys[1], config.channels + 1 + 2 * octaves, (64, 64), (64, 64))
-    return Maker(config, init_generator(config, keys[0]), init_averages(config), decoder, octaves)
+    return GeneratorModel(config, init_generator(config, keys[0]), init_averages(config), decoder, octaves)
 
 
 def anonymous() -> int:
@@ -54,7 +54,7 @@ class Watch:
         self._thread.join()
 
 
-def one(maker: Maker, side: int, folder: Path) -> tuple[float, int, int]:
+def one(maker: GeneratorModel, side: int, folder: Path) -> tuple[float, int, int]:
     """Seconds, most bytes of memory, and bytes on disk, of a texture of `side` texels a side."""
 
     def allocate(key: str, shape: tuple[int, ...]) -> np.ndarray:

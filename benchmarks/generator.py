@@ -32,7 +32,7 @@ from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of
 from mesoshell.signal.filtered_lrelu import Activation, filtered_lrelu
 from mesoshell.signal.fourier import fourier_map
 from mesoshell.signal.modulated import modulated_conv
-from mesoshell.train.gan.generate import Shown, generate, label
+from mesoshell.train.gan.generate import ImageBatch, generate, label
 from mesoshell.train.gan.presets import SMALL
 from mesoshell.train.gan.state import TrainConfig, sized, start
 from mesoshell.train.gan.step import step
@@ -145,7 +145,7 @@ def tiles() -> None:
     print()
 
 
-def batch_of(config: TrainConfig) -> Shown:
+def batch_of(config: TrainConfig) -> ImageBatch:
     """Random renders from straight above, of one appearance."""
     k, n = jax.random.split(jax.random.key(1), 3), config.batch
     above = jnp.eye(4).at[:3, 3].set(jnp.array([0.5, 0.5, 4.0]))
@@ -153,7 +153,7 @@ def batch_of(config: TrainConfig) -> Shown:
     image = jax.random.uniform(k[0], (n, config.picture.size, config.picture.size, 4))
     light, parameters = jnp.array([0.6, 0.0, 0.8]), jax.random.uniform(k[1], (n, config.appearance))
     keys = jax.random.key_data(jax.random.split(k[2], n))
-    return Shown(image, parameters, jnp.zeros((n, 0)), every(above), every(light), every(jnp.full(3, 5.0)), keys)
+    return ImageBatch(image, parameters, jnp.zeros((n, 0)), every(above), every(light), every(jnp.full(3, 5.0)), keys)
 
 
 def training() -> None:
@@ -199,7 +199,7 @@ def training() -> None:
     memory(config, state, batch, each)
 
 
-def memory(config: TrainConfig, state, batch: Shown, each: Callable) -> None:
+def memory(config: TrainConfig, state, batch: ImageBatch, each: Callable) -> None:
     print("| a step | temporary memory, MiB | with arguments and results |\n|---|---|---|")
     for name, filtering in (("mip-mapping", True), ("without", False)):
         other = replace(config, picture=replace(config.picture, filtering=filtering))

@@ -134,12 +134,12 @@ def shown(config: Any) -> Any:
     import jax
     import numpy as np
 
-    from mesoshell.train.gan.generate import Shown
+    from mesoshell.train.gan.generate import ImageBatch
 
     b, s = config.batch, config.picture.size
     shapes = ((b, s, s, 4), (b, 2), (b, 2), (b, 4, 4), (b, 3), (b, 3), (b, 2))
     kinds = [np.float32] * 6 + [np.uint32]
-    return Shown(*(jax.ShapeDtypeStruct(x, k) for x, k in zip(shapes, kinds, strict=True)))
+    return ImageBatch(*(jax.ShapeDtypeStruct(x, k) for x, k in zip(shapes, kinds, strict=True)))
 
 
 def _bytes(tree: Any) -> int:

@@ -64,7 +64,7 @@ def picture(scene: Scene, bits: int | None) -> np.ndarray:
     return radiance / (1 + radiance)
 
 
-def _of_program(kernel: Callable, bits: int, program: kernels.Program, *arguments: Any) -> Any:
+def _of_program(kernel: Callable, bits: int, program: kernels.StaticConfig, *arguments: Any) -> Any:
     return rounded(partial(kernel, program), bits)(*arguments)
 
 

@@ -19,7 +19,7 @@ from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, frame, place,
 from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.field import Point, inputs
 from mesoshell.shell.render.lighting import Shaded, Tile
-from mesoshell.shell.render.renderer import Report, _Renderer
+from mesoshell.shell.render.renderer import RenderReport, _Renderer
 from mesoshell.shell.render.scene import Scene
 
 #: Samples a call.
@@ -28,7 +28,7 @@ _CHUNK = 16384
 
 def picture(scene: Scene, quality: Quality, effects: Effects) -> Float[np.ndarray, "H W 4"]:
     """Linear RGBA, one ray a pixel, `quality.samples` samples a ray, distant lights and no background."""
-    renderer = _Renderer(scene, quality, effects, Report())
+    renderer = _Renderer(scene, quality, effects, RenderReport())
     camera = scene.camera
     o, d = rays(camera, pixel_grid(camera, 1, 0))
     d = d.astype(np.float32).astype(np.float64)

@@ -26,14 +26,14 @@ from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.generator.generator import synthesise
-from mesoshell.shell.generator.model import Maker, grown, maker_of
-from mesoshell.shell.generator.texture_synthesis import Wanted, grow
+from mesoshell.shell.generator.model import GeneratorModel, grown, maker_of
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, grow
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.material.density_bounds import bounds
 from mesoshell.shell.material.field import Layout, Material
 from mesoshell.shell.material.loader import GRID_CELLS, DeviceMaterial, Grid, ready
 from mesoshell.shell.material.triplane import pack_planes
-from mesoshell.shell.render.renderer import Report, render
+from mesoshell.shell.render.renderer import RenderReport, render
 from mesoshell.shell.render.scene import Scene
 from mesoshell.texture import mip
 
@@ -64,11 +64,11 @@ def hill(patches: int, rng: np.random.Generator | None, steps: int = 4) -> Mesh:
 
 
 def ours(bundle: Bundle, name: str, mesh: Mesh) -> DeviceMaterial:
-    found, origin = grow(bundle, name, extrude(mesh, THICKNESS, 1.0).uv, Wanted())
+    found, origin = grow(bundle, name, extrude(mesh, THICKNESS, 1.0).uv, TextureRequest())
     return ready(found, origin)
 
 
-def planes(bundle: Bundle, maker: Maker, patches: int) -> DeviceMaterial:
+def planes(bundle: Bundle, maker: GeneratorModel, patches: int) -> DeviceMaterial:
     """Planes of every patch, each of a seed of its own."""
     texels = maker.config.texels
 
@@ -95,7 +95,7 @@ def planes(bundle: Bundle, maker: Maker, patches: int) -> DeviceMaterial:
     return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), tuple(shapes), names)
 
 
-def pictured(material: DeviceMaterial, mesh: Mesh, size: int, quality: str) -> tuple[np.ndarray, Report]:
+def pictured(material: DeviceMaterial, mesh: Mesh, size: int, quality: str) -> tuple[np.ndarray, RenderReport]:
     shell = extrude(mesh, THICKNESS, 1.0)
     n = float(mesh.vertices[:, :2].max())
     camera = Camera(look_at((n / 2, -0.75 * n, 0.9 * n), (n / 2, n / 2, 0.1 * n), (0.0, 0.0, 1.0)), 0.75, size, size)

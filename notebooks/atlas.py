@@ -32,7 +32,7 @@ from mesoshell.neutex.capture import read_capture
 from mesoshell.neutex.layout import directions
 from mesoshell.neutex.mesh import wrapped
 from mesoshell.neutex.render import picture, view
-from mesoshell.neutex.store import read_captured
+from mesoshell.neutex.store import read_neutex
 from mesoshell.render.quality import Quality
 from mesoshell.train.gan.presets import TINY
 from mesoshell.train.neutex.snapshot import board_paint
@@ -74,7 +74,7 @@ for axis, along in zip(axes, range(3), strict=True):
 config = atlas_as(TINY)
 rows = []
 run = ms.train(config, capture, folder / "run", show=rows.append)
-found = read_captured(max(run.snapshots.values()))
+found = read_neutex(max(run.snapshots.values()))
 config, capture = fitted(config, capture)
 for name, score in score_views(found, capture, config.samples).items():
     print(f"{name}: {score.value:.3g}")

@@ -12,7 +12,7 @@ from mesoshell.cli.main import main
 from mesoshell.io.image import read_exr, read_png, write_png
 from mesoshell.neutex.layout import shape
 from mesoshell.neutex.mesh import wrapped
-from mesoshell.neutex.store import read_captured
+from mesoshell.neutex.store import read_neutex
 from mesoshell.train.run_config import snapshots
 from tests.helpers import balls
 
@@ -91,7 +91,7 @@ def test_photographs_are_rendered_again(folder, tmp_path) -> None:
 
 
 def test_a_mesh_is_where_the_object_was_and_renders(folder, tmp_path) -> None:
-    known = read_captured(snapshots(folder / "run")[-1][1])
+    known = read_neutex(snapshots(folder / "run")[-1][1])
     for name in ("a.glb", "a.obj"):
         main(["atlas", "mesh", str(folder / "run"), "--quads", "10", "--size", "16", "--out", str(tmp_path / name)])
         mesh = trimesh.load_mesh(tmp_path / name)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.nerf_tex.network import ParametricConfig, start, step
 from mesoshell.train.parallel import spread_step
 from tests.helpers import small_step
@@ -23,7 +23,7 @@ from tests.helpers import small_step
 CONFIG = ParametricConfig(small_step.CONFIG.picture, (16, 16), (8,), octaves=2, batch=8, parameters=2)
 
 
-def batch() -> Shown:
+def batch() -> ImageBatch:
     return small_step.batch()
 
 

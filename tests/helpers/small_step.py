@@ -5,7 +5,7 @@ import numpy as np
 
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.state import TrainConfig, sized
 from mesoshell.train.patch_renderer import PictureConfig
 
@@ -23,11 +23,11 @@ CONFIG = sized(
 )
 
 
-def batch() -> Shown:
+def batch() -> ImageBatch:
     rng = np.random.default_rng(0)
     eye = np.eye(4)[None].repeat(8, 0)
     eye[:, :3, 3] = [0.5, 0.5, 3.0] + 0.3 * rng.normal(size=(8, 3))
     light = np.array([[0.6, 0.0, 0.8]]).repeat(8, 0)
     image = rng.uniform(size=(8, 8, 8, 4))
     keys = np.asarray(jax.random.key_data(jax.random.split(jax.random.key(1), 8)))
-    return Shown(image, rng.uniform(size=(8, 1)), rng.uniform(size=(8, 1)), eye, light, np.full((8, 3), 5.0), keys)
+    return ImageBatch(image, rng.uniform(size=(8, 1)), rng.uniform(size=(8, 1)), eye, light, np.full((8, 3), 5.0), keys)

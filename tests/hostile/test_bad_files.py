@@ -130,10 +130,10 @@ def test_json_of_any_kind_is_refused(tmp_path: Path, name: str, refuses):
 
 @pytest.mark.parametrize("name", TEXTS)
 def test_bundles_with_any_manifest_are_refused(tmp_path: Path, name: str, refuses):
-    from mesoshell.neutex.store import read_captured
+    from mesoshell.neutex.store import read_neutex
 
     write_arrays(tmp_path / "a.npz", {"manifest.json": np.frombuffer(TEXTS[name], np.uint8)})
-    for read in (read_bundle, read_surface, read_captured):
+    for read in (read_bundle, read_surface, read_neutex):
         refuses(read, tmp_path / "a.npz")
 
 

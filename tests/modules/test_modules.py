@@ -16,7 +16,7 @@ from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.neutex import field as captured
 from mesoshell.neutex.field import FieldConfig, init_field
-from mesoshell.neutex.store import Captured, read_captured, write_captured
+from mesoshell.neutex.store import NeuTexModel, read_neutex, write_neutex
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig, discriminate, init_discriminator
 from mesoshell.shell.generator.generator import (
     draw_phases,
@@ -32,7 +32,7 @@ from mesoshell.shell.generator.texture_critic import CriticConfig, criticise, in
 from mesoshell.shell.material import decoder as decoding
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.loader import decoder_of
-from mesoshell.surface_material.network import Place, SurfaceConfig, init_surface, reflectance, seen, tables
+from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, init_surface, reflectance, seen, tables
 from tests.helpers import growing, wearing
 from tests.helpers.same_trees import FIELD, same
 
@@ -73,7 +73,7 @@ def _decoded(tree: Any, x: Any, w: Any, light: Any) -> Any:
     return sigma, decoding.head(tree, decoding.toward_viewer(tree, features, w), light)
 
 
-def _answered(tree: Any, place: Place, light: Any, blur: Any) -> Any:
+def _answered(tree: Any, place: SurfaceQuery, light: Any, blur: Any) -> Any:
     table = tables(tree, blur)
     found = seen(SURFACE, table, place)
     return found, reflectance(SURFACE, table, place, found, light)
@@ -113,7 +113,7 @@ def case(name: str) -> Case:
         module = ms.modules.Decoder(4, ((8, 8), (8,)))
         return Case(module, lambda key: init_decoder(key, 4, (8, 8), (8,)), inputs, _decoded)
     if name == "surface":
-        place = Place(jnp.array([0.3, 0.8]), jnp.float32(0.1), unit(1), jnp.float32(0.4))
+        place = SurfaceQuery(jnp.array([0.3, 0.8]), jnp.float32(0.1), unit(1), jnp.float32(0.4))
         inputs = place, unit(2), jnp.float32(0.5)
         return Case(ms.modules.SurfaceMaterial(SURFACE), lambda key: init_surface(SURFACE, key), inputs, _answered)
     return _case_of_field(name)
@@ -204,7 +204,7 @@ def test_what_a_surface_material_s_file_holds(tmp_path: Path) -> None:
     surface = ms.modules.networks_of(read_surface(path))["surface"]
     u, w, light = np.array([[0.3, 0.8]]), np.array([[0.0, 0.6, 0.8]]), np.array([[0.6, 0.0, 0.8]])
     alpha, _, rho = wearing.answers(wearing.bundle(), u, np.array([0.05]), w, np.array([0.5]), light)
-    place = Place(*(jnp.asarray(x, jnp.float32) for x in (u[0], 0.05, w[0], 0.0)))
+    place = SurfaceQuery(*(jnp.asarray(x, jnp.float32) for x in (u[0], 0.05, w[0], 0.0)))
     found, answer = surface(place, jnp.asarray(light[0], jnp.float32), jnp.float32(1e-3))
     np.testing.assert_allclose(found.alpha, alpha[0], rtol=1e-4)
     np.testing.assert_allclose(answer, rho[0], rtol=1e-3)
@@ -212,8 +212,8 @@ def test_what_a_surface_material_s_file_holds(tmp_path: Path) -> None:
 
 def test_what_a_captured_object_s_file_holds(tmp_path: Path) -> None:
     tree = init_field(FIELD, KEY)
-    write_captured(tmp_path / "object.npz", Captured(FIELD, tree, np.zeros(3), 1.0, (), (), {}))
-    field = ms.modules.networks_of(read_captured(tmp_path / "object.npz"))["field"]
+    write_neutex(tmp_path / "object.npz", NeuTexModel(FIELD, tree, np.zeros(3), 1.0, (), (), {}))
+    field = ms.modules.networks_of(read_neutex(tmp_path / "object.npz"))["field"]
     same(field.tree(), tree)
     inputs = case("texture").inputs
     same(field(*inputs), _captured(FIELD, tree, *inputs))

@@ -12,7 +12,7 @@ import pytest
 import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.shell.generator.generator import draw_phases
-from mesoshell.surface_material.network import Place, SurfaceConfig
+from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.fit import step as fit
 from mesoshell.train.gan import state
@@ -36,11 +36,11 @@ def test_a_step_in_flax_s_way_is_the_run_s() -> None:
     batch = surface.asked(wearing.rows(64, 0, _answer))
     learner = ms.modules.train_states(SURFACE, begun)["surface"]
     low, high = SURFACE.curvature
-    places = Place(batch.u, batch.radius, batch.w, (2 * batch.kappa - low - high) / (high - low))
+    places = SurfaceQuery(batch.u, batch.radius, batch.w, (2 * batch.kappa - low - high) / (high - low))
     blur = surface.blur_at(SURFACE, jnp.zeros(()))
 
     def loss(params: Any) -> Any:
-        def one(place: Place, light: Any) -> Any:
+        def one(place: SurfaceQuery, light: Any) -> Any:
             return learner.apply_fn({"params": params}, place, light, blur)
 
         found, rho = jax.vmap(one)(places, batch.light)

@@ -23,8 +23,8 @@ from mesoshell.neutex.field import FieldConfig, density, init_field, lobes, text
 from mesoshell.neutex.layout import LAYOUTS, checkerboard, directions, shape
 from mesoshell.neutex.march import CELLS, march
 from mesoshell.neutex.mesh import REACH, wrapped
-from mesoshell.neutex.render import Lit, Paint, View, occupancy, picture
-from mesoshell.neutex.store import Captured, read_captured, write_captured
+from mesoshell.neutex.render import Lighting, Paint, View, occupancy, picture
+from mesoshell.neutex.store import NeuTexModel, read_neutex, write_neutex
 from mesoshell.render.camera import look_at
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
@@ -35,8 +35,8 @@ EXACT = Quality(pixel_samples=1, samples=64, early_stop=0.0, skip=0.0)
 FULL = jnp.ones((CELLS,) * 3, bool)
 
 
-def captured(field, config=CONFIG, centre=(0.0, 0.0, 0.0), half=1.0) -> Captured:
-    return Captured(config, field, np.array(centre), half, (PHOTO, PHOTO), (1,), {"rays": 5})
+def captured(field, config=CONFIG, centre=(0.0, 0.0, 0.0), half=1.0) -> NeuTexModel:
+    return NeuTexModel(config, field, np.array(centre), half, (PHOTO, PHOTO), (1,), {"rays": 5})
 
 
 @pytest.fixture(scope="module")
@@ -286,8 +286,8 @@ def test_the_meshs_coordinates_are_the_cubemaps(field) -> None:
 
 
 def test_a_file_holds_all_of_it(field, tmp_path) -> None:
-    write_captured(tmp_path / "a.npz", captured(field, centre=(1.0, 2.0, 3.0), half=2.5))
-    found = read_captured(tmp_path / "a.npz")
+    write_neutex(tmp_path / "a.npz", captured(field, centre=(1.0, 2.0, 3.0), half=2.5))
+    found = read_neutex(tmp_path / "a.npz")
     assert found.config == CONFIG and found.half == 2.5 and found.tested == (1,) and found.provenance == {"rays": 5}
     for a, b in zip(jax.tree.leaves(found.field), jax.tree.leaves(field), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -316,21 +316,21 @@ def test_a_point_keeps_its_place_between_world_and_box(field) -> None:
 )
 def test_damaged_files_are_named(field, tmp_path, spoil, fault) -> None:
     path = tmp_path / "a.npz"
-    write_captured(path, captured(field))
+    write_neutex(path, captured(field))
     names = json.loads(read_arrays(path, ["manifest.json"])["manifest.json"].tobytes())
     assert names["kind"] == "captured object"
     with np.load(path) as file:
         arrays = {k: file[k] for k in file.files}
     write_arrays(path, spoil(arrays))
     with pytest.raises(InputError, match=rf"a.npz: .*{fault}"):
-        read_captured(path)
+        read_neutex(path)
 
 
 def test_a_volume_has_the_same_file(tmp_path) -> None:
     config = replace(CONFIG, colour="volume")
     made = init_field(config, jax.random.key(0))
-    write_captured(tmp_path / "a.npz", replace(captured(made), config=config))
-    assert read_captured(tmp_path / "a.npz").config == config
+    write_neutex(tmp_path / "a.npz", replace(captured(made), config=config))
+    assert read_neutex(tmp_path / "a.npz").config == config
 
 
 def test_the_checkerboard_shows_as_it_is(field) -> None:
@@ -403,7 +403,7 @@ def test_what_reflects_and_is_seen_from_behind_is_counted(stone) -> None:
 def test_a_distant_light_and_its_shadow(stone) -> None:
     """What faces the light is lit by its cosine; what faces away is black; and the object blocks a light behind it."""
     toward = np.array([0.0, 0.8, 0.6])
-    lit = Lit((Distant(toward, np.full(3, 2.0)),), None)
+    lit = Lighting((Distant(toward, np.full(3, 2.0)),), None)
     found = picture(LIT, stone, PHOTO, View(EXACT.with_changes(samples=256), FULL, None, lit))
     cosine = outward(found, *photo_rays(PHOTO, pixels(PHOTO))) @ toward
     hit = found.rgba[..., 3].ravel() > 0.999
@@ -414,14 +414,14 @@ def test_a_distant_light_and_its_shadow(stone) -> None:
     # what is hit flat lies in no shadow of its own fog
     np.testing.assert_allclose(shown[flat], 0.5 / np.pi * cosine[flat] * 2.0, rtol=0.2)
     assert shown[dark].max() < 1e-3
-    behind = Lit((Distant(-toward, np.full(3, 2.0)),), None)
+    behind = Lighting((Distant(-toward, np.full(3, 2.0)),), None)
     assert picture(LIT, stone, PHOTO, View(EXACT, FULL, None, behind)).rgba[..., 0].ravel()[bright].max() < 1e-3
 
 
 def test_an_even_sky_lights_it_as_a_furnace(stone) -> None:
     """Under radiance 1 from everywhere a convex matt thing shows its albedo, but for noise and Schlick's rim."""
     sky = environment(np.ones((8, 16, 3), np.float32), 2)
-    view = View(EXACT.with_changes(environment_samples=64), FULL, None, Lit((), sky))
+    view = View(EXACT.with_changes(environment_samples=64), FULL, None, Lighting((), sky))
     found = picture(LIT, stone, PHOTO, view)
     hit = found.rgba[..., 3] > 0.999
     assert found.rgba[hit][:, 0].mean() == pytest.approx(0.5, abs=0.06)

@@ -17,7 +17,7 @@ from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, r
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.scene.render_shell import facts
-from mesoshell.shell.generator.texture_synthesis import Wanted, grow
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, grow
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv
 from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.renderer import render
@@ -32,7 +32,9 @@ LIGHT = np.array([0.3, 0.8, -0.5]) / np.linalg.norm([0.3, 0.8, -0.5])
 
 def combed(shell: Shell) -> tuple[Bundle, tuple[int, int]]:
     """A texture whose geometry varies, and where it begins."""
-    found, origin = grow(growing.bundle(), "it", shell.uv, Wanted(1, {}, {"length": lambda at: (at[..., 0] > 1) * 1.0}))
+    found, origin = grow(
+        growing.bundle(), "it", shell.uv, TextureRequest(1, {}, {"length": lambda at: (at[..., 0] > 1) * 1.0})
+    )
     return rough(found), origin
 
 

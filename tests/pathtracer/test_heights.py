@@ -19,7 +19,7 @@ from mesoshell.pathtracer import load_file, maps
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.quadrature import Sample
-from mesoshell.shell.generator.texture_synthesis import Wanted, baked, field_of, grow
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of, grow
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
@@ -39,7 +39,7 @@ def varying() -> Bundle:
     def ramp(at: np.ndarray) -> np.ndarray:
         return np.clip(at[..., 0] / 5 + (at[..., 1] > 1.5) * 0.3, 0, 1)
 
-    return rough(baked(growing.bundle(), "it", (48, 72), Wanted(7, {}, {"length": ramp}))[0])
+    return rough(baked(growing.bundle(), "it", (48, 72), TextureRequest(7, {}, {"length": ramp}))[0])
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +160,7 @@ def test_a_texture_of_a_scene_varies_geometry_as_an_image_of_the_command_line_do
     shell = extrude(mesh, 0.4, 0.4)
     patches = patches_per_uv(mesh, shell)
     image = read_png(folder / "comb.png").mean(axis=-1)
-    wanted = Wanted(3, {}, {"length": field_of(image, (patches, patches), False)})
+    wanted = TextureRequest(3, {}, {"length": field_of(image, (patches, patches), False)})
     bundle, origin = grow(growing.bundle(), "it", shell.uv, wanted)
     assert material.origin == origin
     expected = Material(bundle, origin)
@@ -210,7 +210,7 @@ def test_textures_that_cannot_be_read_are_refused(folder, length, said) -> None:
 
 
 def test_a_material_without_a_generator_refuses(folder) -> None:
-    bundle = baked(growing.bundle(), "it", (16, 16), Wanted(1))[0]
+    bundle = baked(growing.bundle(), "it", (16, 16), TextureRequest(1))[0]
     write_bundle(folder / "it.npz", bundle)
     with pytest.raises(InputError, match="has no generator: it is one texture, of one seed and one"):
         scene(folder, BITMAP.replace("MORE", ""))

@@ -14,7 +14,7 @@ from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.quadrature import Sample
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
-from mesoshell.shell.render.kernels import Program, bound
+from mesoshell.shell.render.kernels import StaticConfig, bound
 from mesoshell.texture import mip
 
 GRASS = Path(__file__).parents[2] / "src" / "mesoshell" / "assets" / "grass.npz"
@@ -75,7 +75,7 @@ def test_features_and_density_and_transport(bundle, points) -> None:
 
 def test_bounds_are_the_grids(bundle, points) -> None:
     made, material = ready(bundle), Material(bundle)
-    program = Program(made.layout, made.grid_shapes, True, 1, False, ())
+    program = StaticConfig(made.layout, made.grid_shapes, True, 1, False, ())
     last = len(made.layout.sizes) - 1
 
     def one(xi, radius):

@@ -11,7 +11,7 @@ from mesoshell.pathtracer.direct import gather_light
 from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.quadrature import Here, Ray, canonical, no_here
+from mesoshell.pathtracer.quadrature import IntervalFrame, Ray, canonical, no_frame
 from mesoshell.pathtracer.render_context import World
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.render.effects import PATHS, plan_effects
@@ -28,8 +28,8 @@ CHARTS = {
 }
 
 
-def here_of(rows: np.ndarray) -> Here:
-    here = no_here()
+def here_of(rows: np.ndarray) -> IntervalFrame:
+    here = no_frame()
     here.a, here.b, here.c = (mi.Vector3f(*map(float, row)) for row in rows)
     return here
 

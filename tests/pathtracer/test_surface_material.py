@@ -18,16 +18,16 @@ from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh
 from mesoshell.io.surface import write_surface
 from mesoshell.pathtracer import scene_dict
 from mesoshell.pathtracer.load import load_dict, load_file
-from mesoshell.pathtracer.quadrature import Ray, no_here
-from mesoshell.pathtracer.surface_material import SurfaceMaterial, Worn, density_around, draw_around
+from mesoshell.pathtracer.quadrature import Ray, no_frame
+from mesoshell.pathtracer.surface_material import SurfaceMaterial, SurfaceMeshes, density_around, draw_around
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import Effect
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS, Quality
-from mesoshell.surface_material.intersector import Dressed, Local
+from mesoshell.surface_material.intersector import Local, SurfaceIntersector
 from mesoshell.surface_material.loader import ready
 from mesoshell.surface_material.renderer import SurfaceScene, _answered, plan, render
-from mesoshell.surface_material.tables import wear
+from mesoshell.surface_material.tables import surface_tables
 from tests.helpers import wearing
 from tests.helpers.path_traced import shell
 
@@ -174,15 +174,15 @@ def test_meshes_are_met_as_by_the_other_engine(name: str) -> None:
     mesh = wearing.lump() if name == "lump" else load_mesh(ROOT / "tests/data/spot.obj")
     mesh = mirrored(mesh) if name == "mirrored" else mesh
     period = 0.2
-    w, (o, d) = wear(mesh, period, QUALITY), toward(mesh, 1000)
-    theirs = Dressed(w, np.zeros((0, 3, 3)))
+    w, (o, d) = surface_tables(mesh, period, QUALITY), toward(mesh, 1000)
+    theirs = SurfaceIntersector(w, np.zeros((0, 3, 3)))
     hits = theirs.meet(o, d)
     rows = np.flatnonzero(hits.face >= 0)
     assert len(rows) > 990
     spread, apex = 0.03, 0.4
     local = theirs.queries(hits, rows, d[rows], 0.5 * spread * (hits.t[rows] + apex))
     recorder: Any = Recorder()
-    met = Worn([w], [recorder]).meet(segment(o, d, spread, apex), dr.full(mi.Bool, True, 1000))
+    met = SurfaceMeshes([w], [recorder]).meet(segment(o, d, spread, apex), dr.full(mi.Bool, True, 1000))
     ours: dict[str, np.ndarray] = {
         "hit": np.array(met.hit)[rows],
         "t": np.array(met.t)[rows],
@@ -220,7 +220,9 @@ def test_faces_without_area_in_the_chart_have_a_frame(size: float) -> None:
     mesh = replace(lump, uv=uv)
     o, d = toward(mesh, 500)
     recorder: Any = Recorder()
-    met = Worn([wear(mesh, 0.3, QUALITY)], [recorder]).meet(segment(o, d), dr.full(mi.Bool, True, 500))
+    met = SurfaceMeshes([surface_tables(mesh, 0.3, QUALITY)], [recorder]).meet(
+        segment(o, d), dr.full(mi.Bool, True, 500)
+    )
     axes = np.stack([np.array(x).T for x in (met.here.a, met.here.b, met.here.c)], axis=1)
     np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.tile(np.eye(3), (500, 1, 1)), atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(np.array(met.w), axis=0), 1, atol=1e-5)
@@ -228,7 +230,7 @@ def test_faces_without_area_in_the_chart_have_a_frame(size: float) -> None:
 
 def test_directions_are_drawn_with_their_density() -> None:
     """All around: its integral is 1, and of draws as many lie below each height as it says."""
-    here, xi = no_here(), np.random.default_rng(0).random((2, 100_000))
+    here, xi = no_frame(), np.random.default_rng(0).random((2, 100_000))
     turn = np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, -1]])  # left-handed
     here.a, here.b, here.c = (mi.Vector3f(*map(float, row)) for row in turn)
     d, local, pdf = draw_around(here, mi.Point2f(xi))

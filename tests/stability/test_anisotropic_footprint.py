@@ -16,7 +16,7 @@ from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.field import Layout, Material
 from mesoshell.shell.material.loader import Grid
 from mesoshell.shell.render import kernels
-from mesoshell.shell.render.kernels import Program, Table, gaussian_taps
+from mesoshell.shell.render.kernels import DeviceTables, StaticConfig, gaussian_taps
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import Footprint, footprint
 
@@ -34,7 +34,7 @@ def texture(power: float) -> np.ndarray:
     return ((image - image.mean()) / image.std()).astype(np.float32)
 
 
-def table(feature: np.ndarray) -> Table:
+def table(feature: np.ndarray) -> DeviceTables:
     """A table whose decoder inputs begin with the filtered texture itself."""
     none, one = Dense(jnp.zeros((1, 1)), jnp.zeros(1)), jnp.ones(())
     material = Material(
@@ -43,7 +43,7 @@ def table(feature: np.ndarray) -> Table:
         Decoder([], none, [], none, one),
     )
     chart = Chart(jnp.zeros((1, 18)), jnp.zeros((1, 6)))
-    return Table(chart, material, Grid(jnp.zeros(1)), jnp.zeros(0), jnp.zeros((0, 1, 1)), one, one)
+    return DeviceTables(chart, material, Grid(jnp.zeros(1)), jnp.zeros(0), jnp.zeros((0, 1, 1)), one, one)
 
 
 def at_horizon(texels: float, ratio: float) -> Footprint:
@@ -55,7 +55,7 @@ def at_horizon(texels: float, ratio: float) -> Footprint:
 
 
 def filtered(feature: np.ndarray, uv: np.ndarray, f: Footprint, taps: int) -> np.ndarray:
-    program = Program(Layout(SIZES, ((1, 1),), float(SIDE), 0), ((1, 1, 1),), True, taps, False, ())
+    program = StaticConfig(Layout(SIZES, ((1, 1),), float(SIDE), 0), ((1, 1, 1),), True, taps, False, ())
     xi = jnp.concatenate([jnp.asarray(uv), jnp.full((len(uv), 1), 0.5)], axis=1)
     found = jax.jit(jax.vmap(lambda x: kernels._inputs(program, table(feature), x, f)))(xi)
     return np.asarray(found)[:, :4]
@@ -115,7 +115,7 @@ def test_a_round_footprint_is_one_tap():
 def test_a_footprint_of_no_size_has_finite_gradients():
     def value(minor, major):
         f = Footprint(minor, major, jnp.float32([1, 0]), jnp.float32(0))
-        program = Program(Layout(SIZES, ((1, 1),), float(SIDE), 0), ((1, 1, 1),), True, 16, False, ())
+        program = StaticConfig(Layout(SIZES, ((1, 1),), float(SIDE), 0), ((1, 1, 1),), True, 16, False, ())
         return kernels._inputs(program, table(texture(1.0)), jnp.float32([0.3, 0.4, 0.5]), f).sum()
 
     slope = jax.jit(jax.grad(value, (0, 1)))

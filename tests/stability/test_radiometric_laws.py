@@ -16,7 +16,7 @@ from mesoshell.shell.geometry.sampling import spread
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.lighting import Tile
-from mesoshell.shell.render.renderer import Report, _Renderer, render
+from mesoshell.shell.render.renderer import RenderReport, _Renderer, render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import scenes
 
@@ -75,7 +75,7 @@ def test_two_lights_add_up(tiny_bundle):
 
 def depths(scene: Scene, o: np.ndarray, d: np.ndarray) -> np.ndarray:
     """τ of rays through the shell of a scene."""
-    renderer = _Renderer(scene, scenes.FULL, scenes.effects(scene, scenes.FULL), Report())
+    renderer = _Renderer(scene, scenes.FULL, scenes.effects(scene, scenes.FULL), RenderReport())
     i = renderer.boundary.trace(o, d).intervals
     pieces, at = renderer.frames(i, o, d)
     plan = spread(i, np.asarray(at.length)[: len(i.ray)], scenes.FULL.samples, scenes.FULL.spacing)

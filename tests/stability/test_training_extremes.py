@@ -15,9 +15,9 @@ from jax.typing import DTypeLike
 
 from mesoshell.shell.generator.discriminator import Discriminator, DiscriminatorConfig, discriminate, init_discriminator
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.train.gan.generate import Shown, label
+from mesoshell.train.gan.generate import ImageBatch, label
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers, sized, start
-from mesoshell.train.gan.step import Report, step
+from mesoshell.train.gan.step import GanReport, step
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
 from mesoshell.train.patch_renderer import PictureConfig, shown
 from mesoshell.train.update import MOST, not_finite, updated
@@ -38,14 +38,14 @@ CONFIG = TrainConfig(
 )
 
 
-def batch() -> Shown:
+def batch() -> ImageBatch:
     rng = np.random.default_rng(0)
     eye = np.eye(4)[None].repeat(4, 0)
     eye[:, :3, 3] = [0.5, 0.5, 3.0] + 0.3 * rng.normal(size=(4, 3))
     image, alpha = rng.uniform(size=(4, 16, 16, 4)), rng.uniform(size=(4, 1))
     light, strength = np.array([[0.6, 0.0, 0.8]]).repeat(4, 0), np.full((4, 3), 5.0)
     keys = jax.random.key_data(jax.random.split(jax.random.key(1), 4))
-    asked = Shown(image, alpha, np.zeros((4, 0)), eye, light, strength, keys)
+    asked = ImageBatch(image, alpha, np.zeros((4, 0)), eye, light, strength, keys)
     return jax.tree.map(lambda x: x if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), asked)
 
 
@@ -53,7 +53,7 @@ DISCRIMINATOR = sized(CONFIG, 1, 0).discriminator
 
 
 @pytest.fixture(scope="module")
-def steps(compiled_soon) -> dict[tuple[str, int], tuple[TrainState, Report]]:
+def steps(compiled_soon) -> dict[tuple[str, int], tuple[TrainState, GanReport]]:
     """After one step, by precision and by the step's number: R1 is due at step 0 and not at step 1."""
     found = {}
     with compiled_soon():

@@ -11,8 +11,8 @@ from scipy.ndimage import gaussian_filter
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.surface_material.loader import ready, surface_of
 from mesoshell.surface_material.network import (
-    Place,
     SurfaceConfig,
+    SurfaceQuery,
     blurred,
     init_surface,
     reflectance,
@@ -32,7 +32,7 @@ def asked(b: SurfaceBundle, q: dict[str, np.ndarray], surface=None) -> tuple[np.
     kappa = (2 * np.clip(q["kappa"], low, high) - low - high) / (high - low)
 
     def one(u, r, w, k, light):
-        place = Place(u, r, w, k)
+        place = SurfaceQuery(u, r, w, k)
         found = seen(made.config, table, place)
         return found.alpha, found.cosine, reflectance(made.config, table, place, found, light)
 
@@ -131,7 +131,7 @@ def test_several_lights_share_what_is_seen() -> None:
     kappa = (2 * np.clip(q["kappa"], -1, 2) - 1) / 3
 
     def one(u, r, w, k):
-        place = Place(u, r, w, k)
+        place = SurfaceQuery(u, r, w, k)
         found = seen(made.config, made.table, place)
         return found.alpha, jax.vmap(lambda l: reflectance(made.config, made.table, place, found, l))(lights)
 
@@ -156,7 +156,7 @@ def test_extremes_are_finite_and_so_are_their_gradients(opacity: str) -> None:
         table = tables(surface, jnp.float32(0.5))
 
         def one(i, j, kappa):
-            place = Place(jnp.array([1e4, -0.25], jnp.float32), radius[i], flat[j], kappa)
+            place = SurfaceQuery(jnp.array([1e4, -0.25], jnp.float32), radius[i], flat[j], kappa)
             found = seen(config, table, place)
             return found.alpha, reflectance(config, table, place, found, -flat[j])
 
@@ -193,7 +193,7 @@ def test_gradients_are_slopes(opacity: str) -> None:
         table = tables(surface, jnp.float32(1e-3))
 
         def one(u, r, w, k, light):
-            place = Place(u, r, w, k)
+            place = SurfaceQuery(u, r, w, k)
             found = seen(config, table, place)
             return found.alpha, found.cosine, reflectance(config, table, place, found, light).sum()
 
@@ -217,7 +217,7 @@ def test_a_surface_begins_opaque_and_dim() -> None:
     q = wearing.queries(200)
 
     def one(u, r, w, light):
-        place = Place(u, r, w, jnp.float32(0.3))
+        place = SurfaceQuery(u, r, w, jnp.float32(0.3))
         found = seen(config, table, place)
         return found.alpha, reflectance(config, table, place, found, light)
 

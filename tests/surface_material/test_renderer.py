@@ -17,10 +17,10 @@ from mesoshell.render.effects import SURFACE, Effect, Effects, plan_effects
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
 from mesoshell.surface_material import renderer
-from mesoshell.surface_material.intersector import Dressed
+from mesoshell.surface_material.intersector import SurfaceIntersector
 from mesoshell.surface_material.loader import ready
-from mesoshell.surface_material.renderer import Report, SurfaceScene, facts, plan, render
-from mesoshell.surface_material.tables import wear
+from mesoshell.surface_material.renderer import RenderReport, SurfaceScene, facts, plan, render
+from mesoshell.surface_material.tables import surface_tables
 from tests.helpers import wearing
 
 EXACT = Quality(pixel_samples=1, early_stop=0.0)
@@ -40,7 +40,7 @@ def scene(mesh: Mesh, b: SurfaceBundle, *lights: Distant, **more: Any) -> Surfac
     return SurfaceScene(mesh=mesh, ready=ready(b), lights=lights, **(given | more))
 
 
-def shown(s: SurfaceScene, quality: Quality = EXACT, convex: bool | None = None) -> tuple[np.ndarray, Report]:
+def shown(s: SurfaceScene, quality: Quality = EXACT, convex: bool | None = None) -> tuple[np.ndarray, RenderReport]:
     return render(s, quality, planned(s, is_convex(s.mesh) if convex is None else convex))
 
 
@@ -346,13 +346,15 @@ def test_footprints_choose_the_level() -> None:
 
 def test_every_ray_by_hand(lump: Mesh) -> None:
     """A random material on a body that is not convex, an object, two lights: each ray followed in float64, hit by hit, and from
-    each hit each light; what is asked at a hit is a Dressed's, and what is answered the description's."""
+    each hit each light; what is asked at a hit is a SurfaceIntersector's, and what is answered the description's."""
     b = wearing.bundle(seed=4, curvature=(-0.5, 0.5))
     camera = Camera(look_at((1.8, -1.6, 1.2), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.75, 10, 10)
     other = Distant(np.array([-0.6, 0.64, 0.48]), np.array([0.5, 1.0, 2.0]))
     s = scene(lump, b, ASLANT, other, camera=camera, period=2.0, objects=(sheet(-0.2, 0.1, -0.9),))
     found = picture(s)
-    worn = Dressed(wear(lump, 2.0, EXACT), np.concatenate([m.vertices[m.faces].astype(np.float64) for m in s.objects]))
+    worn = SurfaceIntersector(
+        surface_tables(lump, 2.0, EXACT), np.concatenate([m.vertices[m.faces].astype(np.float64) for m in s.objects])
+    )
     spread = pixel_radius(camera.spread) / 2
 
     def followed(o: np.ndarray, d: np.ndarray, cone: float | None):

@@ -8,16 +8,16 @@ from scipy.spatial.transform import Rotation
 
 from mesoshell.geometry.mesh import Mesh, check_mesh, surface_area
 from mesoshell.render.quality import Quality
-from mesoshell.surface_material.intersector import Dressed, Local
-from mesoshell.surface_material.tables import LEAST, wear
+from mesoshell.surface_material.intersector import Local, SurfaceIntersector
+from mesoshell.surface_material.tables import LEAST, surface_tables
 from tests.helpers import wearing
 
 CURVE, POINT = Quality(), Quality(curvature_filter="point")
 NOTHING = np.zeros((0, 3, 3))
 
 
-def dressed(mesh: Mesh, period: float, quality: Quality = CURVE) -> Dressed:
-    return Dressed(wear(mesh, period, quality), NOTHING)
+def dressed(mesh: Mesh, period: float, quality: Quality = CURVE) -> SurfaceIntersector:
+    return SurfaceIntersector(surface_tables(mesh, period, quality), NOTHING)
 
 
 def toward(mesh: Mesh, count: int, seed: int = 0, face: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
@@ -36,7 +36,7 @@ def toward(mesh: Mesh, count: int, seed: int = 0, face: np.ndarray | None = None
     return place - 0.01 * d, d, face, bary
 
 
-def local(d: Dressed, o: np.ndarray, w: np.ndarray, cone: float = 0.01) -> Local:
+def local(d: SurfaceIntersector, o: np.ndarray, w: np.ndarray, cone: float = 0.01) -> Local:
     """Queries of rays that all meet something."""
     hits = d.meet(o, w)
     assert (hits.face >= 0).all()
@@ -169,7 +169,7 @@ def test_u_counts_periods() -> None:
     )
     np.testing.assert_allclose(found.u, [[0.2, 0.8]] * 2, atol=1e-6)
     mesh = wearing.ball(1.3)
-    uv = wear(mesh, 0.2, POINT).uv
+    uv = surface_tables(mesh, 0.2, POINT).uv
     np.testing.assert_allclose(chart_area(uv) * 0.2**2, surface_area(mesh), rtol=1e-6)
 
 
@@ -259,7 +259,7 @@ def test_normals_that_look_away_leave_a_ray_above_the_horizon() -> None:
 def test_what_was_not_trained_is_counted() -> None:
     radius = 2.0
     mesh = wearing.tube(radius, 3.0, 24, 6)
-    worn = wear(mesh, 1.0, POINT)
+    worn = surface_tables(mesh, 1.0, POINT)
     kappa = worn.table.kappa
     assert worn.notes((-1.0, 1.0)) == worn.table.notes
     for low, high in ((-1.0, 0.3), (0.2, 1.0), (0.4, 0.45)):
@@ -269,12 +269,12 @@ def test_what_was_not_trained_is_counted() -> None:
         assert f"outside the trained {low:g} to {high:g} per period at {wrong} of {len(mesh.vertices)} vertices" in note
         assert "\n" not in note and "--scale" in note
     # a smaller period is less curvature
-    assert wear(mesh, 0.1, POINT).notes((-0.1, 0.1)) == worn.table.notes
+    assert surface_tables(mesh, 0.1, POINT).notes((-0.1, 0.1)) == worn.table.notes
 
 
 def test_other_objects_are_met_and_come_after() -> None:
     others = np.array([[[-5.0, -5, 0.5], [5, -5, 0.5], [0, 9, 0.5]]])
-    d = Dressed(wear(wearing.square(), 0.5, POINT), others)
+    d = SurfaceIntersector(surface_tables(wearing.square(), 0.5, POINT), others)
     o = np.array([[0.5, 0.5, 1.0], [0.5, 0.5, 0.25], [0.5, 0.5, 0.25], [9.0, 0, 1]])
     w = np.array([[0, 0, -1.0], [0, 0, 1.0], [0, 0, -1.0], [0, 0, -1]])
     hits = d.meet(o, w)

@@ -20,7 +20,7 @@ from mesoshell.neutex.cameras import photo_rays, pixels
 from mesoshell.neutex.capture import Capture, at_most
 from mesoshell.neutex.field import to_surface, to_texture
 from mesoshell.neutex.render import picture, view
-from mesoshell.neutex.store import Captured
+from mesoshell.neutex.store import NeuTexModel
 from mesoshell.render.quality import Quality
 from mesoshell.train.neutex.ray_batches import held_out
 
@@ -31,7 +31,7 @@ VIEWS = ("PSNR", "SSIM")
 CHART = ("cycle error, % of the box", "texture distortion", "texture folded", "texture used")
 
 
-def score_views(found: Captured, capture: Capture, samples: int) -> dict[str, Estimate]:
+def score_views(found: NeuTexModel, capture: Capture, samples: int) -> dict[str, Estimate]:
     """Means over held-out views with 1.96 standard errors; of the texture, numbers without an interval."""
     how = view(found.config, found.field, Quality(samples=samples, pixel_samples=1))
 
@@ -54,7 +54,7 @@ def score_views(found: Captured, capture: Capture, samples: int) -> dict[str, Es
     return scores | {name: Estimate(x, x, x) for name, x in zip(CHART, numbers, strict=True)}
 
 
-def _charted(found: Captured, capture: Capture, shown) -> tuple[float, ...]:
+def _charted(found: NeuTexModel, capture: Capture, shown) -> tuple[float, ...]:
     ys, us, hits, cycles = [], [], [], []
     for photo in capture.photos:
         seen, (o, d) = shown(photo), photo_rays(found.to_box(photo), pixels(photo))

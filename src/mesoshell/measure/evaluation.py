@@ -17,7 +17,7 @@ from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
 from mesoshell.measure.queries import QUERIES, score
 from mesoshell.neutex.capture import Capture
-from mesoshell.neutex.store import read_captured
+from mesoshell.neutex.store import read_neutex
 from mesoshell.train.gan.curriculum import views_of
 from mesoshell.train.gan.state import TrainConfig
 from mesoshell.train.method import method_of
@@ -69,7 +69,7 @@ def _views(config: AtlasTraining, capture: Capture, run: Path) -> Evaluation:
     if min(min(photo.width, photo.height) for photo in capture.photos) < LEAST_SIDE:
         raise InputError(run, f"has pictures of fewer than {LEAST_SIDE} pixels a side, which SSIM cannot compare")
     names = VIEWS + (() if config.field.colour == "volume" else CHART)
-    scores = lambda path: score_views(read_captured(path), capture, config.samples)  # noqa: E731
+    scores = lambda path: score_views(read_neutex(path), capture, config.samples)  # noqa: E731
     return Evaluation(names, len(tested), "held-out views", scores)
 
 

@@ -22,7 +22,7 @@ from mesoshell.measure import above
 from mesoshell.measure.copies import Nearest, layer_means, nearest
 from mesoshell.measure.direction import leans, mean_error, strokes
 from mesoshell.measure.repetition import largest_repeat
-from mesoshell.shell.generator.texture_synthesis import Wanted, baked
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
 from mesoshell.shell.material.loader import DeviceMaterial, ready
 
 #: Patches along a field, pixels a patch, layers; light of its picture.
@@ -73,7 +73,7 @@ def distances(found: Sequence[Nearest]) -> dict[str, dict[str, float]]:
 
 def seen_from_above(bundle: Bundle, name: str) -> Float[np.ndarray, "V U 3"]:
     """A picture of a field, x/(1 + x)."""
-    found, alpha = _grown(bundle, name, FIELD[0], Wanted())
+    found, alpha = _grown(bundle, name, FIELD[0], TextureRequest())
     return above.picture(found, alpha, FIELD, ASLANT, LAYERS)
 
 
@@ -85,11 +85,11 @@ def repeat(field: Float[np.ndarray, "V U 3"]) -> float:
 def patches(bundle: Bundle, name: str) -> Float[np.ndarray, "M K V U"]:
     """Opacities of a fitted patch, or of SEEDS × SIDE² patches of a generator."""
     if bundle.generator is None:
-        found, alpha = _grown(bundle, name, 1, Wanted())
+        found, alpha = _grown(bundle, name, 1, TextureRequest())
         return above.opacities(found, alpha, (1, PATCH), TIERS)[None]
     parts = []
     for seed in range(SEEDS):
-        found, alpha = _grown(bundle, name, SIDE, Wanted(seed))
+        found, alpha = _grown(bundle, name, SIDE, TextureRequest(seed))
         wide = above.opacities(found, alpha, (SIDE, PATCH), TIERS)
         cut = wide.reshape(TIERS, SIDE, PATCH, SIDE, PATCH)
         parts.append(cut.transpose(1, 3, 0, 2, 4).reshape(SIDE**2, TIERS, PATCH, PATCH))
@@ -118,7 +118,7 @@ def combed(bundle: Bundle, name: str) -> Combed:
     def value(at: np.ndarray) -> np.ndarray:
         return np.clip((angle(at) - low) / (high - low), 0, 1)
 
-    found, alpha = _grown(bundle, name, COMBED, Wanted(fields={COMB: value}))
+    found, alpha = _grown(bundle, name, COMBED, TextureRequest(fields={COMB: value}))
     field, middles = (COMBED, FINE), (np.arange(PLACES) + 0.5) * COMBED / PLACES
     asked = angle(np.stack(np.meshgrid(middles, middles), axis=-1))
     volume = above.opacities(found, alpha, field, FINE)
@@ -136,7 +136,9 @@ def _height(opacity: Float[np.ndarray, "K V U"]) -> Float[np.ndarray, "V U 3"]:
     return np.repeat((seen * height).sum(axis=0)[..., None], 3, axis=2).astype(np.float32)
 
 
-def _grown(bundle: Bundle, name: str, side: int, wanted: Wanted) -> tuple[DeviceMaterial, Float[np.ndarray, "A"]]:
+def _grown(
+    bundle: Bundle, name: str, side: int, wanted: TextureRequest
+) -> tuple[DeviceMaterial, Float[np.ndarray, "A"]]:
     """The material over `side` × `side` patches, and α."""
     if bundle.generator is not None:
         texels = round(side * bundle.texel_density)

@@ -26,7 +26,7 @@ from mesoshell.io.material import normalised
 from mesoshell.shell.generator.model import maker_of
 from mesoshell.shell.material.field import Point, inputs
 from mesoshell.shell.material.loader import ready
-from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.snapshot import pictures
 from mesoshell.train.gan.state import Learner, TrainConfig
 from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
@@ -64,7 +64,7 @@ def posed(bundle: Bundle, name: str, dataset: Dataset, picture: PictureConfig | 
     return Posed(name, made)
 
 
-def _shown(bundle: Bundle, samples: list[Sample], seed: tuple[int, int]) -> Shown:
+def _shown(bundle: Bundle, samples: list[Sample], seed: tuple[int, int]) -> ImageBatch:
     """Poses of renders, their parameters as the material counts them, and keys of their own."""
     known = {p.name for p in bundle.parameters}
     values = [{k: x for k, x in sample.parameters.items() if k in known} for sample in samples]
@@ -76,12 +76,12 @@ def _shown(bundle: Bundle, samples: list[Sample], seed: tuple[int, int]) -> Show
     camera = np.array([s.camera_to_world for s in samples], np.float32)
     light, irradiance = (np.array([getattr(s, n) for s in samples], np.float32) for n in ("light", "irradiance"))
     keys = np.asarray(jax.random.key_data(jax.random.split(key, len(samples))))
-    return Shown(np.zeros((len(samples), 0, 0, 4), np.float32), alpha, beta, camera, light, irradiance, keys)
+    return ImageBatch(np.zeros((len(samples), 0, 0, 4), np.float32), alpha, beta, camera, light, irradiance, keys)
 
 
 def _generated(
     bundle: Bundle, name: str, picture: PictureConfig | None, seen: tuple[int, float]
-) -> Callable[[Shown], np.ndarray]:
+) -> Callable[[ImageBatch], np.ndarray]:
     maker = maker_of(bundle, name)
     g = maker.config
     taken = picture or PictureConfig(0, SAMPLES, 0.0, g.texels, g.height_rows, maker.octaves, planes=g.planes)
@@ -90,14 +90,14 @@ def _generated(
     return lambda batch: pictures(config, Learner(maker.generator, maker.decoder), maker.averages, batch)
 
 
-def _fitted(bundle: Bundle, seen: tuple[int, float]) -> Callable[[Shown], np.ndarray]:
+def _fitted(bundle: Bundle, seen: tuple[int, float]) -> Callable[[ImageBatch], np.ndarray]:
     found = ready(bundle)
     size, fov = seen
     config = PictureConfig(size, SAMPLES, fov, max(1, math.ceil(bundle.texel_density)))
 
     @jax.jit
-    def batch(material, shown: Shown) -> jax.Array:
-        def one(shown: Shown) -> jax.Array:
+    def batch(material, shown: ImageBatch) -> jax.Array:
+        def one(shown: ImageBatch) -> jax.Array:
             k = jax.random.split(jax.random.wrap_key_data(shown.key))
             shift = jnp.append(jax.random.uniform(k[0], (2,)), 0.0)
 
@@ -112,5 +112,5 @@ def _fitted(bundle: Bundle, seen: tuple[int, float]) -> Callable[[Shown], np.nda
     return partial(_called, batch, found.material)
 
 
-def _called(batch: Callable, material, shown: Shown) -> np.ndarray:
+def _called(batch: Callable, material, shown: ImageBatch) -> np.ndarray:
     return np.asarray(batch(material, jax.tree.map(jnp.asarray, shown)))

@@ -22,7 +22,7 @@ from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.generator.texture_critic import CriticConfig
 from mesoshell.shell.material import decoder as decoding
 from mesoshell.surface_material import network as silhouette
-from mesoshell.surface_material.network import Place, Seen, SurfaceConfig
+from mesoshell.surface_material.network import OpacityEval, SurfaceConfig, SurfaceQuery
 from mesoshell.typing import Array, Float, Int, Key, Scalar, Vec3
 
 
@@ -112,7 +112,7 @@ class SurfaceMaterial(Network):
     def draw(self, key: Key[Array, ""]) -> silhouette.Surface:
         return silhouette.init_surface(self.config, key)
 
-    def __call__(self, place: Place, light: Vec3, blur: Scalar) -> tuple[Seen, Vec3]:
+    def __call__(self, place: SurfaceQuery, light: Vec3, blur: Scalar) -> tuple[OpacityEval, Vec3]:
         table = silhouette.tables(self.tree(), blur)
         found = silhouette.seen(self.config, table, place)
         return found, silhouette.reflectance(self.config, table, place, found, light)

@@ -4,17 +4,17 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.modules.network import Network
 from mesoshell.modules.networks import CapturedField, Decoder, Generator, SurfaceMaterial
-from mesoshell.neutex.store import Captured
+from mesoshell.neutex.store import NeuTexModel
 from mesoshell.shell.generator.model import maker_of
 from mesoshell.shell.material.loader import decoder_of
 from mesoshell.surface_material.loader import ready
 
 
-def networks_of(stored: Bundle | SurfaceBundle | Captured) -> dict[str, Network]:
+def networks_of(stored: Bundle | SurfaceBundle | NeuTexModel) -> dict[str, Network]:
     """By name, each bound to its parameters: a shell's `decoder`, and `generator` (of one patch) if there is one; a surface
     material's `surface`; a captured object's `field`. A bound module is called as it is; `unbind` gives module and variables.
     Raises InputError if a generator's weights do not fit its configuration."""
-    if isinstance(stored, Captured):
+    if isinstance(stored, NeuTexModel):
         return {"field": CapturedField(stored.config).bind({"params": stored.field})}
     if isinstance(stored, SurfaceBundle):
         found = ready(stored)

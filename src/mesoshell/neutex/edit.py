@@ -30,7 +30,7 @@ from mesoshell.neutex.brdf import LEAST
 from mesoshell.neutex.field import Field, FieldConfig, lobes, texture, to_surface, viewed
 from mesoshell.neutex.layout import LAYOUTS, Layout, directions, shape, side_of
 from mesoshell.neutex.render import Paint
-from mesoshell.neutex.store import Captured
+from mesoshell.neutex.store import NeuTexModel
 from mesoshell.numerics import normalise
 
 Edit = Literal["replace", "multiply"]
@@ -42,7 +42,9 @@ BEFORE = 0.1
 DARKEST = 1e-4
 
 
-def texture_image(found: Captured, layout: Layout, side: int, part: Part = "colour") -> NumPyFloat[np.ndarray, "h w 3"]:
+def texture_image(
+    found: NeuTexModel, layout: Layout, side: int, part: Part = "colour"
+) -> NumPyFloat[np.ndarray, "h w 3"]:
     """T, linear and not negative. part: others than colour are of reflectance."""
     u = directions(layout, side)
     some = np.linspace(0, len(found.photos) - 1, min(VIEWS, len(found.photos))).round().astype(int)
@@ -90,7 +92,7 @@ def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.
     return fit[0], image
 
 
-def painted(found: Captured, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit) -> Paint:
+def painted(found: NeuTexModel, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit) -> Paint:
     """What an edit does. image: linear RGB, or premultiplied RGBA."""
     alpha = image[..., 3:] if image.shape[2] == 4 else np.ones_like(image[..., :1])
     rgb = image[..., :3]  # α E

@@ -45,7 +45,7 @@ class Paint(NamedTuple):
     image: NumPyFloat[np.ndarray, "h w 6"]
 
 
-class Lit(NamedTuple):
+class Lighting(NamedTuple):
     """Light on an object of reflectance, in the world's axes; without it the camera's flash goes on."""
 
     lights: tuple[Distant, ...]
@@ -58,10 +58,10 @@ class View(NamedTuple):
     quality: Quality
     occupied: Bool[Array, "n n n"]
     paint: Paint | None = None
-    lit: Lit | None = None
+    lit: Lighting | None = None
 
 
-class Form(NamedTuple):
+class StaticConfig(NamedTuple):
     """What is compiled. shown: colours too, or transmittance and depth alone; layout: of the edit, if there is one."""
 
     config: FieldConfig
@@ -70,7 +70,7 @@ class Form(NamedTuple):
     shown: bool
 
 
-class Thing(NamedTuple):
+class FieldArrays(NamedTuple):
     """Arrays that all rays share; image: the edit's."""
 
     field: Field
@@ -80,7 +80,7 @@ class Thing(NamedTuple):
 
 
 def view(
-    config: FieldConfig, field: Field, quality: Quality, paint: Paint | None = None, lit: Lit | None = None
+    config: FieldConfig, field: Field, quality: Quality, paint: Paint | None = None, lit: Lighting | None = None
 ) -> View:
     """Make ready to show an object from anywhere."""
     return View(quality, occupancy(config, field, quality.skip), paint, lit)
@@ -119,8 +119,10 @@ def _once(config: FieldConfig, field: Field, rays: tuple[np.ndarray, np.ndarray]
     """RGBA and depth by one ray a pixel, the k-th."""
     o, d = (x.astype(np.float32) for x in rays)
     quality, paint = how.quality, how.paint
-    form = Form(config, -(-quality.samples // CHUNK) * CHUNK, paint and paint.layout, True)
-    thing = Thing(field, how.occupied, jnp.float32(quality.early_stop), paint and jnp.asarray(paint.image, jnp.float32))
+    form = StaticConfig(config, -(-quality.samples // CHUNK) * CHUNK, paint and paint.layout, True)
+    thing = FieldArrays(
+        field, how.occupied, jnp.float32(quality.early_stop), paint and jnp.asarray(paint.image, jnp.float32)
+    )
     light = None
     if how.lit is not None:
         _, passed, depth = _marched(form._replace(shown=False), thing, o, d)
@@ -142,7 +144,7 @@ def _normals(config: FieldConfig, field: Field, y):
     return jax.vmap(lambda y: normal(field, y, density(config, field, y)[1]))(y)
 
 
-def _marched(form: Form, thing: Thing, o, d, light=None):
+def _marched(form: StaticConfig, thing: FieldArrays, o, d, light=None):
     """(colour, transmittance, depth) of any number of rays. light: (toward, E⊥) of each ray's lights, or the flash."""
     rows = -(-len(o) // TILE) * TILE
 
@@ -154,11 +156,11 @@ def _marched(form: Form, thing: Thing, o, d, light=None):
 
 
 @partial(jax.jit, static_argnums=0)
-def _tiles(form: Form, thing: Thing, rays):
+def _tiles(form: StaticConfig, thing: FieldArrays, rays):
     return jax.lax.map(lambda tile: _tile(form, thing, *tile), rays)
 
 
-def _tile(form: Form, thing: Thing, o, d, light):
+def _tile(form: StaticConfig, thing: FieldArrays, o, d, light):
     """(colour, transmittance, depth) of TILE rays, a few samples of all of them at a time."""
     t, step = jax.vmap(lambda o, d: places(o, d, thing.occupied, jnp.full(form.samples, 0.5, o.dtype)))(o, d)
 
@@ -186,7 +188,7 @@ def _tile(form: Form, thing: Thing, o, d, light):
     return colour, jnp.where(step > 0, jnp.exp(-through), 1.0), far
 
 
-def _seen(form: Form, thing: Thing, y, t, d, light):
+def _seen(form: StaticConfig, thing: FieldArrays, y, t, d, light):
     """σ and colour of a point at distance t."""
     config, field = form.config, thing.field
     sigma, features = density(config, field, y)
@@ -201,7 +203,7 @@ def _seen(form: Form, thing: Thing, y, t, d, light):
     return sigma, jnp.sum(jax.vmap(lambda toward, strength: shade(made, n, -d, toward) * strength)(*light), axis=0)
 
 
-def _edited(form: Form, thing: Thing, c, y):
+def _edited(form: StaticConfig, thing: FieldArrays, c, y):
     if form.layout is None or thing.image is None:
         return c
     both = lookup(form.layout, thing.image, to_texture(thing.field, y))

@@ -26,7 +26,7 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True)
-class Captured:
+class NeuTexModel:
     """photos: of the views, as learned from; tested: which of them were held out."""
 
     config: FieldConfig
@@ -44,7 +44,7 @@ class Captured:
         return photo._replace(to_world=m)
 
 
-def write_captured(path: Path, captured: Captured) -> None:
+def write_neutex(path: Path, captured: NeuTexModel) -> None:
     """Raises InputError if the file cannot be written."""
     about = {
         "schema": SCHEMA,
@@ -60,7 +60,7 @@ def write_captured(path: Path, captured: Captured) -> None:
     write_arrays(path, arrays | {k: np.asarray(x, np.float32) for k, x in _named(captured.field).items()})
 
 
-def read_captured(path: Path) -> Captured:
+def read_neutex(path: Path) -> NeuTexModel:
     """Raises InputError if the file is none, or does not hold what it says."""
     heads = read_heads(path)
     if "manifest.json" not in heads:
@@ -93,7 +93,7 @@ def read_captured(path: Path) -> Captured:
     if not all(np.isfinite(x).all() for x in leaves):
         raise InputError(path, "has weights that are not finite")
     field = jax.tree.unflatten(jax.tree.structure(template), leaves)
-    return Captured(config, field, centre, half, photos, tested, provenance)
+    return NeuTexModel(config, field, centre, half, photos, tested, provenance)
 
 
 def _named(field: Field) -> dict[str, Any]:

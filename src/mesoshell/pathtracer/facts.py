@@ -12,14 +12,17 @@ from mesoshell.pathtracer.texture_lod import PINHOLES, coarsest, eye_of
 from mesoshell.render.facts import Facts
 from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.shell.geometry.horizon import lowest
-from mesoshell.surface_material.tables import Wear
+from mesoshell.surface_material.tables import SurfaceTables
 
 #: All that scatters at a surface that is diffuse, of one colour.
 _DIFFUSE = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide
 
 
 def facts_of(
-    scene: mi.Scene, stands: list[tuple[Shell, Medium]], wears: list[tuple[Wear, SurfaceMaterial]], convex: bool
+    scene: mi.Scene,
+    stands: list[tuple[Shell, Medium]],
+    wears: list[tuple[SurfaceTables, SurfaceMaterial]],
+    convex: bool,
 ) -> Facts:
     """stands, wears: shells and surface materials on its meshes, with what fills them. convex: each of these meshes is."""
     integrator: Any = scene.integrator()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.quadrature import Here, Sample, begin, no_here, nothing, seek
+from mesoshell.pathtracer.quadrature import IntervalFrame, Sample, begin, no_frame, nothing, seek
 
 
 @dataclass
@@ -25,13 +25,13 @@ class Flight:
     depth: mi.Float64
     collided: mi.Bool
     sample: Sample
-    here: Here
+    here: IntervalFrame
     queries: mi.UInt32
 
 
 def still(n: int) -> Flight:
     """The flight of rays where there are no shells."""
-    return Flight(dr.zeros(mi.Float64, n), dr.full(mi.Bool, False, n), nothing(), no_here(), dr.zeros(mi.UInt32, n))
+    return Flight(dr.zeros(mi.Float64, n), dr.full(mi.Bool, False, n), nothing(), no_frame(), dr.zeros(mi.UInt32, n))
 
 
 @dr.syntax

@@ -26,8 +26,8 @@ from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.render_context import World
 from mesoshell.pathtracer.shells import Shells
-from mesoshell.pathtracer.surface_material import SurfaceMaterial, Worn
-from mesoshell.pathtracer.texture_cache import Asked, textured
+from mesoshell.pathtracer.surface_material import SurfaceMaterial, SurfaceMeshes
+from mesoshell.pathtracer.texture_cache import TextureKey, textured
 from mesoshell.pathtracer.texture_lod import texels_needed
 from mesoshell.pathtracer.xml_bsdf import Element
 from mesoshell.render.effects import PATHS, plan_effects
@@ -35,7 +35,7 @@ from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions, transformed
 from mesoshell.surface_material.scene import default_period
-from mesoshell.surface_material.tables import Wear, wear
+from mesoshell.surface_material.tables import SurfaceTables, surface_tables
 
 NORMAL = PRESETS["normal"]
 
@@ -86,23 +86,23 @@ def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
                 raise InputError(element.where, str(error).replace("`", "")) from error
             convex &= is_convex(mesh)
             notes += [f"{element.where}: {note}" for note in (*mesh.notes, *said)]
-        stand_on(scene, Grown(stands, wears, convex, tuple(notes)), quality)
+        stand_on(scene, SceneShells(stands, wears, convex, tuple(notes)), quality)
     return scene
 
 
 @dataclass(frozen=True, eq=False)
-class Grown:
+class SceneShells:
     """What is on meshes of a scene: shells with what fills them, and wears with their materials. convex: each of these meshes
     is. notes: how these depart from what was asked for. twin: of the material (render/effects)."""
 
     stands: list[tuple[Shell, Medium]]
-    wears: list[tuple[Wear, SurfaceMaterial]] = field(default_factory=list)
+    wears: list[tuple[SurfaceTables, SurfaceMaterial]] = field(default_factory=list)
     convex: bool = False
     notes: tuple[str, ...] = ()
     twin: TwinFacts | None = None
 
 
-def stand_on(scene: mi.Scene, grown: Grown, quality: Quality) -> None:
+def stand_on(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
     """Give a scene's integrator, a `mesoshell_path`, what it shall trace paths through. Its depths are the integrator's.
 
     Raises InputError for a quality that paths cannot have."""
@@ -116,7 +116,7 @@ def stand_on(scene: mi.Scene, grown: Grown, quality: Quality) -> None:
         shells = Shells([shell for shell, _ in grown.stands])
         media = Media(shells, [medium for _, medium in grown.stands])
     if grown.wears:
-        worn = Worn([wear for wear, _ in grown.wears], [material for _, material in grown.wears])
+        worn = SurfaceMeshes([wear for wear, _ in grown.wears], [material for _, material in grown.wears])
     path: Any = scene.integrator()
     quality = quality.with_changes(max_depth=max(path.max_depth, 1), rr_depth=max(path.rr_depth, 1))
     facts = replace(facts_of(scene, grown.stands, grown.wears, grown.convex), twin=grown.twin)
@@ -143,7 +143,7 @@ def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: d
         for name, texture in element.textures.items()
         if name not in names
     }
-    baked, origin, key = textured(path, bundle, shell.uv, Asked(element.seed, element.numbers, texels, fields))
+    baked, origin, key = textured(path, bundle, shell.uv, TextureKey(element.seed, element.numbers, texels, fields))
     if key not in materials:
         materials[key] = Material(baked, origin)
     values = tuple(element.textures.get(name, float(v)) for name, v in zip(names, alpha, strict=True))
@@ -153,7 +153,7 @@ def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: d
 
 def _wears(
     element: Element, mesh: Mesh, quality: Quality, materials: dict
-) -> tuple[list[tuple[Wear, SurfaceMaterial]], tuple[str, ...]]:
+) -> tuple[list[tuple[SurfaceTables, SurfaceMaterial]], tuple[str, ...]]:
     """The wears of an element, one for each place, with their material; and what to say of them."""
     given = [
         *element.numbers,
@@ -170,7 +170,7 @@ def _wears(
     material = materials.setdefault(path, SurfaceMaterial(bundle))
     places = [moved(mesh, m, element.material) for m in element.placed] or [mesh]
     # an instance is the mesh with what it wears, moved: its periods are as long as its edges have become
-    found = [wear(m, period * (surface_area(m) / surface_area(mesh)) ** 0.5, quality) for m in places]
+    found = [surface_tables(m, period * (surface_area(m) / surface_area(mesh)) ** 0.5, quality) for m in places]
     return [(w, material) for w in found], found[0].notes(bundle.curvature)
 
 

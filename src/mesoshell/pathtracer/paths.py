@@ -48,7 +48,7 @@ class Shadow:
 
 
 @dataclass
-class Lane:
+class PathState:
     """A path, its shadow, the light that it has brought so far, whether it met anything, and samples decoded."""
 
     path: Path
@@ -58,7 +58,7 @@ class Lane:
     queries: mi.UInt32
 
 
-def begin(settings, scene, ray: Ray, active) -> Lane:
+def begin(settings, scene, ray: Ray, active) -> PathState:
     """A path from the camera. settings: a ShellPath."""
     n = dr.width(ray.o)
     no, one = dr.full(mi.Bool, False, n), dr.full(mi.Float, 1, n)
@@ -74,10 +74,10 @@ def begin(settings, scene, ray: Ray, active) -> Lane:
     )
     shadow = Shadow(ray, dr.zeros(mi.Color3f, n), mi.Bool(no), mi.Bool(no))
     sky = scene.environment() is not None and not settings.hide_emitters
-    return Lane(path, shadow, dr.zeros(mi.Color3f, n), dr.full(mi.Bool, sky, n), dr.zeros(mi.UInt32, n))
+    return PathState(path, shadow, dr.zeros(mi.Color3f, n), dr.full(mi.Bool, sky, n), dr.zeros(mi.UInt32, n))
 
 
-def busy(lane: Lane):
+def busy(lane: PathState):
     return lane.path.alive | lane.shadow.pending
 
 
@@ -179,7 +179,7 @@ def advance(settings, scene, sampler, lane):
         doomed = mine & ~behind & (path.depth >= rr_depth)
         path.beta = dr.select(doomed, path.beta / dr.maximum(keep, 1e-8), path.beta)
         path.alive &= ~doomed | (sampler.next_1d() < keep)
-    return Lane(path, shadow, light, seen, lane.queries + flight.queries)
+    return PathState(path, shadow, light, seen, lane.queries + flight.queries)
 
 
 def _onward(path, event, going, p) -> Path:

@@ -26,7 +26,7 @@ _WIDEST, _FAR_OFF = 1e-3, 1e-6
 
 
 @dataclass
-class Place:
+class WalkState:
     """Where a walk stands: prism, distance and its error bound, λ and h where it entered the prism, exit code."""
 
     prism: mi.UInt32
@@ -108,7 +108,7 @@ def enter(prisms, o, d, prism, code):
     h = dr.select(is_top, 1.0, dr.select(is_base, 0.0, side.h))
     met = dr.select(code < TOP, side.inside >= 0, True) & dr.isfinite(t)
     slack = dr.select(is_top, top.slack, dr.select(is_base, base.slack, side.slack))
-    return Place(
+    return WalkState(
         prism,
         t,
         slack,
@@ -136,7 +136,7 @@ def step(prisms, o, d, place):
     beyond = dr.gather(mi.Int32, prisms.across, place.prism * 3 + edge, at_side)
     stays = ~at_side | (beyond < 0)
     other = dr.gather(mi.UInt32, prisms.across_edge, place.prism * 3 + edge, ~stays)
-    after = Place(
+    after = WalkState(
         dr.select(stays, place.prism, mi.UInt32(beyond)),
         t1,
         _pick([f.slack for f in faces], code),

@@ -22,7 +22,7 @@ from mesoshell.pathtracer.traversal import OVER, Walker, advance, at_start
 
 
 @dataclass
-class Here:
+class IntervalFrame:
     """A piece in canonical space: prism, t and ξ at both ends, ℓ, rows of J⁻¹; λ at both ends, where coordinates are exact."""
 
     prism: mi.UInt32
@@ -44,7 +44,7 @@ class Sampling:
     `shift` of a step after k steps; step: L/N."""
 
     walker: Walker
-    here: Here
+    here: IntervalFrame
     measuring: mi.Bool
     begin: mi.Float64
     total: mi.Float64
@@ -73,10 +73,12 @@ def nothing() -> Sample:
     return Sample(mi.UInt32(0), z, mi.Vector3f(0), mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
 
 
-def no_here() -> Here:
+def no_frame() -> IntervalFrame:
     z = mi.Float(0)
     v = mi.Vector3f
-    return Here(mi.UInt32(0), z, mi.Float(0), v(0), v(0), mi.Float(0), v(0), v(0), v(0), mi.Vector2f(0), mi.Vector2f(0))
+    return IntervalFrame(
+        mi.UInt32(0), z, mi.Float(0), v(0), v(0), mi.Float(0), v(0), v(0), v(0), mi.Vector2f(0), mi.Vector2f(0)
+    )
 
 
 def begin(ray, shift=0.5) -> Sampling:
@@ -85,7 +87,7 @@ def begin(ray, shift=0.5) -> Sampling:
     zero = dr.zeros(mi.Float64, n)
     return Sampling(
         at_start(ray.start, ray.outside),
-        no_here(),
+        no_frame(),
         mi.Bool(True),
         zero,
         mi.Float64(zero),
@@ -121,7 +123,7 @@ def seek(world, ray, s):
                     s.step = s.total / count
                     s.over = s.total <= 0
                     s.begin = mi.Float64(0)
-                    s.here = no_here()
+                    s.here = no_frame()
                     s.walker = at_start(ray.start, ray.outside)
                 else:
                     s.over = mi.Bool(True)
@@ -141,7 +143,7 @@ class Ray:
     apex: mi.Float
 
 
-def _canonical(shells, piece: Piece, exact: bool = False) -> Here:
+def _canonical(shells, piece: Piece, exact: bool = False) -> IntervalFrame:
     """A piece's ends in canonical space, and J⁻¹ in its middle."""
     base, post, uv = shells.frame(piece.prism)
     bary0, bary1 = mi.Vector2f(piece.bary0), mi.Vector2f(piece.bary1)
@@ -158,7 +160,7 @@ def _canonical(shells, piece: Piece, exact: bool = False) -> Here:
     a, b = (inverse * (e0[i] * rows[0] + e1[i] * rows[1]) for i in (0, 1))
     t0, t1 = mi.Float(piece.t0), mi.Float(piece.t1)
     ends = (bary0, bary1) if exact else (mi.Vector2f(0), mi.Vector2f(0))
-    return Here(piece.prism, t0, t1, xi0, xi1, mi.Float(dr.norm(xi1 - xi0)), a, b, inverse * rows[2], *ends)
+    return IntervalFrame(piece.prism, t0, t1, xi0, xi1, mi.Float(dr.norm(xi1 - xi0)), a, b, inverse * rows[2], *ends)
 
 
 def _xi(uv, bary, h):
@@ -166,7 +168,7 @@ def _xi(uv, bary, h):
     return mi.Vector3f(p.x, p.y, h)
 
 
-def _exact(shells, ray, here: Here, f, t):
+def _exact(shells, ray, here: IntervalFrame, f, t):
     """ξ of the point at t, by four Newton steps on P(λ, h) = x."""
     base, post, uv = shells.frame(here.prism)
     bary, h = here.bary0 + f * (here.bary1 - here.bary0), here.xi0.z + f * (here.xi1.z - here.xi0.z)
@@ -184,7 +186,7 @@ def _exact(shells, ray, here: Here, f, t):
     return _xi(uv, bary, h)
 
 
-def _at(world, ray, here: Here, f, share) -> Sample:
+def _at(world, ray, here: IntervalFrame, f, share) -> Sample:
     """The sample at position f; share: the part of the piece that it stands for."""
     f, half = dr.clip(f, 0, 1), dr.minimum(share, 1) * (here.t1 - here.t0) / 2
     t = here.t0 + f * (here.t1 - here.t0)
@@ -208,7 +210,7 @@ def _cone(t0, t1, radius):
     return dr.maximum(along, 0), dr.maximum(across, 0)
 
 
-def footprint(here: Here, d, along, across):
+def footprint(here: IntervalFrame, d, along, across):
     """r, the smaller deviation on the tangent plane, the deviation along the height, the larger one on the plane and its axis
     (texture/footprint)."""
     e = canonical(here, d)
@@ -225,6 +227,6 @@ def footprint(here: Here, d, along, across):
     return dr.sqrt(dr.maximum(smallest, 0)), dr.abs(e.z) * dr.sqrt(along), dr.sqrt(largest), axis
 
 
-def canonical(here: Here, d):
+def canonical(here: IntervalFrame, d):
     """J⁻¹ d."""
     return mi.Vector3f(dr.dot(here.a, d), dr.dot(here.b, d), dr.dot(here.c, d))

@@ -20,9 +20,9 @@ import numpy as np
 
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.pathtracer.levels import Levels, between_levels, level_of, network, softplus
-from mesoshell.pathtracer.quadrature import Here, no_here
+from mesoshell.pathtracer.quadrature import IntervalFrame, no_frame
 from mesoshell.pathtracer.shells import scene_of
-from mesoshell.surface_material.tables import LEAST, Wear
+from mesoshell.surface_material.tables import LEAST, SurfaceTables
 
 #: Past a surface, relative to the scene's size and the distance.
 ADVANCE = 4e-6
@@ -84,7 +84,7 @@ class SurfaceMaterial:
 @dataclass
 class Met:
     """What a segment meets: whether it does, its distance, whether from outside, the face's normal; α, ω, κ, the frame as rows
-    of J⁻¹ = 1 (only those of Here are set), which material, and what its reflectance reads."""
+    of J⁻¹ = 1 (only those of IntervalFrame are set), which material, and what its reflectance reads."""
 
     hit: mi.Bool
     t: mi.Float
@@ -93,15 +93,15 @@ class Met:
     alpha: mi.Float
     w: mi.Vector3f
     kappa: mi.Float
-    here: Here
+    here: IntervalFrame
     which: mi.UInt32
     features: list
 
 
-class Worn:
+class SurfaceMeshes:
     """Wears, and the material of each."""
 
-    def __init__(self, wears: list[Wear], materials: list[SurfaceMaterial]):
+    def __init__(self, wears: list[SurfaceTables], materials: list[SurfaceMaterial]):
         self.materials = list(dict.fromkeys(materials))
         self.channels = max(m.levels[2].width for m in self.materials)
         counts = [len(w.mesh.faces) for w in wears]
@@ -165,7 +165,7 @@ class Worn:
         """How far a ray goes that shall leave what it has met at t behind."""
         return t + ADVANCE * (self.size + t)
 
-    def _frame(self, prim, corners, bary) -> Here:
+    def _frame(self, prim, corners, bary) -> IntervalFrame:
         normals = [dr.gather(mi.Vector3f, self.normals, c) for c in corners]
         n = dr.normalize(bary[0] * normals[0] + bary[1] * normals[1] + bary[2] * normals[2])
         along_u, along_v = (dr.gather(mi.Vector3f, x, prim) for x in self.along)
@@ -174,7 +174,7 @@ class Worn:
         t = dr.normalize(t)
         b = dr.cross(n, t)
         b = dr.select(dr.dot(b, along_v) < 0, -b, b)
-        here = no_here()
+        here = no_frame()
         here.a, here.b, here.c = t, b, n
         return here
 
@@ -207,7 +207,7 @@ def nothing_met(n: int) -> Met:
     """Of rays that meet none."""
     zero = dr.zeros(mi.Float, n)
     no = dr.full(mi.Bool, False, n)
-    nowhere = mi.Vector3f(0), mi.Float(zero), no_here()
+    nowhere = mi.Vector3f(0), mi.Float(zero), no_frame()
     return Met(no, zero, no, mi.Vector3f(0), mi.Float(zero), *nowhere, mi.UInt32(0), [])
 
 

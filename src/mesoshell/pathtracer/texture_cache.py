@@ -27,7 +27,7 @@ from mesoshell.shell.geometry.chart import fits, patches_of
 
 
 @dataclass(frozen=True)
-class Asked:
+class TextureKey:
     """Of a texture: seed and parameters as a scene gives them, and texels a patch, at most the generator's own. fields: of
     geometry parameters that vary, from (…, 2) coordinates in patches to (…) values in [0, 1]."""
 
@@ -38,7 +38,7 @@ class Asked:
 
 
 def textured(
-    path: Path, bundle: Bundle, uv: Float[np.ndarray, "P 3 2"], asked: Asked
+    path: Path, bundle: Bundle, uv: Float[np.ndarray, "P 3 2"], asked: TextureKey
 ) -> tuple[Bundle, tuple[int, int], tuple]:
     """The material with a texture that covers a surface of corners uv (patches), the texture's origin (u, v), and a name for
     both: what has the same name is the same.
@@ -62,14 +62,16 @@ def textured(
     return read_bundle(file), origin, (file, origin)
 
 
-def _images(asked: Asked, origin: tuple[int, int], patches: tuple[int, ...]) -> dict[str, Float[np.ndarray, "V U"]]:
+def _images(
+    asked: TextureKey, origin: tuple[int, int], patches: tuple[int, ...]
+) -> dict[str, Float[np.ndarray, "V U"]]:
     """What varies, at the corners of patches, as an image over the texture: its last row lies at the least v."""
     along_v, along_u = (np.arange(n + 1.0) for n in patches)
     at = np.stack(np.meshgrid(origin[0] + along_u, origin[1] + along_v), axis=-1)
     return {name: values(at)[::-1].astype(np.float32) for name, values in sorted(asked.fields.items())}
 
 
-def _made(path: Path, patches: tuple[int, ...], asked: Asked, images: dict[str, np.ndarray]) -> Path:
+def _made(path: Path, patches: tuple[int, ...], asked: TextureKey, images: dict[str, np.ndarray]) -> Path:
     options = ["--extent", str(patches[1]), str(patches[0]), "--seed", str(asked.seed), "--texels", str(asked.texels)]
     options += [x for k, v in sorted(asked.values.items()) for x in ("--param", f"{k}={v!r}")]
     of = (digest(path), __version__, options, *((name, image.tobytes()) for name, image in images.items()))

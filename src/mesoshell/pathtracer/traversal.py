@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.prism import LOST, TOP, WALKING, Piece, Place, enter, owner, step
+from mesoshell.pathtracer.prism import LOST, TOP, WALKING, Piece, WalkState, enter, owner, step
 
 FREE, COUNT, SEARCH, BACK, FORWARD, OVER = 0, 1, 2, 3, 4, 5
 #: Step past a boundary before free space begins again, relative to the scene's size.
@@ -43,12 +43,12 @@ class Walker:
     sure: mi.Bool
     at: mi.Float64
     depth: mi.UInt32
-    place: Place
+    place: WalkState
     stuck: mi.UInt32
 
 
-def nowhere() -> Place:
-    return Place(mi.UInt32(0), mi.Float64(0), mi.Float64(0), mi.Vector2d(0), mi.Float64(0), mi.UInt32(LOST))
+def nowhere() -> WalkState:
+    return WalkState(mi.UInt32(0), mi.Float64(0), mi.Float64(0), mi.Vector2d(0), mi.Float64(0), mi.UInt32(LOST))
 
 
 def no_piece() -> Piece:
@@ -123,7 +123,7 @@ def _cross(shells, o, d, tmax, w: Walker):
     there, ended, lost = -after.t <= w.start, after.exit != WALKING, after.exit == LOST
     reached = back & ~lost & dr.select(w.sure, ended & ~there, there)
     nothing = back & w.sure & ~reached & (ended | there)
-    entry = Place(piece.prism, -piece.t1, after.slack, piece.bary1, piece.h1, mi.UInt32(WALKING))
+    entry = WalkState(piece.prism, -piece.t1, after.slack, piece.bary1, piece.h1, mi.UInt32(WALKING))
     left = ~back & (after.exit != WALKING)
     over = ~back & (after.t >= tmax)
     elsewhere = back & ~w.sure & ~reached & ended

@@ -14,7 +14,7 @@ from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, grows
 from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.surface_material.scene import SurfaceDescription
-from mesoshell.surface_material.tables import wear
+from mesoshell.surface_material.tables import surface_tables
 
 #: By how much thickness over patch may differ from what was distilled, and a colour or a parameter.
 THICKNESS, VALUE = 0.1, 1e-3
@@ -78,7 +78,7 @@ def _misfit(scene: Scene, d: ShellDescription, twin: Twin) -> str:
 
 
 def _bent(top: Mesh, twin: Twin, quality: Quality) -> str:
-    kappa = wear(top, uv_stretch(top), quality).table.kappa * uv_stretch(top)
+    kappa = surface_tables(top, uv_stretch(top), quality).table.kappa * uv_stretch(top)
     low, high = twin.surface.curvature
     if kappa.min() >= low and kappa.max() <= high:
         return ""

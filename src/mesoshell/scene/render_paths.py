@@ -12,7 +12,7 @@ from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.surface import KIND, SurfaceBundle
 from mesoshell.limits import check_memory
 from mesoshell.pathtracer import integrator, load_file, scene_dict
-from mesoshell.pathtracer.load import Grown, stand_on
+from mesoshell.pathtracer.load import SceneShells, stand_on
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
@@ -25,7 +25,7 @@ from mesoshell.scene.picture import Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell, describe_surface
 from mesoshell.surface_material.scene import SurfaceDescription
-from mesoshell.surface_material.tables import wear
+from mesoshell.surface_material.tables import surface_tables
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
 
@@ -100,7 +100,7 @@ def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene,
     maps = {name: scene_dict.over_uv(image) for name, image in d.maps.items()}
     alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
     medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
-    stand_on(made, Grown([(d.shell, medium)], convex=is_convex(d.mesh), twin=seen), quality)
+    stand_on(made, SceneShells([(d.shell, medium)], convex=is_convex(d.mesh), twin=seen), quality)
     return made, d.notes
 
 
@@ -112,9 +112,9 @@ def _dressed(
     twin: TwinFacts | None = None,
 ) -> tuple[mi.Scene, tuple[str, ...]]:
     """The same of a mesh that wears a surface material."""
-    worn = wear(d.mesh, d.period, quality)
+    worn = surface_tables(d.mesh, d.period, quality)
     made = mi.load_dict(_parts(quality, d))
-    grown = Grown([], [(worn, SurfaceMaterial(bundle))], convex=is_convex(d.mesh), twin=twin)
+    grown = SceneShells([], [(worn, SurfaceMaterial(bundle))], convex=is_convex(d.mesh), twin=twin)
     stand_on(made, grown, quality)
     return made, (*notes, *worn.notes(bundle.curvature))
 

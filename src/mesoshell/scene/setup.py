@@ -104,10 +104,10 @@ def _textured(
     values, shape, patches, repeats = wanted
     name, bundle = scene.material.name, scene.material.shell
     if grows(scene):
-        from mesoshell.shell.generator.texture_synthesis import Wanted, field_of, grow
+        from mesoshell.shell.generator.texture_synthesis import TextureRequest, field_of, grow
 
         fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
-        return *grow(bundle, name, uv.reshape(-1, 3, 2), Wanted(scene.seed or 0, values, fields), progress), []
+        return *grow(bundle, name, uv.reshape(-1, 3, 2), TextureRequest(scene.seed or 0, values, fields), progress), []
     if scene.seed is not None:
         raise InputError(Argument("seed"), f"{name} is one texture and has no generator")
     fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values | shape]

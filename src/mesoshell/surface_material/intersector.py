@@ -11,7 +11,7 @@ from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Int
 
 from mesoshell.geometry.curvature import lookup
-from mesoshell.surface_material.tables import LEAST, Wear
+from mesoshell.surface_material.tables import LEAST, SurfaceTables
 
 #: Step past a surface, relative to the scene's size.
 ADVANCE = 2e-6
@@ -36,10 +36,10 @@ class Local(NamedTuple):
     axes: Float[np.ndarray, "H 3 3"]
 
 
-class Dressed:
+class SurfaceIntersector:
     """A mesh ready to be met. others: triangles of further objects, numbered after the mesh's faces."""
 
-    def __init__(self, worn: Wear, others: Float[np.ndarray, "N 3 3"]):
+    def __init__(self, worn: SurfaceTables, others: Float[np.ndarray, "N 3 3"]):
         mesh = worn.mesh
         self.worn, self.count = worn, len(mesh.faces)
         self.corners = np.concatenate([mesh.vertices[mesh.faces].astype(np.float64), others])

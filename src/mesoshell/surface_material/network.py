@@ -76,7 +76,7 @@ class Tables(NamedTuple):
     surface: Surface
 
 
-class Place(NamedTuple):
+class SurfaceQuery(NamedTuple):
     """A query, but for the light. kappa: normalised to the trained range."""
 
     u: Vec2
@@ -85,7 +85,7 @@ class Place(NamedTuple):
     kappa: Scalar
 
 
-class Seen(NamedTuple):
+class OpacityEval(NamedTuple):
     """What does not depend on the light. cosine: c, if that is what is learned, else 0; features: T_ρ(u′)."""
 
     alpha: Scalar
@@ -127,7 +127,7 @@ def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "
     return jnp.einsum("ij,kl,jlc->ikc", weight, weight, texture, precision="highest")
 
 
-def seen(config: SurfaceConfig, table: Tables, place: Place) -> Seen:
+def seen(config: SurfaceConfig, table: Tables, place: SurfaceQuery) -> OpacityEval:
     """α and what reflectance will read."""
     surface, kappa = table.surface, place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
     level = mip.level_of(place.radius, float(config.texels), len(config.sizes) - 1)
@@ -144,10 +144,10 @@ def seen(config: SurfaceConfig, table: Tables, place: Place) -> Seen:
         "none": jnp.ones_like(found),
     }[config.opacity]
     way = _answer(surface.offset, jnp.concatenate([ask(1, place.u), x]))[0]
-    return Seen(alpha, cosine, ask(2, place.u - config.offset * way * place.w[:2]))
+    return OpacityEval(alpha, cosine, ask(2, place.u - config.offset * way * place.w[:2]))
 
 
-def reflectance(config: SurfaceConfig, table: Tables, place: Place, found: Seen, light: Vec3) -> Vec3:
+def reflectance(config: SurfaceConfig, table: Tables, place: SurfaceQuery, found: OpacityEval, light: Vec3) -> Vec3:
     """ρ(ω, ω′)."""
     kappa = place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
     x = jnp.concatenate([found.features, place.w, light, kappa[None]])

@@ -32,11 +32,11 @@ from mesoshell.render.effects import SURFACE, Effects, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality
-from mesoshell.surface_material.intersector import ADVANCE, Dressed, Hits, Local
+from mesoshell.surface_material.intersector import ADVANCE, Hits, Local, SurfaceIntersector
 from mesoshell.surface_material.loader import DeviceMaterial
-from mesoshell.surface_material.network import Place, SurfaceConfig, Tables, reflectance, seen
+from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, reflectance, seen
 from mesoshell.surface_material.scene import SurfaceDescription
-from mesoshell.surface_material.tables import wear
+from mesoshell.surface_material.tables import surface_tables
 from mesoshell.typing import Array
 
 #: Rays of a tile of the picture; surfaces that a ray, or a shadow, passes at most: those that would pass more are counted.
@@ -71,7 +71,7 @@ def plan(scene: SurfaceScene, quality: Quality) -> Effects:
 
 
 @dataclass
-class Report:
+class RenderReport:
     """Seconds by stage, summed over threads but for `wall`, and counts. notes: what the user should know."""
 
     seconds: dict[str, float] = field(default_factory=dict)
@@ -91,12 +91,14 @@ def render(
     quality: Quality,
     effects: Effects,
     progress: Callable[[float], None] = lambda share: None,
-) -> tuple[Float[np.ndarray, "H W 4"], Report]:
+) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
     """Linear RGBA, premultiplied, and what it took. progress: called with the share done, 0 to 1."""
-    report, begin = Report(), time.perf_counter()
+    report, begin = RenderReport(), time.perf_counter()
     camera = scene.camera
     others = [m.vertices[m.faces].astype(np.float64) for m in scene.objects]
-    dressed = Dressed(wear(scene.mesh, scene.period, quality), np.concatenate([np.zeros((0, 3, 3)), *others]))
+    dressed = SurfaceIntersector(
+        surface_tables(scene.mesh, scene.period, quality), np.concatenate([np.zeros((0, 3, 3)), *others])
+    )
     report.notes = dressed.worn.notes(scene.ready.curvature)
     report.add("prepare", begin)
     pixels = camera.height * camera.width
@@ -122,7 +124,7 @@ def render(
 class _Tile:
     """Rays that are rendered together."""
 
-    def __init__(self, scene, dressed: Dressed, quality: Quality, effects: Effects, report: Report):
+    def __init__(self, scene, dressed: SurfaceIntersector, quality: Quality, effects: Effects, report: RenderReport):
         self.scene, self.dressed, self.quality, self.effects, self.report = scene, dressed, quality, effects, report
         self.spread = pixel_radius(scene.camera.spread) / 2
 
@@ -242,14 +244,14 @@ def _rows(ready: DeviceMaterial, local: Local) -> tuple[np.ndarray, ...]:
 
 @partial(jax.jit, static_argnums=0)
 def _ask_opacity(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> Array:
-    alpha = jax.vmap(lambda *x: seen(config, table, Place(*x)).alpha)
+    alpha = jax.vmap(lambda *x: seen(config, table, SurfaceQuery(*x)).alpha)
     return in_tiles(lambda *x: (alpha(*x),), count, rows, ((0, jnp.float32),))[0]
 
 
 @partial(jax.jit, static_argnums=0)
 def _ask(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> tuple[Array, Array]:
     def one(u: Array, radius: Array, w: Array, kappa: Array, light: Array) -> tuple[Array, Array]:
-        place = Place(u, radius, w, kappa)
+        place = SurfaceQuery(u, radius, w, kappa)
         found = seen(config, table, place)
         return found.alpha, jax.vmap(lambda l: reflectance(config, table, place, found, l))(light).reshape(-1)
 

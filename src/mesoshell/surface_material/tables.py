@@ -20,7 +20,7 @@ LEAST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Wear:
+class SurfaceTables:
     """uv: of corners, periods; along_u, along_v: ∂P/∂u and ∂P/∂v of each face, 0 where it has no area in UV; table: of κ,
     in world units."""
 
@@ -45,7 +45,7 @@ class Wear:
         return (*self.table.notes, said)
 
 
-def wear(mesh: Mesh, period: float, quality: Quality) -> Wear:
+def surface_tables(mesh: Mesh, period: float, quality: Quality) -> SurfaceTables:
     """A mesh with a texture whose periods are so long, averaged over its surface."""
     how = quality.curvature_filter
     table = curvature_table(mesh, quality.curve_length * period if how in ("curve", "unscaled") else 0.0)
@@ -55,7 +55,7 @@ def wear(mesh: Mesh, period: float, quality: Quality) -> Wear:
     if how == "unscaled":
         table = replace(table, kappa=table.kappa / np.float32(period))
     uv = mesh.uv.astype(np.float64) * (uv_stretch(mesh) / period)
-    return Wear(mesh, period, uv, *_along(mesh, uv), table)
+    return SurfaceTables(mesh, period, uv, *_along(mesh, uv), table)
 
 
 def _along(mesh: Mesh, uv: Float[np.ndarray, "F 3 2"]) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ import numpy as np
 from mesoshell.io.bundle import Bundle, Parameter
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.shell.generator.generator import Averages, Generator, synthesise, synthesise_height
-from mesoshell.shell.generator.model import Maker, generator_arrays, generator_fields, grown
+from mesoshell.shell.generator.model import GeneratorModel, generator_arrays, generator_fields, grown
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.density_bounds import bounds, new_points
@@ -141,7 +141,7 @@ def _patch(
 ) -> tuple[Float[Array, "V U C"], Float[Array, "R C"]]:
     """F and F(h) of one patch of seed 0; of three planes, sums of their texels at the same places."""
     side = g.texels
-    w, phases = grown(Maker(g, generator, averages, decoder, octaves), 0, np.full(g.betas, 0.5, np.float32))
+    w, phases = grown(GeneratorModel(g, generator, averages, decoder, octaves), 0, np.full(g.betas, 0.5, np.float32))
     corner = jnp.zeros(2, jnp.int32)
     texture = synthesise(g, generator, averages, w, phases, corner, (side, side))
     feature = texture.feature[0].reshape(side, side, g.planes, g.channels).sum(axis=2)

@@ -2,8 +2,8 @@
 
 Notation
 method     pure functions of one kind of configuration and state, but for `save`; chosen once, by the configuration's type
-shown      a batch: renders with their labels (generate.Shown), traced queries (surface.Asked), rays of patches (shots.Rays), or
-           exemplars (exemplars.Taught)
+shown      a batch: renders with their labels (generate.ImageBatch), traced queries (surface.QueryBatch), rays of
+           patches (shots.Rays), or exemplars (exemplars.ExemplarBatch)
 """
 
 from collections.abc import Callable

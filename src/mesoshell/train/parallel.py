@@ -68,7 +68,7 @@ def mean_gradient(loss: Callable) -> Callable:
     return jax.shard_map(local, mesh=_mesh(), in_specs=(P(), P(), P(AXIS)), out_specs=P(), check_vma=False)
 
 
-class Spread(NamedTuple):
+class ParallelStep(NamedTuple):
     """A step on all devices of all hosts: (state, batch, what this host asks) → (state, report, what any host asked). place: a
     state, the same on every host, to every device; share: this host's rows of a batch, to its devices; whole: a placed state
     as arrays of this host alone, which no other needs to help with."""
@@ -81,7 +81,7 @@ class Spread(NamedTuple):
 
 def spread_step(
     step: Callable[[Any, Any, Across], tuple[Any, Any]], batch: int, how: str = "jit", together: int = 1
-) -> Spread:
+) -> ParallelStep:
     """`step` under `jit` with a sharded batch, or under `pmap`. batch: rows of all hosts; together: neighbours that belong
     to each other. Raises InputError if the devices cannot share the rows evenly, or pmap would part neighbours."""
     if batch % device_count() or batch % together:
@@ -96,7 +96,7 @@ def in_turn(f: Callable) -> Callable:
     return lambda *rows: jax.lax.map(lambda row: f(*row), rows)
 
 
-def _by_jit(step: Callable) -> Spread:
+def _by_jit(step: Callable) -> ParallelStep:
     """Arrays are global: the compiler spreads what follows from the batch, and means are over all of it."""
     rows, all_of_it = NamedSharding(_mesh(), P(AXIS)), NamedSharding(_mesh(), P())
     across = HERE._replace(each=in_turn) if jax.default_backend() == "cpu" and device_count() == 1 else HERE
@@ -106,7 +106,7 @@ def _by_jit(step: Callable) -> Spread:
 
     if jax.process_count() == 1:
         alone = jax.jit(lambda state, batch: step(state, batch, across), out_shardings=all_of_it, donate_argnums=0)
-        return Spread(
+        return ParallelStep(
             lambda state, batch, asked=(): (*alone(state, batch), asked), replicate, share, lambda state: state
         )
 
@@ -125,10 +125,10 @@ def _by_jit(step: Callable) -> Spread:
             lambda x: jax.make_array_from_callback(x.shape, all_of_it, np.asarray(x).__getitem__), state
         )
 
-    return Spread(run, place, share, lambda state: jax.tree.map(np.asarray, state))
+    return ParallelStep(run, place, share, lambda state: jax.tree.map(np.asarray, state))
 
 
-def _by_pmap(step: Callable) -> Spread:
+def _by_pmap(step: Callable) -> ParallelStep:
     """Each device has rows of its own: means and groups are made over all of them by hand."""
     devices = jax.local_device_count()
 
@@ -161,7 +161,7 @@ def _by_pmap(step: Callable) -> Spread:
         state, report, heard = compiled(state, batch, _by_device(asked))
         return state, first(report), np.asarray(first(heard)).tolist()
 
-    return Spread(run, place, share, first if alone else lambda state: jax.tree.map(np.asarray, first(state)))
+    return ParallelStep(run, place, share, first if alone else lambda state: jax.tree.map(np.asarray, first(state)))
 
 
 def _by_device(asked: Sequence[bool]) -> np.ndarray:

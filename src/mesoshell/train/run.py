@@ -28,7 +28,7 @@ from mesoshell.io.image import write_png
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.hosts import is_first, noticing, received, wait_for_all
 from mesoshell.train.method import Data, Method, method_of
-from mesoshell.train.parallel import Spread, spread_step
+from mesoshell.train.parallel import ParallelStep, spread_step
 from mesoshell.train.report import write_report
 from mesoshell.train.run_config import RunConfig, forget_after, keep_record
 from mesoshell.train.tensorboard import open_board
@@ -127,7 +127,7 @@ def _decided(asked: Sequence[Any], stop: "_Stop", saved: float) -> tuple[bool, b
     return bool(asked[0]), bool(asked[1])
 
 
-def _kept(spread: Spread, state: Any) -> Any:
+def _kept(spread: ParallelStep, state: Any) -> Any:
     """What the first host writes of a state; nothing for the others to fetch from their devices."""
     return spread.whole(state) if is_first() else None
 

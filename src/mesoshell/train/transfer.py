@@ -29,7 +29,7 @@ from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, start
 from mesoshell.train.run_config import RunConfig, flat, read_record
 from mesoshell.train.textures import step as textures
-from mesoshell.train.textures.exemplars import Scaled
+from mesoshell.train.textures.exemplars import ScaledExemplars
 from mesoshell.train.textures.state import TexturesConfig, TexturesState
 
 #: What of a configuration says what the weights are and mean; and what of that follows from a dataset, or changes no weight.
@@ -67,7 +67,7 @@ def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
     return lambda fresh: fresh._replace(averages=old.averages, a=old.a, b=old.b, **lent)
 
 
-def _of_snapshot(config: TexturesConfig, data: Scaled, path: Path) -> Callable[[TexturesState], TexturesState]:
+def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> Callable[[TexturesState], TexturesState]:
     """The weights of a snapshot. Its decoder says whether it was taught by these exemplars: they scale it."""
     maker = maker_of(read_bundle(path), str(path))
     mine, theirs = asdict(config.generator), asdict(maker.config)

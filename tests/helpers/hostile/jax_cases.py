@@ -14,7 +14,7 @@ from mesoshell.io.records import read_rows
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.neutex.cameras import Photo
 from mesoshell.neutex.field import FieldConfig, init_field
-from mesoshell.neutex.store import Captured, read_captured, write_captured
+from mesoshell.neutex.store import NeuTexModel, read_neutex, write_neutex
 from mesoshell.train.experiment import experiment_of
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.report import write_report
@@ -143,7 +143,7 @@ def of_objects(good: Path) -> Iterator[Case]:
     config = FieldConfig(hash=hashed)
     photo = Photo(np.eye(4), (9.0, 9.0, 3.0, 3.0), 6, 6)
     field = init_field(config, jax.random.key(0))
-    write_captured(good / "object.npz", Captured(config, field, np.zeros(3), 1.0, (photo, photo), (0,), {}))
+    write_neutex(good / "object.npz", NeuTexModel(config, field, np.zeros(3), 1.0, (photo, photo), (0,), {}))
     data = (good / "object.npz").read_bytes()
     for seed in range(18):
         cut = damaged(data, seed)
@@ -155,18 +155,16 @@ def of_objects(good: Path) -> Iterator[Case]:
 
         def run(at: Path, other=other) -> None:
             samples.shell(at / "o.npz", other, arrays)
-            read_captured(at / "o.npz")
+            read_neutex(at / "o.npz")
 
         yield Case("object.npz", what, ("o.npz",), run)
     for thing, put in THINGS.items():
-        yield Case(
-            "object.npz", thing, ("o.npz",), lambda at, put=put: (put(at / "o.npz"), read_captured(at / "o.npz"))
-        )
+        yield Case("object.npz", thing, ("o.npz",), lambda at, put=put: (put(at / "o.npz"), read_neutex(at / "o.npz")))
 
 
 def _object(path: Path, data: bytes) -> None:
     path.write_bytes(data)
-    read_captured(path)
+    read_neutex(path)
 
 
 def of_fed(good: Path) -> Iterator[Case]:

@@ -36,7 +36,7 @@ from mesoshell.shell.generator.generator import (
 )
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.geometry import batched_walk
-from mesoshell.shell.geometry.march import Place, Prisms, Ray
+from mesoshell.shell.geometry.march import Prisms, Ray, WalkState
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece
 from mesoshell.shell.material import density_bounds, loader
 from mesoshell.shell.material.decoder import init_decoder
@@ -54,7 +54,7 @@ from mesoshell.train.fit.slab_pixels import predict
 from mesoshell.train.gan import snapshot
 from mesoshell.train.gan import state as gan
 from mesoshell.train.gan import step as gan_step
-from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.nerf_tex import network as parametric
 from mesoshell.train.nerf_tex import snapshot as parametric_snapshot
 from mesoshell.train.neutex import step as atlas
@@ -65,7 +65,7 @@ from mesoshell.train.surface import snapshot as surface_snapshot
 from mesoshell.train.surface import step as surface
 from mesoshell.train.textures import snapshot as textures_snapshot
 from mesoshell.train.textures import step as textures
-from mesoshell.train.textures.exemplars import Taught, scaled
+from mesoshell.train.textures.exemplars import ExemplarBatch, scaled
 from mesoshell.train.textures.state import TexturesConfig
 
 SOURCES = Path(mesoshell.__file__).parent
@@ -130,11 +130,11 @@ def _of_shells(bundle: Bundle) -> Programs:
     ready = loader.ready(bundle)
     prisms, chart = Prisms(f(2, 18), i(2, 6)), Chart(f(2, 18), f(2, 6))
     rays = Ray(f(128, 3), f(128, 3), f(128, 3))
-    place = Place(i(128), f(128), f(128), f(128, 2), f(128), i(128), b(128))
+    place = WalkState(i(128), f(128), f(128), f(128, 2), f(128), i(128), b(128))
     pieces = Piece(i(ROWS), f(ROWS, 2), f(ROWS, 2, 2), f(ROWS, 2), f(ROWS, 3), f(ROWS, 3))
     at, samples = Frame(f(ROWS, 3), f(ROWS, 3), f(ROWS), f(ROWS, 3, 3)), kernels.Samples(i(ROWS), *(f(ROWS),) * 3)
-    wraps = kernels.Program(ready.layout, ready.grid_shapes, True, 4, True, (0,))
-    table = kernels.Table(chart, ready.material, ready.grid, f(1), f(1, 2, 2), f(), f())
+    wraps = kernels.StaticConfig(ready.layout, ready.grid_shapes, True, 4, True, (0,))
+    table = kernels.DeviceTables(chart, ready.material, ready.grid, f(1), f(1, 2, 2), f(), f())
     nodes = replace(ready.layout, open=True, origin=(1, 1), nodes=(3, 3))
     planes = Layout(ready.layout.sizes, (), ready.layout.texel_density, ready.layout.octaves, True, cells=(2, 2))
     ways = [wraps, *(replace(wraps, layout=layout) for layout in (nodes, planes))]
@@ -181,7 +181,9 @@ SMALL = gan.TrainConfig(
 GAN = gan.sized(SMALL, appearance=1, geometry=1)
 PLANES = gan.sized(replace(SMALL, generator=replace(SMALL.generator, planes=3, config="T")), 1, 1)
 SHORT = gan.sized(replace(SMALL, precision="bfloat16", views=2), 1, 1)
-SHOWN = Shown(f(4, 8, 8, 4), f(4, 1), f(4, 1), f(4, 4, 4), f(4, 3), f(4, 3), jax.ShapeDtypeStruct((4, 2), jnp.uint32))
+SHOWN = ImageBatch(
+    f(4, 8, 8, 4), f(4, 1), f(4, 1), f(4, 4, 4), f(4, 3), f(4, 3), jax.ShapeDtypeStruct((4, 2), jnp.uint32)
+)
 PARAMETRIC = parametric.ParametricConfig(SMALL.picture, (8,), (8,), octaves=2, batch=4, parameters=2)
 
 
@@ -191,7 +193,7 @@ def _of_generators() -> Programs:
         jax.eval_shape(make) for make in (lambda: init_generator(config, KEY), lambda: init_averages(config))
     )
     phases = jax.eval_shape(lambda: draw_phases(config, KEY, 1))
-    one, nodes = (model.Grown(w, phases) for w in (f(1, 4), f(1, 9, 9, 4)))
+    one, nodes = (model.Latent(w, phases) for w in (f(1, 4), f(1, 9, 9, 4)))
     tile = partial(_jitted, bake._tile, config, 16, generator, averages)
 
     def made(w: Any, phases: Phases) -> Any:
@@ -223,7 +225,7 @@ def _of_surfaces() -> Programs:
         training = surface.SurfaceTraining(config, batch=64)
         state = jax.eval_shape(lambda t=training: surface.start(t, KEY))
         rows = f(ROWS, 2), f(ROWS), f(ROWS, 3), f(ROWS)
-        asked = surface.Asked(f(64, 2), f(64), f(64, 3), f(64), f(64, 3), f(64), f(64), f(64, 3))
+        asked = surface.QueryBatch(f(64, 2), f(64), f(64, 3), f(64), f(64, 3), f(64), f(64), f(64, 3))
         programs = {
             "surface_material.renderer._ask_opacity": _jitted(surface_renderer._ask_opacity, config, table, rows, i()),
             "surface_material.renderer._ask": _jitted(
@@ -247,7 +249,10 @@ def _of_objects() -> Programs:
         field = jax.eval_shape(lambda c=config: init_field(c, KEY))
         occupied, y, image = b(32, 32, 32), f(1024, 3), f(4, 8, 6)
         lit = (f(1, 1024, 2, 3), f(1, 1024, 2, 3)) if colour == "reflectance" else None
-        form, thing = atlas_render.Form(config, 8, "latlong", True), atlas_render.Thing(field, occupied, f(), image)
+        form, thing = (
+            atlas_render.StaticConfig(config, 8, "latlong", True),
+            atlas_render.FieldArrays(field, occupied, f(), image),
+        )
         training = atlas.AtlasTraining(config, side=16, samples=8, batch=16, kimg=0.16, cloud=True)
         state = jax.eval_shape(lambda t=training: atlas.start(t, KEY))
         rays = Rays(f(16, 3), f(16, 3), f(16, 3), f(16), i(16), f(16, 3), f(16, 3))
@@ -314,7 +319,7 @@ def _of_textures() -> Programs:
     arrays = np.ones((2, 32, 32, 4), np.float32), np.ones((8, 4), np.float32), np.zeros((2, 0), np.float32)
     data = scaled(Exemplars(*arrays, decoder_arrays(decoder), 1, (), {}))
     begun = jax.eval_shape(lambda: textures.start(config, data, KEY))
-    batch = Taught(i(2), f(2, 32, 32, 4), f(2, 0), f(2, 32, 32, 4), f(2, 0), u(2, 2))
+    batch = ExemplarBatch(i(2), f(2, 32, 32, 4), f(2, 0), f(2, 32, 32, 4), f(2, 0), u(2, 2))
     phases = jax.eval_shape(lambda p: textures.own_phases(config, p), i(2))
     shown = _jitted(textures_snapshot._shown, 1, 1, decoder, f(32, 32, 4), f(8, 4))
     return {

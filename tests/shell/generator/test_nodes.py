@@ -8,10 +8,10 @@ import pytest
 import mesoshell.shell.generator.bake as bake
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.shell.generator.generator import init_averages, init_generator
-from mesoshell.shell.generator.model import Maker, grown, maker_of
+from mesoshell.shell.generator.model import GeneratorModel, grown, maker_of
 from mesoshell.shell.generator.nodes import hat, window
 from mesoshell.shell.generator.plan import GeneratorConfig, reach
-from mesoshell.shell.generator.texture_synthesis import Wanted, baked, field_of, grow
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of, grow
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.field import Point, inputs
 from mesoshell.shell.material.loader import ready
@@ -35,19 +35,19 @@ def far(bundle) -> int:
 
 
 def made(bundle: Bundle, field, size=SIZE) -> Bundle:
-    return baked(bundle, "it", size, Wanted(7, {}, {"length": field}))[0]
+    return baked(bundle, "it", size, TextureRequest(7, {}, {"length": field}))[0]
 
 
 def ends(bundle: Bundle, size=SIZE) -> list[np.ndarray]:
     """Textures of the least and of the greatest length."""
-    found = [baked(bundle, "it", size, Wanted(7, {"length": x}))[0] for x in (1.0, 3.0)]
+    found = [baked(bundle, "it", size, TextureRequest(7, {"length": x}))[0] for x in (1.0, 3.0)]
     return [x.arrays["features/0"].astype(np.float32) for x in found]
 
 
 def test_a_constant_field_is_the_constant(bundle) -> None:
     size = (35, 70)
     varying = made(bundle, lambda at: np.full(at.shape[:-1], 0.25), size)
-    same = baked(bundle, "it", size, Wanted(7, {"length": 1.5}))[0]
+    same = baked(bundle, "it", size, TextureRequest(7, {"length": 1.5}))[0]
     for key in same.arrays:
         np.testing.assert_allclose(varying.arrays[key], same.arrays[key], rtol=2e-3, atol=2e-3, err_msg=key)
     assert varying.arrays["heights/0"].shape == (4, 6, *same.arrays["height/0"].shape)
@@ -86,7 +86,9 @@ def test_a_surface_asks_the_field_where_it_lies(bundle) -> None:
     """The nodes of a texture that begins at an origin are those of the plane."""
     seen = []
     uv = np.array([[[3.2, -1.9], [4.1, -1.8], [3.3, -0.7]]], np.float32)
-    found, origin = grow(bundle, "it", uv, Wanted(0, {}, {"length": lambda at: seen.append(at) or at[..., 0] * 0}))
+    found, origin = grow(
+        bundle, "it", uv, TextureRequest(0, {}, {"length": lambda at: seen.append(at) or at[..., 0] * 0})
+    )
     assert origin == (2, -3)
     np.testing.assert_array_equal(seen[0][0, 0], origin)
     assert seen[0].shape[:2] == found.arrays["heights/0"].shape[:2]
@@ -107,7 +109,7 @@ def test_heights_at_a_node_are_its_own(bundle) -> None:
     """A node's F(h) is that of a texture with its β everywhere; halfway between two, their mean."""
     found = made(bundle, lambda at: (at[..., 0] >= 2).astype(float), (32, 64))
     for u, beta in ((1, 1.0), (2, 3.0)):
-        alone = baked(bundle, "it", (16, 16), Wanted(7, {"length": beta}))[0].arrays["height/0"]
+        alone = baked(bundle, "it", (16, 16), TextureRequest(7, {"length": beta}))[0].arrays["height/0"]
         np.testing.assert_allclose(found.arrays["heights/0"][1, u], alone, rtol=2e-3, atol=2e-4)
 
 
@@ -135,5 +137,5 @@ def test_an_image_lies_with_its_last_row_at_v_0() -> None:
 def test_a_generator_without_geometry_parameters_has_one_latent() -> None:
     config = GeneratorConfig(16, "T", 64, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4)
     generator = init_generator(config, jax.random.key(0))
-    maker = Maker(config, generator, init_averages(config), init_decoder(jax.random.key(1), 7, (4,), (4,)), 1)
+    maker = GeneratorModel(config, generator, init_averages(config), init_decoder(jax.random.key(1), 7, (4,), (4,)), 1)
     assert grown(maker, 0, np.zeros(0, np.float32)).w.shape == (1, 4)

@@ -14,16 +14,16 @@ import pytest
 from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry.sampling import spread
 from mesoshell.shell.render import kernels
-from mesoshell.shell.render.kernels import Program, Samples
+from mesoshell.shell.render.kernels import Samples, StaticConfig
 from mesoshell.shell.render.lighting import Tile
-from mesoshell.shell.render.renderer import Report, _Renderer, render
+from mesoshell.shell.render.renderer import RenderReport, _Renderer, render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import scenes
 
 
 def setting(scene: Scene, quality: Quality) -> tuple[_Renderer, tuple]:
     """A renderer, and its kernels' arguments for all camera rays of the scene."""
-    renderer = _Renderer(scene, quality, scenes.effects(scene, quality), Report())
+    renderer = _Renderer(scene, quality, scenes.effects(scene, quality), RenderReport())
     random = np.random.default_rng(1)
     d = np.array([0.2, 0.3, -1.0]) + random.uniform(-0.1, 0.1, (64, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
@@ -43,7 +43,7 @@ def lowered(tiny_bundle):
     base = replace(renderer.program, filtering=False, taps=1, exact=False, maps=())
 
     def count(**changes: object) -> int:
-        program: Program = replace(base, **changes)  # type: ignore[arg-type]
+        program: StaticConfig = replace(base, **changes)  # type: ignore[arg-type]
         table = renderer.table._replace(maps=jnp.zeros((len(program.maps), 2, 2)))
         text = kernels.density.lower(program, table, pieces, at, empty, np.int32(0)).as_text()
         return len(re.findall(r"= (?:stablehlo|call)", text))

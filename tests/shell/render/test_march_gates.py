@@ -16,7 +16,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.loader import ready
-from mesoshell.shell.render.renderer import Report, render
+from mesoshell.shell.render.renderer import RenderReport, render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import scenes
 
@@ -28,7 +28,7 @@ def slab(tiny_bundle: Bundle) -> Scene:
     return scenes.slab(tiny_bundle)
 
 
-def shown(scene: Scene, *forced: str) -> tuple[np.ndarray, Report]:
+def shown(scene: Scene, *forced: str) -> tuple[np.ndarray, RenderReport]:
     """A picture by the plan, but for effects that are on whatever it says."""
     plan = plan_effects(facts(scene), QUALITY)
     assert not any(getattr(plan, name).on for name in forced)

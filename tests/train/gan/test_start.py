@@ -10,7 +10,7 @@ from benchmarks.start import begun
 from mesoshell.nets.mlp import Dense
 from mesoshell.render.camera import look_at
 from mesoshell.shell.generator.generator import init_averages
-from mesoshell.train.gan.generate import Shown, generate
+from mesoshell.train.gan.generate import ImageBatch, generate
 from mesoshell.train.gan.presets import TINY
 from mesoshell.train.gan.state import Learner, sized, start
 from mesoshell.train.update import HERE
@@ -38,7 +38,7 @@ def test_thin_layers_do_not_turn_into_noise() -> None:
     sharp = [Dense(30 * layer.kernel, layer.bias) for layer in learner.decoder.trunk]
     learner = Learner(learner.generator._replace(layers=layers), learner.decoder._replace(trunk=sharp))
     above = jnp.asarray(look_at((0.5, 0.5, 8.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0)), jnp.float32)
-    batch = Shown(
+    batch = ImageBatch(
         jnp.zeros((BATCH, 16, 16, 4)),
         jnp.full((BATCH, 1), 0.5),
         jnp.zeros((BATCH, 0)),

@@ -16,7 +16,7 @@ from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.pack import pack_dataset
 from mesoshell.shell.material.field import Point
 from mesoshell.train.gan.curriculum import renders, views_of
-from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.presets import TINY
 from mesoshell.train.losses import EPSILON, smape, transmittance_loss
 from mesoshell.train.method import NERF_TEX, method_of
@@ -44,7 +44,7 @@ def data(tmp_path_factory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def batch() -> Shown:
+def batch() -> ImageBatch:
     return jax.tree.map(
         lambda x: jnp.asarray(x) if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), parametric_step.batch()
     )

@@ -20,7 +20,7 @@ from mesoshell.measure.captured import CHART, VIEWS, score_views
 from mesoshell.neutex.cameras import photo_rays, pixels
 from mesoshell.neutex.capture import Capture, read_capture
 from mesoshell.neutex.field import DENSITY, to_surface, to_texture
-from mesoshell.neutex.store import read_captured
+from mesoshell.neutex.store import read_neutex
 from mesoshell.train.gan.presets import PAPER, SMALL, TINY
 from mesoshell.train.method import ATLAS, method_of
 from mesoshell.train.neutex import step as atlas
@@ -269,7 +269,7 @@ def test_a_run_is_resumed_to_the_bit_and_kept(capture, tmp_path) -> None:
     assert method_of(read) is ATLAS and read == fitted(config, capture)[0]
     assert len(recorded(about, 16).photos) == 16
     images, path = snapshots(tmp_path / "a")[-1]
-    kept = read_captured(path)
+    kept = read_neutex(path)
     assert images == 1024 and kept.tested == (7, 15)
     np.testing.assert_allclose(kept.centre, capture.centre)
     assert (tmp_path / "a/report.html").exists() and list((tmp_path / "a/sheets").glob("*.png"))
@@ -330,7 +330,7 @@ def test_it_learns_a_painted_ball(capture, tmp_path, optimised) -> None:
     config = replace(atlas_as(TINY), batch=256, kimg=256 * 0.3)
     train(config, capture, tmp_path)
     config, capture = fitted(config, capture)
-    scores = score_views(read_captured(snapshots(tmp_path)[-1][1]), capture, config.samples)
+    scores = score_views(read_neutex(snapshots(tmp_path)[-1][1]), capture, config.samples)
     assert tuple(scores) == VIEWS + CHART
     assert scores["PSNR"].value > 22 and scores["SSIM"].value > 0.8
     assert scores["cycle error, % of the box"].value < 3 and scores["texture folded"].value < 0.02

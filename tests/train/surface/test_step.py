@@ -18,7 +18,7 @@ from mesoshell.io.query_dataset import Patches, read_patches
 from mesoshell.io.surface import SurfaceBundle, read_surface
 from mesoshell.measure.queries import QUERIES, score
 from mesoshell.surface_material.loader import surface_of
-from mesoshell.surface_material.network import Seen, Surface, SurfaceConfig
+from mesoshell.surface_material.network import OpacityEval, Surface, SurfaceConfig
 from mesoshell.train import run
 from mesoshell.train.gan.presets import SMALL, TINY
 from mesoshell.train.method import SURFACE, method_of
@@ -33,7 +33,7 @@ from mesoshell.train.surface.step import (
     HELD,
     SHRINK,
     WIDE,
-    Asked,
+    QueryBatch,
     SurfaceState,
     SurfaceTraining,
     ask,
@@ -81,12 +81,12 @@ def data(tmp_path_factory) -> Patches:
     return read_patches(wearing.write_patches(folder, [wearing.rows(64, k, uneven) for k in range(6)]))
 
 
-def batch_of(answer: Callable, count: int = 256, seed: int = 0) -> Asked:
+def batch_of(answer: Callable, count: int = 256, seed: int = 0) -> QueryBatch:
     parts = [wearing.rows(count // 4, 10 * seed + k, answer) for k in range(4)]
     return jax.tree.map(jnp.asarray, asked(np.concatenate(parts)))
 
 
-def learned(config: SurfaceTraining, batches: list[Asked], steps: int) -> tuple[SurfaceState, list[list[float]]]:
+def learned(config: SurfaceTraining, batches: list[QueryBatch], steps: int) -> tuple[SurfaceState, list[list[float]]]:
     state, learn = start(config, jax.random.key(0)), jax.jit(lambda s, b: step(config, s, b))
     losses = []
     for i in range(steps):
@@ -95,7 +95,7 @@ def learned(config: SurfaceTraining, batches: list[Asked], steps: int) -> tuple[
     return state, losses
 
 
-def answered(config: SurfaceTraining, surface: Surface, batch: Asked, blur: float) -> tuple[Seen, Any]:
+def answered(config: SurfaceTraining, surface: Surface, batch: QueryBatch, blur: float) -> tuple[OpacityEval, Any]:
     return jax.jit(lambda s, b: ask(config, s, b, jnp.float32(blur)))(surface, batch)
 
 
@@ -114,7 +114,7 @@ def as_bundle(config: SurfaceTraining, surface: Any) -> SurfaceBundle:
     )
 
 
-def losses_of(b: SurfaceBundle, blur: float, batch: Asked) -> tuple[float, float]:
+def losses_of(b: SurfaceBundle, blur: float, batch: QueryBatch) -> tuple[float, float]:
     """Of reflectance and of opacity, in float64, as the module says."""
     soft = {
         k: gaussian_filter(v, (blur, blur, 0), mode="wrap", truncate=9.0) if "/texture/" in k else v
@@ -165,7 +165,7 @@ def test_what_is_held_out_is_not_learned_from(counted) -> None:
 
 @pytest.mark.parametrize("hosts", [2, 4, 64])
 def test_hosts_share_a_step(counted, hosts: int) -> None:
-    def sorted_rows(*parts: Asked) -> np.ndarray:
+    def sorted_rows(*parts: QueryBatch) -> np.ndarray:
         rows = np.concatenate([np.concatenate([p.rgb, p.u, p.w, p.light], axis=1) for p in parts])
         return rows[np.lexsort(rows.T)]
 
@@ -420,10 +420,10 @@ def test_a_run_leaves_its_record_its_log_and_materials(data, tmp_path) -> None:
 def test_a_run_that_a_signal_stopped_goes_on_to_the_same_bits(data, tmp_path, monkeypatch) -> None:
     config = replace(CONFIG, batch=64, kimg=0.64)
 
-    def terminated(*arguments: Any) -> Callable[[int], Asked]:
+    def terminated(*arguments: Any) -> Callable[[int], QueryBatch]:
         at = feed(*arguments)
 
-        def batch(i: int) -> Asked:
+        def batch(i: int) -> QueryBatch:
             if i == 3:
                 os.kill(os.getpid(), signal.SIGTERM)
             return at(i)

@@ -24,7 +24,7 @@ from mesoshell.train.export import decoder_arrays
 from mesoshell.train.textures import critic_view
 from mesoshell.train.textures import snapshot as textures_snapshot
 from mesoshell.train.textures.depth_map import TOP, from_above
-from mesoshell.train.textures.exemplars import Scaled, feed, scaled
+from mesoshell.train.textures.exemplars import ScaledExemplars, feed, scaled
 from mesoshell.train.textures.natural_start import wide
 from mesoshell.train.textures.snapshot import bundle
 from mesoshell.train.textures.state import TexturesConfig, TexturesState, fitted
@@ -57,7 +57,7 @@ def exemplars() -> Exemplars:
 
 
 @pytest.fixture(scope="module")
-def begun(exemplars: Exemplars) -> tuple[TexturesConfig, Scaled, TexturesState]:
+def begun(exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars, TexturesState]:
     config, data = fitted(replace(CONFIG, kimg=0.12), exemplars)
     return config, data, start(config, data, jax.random.key(0))
 
@@ -114,7 +114,7 @@ def test_regression_repeats_its_exemplars(begun):
 
 
 @pytest.fixture(scope="module")
-def against_a_critic(exemplars: Exemplars) -> tuple[TexturesConfig, Scaled, TexturesState]:
+def against_a_critic(exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars, TexturesState]:
     wide = replace(exemplars, features=np.tile(exemplars.features, (1, 2, 2, 1)))
     generator = replace(GENERATOR, texels=2 * SIDE, channel_base=256, channel_max=4)
     config, data = fitted(replace(CONFIG, generator=generator, adversarial=1.0, warm=1, kimg=0.1), wide)

@@ -18,8 +18,8 @@ from mesoshell.neutex import edit as paint
 from mesoshell.neutex.cameras import Photo, around
 from mesoshell.neutex.capture import read_capture
 from mesoshell.neutex.mesh import wrapped
-from mesoshell.neutex.render import Lit, picture, view
-from mesoshell.neutex.store import Captured, read_captured
+from mesoshell.neutex.render import Lighting, picture, view
+from mesoshell.neutex.store import NeuTexModel, read_neutex
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.setup import check_irradiance, environment_of, light_of
 from mesoshell.train.experiment import of_length, read_experiment
@@ -108,7 +108,7 @@ def mesh(options: Mesh) -> None:
     print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
 
 
-def _lit(found: Captured, options: Render) -> Lit | None:
+def _lit(found: NeuTexModel, options: Render) -> Lighting | None:
     """The lights given; None for the camera's flash."""
     if not (options.light or options.environment):
         return None
@@ -116,7 +116,7 @@ def _lit(found: Captured, options: Render) -> Lit | None:
         raise InputError(options.object, "has colours as they were photographed, and no reflectance to light")
     check_irradiance("irradiance", np.array(options.irradiance))
     lights = tuple(light_of(toward, options.irradiance) for toward in options.light)
-    return Lit(lights, environment_of(options.environment, {"y": 1, "z": 2}[options.up]))
+    return Lighting(lights, environment_of(options.environment, {"y": 1, "z": 2}[options.up]))
 
 
 def _config(options: Train) -> AtlasTraining:
@@ -131,23 +131,23 @@ def _config(options: Train) -> AtlasTraining:
     return config
 
 
-def _found(path: Path) -> Captured:
+def _found(path: Path) -> NeuTexModel:
     """A snapshot, or the newest of a run."""
     if not path.is_dir():
-        return read_captured(path)
+        return read_neutex(path)
     if not isinstance(read_record(path)[0], AtlasTraining):
         raise InputError(path, "was not made by `mesoshell atlas train`")
-    return read_captured(snapshots(path)[-1][1])
+    return read_neutex(snapshots(path)[-1][1])
 
 
-def _textured(path: Path) -> Captured:
+def _textured(path: Path) -> NeuTexModel:
     found = _found(path)
     if found.config.colour == "volume":
         raise InputError(path, "has its colours in the volume, and no texture")
     return found
 
 
-def _cameras(found: Captured, options: Render) -> list[Photo]:
+def _cameras(found: NeuTexModel, options: Render) -> list[Photo]:
     if options.path == "photographs":
         return list(found.photos)
     if options.path == "held-out":

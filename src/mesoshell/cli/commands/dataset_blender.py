@@ -16,7 +16,7 @@ from mesoshell.cli.progress import bar, stderr
 from mesoshell.datasets.blender import cost as table
 from mesoshell.datasets.blender.cost import SPP, Cell, measure_cost, reference_image
 from mesoshell.datasets.blender.process import Blender, Crash
-from mesoshell.datasets.blender.render import Farm, Report, render_dataset
+from mesoshell.datasets.blender.render import DatasetReport, Farm, render_dataset
 from mesoshell.datasets.blender.shard import Fault
 from mesoshell.datasets.blender.vary import vary_sheet
 from mesoshell.errors import InputError
@@ -58,7 +58,7 @@ def _count(options: Render) -> int:
     return options.patches * options.views
 
 
-def _rendered(settings: dict[str, Any], options: Render, count: int, farm: Farm) -> tuple[Report, float]:
+def _rendered(settings: dict[str, Any], options: Render, count: int, farm: Farm) -> tuple[DatasetReport, float]:
     console = stderr()
     start = said = time.monotonic()
     with bar(console, options.recipe, None, count=True) as move:
@@ -79,7 +79,7 @@ def _rendered(settings: dict[str, Any], options: Render, count: int, farm: Farm)
     return report, time.monotonic() - start
 
 
-def _summary(options: Render, count: int, report: Report, seconds: float) -> str:
+def _summary(options: Render, count: int, report: DatasetReport, seconds: float) -> str:
     new = len(report.logs)
     kept = count - new - len(report.faults)
     lines = [f"{options.out}: {kept} samples were there, {new} are new"]

@@ -18,7 +18,7 @@ from mesoshell.scene.materials import read_params
 from mesoshell.shell.generator.bake import patches_a_tile
 from mesoshell.shell.generator.model import maker_of
 from mesoshell.shell.generator.plan import halo_cost
-from mesoshell.shell.generator.texture_synthesis import Wanted, baked, field_of
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of
 
 
 def run(options: Options) -> None:
@@ -58,7 +58,7 @@ def run(options: Options) -> None:
     print(options.out)
 
 
-def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], wanted: Wanted, progress) -> None:
+def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], wanted: TextureRequest, progress) -> None:
     with new_folder(options.out) as folder:
 
         def allocate(key: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -97,7 +97,7 @@ def _coarser(options: Options, texels: int) -> int:
     return (texels // asked).bit_length() - 1
 
 
-def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> Wanted:
+def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> TextureRequest:
     """Numbers, and images of geometry parameters, which lie once over the extent."""
     values, maps = read_params(bundle, params_of(options.param))
     for p in bundle.parameters:
@@ -106,4 +106,4 @@ def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> Wa
                 "--param", f"{p.name}: a texture holds no appearance that varies; an image varies it in a render"
             )
     normalised(bundle, values, "beta")
-    return Wanted(options.seed, values, {name: field_of(image, extent, False) for name, image in maps.items()})
+    return TextureRequest(options.seed, values, {name: field_of(image, extent, False) for name, image in maps.items()})

@@ -29,7 +29,7 @@ class Farm:
 
 
 @dataclass(frozen=True)
-class Report:
+class DatasetReport:
     """What a run did. missing: samples it found missing; logs: what each new image cost."""
 
     missing: int
@@ -39,7 +39,7 @@ class Report:
 
 def render_dataset(
     settings: Mapping[str, Any], count: int, folder: Path, farm: Farm, show: Callable[[int, int, Fault | None], None]
-) -> Report:
+) -> DatasetReport:
     """Have samples 0 … count − 1 in the folder. show(finished, missing, fault or None) is called at the start and after
     each sample. Raises InputError for settings, a folder or a scheduler that cannot be used; then nothing is written.
     """
@@ -65,7 +65,7 @@ def render_dataset(
                     logs.append(event.log)
                 show(finished, len(missing), fault)
         collector.sort()
-    return Report(len(missing), logs, faults)
+    return DatasetReport(len(missing), logs, faults)
 
 
 def _add(collector: Collector, done: Done) -> Fault | None:

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mesoshell.shell.generator.generator import Averages, Generator, synthesise, synthesise_height
-from mesoshell.shell.generator.model import Grown, Maker
+from mesoshell.shell.generator.model import GeneratorModel, Latent
 from mesoshell.shell.generator.nodes import window
 from mesoshell.shell.generator.plan import CELL, GeneratorConfig, reach
 from mesoshell.shell.material.density_bounds import bounds, new_points
@@ -49,8 +49,8 @@ def patches_a_tile(texels: int) -> int:
 
 
 def bake(
-    maker: Maker,
-    grown: Grown,
+    maker: GeneratorModel,
+    grown: Latent,
     size: tuple[int, int],
     allocate: Allocate,
     needed: Bool[np.ndarray, "P Q"] | None = None,
@@ -72,7 +72,7 @@ def bake(
     return _grids(maker, features, heights, (places, size), allocate, progress)
 
 
-def _heights(maker: Maker, grown: Grown, allocate: Allocate) -> list[Float[np.ndarray, "P Q _r C"]]:
+def _heights(maker: GeneratorModel, grown: Latent, allocate: Allocate) -> list[Float[np.ndarray, "P Q _r C"]]:
     """Levels of F(h) at each node, filled a row of nodes at a time; there is one node if geometry does not vary."""
     varies = grown.w.ndim > 2
     nodes = grown.w[0] if varies else grown.w[None]
@@ -111,7 +111,7 @@ def _places(size: tuple[int, int], texels: int, needed: np.ndarray | None) -> It
 
 
 def _fill(
-    maker: Maker, grown: Grown, place: tuple[int, int], features: list[np.ndarray], size: tuple[int, int]
+    maker: GeneratorModel, grown: Latent, place: tuple[int, int], features: list[np.ndarray], size: tuple[int, int]
 ) -> None:
     texels = maker.config.texels
     side = patches_a_tile(texels) * texels
@@ -132,13 +132,13 @@ def _fill(
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _tile(
-    config: GeneratorConfig, side: int, generator: Generator, averages: Averages, grown: Grown, tile: Array
+    config: GeneratorConfig, side: int, generator: Generator, averages: Averages, grown: Latent, tile: Array
 ) -> Array:
     return synthesise(config, generator, averages, grown.w, grown.phases, tile, (side, side)).feature[0]
 
 
 def _grids(
-    maker: Maker,
+    maker: GeneratorModel,
     features: list[np.ndarray],
     heights: list[Float[np.ndarray, "P Q _r C"]],
     where: tuple[list[tuple[int, int]], tuple[int, int]],

@@ -35,7 +35,7 @@ from mesoshell.typing import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Maker:
+class GeneratorModel:
     """All that makes a material: the generator with its averages, the decoder, and octaves of its height encoding."""
 
     config: GeneratorConfig
@@ -45,7 +45,7 @@ class Maker:
     octaves: int
 
 
-class Grown(NamedTuple):
+class Latent(NamedTuple):
     """A texture before it is synthesised: what its seed and parameters stand for. w: on nodes if geometry varies."""
 
     w: Float[Array, "1 *nodes W"]
@@ -62,7 +62,7 @@ def generator_fields(config: GeneratorConfig) -> dict[str, Any]:
     return asdict(config)
 
 
-def maker_of(bundle: Bundle, name: str) -> Maker:
+def maker_of(bundle: Bundle, name: str) -> GeneratorModel:
     """The generator of a bundle. Raises InputError, about `name`, if it has none or its weights do not fit."""
     if bundle.generator is None:
         raise InputError(name, "holds one texture and no generator; another seed, extent or geometry cannot be had")
@@ -86,16 +86,16 @@ def maker_of(bundle: Bundle, name: str) -> Maker:
         raise InputError(name, "manifest.json: the generator's texels or channels are not the material's")
     leaves = [jnp.asarray(bundle.arrays[key], jnp.float32) for key in named]
     generator, averages = jax.tree.unflatten(jax.tree.structure(like), leaves)
-    return Maker(config, generator, averages, decoder_of(bundle.arrays), bundle.height_octaves)
+    return GeneratorModel(config, generator, averages, decoder_of(bundle.arrays), bundle.height_octaves)
 
 
-def grown(maker: Maker, seed: int, beta: Float[np.ndarray, "*nodes G"]) -> Grown:
+def grown(maker: GeneratorModel, seed: int, beta: Float[np.ndarray, "*nodes G"]) -> Latent:
     """The latent and the phases of a seed."""
     k = jax.random.split(jax.random.key(seed))
     z = jax.random.normal(k[0], (1, maker.config.z), jnp.float32)
     rows = jnp.asarray(beta, jnp.float32).reshape(math.prod(beta.shape[:-1]), beta.shape[-1])
     w = map_latent(maker.generator, jnp.broadcast_to(z, (len(rows), maker.config.z)), rows)
-    return Grown(w.reshape(1, *beta.shape[:-1], w.shape[-1]), draw_phases(maker.config, k[1], 1))
+    return Latent(w.reshape(1, *beta.shape[:-1], w.shape[-1]), draw_phases(maker.config, k[1], 1))
 
 
 def _named(trees: tuple[Any, Any]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from mesoshell.shell.geometry.chart import cells, fits, patches_of
 
 
 @dataclass(frozen=True)
-class Wanted:
+class TextureRequest:
     """What a texture is asked to be. values: of parameters, in their units; fields: of geometry parameters that vary, from
     (…, 2) coordinates in patches to (…) values in [0, 1]; coarser: how many of the finest levels are left out."""
 
@@ -36,7 +36,7 @@ def grow(
     bundle: Bundle,
     name: str,
     uv: Float[np.ndarray, "P 3 2"],
-    wanted: Wanted,
+    wanted: TextureRequest,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Bundle, tuple[int, int]]:
     """The bundle with a texture that covers the surface, and its origin (u, v).
@@ -59,7 +59,7 @@ def baked(
     bundle: Bundle,
     name: str,
     size: tuple[int, int],
-    wanted: Wanted,
+    wanted: TextureRequest,
     needed: Bool[np.ndarray, "P Q"] | None = None,
     progress: Callable[[float], None] = lambda share: None,
     allocate: Callable[[str, tuple[int, ...]], np.ndarray] | None = None,
@@ -87,7 +87,7 @@ def baked(
     return replace(made, provenance=bundle.provenance | {"seed": wanted.seed, "varies": sorted(wanted.fields)}), share
 
 
-def _geometry(bundle: Bundle, wanted: Wanted, nodes: tuple[int, int]) -> Float[np.ndarray, "*nodes G"]:
+def _geometry(bundle: Bundle, wanted: TextureRequest, nodes: tuple[int, int]) -> Float[np.ndarray, "*nodes G"]:
     """β everywhere; or at each corner of the texture's patches, if a field has it vary."""
     same = normalised(bundle, wanted.values, "beta")
     if not wanted.fields:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mesoshell.shell.geometry.march import LOST, WALKING, Place, Prisms, Ray, enter, walk
+from mesoshell.shell.geometry.march import LOST, WALKING, Prisms, Ray, WalkState, enter, walk
 from mesoshell.typing import Array
 
 CAPACITY, CHUNK, STEPS = 4096, 128, 16
@@ -135,12 +135,12 @@ def no_intervals() -> Intervals:
 
 
 @jax.jit
-def _begin(prisms: Prisms, rays: Ray, prism: Array, code: Array) -> Place:
+def _begin(prisms: Prisms, rays: Ray, prism: Array, code: Array) -> WalkState:
     return jax.vmap(enter, in_axes=(None, 0, 0, 0))(prisms, rays, prism, code)
 
 
 @jax.jit
-def _advance(prisms: Prisms, rays: Ray, place: Place, count: Array) -> tuple:
+def _advance(prisms: Prisms, rays: Ray, place: WalkState, count: Array) -> tuple:
     """`walk` on the first `count` rays, a chunk at a time."""
     length = place.t.shape[0]
     chunk = min(CHUNK, length)

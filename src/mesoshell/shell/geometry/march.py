@@ -53,7 +53,7 @@ class Ray(NamedTuple):
     direction: Vec3
 
 
-class Place(NamedTuple):
+class WalkState(NamedTuple):
     """Where a walk stands: prism, distance and its error bound, λ and h where it entered the prism, exit code, doubt."""
 
     prism: Index
@@ -83,7 +83,7 @@ def _local(prisms: Prisms, ray: Ray, prism: Index) -> tuple[Float[Array, "3 3"],
     return (row[:3] - ray.origin[None]) - ray.residual[None], row[3:]
 
 
-def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> Place:
+def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> WalkState:
     """The place where a ray enters `prism` through face `code` (an outer face: top, base, or a side at a border).
 
     Top and base are what an intersector reports, so they are taken at its word; of a side, only an exact crossing counts.
@@ -105,10 +105,10 @@ def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> Place:
     doubt = jnp.where(is_top, top.doubt, jnp.where(is_base, base.doubt, side.doubt))
     exit_ = jnp.where(met, WALKING, LOST).astype(prism.dtype)
     slack = jnp.where(is_top, top.slack, jnp.where(is_base, base.slack, side.slack))
-    return Place(prism, t, slack, jnp.where(met, bary, 0.0), jnp.clip(h, 0, 1), exit_, doubt)
+    return WalkState(prism, t, slack, jnp.where(met, bary, 0.0), jnp.clip(h, 0, 1), exit_, doubt)
 
 
-def step(prisms: Prisms, ray: Ray, place: Place) -> tuple[Place, Interval]:
+def step(prisms: Prisms, ray: Ray, place: WalkState) -> tuple[WalkState, Interval]:
     """Cross one prism: the interval inside it, and the place after it. A walk that has ended stays where it is."""
     p, n = _local(prisms, ray, place.prism)
     d = ray.direction
@@ -130,7 +130,7 @@ def step(prisms: Prisms, ray: Ray, place: Place) -> tuple[Place, Interval]:
     beyond = jnp.where(code < TOP, _pick(across[:3], edge), -1)
     bary2 = _along_side(_pick(across[3:], edge), u, 1 - u)[:2]
     stays = beyond < 0
-    after = Place(
+    after = WalkState(
         jnp.where(stays, place.prism, beyond),
         t1,
         _pick(faces.slack, code),
@@ -143,7 +143,7 @@ def step(prisms: Prisms, ray: Ray, place: Place) -> tuple[Place, Interval]:
     return jax.tree.map(lambda new, old: jnp.where(walking, new.astype(old.dtype), old), after, place), interval
 
 
-def _choose(faces: Crossing, place: Place) -> tuple[Index, Flag, Flag]:
+def _choose(faces: Crossing, place: WalkState) -> tuple[Index, Flag, Flag]:
     """Which face the ray leaves through: the nearest one ahead whose bounds it meets, else the one it misses by least.
 
     Bounds are widened by rounding: a ray through an edge may miss both of its faces by that much, and meet one further on.
@@ -176,7 +176,7 @@ def _along_side(edge: Index, first: Scalar, second: Scalar) -> Vec3:
     return jnp.where(k == edge, first, jnp.where(k == (edge + 1) % 3, second, jnp.zeros_like(first)))
 
 
-def walk(prisms: Prisms, rays: Ray, start: Place, steps: int) -> tuple[Place, Interval, Int[Array, "R"]]:
+def walk(prisms: Prisms, rays: Ray, start: WalkState, steps: int) -> tuple[WalkState, Interval, Int[Array, "R"]]:
     """At most `steps` prisms of every ray, in lock-step; ends early once every ray has ended.
 
     rays, start: one row a ray. Returns where each ray stands (exit code WALKING: call again with this as `start`), its

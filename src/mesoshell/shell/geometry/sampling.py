@@ -116,7 +116,7 @@ def place_exact(chart: Chart, piece: Piece, at: Frame, f: Scalar) -> Vec3:
     return canonical(chart, piece.prism, bary, h)
 
 
-class Spread(NamedTuple):
+class SampleBudget(NamedTuple):
     """How a ray's budget falls on its intervals. count: samples of each interval; first: number of its first sample
     within the ray; begin: canonical length of the ray before it; step: canonical length a sample stands for; shift: where in
     its share of the ray a sample lies, 0 to 1."""
@@ -128,7 +128,9 @@ class Spread(NamedTuple):
     shift: float
 
 
-def spread(i: Intervals, length: Float[np.ndarray, "I"], samples: int, spacing: str, shift: float = 0.5) -> Spread:
+def spread(
+    i: Intervals, length: Float[np.ndarray, "I"], samples: int, spacing: str, shift: float = 0.5
+) -> SampleBudget:
     """Distribute `samples` a ray over its intervals: in proportion to length, or the same number each (at least 1)."""
     new = np.concatenate([[True], i.ray[1:] != i.ray[:-1]]) if len(i.ray) else np.zeros(0, bool)
     start = np.flatnonzero(new)
@@ -138,7 +140,7 @@ def spread(i: Intervals, length: Float[np.ndarray, "I"], samples: int, spacing: 
         rank = np.arange(len(i.ray)) - start[group]
         count = np.maximum(((rank + 1) * samples) // number - (rank * samples) // number, 1)
         zero = np.zeros(len(i.ray), np.int64)
-        return Spread(count, zero, np.zeros(len(i.ray)), length / count, shift)
+        return SampleBudget(count, zero, np.zeros(len(i.ray)), length / count, shift)
     total = np.add.reduceat(length, start) if len(start) else length
     through = np.cumsum(length, dtype=np.float64)
     begin = through - length - (through - length)[start][group]
@@ -147,4 +149,4 @@ def spread(i: Intervals, length: Float[np.ndarray, "I"], samples: int, spacing: 
     last = np.append(new[1:], True) if len(new) else new
     edge[1, last] = samples  # rounding must not lose the last sample of a ray
     edge[0, 1:] = np.where(new[1:], 0, edge[1, :-1])
-    return Spread(np.maximum(edge[1] - edge[0], 0), edge[0], begin, step, shift)
+    return SampleBudget(np.maximum(edge[1] - edge[0], 0), edge[0], begin, step, shift)

@@ -1,7 +1,7 @@
 """The compiled parts of the renderer: one program for each thing asked of many samples.
 
 Each kernel works on padded arrays of a fixed capacity and a count, in tiles (`nets/mlp.in_tiles`), so that it is compiled
-once whatever the scene. What an effect needs is traced only if the effect is on: `Program` is a static argument, and two
+once whatever the scene. What an effect needs is traced only if the effect is on: `StaticConfig` is a static argument, and two
 scenes that call for the same effects share a compiled program.
 
 Notation
@@ -28,7 +28,7 @@ from mesoshell.typing import Array, Float, Scalar, Vec3
 
 
 @dataclass(frozen=True)
-class Program:
+class StaticConfig:
     """What is compiled: the material's layout, and which effects the scene calls for. Hashable, a static argument."""
 
     layout: Layout
@@ -39,7 +39,7 @@ class Program:
     maps: tuple[int, ...]  # positions in α that vary over the surface
 
 
-class Table(NamedTuple):
+class DeviceTables(NamedTuple):
     """Everything a kernel reads that is not per sample. maps: (M, H, W), repeated over the UV square."""
 
     chart: Chart
@@ -73,20 +73,20 @@ def frames(chart: Chart, pieces: Piece, count: Array) -> Frame:
     return Frame(xi0, xi1, length, inverse.reshape(-1, 3, 3))
 
 
-def _sample(program: Program, table: Table, pieces: Piece, at: Frame, s: Samples) -> tuple[Vec3, Footprint]:
+def _sample(program: StaticConfig, table: DeviceTables, pieces: Piece, at: Frame, s: Samples) -> tuple[Vec3, Footprint]:
     piece, here = jax.tree.map(lambda x: x[s.row], (pieces, at))
     placed = place(piece, here, s.f, s.share, table.cone)
     xi = place_exact(table.chart, piece, here, s.f) if program.exact else placed.xi
     return xi, placed.footprint
 
 
-def _level(program: Program, footprint: Footprint) -> Scalar:
+def _level(program: StaticConfig, footprint: Footprint) -> Scalar:
     if not program.filtering:
         return jnp.zeros_like(footprint.minor)
     return mip.level_of(footprint.minor, program.layout.texel_density, len(program.layout.sizes) - 1)
 
 
-def bound(program: Program, grid: Grid, xi: Vec3, level: Scalar) -> Scalar:
+def bound(program: StaticConfig, grid: Grid, xi: Vec3, level: Scalar) -> Scalar:
     """Largest σ that the material can have near ξ at this level."""
     shapes = jnp.array(program.grid_shapes, jnp.int32)
     sizes = [a * b * c for a, b, c in program.grid_shapes]
@@ -108,7 +108,9 @@ def _cells(layout: Layout) -> tuple[int, ...]:
 
 
 @partial(jax.jit, static_argnums=0)
-def depth_bounds(program: Program, table: Table, pieces: Piece, at: Frame, samples: Samples, count: Array) -> Array:
+def depth_bounds(
+    program: StaticConfig, table: DeviceTables, pieces: Piece, at: Frame, samples: Samples, count: Array
+) -> Array:
     """Largest optical depth each sample can have: those below their share of `Quality.skip` need not be decoded."""
 
     def tile(s: Samples) -> tuple[Array]:
@@ -121,7 +123,7 @@ def depth_bounds(program: Program, table: Table, pieces: Piece, at: Frame, sampl
     return in_tiles(tile, count, (samples,), ((0, jnp.float32),))[0]
 
 
-def _alpha(program: Program, table: Table, xi: Vec3) -> Array:
+def _alpha(program: StaticConfig, table: DeviceTables, xi: Vec3) -> Array:
     alpha = table.alpha
     if program.maps:
         uv = xi[:2] / table.patches_per_uv
@@ -133,7 +135,7 @@ def _alpha(program: Program, table: Table, xi: Vec3) -> Array:
     return alpha
 
 
-def _inputs(program: Program, table: Table, xi: Vec3, footprint: Footprint) -> Array:
+def _inputs(program: StaticConfig, table: DeviceTables, xi: Vec3, footprint: Footprint) -> Array:
     """Decoder inputs of a sample; with several taps, features are averaged along the footprint's long axis."""
     alpha = _alpha(program, table, xi)
     zero = jnp.zeros_like(footprint.minor)
@@ -165,7 +167,9 @@ def gaussian_taps(n: int) -> tuple[Array, Array]:
 
 
 @partial(jax.jit, static_argnums=0)
-def density(program: Program, table: Table, pieces: Piece, at: Frame, samples: Samples, count: Array) -> tuple:
+def density(
+    program: StaticConfig, table: DeviceTables, pieces: Piece, at: Frame, samples: Samples, count: Array
+) -> tuple:
     """τ and the trunk's features of samples."""
     width = table.material.decoder.trunk[-1].bias.shape[0]
 
@@ -181,7 +185,7 @@ def density(program: Program, table: Table, pieces: Piece, at: Frame, samples: S
 
 
 @partial(jax.jit, static_argnums=0)
-def density_at(program: Program, table: Table, xi: Array, radius: Array, count: Array) -> Array:
+def density_at(program: StaticConfig, table: DeviceTables, xi: Array, radius: Array, count: Array) -> Array:
     """σ at given points with isotropic filter radius: for the shell's shadow on the surface underneath."""
 
     def tile(xi: Array, radius: Array) -> tuple[Array]:
@@ -195,7 +199,7 @@ def density_at(program: Program, table: Table, xi: Array, radius: Array, count: 
 
 @jax.jit
 def transport(
-    table: Table, at: Frame, pieces: Piece, found: Array, where: Array, row: Array, light: Array, count: Array
+    table: DeviceTables, at: Frame, pieces: Piece, found: Array, where: Array, row: Array, light: Array, count: Array
 ) -> Array:
     """ρ(ω, ω′) of samples and lights, (S, L, 3).
 

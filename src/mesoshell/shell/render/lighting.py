@@ -28,7 +28,7 @@ from mesoshell.shell.geometry.extrude import FLATTEST
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, inverse_jacobian
 from mesoshell.shell.geometry.tracer import ADVANCE, Boundary, Trace
 from mesoshell.shell.render import kernels
-from mesoshell.shell.render.kernels import Program, Table
+from mesoshell.shell.render.kernels import DeviceTables, StaticConfig
 from mesoshell.shell.render.scene import Scene
 from mesoshell.typing import Array
 
@@ -60,8 +60,8 @@ class Lighting:
         quality: Quality,
         effects: Effects,
         boundary: Boundary,
-        program: Program,
-        table: Table,
+        program: StaticConfig,
+        table: DeviceTables,
         report,
     ):
         self.scene, self.quality, self.effects, self.boundary = scene, quality, effects, boundary

@@ -27,10 +27,10 @@ from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry.batched_walk import Intervals
-from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, Spread, spread
+from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, SampleBudget, spread
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render import kernels
-from mesoshell.shell.render.kernels import Program, Samples, Table
+from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig
 from mesoshell.shell.render.lighting import Lighting, Shaded, Tile
 from mesoshell.shell.render.scene import Scene
 
@@ -39,7 +39,7 @@ RAYS, WAVE = 32768, 8
 
 
 @dataclass
-class Report:
+class RenderReport:
     """Seconds by stage and counts of a render. Tiles run on several threads: a stage's seconds are summed over them, so
     only `wall` compares with a clock."""
 
@@ -61,12 +61,12 @@ class Report:
 
 def render(
     scene: Scene, quality: Quality, effects: Effects, progress: Callable[[float], None] = lambda share: None
-) -> tuple[Float[np.ndarray, "H W 4"], Report]:
+) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
     """Linear RGBA, premultiplied, (H, W, 4), and what it took. progress: called with the share done, 0 to 1.
 
     The picture does not depend on the number of threads: each tile draws its random numbers from its own seed.
     """
-    report, begin = Report(), time.perf_counter()
+    report, begin = RenderReport(), time.perf_counter()
     camera = scene.camera
     renderer = _Renderer(scene, quality, effects, report)
     pixels = camera.height * camera.width
@@ -93,7 +93,7 @@ def render(
 class _Renderer:
     """A scene's tables, ready for tiles of rays."""
 
-    def __init__(self, scene: Scene, quality: Quality, effects: Effects, report: Report):
+    def __init__(self, scene: Scene, quality: Quality, effects: Effects, report: RenderReport):
         begin = time.perf_counter()
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
         shell, ready = scene.shell, scene.ready
@@ -101,7 +101,7 @@ class _Renderer:
         varying = (
             tuple(i for i, n in enumerate(ready.names) if n in scene.maps) if effects.varying_parameters.on else ()
         )
-        self.program = Program(
+        self.program = StaticConfig(
             ready.layout,
             ready.grid_shapes,
             effects.filtering.on,
@@ -110,7 +110,7 @@ class _Renderer:
             varying,
         )
         maps = [scene.maps[ready.names[i]] for i in varying]
-        self.table = Table(
+        self.table = DeviceTables(
             Chart(self.boundary.prisms.corners, jnp.asarray(shell.uv.reshape(-1, 6))),
             ready.material,
             ready.grid,
@@ -168,7 +168,7 @@ class _Renderer:
     def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:
         return lambda *a: kernel(self.program, self.table, pieces, at, Samples(*a[:-1]), a[-1])
 
-    def candidates(self, i: Intervals, plan: Spread, pieces: Piece, at: Frame) -> tuple[Samples, np.ndarray]:
+    def candidates(self, i: Intervals, plan: SampleBudget, pieces: Piece, at: Frame) -> tuple[Samples, np.ndarray]:
         """Samples that may hold something, sorted by ray and distance, and the ray of each."""
         row = np.repeat(np.arange(len(i.ray), dtype=np.int32), plan.count)
         within = np.arange(len(row)) - np.repeat(np.cumsum(plan.count) - plan.count, plan.count)

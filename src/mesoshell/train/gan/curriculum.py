@@ -17,7 +17,7 @@ from jaxtyping import Int
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.shell.generator.discriminator import GROUP
-from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.state import TrainConfig, sized
 from mesoshell.train.loader import Feed, take
 from mesoshell.train.patch_renderer import PictureConfig
@@ -72,7 +72,7 @@ def fitted_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
     return replace(picture, fov=float(dataset.samples[0].fov))
 
 
-def renders(config: Paced, dataset: Dataset, host: int = 0, hosts: int = 1) -> Callable[[int], Shown]:
+def renders(config: Paced, dataset: Dataset, host: int = 0, hosts: int = 1) -> Callable[[int], ImageBatch]:
     """This host's rows of step i, as NumPy arrays. Raises InputError if hosts cannot share the batch, or data are too few."""
     if config.batch % hosts:
         raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
@@ -84,22 +84,22 @@ def renders(config: Paced, dataset: Dataset, host: int = 0, hosts: int = 1) -> C
         some = far_first[: max(hosts, round(share * len(far_first)))]
         feeds.append(Feed(replace(dataset, samples=tuple(some)), rows, config.seed + stage, host, hosts))
 
-    def at(step: int) -> Shown:
+    def at(step: int) -> ImageBatch:
         kimg = step * config.batch / 1000
         stage = STAGES if kimg >= config.near_kimg else int(STAGES * kimg / config.near_kimg)
         b = feeds[stage][step]
         key = jax.random.fold_in(jax.random.key(config.seed), step)
         keys = jax.random.key_data(jax.random.split(key, config.batch))
         mine = np.asarray(keys)[host * rows : (host + 1) * rows]
-        return Shown(b.image.astype(np.float32), b.alpha, b.beta, b.camera_to_world, b.light, b.irradiance, mine)
+        return ImageBatch(b.image.astype(np.float32), b.alpha, b.beta, b.camera_to_world, b.light, b.irradiance, mine)
 
     return at
 
 
-def views_of(config: Paced, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]) -> Shown:
+def views_of(config: Paced, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]) -> ImageBatch:
     """The samples at these positions, with keys of their own: the same whenever they are asked for."""
     b = take(dataset, np.asarray(positions))
     keys = np.stack(
         [jax.random.key_data(jax.random.fold_in(jax.random.key(config.seed), i)) for i in range(len(positions))]
     )
-    return Shown(b.image.astype(np.float32), b.alpha, b.beta, b.camera_to_world, b.light, b.irradiance, keys)
+    return ImageBatch(b.image.astype(np.float32), b.alpha, b.beta, b.camera_to_world, b.light, b.irradiance, keys)

@@ -33,7 +33,7 @@ from mesoshell.train.patch_renderer import View, material_of, take_picture
 from mesoshell.typing import Array, Float, Scalar
 
 
-class Shown(NamedTuple):
+class ImageBatch(NamedTuple):
     """Renders of a step with their labels, and the keys of as many generated pictures. image: linear RGBA.
 
     NumPy arrays on the host, JAX arrays in a step."""
@@ -47,7 +47,7 @@ class Shown(NamedTuple):
     key: Any  # (B, 2), uint32
 
 
-class Seen(NamedTuple):
+class GeneratorStats(NamedTuple):
     """What the generator's state averages: mean squares of its layers' inputs, mean of w. roughness: see regularise."""
 
     magnitude: list[Scalar]
@@ -55,7 +55,7 @@ class Seen(NamedTuple):
     roughness: Scalar
 
 
-def label(batch: Shown) -> Float[Array, "B L"]:
+def label(batch: ImageBatch) -> Float[Array, "B L"]:
     """c."""
     toward = batch.camera_to_world[:, :3, 3] - 0.5
     distance = jnp.sqrt(jnp.sum(toward**2, axis=1, keepdims=True))
@@ -63,7 +63,7 @@ def label(batch: Shown) -> Float[Array, "B L"]:
     return jnp.concatenate([about, toward / distance, jnp.log(distance), batch.light], axis=1)
 
 
-def asked(config: TrainConfig, batch: Shown) -> Shown:
+def asked(config: TrainConfig, batch: ImageBatch) -> ImageBatch:
     """What generated pictures are asked to be: a texture's parameters are those of the first of its views."""
 
     def first(x: Array) -> Array:
@@ -76,10 +76,10 @@ def generate(
     config: TrainConfig,
     learner: Learner,
     averages: Averages,
-    batch: Shown,
+    batch: ImageBatch,
     each: Callable[[Callable], Callable],
     tile: tuple[int, int] = (0, 0),
-) -> tuple[Float[Array, "B S S 4"], Seen]:
+) -> tuple[Float[Array, "B S S 4"], GeneratorStats]:
     """Pictures of fresh textures from the batch's cameras, lights and parameters (those of `asked`). tile: of the plane."""
     keys = jax.vmap(lambda k: jax.random.split(k, 3))(jax.random.wrap_key_data(batch.key))
     textures = keys[:: config.views]
@@ -104,4 +104,4 @@ def generate(
     views = View(batch.camera_to_world, batch.light, batch.irradiance, batch.alpha)
     feature, height = (jnp.repeat(x, config.views, axis=0) for x in (texture.feature, height))
     pictures, rough = each(one)(feature, height, views, keys[:, 2])
-    return pictures, Seen(texture.magnitude, jax.lax.stop_gradient(jnp.mean(w, axis=0)), jnp.mean(rough))
+    return pictures, GeneratorStats(texture.magnitude, jax.lax.stop_gradient(jnp.mean(w, axis=0)), jnp.mean(rough))

@@ -26,7 +26,7 @@ from mesoshell.shell.generator.generator import Averages, draw_phases, map_laten
 from mesoshell.shell.generator.model import maker_of
 from mesoshell.train.export import declared, generator_bundle
 from mesoshell.train.gan.curriculum import Paced, views_of
-from mesoshell.train.gan.generate import Shown, generate
+from mesoshell.train.gan.generate import ImageBatch, generate
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState
 from mesoshell.train.parallel import in_turn
 from mesoshell.typing import Array
@@ -40,7 +40,7 @@ def save(path: Path, config: TrainConfig, dataset: Dataset, state: TrainState) -
     write_bundle(path, generator_bundle(config, state.smooth, state.averages, declared(dataset.manifest), about))
 
 
-def painter(config: TrainConfig, path: Path) -> Callable[[Shown], Float[np.ndarray, "B S S 4"]]:
+def painter(config: TrainConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
     """What makes pictures of a snapshot, a texture each, with the labels and keys of a batch."""
     maker = maker_of(read_bundle(path), str(path))
     learner = Learner(maker.generator, maker.decoder)
@@ -67,7 +67,7 @@ def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.
     return np.concatenate(parts, axis=1)
 
 
-def ends(config: Paced, dataset: Dataset) -> tuple[Shown, Shown]:
+def ends(config: Paced, dataset: Dataset) -> tuple[ImageBatch, ImageBatch]:
     """A row of the farthest renders, and one of the nearest."""
     far_first = sorted(range(len(dataset.samples)), key=lambda i: -dataset.samples[i].radius)
     return views_of(config, dataset, far_first[:COLUMNS]), views_of(config, dataset, far_first[-COLUMNS:])
@@ -87,19 +87,21 @@ def as_colours(feature: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "V U 3"
 
 
 def pictures(
-    config: TrainConfig, learner: Learner, averages: Averages, batch: Shown, tile: tuple[int, int] = (0, 0)
+    config: TrainConfig, learner: Learner, averages: Averages, batch: ImageBatch, tile: tuple[int, int] = (0, 0)
 ) -> Float[np.ndarray, "B S S 4"]:
     """Generated pictures of a tile of the plane, a texture each, with the labels and keys of a batch."""
     return np.asarray(_pictures(replace(config, views=1), tile, learner, averages, jax.tree.map(jnp.asarray, batch)))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _pictures(config: TrainConfig, tile: tuple[int, int], learner: Learner, averages: Averages, batch: Shown) -> Array:
+def _pictures(
+    config: TrainConfig, tile: tuple[int, int], learner: Learner, averages: Averages, batch: ImageBatch
+) -> Array:
     return generate(config, learner, averages, batch, in_turn, tile)[0]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _feature(config: TrainConfig, side: int, learner: Learner, averages: Averages, batch: Shown) -> Array:
+def _feature(config: TrainConfig, side: int, learner: Learner, averages: Averages, batch: ImageBatch) -> Array:
     k = jax.random.split(jax.random.key(config.seed))
     z = jax.random.normal(k[0], (1, config.generator.z), jnp.float32)
     w = map_latent(learner.generator, z, batch.beta[:1])

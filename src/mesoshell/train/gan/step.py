@@ -20,7 +20,7 @@ import jax.numpy as jnp
 
 from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.shell.generator.generator import Averages
-from mesoshell.train.gan.generate import Seen, Shown, asked, generate, label
+from mesoshell.train.gan.generate import GeneratorStats, ImageBatch, asked, generate, label
 from mesoshell.train.gan.regularise import blurred
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers
 from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
@@ -34,7 +34,7 @@ MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
 AVERAGE_IMAGES, AVERAGE_SHARE = 10_000.0, 0.05
 
 
-class Report(NamedTuple):
+class GanReport(NamedTuple):
     """Losses, mean logits, and which leaves of the gradients (learner's, then discriminator's) are not finite. r1 is as it is
     minimised: r1_every times R1 where it is due, else 0, so that its mean over steps is R1."""
 
@@ -46,7 +46,9 @@ class Report(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = HERE) -> tuple[TrainState, Report]:
+def step(
+    config: TrainConfig, state: TrainState, batch: ImageBatch, across: Across = HERE
+) -> tuple[TrainState, GanReport]:
     """Both updates, R1 if it is due, and the averages. Pure."""
     wanted = asked(config, batch)
     c, c_fake, sharp = label(batch), label(wanted), shown(batch.image[..., :3])
@@ -61,7 +63,7 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
     def judged(discriminator: Any, y: Array, c: Array) -> Array:
         return discriminate(discriminator, y, c, across.everyone, config.precision)
 
-    def make(learner: Learner) -> tuple[tuple[Array, Scalar], Seen]:
+    def make(learner: Learner) -> tuple[tuple[Array, Scalar], GeneratorStats]:
         pictures, seen = generate(config, learner, state.averages, wanted, across.each)
         return (softened(shown(pictures[..., :3])), seen.roughness), seen
 
@@ -107,10 +109,10 @@ def step(config: TrainConfig, state: TrainState, batch: Shown, across: Across = 
         state.step + 1,
         images,
     )
-    return new, Report(losses[0], losses[1], penalty, losses[2], losses[3], bad)
+    return new, GanReport(losses[0], losses[1], penalty, losses[2], losses[3], bad)
 
 
-def _mismatched(batch: Shown, across: Across) -> Shown:
+def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:
     """Each row with the parameters of the next, of all devices' rows."""
 
     def next_of(x: Array) -> Array:
@@ -141,7 +143,7 @@ def _smoothed(smooth: Learner, learner: Learner, rows: int, images: Array) -> Le
     return jax.tree.map(lambda old, new: new + (old - new) * keep.astype(new.dtype), smooth, learner)
 
 
-def _averaged(averages: Averages, seen: Seen, rows: int) -> Averages:
+def _averaged(averages: Averages, seen: GeneratorStats, rows: int) -> Averages:
     keep = 0.5 ** (rows / MAGNITUDE_HALF_LIFE)
     magnitude = [
         new.astype(old.dtype) + (old - new.astype(old.dtype)) * keep

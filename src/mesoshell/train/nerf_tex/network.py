@@ -23,7 +23,7 @@ import optax
 
 from mesoshell.shell.material.decoder import Decoder, encode_height, init_decoder
 from mesoshell.shell.material.field import Point
-from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.state import TrainConfig
 from mesoshell.train.losses import smape, transmittance_loss
 from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
@@ -97,7 +97,7 @@ def start(config: ParametricConfig, key: Key[Array, ""]) -> ParametricState:
 
 
 def step(
-    config: ParametricConfig, state: ParametricState, batch: Shown, across: Across = HERE
+    config: ParametricConfig, state: ParametricState, batch: ImageBatch, across: Across = HERE
 ) -> tuple[ParametricState, ParametricReport]:
     """One update. Pure."""
 
@@ -117,7 +117,7 @@ def step(
 
 
 def paint(
-    config: ParametricConfig, decoder: Decoder, batch: Shown, each: Callable[[Callable], Callable]
+    config: ParametricConfig, decoder: Decoder, batch: ImageBatch, each: Callable[[Callable], Callable]
 ) -> Float[Array, "B S S 4"]:
     """Pictures from a batch's cameras, lights and parameters, the seeds among its β included."""
     keys = jax.random.wrap_key_data(batch.key)
@@ -138,7 +138,7 @@ def see(config: ParametricConfig, point: Point) -> Float[Array, "I"]:
     return jnp.concatenate([place.reshape(-1), parameters.reshape(-1)])
 
 
-def redrawn(config: ParametricConfig, batch: Shown) -> Shown:
+def redrawn(config: ParametricConfig, batch: ImageBatch) -> ImageBatch:
     """The batch with seeds that no render has, drawn by its keys; the batch itself if the network sees none."""
     if not config.seeded:
         return batch

@@ -22,7 +22,7 @@ from mesoshell.io.archive import read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle import MANIFEST, SCHEMA
 from mesoshell.io.dataset import Dataset
 from mesoshell.shell.material.decoder import Decoder
-from mesoshell.train.gan.generate import Shown
+from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.snapshot import ends, in_rows, provenance
 from mesoshell.train.nerf_tex.network import ParametricConfig, ParametricState, paint, redrawn, start
 from mesoshell.train.parallel import in_turn
@@ -36,7 +36,7 @@ def save(path: Path, config: ParametricConfig, dataset: Dataset, state: Parametr
     write_arrays(path, {MANIFEST: text} | {name: np.asarray(leaf) for name, leaf in _named(state.decoder).items()})
 
 
-def painter(config: ParametricConfig, path: Path) -> Callable[[Shown], Float[np.ndarray, "B S S 4"]]:
+def painter(config: ParametricConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
     """What makes pictures of a snapshot with the labels of a batch, and with seeds by its keys. Raises InputError if the file
     does not hold this configuration's network."""
     like = jax.eval_shape(lambda: start(config, jax.random.key(0))).decoder
@@ -55,13 +55,13 @@ def sheet(config: ParametricConfig, dataset: Dataset, state: ParametricState) ->
     return in_rows([rows for batch in (near, far) for rows in (batch.image, pictures(config, state.decoder, batch))])
 
 
-def pictures(config: ParametricConfig, decoder: Decoder, batch: Shown) -> Float[np.ndarray, "B S S 4"]:
+def pictures(config: ParametricConfig, decoder: Decoder, batch: ImageBatch) -> Float[np.ndarray, "B S S 4"]:
     """Pictures with the labels of a batch."""
     return np.asarray(_pictures(config, decoder, jax.tree.map(jnp.asarray, batch)))
 
 
 @partial(jax.jit, static_argnums=0)
-def _pictures(config: ParametricConfig, decoder: Decoder, batch: Shown) -> Array:
+def _pictures(config: ParametricConfig, decoder: Decoder, batch: ImageBatch) -> Array:
     return paint(config, decoder, batch, in_turn)
 
 

@@ -18,7 +18,7 @@ from mesoshell.neutex.capture import Capture
 from mesoshell.neutex.edit import texture_image
 from mesoshell.neutex.layout import checkerboard
 from mesoshell.neutex.render import Paint, picture, view
-from mesoshell.neutex.store import Captured, read_captured, write_captured
+from mesoshell.neutex.store import NeuTexModel, read_neutex, write_neutex
 from mesoshell.render.quality import Quality
 from mesoshell.train.neutex.ray_batches import held_out
 from mesoshell.train.neutex.step import AtlasState, AtlasTraining
@@ -29,12 +29,12 @@ SQUARES, BOARD = 6, 192
 
 def save(path: Path, config: AtlasTraining, capture: Capture, state: AtlasState) -> None:
     """The object as it is now."""
-    write_captured(path, captured(config, capture, state))
+    write_neutex(path, captured(config, capture, state))
 
 
-def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> Captured:
+def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> NeuTexModel:
     about = {"config": asdict(config), "capture": capture.manifest, "commit": commit(), "rays": int(state.images)}
-    return Captured(
+    return NeuTexModel(
         config.field,
         state.field,
         capture.centre,
@@ -47,7 +47,7 @@ def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> Capt
 
 def painter(config: AtlasTraining, path: Path) -> Callable[[list[Photo]], list[np.ndarray]]:
     """What renders cameras by a snapshot: linear premultiplied RGBA."""
-    found = read_captured(path)
+    found = read_neutex(path)
     how = view(found.config, found.field, quality_of(config))
 
     def pictures(photos: list[Photo]) -> list[np.ndarray]:

@@ -23,7 +23,7 @@ from mesoshell.io.query_dataset import Patches
 from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.surface_material.loader import surface_of
 from mesoshell.surface_material.network import Surface, blurred
-from mesoshell.train.surface.step import Asked, SurfaceState, SurfaceTraining, ask, asked, blur_at
+from mesoshell.train.surface.step import QueryBatch, SurfaceState, SurfaceTraining, ask, asked, blur_at
 from mesoshell.typing import Array
 
 #: Of the sheet: pixels of a picture, periods that it shows, cosines toward the viewer.
@@ -93,7 +93,7 @@ def sheet(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Float[
                 "cosine": np.ones(n),
                 "rgb": np.ones((n, 3)),
             }
-            batch = Asked(**{name: jnp.asarray(x, jnp.float32) for name, x in columns.items()})
+            batch = QueryBatch(**{name: jnp.asarray(x, jnp.float32) for name, x in columns.items()})
             found, rho = _current(config, state, batch)
             alpha = np.asarray(found.alpha)[:, None]
             row.append((alpha * np.asarray(rho) * 12 + (1 - alpha) * BEHIND).reshape(SIDE, SIDE, 3))
@@ -102,10 +102,10 @@ def sheet(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Float[
 
 
 @partial(jax.jit, static_argnums=0)
-def _current(config: SurfaceTraining, state: SurfaceState, batch: Asked) -> Any:
+def _current(config: SurfaceTraining, state: SurfaceState, batch: QueryBatch) -> Any:
     return ask(config, state.surface, batch, blur_at(config, state.images.astype(jnp.float32) / (config.kimg * 1000)))
 
 
 @partial(jax.jit, static_argnums=0)
-def _answers(config: SurfaceTraining, surface: Surface, batch: Asked) -> tuple[Any, Array]:
+def _answers(config: SurfaceTraining, surface: Surface, batch: QueryBatch) -> tuple[Any, Array]:
     return ask(config, surface, batch, jnp.asarray(1e-3, jnp.float32))

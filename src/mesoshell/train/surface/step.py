@@ -26,10 +26,10 @@ import optax
 from mesoshell.errors import InputError
 from mesoshell.io.query_dataset import COLUMNS, Patches
 from mesoshell.surface_material.network import (
-    Place,
-    Seen,
+    OpacityEval,
     Surface,
     SurfaceConfig,
+    SurfaceQuery,
     init_surface,
     reflectance,
     seen,
@@ -64,7 +64,7 @@ class SurfaceTraining:
     fine: float = FINE
 
 
-class Asked(NamedTuple):
+class QueryBatch(NamedTuple):
     """A batch of queries with their answers; the columns of io/query_dataset."""
 
     u: Float[Array, "B 2"]
@@ -124,7 +124,7 @@ def held_out(data: Patches) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, .
     return data.patches[:-last], data.patches[-last:]
 
 
-def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) -> Callable[[int], "Asked"]:
+def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) -> Callable[[int], "QueryBatch"]:
     """This host's queries of step i: equal runs of neighbours from patches drawn for the step. Raises InputError if they do
     not come out even, a patch is too small, or holds NaN."""
     patches = held_out(data)[0]
@@ -136,7 +136,7 @@ def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) 
     if least < each:
         raise InputError(data.folder, f"has {least} queries in a patch; a step takes {each}")
 
-    def at(step: int) -> Asked:
+    def at(step: int) -> QueryBatch:
         random = np.random.default_rng([config.seed, step])
         chosen, first = random.integers(len(patches), size=mixed), random.random(mixed)
         rows = []
@@ -150,14 +150,14 @@ def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) 
     return at
 
 
-def asked(rows: np.ndarray) -> "Asked":
+def asked(rows: np.ndarray) -> "QueryBatch":
     """Rows of a patch by their meaning."""
     column: dict[str, Any] = {name: np.ascontiguousarray(rows[:, i]) for i, name in enumerate(COLUMNS)}
     column |= {name: np.stack([column[c] for c in of], axis=-1) for name, of in _VECTORS.items()}
-    return Asked(**{name: column[name] for name in Asked._fields})
+    return QueryBatch(**{name: column[name] for name in QueryBatch._fields})
 
 
-#: Fields of Asked that are several columns.
+#: Fields of QueryBatch that are several columns.
 _VECTORS = {"u": ("u", "v"), "w": ("wx", "wy", "wz"), "light": ("lx", "ly", "lz"), "rgb": ("r", "g", "b")}
 
 
@@ -167,7 +167,7 @@ def start(config: SurfaceTraining, key: Key[Array, ""]) -> SurfaceState:
 
 
 def step(
-    config: SurfaceTraining, state: SurfaceState, batch: Asked, across: Across = HERE
+    config: SurfaceTraining, state: SurfaceState, batch: QueryBatch, across: Across = HERE
 ) -> tuple[SurfaceState, SurfaceReport]:
     """One update. Pure."""
     share = state.images.astype(jnp.float32) / (config.kimg * 1000)
@@ -193,18 +193,20 @@ def blur_at(config: SurfaceTraining, share: Scalar) -> Scalar:
     return WIDE * (config.fine / WIDE) ** jnp.clip(share / SHRINK, 0, 1)
 
 
-def ask(config: SurfaceTraining, surface: Surface, batch: Asked, blur: Scalar) -> tuple[Seen, Float[Array, "B 3"]]:
+def ask(
+    config: SurfaceTraining, surface: Surface, batch: QueryBatch, blur: Scalar
+) -> tuple[OpacityEval, Float[Array, "B 3"]]:
     """What a surface answers to a batch: α and c, and ρ."""
     table = tables(surface, blur)
     low, high = config.curvature
     kappa = (2 * batch.kappa - low - high) / (high - low)
-    place = Place(batch.u, batch.radius, batch.w, kappa)
+    place = SurfaceQuery(batch.u, batch.radius, batch.w, kappa)
     found = jax.vmap(lambda p: seen(config.surface, table, p))(place)
     rho = jax.vmap(lambda p, s, l: reflectance(config.surface, table, p, s, l))(place, found, batch.light)
     return found, rho
 
 
-def _reflectance_loss(batch: Asked, rho: Float[Array, "B 3"]) -> Scalar:
+def _reflectance_loss(batch: QueryBatch, rho: Float[Array, "B 3"]) -> Scalar:
     """Over rays that met something; what a query of some that did not says counts by their share."""
     met = batch.alpha[:, None]
     wanted = jnp.pi * batch.rgb / jnp.maximum(met, 1e-3)
@@ -213,7 +215,7 @@ def _reflectance_loss(batch: Asked, rho: Float[Array, "B 3"]) -> Scalar:
     return jnp.mean(met * apart)
 
 
-def _opacity_loss(config: SurfaceTraining, batch: Asked, found: Seen) -> Scalar:
+def _opacity_loss(config: SurfaceTraining, batch: QueryBatch, found: OpacityEval) -> Scalar:
     if config.surface.opacity == "none":
         return jnp.zeros((), batch.alpha.dtype)
     if config.surface.opacity == "cosine":

@@ -24,7 +24,7 @@ from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.loader import decoder_of
 
 
-class Taught(NamedTuple):
+class ExemplarBatch(NamedTuple):
     """Rows of a step: an exemplar to be repeated at its own phases, and another, moved, to be told from what is new.
     NumPy on the host. key: of a new texture's phases, and of lights."""
 
@@ -37,7 +37,7 @@ class Taught(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled:
+class ScaledExemplars:
     """Exemplars of zero mean and unit variance a channel, and the decoder that takes them so. what: as they were read."""
 
     what: Exemplars
@@ -63,7 +63,7 @@ class Scaled:
         return sum(p.role == "alpha" for p in self.what.parameters)
 
 
-def scaled(exemplars: Exemplars) -> Scaled:
+def scaled(exemplars: Exemplars) -> ScaledExemplars:
     """Exemplars at unit variance a channel."""
     f = exemplars.features.astype(np.float32)
     mean, deviation = f.mean(axis=(0, 1, 2)), np.maximum(f.std(axis=(0, 1, 2)), 1e-6)
@@ -72,16 +72,16 @@ def scaled(exemplars: Exemplars) -> Scaled:
     c = len(mean)
     wider = jnp.asarray(np.concatenate([kernel[:c] * deviation[:, None], kernel[c:]]))
     decoder = decoder._replace(trunk=[Dense(wider, jnp.asarray(bias + mean @ kernel[:c])), *decoder.trunk[1:]])
-    return Scaled(exemplars, (f - mean) / deviation, exemplars.height.astype(np.float32) / deviation, decoder)
+    return ScaledExemplars(exemplars, (f - mean) / deviation, exemplars.height.astype(np.float32) / deviation, decoder)
 
 
-def feed(config: Any, data: Scaled, host: int = 0, hosts: int = 1) -> Callable[[int], Taught]:
+def feed(config: Any, data: ScaledExemplars, host: int = 0, hosts: int = 1) -> Callable[[int], ExemplarBatch]:
     """This host's rows of step i: exemplars in a new order each pass. Raises InputError if hosts cannot share the batch."""
     if config.batch % hosts:
         raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
     rows, count, side = config.batch // hosts, len(data.features), data.features.shape[1]
 
-    def at(step: int) -> Taught:
+    def at(step: int) -> ExemplarBatch:
         places = np.arange(step * config.batch, (step + 1) * config.batch)
         order = {n: np.random.default_rng([config.seed, n]).permutation(count) for n in np.unique(places // count)}
         mine = slice(host * rows, (host + 1) * rows)
@@ -92,6 +92,6 @@ def feed(config: Any, data: Scaled, host: int = 0, hosts: int = 1) -> Callable[[
         keys = drawn.integers(0, 2**32, (config.batch, 2), np.uint32)[mine]
         moved = np.stack([np.roll(data.features[k], tuple(s), axis=(0, 1)) for k, s in zip(other, shift, strict=True)])
         beta = data.what.beta
-        return Taught(patch.astype(np.int32), data.features[patch], beta[patch], moved, beta[other], keys)
+        return ExemplarBatch(patch.astype(np.int32), data.features[patch], beta[patch], moved, beta[other], keys)
 
     return at

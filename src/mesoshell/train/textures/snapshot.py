@@ -27,7 +27,7 @@ from mesoshell.shell.material.field import inputs
 from mesoshell.train.export import generated_bundle
 from mesoshell.train.patch_renderer import PictureConfig, View, material_of, take_picture
 from mesoshell.train.textures.depth_map import from_above
-from mesoshell.train.textures.exemplars import Scaled
+from mesoshell.train.textures.exemplars import ScaledExemplars
 from mesoshell.train.textures.state import TexturesConfig, TexturesState
 from mesoshell.train.textures.step import folded, latents, own_phases, phases_of
 from mesoshell.typing import Array
@@ -38,11 +38,11 @@ _CAMERAS = ((0.35, 0.5), (0.9, 2.0), (1.3, 4.0))
 _DISTANCE, _LIGHT, _IRRADIANCE = 3.4, (0.4, 0.3, 0.85), 3.0
 
 
-def save(path: Path, config: TexturesConfig, data: Scaled, state: TexturesState) -> None:
+def save(path: Path, config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -> None:
     write_bundle(path, bundle(config, data, state))
 
 
-def bundle(config: TexturesConfig, data: Scaled, state: TexturesState) -> Bundle:
+def bundle(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -> Bundle:
     """The material of the averaged weights."""
     about: dict[str, Any] = {"config": asdict(config), "commit": commit(), "images": int(state.images)}
     about["exemplars"] = data.what.provenance
@@ -51,7 +51,7 @@ def bundle(config: TexturesConfig, data: Scaled, state: TexturesState) -> Bundle
     return generated_bundle(config.generator, *made, octaves, declared, about)
 
 
-def sheet(config: TexturesConfig, data: Scaled, state: TexturesState) -> Float[np.ndarray, "h w 3"]:
+def sheet(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of textures, as linear values to be shown."""
     count = len(data.features)
     patch = np.arange(PATCHES) % count

@@ -17,7 +17,7 @@ from mesoshell.shell.generator.texture_critic import Critic, CriticConfig, grid_
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.train.gan.state import TrainConfig
 from mesoshell.train.textures.critic_view import CHANNELS
-from mesoshell.train.textures.exemplars import Scaled, scaled
+from mesoshell.train.textures.exemplars import ScaledExemplars, scaled
 from mesoshell.typing import Array, Bool, Float, Int, Scalar
 
 
@@ -56,7 +56,7 @@ def textures_as(preset: TrainConfig) -> TexturesConfig:
     return replace(config, generator=generator, kimg=0.04 if most < 64 else config.kimg)
 
 
-class Versus(NamedTuple):
+class CriticState(NamedTuple):
     """The other player: the critic, its optimiser, and mean and deviation of what is seen of exemplars, which stay."""
 
     critic: Critic
@@ -78,12 +78,12 @@ class TexturesState(NamedTuple):
     adam: optax.OptState
     decoder: Decoder
     height: Float[Array, "R C"]
-    versus: Versus | None
+    versus: CriticState | None
     step: Int[Array, ""]
     images: Int[Array, ""]
 
 
-class Heard(NamedTuple):
+class CriticReport(NamedTuple):
     """Of a critic's update: its loss without the penalty, mean logits, and the penalty without γ/2."""
 
     critic: Scalar
@@ -106,7 +106,7 @@ class TexturesReport(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, Scaled]:
+def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars]:
     """The configuration for exemplars, and these scaled. Raises InputError if they have other texels than the generator, or the
     configuration asks for more than there are."""
     count = config.exemplars or len(exemplars.features)

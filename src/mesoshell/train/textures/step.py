@@ -33,9 +33,9 @@ from mesoshell.shell.generator.generator import (
 )
 from mesoshell.shell.generator.texture_critic import Critic, criticise, init_critic
 from mesoshell.train.textures.critic_view import draw_light, see, turned
-from mesoshell.train.textures.exemplars import Scaled, Taught
+from mesoshell.train.textures.exemplars import ExemplarBatch, ScaledExemplars
 from mesoshell.train.textures.natural_start import natural_start, wide
-from mesoshell.train.textures.state import Heard, TexturesConfig, TexturesReport, TexturesState, Versus
+from mesoshell.train.textures.state import CriticReport, CriticState, TexturesConfig, TexturesReport, TexturesState
 from mesoshell.train.update import HERE, Across, not_finite, updated
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
@@ -45,7 +45,7 @@ MAGNITUDE_ROWS, AVERAGE_ROWS, AVERAGE_SHARE = 20.0, 2000.0, 0.05
 _NOISE, _MOST, _LOOKS = 0.1, 4.0, 12
 
 
-def start(config: TexturesConfig, data: Scaled, key: Key[Array, ""]) -> TexturesState:
+def start(config: TexturesConfig, data: ScaledExemplars, key: Key[Array, ""]) -> TexturesState:
     k = jax.random.split(key)
     features = jnp.asarray(data.features)
     natural = natural_start(config.generator, features, k[0])
@@ -65,17 +65,17 @@ def start(config: TexturesConfig, data: Scaled, key: Key[Array, ""]) -> Textures
     return state._replace(versus=_versus(config, state, features, k[1])) if config.adversarial else state
 
 
-def _versus(config: TexturesConfig, state: TexturesState, features: Array, key: Key[Array, ""]) -> Versus:
+def _versus(config: TexturesConfig, state: TexturesState, features: Array, key: Key[Array, ""]) -> CriticState:
     keys = jax.random.split(key, _LOOKS + 1)
     looks = jnp.stack([features[i % len(features)] for i in range(_LOOKS)])
     y = jax.jit(lambda f, k: jax.lax.map(lambda x: _seen(config, state, *x), (f, k)))(looks, keys[1:])
     critic = init_critic(config.critic, keys[0])
     memory = optimiser(config, config.critic_rate).init(critic)
-    return Versus(critic, memory, jnp.mean(y, axis=(0, 1, 2)), jnp.std(y, axis=(0, 1, 2)) + 0.02)
+    return CriticState(critic, memory, jnp.mean(y, axis=(0, 1, 2)), jnp.std(y, axis=(0, 1, 2)) + 0.02)
 
 
 def step(
-    config: TexturesConfig, state: TexturesState, batch: Taught, across: Across = HERE
+    config: TexturesConfig, state: TexturesState, batch: ExemplarBatch, across: Across = HERE
 ) -> tuple[TexturesState, TexturesReport]:
     """One update of the generator, and of the critic if there is one. Pure."""
     versus, zero = state.versus, jnp.zeros((), state.a.dtype)
@@ -105,7 +105,7 @@ def step(
     (_, (*said, y)), gradient = jax.value_and_grad(loss, has_aux=True)(state.generator)
     said, gradient = across.mean((jax.lax.stop_gradient(said), gradient))
     error, height, told, magnitude, w = said
-    bad, heard = [not_finite(gradient)], Heard(zero, zero, zero, zero)
+    bad, heard = [not_finite(gradient)], CriticReport(zero, zero, zero, zero)
     if versus:
         real = jax.lax.stop_gradient(shown(batch.other, 3))
         versus, heard, worse = _judged(config, versus, real, jax.lax.stop_gradient(y), batch.other_beta, keys, across)
@@ -133,19 +133,19 @@ def step(
 
 
 def _judged(
-    config: TexturesConfig, versus: Versus, real: Array, fake: Array, beta: Array, keys: Array, across: Across
-) -> tuple[Versus, Heard, Bool[Array, "_leaves"]]:
+    config: TexturesConfig, versus: CriticState, real: Array, fake: Array, beta: Array, keys: Array, across: Across
+) -> tuple[CriticState, CriticReport, Bool[Array, "_leaves"]]:
     """The critic after an update."""
     noise = jax.vmap(lambda k: jax.random.normal(k, (2, *real.shape[1:]), jnp.float32))(keys[:, 5]).astype(real.dtype)
 
-    def loss(critic: Critic) -> tuple[Scalar, Heard]:
+    def loss(critic: Critic) -> tuple[Scalar, CriticReport]:
         judge = partial(criticise, critic, beta=beta, everyone=across.everyone)
         good, ill = judge(real), judge(fake)
         moved = (judge(y + _NOISE * noise[:, i]) for i, y in enumerate((real, fake)))
         apart = [jnp.mean((m - d) ** 2) for m, d in zip(moved, (good, ill), strict=True)]
         penalty = (apart[0] + apart[1]) / _NOISE**2
         told = jnp.mean(jax.nn.softplus(-good)) + jnp.mean(jax.nn.softplus(ill))
-        return told + config.gamma / 2 * penalty, Heard(told, jnp.mean(good), jnp.mean(ill), penalty)
+        return told + config.gamma / 2 * penalty, CriticReport(told, jnp.mean(good), jnp.mean(ill), penalty)
 
     (_, heard), gradient = jax.value_and_grad(loss, has_aux=True)(versus.critic)
     heard, gradient = across.mean((heard, gradient))

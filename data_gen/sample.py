@@ -9,11 +9,12 @@ Notation
     light     unit vector from the box toward the distant light
     instance  seed of the geometry; side: of the torus it grows on, in patches (see recipe)
     views     images of one patch in a dataset of many patches: image i shows patch i // views
+    tiles     whether the geometry is that of corner tiles (see tiles): image i shows tile i mod 16
 
 Every draw is a SHA-256 of (recipe, version, seed, index, name of the draw). So a sample depends neither on the
 order nor on the process that renders it, and fixing one parameter leaves all the other draws as they were.
 The geometry parameters of patch k of many are drawn from (recipe, version, "patch", k, name): datasets of other seeds
-show the same patches from other cameras.
+show the same patches from other cameras; all tiles have those of patch 0.
 Cameras and lights are uniform in solid angle above a smallest elevation.  Coverage is log-uniform, in two parts:
 most images (`LARGE_SHARE`) show the box at `LARGE_COVERAGE` or more, for a far image carries few pixels of it.
 """
@@ -25,7 +26,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from data_gen.recipe import Recipe
+from data_gen import tiles
+from data_gen.recipe import Growth, Recipe
 
 CENTRE = (0.5, 0.5, 0.5)
 FIELD_OF_VIEW = 0.4
@@ -54,6 +56,7 @@ class Drawer(NamedTuple):
     patch: None, and every sample has an instance of its own that covers the slab; or the seed of one patch, repeated
     3 × 3, that all samples show (the periodic patch that a fit needs).
     views: None, or how many images in turn show the same patch; then patch is None, and patches are 0, 1, 2, …
+    tiles: images show the tiles in turn, each among its neighbours; then patch and views are None.
     """
 
     recipe: Recipe
@@ -62,6 +65,7 @@ class Drawer(NamedTuple):
     fixed: Mapping[str, float]
     patch: int | None
     views: int | None = None
+    tiles: bool = False
 
     def uniform(self, index: int, name: str, seed: int | str | None = None) -> float:
         """A number in [0, 1), on a grid of 2⁻⁵³. seed: the dataset's if not given."""
@@ -70,11 +74,12 @@ class Drawer(NamedTuple):
 
     def draw(self, index: int) -> Sample:
         patch = self.patch if self.views is None else index // self.views
+        patch = index % tiles.SIDE**2 if self.tiles else patch
         parameters = {}
         for name, parameter in self.recipe.parameters.items():
             low, high = parameter.range
-            shared = self.views is not None and parameter.role == "beta"
-            of = (patch, f"parameter/{name}", "patch") if shared else (index, f"parameter/{name}")
+            shared = (self.views is not None or self.tiles) and parameter.role == "beta"
+            of = (0 if self.tiles else patch, f"parameter/{name}", "patch") if shared else (index, f"parameter/{name}")
             parameters[name] = float(self.fixed.get(name, low + (high - low) * self.uniform(*of)))
         pick, within = self.uniform(index, "coverage/part"), self.uniform(index, "coverage/within")
         radius = radius_of(draw_coverage(self.coverage, pick, within))
@@ -84,11 +89,17 @@ class Drawer(NamedTuple):
             cycles_seed=int(self.uniform(index, "cycles") * 2**31),
             parameters=parameters,
             instance=int(self.uniform(index, "instance") * 2**53) if patch is None else patch,
-            side=3 if patch is None else 1,
+            side=3 if patch is None or self.tiles else 1,
             camera_to_world=looking_along_minus_z(toward_camera, np.asarray(CENTRE) + radius * axis_z(*toward_camera)),
             radius=radius,
             light=axis_z(*self._direction(index, "light", LIGHT_ELEVATION)),
         )
+
+    def grow(self, drawn: Sample) -> Growth:
+        """The geometry of a sample, on [0, side)². Raises ValueError if tiles cannot be made of it."""
+        if self.tiles:
+            return tiles.slab(self.recipe.grow, drawn.instance, drawn.parameters)
+        return self.recipe.grow(np.random.default_rng(drawn.instance), drawn.side, drawn.parameters)
 
     def _direction(self, index: int, name: str, elevation: float) -> tuple[float, float]:
         """(sine of the elevation, azimuth), uniform in solid angle: the area of a sphere's zone goes as its height."""

@@ -15,10 +15,8 @@ from pathlib import Path
 
 import bpy
 import mathutils
-import numpy as np
 
-from data_gen.recipe import Recipe
-from data_gen.sample import FIELD_OF_VIEW, Sample
+from data_gen.sample import FIELD_OF_VIEW, Drawer, Sample
 from data_gen.slab import Slab
 
 BOUNCES = 8
@@ -26,11 +24,11 @@ CLIPPED_LAYERS = 256
 
 
 class Studio:
-    """Holds the scene of one recipe; `shoot` renders a sample to a file."""
+    """Holds the scene of a dataset; `shoot` renders a sample to a file."""
 
-    def __init__(self, recipe: Recipe, size: int, threads: int) -> None:
+    def __init__(self, drawer: Drawer, size: int, threads: int) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
-        self.recipe = recipe
+        self.drawer, recipe = drawer, drawer.recipe
         self.scene = bpy.context.scene
         self.scene.world = black_world()
         set_output(self.scene.render, size, threads)
@@ -62,14 +60,13 @@ class Studio:
         self.camera.matrix_world = mathutils.Matrix(sample.camera_to_world.tolist())
         toward = mathutils.Vector(sample.light.tolist())
         self.sun.matrix_world = toward.to_track_quat("Z", "Y").to_matrix().to_4x4()
-        kinds = {name: parameter.role for name, parameter in self.recipe.parameters.items()}
+        kinds = {name: parameter.role for name, parameter in self.drawer.recipe.parameters.items()}
         for name, value in sample.parameters.items():
             if kinds[name] == "alpha":
                 self.slab.set(name, value)
         shape = {name: value for name, value in sample.parameters.items() if kinds[name] == "beta"}
         if self.grown != (sample.instance, sample.side, shape):
-            grown = self.recipe.grow(np.random.default_rng(sample.instance), sample.side, sample.parameters)
-            self.slab.fill(grown, sample.side)
+            self.slab.fill(self.drawer.grow(sample), sample.side)
             self.grown = (sample.instance, sample.side, shape)
 
     def _add(self, name: str, data: bpy.types.ID) -> bpy.types.Object:

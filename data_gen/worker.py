@@ -25,7 +25,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from data_gen import carpet, fur, grass, sample
+from data_gen import carpet, fur, grass, sample, tiles
 from data_gen.recipe import Recipe
 
 SCHEMA = 1
@@ -61,7 +61,14 @@ def drawer_of(settings: Mapping[str, Any]) -> sample.Drawer:
     if not (math.isfinite(low) and SMALLEST_COVERAGE <= low <= high <= LARGEST_COVERAGE):
         raise UnusableInput(f"coverage must rise within {SMALLEST_COVERAGE:g} to {LARGEST_COVERAGE:g}: {low} {high}")
     fixed = checked(recipe, settings["fixed"])
-    return sample.Drawer(recipe, settings["seed"], (low, high), fixed, settings["patch"], settings["views"])
+    shared = settings["patch"], settings["views"], settings["tiles"]
+    drawer = sample.Drawer(recipe, settings["seed"], (low, high), fixed, *shared)
+    if drawer.tiles:
+        try:
+            drawer.grow(drawer.draw(0))
+        except ValueError as fault:
+            raise UnusableInput(f"{recipe.name} cannot be tiled: {fault}") from None
+    return drawer
 
 
 def manifest(drawer: sample.Drawer, settings: Mapping[str, Any]) -> dict:
@@ -82,6 +89,7 @@ def manifest(drawer: sample.Drawer, settings: Mapping[str, Any]) -> dict:
         "fixed_parameters": dict(drawer.fixed),
         "patch": drawer.patch,
         **({} if drawer.views is None else {"views": drawer.views}),
+        **({"tiles": tiles.SIDE} if drawer.tiles else {}),
         "coverage_range": [low, high],
         "radius_range": [sample.radius_of(high), sample.radius_of(low)],
         "size": [size, size],
@@ -135,7 +143,7 @@ class Worker:
         if self.studio is None:
             from data_gen.studio import Studio
 
-            self.studio = Studio(self.drawer.recipe, self.settings["size"], self.settings["threads"])
+            self.studio = Studio(self.drawer, self.settings["size"], self.settings["threads"])
         return self.studio
 
 

@@ -33,7 +33,8 @@ def render(options: Render) -> None:
     at_least(options, count=1, size=1, seed=0, spp=1, patch=0, patches=1, views=1, workers=1)
     count = _count(options)
     check_memory("--count", f"a plan of {count} images", 64 * count)
-    settings = _settings(options, options.spp, options.denoise, options.coverage, options.patch, options.views)
+    settings = _settings(options, options.spp, options.denoise, options.coverage)
+    settings |= {"patch": options.patch, "views": options.views, "tiles": options.tiles}
     cores = _cores()
     workers = min(options.workers or cores, count)
     farm = Farm(workers, 2 if options.scheduler else max(2, cores // workers), options.scheduler)
@@ -44,6 +45,9 @@ def render(options: Render) -> None:
 
 def _count(options: Render) -> int:
     """Images in all. Raises InputError unless either --count or both --patches and --views are given."""
+    others = [f"--{name}" for name in ("patch", "patches", "views") if getattr(options, name) is not None]
+    if options.tiles and others:
+        raise InputError("--tiles", f"cannot be combined with {' and '.join(others)}")
     if options.patches is None and options.views is None:
         if options.count is None:
             raise InputError("--count", "give it, or both --patches and --views")
@@ -147,8 +151,6 @@ def _settings(
     spp: int | None,
     denoise: bool,
     coverage: tuple[float, float] | None,
-    patch: int | None = None,
-    views: int | None = None,
 ) -> dict[str, Any]:
     # Blender holds a few copies, in floats
     check_memory("--size", f"pictures of {options.size} x {options.size}", 64 * options.size**2)
@@ -160,8 +162,9 @@ def _settings(
         "denoise": denoise,
         "coverage": coverage,
         "fixed": dict(_assigned(pair) for pair in options.param),
-        "patch": patch,
-        "views": views,
+        "patch": None,
+        "views": None,
+        "tiles": False,
     }
 
 

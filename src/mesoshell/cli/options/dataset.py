@@ -39,6 +39,8 @@ class Render(Recipe):
     patches: int | None = None
     #: Images of each of the --patches, one patch after the other: more patches may be asked for later.
     views: int | None = None
+    #: Show the 16 corner tiles in turn, each among its neighbours: a fit of these covers any area without repeating itself.
+    tiles: bool = False
     #: Least and greatest side of the box over the width of the frame; from 8 pixels to 2 if not given.
     coverage: tuple[float, float] | None = None
     #: Blender processes on this machine; one a core if not given.

@@ -89,7 +89,7 @@ def manifest(drawer: sample.Drawer, settings: Mapping[str, Any]) -> dict:
         "fixed_parameters": dict(drawer.fixed),
         "patch": drawer.patch,
         **({} if drawer.views is None else {"views": drawer.views}),
-        **({"tiles": tiles.SIDE} if drawer.tiles else {}),
+        **({"tiles": tiles.COLOURS} if drawer.tiles else {}),
         "coverage_range": [low, high],
         "radius_range": [sample.radius_of(high), sample.radius_of(low)],
         "size": [size, size],

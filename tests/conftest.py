@@ -20,6 +20,7 @@ import jax.numpy as jnp  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
+from data_gen.tiles import COLOURS  # noqa: E402
 from mesoshell.io.bundle import Bundle, Parameter  # noqa: E402
 from mesoshell.shell.material.decoder import init_decoder  # noqa: E402
 from mesoshell.train.export import to_bundle  # noqa: E402
@@ -88,10 +89,21 @@ def compiled_soon(optimised):
 @pytest.fixture(scope="session")
 def tiny_bundle() -> Bundle:
     """A random material, small enough to make and to render in seconds, with one parameter `dryness` in [0, 2]."""
-    config = FitConfig(texels=4, channels=4, height_rows=4, octaves=1, trunk=(8, 8), head=(8,))
+    return _rough(tiles=0)
+
+
+@pytest.fixture(scope="session")
+def tiled_bundle() -> Bundle:
+    """The same on corner tiles."""
+    return _rough(tiles=4)
+
+
+def _rough(tiles: int) -> Bundle:
+    config = FitConfig(texels=4, channels=4, height_rows=4, octaves=1, trunk=(8, 8), head=(8,), tiles=tiles)
     keys = jax.random.split(jax.random.key(0), 3)  # as a fit begins, but rough
-    feature = 2 * jax.random.normal(keys[0], (4, 4, 4), jnp.float32)
+    feature = 2 * jax.random.normal(keys[0], (config.side, config.side, 4), jnp.float32)
     height = 2 * jax.random.normal(keys[1], (4, 1, 4), jnp.float32)
     decoder = init_decoder(keys[2], 4 + 1 + 2 + 1, (8, 8), (8,))._replace(scale=jnp.asarray(400.0))
     dryness = Parameter("dryness", "alpha", (0.0, 2.0), 0.5, "1", "how dry")
-    return to_bundle(config, Common(height, decoder), feature, (dryness,), provenance={})
+    colours = COLOURS if tiles else None
+    return to_bundle(config, Common(height, decoder), feature, (dryness,), provenance={}, colours=colours)

@@ -1,4 +1,5 @@
-"""Filtered features, σ and ρ in Dr.Jit are those of the JAX engine, of textures that wrap and of textures with edges."""
+"""Filtered features, σ and ρ in Dr.Jit are those of the JAX engine, of textures that wrap, of textures with edges and of
+corner tiles."""
 
 from pathlib import Path
 
@@ -33,8 +34,10 @@ def with_edges(bundle: Bundle) -> Bundle:
     return Bundle(**{**vars(bundle), "arrays": arrays, "wraps": False})
 
 
-@pytest.fixture(scope="module", params=["wraps", "edges"])
-def bundle(request) -> Bundle:
+@pytest.fixture(scope="module", params=["wraps", "edges", "tiles"])
+def bundle(request, tiled_bundle) -> Bundle:
+    if request.param == "tiles":
+        return tiled_bundle
     found = read_bundle(GRASS)
     return found if request.param == "wraps" else with_edges(found)
 

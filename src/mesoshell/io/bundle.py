@@ -20,7 +20,7 @@ A folder holds the same: KEY.npy, and manifest.json as plain text. Its arrays ar
 
 manifest.json (a uint8 array: UTF-8 text of one JSON object), every field required, no other allowed:
 
-    schema         2
+    schema         2, or 3 of corner tiles
     kind           "shell"
     texel_density  texels a patch at level 0                                        > 0
     channels       C                                                                integer ≥ 1
@@ -28,6 +28,7 @@ manifest.json (a uint8 array: UTF-8 text of one JSON object), every field requir
     parameters     list of {name, role, range: [lo, hi], default, unit, meaning}    role "alpha" or "beta", lo < hi
     thickness      height of the unit box over the side of a patch: 1 is a cube     > 0, patches; default proportions of a shell
     wraps          whether the texture is one patch that repeats, or has edges      true or false
+    tiles          null, or 4 rows of 4 colours: the texture is a torus of corner tiles (io/corner_tiles); missing in schema 2
     generator      null, or the configuration of the generator whose weights these are   numbers and text
     twin           null, or of a surface material that was distilled from this (io/twin); it may be missing
     colour_space   "linear Rec. 709"
@@ -38,9 +39,11 @@ grid are required; with one they are all there or all missing, and generator/…
 configuration (`shell/generator/model` checks them). heights is there if geometry varies over the texture: F(h) at the corners
 of its patches, bilinear between them; height is then their mean. twin/… holds the arrays of the distilled surface material.
 
+A texture of corner tiles wraps, and has 4 patches along each side; of a patch and more, its levels hold the mean.
+
 A feature level has half the texels of the one before along each axis: of a texture that wraps max(1, n // 2), down to 1; of one
 with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a power of two). There is a grid for each level: its cells
-span the patch, or are min(8, texels a patch) a patch. Layers are y = x · kernel + bias, hidden ones (trunk, head; one or more)
+span what wraps, or are min(8, texels a patch) a patch. Layers are y = x · kernel + bias, hidden ones (trunk, head; one or more)
 followed by ReLU. The trunk sees F(u, v) + F(h), the encoded h and α (manifest order, mapped from its range to [0, 1]);
 σ = sigma_scale · softplus(x − 3), x from its last layer. The head sees that layer, ω and ω′ (3 numbers each).
 
@@ -59,10 +62,12 @@ import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
+from mesoshell.io.corner_tiles import SIDE, Colours, is_torus
 from mesoshell.io.records import parsed
 from mesoshell.io.twin import PREFIX, Twin, check_twin_heads, checked_twin, twin_arrays, twin_manifest, twin_of
 
-SCHEMA = 2
+#: Of a texture without corner tiles, and with them.
+SCHEMA, TILED_SCHEMA = 2, 3
 MANIFEST = "manifest.json"
 _EITHER = ("float16", "float32")
 
@@ -116,6 +121,7 @@ class Bundle:
     provenance: dict[str, Any]
     arrays: dict[str, np.ndarray]
     wraps: bool = True
+    tiles: Colours | None = None
     generator: dict[str, Any] | None = None
     twin: Twin | None = None
 
@@ -135,7 +141,7 @@ def _is_range(x: Any) -> bool:
 #: field: (what it must be, the test), in the order of looking
 Rules = dict[str, tuple[str, Callable[[Any], bool]]]
 _MANIFEST_RULES: Rules = {
-    "schema": (f"{SCHEMA}", lambda x: x == SCHEMA),
+    "schema": (f"{SCHEMA} or {TILED_SCHEMA}", lambda x: x in (SCHEMA, TILED_SCHEMA)),
     "kind": ("'shell'", lambda x: x == "shell"),
     "texel_density": ("a number above 0", lambda x: _is_number(x) and x > 0),
     "channels": ("an integer, 1 or more", lambda x: type(x) is int and x >= 1),
@@ -145,6 +151,7 @@ _MANIFEST_RULES: Rules = {
     "colour_space": ("'linear Rec. 709'", lambda x: x == "linear Rec. 709"),
     "provenance": ("an object", lambda x: isinstance(x, dict)),
     "wraps": ("true or false", lambda x: type(x) is bool),
+    "tiles": ("null or the colours of a torus of 4 x 4 tiles", lambda x: x is None or is_torus(x)),
     "generator": ("null or an object", lambda x: x is None or isinstance(x, dict)),
     "twin": ("null or an object", lambda x: x is None or isinstance(x, dict)),
 }
@@ -181,7 +188,10 @@ def write_bundle(path: str | PathLike[str], bundle: Bundle) -> None:
 
 def checked_manifest(path: str | PathLike[str], bundle: Bundle) -> bytes:
     """The manifest's text, of a bundle that is checked as reading does."""
-    manifest = {name: getattr(bundle, name) for name in _MANIFEST_RULES if name != "schema"} | {"schema": SCHEMA}
+    manifest = {name: getattr(bundle, name) for name in _MANIFEST_RULES if name != "schema"}
+    manifest["schema"] = SCHEMA if bundle.tiles is None else TILED_SCHEMA
+    if bundle.tiles is None:
+        del manifest["tiles"]
     manifest["twin"] = None if bundle.twin is None else twin_manifest(bundle.twin)
     manifest["parameters"] = [dataclasses.asdict(parameter) for parameter in bundle.parameters]
     try:
@@ -204,7 +214,13 @@ def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
     fields = parsed(path, text, f"{MANIFEST} is ")
     if isinstance(fields, dict):
         fields.setdefault("twin", None)
+        if fields.get("schema") == SCHEMA:
+            fields.setdefault("tiles", None)
     _check_entry(path, MANIFEST, fields, _MANIFEST_RULES)
+    if fields["tiles"] is not None:
+        fields["tiles"] = tuple(tuple(row) for row in fields["tiles"])
+    if (fields["schema"] == SCHEMA) != (fields["tiles"] is None):
+        raise InputError(path, f"{MANIFEST}: schema {TILED_SCHEMA} is of corner tiles, and they are of it alone")
     if fields["twin"] is not None:
         fields["twin"] = checked_twin(path, MANIFEST, fields["twin"])
     for i, entry in enumerate(fields["parameters"]):
@@ -306,6 +322,9 @@ def _check_texture(path: str | PathLike[str], fields: dict[str, Any], shape: tup
     density = fields["texel_density"]
     if fields["wraps"] and (height & (height - 1) or width & (width - 1)):
         raise InputError(path, f"features/0 is {height} × {width} texels; expected powers of two")
+    if fields["tiles"] is not None and not (fields["wraps"] and height == width == SIDE * density):
+        wanted = f"{SIDE * density:g} × {SIDE * density:g}, and a texture that wraps"
+        raise InputError(path, f"features/0 of corner tiles is {height} × {width} texels; expected {wanted}")
     if not fields["wraps"] and (density != int(density) or int(density) & (int(density) - 1)):
         raise InputError(path, f"texel_density is {density:g}; expected a power of two where the texture has edges")
 

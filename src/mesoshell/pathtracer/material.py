@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.corner_tiles import FACTORS, LAST, ROUNDS, SIDE, places
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.levels import Levels, between_levels, count, level_of, network, softplus
 
@@ -34,12 +35,14 @@ def gaussian_taps(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Material:
-    """A baked bundle on the device. origin: (u, v), in whole patches, at which a texture with edges begins."""
+    """A baked bundle on the device. origin: (u, v), in whole patches, at which a texture with edges begins, or that of a seed
+    of corner tiles."""
 
     def __init__(self, bundle: Bundle, origin: tuple[int, int] = (0, 0)):
         a = bundle.arrays
         self.channels, self.octaves = bundle.channels, bundle.height_octaves
         self.wraps, self.density, self.origin = bundle.wraps, float(bundle.texel_density), origin
+        self.tiles = None if bundle.tiles is None else mi.UInt32(places(bundle.tiles).ravel())
         self.names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
         self.plane = Levels([a[f"features/{i}"] for i in range(count(a, "features/{}"))])
         self.heights = Heights(a, origin)
@@ -58,7 +61,8 @@ class Material:
         l = mi.UInt32(0 if level is None else level)
         h, v, u = (dr.gather(mi.UInt32, self.grid.sizes[k], l) for k in range(3))
         if self.wraps:
-            x, y = (xi.x - dr.floor(xi.x)) * mi.Float(u), (xi.y - dr.floor(xi.y)) * mi.Float(v)
+            at = self._on_texture(xi)
+            x, y = (at.x - dr.floor(at.x)) * mi.Float(u), (at.y - dr.floor(at.y)) * mi.Float(v)
         else:
             last = dr.gather(mi.Float, self.cells, l)
             x, y = (xi.x - self.origin[0]) * last, (xi.y - self.origin[1]) * last
@@ -99,7 +103,20 @@ class Material:
         fade = dr.clip(1 + w_light.z / FADE, 0, 1)
         return fade * mi.Color3f(*(softplus(y - 2) for y in rgb))
 
+    def _on_texture(self, xi):
+        """ξ where a texture that wraps is looked up (shell/material/corner_tiles)."""
+        if self.tiles is None:
+            return xi
+        u, v = dr.floor(xi.x), dr.floor(xi.y)
+        i, j = (mi.UInt32(mi.Int32(x)) + o % 2**32 for x, o in zip((u, v), self.origin, strict=True))
+        tile = mi.UInt32(0)
+        for k, corner in enumerate(((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))):
+            tile |= _colour(*corner) << k
+        place = [mi.Float(dr.gather(mi.UInt32, self.tiles, 2 * tile + k)) for k in (0, 1)]
+        return mi.Vector3f((place[0] + xi.x - u) / SIDE, (place[1] + xi.y - v) / SIDE, xi.z)
+
     def _filtered(self, xi, level):
+        xi = self._on_texture(xi)
         return between_levels(level, len(self.plane.shapes) - 1, lambda l: self._bilinear(xi, l))
 
     @dr.syntax
@@ -131,6 +148,14 @@ class Material:
             x = dr.clip((xi.x - self.origin[0]) * scale - 0.5, 0, mi.Float(width) - 1)
             y = dr.clip((xi.y - self.origin[1]) * scale - 0.5, 0, mi.Float(height) - 1)
         return self.plane.bilinear(x, y, l, self.wraps)
+
+
+def _colour(i, j):
+    """Of a corner of the patch lattice."""
+    h = i * FACTORS[0] ^ j * FACTORS[1]
+    for factor, shift in ROUNDS:
+        h = (h ^ (h >> shift)) * factor
+    return (h ^ (h >> LAST)) & 1
 
 
 def _plus(total, weight, row):

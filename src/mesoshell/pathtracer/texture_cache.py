@@ -21,6 +21,7 @@ from jaxtyping import Float
 from mesoshell import __version__
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import write_exr
 from mesoshell.io.material import digest
 from mesoshell.shell.geometry.chart import fits, patches_of
@@ -46,12 +47,14 @@ def textured(
     Raises InputError where seed or geometry parameters are asked of a material that is one texture, or none can be made.
     """
     shape = {p.name: asked.values[p.name] for p in bundle.parameters if p.role == "beta" and p.name in asked.values}
-    fixed = bundle.baked and asked.seed is None and not shape and not asked.fields
+    seeded = asked.seed is not None and bundle.tiles is None
+    fixed = bundle.baked and not seeded and not shape and not asked.fields
     if bundle.generator is None and not fixed:
         first = next(iter(shape | asked.fields), "geometry")
         raise InputError(path, f"has no generator: it is one texture, of one seed and one {first}")
     if fixed and bundle.wraps:
-        return bundle, (0, 0), (path, (0, 0))
+        begins = seed_origin(asked.seed or 0)
+        return bundle, begins, (path, begins)
     origin, needed = patches_of(uv)
     if fixed:
         return bundle, origin, (path, origin)

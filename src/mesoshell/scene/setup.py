@@ -14,6 +14,7 @@ from jaxtyping import Float
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box, load_mesh
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import read_exr
 from mesoshell.io.material import PARAMS, normalised
 from mesoshell.limits import check_memory, check_seed
@@ -108,13 +109,13 @@ def _textured(
 
         fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
         return *grow(bundle, name, uv.reshape(-1, 3, 2), TextureRequest(scene.seed or 0, values, fields), progress), []
-    if scene.seed is not None:
+    if scene.seed is not None and bundle.tiles is None:
         raise InputError(Argument("seed"), f"{name} is one texture and has no generator")
     fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values | shape]
     if fixed:
         raise InputError(PARAMS, f"{fixed[0]} is baked into {name}, which has no generator")
     if bundle.wraps:
-        return bundle, (0, 0), []
+        return bundle, seed_origin(scene.seed or 0), []
     (u, v), needed = patches_of(uv.reshape(-1, 3, 2))
     texels = bundle.texel_density
     height, width = (n / texels for n in bundle.arrays["features/0"].shape[:2])

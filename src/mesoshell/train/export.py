@@ -5,6 +5,7 @@ The share of unseen points above the σ grid, and the largest σ above it, go in
 of seed 0 with every geometry parameter in the middle of its range.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -30,7 +31,6 @@ from mesoshell.typing import Array, Float
 CELLS_UV, CELLS_H, PROBES = 64, 32, 256
 #: Datasets show the unit box: what is learned from them is as high as a patch is wide.
 HEIGHT = 1.0
-_PATCH = np.array([[0.0, 0.0], [1.0, 1.0]])
 
 
 def to_bundle(
@@ -39,10 +39,14 @@ def to_bundle(
     feature: Float[Array, "H W C"],
     declared: tuple[Parameter, ...],
     provenance: dict,
+    colours: Sequence[Sequence[int]] | None = None,
 ) -> Bundle:
-    """A bundle of kind `shell`. declared: the dataset's parameters; provenance: config, dataset, commit, metrics."""
+    """A bundle of kind `shell`. declared: the dataset's parameters; provenance: config, dataset, commit, metrics; colours: of
+    the corner tiles that the feature is a torus of."""
     layout = config.layout
     levels = mip.build(feature), mip.build(common.height)
+    whole = layout.sizes.index((layout.period, layout.period))  # a patch a texel: what is coarser sees many tiles
+    levels[0][whole + 1 :] = [jnp.broadcast_to(levels[0][-1], x.shape) for x in levels[0][whole + 1 :]]
     material = half(Material(mip.pack(levels[0]), mip.pack(levels[1]), common.decoder))
     grids = _grids(layout, material)
     said: dict[str, Any] = _excess(layout, material, grids)
@@ -66,6 +70,7 @@ def to_bundle(
         colour_space="linear Rec. 709",
         provenance=provenance | said,
         arrays={k: np.asarray(v) for k, v in arrays.items()},
+        tiles=None if colours is None else tuple(tuple(row) for row in colours),
     )
 
 
@@ -158,18 +163,21 @@ def decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:
 
 def _grids(layout: Layout, material: Material) -> list[np.ndarray]:
     """Bounds of every cell of every level."""
-    shapes = [(CELLS_H, min(CELLS_UV, rows), min(CELLS_UV, columns)) for rows, columns in layout.sizes]
-    return [bounds(layout, material, level, shape, _PATCH, PROBES) for level, shape in enumerate(shapes)]
+    most = CELLS_UV if layout.period == 1 else 2 * CELLS_UV
+    shapes = [(CELLS_H, min(most, rows), min(most, columns)) for rows, columns in layout.sizes]
+    all_ = np.array([[0.0, 0.0], [layout.period, layout.period]])
+    return [bounds(layout, material, level, shape, all_, PROBES) for level, shape in enumerate(shapes)]
 
 
 def _excess(layout: Layout, material: Material, grids: list[np.ndarray]) -> dict[str, float]:
     """How often, and by how much, σ exceeds the bound at 200 000 new points of each of the finest three levels."""
     above, most, total = 0, 0.0, 0
     for level in range(min(3, len(grids))):
-        place = (jnp.zeros(2), jnp.ones(2))
+        place = (jnp.zeros(2), jnp.full(2, float(layout.period)))
         xi, sigma = new_points(layout, material, np.float32(level), 200_000, place, jax.random.key(1000 + level))
         shape = np.array(grids[level].shape)
-        cell = np.minimum((np.asarray(xi)[:, ::-1] * shape).astype(int), shape - 1)
+        at = np.asarray(xi)[:, ::-1] / np.array([1, layout.period, layout.period])
+        cell = np.minimum((at * shape).astype(int), shape - 1)
         over = np.asarray(sigma) - grids[level].astype(np.float32)[tuple(cell.T)]
         above, most, total = above + int((over > 0).sum()), max(most, float(over.max())), total + len(over)
     return {"grid_excess_share": above / total, "grid_excess_sigma": most}

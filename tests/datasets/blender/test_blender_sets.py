@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(
 
 def settings(recipe: str, **own) -> dict:
     shared = {"recipe": recipe, "seed": 3, "size": SIZE, "samples_per_pixel": 4, "denoise": False, "fixed": {}}
-    return shared | {"coverage": None, "patch": None, "views": None} | own
+    return shared | {"coverage": None, "patch": None, "views": None, "tiles": False} | own
 
 
 #: The carpet with fewer parameters: the same blades by the same code.

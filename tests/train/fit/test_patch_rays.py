@@ -12,7 +12,7 @@ from mesoshell.io.dataset import load_images
 from mesoshell.render.camera import Camera, pixel_grid, rays
 from mesoshell.train.fit.patch_rays import rays_at, shots_of
 from tests.helpers import fog
-from tests.helpers.patch_images import of_patches
+from tests.helpers.patch_images import of_patches, of_tiles
 
 NO_KEY = np.zeros(2, np.uint32)
 
@@ -53,7 +53,9 @@ def test_datasets_of_the_same_patches_add_up(tmp_path: Path):
 def test_a_geometry_a_picture_is_refused(tmp_path: Path):
     dataset = fog.write(tmp_path / "set", fog.CAMERAS[:2])
     wild = replace(dataset, manifest=dataset.manifest | {"patch": None})
-    with pytest.raises(InputError, match="set: every image shows another geometry; render it with --patch 0, or"):
+    with pytest.raises(
+        InputError, match="set: every image shows another geometry; render it with --patch 0, --patches 16 or --tiles"
+    ):
         shots_of([wild])
 
 
@@ -83,3 +85,20 @@ def test_other_parameters_are_refused(tmp_path: Path):
 def test_nothing_to_learn_from_is_refused(tmp_path: Path):
     with pytest.raises(InputError, match="has no picture to learn from of a patch that pictures are held out of"):
         shots_of([of_patches(tmp_path / "a", [0, 0, 1, 1])], held=2)
+
+
+def test_tiles_are_patches_in_the_order_of_the_torus(tmp_path: Path):
+    shots = shots_of([of_tiles(tmp_path / "a", [*range(15, -1, -1)])])
+    assert shots.tiles == 4
+    shown = [np.unique(np.searchsorted(shots.first, p, side="right") - 1).tolist() for p in shots.learned]
+    assert shown == [[15 - k] for k in range(16)]
+
+
+def test_tiles_that_are_no_torus_are_refused(tmp_path: Path):
+    missing, all_ = of_tiles(tmp_path / "a", [*range(15)]), of_tiles(tmp_path / "b", [*range(16)])
+    with pytest.raises(InputError, match="has 15 geometries, not each of the 16 tiles"):
+        shots_of([missing])
+    with pytest.raises(InputError, match="has other tiles than the first dataset"):
+        shots_of([all_, of_patches(tmp_path / "c", [0])])
+    with pytest.raises(InputError, match="its tiles are not the colours of a torus"):
+        shots_of([of_tiles(tmp_path / "d", [*range(16)], [[0] * 4] * 4)])

@@ -19,10 +19,10 @@ from mesoshell.train.fit.holdout import score
 from mesoshell.train.fit.patch_rays import Rays, Shots, shots_of
 from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.fit.snapshot import exemplars, provenance
-from mesoshell.train.fit.step import FitConfig, FitState, feed, fitted, material_of, start, step
+from mesoshell.train.fit.step import FitConfig, FitState, feed, fitted, material_of, start, step, texture_of
 from mesoshell.typing import Scalar
 from tests.helpers import fog
-from tests.helpers.patch_images import of_patches
+from tests.helpers.patch_images import of_patches, of_tiles
 
 CONFIG = FitConfig(
     texels=4,
@@ -68,6 +68,38 @@ def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: Shots):
     moved = [k for k in range(3) if not np.array_equal(state.own.feature[k], new.own.feature[k])]
     assert moved == sorted(set(batch.patch.tolist())) and len(moved) == 2
     np.testing.assert_array_equal(new.own.adam.count, np.isin(np.arange(3), moved))
+
+
+@pytest.fixture(scope="module")
+def tiles(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+    """The 16 tiles of a torus, of the same fog."""
+    return shots_of([of_tiles(tmp_path_factory.mktemp("tiles") / "set", [*range(16), *range(16)])], held=1)
+
+
+def test_a_tile_is_learned_where_it_lies_on_the_torus(tiles: Shots):
+    """A row moves the texels of its tile, and those beyond its borders that it is interpolated from; nothing else."""
+    config, seen = fitted(replace(CONFIG, batch=1, rays=256), tiles)
+    state, batch = start(config, seen, jax.random.key(0)), feed(config, seen)(0)
+    assert state.own.feature.shape == (1, 16, 16, 4) and config.layout.period == 4
+    finest = batch._replace(patch=np.full_like(batch.patch, 6), radius=np.zeros_like(batch.radius))
+    new, _ = jax.jit(lambda s, b: step(config, s, b))(state, finest)
+    moved = np.abs(np.asarray(new.own.feature - state.own.feature)[0]).max(axis=2) > 0
+    rows, columns = np.arange(3, 9), np.arange(7, 13)  # tile (2, 1): texels 8 to 11 along u, 4 to 7 along v
+    assert moved[4:8, 8:12].all()
+    inside = np.zeros_like(moved)
+    inside[np.ix_(rows, columns)] = True
+    assert not moved[~inside].any()
+
+
+def test_a_torus_of_fog_is_recovered_and_is_a_material(tiles: Shots, tmp_path: Path):
+    config, seen = fitted(replace(CONFIG, steps=150), tiles)
+    state = run.train(config, seen, tmp_path / "run")
+    where = tiles.samples[0].file.parents[1]
+    scores, _ = score(config, seen, lambda k: material_of(state.common, texture_of(config, state, k)), where)
+    assert scores.alpha > 32 and scores.foreground > 32
+    cut = exemplars(config, seen, state, {}).features
+    assert cut.shape == (16, 4, 4, 4)
+    np.testing.assert_array_equal(cut[6], state.own.feature[0, 4:8, 8:12])
 
 
 def test_the_decoder_stands_when_it_has_settled(patches: Shots):

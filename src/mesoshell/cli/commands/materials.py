@@ -27,6 +27,8 @@ def _kind(material: Material) -> str:
     texels = f"{bundle.texel_density:g} texels a patch"
     if not bundle.baked:
         return f"shell with a generator, {texels}: endless, a texture for each --seed"
+    if bundle.tiles is not None:
+        return f"shell, {texels}: endless, of 16 tiles; another order of them for each --seed"
     return f"shell, {texels}: one patch that repeats" if bundle.wraps else f"shell, {texels}: one texture with edges"
 
 

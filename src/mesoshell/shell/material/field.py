@@ -17,7 +17,9 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from mesoshell.io.corner_tiles import Colours
 from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.corner_tiles import on_torus
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.triplane import lookup_planes
 from mesoshell.texture import mip
@@ -30,7 +32,9 @@ class Layout:
     """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves, whether the
     texture has edges or is one patch that wraps around, the (u, v) at which one with edges begins, in whole patches, and how
     many cells there are along (v, u) if each has three planes of its own (shell/material/triplane) in place of one texture.
-    nodes: how many there are along (v, u) if F(h) varies over the texture (shell/generator/nodes)."""
+    nodes: how many there are along (v, u) if F(h) varies over the texture (shell/generator/nodes). period: patches along a
+    side of a texture that wraps around; colours: of corner tiles (io/corner_tiles), whose torus it is; their plane begins at
+    origin."""
 
     sizes: Sizes
     height_sizes: Sizes
@@ -40,6 +44,15 @@ class Layout:
     origin: tuple[int, int] = (0, 0)
     cells: tuple[int, int] | None = None
     nodes: tuple[int, int] | None = None
+    period: int = 1
+    colours: Colours | None = None
+
+    def on_texture(self, uv: Vec2) -> Vec2:
+        """(u, v) in the unit that the texture is looked up in: from its origin, or its period."""
+        if self.open:
+            return uv - jnp.array(self.origin, uv.dtype)
+        uv = uv if self.colours is None else on_torus(self.colours, self.origin, uv)
+        return uv if self.period == 1 else uv / self.period
 
 
 class Material(NamedTuple):
@@ -78,7 +91,7 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
     density = layout.texel_density if layout.open else None
-    uv = point.xi[:2] - jnp.array(layout.origin, point.xi.dtype) if layout.open else point.xi[:2]
+    uv = layout.on_texture(point.xi[:2])
     plane = mip.lookup(material.texture, layout.sizes, uv, level, density)
     if layout.nodes is None:
         profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)

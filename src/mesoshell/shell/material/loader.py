@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.corner_tiles import SIDE
 from mesoshell.nets.mlp import Dense
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.field import Layout, Material
@@ -42,7 +43,7 @@ class DeviceMaterial:
 def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
     """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather.
 
-    origin: (u, v), in whole patches, at which a texture with edges begins.
+    origin: (u, v), in whole patches, at which a texture with edges begins, or that of a seed of corner tiles.
     """
     a = bundle.arrays
     levels = [a[f"features/{i}"] for i in range(_count(a, "features/{}"))]
@@ -57,6 +58,8 @@ def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
         not bundle.wraps,
         origin,
         nodes=heights[0].shape[:2] if varies else None,
+        period=1 if bundle.tiles is None else SIDE,
+        colours=bundle.tiles,
     )
     material = Material(
         mip.pack([jnp.asarray(x) for x in levels]),

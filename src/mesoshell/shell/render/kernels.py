@@ -93,10 +93,11 @@ def bound(program: StaticConfig, grid: Grid, xi: Vec3, level: Scalar) -> Scalar:
     offsets = jnp.array([sum(sizes[:i]) for i in range(len(sizes))], jnp.int32)
     l = jnp.floor(level).astype(jnp.int32)
     if program.layout.open:
-        uv, patches = xi[:2] - jnp.array(program.layout.origin, xi.dtype), jnp.array(_cells(program.layout), xi.dtype)
+        uv, patches = program.layout.on_texture(xi[:2]), jnp.array(_cells(program.layout), xi.dtype)
         where = jnp.stack([xi[2] * shapes[l, 0].astype(xi.dtype), uv[1] * patches[l], uv[0] * patches[l]])
     else:
-        uv = xi[:2] - jnp.floor(xi[:2])
+        uv = program.layout.on_texture(xi[:2])
+        uv = uv - jnp.floor(uv)
         where = jnp.stack([xi[2], uv[1], uv[0]]) * shapes[l].astype(xi.dtype)
     cell = jnp.clip(where.astype(jnp.int32), 0, shapes[l] - 1)
     return grid.values[offsets[l] + (cell[0] * shapes[l, 1] + cell[1]) * shapes[l, 2] + cell[2]]

@@ -1,7 +1,7 @@
 """Pictures of patches as rays: which patch each shows, which pixels meet the unit box, and the rows of a step.
 
 Notation
-K, N        patches, and pictures of all of them
+K, N        patches, and pictures of all of them; the 16 tiles of a torus are patches, in the order in which they lie there
 patch       a geometry: a recipe at a version, an instance, and its β; datasets that share it add pictures to it
 pixel       place among all pixels of all pictures, row by row; of picture n from first[n] on
 held        the last pictures of a patch, in every dataset: nothing is learned from them
@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float16, Int
 
 from mesoshell.errors import InputError
+from mesoshell.io.corner_tiles import SIDE, is_torus
 from mesoshell.io.dataset import Dataset, Sample, load_image, origin
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, pixel_grid, pixel_radius, rays
@@ -44,7 +45,8 @@ class Rays(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Shots:
     """Pictures of K patches. learned, held: pixels of each patch that meet the box; beta: geometry parameters of
-    each, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all. given: arrays of a decoder and a
+    each, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all. tiles: patches along the side of the
+    torus whose tiles these are, or 0. given: arrays of a decoder and a
     height feature that another fit has learned, as a bundle names them."""
 
     folder: Path
@@ -58,6 +60,7 @@ class Shots:
     beta: Float[np.ndarray, "K G"]
     alpha: Float[np.ndarray, "N A"]
     origins: tuple[dict[str, Any], ...]
+    tiles: int = 0
     given: dict[str, np.ndarray] | None = None
 
     def target(self, pixels: Int[np.ndarray, "R"]) -> Float[np.ndarray, "R 4"]:
@@ -78,7 +81,9 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
     datasets = [*datasets, *tests]
     parameters = _parameters(datasets)
     keys = [(_geometry(d, s), d, s) for d in datasets for s in d.samples]
-    patches = {key: i for i, key in enumerate(dict.fromkeys(key for key, _, _ in keys))}
+    tiled = _tiled(datasets, {key for key, _, _ in keys})
+    order = sorted if tiled else list
+    patches = {key: i for i, key in enumerate(order(dict.fromkeys(key for key, _, _ in keys)))}
     for dataset in datasets:
         _check_fixed(dataset, {key for key, d, _ in keys if d is dataset})
     samples = tuple(s for _, _, s in keys)
@@ -111,6 +116,7 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
         beta[where],
         alpha,
         origins,
+        SIDE if tiled else 0,
     )
 
 
@@ -121,6 +127,22 @@ def _parameters(datasets: Sequence[Dataset]) -> dict[str, Any]:
         if dataset.recipe != recipe or dataset.manifest["parameters"] != parameters:
             raise InputError(dataset.folder, "has another recipe or other parameters than the first dataset")
     return parameters
+
+
+def _tiled(datasets: Sequence[Dataset], geometries: set[tuple]) -> bool:
+    """Whether these are pictures of corner tiles. Raises InputError if some are not, or tiles are missing."""
+    first = datasets[0].manifest.get("tiles")
+    for dataset in datasets:
+        if dataset.manifest.get("tiles") != first:
+            raise InputError(dataset.folder, "has other tiles than the first dataset")
+    if first is not None and not is_torus(first):
+        raise InputError(datasets[0].folder, "its tiles are not the colours of a torus of 4 x 4 tiles")
+    if first is not None and sorted(g[0] for g in geometries) != list(range(SIDE**2)):
+        fault = (
+            f"has {len(geometries)} geometries, not each of the {SIDE**2} tiles: give it a --count of {SIDE**2} or more"
+        )
+        raise InputError(datasets[0].folder, fault)
+    return first is not None
 
 
 def _check_fixed(dataset: Dataset, geometries: set[tuple]) -> None:
@@ -150,9 +172,9 @@ def _geometry(dataset: Dataset, sample: Sample) -> tuple:
     """What tells a patch: of many patches its number, of one its seed. Raises InputError if every picture has its own."""
     manifest = dataset.manifest
     patch = manifest.get("patch", 0)
-    if patch is None and "views" not in manifest:
+    if patch is None and "views" not in manifest and "tiles" not in manifest:
         raise InputError(
-            dataset.folder, "every image shows another geometry; render it with --patch 0, or --patches 16"
+            dataset.folder, "every image shows another geometry; render it with --patch 0, --patches 16 or --tiles"
         )
     instance = patch if patch is not None else dataset.rows[sample.index].get("instance")
     beta = [n for n, p in manifest["parameters"].items() if p["role"] == "beta"]

@@ -20,12 +20,12 @@ from mesoshell.train.export import declared, to_bundle
 from mesoshell.train.fit.holdout import Scores, score
 from mesoshell.train.fit.patch_rays import Shots, shots_of
 from mesoshell.train.fit.snapshot import exemplars, provenance
-from mesoshell.train.fit.step import FitConfig, FitState, fitted, material_of
+from mesoshell.train.fit.step import FitConfig, FitState, fitted, material_of, texture_of
 from mesoshell.train.parallel import rows_of
 
 
 class Fitted(NamedTuple):
-    """made: a material of one patch, or textures of many; scores and sheets: by a dataset's folder."""
+    """made: a material of one patch or of corner tiles, or textures of many; scores and sheets: by a dataset's folder."""
 
     made: Bundle | Exemplars
     scores: dict[Path, Scores]
@@ -91,16 +91,16 @@ def conclude(
     scores, sheets = {}, {}
     for dataset in [*(datasets if config.held else ()), *tests]:
         scored, pictures = score(
-            config, shots, lambda k: material_of(state.common, state.own.feature[k]), dataset.folder
+            config, shots, lambda k: material_of(state.common, texture_of(config, state, k)), dataset.folder
         )
         scores[dataset.folder], sheets[dataset.folder] = scored, _sheet(pictures)
     names = distinct_names(list(scores))
     tested = {n: {k: round(v, 3) for k, v in s._asdict().items()} for n, s in zip(names, scores.values(), strict=True)}
     about: dict[str, Any] = provenance(config, shots, state) | {"test": tested}
-    if config.patches > 1:
+    if config.patches > 1 and not config.tiles:
         return Fitted(exemplars(config, shots, state, about), scores, sheets)
-    parameters = declared(shots.manifest)
-    return Fitted(to_bundle(config, state.common, state.own.feature[0], parameters, about), scores, sheets)
+    parameters, colours = declared(shots.manifest), shots.manifest["tiles"] if config.tiles else None
+    return Fitted(to_bundle(config, state.common, state.own.feature[0], parameters, about, colours), scores, sheets)
 
 
 def _sheet(y: np.ndarray, columns: int = 6, most: int = 96) -> np.ndarray:

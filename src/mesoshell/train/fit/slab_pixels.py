@@ -38,9 +38,10 @@ def predict(
     spread = partial(along, PictureConfig(samples=n))
     points, length = jax.vmap(spread)(row.origin, row.direction, row.radius, jitter)
     flat = jax.tree.map(lambda x: x.reshape(r * n, *x.shape[2:]), points)
+    flat = flat._replace(xi=_on_torus(layout.period, row.patch, flat.xi))
     lengths = jnp.repeat(length, n)
-    wide = flat.radius > 1 / occupancy.shape[1]  # a filter wider than a cell sees its neighbours
-    depth = occupancy.reshape(-1)[cell_of(flat.xi, occupancy.shape)] * lengths
+    wide = flat.radius > layout.period / occupancy.shape[1]  # a filter wider than a cell sees its neighbours
+    depth = occupancy.reshape(-1)[cell_of(flat.xi, occupancy.shape, layout.period)] * lengths
     occupied = wide | (depth > 5e-3) | (decoded >= 1)
     budget = max(_TILE, int(decoded * r * n) // _TILE * _TILE)
     (chosen,) = jnp.nonzero(occupied, size=budget, fill_value=r * n - 1)
@@ -60,10 +61,18 @@ def predict(
     return y, complete, wanted.astype(y.dtype) / budget
 
 
-def cell_of(xi: Float[Array, "*batch 3"], shape: tuple[int, ...]) -> Array:
-    """Flat index of the occupancy cell of a point; u and v wrap."""
+def _on_torus(period: int, patch: Array, xi: Float[Array, "S 3"]) -> Float[Array, "S 3"]:
+    """Points of the unit box of a patch, in the texture that holds period × period of them, line by line."""
+    if period == 1:
+        return xi
+    return xi.at[:, :2].add(jnp.stack([patch % period, patch // period]).astype(xi.dtype))
+
+
+def cell_of(xi: Float[Array, "*batch 3"], shape: tuple[int, ...], period: int = 1) -> Array:
+    """Flat index of the occupancy cell of a point; u and v wrap, after `period` patches."""
     depth, rows, columns = shape
-    uv = xi[..., :2] - jnp.floor(xi[..., :2])
+    uv = xi[..., :2] / period
+    uv = uv - jnp.floor(uv)
     u = jnp.clip((uv[..., 0] * columns).astype(jnp.int32), 0, columns - 1)
     v = jnp.clip((uv[..., 1] * rows).astype(jnp.int32), 0, rows - 1)
     h = jnp.clip((xi[..., 2] * depth).astype(jnp.int32), 0, depth - 1)

@@ -18,7 +18,7 @@ from mesoshell.io.sheet import tiled
 from mesoshell.train.export import declared, decoder_arrays
 from mesoshell.train.fit.holdout import picture_pair
 from mesoshell.train.fit.patch_rays import Shots
-from mesoshell.train.fit.step import FitConfig, FitState, material_of
+from mesoshell.train.fit.step import FitConfig, FitState, material_of, texture_of
 
 COLUMNS = 12
 
@@ -34,9 +34,13 @@ def provenance(config: FitConfig, shots: Shots, state: FitState) -> dict[str, An
 
 
 def exemplars(config: FitConfig, shots: Shots, state: FitState, about: dict[str, Any]) -> Exemplars:
-    """What was fitted, as it is written. about: its provenance."""
+    """What was fitted, as it is written; tiles one by one. about: its provenance."""
+    feature = np.asarray(state.own.feature)
+    if config.tiles:
+        cut = feature.reshape(config.tiles, config.texels, config.tiles, config.texels, -1)
+        feature = cut.swapaxes(1, 2).reshape(config.patches, config.texels, config.texels, -1)
     return Exemplars(
-        np.asarray(state.own.feature),
+        feature,
         np.asarray(state.common.height)[:, 0],
         shots.beta,
         decoder_arrays(state.common.decoder),
@@ -60,7 +64,11 @@ def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray,
     for k, n in zip(patches, pictures, strict=True):
         fit = [i for i in n if shots.samples[i].size == size] or list(n)
         nearest = min(fit, key=lambda i: shots.samples[i].radius)
-        pairs.append(picture_pair(config, shots, material_of(state.common, state.own.feature[k]), int(k), int(nearest)))
+        pairs.append(
+            picture_pair(
+                config, shots, material_of(state.common, texture_of(config, state, int(k))), int(k), int(nearest)
+            )
+        )
     pairs = [pair for pair in pairs if pair[0].shape == pairs[0][0].shape]
     shown = np.stack([np.stack(side) for side in zip(*pairs, strict=True)]).reshape(-1, *pairs[0][0].shape)
     return np.asarray(tiled(shown[..., :3], len(pairs)))

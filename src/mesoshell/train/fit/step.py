@@ -11,6 +11,8 @@ helped and what did not is in `docs/results/fitting.md`.
 
 With many patches a step sees G of them. The first FEW teach the decoder while `stand` lasts, then all do, at a rate that falls;
 after `settle` of the run the decoder stays as it is and textures alone go on, so that all are fitted to the same one.
+
+Patches may be tiles of a torus: they lie side by side in one texture.
 """
 
 from collections.abc import Callable
@@ -48,8 +50,9 @@ _UNSEEN = 1.5
 class FitConfig:
     """Everything that a fit depends on beside the data. batch, rays: B, R; group: most patches a step; decoded: share of the
     candidates that a row has room to decode; rates fall to `final` of themselves; patches, appearance: K, and the number of α,
-    which follow from the data; kept: steps between snapshots; given: a material or exemplars whose decoder and F(h) are taken
-    and stay as they are, and given_digest: of that file; held: pictures of each patch, in each dataset, not learned from."""
+    which follow from the data, as tiles does: patches along the side of a torus, 0 where each is one of its own; kept: steps
+    between snapshots; given: a material or exemplars whose decoder and F(h) are taken and stay as they are, and given_digest:
+    of that file; held: pictures of each patch, in each dataset, not learned from."""
 
     texels: int = 256
     channels: int = 32
@@ -71,6 +74,7 @@ class FitConfig:
     kept: int = 1000
     patches: int = 1
     appearance: int = 0
+    tiles: int = 0
     given: str = ""
     given_digest: str = ""
     held: int = 0
@@ -96,9 +100,14 @@ class FitConfig:
         return self.batch // self.at_once
 
     @property
+    def side(self) -> int:
+        """Texels along the side of a texture."""
+        return self.texels * max(self.tiles, 1)
+
+    @property
     def layout(self) -> Layout:
-        sizes = mip.level_sizes(self.texels, self.texels)
-        return Layout(sizes, mip.level_sizes(self.height_rows, 1), float(self.texels), self.octaves)
+        sizes, rows = mip.level_sizes(self.side, self.side), mip.level_sizes(self.height_rows, 1)
+        return Layout(sizes, rows, float(self.texels), self.octaves, period=max(self.tiles, 1))
 
 
 class Common(NamedTuple):
@@ -109,7 +118,8 @@ class Common(NamedTuple):
 
 
 class Own(NamedTuple):
-    """What each patch has of its own: F(u, v), Adam's moments of it and its count of updates, and its occupancy."""
+    """What each texture, of a patch or of a torus, has of its own: F(u, v), Adam's moments of it and its count of updates, and
+    its occupancy."""
 
     feature: Float[Array, "K H W C"]
     adam: Any
@@ -136,7 +146,7 @@ class FitReport(NamedTuple):
 
 def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
     """The configuration for the data, with the decoder that is given. Raises InputError if that does not fit them."""
-    config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1])
+    config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1], tiles=shots.tiles)
     if config.given:
         config, shots = _given(config, shots)
     return config, shots
@@ -171,7 +181,7 @@ def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Call
     mine = range(host * config.batch // hosts, (host + 1) * config.batch // hosts)
 
     def at(step: int) -> Rays:
-        learning = step < config.stand * config.steps and not config.given
+        learning = step < config.stand * config.steps and not config.given and not config.tiles
         few = max(FEW, config.at_once) if learning else config.patches
         drawn = np.random.default_rng([config.seed, step])
         group = drawn.permutation(min(few, config.patches))[: config.at_once]
@@ -190,26 +200,28 @@ def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Call
 def start(config: FitConfig, shots: Shots, key: Key[Array, ""]) -> FitState:
     """Small random features and a He-initialised decoder, or the one that is given."""
     keys = jax.random.split(key, 3)
-    c, side = config.channels, config.texels
+    c, side = config.channels, config.side
+    count = 1 if config.tiles else config.patches
     decoder = init_decoder(keys[2], c + 1 + 2 * config.octaves + config.appearance, config.trunk, config.head)
     common = Common(0.1 * jax.random.normal(keys[1], (config.height_rows, 1, c), jnp.float32), decoder)
     if shots.given is not None:
         height = jnp.asarray(shots.given["height/0"], jnp.float32)
         common = Common(height[:, None], jax.tree.map(jnp.copy, decoder_of(shots.given)))
-    feature = 0.1 * jax.random.normal(keys[0], (config.patches, side, side, c), jnp.float32)
-    cells = min(_CELLS, side)
-    occupancy = jnp.full((config.patches, _DEPTH, cells, cells), _UNSEEN, jnp.float32)
+    feature = 0.1 * jax.random.normal(keys[0], (count, side, side, c), jnp.float32)
+    cells = min(2 * _CELLS if config.tiles else _CELLS, side)
+    occupancy = jnp.full((count, _DEPTH, cells, cells), _UNSEEN, jnp.float32)
     own = Own(feature, jax.vmap(_adam().init)(feature), occupancy)
     return FitState(common, _adam().init(common), own, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE) -> tuple[FitState, FitReport]:
     """One update of the decoder, and of the textures that the rows show. Pure."""
-    group = batch.patch[:: config.together]
+    group = jnp.zeros(1, batch.patch.dtype) if config.tiles else batch.patch[:: config.together]
+    together = batch.patch.shape[0] // group.shape[0]
     own = jax.tree.map(lambda x: x[group], state.own)
 
     def loss(feature: Array, common: Common) -> tuple[Scalar, Scalar]:
-        rows = jax.tree.map(lambda x: jnp.repeat(x, config.together, axis=0), (_pyramids(feature), own.occupancy))
+        rows = jax.tree.map(lambda x: jnp.repeat(x, together, axis=0), (_pyramids(feature), own.occupancy))
         height = mip.pack(mip.build(common.height))
         row = partial(_row_loss, config, height, common.decoder)
         error, wanted = across.each(row)(*rows, batch)
@@ -220,7 +232,9 @@ def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE)
     for_own, for_common = (gradient, jax.tree.map(jnp.zeros_like, state.common)) if config.given else gradient
     for_common, error, wanted = across.mean((for_common, error, wanted))
     alphas = batch.alpha
-    if across.everyone is not None:
+    if config.tiles:
+        for_own = across.mean(for_own)
+    elif across.everyone is not None:
         everyone, mine = across.everyone, group.shape[0]
         group, own, for_own, alphas = jax.tree.map(lambda x: everyone(x)[0], (group, own, for_own, alphas))
         for_own = for_own * (mine / group.shape[0])  # a device's mean is over its own rows
@@ -238,8 +252,7 @@ def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE)
     look = partial(_looked, config, common, alphas.reshape(-1, *alphas.shape[2:]))
     occupancy = across.each(look)(feature, own.occupancy, own.adam.count, keys)
     own = jax.tree.map(lambda all_, new: all_.at[group].set(new), state.own, Own(feature, adam, occupancy))
-    rows = group.shape[0] * config.together
-    new = FitState(common, common_adam, own, state.step + 1, state.images + rows)
+    new = FitState(common, common_adam, own, state.step + 1, state.images + config.batch)
     return new, FitReport(error, wanted, bad)
 
 
@@ -255,6 +268,11 @@ def _moved(rate: Scalar, tree: Any, memory: Any, gradient: Any) -> tuple[Any, An
 def material_of(common: Common, feature: Float[Array, "H W C"]) -> Material:
     """One patch as a field takes it."""
     return Material(mip.pack(mip.build(feature)), mip.pack(mip.build(common.height)), common.decoder)
+
+
+def texture_of(config: FitConfig, state: FitState, patch: int) -> Float[Array, "H W C"]:
+    """The texture that a patch lies in."""
+    return state.own.feature[0 if config.tiles else patch]
 
 
 def given(exemplars: Exemplars) -> Callable[[int], Material]:
@@ -293,7 +311,8 @@ def _looked(
     h, v, u = jnp.meshgrid(*(jnp.arange(s, dtype=feature.dtype) for s in some.shape), indexing="ij")
     corner = jnp.stack([u, v, h + first.astype(feature.dtype)], axis=-1).reshape(-1, 3)
     at = corner + jax.random.uniform(key, corner.shape, jnp.float32).astype(feature.dtype)
-    xi = at / jnp.array([[columns, rows, depth]], feature.dtype)
+    period = config.layout.period
+    xi = at * jnp.array([[period / columns, period / rows, 1 / depth]], feature.dtype)
     field = neural_field(material_of(common, feature), config.layout)
     zero = jnp.zeros((), feature.dtype)
     alpha = alphas[jax.random.permutation(jax.random.fold_in(key, 1), len(xi)) % len(alphas)]

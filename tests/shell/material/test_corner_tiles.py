@@ -1,0 +1,90 @@
+"""A plane of corner tiles: neighbours fit, every tile is as frequent, nothing repeats, and both lookups are exact far out.
+
+Oracle: integers of NumPy, with the hash written out.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from data_gen.tiles import COLOURS
+from mesoshell.io.corner_tiles import SIDE, places, seed_origin
+from mesoshell.shell.material.corner_tiles import on_torus
+from mesoshell.shell.material.field import Layout
+from mesoshell.texture import mip
+
+WHERE = jax.jit(jax.vmap(lambda uv: on_torus(COLOURS, (0, 0), uv)))
+
+
+def true_colour(i: int, j: int) -> int:
+    mask = 2**32 - 1
+    h = (i * 0x9E3779B1 & mask) ^ (j * 0x85EBCA77 & mask)
+    for factor, shift in ((0x2C1B3C6D, 15), (0x297A2D39, 12)):
+        h = (h ^ h >> shift) * factor & mask
+    return (h ^ h >> 15) & 1
+
+
+def true_place(i: int, j: int) -> np.ndarray:
+    corners = [true_colour((i + a) & (2**32 - 1), (j + b) & (2**32 - 1)) for b in (0, 1) for a in (0, 1)]
+    return places(COLOURS)[sum(c << k for k, c in enumerate(corners))]
+
+
+def plane(side: int) -> np.ndarray:
+    """Tile at each patch of a square of the plane, as number i + 4 j on the torus."""
+    at = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
+    found = np.asarray(WHERE(jnp.asarray(at + 0.5, jnp.float32)))
+    return np.floor(found).astype(int) @ [1, SIDE]
+
+
+def test_against_integers() -> None:
+    random = np.random.default_rng(0)
+    patch = random.integers(-4096, 4096, (500, 2))
+    inside = random.integers(1, 2**8, (500, 2)) / 2**8  # that float32 has exactly
+    found = np.asarray(WHERE(jnp.asarray(patch + inside, jnp.float32)))
+    np.testing.assert_array_equal(found, [true_place(*map(int, p)) + f for p, f in zip(patch, inside, strict=True)])
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(-5000, 5000), st.integers(-5000, 5000), st.integers(0, 2**32 - 1))
+def test_neighbours_share_the_colours_of_their_edge(i: int, j: int, seed: int) -> None:
+    origin = seed_origin(seed)
+    here, right, above = (
+        np.floor(np.asarray(on_torus(COLOURS, origin, jnp.array(at, jnp.float32) + 0.5))).astype(int)
+        for at in ((i, j), (i + 1, j), (i, j + 1))
+    )
+    colour = lambda at, a, b: COLOURS[(at[1] + b) % SIDE][(at[0] + a) % SIDE]  # noqa: E731
+    assert [colour(here, 1, k) for k in (0, 1)] == [colour(right, 0, k) for k in (0, 1)]
+    assert [colour(here, k, 1) for k in (0, 1)] == [colour(above, k, 0) for k in (0, 1)]
+
+
+def test_every_tile_is_as_frequent_and_none_repeats_with_a_lag() -> None:
+    tiles = plane(128)
+    counts = np.bincount(tiles, minlength=16)
+    np.testing.assert_allclose(counts / counts.sum(), 1 / 16, atol=0.01)
+    square = tiles.reshape(128, 128)
+    for lag in range(1, 65):
+        for axis in (0, 1):
+            same = (square == np.roll(square, lag, axis)).mean()
+            # neighbours share two corners of four, so that one in four is the same by chance where colours let it
+            assert same < (0.2 if lag == 1 else 0.09), (lag, axis)
+
+
+def test_seeds_are_different_planes() -> None:
+    at = jnp.asarray(np.random.default_rng(1).uniform(0, 64, (2000, 2)), jnp.float32)
+    found = [np.floor(np.asarray(jax.vmap(lambda x, s=s: on_torus(COLOURS, seed_origin(s), x))(at))) for s in (0, 1)]
+    assert (found[0] == found[1]).all(axis=1).mean() < 0.12
+
+
+def test_a_texture_of_tiles_is_looked_up_at_its_tile() -> None:
+    """Of a texture that tells where on the torus one is, read in the middle of texels: exactly that place."""
+    texels = 8
+    side = SIDE * texels
+    line = (jnp.arange(side, dtype=jnp.float32) + 0.5) / texels
+    feature = jnp.stack(jnp.meshgrid(line, line), axis=-1)
+    layout = Layout(mip.level_sizes(side, side), ((1, 1),), float(texels), 0, period=SIDE, colours=COLOURS)
+    pyramid = mip.pack(mip.build(feature))
+    at = (jnp.asarray(np.random.default_rng(2).integers(0, 200 * texels, (100, 2)), jnp.float32) + 0.5) / texels
+    look = lambda uv: mip.lookup(pyramid, layout.sizes, layout.on_texture(uv), jnp.float32(0))  # noqa: E731
+    np.testing.assert_allclose(jax.vmap(look)(at), WHERE(at), atol=1e-4)

@@ -86,7 +86,7 @@ def shell_source(
     if kind_of(path) == KIND:
         raise InputError(name, "is a surface material already")
     bundle = read_bundle(path)
-    if not bundle.baked or not bundle.wraps:
+    if not bundle.baked or not bundle.wraps or bundle.tiles is not None:
         raise InputError(name, "is no texture that repeats: a surface material is one period, again and again")
     values, maps = read_params(bundle, params)
     if maps:

@@ -31,7 +31,8 @@ class Scene:
         was made; of bundled shells the thickness, of surface materials 2/25 of the diagonal.
     params: values of the material's parameters, by name: a number in the parameter's unit, or an image that varies it over the
         UV square, a file or (H, W) in [0, 1], whose black to white spans the parameter's range.
-    seed: which of a generator's textures grows on the mesh; a material that is one texture has no other. Default: 0.
+    seed: which of a generator's textures grows on the mesh; or in which order corner tiles lie; a material that is one patch
+        has no other. Default: 0.
     size: width and height of the picture in pixels.
     camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default: it
         frames the mesh from the upper front.

@@ -37,8 +37,8 @@ class Options:
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
     #: generator also varies geometry: an image of a carpet's lean angle combs it.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    #: Which of a generator's textures grows on the mesh, or in which order corner tiles lie; a material that is one patch has no
-    #: other. Default: 0.
+    #: Which of a generator's textures grows on the mesh, or in which order corner tiles lie; a material that is one patch has
+    #: no other. Default: 0.
     seed: int | None = None
     #: Height of the shell in the mesh's unit; default: as high over --scale as the material was made, or 1/25 of the bounding
     #: box's diagonal.

@@ -15,11 +15,12 @@ from jaxtyping import Float
 from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, frame, place, place_exact, spread
 from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.field import Point, inputs
 from mesoshell.shell.render.lighting import Shaded, Tile
-from mesoshell.shell.render.renderer import RenderReport, _Renderer
+from mesoshell.shell.render.renderer import _Renderer
 from mesoshell.shell.render.scene import Scene
 
 #: Samples a call.

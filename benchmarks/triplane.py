@@ -24,6 +24,7 @@ from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS
+from mesoshell.render.tiles import RenderReport
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.generator.generator import synthesise
 from mesoshell.shell.generator.model import GeneratorModel, grown, maker_of
@@ -33,7 +34,7 @@ from mesoshell.shell.material.density_bounds import bounds
 from mesoshell.shell.material.field import Layout, Material
 from mesoshell.shell.material.loader import GRID_CELLS, DeviceMaterial, Grid, ready
 from mesoshell.shell.material.triplane import pack_planes
-from mesoshell.shell.render.renderer import RenderReport, render
+from mesoshell.shell.render.renderer import render
 from mesoshell.shell.render.scene import Scene
 from mesoshell.texture import mip
 

@@ -12,11 +12,12 @@ import pytest
 
 from mesoshell.render.camera import rays
 from mesoshell.render.light import Distant, environment
+from mesoshell.render.tiles import RenderReport
 from mesoshell.shell.geometry.sampling import spread
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.lighting import Tile
-from mesoshell.shell.render.renderer import RenderReport, _Renderer, render
+from mesoshell.shell.render.renderer import _Renderer, render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import scenes
 

@@ -16,10 +16,11 @@ from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, r
 from mesoshell.render.effects import SURFACE, Effect, Effects, plan_effects
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport
 from mesoshell.surface_material import renderer
 from mesoshell.surface_material.intersector import SurfaceIntersector
 from mesoshell.surface_material.loader import ready
-from mesoshell.surface_material.renderer import RenderReport, SurfaceScene, facts, plan, render
+from mesoshell.surface_material.renderer import SurfaceScene, facts, plan, render
 from mesoshell.surface_material.tables import surface_tables
 from tests.helpers import wearing
 

@@ -10,12 +10,9 @@ A ray adds T α Σ ρ E V at each hit from outside, goes on with T (1 − α), a
 hit leaves the body through its other side first, which does not stop it: that there is a body in its way ρ knows.
 """
 
-import os
-import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -27,11 +24,12 @@ from mesoshell.geometry.enclosure import enclosure
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
-from mesoshell.render.camera import pixel_grid, pixel_radius, rays
+from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import SURFACE, Effects, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport, render_tiles
 from mesoshell.surface_material.intersector import ADVANCE, Hits, Local, SurfaceIntersector
 from mesoshell.surface_material.loader import DeviceMaterial
 from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, reflectance, seen
@@ -70,22 +68,6 @@ def plan(scene: SurfaceScene, quality: Quality) -> Effects:
     return plan_effects(facts(scene), quality, SURFACE)
 
 
-@dataclass
-class RenderReport:
-    """Seconds by stage, summed over threads but for `wall`, and counts. notes: what the user should know."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def add(self, stage: str, since: float, **counts: int) -> None:
-        with self.lock:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - since
-            for name, value in counts.items():
-                self.counts[name] = self.counts.get(name, 0) + value
-
-
 def render(
     scene: SurfaceScene,
     quality: Quality,
@@ -94,31 +76,21 @@ def render(
 ) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
     """Linear RGBA, premultiplied, and what it took. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
-    camera = scene.camera
     others = [m.vertices[m.faces].astype(np.float64) for m in scene.objects]
     dressed = SurfaceIntersector(
         surface_tables(scene.mesh, scene.period, quality), np.concatenate([np.zeros((0, 3, 3)), *others])
     )
     report.notes = dressed.worn.notes(scene.ready.curvature)
-    report.add("prepare", begin)
-    pixels = camera.height * camera.width
-    work = [(k, i) for k in range(quality.pixel_samples) for i in range(0, pixels, RAYS)]
-    image = np.zeros((pixels, 4))
+    report.time("prepare", begin)
 
-    def one(item: tuple[int, int]) -> tuple[int, np.ndarray]:
-        k, first = item
-        o, d = rays(camera, pixel_grid(camera, quality.pixel_samples, k, slice(first, first + RAYS)))
-        tile = _Tile(scene, dressed, quality, effects, report)
-        return first, tile.rgba(np.ascontiguousarray(o), d, np.random.default_rng(item))
+    def tile(o: np.ndarray, d: np.ndarray, k: int, random: np.random.Generator) -> np.ndarray:
+        return _Tile(scene, dressed, quality, effects, report).rgba(o, d, random)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for done, (first, rgba) in enumerate(pool.map(one, work), start=1):
-            image[first : first + len(rgba)] += rgba
-            progress(done / len(work))
-    report.add("wall", begin)
+    image = render_tiles(scene.camera, quality.pixel_samples, RAYS, tile, progress)
+    report.time("wall", begin)
     if cut := report.counts.get("cut_short"):
         report.notes += (f"{cut} rays and shadows passed {MOST} surfaces, and what lies behind these was left out",)
-    return (image / quality.pixel_samples).reshape(camera.height, camera.width, 4), report
+    return image, report
 
 
 class _Tile:
@@ -138,7 +110,7 @@ class _Tile:
         for _ in range(MOST):
             clock = time.perf_counter()
             hits = self.dressed.meet(o[alive] + start[alive, None] * d[alive], d[alive])
-            self.report.add("trace", clock, rays=len(alive))
+            self.report.time("trace", clock, rays=len(alive))
             met = hits.face >= 0
             start[alive] += np.where(met, hits.t + ADVANCE * (self.dressed.size + hits.t), 0)
             ours = np.flatnonzero(met & hits.front & (hits.face < self.dressed.count))
@@ -151,7 +123,7 @@ class _Tile:
             alive = alive[met & (through[alive] > self.quality.early_stop)]
             if not len(alive):
                 break
-        self.report.add("trace", time.perf_counter(), cut_short=len(alive))
+        self.report.count(cut_short=len(alive))
         alpha = 1 - through
         if self.effects.background.on and self.scene.environment is not None:
             rgb += through[:, None] * lookup(self.scene.environment, d)
@@ -165,12 +137,12 @@ class _Tile:
         local = self.dressed.queries(hits, rows, d, self.spread * t)
         if not lights:
             alpha = _opacity(self.scene.ready, local)
-            self.report.add("query", clock, queries=len(rows))
+            self.report.time("query", clock, queries=len(rows))
             return alpha, np.zeros((len(rows), 3))
         toward = [np.einsum("hij,hj->hi", local.axes, beam.toward) for beam in lights]
         alpha, rho = _answered(self.scene.ready, local, np.stack(toward, axis=1))
         normal = self.dressed.facing(hits, rows, d)
-        self.report.add("query", clock, queries=len(rows), transport_queries=len(rows) * len(lights))
+        self.report.time("query", clock, queries=len(rows), transport_queries=len(rows) * len(lights))
         out = np.zeros((len(rows), 3))
         for k, beam in enumerate(lights):
             out += rho[:, k] * beam.strength * self._visible(o, d, t, normal, beam.toward)[:, None]
@@ -214,7 +186,7 @@ class _Tile:
             alive = alive[met & (through[alive] > self.quality.early_stop)]
             if not len(alive):
                 break
-        self.report.add("shadow", clock, shadow_rays=len(t), opacity_queries=asked, cut_short=len(alive))
+        self.report.time("shadow", clock, shadow_rays=len(t), opacity_queries=asked, cut_short=len(alive))
         return through
 
 

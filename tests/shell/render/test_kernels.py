@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport
 from mesoshell.shell.geometry.sampling import spread
 from mesoshell.shell.render import kernels
 from mesoshell.shell.render.kernels import Samples, StaticConfig
 from mesoshell.shell.render.lighting import Tile
-from mesoshell.shell.render.renderer import RenderReport, _Renderer, render
+from mesoshell.shell.render.renderer import _Renderer, render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import scenes
 

@@ -13,10 +13,11 @@ from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import MARCH, Effect, plan_effects
 from mesoshell.render.light import environment
 from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.loader import ready
-from mesoshell.shell.render.renderer import RenderReport, render
+from mesoshell.shell.render.renderer import render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import scenes
 

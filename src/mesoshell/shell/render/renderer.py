@@ -10,22 +10,19 @@ are not decoded, rays whose transmittance has fallen below `early_stop` get no f
 computed only for samples whose weight exceeds `Quality.least_weight`. Image tiles bound the memory, whatever the image's size.
 """
 
-import os
-import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from mesoshell.nets.batches import CAPACITY, batches, pad, run
-from mesoshell.render.camera import pixel_grid, pixel_radius, rays
+from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport, render_tiles
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, SampleBudget, spread
 from mesoshell.shell.geometry.tracer import Boundary
@@ -38,56 +35,19 @@ from mesoshell.shell.render.scene import Scene
 RAYS, WAVE = 32768, 8
 
 
-@dataclass
-class RenderReport:
-    """Seconds by stage and counts of a render. Tiles run on several threads: a stage's seconds are summed over them, so
-    only `wall` compares with a clock."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
-    lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def time(self, stage: str, since: float) -> float:
-        now = time.perf_counter()
-        with self.lock:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
-        return now
-
-    def count(self, **more: int) -> None:
-        with self.lock:
-            for name, value in more.items():
-                self.counts[name] = self.counts.get(name, 0) + int(value)
-
-
 def render(
     scene: Scene, quality: Quality, effects: Effects, progress: Callable[[float], None] = lambda share: None
 ) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
-    """Linear RGBA, premultiplied, (H, W, 4), and what it took. progress: called with the share done, 0 to 1.
-
-    The picture does not depend on the number of threads: each tile draws its random numbers from its own seed.
-    """
+    """Linear RGBA, premultiplied, (H, W, 4), and what it took. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
-    camera = scene.camera
-    renderer = _Renderer(scene, quality, effects, report)
-    pixels = camera.height * camera.width
-    work = [(k, i) for k in range(quality.pixel_samples) for i in range(0, pixels, RAYS)]
-    image = np.zeros((pixels, 4))
+    renderer, samples = _Renderer(scene, quality, effects, report), quality.pixel_samples
 
-    def one(item: tuple[int, int]) -> tuple[int, np.ndarray]:
-        k, first = item
-        xy = pixel_grid(camera, quality.pixel_samples, k, slice(first, first + RAYS))
-        o, d = rays(camera, xy)
-        directions = d.astype(np.float32).astype(np.float64)
-        shift = (k + 0.5) / quality.pixel_samples
-        return first, renderer.tile(np.ascontiguousarray(o), directions, shift, np.random.default_rng(item))
+    def tile(o: np.ndarray, d: np.ndarray, k: int, random: np.random.Generator) -> np.ndarray:
+        return renderer.tile(o, d.astype(np.float32).astype(np.float64), (k + 0.5) / samples, random)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for done, (first, rgba) in enumerate(pool.map(one, work), start=1):
-            image[first : first + len(rgba)] += rgba
-            progress(done / len(work))
+    image = render_tiles(scene.camera, samples, RAYS, tile, progress)
     report.time("wall", begin)
-    image /= quality.pixel_samples
-    return image.reshape(camera.height, camera.width, 4), report
+    return image, report
 
 
 class _Renderer:

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mesoshell.geometry.mesh import Mesh, check_mesh
-from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.bundle import GRID_CELLS, Bundle, read_bundle
 from mesoshell.io.image import write_png
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import plan_effects
@@ -32,7 +32,7 @@ from mesoshell.shell.generator.texture_synthesis import TextureRequest, grow
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.material.density_bounds import bounds
 from mesoshell.shell.material.field import Layout, Material
-from mesoshell.shell.material.loader import GRID_CELLS, DeviceMaterial, Grid, ready
+from mesoshell.shell.material.loader import DeviceMaterial, Grid, ready
 from mesoshell.shell.material.triplane import pack_planes
 from mesoshell.shell.render.renderer import render
 from mesoshell.shell.render.scene import Scene

@@ -15,11 +15,11 @@ from scipy.stats import chi2
 
 import mesoshell.pathtracer  # noqa: F401  (it makes Mitsuba ready)
 from mesoshell.geometry.mesh import check_mesh
-from mesoshell.io.bundle import Bundle
+from mesoshell.io.bundle import FADE, Bundle
 from mesoshell.numerics import optical_depth
 from mesoshell.pathtracer import scatter
 from mesoshell.pathtracer.free_flight import Flight, fly
-from mesoshell.pathtracer.material import FADE, Material
+from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.quadrature import Ray
 from mesoshell.pathtracer.render_context import World

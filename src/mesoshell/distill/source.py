@@ -18,8 +18,8 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import PARAMS, bundled, digest, find, normalised
 from mesoshell.io.surface import KIND, kind_of
-from mesoshell.scene.defaults import EARTH
 from mesoshell.scene.materials import read_params
+from mesoshell.shell.geometry.extrude import EARTH
 from mesoshell.shell.material.loader import ready
 from mesoshell.surface_material.network import SurfaceConfig
 from mesoshell.train.gan.presets import PRESETS

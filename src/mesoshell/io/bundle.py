@@ -69,6 +69,10 @@ from mesoshell.io.twin import PREFIX, Twin, check_twin_heads, checked_twin, twin
 #: Of a texture without corner tiles, and with them.
 SCHEMA, TILED_SCHEMA = 2, 3
 MANIFEST = "manifest.json"
+#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges.
+GRID_CELLS = 8
+#: How far below the horizon, as a cosine, light still counts a little: ρ falls to 0 there.
+FADE = 0.1
 _EITHER = ("float16", "float32")
 
 #: key: (shape in the symbols above, types)

@@ -15,15 +15,10 @@ import drjit.nn as nn
 import mitsuba as mi
 import numpy as np
 
-from mesoshell.io.bundle import Bundle
+from mesoshell.io.bundle import FADE, GRID_CELLS, Bundle
 from mesoshell.io.corner_tiles import FACTORS, LAST, ROUNDS, SIDE, places
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.levels import Levels, between_levels, count, level_of, network, softplus
-
-#: How far below the horizon, as a cosine, light still counts a little (shell/material/decoder).
-FADE = 0.1
-#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges (shell/material/loader).
-GRID_CELLS = 8
 
 
 def gaussian_taps(n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ p           density over world directions: p_c |det A| / |A d|³
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.material import FADE
+from mesoshell.io.bundle import FADE
 from mesoshell.pathtracer.quadrature import canonical
 from mesoshell.shell.geometry.extrude import FLATTEST
 

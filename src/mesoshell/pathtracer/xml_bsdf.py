@@ -20,10 +20,9 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import InputError
+from mesoshell.shell.geometry.extrude import EARTH
 
 NAME = "mesoshell"
-#: Diffuse albedo of a surface that is given no BSDF of its own.
-EARTH = (0.09, 0.06, 0.035)
 _NUMBERS = ("thickness", "scale", "seed")
 
 

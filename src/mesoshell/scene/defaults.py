@@ -14,8 +14,6 @@ from mesoshell.render.light import Distant
 SIZE = (512, 512)
 #: Irradiance of each light on a plane facing it.
 IRRADIANCE = 12.0
-#: Albedo of bare earth, linear Rec. 709: what lies under a shell.
-EARTH = (0.09, 0.06, 0.035)
 #: Fill light, and the light from below, as shares of the key light.
 FILL, BOUNCE = 0.3, 0.12
 #: Vertical field of view, degrees.

@@ -12,8 +12,9 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
-from mesoshell.scene.defaults import EARTH, IRRADIANCE, SIZE
+from mesoshell.scene.defaults import IRRADIANCE, SIZE
 from mesoshell.scene.materials import Material, Value
+from mesoshell.shell.geometry.extrude import EARTH
 
 #: x, y, z in the mesh's axes.
 Direction = tuple[float, float, float]

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from mesoshell.scene.defaults import EARTH, IRRADIANCE, SIZE
+from mesoshell.scene.defaults import IRRADIANCE, SIZE
+from mesoshell.shell.geometry.extrude import EARTH
 
 
 def _file(text: list[str]) -> Path:

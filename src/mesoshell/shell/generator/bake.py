@@ -22,13 +22,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mesoshell.io.bundle import GRID_CELLS
 from mesoshell.shell.generator.generator import Averages, Generator, synthesise, synthesise_height
 from mesoshell.shell.generator.model import GeneratorModel, Latent
 from mesoshell.shell.generator.nodes import window
 from mesoshell.shell.generator.plan import CELL, GeneratorConfig, reach
 from mesoshell.shell.material.density_bounds import bounds, new_points
 from mesoshell.shell.material.field import Layout, Material
-from mesoshell.shell.material.loader import GRID_CELLS, pack_heights
+from mesoshell.shell.material.loader import pack_heights
 from mesoshell.texture import mip
 from mesoshell.typing import Array
 

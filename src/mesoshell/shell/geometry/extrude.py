@@ -29,6 +29,9 @@ from mesoshell.geometry.mesh import Mesh, bounding_box, counted, uv_stretch
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.topology import pair_edges, split_fans
 
+#: Albedo of bare earth, linear Rec. 709: what lies under a shell where nothing is said.
+EARTH = (0.09, 0.06, 0.035)
+
 #: ε: a prism's cross-section, seen along its corner posts, keeps this share of its base. Below, float32 loses J.
 LEAST_AREA = 1e-2
 #: A face stands if its posts lean less than this cosine allows: twice ε, so that a small enough thickness exists.

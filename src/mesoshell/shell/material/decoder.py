@@ -18,12 +18,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from mesoshell.io.bundle import FADE
 from mesoshell.nets.mlp import Dense, apply_dense, apply_relu, init_dense, init_mlp, linear
 from mesoshell.numerics import normalise, product, softplus
 from mesoshell.typing import Array, Float, Key, Scalar, Vec3
-
-#: How far below the horizon, as a cosine, light still counts a little.
-FADE = 0.1
 
 
 class Decoder(NamedTuple):

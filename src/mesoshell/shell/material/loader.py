@@ -19,9 +19,6 @@ from mesoshell.shell.material.field import Layout, Material
 from mesoshell.texture import mip
 from mesoshell.typing import Array
 
-#: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges.
-GRID_CELLS = 8
-
 
 class Grid(NamedTuple):
     """The σ bounds of all levels, flattened."""

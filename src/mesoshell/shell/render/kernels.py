@@ -16,12 +16,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from mesoshell.io.bundle import GRID_CELLS
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.numerics import optical_depth, product, safe_div, safe_sqrt
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, frame, place, place_exact
 from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.field import Layout, Material, Point, inputs
-from mesoshell.shell.material.loader import GRID_CELLS, Grid
+from mesoshell.shell.material.loader import Grid
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import Footprint
 from mesoshell.typing import Array, Float, Scalar, Vec3

@@ -103,7 +103,7 @@ def test_an_engine_says_what_it_cannot():
     room = replace(PLAIN, convex=False, enclosed=0.9, area=1)
     marched, traced = (plan_effects(room, Quality(), engine) for engine in (MARCH, PATHS))
     assert {name for name, e in vars(marched).items() if e.missing} == {"area_light", "shell_shadow", "bounces"}
-    assert all("--engine jax cannot, --engine mitsuba can" in e.why for e in vars(marched).values() if e.missing)
+    assert all("engine jax cannot, engine mitsuba can" in e.why for e in vars(marched).values() if e.missing)
     (line,) = left_out(marched)
     assert line.startswith("bounces are left out: surfaces meet surfaces in 90% of directions") and "\n" not in line
     assert not left_out(traced) and traced.bounces.on and not any(e.missing for e in vars(traced).values())

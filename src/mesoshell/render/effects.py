@@ -108,7 +108,7 @@ def plan_effects(facts: Facts, quality: Quality, engine: Engine = MARCH) -> Effe
 def _if_it_can(name: str, effect: Effect, engine: Engine) -> Effect:
     if not effect.on or name in engine.can:
         return effect
-    return Effect(False, f"{effect.why}; --engine {engine.name} cannot, --engine mitsuba can", missing=True)
+    return Effect(False, f"{effect.why}; engine {engine.name} cannot, engine mitsuba can", missing=True)
 
 
 def left_out(effects: Effects) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ class Quality:
     #: Optical depth that a ray may lose to skipping, as far as the material's σ grid holds: a sample that can have less
     #: than its share of it, by length, is not decoded.
     skip: float = 0.05
-    #: Opacity that a ray may leave unlit: no light is computed for a sample that has less than its share of it, by number.
+    #: Opacity that a ray may leave unlit: samples whose weight is below weight_cut / samples are not lit.
     weight_cut: float = 0.048
     #: Features are filtered over the pixel's footprint.
     filtering: bool = True

@@ -40,7 +40,7 @@ class SurfaceTables:
         low, high = (self.period * x for x in range_of(self.table))
         said = (
             f"curvature is outside the trained {trained[0]:g} to {trained[1]:g} per period at {wrong} of {len(kappa)} "
-            f"vertices ({low:.2g} to {high:.2g}) and taken for the nearest: a smaller --scale lowers it"
+            f"vertices ({low:.2g} to {high:.2g}) and taken for the nearest: a smaller scale lowers it"
         )
         return (*self.table.notes, said)
 

@@ -4,8 +4,7 @@ Notation
 B            queries a step
 x            π ρ: 1 for a white diffuse surface that faces the light
 blur         standard deviation of the blur of all textures, texels: from WIDE to `fine` over SHRINK of the run, geometrically
-fine         0.1 where there are queries enough, else as wide as has ENOUGH of them in its square: with less than these, the
-             finest texels learn the noise of their own queries
+fine         final blur: 0.1 texels, or as wide as a square that holds ENOUGH queries; narrower ones learn the noise of theirs
 loss         mean over rays that met something of (log(1 + x) − log(1 + x̂))² + 0.1 |x − x̂|; of α, cross-entropy, or of the
              silhouette cosine, its squared error
 

@@ -1,14 +1,12 @@
-"""Comparison: NeRF-Tex, one network fitted to renders, on the carpet of 2 parameters (MesoGAN, section 6.3 and figure 13).
+"""Comparison: NeRF-Tex, one network fitted to renders, with as many parameters as the dataset (MesoGAN, section 6.3, figure 13).
 
 It learns one patch by heart, so every image must show that patch: mesoshell dataset render carpet2 --patch 0 --count … --out …
-`carpet2.py` is ours, on a dataset without --patch.
+`carpet.py` is ours, on a dataset without --patch.
 """
 
 from mesoshell.train.gan.presets import SMALL
 from mesoshell.train.gan.state import TrainConfig
 from mesoshell.train.nerf_tex.network import ParametricConfig, sized_as
-
-recipe = "carpet2"
 
 
 def variant(preset: TrainConfig) -> ParametricConfig:

@@ -15,6 +15,7 @@ After Lagae and Dutré 2006, "An Alternative for Wang Tiles: Colored Edges versu
 
 import itertools
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def slab(grow: Grow, tile: int, values: Values) -> Growth:
     Raises ValueError if a piece crosses two edges that do not meet."""
     parts = []
     for kind, colours, at in _places(tile % SIDE - 1, tile // SIDE - 1):
-        grown = grow(np.random.default_rng([kind, *colours]), 1, values)
+        grown = _lawn(grow, (kind, *colours), tuple(sorted(values.items())))
         chosen, shift = _taken(grown, kind)
         points = grown.points[chosen] - shift[chosen][:, None] + np.array([*at, 0.0])
         radius = None if grown.radius is None else grown.radius[chosen]
@@ -46,6 +47,12 @@ def slab(grow: Grow, tile: int, values: Values) -> Growth:
         radius=None if first.radius is None else np.concatenate([p.radius for p in parts]),
         own={name: np.concatenate([p.own[name] for p in parts]) for name in first.own},
     )
+
+
+@lru_cache(maxsize=32)
+def _lawn(grow: Grow, seed: tuple[int, ...], values: tuple[tuple[str, float], ...]) -> Growth:
+    """A dataset has 26 of them."""
+    return grow(np.random.default_rng(seed), 1, dict(values))
 
 
 def _places(u: int, v: int) -> Iterator[tuple[int, tuple[int, ...], tuple[int, int]]]:

@@ -61,7 +61,7 @@ def drawer_of(settings: Mapping[str, Any]) -> sample.Drawer:
     if not (math.isfinite(low) and SMALLEST_COVERAGE <= low <= high <= LARGEST_COVERAGE):
         raise UnusableInput(f"coverage must rise within {SMALLEST_COVERAGE:g} to {LARGEST_COVERAGE:g}: {low} {high}")
     fixed = checked(recipe, settings["fixed"])
-    shared = settings["patch"], settings["views"], settings["tiles"]
+    shared = settings["patch"], settings.get("views"), settings.get("tiles", False)
     drawer = sample.Drawer(recipe, settings["seed"], (low, high), fixed, *shared)
     if drawer.tiles:
         try:

@@ -70,6 +70,9 @@ def test_many_patches_are_continued_and_are_the_same_bytes_by_any_workers(tmp_pa
     [
         ((), "--count: give it, or both --patches and --views"),
         (("--patches", 2), "--patches: requires --views"),
+        (("--tiles",), "--count: give it, or both --patches and --views"),
+        (("--tiles", "--count", 16, "--patch", 0), "--tiles: cannot be combined with --patch"),
+        (("--tiles", "--patches", 2, "--views", 2), "--tiles: cannot be combined with --patches and --views"),
         (("--views", 2), "--views: requires --patches"),
         (("--patches", 2, "--views", 2, "--count", 4), "--count: cannot be combined with --patches and --views"),
         (("--patches", 2, "--views", 2, "--patch", 0), "--patch: cannot be combined with --patches and --views"),

@@ -21,17 +21,22 @@ def test_bundled_materials_are_listed(capsys) -> None:
     assert any(line.startswith("  --param age=0  from 0 to 1 (appearance): 0 is fresh green") for line in lines)
 
 
-def test_given_ones_are_described(tiny_bundle: Bundle, tmp_path: Path, monkeypatch, capsys) -> None:
+def test_given_ones_are_described(
+    tiny_bundle: Bundle, tiled_bundle: Bundle, tmp_path: Path, monkeypatch, capsys
+) -> None:
     monkeypatch.chdir(tmp_path)
     write_bundle("tiny.npz", tiny_bundle)
     write_bundle("cut.npz", replace(tiny_bundle, wraps=False))
+    write_bundle("tiles.npz", tiled_bundle)
     write_surface("woven.npz", wearing.bundle())
-    main(["materials", "tiny.npz", "cut.npz", "woven.npz"])
+    main(["materials", "tiny.npz", "cut.npz", "tiles.npz", "woven.npz"])
     parameter = "  --param dryness=0.5  from 0 to 2 (appearance): how dry"
     assert capsys.readouterr().out.splitlines() == [
         "tiny.npz: shell, 4 texels a patch: one patch that repeats",
         parameter,
         "cut.npz: shell, 4 texels a patch: one texture with edges",
+        parameter,
+        "tiles.npz: shell, 4 texels a patch: endless, of 16 tiles; another order of them for each --seed",
         parameter,
         "woven.npz: surface material, one query a hit; no parameters",
     ]

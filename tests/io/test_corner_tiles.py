@@ -68,8 +68,24 @@ def test_bundles_whose_texture_is_no_torus_are_refused(tmp_path: Path, tiled_bun
             "features/0 of corner tiles is 4 × 4 texels; expected 16 × 16",
         ),
         (dataclasses.replace(tiled_bundle, tiles=((0,) * 4,) * 4), "expected null or the colours of a torus of 4 x 4"),
-        (dataclasses.replace(tiled_bundle, wraps=False), "expected"),
+        (dataclasses.replace(tiled_bundle, wraps=False), "corner tiles need a texture that wraps"),
+        (
+            dataclasses.replace(tiled_bundle, generator={}),
+            "corner tiles need a texture that wraps, without a generator",
+        ),
     ):
         with pytest.raises(InputError, match=fault):
             write_bundle(tmp_path / "bad.npz", bundle)
     assert not (tmp_path / "bad.npz").exists()
+
+
+@pytest.mark.parametrize(("name", "schema"), [("a.npz", 2), ("b.npz", 3)])
+def test_a_schema_says_whether_there_are_tiles(name, schema, tmp_path: Path, tiled_bundle: Bundle, tiny_bundle: Bundle):
+    write_bundle(tmp_path / name, tiled_bundle if name == "a.npz" else tiny_bundle)
+    with np.load(tmp_path / name) as file:
+        arrays = dict(file)
+    manifest = json.loads(arrays["manifest.json"].tobytes()) | {"schema": schema}
+    arrays["manifest.json"] = np.frombuffer(json.dumps(manifest).encode(), np.uint8)
+    np.savez(tmp_path / name, **arrays)
+    with pytest.raises(InputError, match="schema 3 is of corner tiles" if name == "a.npz" else "'tiles' is missing"):
+        read_bundle(tmp_path / name)

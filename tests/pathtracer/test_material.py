@@ -2,6 +2,7 @@
 corner tiles."""
 
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import jax
@@ -11,12 +12,14 @@ import numpy as np
 import pytest
 
 from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.quadrature import Sample
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
-from mesoshell.shell.render.kernels import StaticConfig, bound
+from mesoshell.shell.render.kernels import DeviceTables, StaticConfig, _inputs, bound
 from mesoshell.texture import mip
+from mesoshell.texture.footprint import Footprint
 
 GRASS = Path(__file__).parents[2] / "src" / "mesoshell" / "assets" / "grass.npz"
 
@@ -93,3 +96,33 @@ def test_bounds_are_the_grids(bundle, points) -> None:
 def test_any_footprint_has_a_level(bundle, radius) -> None:
     level = np.array(Material(bundle).level(dr.full(mi.Float, radius, 1)))
     assert 0 <= level[0] <= len(Material(bundle).plane.shapes) - 1
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+@pytest.mark.parametrize("taps", [1, 4])
+def test_tiles_far_out_and_of_a_seed_are_those_of_the_other_engine(tiled_bundle, points, seed, taps) -> None:
+    origin = seed_origin(seed)
+    made, material = ready(tiled_bundle, origin), Material(tiled_bundle, origin)
+    random = np.random.default_rng(1)
+    # eighths of a texel, which float32 has exactly that far out
+    xi = np.vstack([random.integers(-4000 * 32, 4000 * 32, (2, 500)) / 32, random.random((1, 500))]).astype(np.float32)
+    major, axis = 2 * points["radius"], random.normal(size=(2, 500)).astype(np.float32)
+    axis /= np.linalg.norm(axis, axis=0)
+    program = StaticConfig(made.layout, made.grid_shapes, True, taps, False, ())
+    alpha = np.float32(points["alpha"][0, 0])
+    nothing: Any = None  # is read of a chart, maps and the like
+    table = DeviceTables(nothing, made.material, made.grid, jnp.full(1, alpha), nothing, nothing, nothing)
+
+    def one(xi, radius, major, axis, deviation):
+        return _inputs(program, table, xi, Footprint(radius, major, axis, deviation))
+
+    rows = [jnp.asarray(x.T) for x in (xi, points["radius"], major, axis, points["deviation"])]
+    expected = jax.jit(jax.vmap(one))(*rows)
+    parts = (points["radius"], points["deviation"], major)
+    radius, deviation, wide = (mi.Float(x) for x in parts)
+    sample = Sample(mi.UInt32(0), mi.Float(0), mi.Vector3f(xi), radius, deviation, wide, mi.Vector2f(axis))
+    ours = np.stack(
+        [np.broadcast_to(np.array(x), 500) for x in material.inputs(sample, [mi.Float(float(alpha))], taps)]
+    )
+    off = np.abs(ours.T - np.asarray(expected)).max(axis=1)
+    assert np.quantile(off, 0.99) < 2e-4, "taps that fall on a border may round to either side"

@@ -39,7 +39,7 @@ grid are required; with one they are all there or all missing, and generator/…
 configuration (`shell/generator/model` checks them). heights is there if geometry varies over the texture: F(h) at the corners
 of its patches, bilinear between them; height is then their mean. twin/… holds the arrays of the distilled surface material.
 
-A texture of corner tiles wraps, and has 4 patches along each side; of a patch and more, its levels hold the mean.
+A texture of corner tiles wraps, and has 4 patches along each side; of more than a patch, its levels hold the mean.
 
 A feature level has half the texels of the one before along each axis: of a texture that wraps max(1, n // 2), down to 1; of one
 with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a power of two). There is a grid for each level: its cells
@@ -223,6 +223,8 @@ def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
     _check_entry(path, MANIFEST, fields, _MANIFEST_RULES)
     if fields["tiles"] is not None:
         fields["tiles"] = tuple(tuple(row) for row in fields["tiles"])
+    if fields["tiles"] is not None and not (fields["wraps"] and fields["generator"] is fields["twin"] is None):
+        raise InputError(path, f"{MANIFEST}: corner tiles need a texture that wraps, without a generator and a twin")
     if (fields["schema"] == SCHEMA) != (fields["tiles"] is None):
         raise InputError(path, f"{MANIFEST}: schema {TILED_SCHEMA} is of corner tiles, and they are of it alone")
     if fields["twin"] is not None:
@@ -299,6 +301,8 @@ def _check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[
         for pattern, (symbols, types) in SHELL.items()
         for i in range(counts.get(pattern.partition("/{i}")[0], 1))
     }
+    if fields["tiles"] is not None and "heights/0" in heads:
+        raise InputError(path, "array heights/0: corner tiles have one height feature")
     made = fields["generator"] is not None
     if made and not any(key.startswith(_BAKED) for key in heads):
         expected = {key: entry for key, entry in expected.items() if not key.startswith(_BAKED)}
@@ -326,8 +330,8 @@ def _check_texture(path: str | PathLike[str], fields: dict[str, Any], shape: tup
     density = fields["texel_density"]
     if fields["wraps"] and (height & (height - 1) or width & (width - 1)):
         raise InputError(path, f"features/0 is {height} × {width} texels; expected powers of two")
-    if fields["tiles"] is not None and not (fields["wraps"] and height == width == SIDE * density):
-        wanted = f"{SIDE * density:g} × {SIDE * density:g}, and a texture that wraps"
+    if fields["tiles"] is not None and not (height == width == SIDE * density):
+        wanted = f"{SIDE * density:g} × {SIDE * density:g}"
         raise InputError(path, f"features/0 of corner tiles is {height} × {width} texels; expected {wanted}")
     if not fields["wraps"] and (density != int(density) or int(density) & (int(density) - 1)):
         raise InputError(path, f"texel_density is {density:g}; expected a power of two where the texture has edges")

@@ -5,8 +5,8 @@ Notation
     tile      a patch by the colours of its corners (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1): bits 0 to 3 of its number
     torus     of SIDE × SIDE patches, on which each of the 16 tiles lies once; colours[j][i] is that of its corner (i, j)
 
-A place of the plane is looked up at the same place of its tile on the torus. Tiles that share an edge show the same there, so
-neighbours fit. After Lagae and Dutré 2006, "An Alternative for Wang Tiles: Colored Edges versus Colored Corners".
+A texel of the plane is read at the same place of its patch's tile on the torus. Tiles that share an edge have the same pieces
+there, so neighbours fit. After Lagae and Dutré 2006, "An Alternative for Wang Tiles: Colored Edges versus Colored Corners".
 """
 
 from collections.abc import Sequence

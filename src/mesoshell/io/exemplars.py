@@ -2,7 +2,7 @@
 
 symbol   meaning                                                       shape
 K        patches
-features F(u, v) of each, half precision; wraps around                 (K, H, W, C)
+features F(u, v) of each, half precision; wraps around, but for tiles   (K, H, W, C)
 height   F(h), of all                                                  (R, C)
 beta     geometry parameters of each, mapped to [0, 1]                 (K, G)
 decoder  as a bundle's arrays have it                                  decoder/…, sigma_scale
@@ -48,6 +48,11 @@ class Exemplars:
     def folder(self) -> Path:
         """Where they lie, as a run's record has it."""
         return self.path
+
+    def check_periodic(self) -> None:
+        """Raise InputError if these are tiles of a torus, of which none repeats by itself."""
+        if self.provenance.get("config", {}).get("tiles"):
+            raise InputError(self.path, "holds the tiles of a fit under way: none is a patch that repeats")
 
     @property
     def recipe(self) -> str:

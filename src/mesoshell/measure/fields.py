@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.material import normalised
 from mesoshell.io.sheet import tiled
 from mesoshell.measure import above
@@ -83,8 +84,8 @@ def repeat(field: Float[np.ndarray, "V U 3"]) -> float:
 
 
 def patches(bundle: Bundle, name: str) -> Float[np.ndarray, "M K V U"]:
-    """Opacities of a fitted patch, or of SEEDS × SIDE² patches of a generator."""
-    if bundle.generator is None:
+    """Opacities of a fitted patch, or of SEEDS × SIDE² patches of a generator or of corner tiles."""
+    if bundle.generator is None and bundle.tiles is None:
         found, alpha = _grown(bundle, name, 1, TextureRequest())
         return above.opacities(found, alpha, (1, PATCH), TIERS)[None]
     parts = []
@@ -143,4 +144,5 @@ def _grown(
     if bundle.generator is not None:
         texels = round(side * bundle.texel_density)
         bundle = baked(bundle, name, (texels, texels), wanted)[0]
-    return ready(bundle), normalised(bundle, {})
+    origin = (0, 0) if bundle.tiles is None else seed_origin(wanted.seed)
+    return ready(bundle, origin), normalised(bundle, {})

@@ -93,13 +93,14 @@ def _generated(
 def _fitted(bundle: Bundle, seen: tuple[int, float]) -> Callable[[ImageBatch], np.ndarray]:
     found = ready(bundle)
     size, fov = seen
+    reach = 1.0 if bundle.tiles is None else 64.0  # patches: of tiles, all of them are seen
     config = PictureConfig(size, SAMPLES, fov, max(1, math.ceil(bundle.texel_density)))
 
     @jax.jit
     def batch(material, shown: ImageBatch) -> jax.Array:
         def one(shown: ImageBatch) -> jax.Array:
             k = jax.random.split(jax.random.wrap_key_data(shown.key))
-            shift = jnp.append(jax.random.uniform(k[0], (2,)), 0.0)
+            shift = jnp.append(jax.random.uniform(k[0], (2,), maxval=reach), 0.0)
 
             def see(point: Point) -> jax.Array:
                 return inputs(material, found.layout, point._replace(xi=point.xi + shift))

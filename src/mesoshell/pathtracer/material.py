@@ -99,19 +99,22 @@ class Material:
         return fade * mi.Color3f(*(softplus(y - 2) for y in rgb))
 
     def _on_texture(self, xi):
-        """ξ where a texture that wraps is looked up (shell/material/corner_tiles)."""
+        """ξ where a texture that wraps is looked up."""
         if self.tiles is None:
             return xi
         u, v = dr.floor(xi.x), dr.floor(xi.y)
-        i, j = (mi.UInt32(mi.Int32(x)) + o % 2**32 for x, o in zip((u, v), self.origin, strict=True))
+        i, j = (mi.Float(x) for x in self._tile(mi.Int32(u), mi.Int32(v)))
+        return mi.Vector3f((i + xi.x - u) / SIDE, (j + xi.y - v) / SIDE, xi.z)
+
+    def _tile(self, i, j):
+        """The patch of the torus that a patch of the plane shows (shell/material/corner_tiles)."""
+        i, j = mi.UInt32(i) + self.origin[0], mi.UInt32(j) + self.origin[1]
         tile = mi.UInt32(0)
         for k, corner in enumerate(((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))):
             tile |= _colour(*corner) << k
-        place = [mi.Float(dr.gather(mi.UInt32, self.tiles, 2 * tile + k)) for k in (0, 1)]
-        return mi.Vector3f((place[0] + xi.x - u) / SIDE, (place[1] + xi.y - v) / SIDE, xi.z)
+        return [mi.Int32(dr.gather(mi.UInt32, self.tiles, 2 * tile + k)) for k in (0, 1)]
 
     def _filtered(self, xi, level):
-        xi = self._on_texture(xi)
         return between_levels(level, len(self.plane.shapes) - 1, lambda l: self._bilinear(xi, l))
 
     @dr.syntax
@@ -135,6 +138,8 @@ class Material:
 
     def _bilinear(self, xi, l):
         height, width = self.plane.size(l)
+        if self.tiles is not None:
+            return self._bilinear_tiled(xi, l, height, width)
         if self.wraps:
             x = (xi.x - dr.floor(xi.x)) * mi.Float(width) - 0.5
             y = (xi.y - dr.floor(xi.y)) * mi.Float(height) - 0.5
@@ -143,6 +148,24 @@ class Material:
             x = dr.clip((xi.x - self.origin[0]) * scale - 0.5, 0, mi.Float(width) - 1)
             y = dr.clip((xi.y - self.origin[1]) * scale - 0.5, 0, mi.Float(height) - 1)
         return self.plane.bilinear(x, y, l, self.wraps)
+
+    def _bilinear_tiled(self, xi, l, height, width):
+        """Each of the four texels is of the tile that shows at its own patch (texture/mip)."""
+        texels = dr.maximum(mi.Int32(int(self.density) >> l), 1)
+        u, v = dr.floor(xi.x), dr.floor(xi.y)
+        x, y = (xi.x - u) * mi.Float(texels) - 0.5, (xi.y - v) * mi.Float(texels) - 0.5
+        fx, fy = x - dr.floor(x), y - dr.floor(y)
+        columns, lines = ([mi.Int32(dr.floor(a)) + k for k in (0, 1)] for a in (x, y))
+        total = [mi.Float(0)] * self.channels
+        for line, wy in zip(lines, (1 - fy, fy), strict=True):
+            for column, wx in zip(columns, (1 - fx, fx), strict=True):
+                du, dv = (dr.select(c < 0, -1, dr.select(c >= texels, 1, 0)) for c in (column, line))
+                i, j = self._tile(mi.Int32(u) + du, mi.Int32(v) + dv)
+                at = dr.minimum(mi.UInt32((i - du) * texels + column), width - 1)
+                on = dr.minimum(mi.UInt32((j - dv) * texels + line), height - 1)
+                row = self.plane.row(dr.gather(mi.UInt32, self.plane.offset, l) + on * width + at)
+                total = _plus(total, wx * wy, row)
+        return total
 
 
 def _colour(i, j):

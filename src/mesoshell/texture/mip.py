@@ -3,7 +3,8 @@
 Notation
 F           features, level 0 first; each level the box average of 2 × 2 texels (2 in 1D) of the one before
 (u, v)      texture coordinates in patches; the texture covers one patch and wraps around, or it has `density` texels a
-            patch, begins at (0, 0) and repeats its last texels beyond its edges; v grows along axis 0
+            patch, begins at (0, 0) and repeats its last texels beyond its edges; v grows along axis 0. Or it holds tiles, each
+            a patch with `density` texels, of which a plane shows one at each patch
 h           height in [0, 1]; the height feature is clamped at its ends
 λ           level, 0 = finest; level = max(0, log2(2r · texel_density)), r one standard deviation of the footprint in patches
 C           channels
@@ -13,13 +14,15 @@ once: rows that hold a texel's 2 × 2 neighbourhood side by side, two wide gathe
 times as long in a render, because the table is then too large for the cache. Values lie at texel centres.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.typing import Array, Float, Scalar, Vec2
+from mesoshell.typing import Array, Float, Int, Scalar, Vec2
 
 
 class Pyramid(NamedTuple):
@@ -79,13 +82,21 @@ def _split(level: Scalar, last: int) -> tuple[Array, Scalar]:
 
 
 def lookup(
-    pyramid: Pyramid, sizes: Sizes, uv: Vec2, level: Scalar, density: float | None = None, first: Array | int = 0
+    pyramid: Pyramid,
+    sizes: Sizes,
+    uv: Vec2,
+    level: Scalar,
+    density: float | None = None,
+    first: Array | int = 0,
+    tile: Callable[[Int[Array, "2"]], Int[Array, "2"]] | None = None,
 ) -> Float[Array, "C"]:
-    """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32. density: of a texture with edges; first: row at
-    which one of several such pyramids in a table begins."""
+    """Trilinear F(u, v) at a level in [0, number of levels − 1], as float32. density: of a texture with edges, or of tiles;
+    first: row at which one of several such pyramids in a table begins; tile: where in the texture a patch of the plane lies."""
     last = len(sizes) - 1
     lower, fraction = _split(level, last)
     bilinear = _bilinear if density is None else partial(_bilinear_open, density=density, first=first)
+    if density is not None and tile is not None:
+        bilinear = partial(_bilinear_tiled, density=density, tile=tile)
     low, high = (bilinear(pyramid, sizes, uv, l) for l in (lower, jnp.minimum(lower + 1, last)))
     return (1 - fraction) * low + fraction * high
 
@@ -149,6 +160,30 @@ def _bilinear_open(
     columns = jnp.minimum(xi.astype(jnp.int32) + jnp.array([0, 1, 0, 1]), w - 1)
     lines = jnp.minimum(yi.astype(jnp.int32) + jnp.array([0, 0, 1, 1]), h - 1)
     return _weighted(_corner_weights(x - xi, y - yi), pyramid.rows[first + offsets[level] + lines * w + columns])
+
+
+def _bilinear_tiled(
+    pyramid: Pyramid,
+    sizes: Sizes,
+    uv: Vec2,
+    level: Array,
+    density: float,
+    tile: Callable[[Int[Array, "2"]], Int[Array, "2"]],
+) -> Float[Array, "C"]:
+    """Each of the four texels is of the tile that shows at its own patch. Where a texel spans patches, all are alike."""
+    offsets, shapes = _tables(sizes)
+    h, w = shapes[level]
+    texels = jnp.maximum(jnp.int32(density) >> level, 1)  # a patch
+    patch = jnp.floor(uv)
+    x = (uv - patch) * texels.astype(uv.dtype) - 0.5
+    first = jnp.floor(x)
+    fx, fy = x - first
+    at = first.astype(jnp.int32)[None] + jnp.array([[0, 0], [1, 0], [0, 1], [1, 1]])  # from -1 to `texels`
+    apart = jnp.floor_divide(at, texels)
+    place = jax.vmap(tile)(patch.astype(jnp.int32)[None] + apart)
+    column, line = (place * texels + at - apart * texels).T
+    row = jnp.minimum(line, h - 1) * w + jnp.minimum(column, w - 1)
+    return _weighted(_corner_weights(fx, fy), pyramid.rows[offsets[level] + row])
 
 
 def _weighted(weights: Float[Array, "K"], rows: Float[Array, "K C"]) -> Float[Array, "C"]:

@@ -6,6 +6,7 @@ of seed 0 with every geometry parameter in the middle of its range.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mesoshell.io.bundle import Bundle, Parameter
+from mesoshell.io.corner_tiles import SIDE
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.shell.generator.generator import Averages, Generator, synthesise, synthesise_height
 from mesoshell.shell.generator.model import GeneratorModel, generator_arrays, generator_fields, grown
@@ -49,6 +51,9 @@ def to_bundle(
     levels[0][whole + 1 :] = [jnp.broadcast_to(levels[0][-1], x.shape) for x in levels[0][whole + 1 :]]
     material = half(Material(mip.pack(levels[0]), mip.pack(levels[1]), common.decoder))
     grids = _grids(layout, material)
+    if colours is not None:
+        layout = replace(layout, colours=tuple(tuple(row) for row in colours))
+        grids = [_any_neighbour(grid) for grid in grids]
     said: dict[str, Any] = _excess(layout, material, grids)
     flat = np.asarray(feature), np.asarray(common.height)[:, 0]
     said["decoder_error"] = decoder_error(common.decoder, *flat, config.octaves)
@@ -70,12 +75,14 @@ def to_bundle(
         colour_space="linear Rec. 709",
         provenance=provenance | said,
         arrays={k: np.asarray(v) for k, v in arrays.items()},
-        tiles=None if colours is None else tuple(tuple(row) for row in colours),
+        tiles=layout.colours,
     )
 
 
 def patch_bundle(exemplars: Exemplars, patch: int) -> Bundle:
-    """One of many patches that were fitted together, as a bundle. Its geometry is fixed: it has appearance parameters alone."""
+    """One of many patches that were fitted together, as a bundle. Its geometry is fixed: it has appearance parameters alone.
+    Raises InputError if it is a tile."""
+    exemplars.check_periodic()
     feature, height = (jnp.asarray(x, jnp.float32) for x in (exemplars.features[patch], exemplars.height))
     side, channels = feature.shape[0], feature.shape[2]
     config = FitConfig(texels=side, channels=channels, height_rows=len(height), octaves=exemplars.height_octaves)
@@ -169,14 +176,27 @@ def _grids(layout: Layout, material: Material) -> list[np.ndarray]:
     return [bounds(layout, material, level, shape, all_, PROBES) for level, shape in enumerate(shapes)]
 
 
+def _any_neighbour(grid: np.ndarray) -> np.ndarray:
+    """Bounds of tiles that may have other neighbours than on their torus, of which their outermost cells are interpolated: each
+    of these has the largest of all tiles at its place along the edge."""
+    layers, side = grid.shape[0], grid.shape[1]
+    if side < SIDE:
+        return grid
+    found = grid.reshape(layers, SIDE, side // SIDE, SIDE, side // SIDE).copy()
+    found[..., [0, -1]] = found[..., [0, -1]].max(axis=(1, 3, 4), keepdims=True)
+    found[:, :, [0, -1]] = found[:, :, [0, -1]].max(axis=(1, 2, 3), keepdims=True)
+    return found.reshape(grid.shape)
+
+
 def _excess(layout: Layout, material: Material, grids: list[np.ndarray]) -> dict[str, float]:
     """How often, and by how much, σ exceeds the bound at 200 000 new points of each of the finest three levels."""
     above, most, total = 0, 0.0, 0
     for level in range(min(3, len(grids))):
-        place = (jnp.zeros(2), jnp.full(2, float(layout.period)))
+        place = (jnp.zeros(2), jnp.full(2, 16.0 * layout.period if layout.colours else float(layout.period)))
         xi, sigma = new_points(layout, material, np.float32(level), 200_000, place, jax.random.key(1000 + level))
         shape = np.array(grids[level].shape)
-        at = np.asarray(xi)[:, ::-1] / np.array([1, layout.period, layout.period])
+        uv = np.asarray(jax.vmap(layout.on_texture)(xi[:, :2]))
+        at = np.stack([np.asarray(xi[:, 2]), uv[:, 1], uv[:, 0]], axis=1)
         cell = np.minimum((at * shape).astype(int), shape - 1)
         over = np.asarray(sigma) - grids[level].astype(np.float32)[tuple(cell.T)]
         above, most, total = above + int((over > 0).sum()), max(most, float(over.max())), total + len(over)

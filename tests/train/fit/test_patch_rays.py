@@ -96,7 +96,7 @@ def test_tiles_are_patches_in_the_order_of_the_torus(tmp_path: Path):
 
 def test_tiles_that_are_no_torus_are_refused(tmp_path: Path):
     missing, all_ = of_tiles(tmp_path / "a", [*range(15)]), of_tiles(tmp_path / "b", [*range(16)])
-    with pytest.raises(InputError, match="has 15 geometries, not each of the 16 tiles"):
+    with pytest.raises(InputError, match="shows 15 of the 16 tiles: give it a --count of 16 or more"):
         shots_of([missing])
     with pytest.raises(InputError, match="has other tiles than the first dataset"):
         shots_of([all_, of_patches(tmp_path / "c", [0])])

@@ -10,16 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from data_gen.tiles import COLOURS
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.train import run
+from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.holdout import score
 from mesoshell.train.fit.patch_rays import Rays, Shots, shots_of
+from mesoshell.train.fit.result import conclude
 from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.fit.snapshot import exemplars, provenance
 from mesoshell.train.fit.step import FitConfig, FitState, feed, fitted, material_of, start, step, texture_of
+from mesoshell.train.textures.state import TexturesConfig
+from mesoshell.train.textures.state import fitted as fitted_textures
 from mesoshell.typing import Scalar
 from tests.helpers import fog
 from tests.helpers.patch_images import of_patches, of_tiles
@@ -97,9 +102,22 @@ def test_a_torus_of_fog_is_recovered_and_is_a_material(tiles: Shots, tmp_path: P
     where = tiles.samples[0].file.parents[1]
     scores, _ = score(config, seen, lambda k: material_of(state.common, texture_of(config, state, k)), where)
     assert scores.alpha > 32 and scores.foreground > 32
+    made = conclude(config, seen, state, [], []).made
+    assert isinstance(made, Bundle) and made.tiles == tuple(map(tuple, COLOURS)) and made.texel_density == 4
     cut = exemplars(config, seen, state, {}).features
     assert cut.shape == (16, 4, 4, 4)
     np.testing.assert_array_equal(cut[6], state.own.feature[0, 4:8, 8:12])
+
+
+def test_tiles_on_their_way_are_no_patches_that_repeat(tiles: Shots, tmp_path: Path):
+    config, seen = fitted(CONFIG, tiles)
+    state = start(config, seen, jax.random.key(0))
+    write_exemplars(tmp_path / "a.npz", exemplars(config, seen, state, provenance(config, seen, state)))
+    found = read_exemplars(tmp_path / "a.npz")
+    with pytest.raises(InputError, match=r"a.npz: holds the tiles of a fit under way: none is a patch that repeats"):
+        patch_bundle(found, 0)
+    with pytest.raises(InputError, match="none is a patch that repeats"):
+        fitted_textures(TexturesConfig(), found)
 
 
 def test_the_decoder_stands_when_it_has_settled(patches: Shots):

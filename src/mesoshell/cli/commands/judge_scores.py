@@ -34,7 +34,7 @@ def run(options: Scores) -> None:
     bundles = {name: bundle_of(name) for name in options.materials}
     exemplars = [bundle_of(name) for name in options.exemplars]
     for name, bundle in zip(options.exemplars, exemplars, strict=True):
-        if bundle.generator is not None or not bundle.wraps:
+        if bundle.generator is not None or not bundle.wraps or bundle.tiles is not None:
             raise InputError(name, "is no fitted patch: an exemplar must be one patch that repeats")
     dataset = read_dataset(options.data)
     if min(dataset.samples[0].size) < SIDE:

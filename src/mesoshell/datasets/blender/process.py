@@ -1,7 +1,8 @@
 """A Blender process that renders samples on request: the other end of `data_gen/worker.py` (standard library).
 
 symbol    meaning
-settings  what all samples of a dataset share: recipe, seed, size, samples_per_pixel, denoise, coverage, fixed, patch, views
+settings  what all samples of a dataset share: recipe, seed, size, samples_per_pixel, denoise, coverage, fixed, patch,
+          views, tiles
 request   one line of JSON to the process; answer: one line back
 command   the program and its arguments; the settings are appended, as JSON
 

@@ -13,13 +13,14 @@ A `Field` is a pair of pure functions of one point, so that renderers and tests 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from mesoshell.io.corner_tiles import Colours
 from mesoshell.shell.material import decoder as net
-from mesoshell.shell.material.corner_tiles import on_torus
+from mesoshell.shell.material.corner_tiles import on_torus, tile_place
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.triplane import lookup_planes
 from mesoshell.texture import mip
@@ -48,11 +49,19 @@ class Layout:
     colours: Colours | None = None
 
     def on_texture(self, uv: Vec2) -> Vec2:
-        """(u, v) in the unit that the texture is looked up in: from its origin, or its period."""
+        """(u, v) on the texture, in the unit that it is looked up in: from its origin, or in its period."""
         if self.open:
             return uv - jnp.array(self.origin, uv.dtype)
         uv = uv if self.colours is None else on_torus(self.colours, self.origin, uv)
         return uv if self.period == 1 else uv / self.period
+
+    def plane(self, texture: Pyramid, uv: Vec2, level: Scalar) -> Float[Array, "C"]:
+        """Filtered F(u, v)."""
+        if self.colours is None:
+            density = self.texel_density if self.open else None
+            return mip.lookup(texture, self.sizes, self.on_texture(uv), level, density)
+        tile = partial(tile_place, self.colours, self.origin)
+        return mip.lookup(texture, self.sizes, uv, level, self.texel_density, tile=tile)
 
 
 class Material(NamedTuple):
@@ -90,12 +99,11 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
     rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
-    density = layout.texel_density if layout.open else None
-    uv = layout.on_texture(point.xi[:2])
-    plane = mip.lookup(material.texture, layout.sizes, uv, level, density)
+    plane = layout.plane(material.texture, point.xi[:2], level)
     if layout.nodes is None:
         profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
     else:
+        uv = layout.on_texture(point.xi[:2])
         profile = _between_nodes(material.height, layout, layout.nodes, uv, (point.xi[2], level_h))
     return jnp.concatenate([plane + profile, encoded, point.alpha])
 

@@ -137,11 +137,14 @@ def _tiled(datasets: Sequence[Dataset], geometries: set[tuple]) -> bool:
             raise InputError(dataset.folder, "has other tiles than the first dataset")
     if first is not None and not is_torus(first):
         raise InputError(datasets[0].folder, "its tiles are not the colours of a torus of 4 x 4 tiles")
-    if first is not None and sorted(g[0] for g in geometries) != list(range(SIDE**2)):
-        fault = (
-            f"has {len(geometries)} geometries, not each of the {SIDE**2} tiles: give it a --count of {SIDE**2} or more"
+    if first is not None and {g[0] for g in geometries} != set(range(SIDE**2)):
+        there = len({g[0] for g in geometries})
+        raise InputError(
+            datasets[0].folder, f"shows {there} of the {SIDE**2} tiles: give it a --count of {SIDE**2} or more"
         )
-        raise InputError(datasets[0].folder, fault)
+    if first is not None and len(geometries) > SIDE**2:
+        fault = "has tiles of other geometry parameters, or of another version, than other datasets or pictures"
+        raise InputError(datasets[-1].folder, fault)
     return first is not None
 
 

@@ -12,7 +12,7 @@ helped and what did not is in `docs/results/fitting.md`.
 With many patches a step sees G of them. The first FEW teach the decoder while `stand` lasts, then all do, at a rate that falls;
 after `settle` of the run the decoder stays as it is and textures alone go on, so that all are fitted to the same one.
 
-Patches may be tiles of a torus: they lie side by side in one texture.
+Patches may be tiles of a torus: they lie side by side in one texture, and the decoder learns with it to the end.
 """
 
 from collections.abc import Callable
@@ -217,14 +217,18 @@ def start(config: FitConfig, shots: Shots, key: Key[Array, ""]) -> FitState:
 def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE) -> tuple[FitState, FitReport]:
     """One update of the decoder, and of the textures that the rows show. Pure."""
     group = jnp.zeros(1, batch.patch.dtype) if config.tiles else batch.patch[:: config.together]
-    together = batch.patch.shape[0] // group.shape[0]
     own = jax.tree.map(lambda x: x[group], state.own)
 
     def loss(feature: Array, common: Common) -> tuple[Scalar, Scalar]:
-        rows = jax.tree.map(lambda x: jnp.repeat(x, together, axis=0), (_pyramids(feature), own.occupancy))
         height = mip.pack(mip.build(common.height))
         row = partial(_row_loss, config, height, common.decoder)
-        error, wanted = across.each(row)(*rows, batch)
+        textures = _pyramids(feature), own.occupancy
+        if config.tiles:
+            row = partial(row, *jax.tree.map(lambda x: x[0], textures))
+            error, wanted = across.each(row)(batch)
+        else:
+            rows = jax.tree.map(lambda x: jnp.repeat(x, config.together, axis=0), textures)
+            error, wanted = across.each(row)(*rows, batch)
         return jnp.mean(error), jnp.mean(wanted)
 
     which = 0 if config.given else (0, 1)
@@ -234,6 +238,7 @@ def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE)
     alphas = batch.alpha
     if config.tiles:
         for_own = across.mean(for_own)
+        alphas = alphas if across.everyone is None else across.everyone(alphas)[0]
     elif across.everyone is not None:
         everyone, mine = across.everyone, group.shape[0]
         group, own, for_own, alphas = jax.tree.map(lambda x: everyone(x)[0], (group, own, for_own, alphas))
@@ -241,7 +246,7 @@ def step(config: FitConfig, state: FitState, batch: Rays, across: Across = HERE)
     bad = not_finite((for_common, for_own))
     share = state.step.astype(error.dtype) / config.steps
     fall = config.final**share
-    settled = (share >= config.settle) & (config.patches > 1)
+    settled = (share >= config.settle) & (config.patches > 1) & (not config.tiles)
     common, common_adam = state.common, state.common_adam
     if not config.given:
         common, common_adam = _moved(jnp.where(settled, 0.0, config.rate * fall), common, common_adam, for_common)

@@ -107,8 +107,9 @@ class TexturesReport(NamedTuple):
 
 
 def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars]:
-    """The configuration for exemplars, and these scaled. Raises InputError if they have other texels than the generator, or the
-    configuration asks for more than there are."""
+    """The configuration for exemplars, and these scaled. Raises InputError if they are tiles, or have other texels than
+    the generator, or the configuration asks for more than there are."""
+    exemplars.check_periodic()
     count = config.exemplars or len(exemplars.features)
     side, channels = exemplars.features.shape[1], exemplars.features.shape[3]
     if side != config.generator.texels:

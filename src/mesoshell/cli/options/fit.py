@@ -14,7 +14,8 @@ class Options:
     #: Dataset folders, as `mesoshell dataset render` with --patch 0, --patches 16 or --tiles writes them; several are learnt
     #: together.
     datasets: tyro.conf.Positional[tuple[Path, ...]]
-    #: The file to write: a material of one patch or of corner tiles, exemplars of many (for `mesoshell train`, or `mesoshell export --patch`).
+    #: The file to write: a material of one patch or of corner tiles; or exemplars of many (for `mesoshell train`, or `mesoshell
+    #: export --patch`).
     out: Path = Path("out/material.npz")
     #: Folder of checkpoints and log; if it holds some, the fit goes on from there.
     run: Path = Path("runs/fit")

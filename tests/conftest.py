@@ -1,8 +1,8 @@
 """Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is timed.
 JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not), and forgets between
 files what it has compiled: gigabytes in the end. Python looks for cycles rarely, since what JAX traces makes millions of
-objects and few cycles: between files is soon enough. The path tracer's functions are left alone: Dr.Jit rewrites their source, and
-their arrays carry no shapes."""
+objects and few cycles: between files is soon enough. The path tracer's functions are left alone: Dr.Jit rewrites their source,
+and their arrays carry no shapes."""
 
 import contextlib
 import gc

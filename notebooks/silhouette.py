@@ -13,7 +13,7 @@
 # # A surface material that knows its silhouette
 #
 # Balls on a body are bent onto a few cylinders, and rays asked what they meet. A small network learns the answers, and is put
-# on a torus: one query a hit, and rays pass between the balls at its rim. (Real ones are trained a hundred times as long:
+# on a torus: one query a hit, and rays pass between the balls at its rim. (Real ones are trained hundreds of times as long:
 # `docs/how_to/surface_material.md`.)
 
 # %%

@@ -153,7 +153,7 @@ weights = {k: v for k, v in bundle.arrays.items() if k.startswith("decoder/") or
 exemplar = bundle.arrays["features/2"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
 data = scaled(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))
 small = replace(
-    config, texels=64, channel_base=1024, channels=32, layers=5, waves=4, drift=1.5, z=0, betas=0, height_rows=64
+    config, texels=64, channel_base=1024, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
 )
 learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))

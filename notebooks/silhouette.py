@@ -13,7 +13,7 @@
 # # A surface material that knows its silhouette
 #
 # Balls on a body are bent onto a few cylinders, and rays asked what they meet. A small network learns the answers, and is put
-# on a torus: one query a hit, and rays pass between the balls at its rim. (Real ones are trained a hundred times as long:
+# on a torus: one query a hit, and rays pass between the balls at its rim. (Real ones are trained hundreds of times as long:
 # `docs/how_to/surface_material.md`.)
 
 # %%
@@ -60,7 +60,7 @@ for axis, (curvature, cosine) in zip(axes, ((0.0, 1.0), (0.0, 0.4), (1.0, 0.4), 
 # %% [markdown]
 # ## Learning it
 #
-# Patches of random curvature, and two thousand small steps.
+# Patches of random curvature, and a thousand small steps.
 
 # %%
 from mesoshell.datasets.queries.render import Settings, of_geometry, render_patches  # noqa: E402
@@ -68,10 +68,10 @@ from mesoshell.train.gan.presets import TINY  # noqa: E402
 from mesoshell.train.surface.step import surface_as  # noqa: E402
 
 folder = Path(tempfile.mkdtemp())
-settings = Settings("spheres", tile.depth, (-1.0, 2.0), queries=16384, spp=4, seed=0)
+settings = Settings("spheres", tile.depth, (-1.0, 2.0), queries=8192, spp=4, seed=0)
 render_patches(settings, of_geometry(tile, settings.spp), 24, folder / "data", lambda done, of: None)
 log = []
-config = replace(surface_as(TINY), kimg=2000.0)
+config = replace(surface_as(TINY), kimg=1000.0, rate=6e-3)
 run = ms.train(config, folder / "data", folder / "run", show=log.append)
 figure, axis = plt.subplots(figsize=(6, 3))
 for name in ("reflectance", "opacity"):

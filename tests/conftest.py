@@ -1,7 +1,8 @@
 """Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is timed.
 JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not), and forgets between
-files what it has compiled: gigabytes in the end. The path tracer's functions are left alone: Dr.Jit rewrites their source, and
-their arrays carry no shapes."""
+files what it has compiled: gigabytes in the end. Python looks for cycles rarely, since what JAX traces makes millions of
+objects and few cycles: between files is soon enough. The path tracer's functions are left alone: Dr.Jit rewrites their source,
+and their arrays carry no shapes."""
 
 import contextlib
 import gc
@@ -26,6 +27,8 @@ from mesoshell.shell.material.decoder import init_decoder  # noqa: E402
 from mesoshell.train.export import to_bundle  # noqa: E402
 from mesoshell.train.fit.step import Common, FitConfig  # noqa: E402
 
+gc.freeze()
+gc.set_threshold(100_000, 50, 100)
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -46,7 +49,7 @@ def _compiled_once(tmp_path_factory):
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if base.name.startswith("popen-") else base
     jax.config.update("jax_compilation_cache_dir", str(shared / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -34,7 +34,7 @@ def _answer(q: dict) -> dict:
     return {"alpha": 0.5, "cosine": 0, "rgb": 0.1}
 
 
-def test_every_block_prints_what_it_says(folder: Path, optimised, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_block_prints_what_it_says(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     names: dict = {}
     as_users_have_it = jax.numpy_dtype_promotion("standard")

@@ -57,13 +57,12 @@ def _no_cache_at_home(monkeypatch, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory, compiled_soon) -> Path:
+def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(16)], size=8)
     pack_dataset(read_dataset(folder / "fog"), folder / "packed")
     (folder / "experiment.py").write_text(EXPERIMENT)
-    with compiled_soon():
-        main(["train", str(folder / "experiment.py"), "--data", str(folder / "packed"), "--run", str(folder / "run")])
+    main(["train", str(folder / "experiment.py"), "--data", str(folder / "packed"), "--run", str(folder / "run")])
     return folder / "run"
 
 
@@ -85,15 +84,14 @@ def fault(capsys, *arguments: object) -> str:
 
 
 @pytest.fixture(scope="module")
-def network(run, compiled_soon) -> Path:
+def network(run) -> Path:
     """A run of the network on the same data."""
     folder = run.parent
     (folder / "network.py").write_text(NETWORK)
     given = ["train", str(folder / "network.py"), "--data", str(folder / "packed"), "--run", str(folder / "network")]
     main([*given, "--dry-run"])
     assert not (folder / "network").exists()
-    with compiled_soon():
-        main(given)
+    main(given)
     return folder / "network"
 
 

@@ -9,12 +9,17 @@ import jax
 import numpy as np
 
 from mesoshell.io.dataset import read_dataset
+from mesoshell.io.exemplars import Exemplars, write_exemplars
 from mesoshell.io.pack import pack_dataset
+from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.surface_material.network import SurfaceConfig
 from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.export import decoder_arrays
 from mesoshell.train.fit.step import FitConfig
 from mesoshell.train.method import Method, method_of
 from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.textures.state import TexturesConfig
 from tests.helpers import atlas_step, balls, fog, parametric_step, small_step, wearing
 
 STEPS = 6
@@ -32,6 +37,9 @@ CONFIGS: dict[str, Any] = {
     ),
     "surface": SurfaceTraining(SurfaceConfig(8, 3, (8,)), batch=256),
     "atlas": replace(atlas_step.CONFIG, side=32),
+    "textures": TexturesConfig(
+        GeneratorConfig(32, "T", 64, 4, channels=4, layers=4, z=0, w=4, waves=2, height_width=4), batch=4
+    ),
     "fit": FitConfig(4, 4, 4, 1, (8,), (8,), batch=8, rays=16, group=4, candidates=8),
 }
 
@@ -42,12 +50,25 @@ def write(method: str, folder: Path) -> Path:
         return wearing.write_patches(folder / "set", [wearing.rows(64, k, _answer) for k in range(6)])
     if method == "atlas":
         return balls.write_capture(folder / "ball", views=16, size=32)
+    if method == "textures":
+        folder.mkdir()
+        write_exemplars(folder / "noise.npz", _noise())
+        return folder / "noise.npz"
     if method == "fit":
         fog.write(folder / "many", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(12)], 8, [k // 3 for k in range(12)])
         return folder / "many"
     fog.write(folder / "fog", [(0.6, 0.3, 1.6 + 0.2 * k) for k in range(16)], size=8)
     pack_dataset(read_dataset(folder / "fog"), folder / "packed")
     return folder / "packed"
+
+
+def _noise() -> Exemplars:
+    """Six patches of noise, and a decoder that has learned nothing."""
+    rng = np.random.default_rng(0)
+    decoder = decoder_arrays(init_decoder(jax.random.key(0), 4 + 1 + 2, (4,), (4,)))
+    features = rng.normal(size=(6, 32, 32, 4)).astype(np.float32)
+    about = {"datasets": [{"recipe": "noise"}]}
+    return Exemplars(features, rng.normal(size=(8, 4)), np.zeros((6, 0), np.float32), decoder, 1, (), about)
 
 
 def _answer(q: dict[str, np.ndarray]) -> dict[str, Any]:

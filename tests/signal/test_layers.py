@@ -43,8 +43,13 @@ def test_is_the_published_layer(name: str, index: int, convolution, activation) 
         style = style / np.sqrt(len(a["affine_weight"]))
     x, w = jnp.asarray(a["x"].transpose(0, 2, 3, 1)), jnp.asarray(a["weight"].transpose(2, 3, 1, 0))
     gain = jnp.asarray(1 / np.sqrt(a["magnitude_ema"]))
-    y = convolution(x, w, jnp.asarray(style), gain, not row.is_torgb, row.conv_kernel - 1)
-    y = activation(y + jnp.asarray(a["bias"])[None, None, None], small(row))
+
+    @jax.jit
+    def layer(x, w, style, gain, bias):
+        y = convolution(x, w, style, gain, not row.is_torgb, row.conv_kernel - 1)
+        return activation(y + bias[None, None, None], small(row))
+
+    y = layer(x, w, jnp.asarray(style), gain, jnp.asarray(a["bias"]))
     expected = a["y"].transpose(0, 2, 3, 1)
     np.testing.assert_allclose(y, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
@@ -56,11 +61,15 @@ def test_fast_and_plain_agree_in_value_and_gradient(config, index: int) -> None:
     rng = np.random.default_rng(index)
     with jax.enable_x64(True):
         x = jnp.asarray(rng.normal(size=(1, 34, 37, 2)))
-        fast, fast_back = jax.vjp(lambda x: filtered_lrelu(x, how), x)
-        plain, plain_back = jax.vjp(lambda x: filtered_lrelu_plain(x, how), x)
-        seed = jnp.asarray(rng.normal(size=plain.shape))
-        np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(fast_back(seed)[0], plain_back(seed)[0], rtol=0, atol=1e-11)
+        seed = jnp.asarray(rng.normal(size=jax.eval_shape(lambda x: filtered_lrelu_plain(x, how), x).shape))
+
+        def value_and_gradient(activation):
+            value, back = jax.vjp(lambda x: activation(x, how), x)
+            return value, back(seed)[0]
+
+        fast, plain = jax.jit(lambda: tuple(map(value_and_gradient, (filtered_lrelu, filtered_lrelu_plain))))()
+        for found, expected in zip(fast, plain, strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize(("config", "index"), [("T", 1), ("T", 5), ("R", 0), ("R", 5)])
@@ -74,7 +83,8 @@ def test_blocks_are_parts_of_the_whole(config, index: int, shape, padding, monke
     how = Activation(row, padding or small(row).pad)
     with jax.enable_x64(True):
         x = jnp.asarray(np.random.default_rng(index).normal(size=shape))
-        np.testing.assert_allclose(in_blocks(x, how), along_axes(x, how), rtol=0, atol=1e-12)
+        parts, whole = jax.jit(lambda x: (in_blocks(x, how), along_axes(x, how)))(x)
+        np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("activation", [filtered_lrelu, filtered_lrelu_plain])

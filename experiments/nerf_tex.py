@@ -1,4 +1,4 @@
-"""Comparison: NeRF-Tex, one network fitted to renders, with as many parameters as the dataset (MesoGAN, section 6.3, figure 13).
+"""Comparison: NeRF-Tex, one network fitted to renders, of the dataset's parameters (MesoGAN, section 6.3, figure 13).
 
 It learns one patch by heart, so every image must show that patch: mesoshell dataset render carpet2 --patch 0 --count … --out …
 `carpet.py` is ours, on a dataset without --patch.

@@ -177,7 +177,8 @@ def test_curvature_that_was_not_trained_is_said(folder, tmp_path, capsys, engine
     said = capsys.readouterr().err
     (line,) = [x for x in said.splitlines() if "outside the trained" in x]
     assert (
-        line.startswith("note: curvature is outside the trained -0.001 to 0.001 per period at ") and "--scale" in line
+        line.startswith("note: curvature is outside the trained -0.001 to 0.001 per period at ")
+        and "a smaller scale" in line
     )
 
 

@@ -267,7 +267,7 @@ def test_what_was_not_trained_is_counted() -> None:
         wrong = sum(bool((row < low - 1e-3).any() or (row > high + 1e-3).any()) for row in kappa)
         assert wrong > 0
         assert f"outside the trained {low:g} to {high:g} per period at {wrong} of {len(mesh.vertices)} vertices" in note
-        assert "\n" not in note and "--scale" in note
+        assert "\n" not in note and "a smaller scale" in note
     # a smaller period is less curvature
     assert surface_tables(mesh, 0.1, POINT).notes((-0.1, 0.1)) == worn.table.notes
 

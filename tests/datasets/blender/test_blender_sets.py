@@ -11,6 +11,7 @@ from data_gen.worker import RECIPES
 from mesoshell.datasets.blender.process import Blender
 from mesoshell.datasets.blender.render import Farm, render_dataset
 from mesoshell.datasets.blender.shard import Done, Shard, render_shard
+from mesoshell.io.corner_tiles import is_torus
 from mesoshell.io.dataset import Sample, check_dataset, load_images, read_dataset
 from mesoshell.io.image import read_exr
 
@@ -147,3 +148,15 @@ def misses_box(sample: Sample) -> np.ndarray:
     hit = np.minimum(t0, t1).max(-1) <= np.maximum(t0, t1).min(-1)
     windows = np.lib.stride_tricks.sliding_window_view(hit, (4, 4))
     return np.logical_not(windows.any(axis=(2, 3)))
+
+
+def test_corner_tiles_are_rendered_in_turn(tmp_path):
+    report = render_dataset(
+        settings("grass", tiles=True, coverage=(0.8, 0.8)), 18, tmp_path, Farm(2, 2), lambda *_: None
+    )
+    assert report.faults == []
+    dataset = read_dataset(tmp_path)
+    assert is_torus(dataset.manifest["tiles"]) and dataset.manifest["patch"] is None
+    assert [dataset.rows[i]["instance"] for i in range(18)] == [*range(16), 0, 1]
+    for sample, image in zip(dataset.samples, load_images(dataset), strict=True):
+        assert not image[misses_box(sample)].any() and (image[..., 3] > 0.5).mean() > 0.2

@@ -1,5 +1,8 @@
 """A fit recovers fog, an interrupted fit ends where the uninterrupted one does, and decoding less changes no ray's value."""
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -107,6 +110,18 @@ def test_a_torus_of_fog_is_recovered_and_is_a_material(tiles: Shots, tmp_path: P
     cut = exemplars(config, seen, state, {}).features
     assert cut.shape == (16, 4, 4, 4)
     np.testing.assert_array_equal(cut[6], state.own.feature[0, 4:8, 8:12])
+
+
+@pytest.mark.slow
+def test_tiles_on_one_device_two_and_pmap_agree():
+    """Textures, decoder and occupancy after three steps; on both devices the same."""
+    command = [sys.executable, "-m", "tests.helpers.tiles_step"]
+    done = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert len(said) == 8
+    for name, value in said.items():
+        assert value == 24 if name.endswith("images") else value < 1e-6, name
 
 
 def test_tiles_on_their_way_are_no_patches_that_repeat(tiles: Shots, tmp_path: Path):

@@ -21,6 +21,7 @@ from mesoshell.neutex.field import FieldConfig
 from mesoshell.train.neutex.ray_batches import Rays
 from mesoshell.train.neutex.step import AtlasTraining, start, step
 from mesoshell.train.parallel import spread_step
+from tests.helpers.same_trees import apart
 
 FIELD = FieldConfig((8, 8), (8,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 1), hash=HashConfig(3, 2, 8, 4, 12))
 CONFIG = AtlasTraining(
@@ -69,10 +70,7 @@ def main() -> None:
                 "grid": (one[0].grid, after.grid),
             }
             for name, (a, b) in pairs.items():
-                said[f"{phase} {how} {name}"] = max(
-                    float(np.abs(np.asarray(x) - np.asarray(y)).max() / max(float(np.abs(x).max()), 1e-12))
-                    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
-                )
+                said[f"{phase} {how} {name}"] = apart(a, b)
             said[f"{phase} {how} images"] = int(after.images) - images
     print(json.dumps(said))
 

@@ -13,12 +13,12 @@ if __name__ == "__main__":
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.nerf_tex.network import ParametricConfig, start, step
 from mesoshell.train.parallel import spread_step
 from tests.helpers import small_step
+from tests.helpers.same_trees import apart
 
 CONFIG = ParametricConfig(small_step.CONFIG.picture, (16, 16), (8,), octaves=2, batch=8, parameters=2)
 
@@ -39,10 +39,7 @@ def main() -> None:
         state = spread.whole(state)
         pairs = {"losses": (one[1][:2], report[:2]), "gradients": (one[0].adam[0].mu, state.adam[0].mu)}
         for name, (a, b) in pairs.items():
-            said[f"{how} {name}"] = max(
-                float(np.abs(np.asarray(x) - np.asarray(y)).max() / max(float(np.abs(x).max()), 1e-12))
-                for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
-            )
+            said[f"{how} {name}"] = apart(a, b)
         said[f"{how} images"] = int(state.images)
     print(json.dumps(said))
 

@@ -20,6 +20,7 @@ from mesoshell.train.fit.patch_rays import shots_of
 from mesoshell.train.fit.step import FitConfig, feed, fitted, start, step
 from mesoshell.train.parallel import spread_step
 from tests.helpers.patch_images import of_tiles
+from tests.helpers.same_trees import apart
 
 SMALL = FitConfig(texels=4, channels=4, height_rows=4, octaves=1, trunk=(8,), head=(8,), batch=8, rays=32, candidates=8)
 
@@ -45,10 +46,7 @@ def main() -> None:
         said[f"{how} devices"] = max(float(np.abs(x.ravel() - held[0].ravel()).max()) for x in held)
         state = spread.whole(state)
         for name, (a, b) in {"own": (one.own, state.own), "common": (one.common, state.common)}.items():
-            said[f"{how} {name}"] = max(
-                float(np.abs(np.asarray(x) - np.asarray(y)).max() / max(float(np.abs(x).max()), 1e-12))
-                for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
-            )
+            said[f"{how} {name}"] = apart(a, b)
         said[f"{how} images"] = int(state.images)
     print(json.dumps(said))
 

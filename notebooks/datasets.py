@@ -26,7 +26,8 @@ import numpy as np
 from mesoshell.datasets.blender.process import Blender
 from mesoshell.datasets.blender.render import Farm, render_dataset
 from mesoshell.datasets.blender.vary import vary_sheet
-from mesoshell.io.dataset import check_dataset, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.io.pack import pack_dataset
 from mesoshell.io.sheet import contact_sheet

@@ -1,11 +1,12 @@
 """Test set-up: shapes are checked with beartype, ranks and dtypes must match exactly, warnings are errors, no test is timed.
-JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not), and forgets between
-files what it has compiled: gigabytes in the end. Python looks for cycles rarely, since what JAX traces makes millions of
-objects and few cycles: between files is soon enough. The path tracer's functions are left alone: Dr.Jit rewrites their source,
+JAX optimises little, since tests compile more than they compute (`optimised` is for those that do not), and forgets now and
+then what it has compiled: gigabytes in the end. Python looks for cycles rarely, since what JAX traces makes millions of
+objects and few cycles: then is soon enough. The path tracer's functions are left alone: Dr.Jit rewrites their source,
 and their arrays carry no shapes."""
 
 import contextlib
 import gc
+import itertools
 import os
 import pkgutil
 
@@ -52,11 +53,23 @@ def _compiled_once(tmp_path_factory):
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """A file's tests share what they compile: one process runs them, unless a mark says otherwise."""
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None and item.get_closest_marker("apart") is None:
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
+
+
+_FILES = itertools.count(1)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forgotten_after():
     yield
-    jax.clear_caches()
-    gc.collect()
+    if next(_FILES) % 8 == 0:
+        jax.clear_caches()
+        gc.collect()
 
 
 def _optimise(on: bool) -> None:
@@ -70,6 +83,7 @@ def _optimise(on: bool) -> None:
 @pytest.fixture(scope="module")
 def optimised():
     """For programs that take longer to run than to compile."""
+    jax.clear_caches()
     _optimise(True)
     yield
     _optimise(False)

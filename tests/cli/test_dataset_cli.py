@@ -7,7 +7,8 @@ import pytest
 
 from mesoshell.cli.main import main
 from mesoshell.datasets.blender import process as blender
-from mesoshell.io.dataset import check_dataset, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
 from mesoshell.io.image import read_png
 
 ROOT = Path(__file__).parents[2]

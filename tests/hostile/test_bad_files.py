@@ -16,7 +16,9 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.archive import read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle import read_bundle
-from mesoshell.io.dataset import check_dataset, load_images, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
+from mesoshell.io.dataset_images import load_images
 from mesoshell.io.dataset_writer import collecting
 from mesoshell.io.image import read_exr, read_heights, read_picture, read_png
 from mesoshell.io.material import bundled

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import check_dataset, load_images, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
+from mesoshell.io.dataset_images import load_images
 
 AGE = {"role": "alpha", "range": [0, 1], "default": 0.5, "unit": "", "meaning": "dryness"}
 

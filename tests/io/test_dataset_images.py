@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import check_dataset, load_images, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
+from mesoshell.io.dataset_images import load_images
 
 GREY = np.full((4, 6, 4), 0.5, np.float32)
 

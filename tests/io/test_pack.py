@@ -9,7 +9,9 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.io import pack
-from mesoshell.io.dataset import check_dataset, load_images, read_dataset, shard_array
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
+from mesoshell.io.dataset_images import load_images, shard_array
 from mesoshell.io.pack import pack_dataset
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Parameter
-from mesoshell.io.dataset import load_images
+from mesoshell.io.dataset_images import load_images
 from mesoshell.measure import above, fields
 from mesoshell.measure.posed import posed
 from mesoshell.render.composite import weights

@@ -8,6 +8,7 @@ from notebooks.execute import NO_BLENDER, NOTEBOOKS, can_run, execute
 OPTIMISED = {"atlas.py"}
 
 
+@pytest.mark.apart
 @pytest.mark.filterwarnings("default")  # of Jupyter's own
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_it_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,24 +14,20 @@ Rows may stand in any order (several processes append them) and be fewer than th
 being made: `read_dataset` sorts what is there, `check_dataset` reports what is not. Fields beyond these are free.
 """
 
-import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float16, Float32, Float64
+from jaxtyping import Float64
 
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file
-from mesoshell.io.image import read_exr
-from mesoshell.limits import check_memory
 
 _MANIFEST = {"recipe": str, "version": object, "field_of_view": object, "parameters": dict, "radius_range": list}
 _MANIFEST |= {"size": list, "samples_per_pixel": object, "seed": object, "count": int}
@@ -84,15 +80,15 @@ class Dataset:
 def read_dataset(folder: str | PathLike[str]) -> Dataset:
     """Manifest and rows, checked; no image is opened. Raises InputError that names the file, and the line, at fault."""
     folder = Path(folder)
-    manifest = _read_manifest(folder)
+    manifest = read_manifest(folder)
     rows = {}
-    for entry in _entries(folder, manifest):
+    for entry in entries(folder, manifest):
         if isinstance(entry, InputError):
             raise entry
         rows[int(entry["index"])] = entry
     if not rows:
         raise InputError(folder / "samples.jsonl", "has no samples")
-    samples = tuple(_sample(folder, row) for _, row in sorted(rows.items()))
+    samples = tuple(sample_of(folder, row) for _, row in sorted(rows.items()))
     return Dataset(folder, manifest["recipe"], manifest, samples, rows)
 
 
@@ -102,69 +98,7 @@ def origin(dataset: Dataset) -> dict[str, Any]:
     return {k: dataset.manifest[k] for k in kept if k in dataset.manifest} | {"images": len(dataset.samples)}
 
 
-def load_image(sample: Sample) -> Float32[np.ndarray, "H W 4"]:
-    """One image. Raises InputError that names its file if it is unreadable, mis-sized or holds NaN."""
-    image = _pixels(sample).astype(np.float32)
-    for fault in _pixel_faults(sample, image):
-        raise InputError(sample.file, fault)
-    return image
-
-
-def load_images(dataset: Dataset) -> Float32[np.ndarray, "N H W 4"]:
-    """All images, in the order of the samples. Raises InputError as load_image does."""
-    width, height = dataset.samples[0].size
-    load_image(dataset.samples[0])  # before memory is asked for
-    check_memory(
-        dataset.folder,
-        f"{len(dataset.samples)} images of {width} × {height}",
-        16 * len(dataset.samples) * width * height,
-    )
-    images = np.empty((len(dataset.samples), height, width, 4), np.float32)
-    for row, sample in zip(images, dataset.samples, strict=True):
-        row[:] = load_image(sample)
-    return images
-
-
-def check_dataset(folder: str | PathLike[str]) -> list[str]:
-    """Every fault of a dataset, one line each: its text files, its images and what is missing or left over."""
-    folder = Path(folder)
-    try:
-        manifest = _read_manifest(folder)
-        entries = list(_entries(folder, manifest))
-    except InputError as error:
-        return [str(error)]
-    faults = [str(entry) for entry in entries if isinstance(entry, InputError)]
-    samples = [_sample(folder, entry) for entry in entries if not isinstance(entry, InputError)]
-    faults += [f"{folder / 'samples.jsonl'}: {fault}" for fault in _count_faults(manifest, samples)]
-    faults += [fault for sample in samples for fault in _image_faults(sample)]
-    found = {path for name in ("images", "shards") for path in (folder / name).glob("*")}
-    left_over = sorted(found - {sample.file for sample in samples})
-    return faults + [f"{path}: has no row in samples.jsonl" for path in left_over]
-
-
-def _count_faults(manifest: dict[str, Any], samples: list[Sample]) -> list[str]:
-    """Samples missing, or too many. A packed dataset may be of a part of the samples, so that it has a number only."""
-    count, there = manifest["count"], {sample.index for sample in samples}
-    if "packed" in manifest:
-        return [f"has {len(there)} of {count} samples"] if len(there) != count else []
-    found = (
-        ("has no row for", (i for i in range(count) if i not in there), max(0, count) - sum(i < count for i in there)),
-        (
-            "has more than the manifest's count:",
-            (i for i in sorted(there) if i >= count),
-            sum(i >= count for i in there),
-        ),
-    )
-    return [f"{what} {_some(indices, number)}" for what, indices, number in found if number]
-
-
-def _some(indices: Iterator[int], number: int) -> str:
-    """The first of them, which rise, and how many more there are: a manifest may claim any number."""
-    first = ", ".join(map(str, islice(indices, 8)))
-    return f"sample{'s' * (number > 1)} {first}{f' and {number - 8} more' * (number > 8)}"
-
-
-def _read_manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         raise InputError(folder, "no such folder")
     text = _text(path := folder / "manifest.json")
@@ -191,7 +125,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def _entries(folder: Path, manifest: dict[str, Any]) -> Iterator[dict[str, Any] | InputError]:
+def entries(folder: Path, manifest: dict[str, Any]) -> Iterator[dict[str, Any] | InputError]:
     """Each row in turn, or its fault."""
     path = folder / "samples.jsonl"
     seen: set[Any] = set()
@@ -248,7 +182,7 @@ def _row_fault(manifest: dict[str, Any], row: Any) -> str | None:
     return None
 
 
-def _sample(folder: Path, row: dict[str, Any]) -> Sample:
+def sample_of(folder: Path, row: dict[str, Any]) -> Sample:
     return Sample(
         index=int(row["index"]),
         file=folder / row["file"],
@@ -262,79 +196,6 @@ def _sample(folder: Path, row: dict[str, Any]) -> Sample:
         irradiance=np.asarray(row["irradiance"], np.float64),
         size=(int(row["size"][0]), int(row["size"][1])),
     )
-
-
-def _image_faults(sample: Sample) -> list[str]:
-    """Faults of a sample's file, each as a whole line."""
-    faults = []
-    where = str(sample.file) if sample.row is None else f"{sample.file}[{sample.row}]"
-    try:
-        bytes_of = read_file(sample.file) if sample.row is None else _pixels(sample).tobytes()
-        if hashlib.sha256(bytes_of).hexdigest() != sample.sha256:
-            faults.append(f"{where}: its SHA-256 is not its row's")
-        image = _pixels(sample).astype(np.float32)
-    except InputError as error:
-        return [*faults, str(error)]
-    black = [] if image[..., :3].any() else ["is all black"]
-    return faults + [f"{where}: {fault}" for fault in _pixel_faults(sample, image) + black]
-
-
-def _pixels(sample: Sample) -> np.ndarray:
-    """The image as it lies on disk, (H, W, C), half or float."""
-    if sample.row is None:
-        return read_exr(sample.file)
-    return shard_row(sample, shard_array(sample.file))
-
-
-def shard_row(sample: Sample, shard: Float16[np.ndarray, "n H W C"]) -> Float16[np.ndarray, "H W C"]:
-    """A packed sample's image in its shard. Raises InputError if it is not there."""
-    if sample.row is None or sample.row >= len(shard):
-        raise InputError(sample.file, f"has no row {sample.row}")
-    return shard[sample.row]
-
-
-def check_fed(samples: Sequence[Sample], shard: Float16[np.ndarray, "n H W C"]) -> None:
-    """Raise InputError unless a shard holds images of its samples' size, four channels each, and not zeros alone."""
-    shown = False
-    for sample in samples:
-        height, width, channels = shard_row(sample, shard).shape
-        for fault in _shape_faults(sample, (height, width, channels)):
-            raise InputError(sample.file, fault)
-        shown = shown or bool(shard[sample.row].any())
-    if not shown:
-        raise InputError(samples[0].file, "holds zeros alone: no image")
-
-
-def shard_array(path: Path) -> Float16[np.ndarray, "n H W C"]:
-    """A shard of a packed dataset, memory-mapped. Raises InputError if it is not one."""
-    try:
-        array = np.load(path, mmap_mode="r")
-    except FileNotFoundError:
-        raise InputError(path, "no such file") from None
-    except Exception as error:  # OSError, ValueError, EOFError, TokenError, UnicodeDecodeError, … by the bad byte
-        raise InputError(path, "not a NumPy array, or a truncated one") from error
-    if not isinstance(array, np.ndarray):
-        raise InputError(path, "an archive, not a NumPy array")
-    if array.dtype != np.float16 or array.ndim != 4:
-        raise InputError(path, f"holds {array.dtype} of shape {array.shape}; expected half images")
-    return array
-
-
-def _pixel_faults(sample: Sample, image: Float32[np.ndarray, "H W C"]) -> list[str]:
-    faults = _shape_faults(sample, image.shape)
-    if not np.isfinite(image).all():
-        faults.append("has NaN or infinite pixels")
-    return faults
-
-
-def _shape_faults(sample: Sample, shape: tuple[int, ...]) -> list[str]:
-    height, width, channels = shape
-    faults = []
-    if (width, height) != sample.size:
-        faults.append(f"is {width} × {height} pixels; its row says {sample.size[0]} × {sample.size[1]}")
-    if channels != 4:
-        faults.append(f"has {channels} channels; expected 4 (RGBA)")
-    return faults
 
 
 def _array(value: Any, shape: tuple[int, ...]) -> np.ndarray | None:

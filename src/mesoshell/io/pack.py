@@ -19,7 +19,8 @@ from jaxtyping import Float16, Float32
 
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import new_folder, replace_file
-from mesoshell.io.dataset import Dataset, load_image
+from mesoshell.io.dataset import Dataset
+from mesoshell.io.dataset_images import load_image
 
 #: Bytes of a shard, at most.
 _SHARD_BYTES = 2**26

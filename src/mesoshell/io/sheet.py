@@ -10,7 +10,8 @@ from jaxtyping import Float32
 from skimage.util import montage
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset, Sample, load_images
+from mesoshell.io.dataset import Dataset, Sample
+from mesoshell.io.dataset_images import load_images
 from mesoshell.io.image import tonemap
 
 #: Linear grey between the images, and behind what they leave transparent.

@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset, Sample, load_images
+from mesoshell.io.dataset import Dataset, Sample
+from mesoshell.io.dataset_images import load_images
 from mesoshell.measure.distribution import Estimate, kid, with_interval
 from mesoshell.measure.features import Extractor, shown
 from mesoshell.measure.reader import Reader, error, learn, read

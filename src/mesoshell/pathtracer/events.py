@@ -1,4 +1,4 @@
-"""What happens to a path where it meets something: light is asked for, and the path goes on.
+"""What happens to a path where it meets something: an emitter is sampled, and the path scatters.
 
 Notation
 value, p    f cos θ of a surface, or ρ of a collision, toward an emitter; the density with which the event draws that direction
@@ -28,7 +28,7 @@ SHY = 1e-4
 
 @dataclass
 class Event:
-    """value, p: toward the emitter that was asked; shadow: the way to it; ray: the way on."""
+    """value, p: toward the emitter that was sampled; shadow: the way to it; ray: the way on."""
 
     value: mi.Color3f
     p: mi.Float
@@ -74,7 +74,7 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
     size = world.shells.size
     x = ray.o + mi.Float64(sample.t) * ray.d
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
-    asked = dr.normalize(canonical(here, ds.d))
+    toward = dr.normalize(canonical(here, ds.d))
     _, features = world.media.decode(sample, world.taps)
 
     def away(d, far, opening, pdf):
@@ -85,10 +85,10 @@ def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
         return world.media.rho(sample, features, view, directions)
 
     drawn = None if numbers is None else draw(here, numbers)
-    return scattered(ds, asked, density(here, ds.d), rho, drawn, away, opening)
+    return scattered(ds, toward, density(here, ds.d), rho, drawn, away, opening)
 
 
-def at_worn(world, met, ray, ds, numbers, opening) -> Event:
+def at_surface_material(world, met, ray, ds, numbers, opening) -> Event:
     """A surface material scatters. numbers: as of a collision."""
     here = met.here
     x = ray.o + mi.Float64(met.t) * ray.d
@@ -98,24 +98,24 @@ def at_worn(world, met, ray, ds, numbers, opening) -> Event:
         off = dr.select(dr.dot(met.normal, d) < 0, -1, 1) * (world.worn.beyond(met.t) - met.t)
         return segment(ray, met.t, x + mi.Vector3d(off * met.normal), d, far, False, opening, pdf)
 
-    asked = canonical(here, ds.d)
+    toward = canonical(here, ds.d)
 
     def rho(directions):
         return world.worn.rho(met, directions)
 
     drawn = None if numbers is None else draw_around(here, numbers)
-    return scattered(ds, asked, density_around(here, ds.d), rho, drawn, away, opening)
+    return scattered(ds, toward, density_around(here, ds.d), rho, drawn, away, opening)
 
 
-def scattered(ds, asked, p, rho, drawn, away, opening) -> Event:
-    """asked, p: the emitter's direction in the material's frame, and its density; rho: of directions; drawn: a direction, it
+def scattered(ds, toward, p, rho, drawn, away, opening) -> Event:
+    """toward, p: the emitter's direction in the material's frame, and its density; rho: of directions; drawn: a direction, it
     in that frame, and its density; or none if the path ends here; away: the segment from here in a direction."""
     shadow = away(ds.d, ds.dist * (1 - SHY), dr.select(ds.delta, 0, opening), ds.pdf)
     if drawn is None:
-        (value,) = rho([asked])
+        (value,) = rho([toward])
         return last(value, p, shadow)
     d, local, pdf = drawn
-    value, weight = rho([asked, local])
+    value, weight = rho([toward, local])
     weight = dr.select(pdf > 0, weight / dr.select(pdf > 0, pdf, 1), 0)
     return Event(
         mi.Color3f(value),

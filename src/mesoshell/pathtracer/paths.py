@@ -12,11 +12,12 @@ flights through shells, of paths and of shadows, are one piece of the compiled p
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.events import at_collision, at_surface, at_worn, beyond, power, single
+from mesoshell.pathtracer.events import at_collision, at_surface, at_surface_material, beyond, power, single
 from mesoshell.pathtracer.free_flight import fly, still
 from mesoshell.pathtracer.quadrature import Ray
 from mesoshell.pathtracer.surface_material import nothing_met
@@ -38,11 +39,11 @@ class Path:
 
 @dataclass
 class Shadow:
-    """What a path waits for: the segment to an emitter, the light that comes through if all of it does, and whether shells may
-    lie between."""
+    """What a path waits for: the segment to an emitter, the radiance if all of it comes through, and whether shells may lie
+    between."""
 
     ray: Ray
-    asked: mi.Color3f
+    radiance: mi.Color3f
     crosses: mi.Bool
     pending: mi.Bool
 
@@ -56,6 +57,33 @@ class PathState:
     light: mi.Color3f
     seen: mi.Bool
     queries: mi.UInt32
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a scene calls for (render/effects), known before anything is compiled. emitters: a path may meet one; onward: it
+    goes on after its first event."""
+
+    max_depth: int
+    emitters: bool
+    onward: bool
+    direct: bool
+    shell_shadow: bool
+    roulette: bool
+    shells: bool
+    surface_materials: bool
+
+
+@dataclass
+class SegmentEnd:
+    """Where a segment ends. mine: it is the path's, not a shadow's; si, met, flight: what it meets of surfaces, surface
+    materials and shells; blocked: a surface stops the shadow."""
+
+    mine: mi.Bool
+    si: mi.SurfaceInteraction3f
+    blocked: mi.Bool
+    met: Any
+    flight: Any
 
 
 def begin(settings, scene, ray: Ray, active) -> PathState:
@@ -81,20 +109,49 @@ def busy(lane: PathState):
     return lane.path.alive | lane.shadow.pending
 
 
-@dr.syntax
 def advance(settings, scene, sampler, lane):
     """One segment: of the shadow that a lane waits for, or of its path."""
-    world, rr_depth = settings.world, settings.rr_depth
-    names = ("direct_light", "bounces", "shell_shadow", "roulette", "shells", "surface_materials")
-    asking, bounces, again, roulette, shells, worn = (getattr(world.effects, name).on for name in names)
-    max_depth = settings.max_depth if bounces else min(settings.max_depth, 2)
-    hitting = world.effects.environment.on or world.effects.area_light.on
-    onward = max_depth > 1 and (bounces or hitting)  # a direction drawn at the last event may meet an emitter
-    opening, dark = world.quality.bounce_spread, world.dark
-    path, shadow, light, seen = lane.path, lane.shadow, lane.light, lane.seen
-    n = dr.width(path.eta)
+    plan = _plan(settings)
+    end = _trace(settings.world, plan, scene, sampler, lane)
+    shadow, light, passing = _arrive(settings.world, plan, lane, end)
 
-    # --- the segment: surfaces, then surface materials in front of them, then shells in front of both
+    uncollided = end.mine & ~end.flight.collided
+    reached, on_material = uncollided & ~end.met.hit, uncollided & end.met.hit
+    kept = mi.Bool(False)
+    if plan.surface_materials:
+        kept = on_material & end.met.front & (sampler.next_1d() < end.met.alpha)
+    if plan.emitters:
+        light += _emitted(settings, scene, end.si, lane.path, reached)
+    stopped = (end.mine & end.flight.collided) | kept | (reached & end.si.is_valid())
+    going = stopped & (lane.path.depth + 1 < plan.max_depth)
+
+    event, p, shadow = _scatter(
+        settings.world, plan, scene, sampler, lane.path, end, (going, kept, reached), shadow, passing
+    )
+    path = _go_on(settings, plan, sampler, lane.path, end, event, p, going, on_material & ~kept)
+    return PathState(path, shadow, light, lane.seen | stopped, lane.queries + end.flight.queries)
+
+
+def _plan(settings) -> Plan:
+    effects, most = settings.world.effects, settings.max_depth
+    if not effects.bounces.on:
+        most = min(most, 2)
+    emitters = effects.environment.on or effects.area_light.on
+    return Plan(
+        most,
+        emitters,
+        most > 1 and (effects.bounces.on or emitters),
+        effects.direct_light.on,
+        effects.shell_shadow.on,
+        effects.roulette.on,
+        effects.shells.on,
+        effects.surface_materials.on,
+    )
+
+
+def _trace(world, plan: Plan, scene, sampler, lane: PathState) -> SegmentEnd:
+    """Find the end of a lane's segment: surfaces, then surface materials in front of them, then shells in front of both."""
+    path, shadow = lane.path, lane.shadow
     mine = ~shadow.pending
     si = scene.ray_intersect(single(path.ray), mi.RayFlags.All, coherent=mi.Bool(False), active=mine)
     blocked = mi.Bool(False)
@@ -102,84 +159,88 @@ def advance(settings, scene, sampler, lane):
         blocked = scene.ray_test(single(shadow.ray), active=shadow.pending)
     segment = dr.select(shadow.pending, shadow.ray, path.ray)
     segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
+    n = dr.width(path.eta)
     met = nothing_met(n)
-    if worn:
+    if plan.surface_materials:
         met = world.worn.meet(segment, mine | ~blocked)
         segment.tmax = dr.select(met.hit, mi.Float64(met.t), segment.tmax)
     flight = still(n)
-    if shells:
-        target = dr.select(mine, -dr.log(1 - sampler.next_1d()), dark)
+    if plan.shells:
+        target = dr.select(mine, -dr.log(1 - sampler.next_1d()), world.dark)
         flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked), sampler.next_1d())
+    return SegmentEnd(mine, si, blocked, met, flight)
 
-    # --- a shadow arrives, goes on behind a surface material, or is stopped
-    came = shadow.pending & ~blocked
-    passing = came & met.hit
-    shadow.asked *= dr.select(came, dr.exp(-mi.Float(flight.depth)), 0)
-    light += dr.select(came & ~passing, shadow.asked, 0)
-    if worn:
-        shadow.asked *= dr.select(met.front, 1 - met.alpha, 1)
-        shadow.ray = beyond(shadow.ray, world.worn.beyond(met.t))
-        passing &= dr.max(shadow.asked) > 0
 
-    # --- a surface, or the end of the scene, emits toward the path
-    collided = mine & flight.collided
-    on_worn = mine & ~collided & met.hit
-    kept = mi.Bool(False)
-    if worn:
-        kept = on_worn & met.front & (sampler.next_1d() < met.alpha)
-    behind = on_worn & ~kept
-    reached = mine & ~collided & ~met.hit
-    seen |= collided | kept | (reached & si.is_valid())
-    if hitting:
-        light += _emitted(settings, scene, si, path, reached)
+def _arrive(world, plan: Plan, lane: PathState, end: SegmentEnd):
+    """End a shadow, or take it on behind a surface material. Returns it, the lane's light, and whether it goes on."""
+    shadow = lane.shadow
+    arrived = shadow.pending & ~end.blocked
+    passing = arrived & end.met.hit
+    radiance = shadow.radiance * dr.select(arrived, dr.exp(-mi.Float(end.flight.depth)), 0)
+    light = lane.light + dr.select(arrived & ~passing, radiance, 0)
+    ray = shadow.ray
+    if plan.surface_materials:
+        radiance *= dr.select(end.met.front, 1 - end.met.alpha, 1)
+        ray = beyond(ray, world.worn.beyond(end.met.t))
+        passing &= dr.max(radiance) > 0
+    return Shadow(ray, radiance, shadow.crosses, shadow.pending), light, passing
 
-    # --- the event asks an emitter, and scatters
-    going = (collided | kept | (reached & si.is_valid())) & (path.depth + 1 < max_depth)
-    inside, wearing, surface = going & collided, going & kept, going & reached
+
+@dr.syntax
+def _scatter(world, plan, scene, sampler, path, end, where, shadow, passing):
+    """Sample an emitter, and scatter the path. where: lanes that go on, those at surface materials, and those at surfaces.
+    Returns the event, its place, and the shadow that the lane waits for now."""
+    shells, worn, direct, onward = plan.shells, plan.surface_materials, plan.direct, plan.onward
+    shell_shadow = mi.Bool(plan.shell_shadow)
+    going, kept, reached = where
+    si, met, flight, opening = end.si, end.met, end.flight, world.quality.bounce_spread
+    inside, wearing, surface = going & end.mine & flight.collided, going & kept, going & reached
     t = dr.select(inside, flight.sample.t, met.t)
     origin = mi.SurfaceInteraction3f(si)
     origin.p = dr.select(surface, si.p, mi.Point3f(path.ray.o + mi.Float64(t) * path.ray.d))
-    ds = dr.zeros(mi.DirectionSample3f, n)
-    arriving = dr.zeros(mi.Color3f, n)
-    if asking:
+    n = dr.width(path.eta)
+    ds, arriving = dr.zeros(mi.DirectionSample3f, n), dr.zeros(mi.Color3f, n)
+    if direct:
         smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
-        ds, arriving = scene.sample_emitter_direction(
-            origin, sampler.next_2d(), False, inside | wearing | (surface & smooth)
-        )
+        lit = inside | wearing | (surface & smooth)
+        ds, arriving = scene.sample_emitter_direction(origin, sampler.next_2d(), False, lit)
     wanted = going & (ds.pdf != 0)
     numbers = (sampler.next_1d(), sampler.next_2d()) if onward else None
     event = at_surface(si, path.ray, ds, surface & wanted, surface, numbers, opening)
     if shells and inside:
         event = at_collision(world, flight, path.ray, ds, numbers and numbers[1], opening)
     if worn and wearing:
-        event = at_worn(world, met, path.ray, ds, numbers and numbers[1], opening)
-    if worn and asking:  # how far a sky is Mitsuba says by the size of a scene that these meshes are not in
+        event = at_surface_material(world, met, path.ray, ds, numbers and numbers[1], opening)
+    if worn and direct:  # Mitsuba puts a sky at the size of a scene that these meshes are not in
         sky = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
         event.shadow.tmax = dr.select(sky, dr.inf, event.shadow.tmax)
-    asked = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
-    shadow = Shadow(
+    radiance = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
+    next_shadow = Shadow(
         dr.select(passing, shadow.ray, event.shadow),
-        dr.select(passing, shadow.asked, asked),
-        dr.select(passing, shadow.crosses, wanted & (mi.Bool(again) | ~inside)),
-        passing | (wanted & (dr.max(asked) > 0)),
+        dr.select(passing, shadow.radiance, radiance),
+        dr.select(passing, shadow.crosses, wanted & (shell_shadow | ~inside)),
+        passing | (wanted & (dr.max(radiance) > 0)),
     )
+    return event, origin.p, next_shadow
 
-    # --- the path goes on
-    if onward:
-        path = _onward(path, event, going, origin.p)
+
+def _go_on(settings, plan, sampler, path, end, event, p, going, behind) -> Path:
+    """Take the path on: after an event at p, or behind a surface material; end it by depth or roulette."""
+    if plan.onward:
+        path = _onward(path, event, going, p)
     strongest = dr.max(path.beta)
-    path.alive = dr.select(mine, going & mi.Bool(onward) & (strongest > 0), path.alive)
-    if worn:
-        path.ray = dr.select(behind, beyond(path.ray, world.worn.beyond(met.t)), path.ray)
+    path.alive = dr.select(end.mine, going & mi.Bool(plan.onward) & (strongest > 0), path.alive)
+    if plan.surface_materials:
+        path.ray = dr.select(behind, beyond(path.ray, settings.world.worn.beyond(end.met.t)), path.ray)
         path.alive |= behind
-    if not hitting:  # a last segment could only end on an emitter
-        path.alive &= path.depth + 1 < max_depth
-    if roulette:
+    if not plan.emitters:  # a last segment could only end on an emitter
+        path.alive &= path.depth + 1 < plan.max_depth
+    if plan.roulette:
         keep = dr.minimum(strongest * dr.square(path.eta), 0.95)
-        doomed = mine & ~behind & (path.depth >= rr_depth)
+        doomed = end.mine & ~behind & (path.depth >= settings.rr_depth)
         path.beta = dr.select(doomed, path.beta / dr.maximum(keep, 1e-8), path.beta)
         path.alive &= ~doomed | (sampler.next_1d() < keep)
-    return PathState(path, shadow, light, seen, lane.queries + flight.queries)
+    return path
 
 
 def _onward(path, event, going, p) -> Path:

@@ -19,7 +19,8 @@ import numpy as np
 from jaxtyping import Float16, Float32, Int32, Integer
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset, check_fed, shard_array
+from mesoshell.io.dataset import Dataset
+from mesoshell.io.dataset_images import check_fed, shard_array
 
 
 class Batch(NamedTuple):

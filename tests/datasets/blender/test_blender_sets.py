@@ -12,7 +12,9 @@ from mesoshell.datasets.blender.process import Blender
 from mesoshell.datasets.blender.render import Farm, render_dataset
 from mesoshell.datasets.blender.shard import Done, Shard, render_shard
 from mesoshell.io.corner_tiles import is_torus
-from mesoshell.io.dataset import Sample, check_dataset, load_images, read_dataset
+from mesoshell.io.dataset import Sample, read_dataset
+from mesoshell.io.dataset_check import check_dataset
+from mesoshell.io.dataset_images import load_images
 from mesoshell.io.image import read_exr
 
 ROOT = Path(__file__).parents[3]

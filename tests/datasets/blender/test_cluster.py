@@ -10,7 +10,7 @@ import pytest
 from mesoshell.datasets.blender import cluster as cluster_module
 from mesoshell.datasets.blender.render import SHARD, Farm, render_dataset
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import check_dataset
+from mesoshell.io.dataset_check import check_dataset
 from tests.helpers.stand_ins import STAND_IN, contents, ignore, settings
 
 distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")

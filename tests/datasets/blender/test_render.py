@@ -14,7 +14,9 @@ import pytest
 from mesoshell.datasets.blender import shard
 from mesoshell.datasets.blender.render import SHARD, Farm, render_dataset
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import check_dataset, load_images, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
+from mesoshell.io.dataset_images import load_images
 from mesoshell.io.dataset_writer import Collector, collecting
 from tests.helpers.stand_ins import STAND_IN, contents, ignore, settings
 

@@ -11,7 +11,9 @@ import numpy as np
 
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import read_bundle
-from mesoshell.io.dataset import check_dataset, load_images, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
+from mesoshell.io.dataset_images import load_images
 from mesoshell.io.image import read_exr, read_heights, read_picture, read_png
 from mesoshell.io.poses import read_colmap, read_idr, read_poses
 from mesoshell.io.query_dataset import read_patches

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 from mesoshell.io.archive import write_arrays
-from mesoshell.io.bundle import SHELL
+from mesoshell.io.bundle_arrays import SHELL
 from mesoshell.io.image import write_exr, write_png
 from mesoshell.io.surface import MODULES
 

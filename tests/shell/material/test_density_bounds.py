@@ -7,7 +7,7 @@ import pytest
 
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
-from mesoshell.shell.material.density_bounds import DEEPEST, new_points
+from mesoshell.shell.material.density_bounds import DEEPEST, new_points, rounded_up
 from mesoshell.shell.material.loader import ready
 from mesoshell.texture.footprint import footprint
 
@@ -30,3 +30,12 @@ def test_what_is_probed_is_what_16_samples_see() -> None:
         d = jnp.float32([(1 - cosine**2) ** 0.5, 0, -cosine])
         step = 1 / cosine / 16
         assert float(footprint(jnp.eye(3), d, jnp.float32(step**2 / 12), jnp.float32(4.0)).height) <= DEEPEST
+
+
+def test_rounding_a_bound_never_lowers_it() -> None:
+    """By half precision's own rounding at most; and raises it by 1/16 at most. What no half can hold gets the largest bound."""
+    sigma = np.geomspace(1e-4, 6e4, 30_001, dtype=np.float32)
+    ratio = rounded_up(sigma).astype(np.float64) / sigma
+    assert ratio.min() > 1 - 2**-10
+    assert ratio.max() < 1 + 2**-4 + 2**-10
+    assert (rounded_up(np.float32([0.0, 6.5e4, 1e30])) == np.float16([0.0, 63488.0, 63488.0])).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import load_images
+from mesoshell.io.dataset_images import load_images
 from mesoshell.render.camera import Camera, pixel_grid, rays
 from mesoshell.train.fit.patch_rays import rays_at, shots_of
 from tests.helpers import fog

@@ -5,7 +5,8 @@ import sys
 from mesoshell.cli.checks import at_least
 from mesoshell.cli.options.dataset import Check, Pack, Sheet
 from mesoshell.io.atomic import probe_outputs
-from mesoshell.io.dataset import check_dataset, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_check import check_dataset
 from mesoshell.io.image import write_png
 from mesoshell.io.pack import pack_dataset
 from mesoshell.io.sheet import contact_sheet

@@ -9,7 +9,8 @@ import numpy as np
 from mesoshell.cli.options.judge import Blind, Marks
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_outputs, read_file, replace_file, together
-from mesoshell.io.dataset import load_images, read_dataset
+from mesoshell.io.dataset import read_dataset
+from mesoshell.io.dataset_images import load_images
 from mesoshell.io.image import write_png
 from mesoshell.io.records import read_object
 from mesoshell.measure.blind import drawn, judged, letters, marks, shuffled

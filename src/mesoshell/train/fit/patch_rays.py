@@ -21,7 +21,8 @@ from jaxtyping import Bool, Float, Float16, Int
 
 from mesoshell.errors import InputError
 from mesoshell.io.corner_tiles import SIDE, is_torus
-from mesoshell.io.dataset import Dataset, Sample, load_image, origin
+from mesoshell.io.dataset import Dataset, Sample, origin
+from mesoshell.io.dataset_images import load_image
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, pixel_grid, pixel_radius, rays
 

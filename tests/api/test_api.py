@@ -196,7 +196,7 @@ FAULTS: dict[str, tuple[dict[str, Any], str]] = {
     "few numbers": ({"camera": (0.0, 0.0, 1.0)}, "camera: holds 3 numbers: eye, target and field of view are 7"),
     "wide camera": ({"camera": (0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 180.0)}, "camera: a field of view of 180 degrees"),
     "no seeds": ({"seed": 3}, r"seed: .*shell.npz is one texture and has no generator"),
-    "a dark sky": ({"environment": np.zeros((2, 4, 3))}, "environment: holds negative or no light"),
+    "a dark sky": ({"environment": np.zeros((2, 4, 3))}, "environment: holds negative light, no light"),
     "no object": ({"objects": ["none.obj"]}, "none.obj: no such file"),
     "no mesh": ({"mesh": "none.obj"}, "none.obj: no such file"),
 }

@@ -111,7 +111,7 @@ def test_faults_are_one_line(folder, tmp_path, capsys) -> None:
     assert not (tmp_path / "r").exists()
     assert "a.jpg: must end in .png or .exr" in fault(capsys, "atlas", "texture", run, "--out", tmp_path / "a.jpg")
     words = ("--part", "roughness", "--out", tmp_path / "a.exr")
-    assert "has colours as they were photographed, and no roughness" in fault(capsys, "atlas", "texture", run, *words)
+    assert "has colours as photographed, but no roughness" in fault(capsys, "atlas", "texture", run, *words)
     assert "a.ply: must end in .glb or .obj" in fault(capsys, "atlas", "mesh", run, "--out", tmp_path / "a.ply")
     assert "--quads: must be at least 1" in fault(
         capsys, "atlas", "mesh", run, "--quads", 0, "--out", tmp_path / "a.glb"
@@ -143,7 +143,7 @@ def test_what_has_no_texture_says_so(folder, tmp_path, capsys) -> None:
     main(["atlas", "render", str(tmp_path / "nerf"), "--frames", "1", "--size", "8", "8", "--out", str(tmp_path / "f")])
     capsys.readouterr()
     said = fault(capsys, "atlas", "texture", tmp_path / "nerf", "--out", tmp_path / "a.png")
-    assert "has its colours in the volume, and no texture" in said
+    assert "has its colours in the volume, but no texture" in said
 
 
 def test_reflectance_is_lit_anew_and_its_parts_are_written(folder, tmp_path, capsys) -> None:

@@ -132,7 +132,7 @@ def test_a_network_that_is_compared_with_is_scored_like_any_run(network, capsys)
 def test_a_network_that_is_compared_with_is_no_material(network, run, tmp_path, capsys) -> None:
     """Each fault is one line; nothing is written."""
     snapshot = network / "snapshots" / "000000016.npz"
-    assert "network and no generator: it can be evaluated" in fault(
+    assert "network but no generator: it can be evaluated" in fault(
         capsys, "export", network, "--out", tmp_path / "a.npz"
     )
     for verb in (["render", MESH, "--material", snapshot], ["texture", snapshot]):
@@ -141,7 +141,7 @@ def test_a_network_that_is_compared_with_is_no_material(network, run, tmp_path, 
     said = fault(capsys, "train", network.parent / "network.py", *given, run)
     assert "config.json: the run was begun by another method: gan, asked for nerf_tex" in said
     said = fault(capsys, "train", run.parent / "experiment.py", *given, tmp_path / "new", "--transfer", network)
-    assert f"{network}: weights are lent by a generator's run to a generator's run only" in said
+    assert f"{network}: weights can be transferred only between generators' runs" in said
     (tmp_path / "e.py").write_text(NETWORK.replace('"fog"', '"carpet2"'))
     assert "packed: its recipe is fog; e.py is about carpet2" in fault(capsys, "train", tmp_path / "e.py", *given, "x")
     assert [p.name for p in tmp_path.iterdir()] == ["e.py"]
@@ -237,7 +237,7 @@ def test_a_texture_takes_images_of_geometry_alone(combed, tmp_path, capsys) -> N
     np.testing.assert_array_equal(heights[:, 5:], np.broadcast_to(heights[:1, -1:], heights[:, 5:].shape))
     assert np.abs(heights[0, 0] - heights[0, -1]).max() > 0.01
     main(["render", str(MESH), "--material", str(tmp_path / "f"), "--size", "16", "16", "--out", str(tmp_path / "r")])
-    assert "age: a texture holds no appearance that varies" in fault(
+    assert "age: an image varies appearance in a render only" in fault(
         capsys, *given, f"age={image}", "--out", tmp_path / "g.npz"
     )
     assert "length=nothing.png is neither a number nor an image" in fault(

@@ -193,7 +193,7 @@ def test_curvature_that_was_not_trained_is_said(folder, tmp_path, capsys, engine
         (("--scale", 0), "--scale: must be above 0, not 0"),
         (("--scale", -1), "--scale: must be above 0, not -1"),
         (("--scale", "nan"), "--scale: must be above 0, not nan"),
-        (("--base", -1, 0, 0), "--base: must be from 0 to 1: what is reflected of the light that falls on it"),
+        (("--base", -1, 0, 0), "--base: must be from 0 to 1: the share of light that it reflects"),
         (("--light", 0, 0, 0), "--light: (0.0, 0.0, 0.0) is no direction"),
     ],
 )

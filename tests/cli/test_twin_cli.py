@@ -200,9 +200,9 @@ def test_a_shell_is_given_wider_networks_than_geometry(folder, preset: Any, widt
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (("spheres", "--base", "0", "0", "0"), "--base: requires a shell; spheres is none"),
-        (("spheres", "--twin", "{folder}/t.npz"), "--twin: requires a shell; spheres is none"),
-        (("spheres", "--param", "age=1"), "--param: requires a shell; spheres is none"),
+        (("spheres", "--base", "0", "0", "0"), "--base: requires a shell; spheres is not one"),
+        (("spheres", "--twin", "{folder}/t.npz"), "--twin: requires a shell; spheres is not one"),
+        (("spheres", "--param", "age=1"), "--param: requires a shell; spheres is not one"),
         (("spheres", "--thickness", "2"), "--thickness: of geometry is at most 1, not 2"),
         (("spheres", "--thickness", "0.6"), "--curvature: "),
         (("nothing",), "nothing: neither a material, nor an image of heights, nor one of grass, weave, "),
@@ -238,13 +238,13 @@ def test_something_must_be_asked_for(folder, capsys) -> None:
         (("--out", "{folder}/none"), "{folder}/none: must end in .npz"),
         (("--twin", "{folder}/none.txt"), "{folder}/none.txt: must end in .npz"),
         (("--thickness", "0"), "--thickness: must be above 0 and below 10, not 0"),
-        (("--base", "-1", "0", "0"), "--base: must be from 0 to 1: what is reflected of the light that falls on it"),
+        (("--base", "-1", "0", "0"), "--base: must be from 0 to 1: the share of light that it reflects"),
         (
             ("--param", "dryness={folder}/grey.png"),
             "--param: dryness is an image: a surface material is the same everywhere",
         ),
         (("--param", "wetness=1"), "--param: "),
-        (("--twin", "{folder}/none.npz"), "--twin: {folder}/none.npz is the file of --out"),
+        (("--twin", "{folder}/none.npz"), "--twin: {folder}/none.npz is the same file as --out"),
     ],
 )
 def test_what_cannot_be_distilled_is_one_line(folder, capsys, more: tuple[str, ...], said: str) -> None:

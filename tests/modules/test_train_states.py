@@ -33,7 +33,7 @@ def _answer(q: dict) -> dict:
 
 def test_a_step_in_flax_s_way_is_the_run_s() -> None:
     begun = surface.start(SURFACE, KEY)
-    batch = surface.asked(wearing.rows(64, 0, _answer))
+    batch = surface.query_batch(wearing.rows(64, 0, _answer))
     learner = ms.modules.train_states(SURFACE, begun)["surface"]
     low, high = SURFACE.curvature
     places = SurfaceQuery(batch.u, batch.radius, batch.w, (2 * batch.kappa - low - high) / (high - low))

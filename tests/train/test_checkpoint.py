@@ -83,7 +83,7 @@ def test_a_torn_one_gives_way_to_the_one_before(folder, which: str, gone: bool) 
     for path in files:
         if path.name == which or (which == "d" and path.parent.name == "d"):
             path.unlink() if gone else tear(path)
-    said = r"/4: cannot be read, the checkpoint before it is taken"
+    said = r"/4: cannot be read; using the checkpoint before it"
     with pytest.warns(UserWarning, match=said), Checkpoints(folder) as checkpoints:
         step, found = checkpoints.newest(TREE)  # type: ignore[misc]
         assert step == checkpoints.last == 3 and same(found, at(3))

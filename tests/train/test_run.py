@@ -98,7 +98,7 @@ def test_a_run_goes_on_from_the_checkpoint_before_a_torn_one_and_its_log_has_eac
     log = (tmp_path / "torn" / "log.jsonl").read_text().splitlines()
     for path in (tmp_path / "torn" / "checkpoints" / "4" / "default" / "d").iterdir():
         path.write_bytes(path.read_bytes()[:100])
-    with pytest.warns(UserWarning, match=r"checkpoints/4: cannot be read, the checkpoint before it is taken"):
+    with pytest.warns(UserWarning, match=r"checkpoints/4: cannot be read; using the checkpoint before it"):
         again = train(CONFIG, data, tmp_path / "torn")
     for a, b in zip(leaves(whole[0]), leaves(again), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -180,7 +180,7 @@ def test_weights_that_do_not_fit_are_refused_and_nothing_is_written(data, whole,
             train(config, data, tmp_path / "a", transfer=folder)
         assert str(caught.value).startswith(str(folder)) and str(caught.value).endswith(said)
     assert not (tmp_path / "a").exists() and not (tmp_path / "nothing").exists()
-    with pytest.raises(InputError, match="weights are lent by a generator's run to a generator's run only"):
+    with pytest.raises(InputError, match="weights can be transferred only between generators' runs"):
         lender(ParametricConfig(), data, whole[1])
 
 
@@ -272,7 +272,7 @@ def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:
 def test_images_of_another_size_are_refused(data) -> None:
     config: TrainConfig = replace(CONFIG, picture=replace(CONFIG.picture, size=16))
     with pytest.raises(
-        InputError, match=r"has images of 8 × 8 pixels; the experiment wants 16 × 16: mesoshell dataset pack"
+        InputError, match=r"has images of 8 × 8 pixels; the experiment expects 16 × 16: mesoshell dataset pack"
     ):
         fitted(config, data)
 

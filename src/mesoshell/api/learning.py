@@ -1,4 +1,4 @@
-"""Materials fitted and trained. Imports JAX, so it is loaded when one of its names is first used."""
+"""Fit and train materials. Imports JAX, so it is loaded when one of its names is first used."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -27,15 +27,15 @@ Show = Callable[[dict[str, float]], None]
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What was fitted: a material of one patch, or textures of many under one decoder. scores: of pictures that were held out,
-    by their dataset's folder; folder: of checkpoints and log."""
+    """A finished fit. made: a material of one patch, or textures of many patches with one decoder; scores: of held-out
+    pictures, by their dataset's folder; folder: of checkpoints and log."""
 
     made: Bundle | Exemplars = field(repr=False)
     scores: dict[Path, Scores]
     folder: Path
 
     def material(self, patch: int = 0) -> Material:
-        """A patch as a material that repeats. Raises InputError if there is none of this number."""
+        """A patch as a material that repeats. Raises InputError if there is no patch of this number."""
         count = 1 if isinstance(self.made, Bundle) else len(self.made.features)
         if not 0 <= patch < count:
             raise InputError(Argument("patch"), f"there are {count} patches: 0 to {count - 1}, not {patch}")
@@ -44,7 +44,7 @@ class Fit:
         )
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write it: a material's file, or that of many patches, which `train` learns from. Raises InputError if it cannot be
+        """Write a material, or, for many patches, the exemplars that `train` learns from. Raises InputError if it cannot be
         written."""
         if isinstance(self.made, Bundle):
             write_bundle(path, self.made)
@@ -66,11 +66,11 @@ def fit(
     seed: int = 0,
     show: Show = lambda row: None,
 ) -> Fit:
-    """Fit patches to the datasets that show them, as `mesoshell fit` does; called again, it goes on from the folder.
+    """Fit patches to the datasets that show them, as `mesoshell fit` does; a repeated call goes on from the folder.
 
-    test: datasets that only score the result. held: images of each patch that are not learned from. decoder: a material or
-    exemplars whose decoder is taken and kept as it is. steps: in all. rays: of a step. texels: along a patch's side, a power of
-    two. width: of the decoder's layers. Raises InputError, which names the argument or the file at fault; train.run.Diverged if
+    test: datasets that only score the result. held: images of each patch that are held out. decoder: a material or exemplars
+    whose decoder is kept fixed. steps: in all. rays: of a step. texels: along a patch's side, a power of two. width: of the
+    decoder's layers. Raises InputError, which names the argument or the file at fault; train.run.Diverged if
     something is not finite.
     """
     if isinstance(datasets, str | PathLike) or not datasets:
@@ -97,11 +97,11 @@ class Run:
 
     @property
     def snapshots(self) -> dict[int, Path]:
-        """Files of materials, or networks, that it kept, by the number of images seen."""
+        """Files of the materials or networks that the run kept, by the number of images seen."""
         return dict(snapshots(self.folder))
 
     def material(self) -> Material:
-        """Its newest snapshot. Raises InputError if it is of a method that makes no materials."""
+        """The newest snapshot. Raises InputError if the method makes no materials."""
         return load_material(snapshots(self.folder)[-1][1])
 
 
@@ -132,7 +132,7 @@ def train(
         file = Path(config)
         begun, recipe = experiment_of(file, preset)
     elif preset is not None:
-        raise InputError(Argument("preset"), "is of an experiment's file")
+        raise InputError(Argument("preset"), "requires an experiment's file")
     elif isinstance(config, RunConfig):
         begun = config
     else:

@@ -1,4 +1,4 @@
-"""Scenes rendered and explained. Importing it loads no JAX."""
+"""Render and explain scenes. Importing it loads no JAX."""
 
 from typing import Any, Literal
 
@@ -22,16 +22,16 @@ def render(
     """A picture of a scene, as `mesoshell render` makes it, bit for bit.
 
     quality: "draft", "normal", "reference" or a Quality; changes: of its fields, such as samples=64. engine: "jax" marches
-    rays, with light straight from its sources; "mitsuba" traces paths, with light from everywhere. progress: called with the
+    rays, with direct light only; "mitsuba" traces paths, with indirect light too. progress: called with the
     share done, 0 to 1, while it renders. Raises InputError, which names the argument or the file at fault.
     """
     return _prepared(scene, quality, engine, changes).picture(progress)
 
 
 def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine = "jax", **changes: Any) -> Effects:
-    """Which effects a scene calls for, and why; printed, a line each. Nothing is rendered. Arguments: as of `render`."""
+    """Which effects a scene calls for, and why; prints as a line each. Nothing is rendered. Arguments: see `render`."""
     effects = _prepared(scene, quality, engine, changes).effects
-    assert effects is not None  # as of a scene of Mitsuba's own
+    assert effects is not None  # None only for a scene of Mitsuba's own
     return effects
 
 

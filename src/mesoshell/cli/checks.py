@@ -7,7 +7,7 @@ from mesoshell.errors import Argument, InputError
 
 
 def at_least(options: object, **least: int) -> None:
-    """Raise InputError for an option that is given, and less than its least; so may each number of a pair be."""
+    """Raise InputError for an option below its least value; of a pair, both numbers must reach it."""
     for name, low in least.items():
         given = getattr(options, name)
         value = min(given) if isinstance(given, tuple) else given

@@ -12,8 +12,8 @@ def keep_compiled() -> list[float]:
     root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     jax.config.update("jax_compilation_cache_dir", str(root / "mesoshell" / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    # JAX writes an entry in place: one that another command is writing, or was killed while it wrote, cannot be read, and its
-    # program is compiled anew
+    # JAX writes entries in place: one that another command is writing, or left half-written when it was killed, cannot be read,
+    # and its program is compiled again
     warnings.filterwarnings("ignore", "Error reading persistent compilation cache entry", UserWarning)
     seconds: list[float] = []
 

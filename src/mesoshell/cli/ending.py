@@ -21,7 +21,7 @@ AGAIN = 1.5
 
 @contextlib.contextmanager
 def in_one_line() -> Iterator[None]:
-    """Print warnings in one line each, those of arithmetic not at all; print names of any bytes; let Ctrl-C through."""
+    """Print each warning as one line, but none of arithmetic; print names of any bytes; let Ctrl-C through."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -50,7 +50,7 @@ def concluded(work: Callable[[], None], debug: bool = False) -> int:
         with in_one_line():
             _done(work)
     except BrokenPipeError:
-        return 141  # as of a program that SIGPIPE ends
+        return 141  # as a shell reports a program that SIGPIPE ends
     except (InputError, OSError, MemoryError) as fault:
         if debug:
             raise
@@ -67,7 +67,7 @@ def _done(work: Callable[[], None]) -> None:
     try:
         work()
     except OSError as fault:
-        if fault.filename is None:  # perhaps of printing: what is still buffered fails again
+        if fault.filename is None:  # perhaps an error of printing: flushing what is still buffered fails again
             flushed()
         raise
     flushed()
@@ -83,7 +83,7 @@ def _said(fault: Exception) -> str:
 
 @contextlib.contextmanager
 def usage() -> Iterator[None]:
-    """Print a fault that the parser finds, which it draws in a box, as one line."""
+    """Print an error of the parser, which draws it in a box, as one line."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
@@ -95,12 +95,12 @@ def usage() -> Iterator[None]:
 
 
 def _boxed(text: str) -> str:
-    """The sentence in the parser's box: all above its first rule, and where to read more."""
+    """The text above the first rule in the parser's box, and the command whose help tells more."""
     lines = [line.strip("│ ") for line in text.splitlines()]
     lines = [line for line in lines if not line.startswith(("╭", "╰"))]
     end = next((i for i, line in enumerate(lines) if line.startswith("──")), len(lines))
     helped = re.search(r"(mesoshell[\w -]*--help)", " ".join(lines))
-    said = one_line(" ".join(lines[:end]).strip() or "not a command that is known")
+    said = one_line(" ".join(lines[:end]).strip() or "unknown command")
     return f"{said} (see {helped.group(1) if helped else 'mesoshell --help'})"
 
 

@@ -1,7 +1,7 @@
-"""A host of several trains in a child process; its parent says how it ended. The fork must come before JAX is imported.
+"""One of several hosts trains in a child process; the parent prints how it ended. The fork comes before JAX is imported.
 
-When a host is lost, JAX aborts the process from a compiler thread, with a trace and no chance to print anything else. So the
-child trains, and the parent passes on signals and what libraries print, and says the end in one line.
+When a host is lost, JAX aborts the process from a compiler thread: it prints a trace, and Python code cannot print anything
+more. So the child trains, and the parent passes on signals and what libraries print, and reports the end in one line.
 """
 
 import contextlib
@@ -17,16 +17,16 @@ from pathlib import Path
 
 from mesoshell.cli.ending import concluded
 
-#: Exit status if it is another host's fault that this one cannot go on: "try again", in sysexits.h.
+#: Exit status if another host is lost: EX_TEMPFAIL, "try again", in sysexits.h.
 LOST = 75
 SAID_LOST = (
-    "a host was lost, or ended with an error that it says itself; start all hosts again: the run goes on from its "
+    "a host was lost, or ended with an error that it printed itself; start all hosts again: the run goes on from its "
     "newest checkpoint"
 )
-#: What the coordination service prints when a host is lost, and JAX when it ends the process; and when a host never came.
+#: Printed by the coordination service when a host is lost, and by JAX when it ends the process; when a host never came.
 _ABORTS = re.compile(r"^E\d+ .* coordination_service\w*\.cc|JAX distributed service detected fatal errors")
 _UNMET = "/RegisterTask"
-#: Where it names the silent hosts; what it prints if the first is silent.
+#: Where the service names the silent hosts; what it prints if the first host is silent.
 _SILENT = re.compile(r"stopped sending heartbeats\):\s+((?:\d+\s+)+)")
 _FIRST = "Failed to send RPC to coordination service"
 #: Statuses with which all hosts end together, and can disconnect in order: done, and diverged.
@@ -49,7 +49,7 @@ def watched(work: Callable[[], None], run: Path) -> None:
         signal.signal(number, lambda number, _: os.kill(child, number))
     noise = _Noise(reading)
     ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    noise.join(1.0)  # a process that the child began may hold its end open
+    noise.join(1.0)  # a process that the child started may still hold the pipe open
     if ended == -signal.SIGABRT and noise.fatal:
         lost = SAID_LOST.replace("a host", _lost(noise.fatal), 1)
         print(f"mesoshell: {run}: {'not all hosts came in time' if _UNMET in noise.fatal else lost}", file=sys.stderr)
@@ -69,7 +69,7 @@ def _lost(fatal: str) -> str:
 
 def _train(work: Callable[[], None], writing: int) -> None:
     """The child: what Python prints goes where it went before, what libraries print goes to the parent. Unless all hosts end
-    together, the process ends at once: to disconnect in order, it would wait for hosts that wait for it."""
+    together, the process ends at once: an orderly disconnect would wait for hosts that wait for it."""
     os.setpgid(0, 0)  # Ctrl-C in a terminal comes once, from the parent
     with contextlib.suppress(OSError, AttributeError):  # not on a Mac
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL)
@@ -83,7 +83,7 @@ def _train(work: Callable[[], None], writing: int) -> None:
         status = concluded(work, "--debug" in sys.argv)
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else 1
-    except BaseException:  # a fault of ours, or --debug
+    except BaseException:  # a bug, or --debug
         traceback.print_exc()
         status, together = 1, False
     for stream in (sys.stdout, sys.stderr):
@@ -95,7 +95,7 @@ def _train(work: Callable[[], None], writing: int) -> None:
 
 
 class _Noise(threading.Thread):
-    """Passes on what libraries print, except how hosts connect; how JAX aborts is kept in `fatal`."""
+    """Passes on what libraries print, except that hosts connect; keeps what JAX prints as it aborts in `fatal`."""
 
     def __init__(self, reading: int):
         super().__init__(daemon=True)

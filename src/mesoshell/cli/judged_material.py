@@ -1,4 +1,4 @@
-"""What `mesoshell judge` is given: a material by name or file, or a run, for its newest snapshot. Imports JAX."""
+"""What `mesoshell judge` compares: a material by name or file, or the newest snapshot of a run. Imports JAX."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from mesoshell.train.run_config import read_record, snapshots
 
 
 def posed_material(name: str, dataset: Dataset) -> Posed:
-    """What makes its pictures from the dataset's cameras. Raises InputError."""
+    """A material that makes pictures from the dataset's cameras. Raises InputError."""
     return posed(bundle_of(name), name, dataset, _taken(name))
 
 

@@ -1,4 +1,4 @@
-"""What is said on standard error while a command works: bars and notes. A bar is drawn on a terminal only."""
+"""What a command prints on standard error while it works: bars and notes. A bar is drawn on a terminal only."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 class Show(Protocol):
-    """Moves a bar on: how much is done, of how much and what (both as before if not given)."""
+    """Move a bar on. done: of how much, and of what (both as before if not given)."""
 
     def __call__(self, done: float, of: float | None = None, what: str | None = None) -> None: ...
 
@@ -22,7 +22,7 @@ def stderr() -> Console:
 
 @contextmanager
 def bar(console: Console, what: str, total: int | float | None = 1.0, count: bool = False) -> Iterator[Show]:
-    """A bar that is gone at the end. count: show how many are done of how many; for shares, do not."""
+    """A bar that is removed at the end. count: also show numbers, done of total; leave it off where `done` is a share."""
     columns = [TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()]
     columns += [TextColumn("left"), TimeRemainingColumn()]
     columns[2:2] = [MofNCompleteColumn()] * count
@@ -32,6 +32,6 @@ def bar(console: Console, what: str, total: int | float | None = 1.0, count: boo
 
 
 def say_notes(console: Console, notes: Sequence[object]) -> None:
-    """What the user should know, a line each."""
+    """Print what the user should know, a line each."""
     for note in notes:
         console.print(f"[dim]note:[/] {escape(str(note))}", soft_wrap=True)

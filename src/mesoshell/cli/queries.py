@@ -8,12 +8,12 @@ from mesoshell.datasets.queries.render import Answers, Settings, render_patches
 from mesoshell.errors import InputError
 from mesoshell.limits import check_memory
 
-#: Light paths of a query, at most.
+#: Most light paths a query.
 MOST = 2**24
 
 
 def write_queries(settings: Settings, answers: Answers, count: int, folder: Path) -> None:
-    """Write those of `count` patches that are missing, and print what was done. Raises InputError."""
+    """Write the missing ones of `count` patches, and print what was done. Raises InputError."""
     check_memory("--patches", f"a plan of {count} patches", 64 * count)
     check_memory("--queries", f"{settings.queries} queries on a patch", 512 * settings.queries)
     if settings.spp > MOST:

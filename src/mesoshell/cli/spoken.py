@@ -1,16 +1,16 @@
-"""Faults of the library in words of the command line: options for arguments."""
+"""Errors of the library in words of the command line: options in the place of arguments."""
 
 import re
 
 from mesoshell.errors import Argument, InputError
 
-#: Options whose names differ from the library's arguments, and those that its sentences name.
+#: Options whose names differ from the library's arguments, and those that error messages name in backticks.
 _NAMES = {"params": "--param", "lights": "--light", "objects": "--object", "base_colour": "--base"}
 _NAMES |= {name: f"--{name}" for name in ("engine", "scale", "spp")}
 
 
 def spoken(fault: InputError) -> str:
-    """A fault's line, with options in the place of arguments."""
+    """The error's line, with options in the place of arguments."""
     source = fault.source
     if isinstance(source, Argument):
         source = _NAMES.get(source, f"--{source.replace('_', '-')}")

@@ -1,1 +1,1 @@
-"""Surface materials distilled from neural shells or geometry: from what, and how different they look."""
+"""Distil surface materials from neural shells or geometry: the sources, and the error."""

@@ -2,9 +2,9 @@
 
 Notation
 radius       standard deviation of a pixel's footprint, periods; pixels are two of them apart
-picture      SIDE² pixels of a cylinder of any curvature that was trained, from one direction, under LIGHTS of any direction,
-             all drawn anew for each picture. Its exposure makes what is opaque middle grey on average, over a background of
-             radiance BEHIND. The source's is the mean of RAYS a pixel
+picture      SIDE² pixels of a cylinder, seen from one direction under LIGHTS; curvature (in the trained range) and directions
+             are drawn anew for each picture. The exposure makes opaque pixels middle grey on average; the background has
+             radiance BEHIND. The source's picture is the mean of RAYS a pixel
 error        FLIP between the material's picture and the source's: 0 is the same, 1 the most
 """
 
@@ -33,11 +33,11 @@ def errors_by_radius(
     answers: Answers, painter: Painter, curvature: tuple[float, float], narrowest: float, widest: float
 ) -> tuple[tuple[float, float], ...]:
     """(radius, error) for each of `radii`: the mean over pictures, plus 1.96 standard errors."""
-    found = []
+    errors = []
     for k, radius in enumerate(radii(narrowest, widest)):
         each = [_error(answers, painter, curvature, radius, np.random.default_rng([k, i])) for i in range(PICTURES)]
-        found.append((radius, float(np.mean(each) + 1.96 * np.std(each, ddof=1) / PICTURES**0.5)))
-    return tuple(found)
+        errors.append((radius, float(np.mean(each) + 1.96 * np.std(each, ddof=1) / PICTURES**0.5)))
+    return tuple(errors)
 
 
 def radii(narrowest: float, widest: float) -> tuple[float, ...]:
@@ -49,10 +49,10 @@ def _error(
     answers: Answers, painter: Painter, curvature: tuple[float, float], radius: float, random: np.random.Generator
 ) -> float:
     placing = Placing(random.uniform(*curvature), random.uniform(0, 2 * np.pi), tuple(random.random(2)))
-    cosine = max(LEAST, random.random() ** 0.5)  # as the pixels of a ball have it
+    cosine = max(LEAST, random.random() ** 0.5)  # distributed as over the pixels of a sphere
     i = (np.arange(SIDE) + 0.5 - SIDE / 2) * 2 * radius
     n = SIDE**2
-    asked = {
+    query = {
         "place": np.stack(np.meshgrid(i, i), axis=-1).reshape(n, 2),
         "radius": np.full(n, radius),
         "toward": np.tile([np.sqrt(1 - cosine**2), 0, cosine], (n, 1)),
@@ -62,7 +62,7 @@ def _error(
         up, around = random.random(), random.uniform(0, 2 * np.pi)
         level = np.sqrt(1 - up**2)
         light = np.tile([level * np.cos(around), level * np.sin(around), up], (n, 1))
-        lit, seeds = asked | {"light": light}, random.integers(2**31, size=RAYS)
+        lit, seeds = query | {"light": light}, random.integers(2**31, size=RAYS)
         each = [rows_of(placing, lit, answers(placing, lit, int(seed))[0], 0) for seed in seeds]
         rows = np.mean(each, axis=0)
         alpha, _, rho = painter(rows)

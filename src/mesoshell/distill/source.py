@@ -1,7 +1,7 @@
 """What a surface material is distilled from: a neural shell, or a mesostructure's geometry. Imports JAX.
 
 Notation
-cylinder    of one curvature, with a patch of the source bent onto it; queries are asked of many cylinders
+cylinder    of one curvature, with a patch of the source bent onto it; a dataset holds queries of many cylinders
 footprint   of a query: standard deviation of the pixel's, in patches
 """
 
@@ -26,11 +26,11 @@ from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.surface.shell_teacher import Teacher, answers
 from mesoshell.train.surface.step import SurfaceTraining, surface_as
 
-#: Widths of the network's layers for a shell, which reflects in more ways than a woven surface: at the widest footprints,
-#: layers of 24 learned the median query to 4%, these to 2%.
+#: Widths of the network's layers for a shell, whose reflectance varies more than a woven surface's: at the widest footprints,
+#: layers of 24 reached a median error of 4%, these 2%.
 WIDTHS = (64, 64, 64)
-#: Widest footprint of a shell: at twice that, hardly anything differs from place to place. And the narrowest of its twin: below
-#: it, networks of this size look too different.
+#: Widest footprint of a shell: at twice that, hardly anything varies from place to place. And the narrowest of its twin: below
+#: it, networks of this size have too large an error.
 WIDEST, NARROWEST = 2.0, 0.25
 #: Curvatures that a shell is learned for, times its thickness: below 1, for the shell must fit under its top.
 CURVATURE = (-0.5, 0.75)
@@ -44,7 +44,8 @@ OF_SHELL, OF_GEOMETRY = (4096, 2048), (1024, 8192)
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What answers queries, the settings and the number of cylinders of their dataset, and how the answers are learned."""
+    """What a surface material learns from. answers: to queries; settings, patches: of their dataset, and its number of
+    cylinders; config: of the training."""
 
     settings: Settings
     patches: int
@@ -87,16 +88,16 @@ def shell_source(
         raise InputError(name, "is a surface material already")
     bundle = read_bundle(path)
     if not bundle.baked or not bundle.wraps or bundle.tiles is not None:
-        raise InputError(name, "is no texture that repeats: a surface material is one period, again and again")
+        raise InputError(name, "is no texture that repeats: a surface material is one period, repeated")
     values, maps = read_params(bundle, params)
     if maps:
         raise InputError(PARAMS, f"{next(iter(maps))} is an image: a surface material is the same everywhere")
-    alpha, found = normalised(bundle, values), ready(bundle)
+    alpha, loaded = normalised(bundle, values), ready(bundle)
     thickness, base = thickness or bundle.thickness, base or EARTH
     if not all(0 <= v <= 1 for v in base):
-        raise InputError(Argument("base"), "must be from 0 to 1: what is reflected of the light that falls on it")
+        raise InputError(Argument("base"), "must be from 0 to 1: the share of light that it reflects")
     depth, colour = (jnp.asarray(x, jnp.float32) for x in (thickness, base))
-    taught = answers(found.layout, Teacher(found.material, jnp.asarray(alpha), depth, colour))
+    taught = answers(loaded.layout, Teacher(loaded.material, jnp.asarray(alpha), depth, colour))
     about = " ".join([name, digest(path)[:16], *(f"{k}={v}" for k, v in params.items()), *map(str, base)])
     bends = curvature or (CURVATURE[0] / thickness, CURVATURE[1] / thickness)
     settings = Settings(about, thickness, bends, queries or OF_SHELL[1], 1, 0, widest=WIDEST, finest=0.0)
@@ -105,7 +106,7 @@ def shell_source(
 
 
 def from_afar(source: ShellSource, curvature: tuple[float, float] | None) -> ShellSource:
-    """What a twin is distilled from: wide footprints alone. curvature: if other than FROM_AFAR."""
+    """The source of a twin: wide footprints only. curvature: if other than FROM_AFAR."""
     config = replace(source.config, surface=replace(source.config.surface, texels=TEXELS))
     fits = FROM_AFAR[0], min(FROM_AFAR[1], CURVATURE[1] / source.settings.depth)
     settings = replace(source.settings, narrowest=NARROWEST, curvature=curvature or fits)

@@ -22,27 +22,27 @@ from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.field import Layout, Material, Point, inputs
 from mesoshell.shell.material.loader import DeviceMaterial
 
-#: E⊥ of a picture's light, as the recipes' have it.
+#: E⊥ of a picture's light, the same as the recipes'.
 _IRRADIANCE = 40.0
 
 
 def opacities(
-    found: DeviceMaterial, alpha: Float[np.ndarray, "A"], field: tuple[int, int], layers: int
+    loaded: DeviceMaterial, alpha: Float[np.ndarray, "A"], field: tuple[int, int], layers: int
 ) -> Float[np.ndarray, "K V U"]:
-    """field: P and n."""
-    sigma = jax.lax.map(lambda row: _row(found.layout, found.material, alpha, (field, layers), row)[0], _rows(field))
+    """Opacities of the field. field: P and n."""
+    sigma = jax.lax.map(lambda row: _row(loaded.layout, loaded.material, alpha, (field, layers), row)[0], _rows(field))
     return np.asarray(jnp.moveaxis(opacity(sigma / layers), -1, 0))
 
 
 def picture(
-    found: DeviceMaterial,
+    loaded: DeviceMaterial,
     alpha: Float[np.ndarray, "A"],
     field: tuple[int, int],
     light: tuple[float, float, float],
     layers: int,
 ) -> Float[np.ndarray, "V U 3"]:
-    """field: P and n; light: a unit vector toward it."""
-    return np.asarray(_picture(found.layout, (field, layers, light), found.material, jnp.asarray(alpha)))
+    """The picture. field: P and n; light: a unit vector toward it."""
+    return np.asarray(_picture(loaded.layout, (field, layers, light), loaded.material, jnp.asarray(alpha)))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -64,7 +64,7 @@ def _picture(layout: Layout, how: tuple, material: Material, alpha: jax.Array) -
 
 @partial(jax.jit, static_argnums=(0, 3))
 def _row(layout: Layout, material: Material, alpha: jax.Array, how: tuple, v: jax.Array) -> tuple:
-    """σ (U, K) of a row of pixels, and what the head is told, (U K, W)."""
+    """σ (U, K) of a row of pixels, and the trunk's features for the head, (U K, W)."""
     (patches, pixels), layers = how
     u, h = jnp.meshgrid(_centres(patches * pixels) * patches, _centres(layers), indexing="ij")
     xi = jnp.stack([u, jnp.broadcast_to(v, u.shape), h], axis=-1).reshape(-1, 3)

@@ -16,7 +16,7 @@ from scipy.stats import binomtest
 
 from mesoshell.io.sheet import shown, tiled
 
-#: Pictures a row of a sheet; the side that each is enlarged to, at least, pixels.
+#: Pictures a row of a sheet; least side of a picture on it, pixels.
 COLUMNS, LEAST = 8, 128
 
 
@@ -40,7 +40,7 @@ class Sheet(NamedTuple):
 
 
 def shuffled(real: Float[np.ndarray, "n H W C"], made: Float[np.ndarray, "n H W C"], seed: int) -> Sheet:
-    """Both in one order that follows from the seed."""
+    """Real and made pictures in a random order, given by the seed."""
     order = np.random.default_rng(seed).permutation(len(real) + len(made))
     return Sheet(np.concatenate([real, made])[order], order < len(real), order % len(real))
 
@@ -57,7 +57,7 @@ def letters(answer: Bool[np.ndarray, "_m"]) -> str:
 
 
 def marks(text: str) -> Bool[np.ndarray, "_m"]:
-    """Letters r and m as they are read on a sheet; white space and commas count nothing. Raises ValueError for others."""
+    """Marks from letters r and m in the sheet's order, without white space and commas. Raises ValueError for others."""
     given = "".join(text.split()).replace(",", "").lower()
     unknown = sorted(set(given) - set("rm"))
     if unknown:
@@ -66,7 +66,7 @@ def marks(text: str) -> Bool[np.ndarray, "_m"]:
 
 
 def judged(answer: Bool[np.ndarray, "m"], said: Bool[np.ndarray, "m"]) -> Judged:
-    """How well a judge told them apart."""
+    """How often a judge was right."""
     right, count = int((answer == said).sum()), len(answer)
     test = binomtest(right, count, 0.5, alternative="greater")
     interval = binomtest(right, count, 0.5).proportion_ci(0.95, "exact")

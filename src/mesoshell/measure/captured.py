@@ -1,11 +1,11 @@
-"""How well a captured object shows views that were held out, and how its surface lies in its texture.
+"""How well a captured object predicts held-out views, and how evenly its surface is mapped to its texture.
 
 Notation
-PSNR, SSIM   of sRGB values, whole photographs, what is not the object black (the paper's table 1)
+PSNR, SSIM   of sRGB values, over whole photographs with a black background (the paper's table 1)
 cycle        |F_uv⁻¹(F_uv(y)) − y| at the surface, root mean square, per cent of the box's side
-y            where a pixel's ray meets the surface: at its mean distance, if more than half of it is stopped
+y            where a pixel's ray meets the surface: at its mean distance, if its alpha is above 0.5
 
-The texture is judged by all photographs' pixels, at most SIDE of them a side, since what no view sees is not known.
+The texture is scored by the pixels of all photographs, at most SIDE of them a side: no view shows the rest.
 """
 
 import jax
@@ -25,18 +25,18 @@ from mesoshell.render.quality import Quality
 from mesoshell.train.neutex.ray_batches import held_out
 
 SIDE = 64
-#: Pixels that SSIM needs.
+#: Pixels a side that SSIM needs.
 LEAST_SIDE = 11
 VIEWS = ("PSNR", "SSIM")
 CHART = ("cycle error, % of the box", "texture distortion", "texture folded", "texture used")
 
 
-def score_views(found: NeuTexModel, capture: Capture, samples: int) -> dict[str, Estimate]:
-    """Means over held-out views with 1.96 standard errors; of the texture, numbers without an interval."""
-    how = view(found.config, found.field, Quality(samples=samples, pixel_samples=1))
+def score_views(model: NeuTexModel, capture: Capture, samples: int) -> dict[str, Estimate]:
+    """Means over held-out views with 1.96 standard errors; scores of the texture have no interval."""
+    how = view(model.config, model.field, Quality(samples=samples, pixel_samples=1))
 
     def shown(photo):
-        return picture(found.config, found.field, found.to_box(photo), how)
+        return picture(model.config, model.field, model.to_box(photo), how)
 
     each = []
     for i in held_out(capture)[1]:
@@ -48,21 +48,21 @@ def score_views(found: NeuTexModel, capture: Capture, samples: int) -> dict[str,
         name: Estimate(float(m), float(m - r), float(m + r))
         for name, m, r in zip(VIEWS, table.mean(axis=0), reach, strict=True)
     }
-    if found.config.colour == "volume":
+    if model.config.colour == "volume":
         return scores
-    numbers = _charted(found, at_most(capture, SIDE), shown)
+    numbers = _charted(model, at_most(capture, SIDE), shown)
     return scores | {name: Estimate(x, x, x) for name, x in zip(CHART, numbers, strict=True)}
 
 
-def _charted(found: NeuTexModel, capture: Capture, shown) -> tuple[float, ...]:
+def _charted(model: NeuTexModel, capture: Capture, shown) -> tuple[float, ...]:
     ys, us, hits, cycles = [], [], [], []
     for photo in capture.photos:
-        seen, (o, d) = shown(photo), photo_rays(found.to_box(photo), pixels(photo))
+        seen, (o, d) = shown(photo), photo_rays(model.to_box(photo), pixels(photo))
         alpha = seen.rgba[..., 3]
         hit = alpha > 0.5
         far = (seen.depth / np.maximum(alpha, 0.5)).reshape(-1, 1)
         y = (o + far * d).astype(np.float32)
-        u, back = run(lambda y, n: _there(found.field, y), y)
+        u, back = run(lambda y, n: _there(model.field, y), y)
         ys.append(y.reshape(*hit.shape, 3).astype(np.float64))
         us.append(u.reshape(*hit.shape, 3).astype(np.float64))
         hits.append(hit)

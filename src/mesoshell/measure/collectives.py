@@ -1,11 +1,11 @@
-"""What a compiled program sends between devices, read in its text.
+"""What a compiled program sends between devices, read from its HLO text.
 
 Notation
 kind        all-reduce, all-gather, reduce-scatter, all-to-all, collective-permute
-bytes       of what a device holds after it: a ring of n devices sends and receives (n−1)/n of it in each direction, an
-            all-reduce twice that
-some        whether it is in a branch of a condition: done at some steps only
-turns       of the loop about it
+bytes       that a device holds after it: in a ring of n devices each sends and receives (n−1)/n of them, for an all-reduce
+            twice that
+some        whether it is in a branch of a condition, so done at some steps only
+turns       iterations of the loop around it
 """
 
 import re
@@ -22,7 +22,7 @@ _TURNS = re.compile(r'known_trip_count":\{"n":"(\d+)"\}')
 
 
 class Collective(NamedTuple):
-    """One of a program's, done `turns` times where it is done. parts: arrays that it sends together."""
+    """One collective of a program. parts: arrays that it sends together; the others: see above."""
 
     kind: str
     bytes: int
@@ -32,17 +32,17 @@ class Collective(NamedTuple):
 
 
 def collectives_of(text: str) -> list[Collective]:
-    """Those of a compiled program's text (HLO), as `jax.stages.Compiled.as_text` gives it."""
+    """The collectives in a compiled program's HLO text, as `jax.stages.Compiled.as_text` gives it."""
     bodies = _computations(text)
     within: dict[str, tuple[bool, int]] = {}
     entry = re.search(r"^ENTRY %?([\w.\-]+)", text, re.M)
     _visit(bodies, entry.group(1) if entry else next(iter(bodies), ""), (False, 1), within)
     return [
-        _collective(found, *within[name])
+        _collective(match, *within[name])
         for name, lines in bodies.items()
         if name in within
         for line in lines
-        if (found := _MADE.search(line))
+        if (match := _MADE.search(line))
     ]
 
 
@@ -68,17 +68,19 @@ def _visit(bodies: dict, name: str, at: tuple[bool, int], within: dict[str, tupl
         some, turns = at
         known = _TURNS.search(line)
         turns *= int(known.group(1)) if known else 1
-        branches = [x.strip(" %") for found in _BRANCHES.findall(line) for x in (*found[0].split(","), found[1])]
+        branches = [x.strip(" %") for many, one in _BRANCHES.findall(line) for x in (*many.split(","), one)]
         for called in _CALLED.findall(line) + [x for x in branches if x]:
             _visit(bodies, called, (some or called in branches, turns), within)
 
 
-def _collective(found: re.Match, some: bool, turns: int) -> Collective:
-    arrays = _SHAPE.findall(found.group(1))
-    if found.group(3) and found.group(2) != "all-reduce":  # what is begun is a pair: what goes in, what comes out
+def _collective(match: re.Match, some: bool, turns: int) -> Collective:
+    arrays = _SHAPE.findall(match.group(1))
+    if (
+        match.group(3) and match.group(2) != "all-reduce"
+    ):  # the start of an asynchronous one gives a pair, inputs and outputs
         arrays = arrays[len(arrays) // 2 :]
     size = sum(_bytes(kind, shape) for kind, shape in arrays)
-    return Collective(found.group(2), size, len(arrays), some, turns)
+    return Collective(match.group(2), size, len(arrays), some, turns)
 
 
 def _bytes(kind: str, shape: str) -> int:

@@ -3,11 +3,11 @@
 Notation
 x            opacities of a window in K layers                                       (K, h, w)
 e            those of an exemplar, a torus at least as large                         (K, V, U)
-m            mean opacity of each layer, over all exemplars: taken off both
+m            mean opacity of each layer, over all exemplars: subtracted from both
 D(s)         |x − e_s|² / (|x|² + |e_s|²), e_s the window of e that begins at shift s, less m
-             0 for a copy, about 1 for textures that have nothing to do with each other
+             0 for a copy, about 1 for unrelated textures
 
-Every shift is looked at, by FFT: |x − e_s|² = |x|² + |e_s|² − 2 x·e_s, and both sums are correlations with e.
+D is computed at every shift, by FFT: |x − e_s|² = |x|² + |e_s|² − 2 x·e_s, and both sums are correlations with e.
 """
 
 from typing import NamedTuple
@@ -33,21 +33,21 @@ def nearest(
     x: Float[np.ndarray, "K h w"], exemplars: Float[np.ndarray, "M K V U"], mean: Float[np.ndarray, "K 1 1"]
 ) -> Nearest:
     """The nearest window of all exemplars."""
-    found = [_closest(x - mean, e - mean) for e in exemplars.astype(np.float64)]
-    best = int(np.argmin([distance for distance, _ in found]))
-    return Nearest(found[best][0], best, found[best][1])
+    closest = [_closest(x - mean, e - mean) for e in exemplars.astype(np.float64)]
+    best = int(np.argmin([distance for distance, _ in closest]))
+    return Nearest(closest[best][0], best, closest[best][1])
 
 
 def among(exemplars: Float[np.ndarray, "M K V U"], side: tuple[int, int]) -> list[Nearest]:
-    """Of a window of each exemplar, of `side` (h, w), the nearest in all others. Raises ValueError if there is one alone."""
+    """For a window of each exemplar, of `side` (h, w): the nearest in all others. Raises ValueError for a single exemplar."""
     if len(exemplars) < 2:
         raise ValueError("needs two exemplars at least")
     mean = layer_means(exemplars)
     rows = []
     for i, e in enumerate(exemplars):
         others = np.delete(np.arange(len(exemplars)), i)
-        found = nearest(e[:, : side[0], : side[1]].astype(np.float64), exemplars[others], mean)
-        rows.append(found._replace(exemplar=int(others[found.exemplar])))
+        best = nearest(e[:, : side[0], : side[1]].astype(np.float64), exemplars[others], mean)
+        rows.append(best._replace(exemplar=int(others[best.exemplar])))
     return rows
 
 

@@ -8,8 +8,8 @@ coherence    ((λ₁ − λ₂) / (λ₁ + λ₂))² of a picture's S: 1 for str
 period       an angle is the same after this much: π of strokes, 2π of a lean
 
 A picture's strokes have no sign: grass combed to the left looks as if combed to the right, so its angles are modulo π. A volume
-has one, since strands go up: their lean is where they are higher up. A lean of 0 has no angle: its size says how
-much an angle means.
+has one, since strands go up: a lean points from the root toward the tip. A lean of 0 has no angle: the smaller the lean, the
+less its angle means.
 """
 
 import math
@@ -47,9 +47,9 @@ def leans(
     return np.arctan2(axis[..., 1], axis[..., 2]) % (2 * math.pi), size
 
 
-def mean_error(found: Float[np.ndarray, "*n"], wanted: Float[np.ndarray, "*n"], period: float) -> float:
-    """Mean of |found − wanted|, each at most half a period. Chance is a quarter of a period."""
-    off = (found - wanted + period / 2) % period - period / 2
+def mean_error(measured: Float[np.ndarray, "*n"], wanted: Float[np.ndarray, "*n"], period: float) -> float:
+    """Mean of |measured − wanted|, each at most half a period. Chance is a quarter of a period."""
+    off = (measured - wanted + period / 2) % period - period / 2
     return float(np.abs(off).mean())
 
 

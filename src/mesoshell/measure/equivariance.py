@@ -5,10 +5,10 @@ F, F′       texture, and texture of maps that were moved by d texels along (v,
 expected    F itself moved or turned, by interpolation
 EQ          10 log10(4 var F / mean (F′ − expected)²), in dB: F ranges over about ±√var
 
-The maps are all that tells the generator where it is, so phases move a texture, and turned frequencies turn it. What is lost is
-what its layers alias, and, unless d is whole, what the interpolation loses: a windowed sinc of 32 texels for translations,
-quintic splines of a texture that is doubled by a sinc for rotations. A turned square of frequencies is another square: EQ-R
-is of the circle within both.
+Only the maps tell the generator where it is, so phases move a texture, and turned frequencies turn it. The error is aliasing in
+the layers and, unless d is whole, in the interpolation: a windowed sinc of 32 texels for translations; for rotations quintic
+splines of a texture that a sinc has doubled. A turned square of frequencies is another square: EQ-R is of the circle within
+both.
 """
 
 from dataclasses import replace
@@ -26,7 +26,7 @@ from mesoshell.signal.fourier import shifted_phase
 from mesoshell.signal.kaiser import radial_lowpass
 from mesoshell.typing import Array
 
-#: Half the taps of the sinc, and patches of the texture that is compared, without its edges.
+#: Half the taps of the sinc; patches along the texture that is compared, without its edges.
 _REACH, _PATCHES = 16, 2
 
 
@@ -90,10 +90,10 @@ def _sinc(by: float) -> Float[np.ndarray, "n"]:
     return taps / taps.sum()
 
 
-def _decibels(expected: np.ndarray, found: np.ndarray, where: np.ndarray | None = None) -> float:
+def _decibels(expected: np.ndarray, actual: np.ndarray, where: np.ndarray | None = None) -> float:
     if where is None:
         inner = slice(2 * _REACH, -2 * _REACH)
-        expected, found = expected[inner, inner], found[inner, inner]
+        expected, actual = expected[inner, inner], actual[inner, inner]
     else:
-        expected, found = expected[where], found[where]
-    return float(10 * np.log10(4 * np.var(expected) / np.mean((found - expected) ** 2)))
+        expected, actual = expected[where], actual[where]
+    return float(10 * np.log10(4 * np.var(expected) / np.mean((actual - expected) ** 2)))

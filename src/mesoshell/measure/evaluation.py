@@ -1,4 +1,4 @@
-"""How the snapshots of a run are scored, by what the run learns; and the scores in what is exported from it."""
+"""How snapshots are scored, by the kind of run; and scores in the provenance of what is exported."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +34,7 @@ _BATCH = 20
 
 
 class Evaluation(NamedTuple):
-    """of: scores of a snapshot's file, by their `names`; of `count` of `what`, such as pictures."""
+    """of: from a snapshot's file to scores by their `names`; they compare `count` of `what`, such as pictures."""
 
     names: tuple[str, ...]
     count: int
@@ -44,7 +44,7 @@ class Evaluation(NamedTuple):
 
 def evaluation(config: RunConfig, data: Any, run: Path, images: int, weights: Path | None = None) -> Evaluation:
     """How snapshots of a run are scored. images: pictures to compare, at most; weights: of Inception v3, for its features
-    instead of EfficientNet-Lite0's. Raises InputError for a run, or weights, that cannot serve."""
+    instead of EfficientNet-Lite0's. Raises InputError for a run that cannot be scored, or unusable weights."""
     if isinstance(config, AtlasTraining):
         return _views(config, data, run)
     if isinstance(config, SurfaceTraining):
@@ -55,14 +55,14 @@ def evaluation(config: RunConfig, data: Any, run: Path, images: int, weights: Pa
 
 
 def with_scores(bundle: Any, run: Path, images: int) -> Any:
-    """A bundle whose provenance holds what the run's snapshot of `images` images was scored, if it was."""
+    """The bundle with the scores of the run's snapshot of `images` images in its provenance, if there are any."""
     rows = read_rows(run / FILE, ("name", "value", "kimg"))
     metrics = {row["name"]: row["value"] for row in rows if row["kimg"] == images / 1000}
     return replace(bundle, provenance=bundle.provenance | {"metrics": metrics})
 
 
 def _views(config: AtlasTraining, capture: Capture, run: Path) -> Evaluation:
-    """Renders of the views that were held out, beside their photographs, and how the surface lies in its texture."""
+    """Renders of held-out views against their photographs, and distortion of the texture."""
     tested = ray_batches.held_out(capture)[1]
     if not tested:
         raise InputError(run, "has no photographs held out: there are fewer than 8")
@@ -82,7 +82,7 @@ def _queries(config: SurfaceTraining, data: Patches) -> Evaluation:
 def _pictures(
     config: TrainConfig | ParametricConfig, dataset: Dataset, images: int, weights: Path | None
 ) -> Evaluation:
-    """Distances of as many pictures to renders."""
+    """KID and FID of generated pictures against as many renders."""
     network = extractor(weights)
     count = min(images, len(dataset.samples))
     positions = np.random.default_rng(0).permutation(len(dataset.samples))[:count]
@@ -99,7 +99,7 @@ def _pictures(
 def _features(
     config: TrainConfig | ParametricConfig, snapshot: Path, dataset: Dataset, positions: np.ndarray, network: Extractor
 ) -> np.ndarray:
-    """Features of a picture for each of these samples: its camera, light and parameters, and geometry of its own."""
+    """Features of a picture for each of these samples, with its camera, light and parameters, but another geometry."""
     pictures = method_of(config).painter(config, snapshot)
     padded = np.concatenate([positions, positions[: -len(positions) % _BATCH]])
     views = views_of(config, dataset, padded)

@@ -1,9 +1,9 @@
-"""Features of pictures for KID and FID, and what to call the result.
+"""Features of pictures for KID and FID, and the name of the result.
 
 symbol    meaning
 image     premultiplied linear RGB or RGBA over black
 shown     x/(1 + x) of it, sRGB-encoded: the pixels of a sheet's PNG
-name      EffLite0, EffLite2 or Inception: it belongs to the number, "KID-EffLite0"
+name      EffLite0, EffLite2 or Inception: part of the score's name, as in "KID-EffLite0"
 
 A score on features that a discriminator saw flatters its generator; no part of this program trains on EffLite2's.
 """

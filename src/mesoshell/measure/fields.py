@@ -1,4 +1,4 @@
-"""Judgements of a material's texture over a flat field: does it repeat, does it copy, can it be combed?
+"""Scores of a material's texture over a flat field: does it repeat, does it copy exemplars, does it follow a comb?
 
 Notation
 repeat       largest autocorrelation, at lags of a patch or more, of a picture from above
@@ -28,7 +28,7 @@ from mesoshell.shell.material.loader import DeviceMaterial, ready
 
 #: Patches along a field, pixels a patch, layers; light of its picture.
 FIELD, LAYERS, ASLANT = (12, 24), 32, (0.6, 0.0, 0.8)
-#: Of patches that are compared with exemplars: pixels and layers of each, patches along a texture, textures.
+#: For comparison with exemplars: pixels and layers of a patch, patches along a texture, textures.
 PATCH, TIERS, SIDE, SEEDS = 64, 12, 4, 4
 #: Patches along a combed field, pixels a patch and layers, places along it.
 COMBED, FINE, PLACES = 8, 24, 4
@@ -55,9 +55,9 @@ def score(
     scores = {"repeat": {"value": repeat(pictures["field"])}}
     if exemplars is not None:
         made = patches(bundle, name)
-        found = copied(made, exemplars)
-        scores |= distances(found)
-        theirs = [np.roll(exemplars[row.exemplar], np.negative(row.shift), (1, 2)) for row in found]
+        matches = copied(made, exemplars)
+        scores |= distances(matches)
+        theirs = [np.roll(exemplars[row.exemplar], np.negative(row.shift), (1, 2)) for row in matches]
         pairs = [_height(x) for pair in zip(made[:SHOWN], theirs, strict=False) for x in pair]
         pictures["nearest"] = tiled(np.stack(pairs), 8)
     if combs(bundle):
@@ -66,32 +66,32 @@ def score(
     return scores, pictures
 
 
-def distances(found: Sequence[Nearest]) -> dict[str, dict[str, float]]:
+def distances(matches: Sequence[Nearest]) -> dict[str, dict[str, float]]:
     """The median distance from the nearest exemplar, with the least and the greatest as its range."""
-    d = [row.distance for row in found]
+    d = [row.distance for row in matches]
     return {"nearest exemplar": {"value": float(np.median(d)), "low": min(d), "high": max(d)}}
 
 
 def seen_from_above(bundle: Bundle, name: str) -> Float[np.ndarray, "V U 3"]:
     """A picture of a field, x/(1 + x)."""
-    found, alpha = _grown(bundle, name, FIELD[0], TextureRequest())
-    return above.picture(found, alpha, FIELD, ASLANT, LAYERS)
+    loaded, alpha = _grown(bundle, name, FIELD[0], TextureRequest())
+    return above.picture(loaded, alpha, FIELD, ASLANT, LAYERS)
 
 
 def repeat(field: Float[np.ndarray, "V U 3"]) -> float:
-    """Of such a picture."""
+    """The largest autocorrelation of such a picture."""
     return largest_repeat(field, FIELD[1])[0]
 
 
 def patches(bundle: Bundle, name: str) -> Float[np.ndarray, "M K V U"]:
     """Opacities of a fitted patch, or of SEEDS × SIDE² patches of a generator or of corner tiles."""
     if bundle.generator is None and bundle.tiles is None:
-        found, alpha = _grown(bundle, name, 1, TextureRequest())
-        return above.opacities(found, alpha, (1, PATCH), TIERS)[None]
+        loaded, alpha = _grown(bundle, name, 1, TextureRequest())
+        return above.opacities(loaded, alpha, (1, PATCH), TIERS)[None]
     parts = []
     for seed in range(SEEDS):
-        found, alpha = _grown(bundle, name, SIDE, TextureRequest(seed))
-        wide = above.opacities(found, alpha, (SIDE, PATCH), TIERS)
+        loaded, alpha = _grown(bundle, name, SIDE, TextureRequest(seed))
+        wide = above.opacities(loaded, alpha, (SIDE, PATCH), TIERS)
         cut = wide.reshape(TIERS, SIDE, PATCH, SIDE, PATCH)
         parts.append(cut.transpose(1, 3, 0, 2, 4).reshape(SIDE**2, TIERS, PATCH, PATCH))
     return np.concatenate(parts)
@@ -104,7 +104,7 @@ def copied(made: Float[np.ndarray, "M K V U"], exemplars: Float[np.ndarray, "E K
 
 
 def combs(bundle: Bundle) -> bool:
-    """Whether there is something to comb."""
+    """Whether the material has a generator with a geometry parameter COMB."""
     return bundle.generator is not None and any(p.name == COMB and p.role == "beta" for p in bundle.parameters)
 
 
@@ -119,18 +119,20 @@ def combed(bundle: Bundle, name: str) -> Combed:
     def value(at: np.ndarray) -> np.ndarray:
         return np.clip((angle(at) - low) / (high - low), 0, 1)
 
-    found, alpha = _grown(bundle, name, COMBED, TextureRequest(fields={COMB: value}))
+    loaded, alpha = _grown(bundle, name, COMBED, TextureRequest(fields={COMB: value}))
     field, middles = (COMBED, FINE), (np.arange(PLACES) + 0.5) * COMBED / PLACES
-    asked = angle(np.stack(np.meshgrid(middles, middles), axis=-1))
-    volume = above.opacities(found, alpha, field, FINE)
+    wanted = angle(np.stack(np.meshgrid(middles, middles), axis=-1))
+    volume = above.opacities(loaded, alpha, field, FINE)
     lean = leans(volume, (1 / FINE, 1 / FINE), (PLACES, PLACES))[0]
-    picture = above.picture(found, alpha, field, (0.0, 0.0, 1.0), FINE).mean(axis=-1)
+    picture = above.picture(loaded, alpha, field, (0.0, 0.0, 1.0), FINE).mean(axis=-1)
     stroke = strokes(picture, (PLACES, PLACES))[0]
-    return Combed(math.degrees(mean_error(lean, asked, 2 * math.pi)), math.degrees(mean_error(stroke, asked, math.pi)))
+    return Combed(
+        math.degrees(mean_error(lean, wanted, 2 * math.pi)), math.degrees(mean_error(stroke, wanted, math.pi))
+    )
 
 
 def _height(opacity: Float[np.ndarray, "K V U"]) -> Float[np.ndarray, "V U 3"]:
-    """Expected height of what is seen first from above, grey."""
+    """Mean height of the first thing met from above, as grey."""
     clear = np.cumprod(1 - opacity[::-1], axis=0)
     seen = np.concatenate([np.ones_like(clear[:1]), clear[:-1]]) * opacity[::-1]
     height = (np.arange(len(opacity))[::-1, None, None] + 0.5) / len(opacity)

@@ -1,4 +1,4 @@
-"""FLIP: how different two pictures look when they are shown in turn at one place (NumPy and SciPy only).
+"""FLIP: how different two pictures look when they are shown alternately in the same place (NumPy and SciPy only).
 
 Andersson et al. 2020, *FLIP: a difference evaluator for alternating images*; sections and constants are the paper's.
 
@@ -22,7 +22,7 @@ PIXELS_A_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 #: Sensitivities to contrast (section 4.1.1): pairs (a, b) of √(π/b)·a·exp(−π²x²/b), for Y, Cx and Cz.
 _SENSITIVITY = (((1.0, 0.0047),), ((1.0, 0.0053),), ((34.1, 0.04), (13.5, 0.025)))
 _WIDEST = 0.04
-#: Exponents of colour and of feature differences; from where and to what great differences are compressed; width of edges.
+#: Exponents of colour and of feature differences; start and end of the compression of great differences; width of edges.
 _Q_COLOUR, _Q_FEATURE, _P_C, _P_T, _WIDTH = 0.7, 0.5, 0.4, 0.95, 0.082
 
 
@@ -76,7 +76,7 @@ def _lab(rgb: np.ndarray) -> np.ndarray:
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """HyAB: lightness and colour apart, for differences that are great; to the power q_c."""
+    """HyAB, a distance for large colour differences: lightness and chroma add up; to the power q_c."""
     d = a - b
     return (np.abs(d[..., 0]) + np.hypot(d[..., 1], d[..., 2])) ** _Q_COLOUR
 

@@ -1,6 +1,7 @@
-"""How many operations a function does in products and convolutions, counted in its jaxpr.
+"""Operations of a function in products and convolutions, counted in its jaxpr.
 
-XLA's own count takes the body of a loop once; this one multiplies by the number of turns. Of alternatives the dearest counts.
+XLA's own count takes the body of a loop once; this one multiplies by the number of iterations. Of the branches of a condition
+the most expensive counts.
 """
 
 import math
@@ -12,8 +13,8 @@ from jax.extend.core import ClosedJaxpr, Jaxpr
 
 
 def count_operations(function: Callable, *arguments: Any) -> float:
-    """Multiplications and additions of one call. arguments: arrays or their shapes. A loop whose number of turns depends on
-    data counts one turn."""
+    """Multiplications and additions of one call. arguments: arrays or their shapes. A loop whose number of iterations
+    depends on data counts once."""
     return _of(jax.make_jaxpr(function)(*arguments).jaxpr)
 
 

@@ -55,8 +55,8 @@ def ssim(a: Float[np.ndarray, "..."], b: Float[np.ndarray, "..."], peak: float =
         raise ValueError(f"SSIM needs {_WINDOW} pixels a side, not {a.shape[0]} × {a.shape[1]}")
     x, y = a.astype(np.float64), b.astype(np.float64)
     how: dict[str, Any] = {"gaussian_weights": True, "use_sample_covariance": False}
-    found: Any = structural_similarity(x, y, data_range=peak, channel_axis=-1 if a.ndim == 3 else None, **how)
-    return float(found)
+    similarity: Any = structural_similarity(x, y, data_range=peak, channel_axis=-1 if a.ndim == 3 else None, **how)
+    return float(similarity)
 
 
 def _same_shape(a: np.ndarray, b: np.ndarray) -> None:

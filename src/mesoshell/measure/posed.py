@@ -3,7 +3,7 @@
 Notation
 S           side of a picture, pixels
 pose        a render's camera, light and parameters
-shift       of a fitted patch in each picture, (u, v): as many pictures of one patch as can differ
+shift       of a fitted patch, (u, v), random in each picture, so that pictures of one patch differ
 picture     premultiplied linear RGBA over black; the unit box, as renders show it                  (S, S, 4)
 
 A generator makes another texture for each picture. A parameter that the renders do not vary has the material's default.
@@ -31,19 +31,19 @@ from mesoshell.train.gan.snapshot import pictures
 from mesoshell.train.gan.state import Learner, TrainConfig
 from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
 
-#: Samples a ray: more do not change what a fit scores. Pictures a call.
+#: Samples a ray: more do not change the scores of a fit. Pictures a call.
 SAMPLES, BATCH = 96, 20
 
 
 class Posed(NamedTuple):
-    """What makes pictures of a material: (samples, seed) → (N, S, S, 4)."""
+    """A material as a source of pictures: (samples, seed) → (N, S, S, 4)."""
 
     name: str
     pictures: Callable[[list[Sample], int], Float[np.ndarray, "N S S 4"]]
 
 
 def posed(bundle: Bundle, name: str, dataset: Dataset, picture: PictureConfig | None = None) -> Posed:
-    """A material before the cameras of a dataset. picture: how a run took its own, if it was one's. Raises InputError if it
+    """A material seen by the cameras of a dataset. picture: settings of the run that made it, if any. Raises InputError if it
     is neither a generator nor one patch that repeats."""
     width, height = dataset.samples[0].size
     if width != height:
@@ -54,18 +54,18 @@ def posed(bundle: Bundle, name: str, dataset: Dataset, picture: PictureConfig | 
     one_batch = _generated(bundle, name, picture, (size, fov)) if bundle.generator else _fitted(bundle, (size, fov))
 
     def made(samples: list[Sample], seed: int) -> Float[np.ndarray, "N S S 4"]:
-        found = []
+        batches = []
         for i in range(0, len(samples), BATCH):
             some = samples[i : i + BATCH]
             full = some + some[-1:] * (BATCH - len(some))
-            found.append(np.asarray(one_batch(_shown(bundle, full, (seed, i))))[: len(some)])
-        return np.concatenate(found)
+            batches.append(np.asarray(one_batch(_shown(bundle, full, (seed, i))))[: len(some)])
+        return np.concatenate(batches)
 
     return Posed(name, made)
 
 
 def _shown(bundle: Bundle, samples: list[Sample], seed: tuple[int, int]) -> ImageBatch:
-    """Poses of renders, their parameters as the material counts them, and keys of their own."""
+    """Poses of renders, with parameters normalised by the material's ranges, and a key each."""
     known = {p.name for p in bundle.parameters}
     values = [{k: x for k, x in sample.parameters.items() if k in known} for sample in samples]
     alpha, beta = (
@@ -91,9 +91,9 @@ def _generated(
 
 
 def _fitted(bundle: Bundle, seen: tuple[int, float]) -> Callable[[ImageBatch], np.ndarray]:
-    found = ready(bundle)
+    loaded = ready(bundle)
     size, fov = seen
-    reach = 1.0 if bundle.tiles is None else 64.0  # patches: of tiles, all of them are seen
+    reach = 1.0 if bundle.tiles is None else 64.0  # patches: far enough to see all tiles
     config = PictureConfig(size, SAMPLES, fov, max(1, math.ceil(bundle.texel_density)))
 
     @jax.jit
@@ -103,14 +103,14 @@ def _fitted(bundle: Bundle, seen: tuple[int, float]) -> Callable[[ImageBatch], n
             shift = jnp.append(jax.random.uniform(k[0], (2,), maxval=reach), 0.0)
 
             def see(point: Point) -> jax.Array:
-                return inputs(material, found.layout, point._replace(xi=point.xi + shift))
+                return inputs(material, loaded.layout, point._replace(xi=point.xi + shift))
 
             view = View(shown.camera_to_world, shown.light, shown.irradiance, shown.alpha)
             return take_picture(config, material.decoder, see, view, jax.random.uniform(k[1], (1, SAMPLES)))
 
         return jax.lax.map(one, shown)
 
-    return partial(_called, batch, found.material)
+    return partial(_called, batch, loaded.material)
 
 
 def _called(batch: Callable, material, shown: ImageBatch) -> np.ndarray:

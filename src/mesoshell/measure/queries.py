@@ -1,8 +1,8 @@
-"""How well a surface material answers queries that were held out.
+"""How well a surface material answers held-out queries.
 
 Notation
 α, ρ         opacity, and reflectance of rays that met something; with a hat, the material's answer
-reflectance  Σ α |ρ̂ − ρ|² / Σ α |ρ|² over a patch: what the data's own noise adds is in it
+reflectance  Σ α |ρ̂ − ρ|² / Σ α |ρ|² over a patch, with the data's own noise in it
 opacity      mean of |α̂ − α| over a patch
 """
 

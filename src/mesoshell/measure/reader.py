@@ -3,13 +3,12 @@
 Notation
 X            features of N pictures, each over its deviation, less the mean                 (N, D)
 T            parameters, normalised                                                         (N, P)
-λ            ridge, of those in RIDGES the one with the least error of pictures left out one at a time, for each parameter
+λ            ridge: for each parameter, the one in RIDGES with the least leave-one-out error
 K            X Xᵀ / D
 error        root of the mean square of read − true, over pictures
 
-It reads what a linear function of the features tells, no more: compare its error on generated pictures with its error on
-renders that it has not seen, and both with the parameter's deviation,
-the error of one who always says the mean (0.29 of a uniform one).
+It finds only what is linear in the features: compare its error on generated pictures with its error on unseen renders, and both
+with the parameter's deviation, the error of always answering the mean (0.29 for a uniform one).
 """
 
 from typing import NamedTuple
@@ -49,5 +48,5 @@ def read(reader: Reader, x: Float[np.ndarray, "M D"]) -> Float[np.ndarray, "M P"
     return (x - reader.mean) @ reader.weights + reader.bias
 
 
-def error(found: Float[np.ndarray, "M P"], true: Float[np.ndarray, "M P"]) -> Float[np.ndarray, "P"]:
-    return np.sqrt(np.mean((found - true) ** 2, axis=0))
+def error(predicted: Float[np.ndarray, "M P"], true: Float[np.ndarray, "M P"]) -> Float[np.ndarray, "P"]:
+    return np.sqrt(np.mean((predicted - true) ** 2, axis=0))

@@ -3,7 +3,7 @@
 Notation
 F           texture, (V, U, C)
 lag         displacement between two places, texels
-A(lag)      Σ_c cov(F_c(x), F_c(x + lag)) / Σ_c var F_c, over all x that have both places in the texture
+A(lag)      Σ_c cov(F_c(x), F_c(x + lag)) / Σ_c var F_c, over all x with both places in the texture
 """
 
 import numpy as np
@@ -19,8 +19,8 @@ def autocorrelation(f: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "v u"]:
     for c in range(f.shape[2]):
         total += fftconvolve(x[..., c], x[::-1, ::-1, c])
     ones = np.outer(*(n - np.abs(np.arange(1 - n, n)) for n in f.shape[:2]))
-    found = (total / ones)[:, f.shape[1] - 1 :]
-    return found / found[f.shape[0] - 1, 0]
+    covariance = (total / ones)[:, f.shape[1] - 1 :]
+    return covariance / covariance[f.shape[0] - 1, 0]
 
 
 def largest_repeat(f: Float[np.ndarray, "V U C"], least: int) -> tuple[float, tuple[int, int]]:

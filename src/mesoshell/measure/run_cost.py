@@ -1,4 +1,4 @@
-"""What a training run would take, before it is begun."""
+"""What a training run will cost, before it begins."""
 
 import json
 import time
@@ -15,7 +15,7 @@ from mesoshell.train.run_config import RunConfig
 
 
 def run_cost(config: RunConfig, dataset: Data) -> str:
-    """A few lines: parameters, memory, and time at least, from operations over this machine's matrix rate. Compiles a step."""
+    """A few lines: parameters, memory, and the least time, operations over this machine's matrix rate. Compiles a step."""
     method = method_of(config)
     config, dataset = method.fitted(config, dataset)
     state = jax.eval_shape(lambda: method.start(config, dataset, jax.random.key(0)))

@@ -1,9 +1,9 @@
-"""Scores of a set of pictures beside renders: distances, and how well parameters can be read off them.
+"""Scores of a set of pictures against renders: distances, and how well parameters can be read off them.
 
 Notation
-A, B        halves of a dataset, of other patches each where it has many views of a patch
-floor       scores of B's renders beside A's: what the same thing scores
-made        pictures from B's cameras, with B's lights and parameters, beside A's renders
+A, B        halves of a dataset; where it has many views of a patch, they share no patch
+floor       scores of B's renders against A's: the scores of a perfect material
+made        scores of pictures from B's cameras, with B's lights and parameters, against A's renders
 read        error of a reader that learned from A, over the parameter's range
 
 Floor and made are measured alike, so that they compare.
@@ -26,7 +26,7 @@ from mesoshell.measure.sliced import descriptors, swd
 
 
 class Judge(NamedTuple):
-    """What A tells: its features by each network, descriptors by side of the level, and a reader of these parameters."""
+    """What is computed from A: features by each network, descriptors of each level, and a reader of its parameters."""
 
     networks: list[Extractor]
     features: list[Float[np.ndarray, "N D"]]
@@ -36,7 +36,7 @@ class Judge(NamedTuple):
 
 
 def halves(dataset: Dataset, images: int, seed: int = 0) -> tuple[list[Sample], list[Sample]]:
-    """A and B, of at most `images` each, as many of both. Raises InputError for fewer than four."""
+    """A and B, of the same size, at most `images`. Raises InputError for fewer than four."""
     rng = np.random.default_rng(seed)
     groups: dict[int, list[Sample]] = {}
     for sample in dataset.samples:
@@ -53,7 +53,7 @@ def halves(dataset: Dataset, images: int, seed: int = 0) -> tuple[list[Sample], 
 
 
 def judge_of(dataset: Dataset, a: list[Sample], networks: list[Extractor]) -> Judge:
-    """From the renders of A. The reader is told the first network's features."""
+    """The judge from the renders of A. The reader sees the first network's features."""
     images = renders(dataset, a)
     features = [network.of(images) for network in networks]
     declared, fixed = dataset.manifest["parameters"], dataset.manifest.get("fixed_parameters", {})
@@ -68,16 +68,16 @@ def renders(dataset: Dataset, samples: list[Sample]) -> Float[np.ndarray, "N H W
 
 
 def score(judge: Judge, b: list[Sample], images: Float[np.ndarray, "N H W 4"]) -> dict[str, Estimate]:
-    """Of pictures from B's cameras."""
+    """Scores of pictures from B's cameras."""
     features = [network.of(images) for network in judge.networks]
     rows = {
-        f"KID-{network.name}": with_interval(kid, real, found)
-        for network, real, found in zip(judge.networks, judge.features, features, strict=True)
+        f"KID-{network.name}": with_interval(kid, real, made)
+        for network, real, made in zip(judge.networks, judge.features, features, strict=True)
     }
     levels = descriptors(shown(images), seed=1)
     sides = [images.shape[1] >> i for i in range(len(levels))]
-    for side, real, found in zip(sides, judge.levels, levels, strict=True):
-        rows[f"SWD-{side}"] = with_interval(swd, real, found)
+    for side, real, made in zip(sides, judge.levels, levels, strict=True):
+        rows[f"SWD-{side}"] = with_interval(swd, real, made)
     true, said = _values(judge.parameters, b), read(judge.reader, _told(features[0], images))
     for i, name in enumerate(judge.parameters):
         rows[f"read {name}"] = _with_interval(lambda k, i=i: float(error(said[k], true[k])[i]), len(b))
@@ -85,21 +85,21 @@ def score(judge: Judge, b: list[Sample], images: Float[np.ndarray, "N H W 4"]) -
 
 
 def _told(features: Float[np.ndarray, "N D"], images: Float[np.ndarray, "N H W 4"]) -> Float[np.ndarray, "N _D"]:
-    """Features, and the mean colour over its sum, repeated so that it weighs as much: the age of grass is read off colour
-    twice as well as off features alone, and a ridge would hardly look at 3 numbers beside 1280."""
+    """Features, and the mean colour over its sum, repeated to the features' length. Colour halves the error of the age of
+    grass; without the repetition, ridge regression would give 3 numbers beside 1280 hardly any weight."""
     colour = images[..., :3].mean(axis=(1, 2), dtype=np.float64)
     hue = colour / np.maximum(colour.sum(axis=1, keepdims=True), 1e-9)
     return np.concatenate([features, np.tile(hue, (1, -(-features.shape[1] // 3)))], axis=1)
 
 
 def _values(parameters: dict[str, tuple[float, float]], samples: list[Sample]) -> Float[np.ndarray, "N P"]:
-    """Normalised."""
+    """Parameters, normalised."""
     columns = [[(s.parameters[name] - low) / (high - low) for s in samples] for name, (low, high) in parameters.items()]
     return np.array(columns, np.float64).reshape(len(parameters), len(samples)).T
 
 
 def _with_interval(of: Callable[[np.ndarray], float], count: int, seed: int = 0) -> Estimate:
-    """By 200 bootstraps."""
+    """A value with its interval by 200 bootstraps."""
     rng = np.random.default_rng(seed)
     reach = 1.96 * float(np.std([of(rng.integers(0, count, count)) for _ in range(200)], ddof=1))
     value = of(np.arange(count))

@@ -1,14 +1,14 @@
 """Sliced Wasserstein distance between patches of two sets of pictures: a measure without a network (NumPy and SciPy).
 
 Notation
-level        of a Laplacian pyramid: 0 is the finest; the coarsest holds what is left, no difference    Burt and Adelson 1983
+level        of a Laplacian pyramid: 0 is the finest; the coarsest is no difference but the blurred rest   Burt and Adelson 1983
 descriptor   7 × 7 pixels of a level in 3 channels, at PATCHES random places of a picture                 147 numbers
 X, Y         descriptors of N pictures each, less the mean and over the deviation of X's channels
 SWD          mean over random directions of the Wasserstein-1 distance between X and Y projected on them
 
 After Karras et al. 2018, section 5, who normalise each set by itself. Here both are by the first, the real one, so that
-colour and contrast count. The unit is then a standard deviation of the level. Sets of few pictures are farther apart than many:
-compare numbers of equal N, beside that of renders against other renders.
+colour and contrast count. The unit is then a standard deviation of the level. The fewer pictures, the greater the distance:
+compare numbers of equal N, and with that of renders against other renders.
 """
 
 import numpy as np
@@ -34,19 +34,19 @@ def pyramid(x: Float[np.ndarray, "N H W C"]) -> list[Float[np.ndarray, "N _h _w 
 
 
 def descriptors(pictures: Float[np.ndarray, "N H W C"], seed: int = 0) -> list[Float[np.ndarray, "N D"]]:
-    """Of each level, finest first: those of a picture in its row."""
+    """Descriptors of each level, finest first; a row a picture."""
     rng = np.random.default_rng(seed)
-    found = []
+    rows = []
     for level in pyramid(pictures.astype(np.float32)):
         n, height, width, channels = level.shape
         windows = np.lib.stride_tricks.sliding_window_view(level, (SIDE, SIDE), axis=(1, 2))
         v, u = (rng.integers(0, side - SIDE + 1, (n, PATCHES)) for side in (height, width))
-        found.append(windows[np.arange(n)[:, None], v, u].reshape(n, PATCHES * channels * SIDE**2))
-    return found
+        rows.append(windows[np.arange(n)[:, None], v, u].reshape(n, PATCHES * channels * SIDE**2))
+    return rows
 
 
 def swd(x: Float[np.ndarray, "N D"], y: Float[np.ndarray, "M D"]) -> float:
-    """SWD of one level's descriptors; x is the real set. Raises ValueError unless there are as many of each."""
+    """SWD of one level's descriptors; x is the real set. Raises ValueError unless both have the same size."""
     if x.shape != y.shape:
         raise ValueError(f"needs as many pictures of each, not {len(x)} and {len(y)}")
     size = SIDE**2

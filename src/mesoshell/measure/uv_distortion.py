@@ -1,12 +1,12 @@
-"""How evenly a surface lies in its texture (NumPy only).
+"""How evenly a surface is mapped to its texture (NumPy only).
 
 Notation
-y, u        of each pixel of a view: where its ray meets the surface, and the unit vector that stands there in the texture
+y, u        of each pixel of a view: where its ray meets the surface, and the unit vector that this point maps to
 J           area in the texture over area on the surface, of a triangle of neighbouring pixels
 distortion  standard deviation of ln J over the surface, by area: 0 if all parts have the same share of the texture; J below
             LEAST of its mean counts as LEAST
-folded      share of the surface whose triangles lie the other way round in the texture than most
-used        share of the texture, by solid angle, that some pixel stands for, in cells of a sixth of a cube over CELLS²
+folded      share of the surface whose triangles have the opposite orientation in the texture to most
+used        share of the texture, by solid angle, that some pixel maps to, in CELLS² cells a cube face
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ def chart(
     u: Sequence[Float[np.ndarray, "_h _w 3"]],
     hit: Sequence[Bool[np.ndarray, "_h _w"]],
 ) -> Chart:
-    """Of all views together. Raises ValueError if no triangle is whole in any."""
+    """The scores over all views. Raises ValueError if no view has a whole triangle."""
     areas, ratios = [], []
     for y_, u_, hit_ in zip(y, u, hit, strict=True):
         for corner in (((0, 0), (0, 1), (1, 0)), ((1, 1), (1, 0), (0, 1))):
@@ -84,7 +84,7 @@ def _cells(u: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n"]:
 
 
 def _solid(cells: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-    """Share of the sphere that each cell is."""
+    """Share of the sphere that each cell covers."""
 
     def corner(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.arctan(x * y / np.sqrt(1 + x * x + y * y))

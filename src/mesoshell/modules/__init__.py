@@ -1,4 +1,4 @@
-"""The networks as Flax modules, and what learns as Flax's train states: `ms.modules.Decoder`
+"""The networks as Flax modules, and the state of a run as Flax's train states: `ms.modules.Decoder`
 (docs/tutorials/library.md). The pure functions that they call know nothing of Flax."""
 
 from flax.training.train_state import TrainState

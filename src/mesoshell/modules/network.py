@@ -1,4 +1,4 @@
-"""What all modules are: a tree of parameters, drawn by a pure function and declared to Flax field by field.
+"""The base of all modules: a tree of parameters, drawn by a pure function and declared to Flax field by field.
 
 Notation
 tree        parameters as the pure functions take them, and as checkpoints and bundles keep them: a NamedTuple of pytrees
@@ -34,7 +34,7 @@ class Network(nn.Module):
         if self.is_initializing() and self.scope is not None:
             own: Any = self.scope.rngs["params"]
             drawn = draw(own.as_jax_rng())
-        else:  # what is there is checked against shapes alone
+        else:  # Flax only checks the given variables against shapes
             drawn = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), like)
 
         def declare(name: str, part: Any) -> Any:
@@ -56,5 +56,5 @@ class Network(nn.Module):
 
 
 def by_field(variables: Mapping[str, Any]) -> dict[str, Any]:
-    """Variables whose collections are all of them Flax's."""
+    """Variables with every collection in Flax's form."""
     return {name: tree._asdict() if hasattr(tree, "_asdict") else tree for name, tree in variables.items()}

@@ -42,7 +42,7 @@ class Generator(Network):
 
     @nn.compact
     def averages(self) -> making.Averages:
-        """What is not learned, as a tree."""
+        """The running averages, which are not learned, as a tree."""
         return self.declared("averages", lambda key: making.init_averages(self.config))
 
     def __call__(
@@ -68,7 +68,7 @@ class Discriminator(Network):
 
 
 class TextureCritic(Network):
-    """A logit for each place of what is seen of textures (shell/generator/texture_critic)."""
+    """A grid of logits for views of textures (shell/generator/texture_critic)."""
 
     config: CriticConfig
 
@@ -88,7 +88,7 @@ class Decoder(Network):
 
     @classmethod
     def like(cls, tree: decoding.Decoder) -> "Decoder":
-        """The module of a decoder that is there."""
+        """The module of an existing decoder."""
         trunk, head = (tuple(layer.bias.shape[0] for layer in layers) for layers in (tree.trunk, tree.head))
         return cls(tree.trunk[0].kernel.shape[0], (trunk, head))
 
@@ -104,8 +104,8 @@ class Decoder(Network):
 
 
 class SurfaceMaterial(Network):
-    """What a surface answers to a query and a light: α with what reflectance reads, and ρ (surface_material/network). blur: of
-    its textures, in texels; 1e-3 of one that has learned."""
+    """The answer of a surface material to a query and a light: α with the features for reflectance, and ρ
+    (surface_material/network). blur: of its textures, in texels; 1e-3 once it is trained."""
 
     config: SurfaceConfig
 
@@ -114,13 +114,13 @@ class SurfaceMaterial(Network):
 
     def __call__(self, place: SurfaceQuery, light: Vec3, blur: Scalar) -> tuple[OpacityEval, Vec3]:
         table = silhouette.tables(self.tree(), blur)
-        found = silhouette.seen(self.config, table, place)
-        return found, silhouette.reflectance(self.config, table, place, found, light)
+        opacity = silhouette.seen(self.config, table, place)
+        return opacity, silhouette.reflectance(self.config, table, place, opacity, light)
 
 
 class CapturedField(Network):
-    """σ and colour of a point y seen along d, in the box's units (neutex/field); of reflectance, instead of a colour, the
-    normal and what the surface is made of."""
+    """σ and colour of a point y seen along d, in the box's units (neutex/field); with reflectance, the normal and the lobes
+    instead of a colour."""
 
     config: FieldConfig
 

@@ -1,9 +1,8 @@
-"""What learns in a run's state, as Flax's train states, and back.
+"""A run's state as Flax's train states, and back.
 
 A run's state keeps its own form: a run with two players has two optimisers, and averages beside them, and checkpoints have the
 names of its fields. Here each player is a TrainState of the same arrays: `params` is its tree as the state has it, `tx` the
-run's optimiser, `apply_fn` its module's `apply`. What a step does beside an optimiser (R1, averages, parts that rest) is the
-step's.
+run's optimiser, `apply_fn` its module's `apply`. All else that a step does (R1, averages, frozen parts) stays in the step.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,8 +37,8 @@ class Player(NamedTuple):
 
 
 def train_states(config: RunConfig, state: Any) -> dict[str, TrainState]:
-    """The players of a run's state by name. config: as it was fitted to the data. `apply_fn` of a GAN's `learner` is its
-    generator's, on one patch. Raises InputError for a fit of patches, whose rates are its step's and not its optimiser's."""
+    """The players of a run's state by name. config: as adapted to the data. `apply_fn` of a GAN's `learner` is its
+    generator's, on one patch. Raises InputError for a fit of patches, whose step sets the rates, not its optimiser."""
     return {
         name: TrainState(state.step, player.apply, _at(state, player.params), player.tx, _at(state, player.adam))
         for name, player in _players(config, state).items()
@@ -80,7 +79,7 @@ def _players(config: RunConfig, state: Any) -> dict[str, Player]:
     if isinstance(config, ParametricConfig):
         module, tx = Decoder.like(state.decoder), parametric.optimiser(config)
         return {"decoder": Player(("decoder",), ("adam",), module.apply, tx)}
-    raise InputError(Argument("config"), "a fit of patches has no train state: its rates are its step's")
+    raise InputError(Argument("config"), "a fit of patches has no train state: its step sets the rates")
 
 
 def _of_generator(generator: Generator, variables: Mapping[str, Any], *inputs: Any, **keywords: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The networks of what is on disk, as modules with their parameters."""
+"""The networks of a loaded bundle or model, as modules with their parameters."""
 
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.surface import SurfaceBundle
@@ -17,8 +17,8 @@ def networks_of(stored: Bundle | SurfaceBundle | NeuTexModel) -> dict[str, Netwo
     if isinstance(stored, NeuTexModel):
         return {"field": CapturedField(stored.config).bind({"params": stored.field})}
     if isinstance(stored, SurfaceBundle):
-        found = ready(stored)
-        return {"surface": SurfaceMaterial(found.config).bind({"params": found.table.surface})}
+        loaded = ready(stored)
+        return {"surface": SurfaceMaterial(loaded.config).bind({"params": loaded.table.surface})}
     decoder = decoder_of(stored.arrays)
     networks: dict[str, Network] = {"decoder": Decoder.like(decoder).bind({"params": decoder})}
     if stored.generator is not None:

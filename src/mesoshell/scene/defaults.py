@@ -1,4 +1,4 @@
-"""What a scene has that is not given: camera, lights, colours (NumPy only).
+"""Defaults of a scene: camera, lights, colours (NumPy only).
 
 Notation
 diagonal    of the mesh's bounding box, world
@@ -21,7 +21,7 @@ FIELD_OF_VIEW = 35.0
 
 
 def default_camera(box: Float[np.ndarray, "2 3"], thickness: float, size: tuple[int, int], up: int) -> Camera:
-    """A camera in front of a box, with a layer about it, that shows all of it from somewhat above. up: axis, 1 or 2."""
+    """A camera in front of a box with a layer about it: it shows all of it, from slightly above. up: axis, 1 or 2."""
     width, height = size
     fov = np.radians(FIELD_OF_VIEW)
     centre, radius = box.mean(axis=0), np.linalg.norm(box[1] - box[0]) / 2 + thickness

@@ -1,5 +1,5 @@
-"""Level of detail: a surface material that was distilled from a shell in its place, where the scene allows it: `plan_twin`
-(no JAX)."""
+"""Level of detail: replace a shell by the surface material distilled from it, its twin, where the scene allows it (no JAX).
+`render/effects.plan_twin` decides."""
 
 import numpy as np
 
@@ -16,12 +16,12 @@ from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
 
-#: By how much thickness over patch may differ from what was distilled, and a colour or a parameter.
+#: How much a scene may differ from what was distilled: in thickness over patch, and in a colour or a parameter.
 THICKNESS, VALUE = 0.1, 1e-3
 
 
 def twin_facts(scene: Scene, d: ShellDescription, quality: Quality) -> TwinFacts | None:
-    """What decides whether the material's twin may stand in for the shell that is described."""
+    """The facts that decide whether the twin may replace the shell; None if the material has no twin."""
     twin = scene.material.shell.twin
     if twin is None:
         return None
@@ -37,7 +37,7 @@ def twin_facts(scene: Scene, d: ShellDescription, quality: Quality) -> TwinFacts
 
 
 def in_place(d: ShellDescription) -> SurfaceDescription:
-    """The same, of a mesh that is the shell's top."""
+    """The scene with the shell's top as its mesh, for a surface material."""
     top = surface(d.shell)
     return SurfaceDescription(
         mesh=top,

@@ -1,4 +1,4 @@
-"""Materials as they are loaded, and the values that are given for their parameters (no JAX)."""
+"""Load materials, and read the values given for their parameters (no JAX)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ class Material:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What its file says of its origin."""
+        """Its origin, as its file records it."""
         return self.bundle.provenance
 
     @property

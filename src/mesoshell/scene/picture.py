@@ -1,4 +1,4 @@
-"""From a scene that an engine is ready to render to a picture of it (no JAX)."""
+"""A scene that an engine is ready to render, and the picture that it gives (no JAX)."""
 
 import time
 from collections.abc import Callable
@@ -22,16 +22,16 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A rendered picture; a notebook displays it. rgba: linear Rec. 709, premultiplied; report: JSON, what it took, which
-    effects and quality it was rendered with, and the material; notes: what the user should know, a line each."""
+    """A rendered picture; a notebook displays it. rgba: linear Rec. 709, premultiplied; report: JSON: seconds and counts,
+    effects, quality and material; notes: what the user should know, a line each."""
 
     rgba: Float[np.ndarray, "H W 4"]
     report: dict[str, Any] = field(repr=False)
     notes: tuple[str, ...] = ()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write it: sRGB with straight alpha as .png, linear and premultiplied as .exr. Raises InputError for another name, or
-        where nothing can be written."""
+        """Write it: sRGB with straight alpha as .png, linear and premultiplied as .exr. Raises InputError for another suffix,
+        or if the file cannot be written."""
         writers = {".png": write_png, ".exr": write_exr}
         suffix = Path(path).suffix.lower()
         if suffix not in writers:
@@ -54,8 +54,8 @@ class Rendered(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A scene that an engine is ready to render. material: the report's part about it; effects: None for a scene of Mitsuba's
-    that holds no shell; notes: what the user should know, a line each; begun: `time.perf_counter` when it was asked for; setup:
-    seconds since then; work: renders it."""
+    that holds no shell; notes: what the user should know, a line each; begun: `time.perf_counter` when set-up began; setup:
+    seconds that it took; work: renders the scene."""
 
     engine: str
     material: dict[str, Any]
@@ -88,7 +88,7 @@ class Prepared:
 
 
 def _about(scene: Scene) -> dict[str, Any]:
-    """What a report says of the material: its name, the parameters given, and its provenance."""
+    """The report's part about the material: its name, the parameters given, and its provenance."""
     given = {
         name: f"an image of {' x '.join(map(str, value.shape))}" if isinstance(value, np.ndarray) else value
         for name, value in scene.params.items()

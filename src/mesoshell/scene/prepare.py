@@ -1,4 +1,4 @@
-"""A scene made ready by the engine that shall render it. Only that engine is imported."""
+"""Make a scene ready for an engine. Only that engine is imported."""
 
 import time
 from collections.abc import Mapping
@@ -15,13 +15,13 @@ from mesoshell.scene.scene import Scene
 
 ENGINES = ("jax", "mitsuba")
 _WORDS = {int: "whole number", float: "number", bool: "truth value", str: "word"}
-#: Fields of a quality that only the path tracer has a use for; the most that they count a pixel: samples, bounces.
+#: Fields of a quality that only the path tracer uses, and the greatest value of each.
 OF_PATHS, MOST = ("spp", "max_depth"), 2**24
 
 
 def quality_of(quality: str | Quality, engine: str, changes: Mapping[str, Any]) -> Quality:
-    """A quality by its name, or one that is there, with changes of its fields. Raises InputError for a name, a field or a value
-    that is none, or a field that the engine has no use for."""
+    """A quality, or the preset of this name, with changes of its fields. Raises InputError for an unknown name or field, an
+    invalid value, or a field that the engine does not use."""
     if engine not in ENGINES:
         raise InputError(Argument("engine"), f"must be one of {', '.join(ENGINES)}, not {engine}")
     if isinstance(quality, str) and quality not in PRESETS:
@@ -55,7 +55,7 @@ def _check_field(name: str, value: Any, engine: str) -> None:
 
 
 def prepare(scene: Scene, quality: Quality, engine: str = "jax", progress: Progress = lambda share: None) -> Prepared:
-    """The scene, ready to be rendered, its effects decided; nothing is compiled yet. progress: of growing a texture. Raises
+    """The scene, ready to be rendered: its effects are decided, nothing is compiled yet. progress: of growing a texture. Raises
     InputError."""
     begun = time.perf_counter()
     if engine == "mitsuba":

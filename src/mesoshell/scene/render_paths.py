@@ -1,4 +1,4 @@
-"""Pictures by path tracing in Mitsuba: of a scene, or of one of Mitsuba's own (no JAX, but where a texture must be grown)."""
+"""Render by path tracing in Mitsuba: a scene, or an XML file of Mitsuba's (loads JAX only to grow a texture)."""
 
 import time
 from collections.abc import Callable
@@ -29,7 +29,7 @@ from mesoshell.surface_material.tables import surface_tables
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
 
-#: Paths that are traced at once: what is in memory.
+#: Paths traced at once, which bounds memory.
 LANES = 2**22
 
 
@@ -43,7 +43,7 @@ def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progre
 
 
 def prepare_file(path: Path, quality: Quality, samples: int | None) -> Prepared:
-    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as it says itself. Raises InputError."""
+    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as the file says. Raises InputError."""
     begun = time.perf_counter()
     made = load_file(path, quality)
     samples = _samples(made, path, samples)
@@ -54,7 +54,7 @@ def prepare_file(path: Path, quality: Quality, samples: int | None) -> Prepared:
 
 
 def _world(scene: mi.Scene) -> Any:
-    """What its integrator traces paths through beside surfaces; None if it is none of ours."""
+    """Our integrator's context: what paths meet beside surfaces. None for another integrator."""
     return getattr(scene.integrator(), "world", None)
 
 
@@ -73,7 +73,7 @@ def _work(scene: mi.Scene, samples: int) -> Callable[[Progress], Rendered]:
 
 
 def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:
-    """Paths a pixel. Raises InputError for a scene of nothing to be seen by, or of a film that memory does not hold."""
+    """Paths a pixel. Raises InputError for a scene without a sensor, or a film that memory does not hold."""
     if not scene.sensors():
         raise InputError(path, "has no sensor")
     width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
@@ -87,7 +87,7 @@ def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:
 
 
 def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene, tuple[str, ...]]:
-    """A scene of Mitsuba's with what the scene holds, and what the user should know."""
+    """The scene as Mitsuba's, and what the user should know."""
     if scene.material.kind == KIND:
         d = describe_surface(scene)
         return _dressed(d, scene.material.surface, quality, d.mesh.notes)
@@ -111,7 +111,7 @@ def _dressed(
     notes: tuple[str, ...],
     twin: TwinFacts | None = None,
 ) -> tuple[mi.Scene, tuple[str, ...]]:
-    """The same of a mesh that wears a surface material."""
+    """`_made` for a mesh with a surface material."""
     worn = surface_tables(d.mesh, d.period, quality)
     made = mi.load_dict(_parts(quality, d))
     grown = SceneShells([], [(worn, SurfaceMaterial(bundle))], convex=is_convex(d.mesh), twin=twin)
@@ -120,7 +120,7 @@ def _dressed(
 
 
 def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[str, Any]:
-    """Camera, lights and objects of what was described."""
+    """Integrator, camera, lights and objects."""
     integrator.register()
     depths = {"max_depth": quality.max_depth, "rr_depth": quality.rr_depth}
     parts: dict[str, Any] = {
@@ -134,7 +134,7 @@ def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[s
 
 
 def _rendered(scene: mi.Scene, samples: int, progress: Progress) -> tuple[np.ndarray, int]:
-    """The picture, RGBA, as the mean of passes that fit in memory; and how many camera rays it took."""
+    """The picture, RGBA, as the mean of passes that fit in memory; and the number of camera rays."""
     width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
     each = max(1, min(samples, LANES // (width * height)))
     counts = [min(each, samples - k) for k in range(0, samples, each)]

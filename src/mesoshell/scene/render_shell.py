@@ -1,4 +1,4 @@
-"""Pictures of a neural shell by marching rays in JAX.
+"""Render a neural shell by marching rays in JAX.
 
 Notation
 stretch     world length of one UV unit, averaged over the surface
@@ -27,8 +27,8 @@ from mesoshell.shell.render.scene import Scene as MarchedScene
 
 
 def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
-    """The scene, ready to be marched, or, from afar, with a surface material in the shell's place. progress: of growing a
-    texture. Raises InputError."""
+    """The scene, ready to be marched; from afar, its twin replaces the shell. progress: of growing a texture. Raises
+    InputError."""
     d = describe_shell(scene, progress)
     twin, seen = scene.material.shell.twin, twin_facts(scene, d, quality)
     if twin is not None and plan_twin(seen, quality).on:
@@ -52,7 +52,7 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
 
 
 def marched_scene(d: ShellDescription) -> MarchedScene:
-    """What was described, ready for the renderer."""
+    """The description as the renderer's scene."""
     return MarchedScene(
         mesh=d.mesh,
         shell=d.shell,
@@ -70,7 +70,7 @@ def marched_scene(d: ShellDescription) -> MarchedScene:
 
 
 def facts(scene: MarchedScene) -> Facts:
-    """What the effects are planned from."""
+    """The facts that the effects are planned from."""
     corners = bounding_box(scene.mesh)
     far = np.linalg.norm(np.abs(corners - scene.camera.to_world[:3, 3]).max(axis=0))
     patch = uv_stretch(scene.mesh) / scene.patches_per_uv

@@ -1,4 +1,4 @@
-"""Pictures of a mesh that wears a surface material, one query a hit, in JAX."""
+"""Render a mesh with a surface material, one query a hit, in JAX."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from mesoshell.surface_material.scene import SurfaceDescription
 
 
 def prepare_surface(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
-    """The scene, ready to be rendered; there is nothing to say the progress of. Raises InputError."""
+    """The scene, ready to be rendered; progress is not called, as no texture is grown. Raises InputError."""
     d = describe_surface(scene)
     return prepare_wearing(scene, d, scene.material.surface, quality, begun, None, d.mesh.notes)
 
@@ -32,7 +32,7 @@ def prepare_wearing(
     twin: TwinFacts | None,
     notes: tuple[str, ...],
 ) -> Prepared:
-    """The same of a mesh that wears a bundle's material, perhaps as the twin of the scene's."""
+    """The described mesh with a bundle's material, ready to be rendered. twin: facts, if it replaces the scene's shell."""
     worn = SurfaceScene(**vars(d), ready=ready(bundle))
     effects = plan_effects(replace(facts(worn), twin=twin), quality, SURFACE)
 

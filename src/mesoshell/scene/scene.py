@@ -24,12 +24,12 @@ Direction = tuple[float, float, float]
 class Scene:
     """A mesh grown with a material, its camera and its lights.
 
-    mesh: an OBJ, PLY, GLB or STL file, unwrapped if it has no texture coordinates; or a mesh that was loaded before.
+    mesh: an OBJ, PLY, GLB or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
     material: of `load_material`.
-    thickness: height of the shell in the mesh's unit. Default: as high over `scale` as the material was made, or 1/25 of the
+    thickness: height of the shell in the mesh's unit. Default: the material's own thickness times `scale`, or 1/25 of the
         bounding box's diagonal. A surface material has none.
-    scale: world length of one texture patch, or of a surface material's period, in the mesh's unit. Default: as the material
-        was made; of bundled shells the thickness, of surface materials 2/25 of the diagonal.
+    scale: world length of one texture patch, or of a surface material's period, in the mesh's unit. Default:
+        `thickness` over the material's own (1 for bundled shells); for surface materials 2/25 of the diagonal.
     params: values of the material's parameters, by name: a number in the parameter's unit, or an image that varies it over the
         UV square, a file or (H, W) in [0, 1], whose black to white spans the parameter's range.
     seed: which of a generator's textures grows on the mesh; or in which order corner tiles lie; a material that is one patch
@@ -46,7 +46,7 @@ class Scene:
     up: the axis that points up, "y" or "z". Default: z for PLY and STL files, else y.
     transparent: whether the background is transparent even where there is an environment.
 
-    Files are read, and values checked, when the scene is rendered or explained. Raises InputError for a material that is none.
+    Files are read, and values checked, when the scene is rendered or explained. Raises InputError unless `material` is one.
     """
 
     mesh: str | PathLike[str] | Mesh

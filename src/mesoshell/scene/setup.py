@@ -1,6 +1,4 @@
-"""What a scene holds once its files are read and its defaults are filled in, in no engine's terms (no JAX, but where a texture
-must be grown).
-"""
+"""Read a scene's files and fill in its defaults, in no engine's terms (loads JAX only to grow a texture)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,14 +25,14 @@ from mesoshell.shell.geometry.chart import patches_of
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
 from mesoshell.surface_material.scene import SurfaceDescription, default_period
 
-#: Irradiance or radiance, at most: sums of it are numbers in single precision.
+#: Most irradiance or radiance: sums of it stay finite in float32.
 BRIGHTEST = 1e30
 
 
 @dataclass(frozen=True, eq=False)
 class ShellDescription:
-    """A shell, the texture in it, which begins at `origin` (u, v; patches), and what it is seen by. alpha: normalised
-    parameters; maps: those that vary, (H, W) over the UV square. notes: what the user should know, a line each."""
+    """A shell with its material, camera and lights. origin: where the texture begins, (u, v) in patches; alpha: normalised
+    parameters; maps: those that vary, (H, W) over the UV square; notes: what the user should know, a line each."""
 
     mesh: Mesh
     shell: Shell
@@ -53,7 +51,7 @@ class ShellDescription:
 
 
 def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda share: None) -> ShellDescription:
-    """What a scene with a neural shell holds. progress: of growing a texture. Raises InputError."""
+    """The description of a scene with a neural shell. progress: of growing a texture. Raises InputError."""
     bundle = scene.material.shell
     _check_colours(scene)
     check_seed(scene.seed)
@@ -88,7 +86,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
 
 
 def grows(scene: Scene) -> bool:
-    """Whether the scene calls for a texture that is grown, another than the material holds."""
+    """Whether a texture must be grown: the scene needs another than the material holds."""
     bundle = scene.material.shell
     geometry = any(p.role == "beta" and p.name in scene.params for p in bundle.parameters)
     return bundle.generator is not None and (not bundle.baked or scene.seed is not None or geometry)
@@ -125,7 +123,7 @@ def _textured(
 
 
 def describe_surface(scene: Scene) -> SurfaceDescription:
-    """What a scene with a surface material holds. Raises InputError."""
+    """The description of a scene with a surface material. Raises InputError."""
     given = {"params": bool(scene.params), "seed": scene.seed is not None, "thickness": scene.thickness is not None}
     for name in (name for name, is_given in given.items() if is_given):
         raise InputError(Argument(name), f"{scene.material.name} is a surface material: it has none (see `scale`)")
@@ -146,27 +144,25 @@ def _mesh(given: str | PathLike[str] | Mesh) -> Mesh:
 
 
 def _check_colours(scene: Scene) -> None:
-    """Raise InputError for a light or a surface that is darker than black, or brighter than can be, or no list of objects."""
+    """Raise InputError for an irradiance or an albedo out of range, or for `objects` that are not a list."""
     check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
     if np.shape(scene.base_colour) != (3,):
         raise InputError(Argument("base_colour"), f"must be three numbers, not {scene.base_colour!r}")
     if isinstance(scene.objects, str | PathLike):
         raise InputError(Argument("objects"), f"must be a list of meshes, not {scene.objects!r}")
     if not all(0 <= v <= 1 for v in scene.base_colour):
-        raise InputError(
-            Argument("base_colour"), "must be from 0 to 1: what is reflected of the light that falls on it"
-        )
+        raise InputError(Argument("base_colour"), "must be from 0 to 1: the share of light that it reflects")
 
 
 def check_irradiance(name: str, irradiance: np.ndarray) -> None:
-    """Raise InputError, of the argument `name`, for light that is negative, or more than numbers hold."""
+    """Raise InputError, of the argument `name`, for light that is negative, or above BRIGHTEST."""
     wrong = irradiance[~((irradiance >= 0) & (irradiance <= BRIGHTEST))]
     if wrong.size:
         raise InputError(Argument(name), f"must be from 0 to {BRIGHTEST:g}, not {wrong[0]:g}")
 
 
 def _up_axis(scene: Scene) -> int:
-    """1 for y, 2 for z: as given, or as is usual for the mesh's kind of file."""
+    """1 for y, 2 for z: as given, or as usual for the mesh's file format."""
     usual = "y" if isinstance(scene.mesh, Mesh) or Path(scene.mesh).suffix.lower() not in (".ply", ".stl") else "z"
     axes = {"y": 1, "z": 2}
     if (scene.up or usual) not in axes:
@@ -236,5 +232,5 @@ def environment_of(given: str | PathLike[str] | Float[np.ndarray, "H W 3"] | Non
     if image.ndim != 3 or image.shape[2] != 3 or not image.size:
         raise InputError(source, f"has shape {image.shape}; expected (H, W, 3)")
     if not (image.min() >= 0 and 0 < image.max() <= BRIGHTEST):  # NaN is neither
-        raise InputError(source, f"holds negative or no light, or more than {BRIGHTEST:g}")
+        raise InputError(source, f"holds negative light, no light, or more than {BRIGHTEST:g}")
     return environment(image, up)

@@ -1,7 +1,7 @@
 """Checkpoints of a run through orbax: the newest three, written whole or not at all.
 
-Of several hosts the first alone reads and writes them, so that in orbax no host waits for another. What it has of the state is
-whole (train/parallel): a run of one host may be gone on with by many, or the other way round.
+Of several hosts only the first reads and writes them, so that in orbax no host waits for another. It holds the whole state
+(train/parallel): a run of one host can go on with many, and the other way round.
 """
 
 import contextlib
@@ -22,15 +22,15 @@ from mesoshell.errors import InputError, one_line
 from mesoshell.train.hosts import is_first
 
 KEPT = 3
-#: What orbax has in the name of a checkpoint that is being written.
+#: Part of the name that orbax gives to a checkpoint while it writes it.
 _UNFINISHED = ".orbax-checkpoint-tmp"
-#: What a checkpoint that cannot be read is called from then on, beside its step: a run that goes on writes that step anew.
+#: New name, before its step, of a checkpoint that cannot be read, so that a run that goes on can write that step again.
 UNREADABLE = "unreadable"
 
 
 class Checkpoints:
-    """The checkpoints of a run in `folder`; a context manager, so that what is being written is finished. What a killed writer
-    left is removed, so a folder has one writer. reading: nothing is written or removed. last: step of the newest that was read
+    """The checkpoints of a run in `folder`; a context manager, which finishes writing at its end. It removes what a killed
+    writer left, so a folder must have one writer. reading: write and remove nothing. last: step of the newest checkpoint read
     or written, known to every host."""
 
     def __init__(self, folder: Path, reading: bool = False):
@@ -70,7 +70,7 @@ class Checkpoints:
                 raise self._unwritten(error) from error
 
     def finish(self) -> None:
-        """Wait until what was begun is written. Raises InputError if it cannot be."""
+        """Wait until the last checkpoint is written. Raises InputError if it cannot be."""
         if self.manager:
             try:
                 self.manager.wait_until_finished()
@@ -79,20 +79,20 @@ class Checkpoints:
                 raise self._unwritten(error) from error
 
     def newest(self, like: Any) -> tuple[int, Any] | None:
-        """Step and state of the newest checkpoint that can be read, shaped as `like`; None if there is none at all. A newer one
-        that cannot is named in a warning and set aside. Raises InputError if none can."""
+        """Step and state of the newest readable checkpoint, shaped as `like`; None if there is none at all. Newer unreadable
+        ones are renamed, with a warning. Raises InputError if none is readable."""
         steps = sorted(self.manager.all_steps(), reverse=True) if self.manager else []
         faults: list[tuple[int, str]] = []
         for step in steps:
             with _unheard():
                 try:
-                    found, fault = self._read(step, like), None
-                except Exception as error:  # whatever orbax, tensorstore or JSON make of a torn file
-                    found, fault = None, one_line(str(error).split(". See full TensorStore")[0])
+                    restored, fault = self._read(step, like), None
+                except Exception as error:  # any error of orbax, tensorstore or JSON about a damaged file
+                    restored, fault = None, one_line(str(error).split(". See full TensorStore")[0])
             if fault is None:
                 self._set_aside(faults)
                 self.last = step
-                return step, found
+                return step, restored
             faults.append((step, fault))
         if faults:
             raise InputError(self.folder, f"none of its checkpoints can be read; of {faults[0][0]}: {faults[0][1]}")
@@ -100,22 +100,24 @@ class Checkpoints:
 
     def _read(self, step: int, like: Any) -> Any:
         abstract = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
-        if jax.process_count() > 1:  # devices of other hosts are not this one's to put arrays on
+        if jax.process_count() > 1:  # this host cannot put arrays on other hosts' devices
             abstract = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), abstract)
         assert self.manager
-        found = self.manager.restore(step, args=ocp.args.StandardRestore(abstract))
-        wrong = [x.shape for x, y in zip(*map(jax.tree.leaves, (found, abstract)), strict=True) if x.shape != y.shape]
+        restored = self.manager.restore(step, args=ocp.args.StandardRestore(abstract))
+        wrong = [
+            x.shape for x, y in zip(*map(jax.tree.leaves, (restored, abstract)), strict=True) if x.shape != y.shape
+        ]
         if wrong:
             raise ValueError(f"an array is of shape {wrong[0]}")
-        return found
+        return restored
 
     def _set_aside(self, faults: list[tuple[int, str]]) -> None:
         for step, fault in faults:
             path = self.folder / str(step)
-            warnings.warn(f"{path}: cannot be read, the checkpoint before it is taken: {fault}", stacklevel=3)
+            warnings.warn(f"{path}: cannot be read; using the checkpoint before it: {fault}", stacklevel=3)
             if not self.reading:
                 aside = path.with_name(f"{UNREADABLE}.{step}")
-                shutil.rmtree(aside, ignore_errors=True)  # the same step, torn once before
+                shutil.rmtree(aside, ignore_errors=True)  # the same step, damaged once before
                 path.rename(aside)
         if faults and self.manager:
             self.manager.reload()
@@ -129,7 +131,7 @@ class Checkpoints:
 
 @contextlib.contextmanager
 def _unheard() -> Iterator[None]:
-    """Where a read fails, orbax leaves others that it had begun, and Python tells of each on standard error."""
+    """Silence errors of reads that orbax had begun and abandons after one fails, which Python prints one by one."""
     before, sys.unraisablehook = sys.unraisablehook, lambda told: None
     level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)

@@ -1,4 +1,4 @@
-"""Experiment files: Python that defines what a run depends on beside its data."""
+"""Experiment files: Python code that defines the configuration of a run."""
 
 import runpy
 from dataclasses import replace
@@ -15,18 +15,18 @@ from mesoshell.train.run_config import RunConfig, read_record
 
 
 def read_experiment(path: Path, preset: str | None = None) -> Any:
-    """The `config` of an experiment file, a TrainConfig or a ParametricConfig, or its `variant` of a preset. Raises InputError
-    if it does not run or lacks it."""
+    """The `config` of an experiment file, or its `variant` of a preset: a RunConfig. Raises InputError if the file fails or
+    does not define it."""
     return experiment_of(path, preset)[0]
 
 
 def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | None]:
-    """The same and the `recipe` that the file is about, if it says so. It is executed once."""
+    """The configuration as `read_experiment` gives it, and the file's `recipe`, if it names one. Runs the file once."""
     wanted = "config" if preset is None else "variant"
     defined = _defined(path)
-    found = defined.get(wanted)
+    value = defined.get(wanted)
     try:
-        config = found(PRESETS[preset]) if preset is not None and callable(found) else found
+        config = value(PRESETS[preset]) if preset is not None and callable(value) else value
     except SystemExit as end:
         raise InputError(path, f"`variant` ends the program (sys.exit: {end.code!r})") from None
     except Exception as error:
@@ -42,14 +42,13 @@ def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | Non
 
 
 def read_data(config: RunConfig, data: str | PathLike[str], run: Path) -> Data:
-    """What a run learns from: of a folder or a file, as the run in a folder was begun with, if there is one. Raises
-    InputError."""
+    """The data at this path, read with the options that the run was begun with, if it has been. Raises InputError."""
     begun = read_record(run)[1] if (run / "config.json").exists() else {}
     return method_of(config).read(config, {**begun, "folder": data})
 
 
 def check_recipe(path: Path, recipe: str | None, dataset: Data) -> None:
-    """Raises InputError if an experiment is about a `recipe` and the dataset is of another."""
+    """Raises InputError if the experiment is about one `recipe` and the dataset is of another."""
     if recipe not in (None, dataset.recipe):
         raise InputError(dataset.folder, f"its recipe is {dataset.recipe}; {path.name} is about {recipe}")
 

@@ -1,8 +1,8 @@
-"""From what was trained to a bundle: a fitted patch with its pyramids and σ grid, or a generator's weights.
+"""Export to a bundle: a fitted patch with its pyramids and σ grid, or a generator's weights.
 
 The share of unseen points above the σ grid, and the largest σ above it, go into the bundle's provenance as
-`grid_excess_share` and `grid_excess_sigma`; what the decoder loses in 16 bits, as `decoder_error`: of a generator, at one patch
-of seed 0 with every geometry parameter in the middle of its range.
+`grid_excess_share` and `grid_excess_sigma`; the decoder's error in 16 bits as `decoder_error`, for a generator at one patch of
+seed 0 with every geometry parameter in the middle of its range.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from mesoshell.train.gan.state import Learner, TrainConfig
 from mesoshell.typing import Array, Float
 
 CELLS_UV, CELLS_H, PROBES = 64, 32, 256
-#: Datasets show the unit box: what is learned from them is as high as a patch is wide.
+#: Datasets show the unit box, so a material is as high as a patch is wide.
 HEIGHT = 1.0
 
 
@@ -44,10 +44,10 @@ def to_bundle(
     colours: Sequence[Sequence[int]] | None = None,
 ) -> Bundle:
     """A bundle of kind `shell`. declared: the dataset's parameters; provenance: config, dataset, commit, metrics; colours: of
-    the corner tiles that the feature is a torus of."""
+    the corner tiles, if the feature is a torus of them."""
     layout = config.layout
     levels = mip.build(feature), mip.build(common.height)
-    whole = layout.sizes.index((layout.period, layout.period))  # a patch a texel: what is coarser sees many tiles
+    whole = layout.sizes.index((layout.period, layout.period))  # a texel a patch: coarser levels average many tiles
     levels[0][whole + 1 :] = [jnp.broadcast_to(levels[0][-1], x.shape) for x in levels[0][whole + 1 :]]
     material = half(Material(mip.pack(levels[0]), mip.pack(levels[1]), common.decoder))
     grids = _grids(layout, material)
@@ -80,7 +80,7 @@ def to_bundle(
 
 
 def patch_bundle(exemplars: Exemplars, patch: int) -> Bundle:
-    """One of many patches that were fitted together, as a bundle. Its geometry is fixed: it has appearance parameters alone.
+    """One of many patches that were fitted together, as a bundle. Its geometry is fixed: it has only appearance parameters.
     Raises InputError if it is a tile."""
     exemplars.check_periodic()
     feature, height = (jnp.asarray(x, jnp.float32) for x in (exemplars.features[patch], exemplars.height))
@@ -103,7 +103,7 @@ def declared(manifest: dict[str, Any]) -> tuple[Parameter, ...]:
 
 
 def half(material: Material) -> Material:
-    """The material with its features in half precision: what a bundle holds."""
+    """The material with its features in half precision, as a bundle holds them."""
     texture, height = jax.tree.map(lambda x: x.astype(jnp.float16), (material.texture, material.height))
     return material._replace(texture=texture, height=height)
 
@@ -115,7 +115,7 @@ def generator_bundle(
     declared: tuple[Parameter, ...],
     provenance: dict,
 ) -> Bundle:
-    """A bundle that makes textures, of a run on pictures."""
+    """A bundle that makes textures, from a GAN's run."""
     made = learner.generator, averages, learner.decoder
     return generated_bundle(config.generator, *made, config.picture.octaves, declared, provenance)
 
@@ -151,7 +151,7 @@ def generated_bundle(
 def _patch(
     g: GeneratorConfig, generator: Generator, averages: Averages, decoder: Decoder, octaves: int
 ) -> tuple[Float[Array, "V U C"], Float[Array, "R C"]]:
-    """F and F(h) of one patch of seed 0; of three planes, sums of their texels at the same places."""
+    """F and F(h) of one patch of seed 0; with three planes, sums of their texels at the same places."""
     side = g.texels
     w, phases = grown(GeneratorModel(g, generator, averages, decoder, octaves), 0, np.full(g.betas, 0.5, np.float32))
     corner = jnp.zeros(2, jnp.int32)
@@ -177,15 +177,15 @@ def _grids(layout: Layout, material: Material) -> list[np.ndarray]:
 
 
 def _any_neighbour(grid: np.ndarray) -> np.ndarray:
-    """Bounds of tiles that may have other neighbours than on their torus, of which their outermost cells are interpolated: each
-    of these has the largest of all tiles at its place along the edge."""
+    """Bounds that hold for any neighbouring tiles. The outermost cells of a tile interpolate texels of its neighbours, so each
+    takes the largest bound of all tiles at its place along the edge."""
     layers, side = grid.shape[0], grid.shape[1]
     if side < SIDE:
         return grid
-    found = grid.reshape(layers, SIDE, side // SIDE, SIDE, side // SIDE).copy()
-    found[..., [0, -1]] = found[..., [0, -1]].max(axis=(1, 3, 4), keepdims=True)
-    found[:, :, [0, -1]] = found[:, :, [0, -1]].max(axis=(1, 2, 3), keepdims=True)
-    return found.reshape(grid.shape)
+    tiles = grid.reshape(layers, SIDE, side // SIDE, SIDE, side // SIDE).copy()
+    tiles[..., [0, -1]] = tiles[..., [0, -1]].max(axis=(1, 3, 4), keepdims=True)
+    tiles[:, :, [0, -1]] = tiles[:, :, [0, -1]].max(axis=(1, 2, 3), keepdims=True)
+    return tiles.reshape(grid.shape)
 
 
 def _excess(layout: Layout, material: Material, grids: list[np.ndarray]) -> dict[str, float]:

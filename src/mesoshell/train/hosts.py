@@ -1,12 +1,12 @@
-"""Several hosts that train as one: how they meet, what the first says to all, and what is said when one is lost.
+"""Several hosts that train as one: how they connect, what the first sends to all, and how a lost host is noticed.
 
 Notation
-host        a process with devices of its own; the first is number 0, and reads and writes the run's folder alone
-asked       what a host wants of the step to come: a stop, a checkpoint; what any host asks, all do, after the same step
-lost        a host that sends no sign of life for LOST_AFTER seconds, or whose end is noticed in a sum over hosts
+host        a process with devices of its own; only the first, number 0, reads and writes the run's folder
+requests    of a host, sent with a step: a stop, a checkpoint; what any host requests, all do, after the same step
+lost        a host that sends no heartbeat for LOST_AFTER seconds, or without which a sum over hosts fails
 
 Hosts wait for each other in a step, for the first host's arrays at the start and for its last file at the end, and nowhere
-else. What depends on a clock or a signal no host may decide alone: it travels with the step (train/parallel).
+else. No host alone may decide what depends on a clock or a signal: such requests travel with the step (train/parallel).
 """
 
 import contextlib
@@ -20,21 +20,22 @@ from jax.experimental import multihost_utils
 
 from mesoshell.errors import InputError
 
-#: Seconds without a sign of life after which a host is lost, and within which all must have come at the start.
+#: Seconds without a heartbeat after which a host is lost, and within which all must connect at the start.
 LOST_AFTER, JOIN_WITHIN = 60, 300
-#: What the text of an error holds if another host, or the way to it, was at fault.
+#: Words in an error that another host, or the connection to it, has caused.
 _FOREIGN = re.compile(
     r"\b(gloo|nccl|rccl|coordination service|heartbeats?|unavailable|connection (reset|closed))\b", re.I
 )
 
 
 class HostLost(RuntimeError):
-    """Another host is gone, or has stopped with an error that it says itself."""
+    """Another host is gone, or has stopped with an error that it printed itself."""
 
 
 def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
-    """Meet the other hosts at HOST:PORT, or, with "auto", where the cluster says. hosts: their count, and which this is. Must
-    come before JAX starts. Raises InputError. JAX ends the process if not all come within JOIN_WITHIN, or one is lost later."""
+    """Connect to the other hosts at HOST:PORT, or, with "auto", where the cluster says. hosts: their count, and this one's
+    number. Must come before JAX starts. Raises InputError. JAX ends the process if not all connect within JOIN_WITHIN, or one
+    is lost later."""
     count, mine = hosts or (None, None)
     if coordinator != "auto" and not re.fullmatch(r"\S+:\d{1,5}", coordinator):
         raise InputError("--coordinator", f"must be HOST:PORT or auto, not {coordinator}")
@@ -42,7 +43,7 @@ def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
         raise InputError("--hosts", "needs the number of hosts and this host's number beside --coordinator HOST:PORT")
     if count is not None and mine is not None and not 0 <= mine < count:
         raise InputError("--hosts", f"of {count} hosts none has the number {mine}: they count from 0")
-    # it would take SIGTERM for itself: a run has a way of its own to stop
+    # this service would handle SIGTERM, by which a run stops in its own way
     jax.config.update("jax_enable_preemption_service", False)
     try:
         jax.distributed.initialize(
@@ -58,7 +59,7 @@ def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
         ) from error
     except RuntimeError as error:
         raise InputError("--coordinator", f"{coordinator}: {error}") from error
-    # on CPUs a host that has not met another yet waits for it half a minute only; later it may be as slow as it likes
+    # on CPUs the first connection to a host waits only half a minute; connect before slow work begins
     with noticing():
         multihost_utils.sync_global_devices("the beginning of a run")
 
@@ -81,14 +82,14 @@ def received(tree: Any) -> Any:
 
 
 def wait_for_all() -> None:
-    """Until every host is here: one that left sooner would be missed by the others."""
+    """Wait until every host is here: the others would count one that left sooner as lost."""
     if jax.process_count() > 1:
         multihost_utils.sync_global_devices("the end of a run")
 
 
 @contextlib.contextmanager
 def noticing() -> Iterator[None]:
-    """Raise HostLost for an error of a sum over hosts that another of them is the cause of."""
+    """Raise HostLost for an error in a sum over hosts that another host caused."""
     try:
         yield
     except (RuntimeError, ValueError) as error:

@@ -2,12 +2,12 @@
 
 symbol    meaning                                                  shape, unit
 B         samples a batch, on this host
-step      batches taken so far; batch `step` is the same whatever was read before it
+step      batches taken so far; batch `step` does not depend on what was read before
 α, β      parameters of appearance and geometry, each mapped to [0, 1] by its range
 
-Pixels come from memory-mapped shards, so that a dataset may exceed the memory; all else is small and lies in arrays. Order
-is grain's: every pass over the data is a new permutation of the seed, and a batch may straddle two passes. Hosts take equal
-runs of neighbours of each batch, in their order: together they see the rows that one host would, each at its place.
+Pixels come from memory-mapped shards, so that a dataset may exceed the memory; all else is small and held in arrays. grain
+orders them: every pass over the data is a new permutation from the seed, and a batch may straddle two passes. Hosts take equal
+consecutive parts of each batch, in order: together they see the rows that one host would see.
 """
 
 from collections.abc import Iterator
@@ -54,7 +54,7 @@ class Feed:
         return cast(Batch, self._batches[step])
 
     def after(self, step: int, ahead: int = 4) -> Iterator[Batch]:
-        """Batches from `step` on, up to `ahead` of them read before they are asked for."""
+        """Batches from `step` on, up to `ahead` of them read in advance."""
         options = grain.ReadOptions(num_threads=min(ahead, 4), prefetch_buffer_size=ahead)
         iterator = iter(self._batches.to_iter_dataset(options))
         iterator.set_state({"next_index": step})

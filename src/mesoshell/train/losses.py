@@ -1,12 +1,12 @@
-"""What the generator and the discriminator minimise (Goodfellow et al. 2014; Mescheder et al. 2018), and what a regression does
+"""Losses of the generator and the discriminator (Goodfellow et al. 2014; Mescheder et al. 2018), and of a regression
 (NeRF-Tex; MesoGAN, appendix B).
 
 Notation
 D(y)     logit of a picture, greater for renders                                (B,)
 γ        weight of R1
 a, b     made and true: linear radiance, or alpha
-ε        radiance below which an error counts absolutely and not by ratio
-All are means over the batch, and over pixels and channels where there are some.
+ε        radiance below which an error counts as a difference, not a ratio
+All are means over the batch, and over pixels and channels if there are any.
 """
 
 from collections.abc import Callable

@@ -1,19 +1,19 @@
-"""Memory that a process keeps for itself.
+"""Have malloc keep freed memory.
 
 XLA frees a step's buffers after the step. glibc's malloc gives them back to the system, which then clears each page anew when
-the next step touches it: a quarter of a step's time on a CPU. Kept, a process holds what it needed at most.
+the next step touches it: a quarter of a step's time on a CPU. With this, a process stays at its peak size.
 """
 
 import ctypes
 
-#: Of <malloc.h>: free memory at a heap's end before any is given back, and sizes from which blocks are mapped by themselves.
+#: M_TRIM_THRESHOLD, free memory at the heap's end before any is given back, and M_MMAP_THRESHOLD, from <malloc.h>.
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
-#: As much as can be said.
+#: The largest int.
 MOST = 2**31 - 1
 
 
 def keep_memory() -> None:
-    """Have malloc keep what is freed, where it is glibc's; elsewhere nothing."""
+    """Have glibc's malloc keep what is freed; with another malloc, do nothing."""
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (AttributeError, OSError, TypeError):  # not glibc, no symbols of the process itself, Windows

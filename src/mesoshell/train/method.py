@@ -1,7 +1,7 @@
-"""The ways of learning that a run may go: what it asks of each, as one interface.
+"""The methods that a run can use, behind one interface.
 
 Notation
-method     pure functions of one kind of configuration and state, but for `save`; chosen once, by the configuration's type
+method     functions for one type of configuration, which chooses it; all are pure, except `save`
 shown      a batch: renders with their labels (generate.ImageBatch), traced queries (surface.QueryBatch), rays of
            patches (shots.Rays), or exemplars (exemplars.ExemplarBatch)
 """
@@ -42,13 +42,13 @@ Data = Dataset | Patches | Capture | Shots | Exemplars
 
 
 class Method(NamedTuple):
-    """read: (config, what a record says of its data: `folder`, and what was begun with) → the data. fitted: the configuration
-    for them, and the data as the method sees them. feed: (config, data, host, hosts) → this host's rows of the batch of step
-    i. start: (config, data, key) → state. step: (config, state, shown, across) → (state, report); a report's fields are numbers
-    of the log, and `bad`, which leaves of the gradients of `parts` are not finite. parts: what learns, by name. together:
-    neighbours in a batch that belong to each other. losses: the report's fields that a console shows. save: (path, config,
-    data, state) → a file. sheet: (config, data, state) → a picture. painter: (config, saved file) → function from shown to
-    what is scored: as many pictures, or answers."""
+    """read: (config, a record's data: `folder`, and what the run was begun with) → the data. fitted: the configuration
+    adapted to them, and the data as the method sees them. feed: (config, data, host, hosts) → this host's rows of the batch of
+    step i. start: (config, data, key) → state. step: (config, state, shown, across) → (state, report); a report's fields are
+    numbers for the log, and `bad`: which leaves of the gradients of `parts` are not finite. parts: what learns, by name.
+    together: how many consecutive rows of a batch belong to each other. losses: the report's fields that a console shows. save:
+    (path, config, data, state) → a file. sheet: (config, data, state) → a picture. painter: (config, saved file) → function
+    from shown to what is scored: pictures, or answers."""
 
     read: Callable[[Any, dict[str, Any]], Any]
     fitted: Callable[[Any, Any], tuple[Any, Any]]
@@ -157,5 +157,5 @@ _OF: dict[type, Method] = {
 
 
 def method_of(config: RunConfig) -> Method:
-    """The method that a configuration is of."""
+    """The method of a configuration."""
     return _OF[type(config)]

@@ -1,13 +1,13 @@
-"""How many devices there are, and how a step is spread over them. No other file knows.
+"""The number of devices, and how a step is spread over them. No other file knows them.
 
 Notation
 D           devices; each takes an equal share of a step's rows (rays, pictures), and all hold the same parameters
 g           gradient; the step's is the mean over devices of each device's own: pmean(grad(loss)), since grad(pmean(loss))
             inside a mapped function counts every device's cotangent again
-asked       (2,) whether to stop, and to save, after the step: of several hosts each says its own, and all hear what any of
-            them said. 8 bytes more to sum with the step's own; in one host's program there is nothing of it
+requests    (2,) whether to stop, and to save, after the step: each host sends its own, and all receive what any of them
+            sent. 8 bytes more in the step's sums; with a single host they are not in the program
 
-One CPU is split into as many devices as it has cores: within one device the loops of this work run on one core.
+One CPU is split into as many devices as it has cores: one device runs these loops on one core.
 """
 
 import os
@@ -28,8 +28,8 @@ AXIS = "rows"
 
 
 def split_cpu(rows: int = 0) -> None:
-    """One device a core, or as many as divide the rows of a step; must come before JAX starts. A count that the user has set in
-    XLA_FLAGS stays."""
+    """One device a core, or fewer, so that they divide the rows of a step; call it before JAX starts. A count that the user has
+    set in XLA_FLAGS stays."""
     cores = os.cpu_count() or 1
     devices = max(n for n in range(1, cores + 1) if rows % n == 0)
     flag = "--xla_force_host_platform_device_count"
@@ -59,19 +59,18 @@ def replicate(tree):
 
 def mean_gradient(loss: Callable) -> Callable:
     """((parameters, shared, split) → ((value, extra), gradient)) with means over devices, from loss(parameters, shared,
-    split) → (value, extra). parameters and shared are whole on every device; split's first axis is shared out."""
+    split) → (value, extra). parameters and shared are whole on every device; split's first axis is divided among them."""
 
     def local(parameters, shared, split):
-        found = jax.value_and_grad(loss, has_aux=True)(parameters, shared, split)
-        return jax.lax.pmean(found, AXIS)
+        return jax.lax.pmean(jax.value_and_grad(loss, has_aux=True)(parameters, shared, split), AXIS)
 
     return jax.shard_map(local, mesh=_mesh(), in_specs=(P(), P(), P(AXIS)), out_specs=P(), check_vma=False)
 
 
 class ParallelStep(NamedTuple):
-    """A step on all devices of all hosts: (state, batch, what this host asks) → (state, report, what any host asked). place: a
+    """A step on all devices of all hosts: (state, batch, this host's requests) → (state, report, any host's requests). place: a
     state, the same on every host, to every device; share: this host's rows of a batch, to its devices; whole: a placed state
-    as arrays of this host alone, which no other needs to help with."""
+    as arrays of this host, without a transfer from others."""
 
     step: Callable[..., tuple[Any, Any, Sequence[Any]]]
     place: Callable[[Any], Any]
@@ -82,12 +81,14 @@ class ParallelStep(NamedTuple):
 def spread_step(
     step: Callable[[Any, Any, Across], tuple[Any, Any]], batch: int, how: str = "jit", together: int = 1
 ) -> ParallelStep:
-    """`step` under `jit` with a sharded batch, or under `pmap`. batch: rows of all hosts; together: neighbours that belong
-    to each other. Raises InputError if the devices cannot share the rows evenly, or pmap would part neighbours."""
+    """`step` under `jit` with a sharded batch, or under `pmap`. batch: rows of all hosts; together: how many consecutive
+    rows belong to each other. Raises InputError if devices cannot share the rows evenly, or pmap would separate such rows."""
     if batch % device_count() or batch % together:
         raise InputError("batch", f"{batch} is no multiple of the {device_count()} devices and the {together} views")
     if how == "pmap" and batch // device_count() % together:
-        raise InputError("batch", f"{batch} leaves {batch // device_count()} to a device, which parts {together} views")
+        raise InputError(
+            "batch", f"{batch} leaves {batch // device_count()} to a device, which separates {together} views"
+        )
     return _by_pmap(step) if how == "pmap" else _by_jit(step)
 
 
@@ -97,7 +98,7 @@ def in_turn(f: Callable) -> Callable:
 
 
 def _by_jit(step: Callable) -> ParallelStep:
-    """Arrays are global: the compiler spreads what follows from the batch, and means are over all of it."""
+    """Arrays are global: the compiler spreads the work on the batch, and means are over all of it."""
     rows, all_of_it = NamedSharding(_mesh(), P(AXIS)), NamedSharding(_mesh(), P())
     across = HERE._replace(each=in_turn) if jax.default_backend() == "cpu" and device_count() == 1 else HERE
 
@@ -107,16 +108,16 @@ def _by_jit(step: Callable) -> ParallelStep:
     if jax.process_count() == 1:
         alone = jax.jit(lambda state, batch: step(state, batch, across), out_shardings=all_of_it, donate_argnums=0)
         return ParallelStep(
-            lambda state, batch, asked=(): (*alone(state, batch), asked), replicate, share, lambda state: state
+            lambda state, batch, requests=(): (*alone(state, batch), requests), replicate, share, lambda state: state
         )
 
-    def agreed(state: Any, batch: Any, asked: Array) -> tuple[Any, Any, Array]:
-        return *step(state, batch, across), jnp.max(asked, axis=0)
+    def agreed(state: Any, batch: Any, requests: Array) -> tuple[Any, Any, Array]:
+        return *step(state, batch, across), jnp.max(requests, axis=0)
 
     compiled = jax.jit(agreed, out_shardings=all_of_it, donate_argnums=0)
 
-    def run(state: Any, batch: Any, asked: Sequence[bool]) -> tuple[Any, Any, Sequence[Any]]:
-        state, report, heard = compiled(state, batch, share(_by_device(asked)))
+    def run(state: Any, batch: Any, requests: Sequence[bool]) -> tuple[Any, Any, Sequence[Any]]:
+        state, report, heard = compiled(state, batch, share(_by_device(requests)))
         return state, report, np.asarray(heard).tolist()
 
     def place(state: Any) -> Any:
@@ -129,7 +130,7 @@ def _by_jit(step: Callable) -> ParallelStep:
 
 
 def _by_pmap(step: Callable) -> ParallelStep:
-    """Each device has rows of its own: means and groups are made over all of them by hand."""
+    """Each device has rows of its own: means and groups over all devices are computed explicitly."""
     devices = jax.local_device_count()
 
     def everyone(x: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -145,28 +146,28 @@ def _by_pmap(step: Callable) -> ParallelStep:
         return jax.tree.map(lambda x: np.asarray(x).reshape(devices, len(x) // devices, *np.shape(x)[1:]), batch)
 
     def first(tree: Any) -> Any:
-        # of other hosts' devices there are no arrays here
+        # only this host's devices are addressable
         return jax.tree.map(lambda x: x.addressable_data(0).reshape(x.shape[1:]), tree)
 
-    def agreed(state: Any, batch: Any, asked: Array) -> tuple[Any, Any, Array]:
-        return *step(state, batch, across), jax.lax.pmax(asked, AXIS)
+    def agreed(state: Any, batch: Any, requests: Array) -> tuple[Any, Any, Array]:
+        return *step(state, batch, across), jax.lax.pmax(requests, AXIS)
 
     alone = jax.process_count() == 1
     compiled = jax.pmap((lambda state, batch: step(state, batch, across)) if alone else agreed, AXIS, donate_argnums=0)
 
-    def run(state: Any, batch: Any, asked: Sequence[bool] = ()) -> tuple[Any, Any, Sequence[Any]]:
+    def run(state: Any, batch: Any, requests: Sequence[bool] = ()) -> tuple[Any, Any, Sequence[Any]]:
         if alone:
             state, report = compiled(state, batch)
-            return state, first(report), asked
-        state, report, heard = compiled(state, batch, _by_device(asked))
+            return state, first(report), requests
+        state, report, heard = compiled(state, batch, _by_device(requests))
         return state, first(report), np.asarray(first(heard)).tolist()
 
     return ParallelStep(run, place, share, first if alone else lambda state: jax.tree.map(np.asarray, first(state)))
 
 
-def _by_device(asked: Sequence[bool]) -> np.ndarray:
-    """What this host asks, said by each of its devices."""
-    return np.tile(np.asarray(asked, np.int32), (jax.local_device_count(), 1))
+def _by_device(requests: Sequence[bool]) -> np.ndarray:
+    """This host's requests, repeated for each of its devices."""
+    return np.tile(np.asarray(requests, np.int32), (jax.local_device_count(), 1))
 
 
 def _mesh() -> Mesh:

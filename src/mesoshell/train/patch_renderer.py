@@ -1,4 +1,4 @@
-"""Pictures of the unit box from generated features: what a training step shows to the discriminator.
+"""Render the unit box from features, as the discriminator sees it in a training step.
 
 Notation
 S, N         side of the picture in pixels; samples a ray
@@ -6,8 +6,8 @@ o, d         ray origin and unit direction; world and canonical frame are the sa
 t0, t1       where a ray enters and leaves the box; t1 = t0 if it misses
 y            2x/(1 + x) − 1 of the radiance x over black                        (S, S, 3)
 
-A pixel's model is the renderer's: samples at equal canonical spacing, each filtered by its piece of the pixel's cone, decoded,
-depths summed, composited. A flat box needs no march: `box_span` is tested against the shell's boundary.
+A pixel is computed as in the renderer: samples at equal canonical spacing, each filtered by its piece of the pixel's cone,
+decoded, depths summed, composited. A flat box needs no march: `box_span` is tested against the shell's boundary.
 """
 
 import math
@@ -30,7 +30,7 @@ from mesoshell.texture import mip
 from mesoshell.texture.footprint import footprint
 from mesoshell.typing import Array, Float, Scalar, Vec3
 
-#: Samples a tile of the network: 4096 take two thirds of the time of 1024 on a CPU.
+#: Samples a tile of the network: on a CPU, 4096 take two thirds of the time of 1024.
 _TILE = 4096
 
 
@@ -86,8 +86,8 @@ def take_picture(
     view: View,
     jitter: Float[Array, "#R N"],
 ) -> Float[Array, "S S 4"]:
-    """Radiance over black, and alpha. see: what the decoder is told of a point; jitter: where in its share of the ray each
-    sample lies, in [0, 1), a row for each pixel or one for all."""
+    """Radiance over black, and alpha. see: the decoder's inputs at a point; jitter: where in its segment of the ray each sample
+    lies, in [0, 1), a row for each pixel or one for all."""
     origin, directions = pixel_rays(config, view.camera_to_world)
     radius = jnp.asarray(pixel_radius(2 * math.tan(config.fov / 2) / config.size), directions.dtype)
     rays = config.size**2
@@ -100,10 +100,10 @@ def take_picture(
         points, length = jax.vmap(lambda d, j: along(config, origin, d, radius, j))(d, j)
         point = jax.tree.map(lambda x: x.reshape(size * config.samples, *x.shape[2:]), points)
         point = point._replace(alpha=jnp.broadcast_to(view.alpha[None], (len(point.radius), len(view.alpha))))
-        sigma, found = net.trunk(decoder, jax.vmap(see)(point))
+        sigma, features = net.trunk(decoder, jax.vmap(see)(point))
         toward = jnp.repeat(-d, config.samples, axis=0)
         light = jnp.broadcast_to(view.light[None], toward.shape)
-        rho = net.head(decoder, net.toward_viewer(decoder, found, toward), light)
+        rho = net.head(decoder, net.toward_viewer(decoder, features, toward), light)
         tau = optical_depth(sigma.reshape(j.shape), jnp.broadcast_to(length[:, None], j.shape))
         share, through = jax.vmap(weights)(tau)
         seen = jnp.einsum("rn,rnc->rc", share, rho.reshape(*j.shape, 3), precision="highest")
@@ -121,12 +121,12 @@ def take_picture(
 
 
 def rays_a_tile(rays: int, samples: int) -> int:
-    """As many as come to a tile's samples at most, so that whole tiles are all rays."""
+    """Most rays whose samples fit into a tile, of those that divide `rays`."""
     return max(n for n in range(1, max(1, _TILE // samples) + 1) if rays % n == 0)
 
 
 def shown(radiance: Float[Array, "*b S S 3"]) -> Float[Array, "*b S S 3"]:
-    """y, what the discriminator sees of radiance over black."""
+    """y of radiance over black."""
     return 2 * tonemap(radiance) - 1
 
 
@@ -140,7 +140,7 @@ def pixel_rays(config: PictureConfig, camera_to_world: Float[Array, "4 4"]) -> t
 
 
 def box_span(o: Vec3, d: Vec3) -> tuple[Scalar, Scalar]:
-    """t0 ≤ t1 of the unit box, both 0 if the ray misses it or is no ray. One in the plane of a side meets it in the box."""
+    """t0 ≤ t1 of the unit box, both 0 if the ray misses it or is not finite. A ray in the plane of a side hits the box."""
     usable = jnp.isfinite(o).all() & jnp.isfinite(d).all()
     o, d = jnp.where(usable, o, 0.0), jnp.where(usable, d, 0.0)
     parallel = jnp.abs(d) < 1e-12

@@ -1,7 +1,7 @@
-"""report.html of a run: its curves and its sheets on one page that needs nothing beside it.
+"""report.html of a run: its curves and sheets on one self-contained page.
 
 Notation
-log          rows of log.jsonl: losses, logits if two play, images a second, by kimg
+log          rows of log.jsonl by kimg: losses, logits if there is a discriminator, images a second
 scores       rows of evaluation.jsonl: KID and FID with their intervals, by kimg
 """
 
@@ -17,7 +17,7 @@ from mesoshell.io.atomic import replace_file
 from mesoshell.io.records import read_rows
 
 SHEETS = 8
-#: What a log may hold, by the axis that it is drawn on.
+#: Columns of a log, by the axis that they are drawn on.
 CURVES = {
     "loss": ("generator", "discriminator", "r1"),
     "mean logit": ("real", "fake"),
@@ -96,5 +96,5 @@ def _image(png: bytes, alt: str) -> str:
 
 
 def _drawable(values: list[int | float]) -> np.ndarray:
-    """NaN for what no axis holds: what a run that diverged has logged at last."""
+    """The values, with NaN for numbers too large for an axis, which a diverging run logs."""
     return np.array([float(x) if abs(x) < 1e30 else np.nan for x in values])

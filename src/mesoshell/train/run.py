@@ -3,13 +3,13 @@
 Notation
 folder       config.json (what the run was begun with), log.jsonl, checkpoints/, snapshots/IMAGES.npz, sheets/IMAGES.png,
              board/ (TensorBoard's, if it is installed)
-method       what a run asks of the way it learns (train/method); the loop knows no other difference
+method       the functions that the loop calls (train/method); it knows no other difference between methods
 log          a row every LOG_EVERY steps: kimg; images a second and the mean of the steps' Reports since the last row
-stop         asked for by SIGTERM or SIGINT: the step in hand is finished and saved; a second SIGINT ends the run at once
+stop         requested by SIGTERM or SIGINT: the current step is finished and saved; a second SIGINT ends the run at once
 
-A killed run loses what came after its newest checkpoint, SAVE_EVERY seconds at most. A resumed run takes the same steps, bit
+A killed run loses the steps after its newest checkpoint, SAVE_EVERY seconds at most. A resumed run takes the same steps, bit
 for bit on a CPU, as one that was never stopped: batches and keys depend on the step alone. Of several hosts (train/hosts) the
-first keeps the folder; when to save and to stop they agree on with each step.
+first keeps the folder; with each step they agree whether to save and to stop.
 """
 
 import json
@@ -52,11 +52,11 @@ def train(
     again: bool = False,
 ) -> Any:
     """The state at config.kimg, trained from the newest checkpoint in `folder`, or from the start. show: sees each log row.
-    transfer: folder of another run, whose weights a start begins with. again: whether a signal that stopped the run is raised
-    again when all is saved, for the program that called this.
+    transfer: folder of another run, whose weights a new run begins with. again: whether to raise the signal that stopped the
+    run again after all is saved, for the calling program.
 
     Raises InputError if the folder holds a run of another configuration, or cannot be written, or the other run's weights do
-    not fit; Diverged if something is not finite; HostLost if another host is.
+    not fit; Diverged if something is not finite; HostLost if another host is lost.
     """
     method = method_of(config)
     config, seen = method.fitted(config, dataset)
@@ -82,11 +82,11 @@ def train(
         saved = time.perf_counter()
         for i in range(done, steps):
             batch = spread.share(batch_of(i))
-            state, report, asked = spread.step(state, batch, (stop.asked, _due(saved)))
+            state, report, requests = spread.step(state, batch, (stop.asked, _due(saved)))
             book.hear(report)
             if not book.finite:
                 raise Diverged(_said(i, report, names, checkpoints))
-            stopping, due = _decided(asked, stop, saved)
+            stopping, due = _decided(requests, stop, saved)
             last = i + 1 == steps or stopping
             if (i + 1) % LOG_EVERY == 0 or last:
                 book.row(i + 1)
@@ -104,13 +104,13 @@ def train(
 
 
 def _begun(checkpoints: Checkpoints, begin: Any, lend: Callable[[Any], Any] | None) -> tuple[int, Any]:
-    """Steps done, and the state then, as the first host has them: what is found, or lent, or `begin`."""
-    found = checkpoints.newest(begin)
-    if lend and not found:
-        found = 0, lend(begin)
-        checkpoints.save(*found)
-    good = -1 if found is None else found[0]
-    good, state = received((good, begin if found is None else found[1]))
+    """Steps done, and the state after them, from the first host: its newest checkpoint, else lent weights, else `begin`."""
+    latest = checkpoints.newest(begin)
+    if lend and not latest:
+        latest = 0, lend(begin)
+        checkpoints.save(*latest)
+    good = -1 if latest is None else latest[0]
+    good, state = received((good, begin if latest is None else latest[1]))
     checkpoints.last = None if good < 0 else int(good)
     return max(int(good), 0), state
 
@@ -120,20 +120,20 @@ def _due(saved: float) -> bool:
     return is_first() and time.perf_counter() - saved > SAVE_EVERY
 
 
-def _decided(asked: Sequence[Any], stop: "_Stop", saved: float) -> tuple[bool, bool]:
-    """Whether to stop and to save after this step: as hosts agreed with it, or, with one host, as it is now."""
+def _decided(requests: Sequence[Any], stop: "_Stop", saved: float) -> tuple[bool, bool]:
+    """Whether to stop and to save after this step: as all hosts requested, or, with one host, as of now."""
     if jax.process_count() == 1:
         return stop.asked, _due(saved)
-    return bool(asked[0]), bool(asked[1])
+    return bool(requests[0]), bool(requests[1])
 
 
 def _kept(spread: ParallelStep, state: Any) -> Any:
-    """What the first host writes of a state; nothing for the others to fetch from their devices."""
+    """The whole state on the first host, which writes it; None on the others, which need not fetch it."""
     return spread.whole(state) if is_first() else None
 
 
 def leaf_names(parts: dict[str, Any]) -> list[str]:
-    """Names of the leaves that a report's `bad` speaks of."""
+    """Names of the leaves in the order of a report's `bad`."""
     return [
         name + jax.tree_util.keystr(path)
         for name, tree in parts.items()
@@ -142,8 +142,8 @@ def leaf_names(parts: dict[str, Any]) -> list[str]:
 
 
 class _Book:
-    """What is heard of the steps, and what the first host writes of it: log rows, snapshots with their sheets, the report, and
-    the same for TensorBoard if it is installed."""
+    """Collects reports of steps, and on the first host writes log rows, snapshots with their sheets and report.html, and the
+    same for TensorBoard if it is installed."""
 
     def __init__(self, folder: Path, method: Method, config: RunConfig, dataset: Any, show: Callable):
         self.folder, self.method, self.config, self.dataset, self.show = folder, method, config, dataset, show
@@ -156,7 +156,7 @@ class _Book:
         return self
 
     def begin(self, done: int) -> None:
-        """Rows of steps that a killed run took and this one takes again are forgotten."""
+        """Drop log rows of steps that a killed run took and this one takes again."""
         if self.board:
             forget_after(self.folder / "log.jsonl", "kimg", done * self.config.batch / 1000)
         self.logged = time.perf_counter()
@@ -210,7 +210,7 @@ def _said(i: int, report: Any, names: list[str], checkpoints: Checkpoints) -> st
 
 class _Stop:
     """Whether SIGTERM or SIGINT has come since the context was entered. A second SIGINT is handled as before. again: the signal
-    is raised again at the end. Threads other than the main one hear of none."""
+    is raised again at the end. In a thread other than the main one it notices no signal."""
 
     def __init__(self, again: bool = False):
         self.asked, self.again = False, again

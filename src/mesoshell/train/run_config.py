@@ -1,8 +1,8 @@
-"""What a run's folder says of it: config.json, and the snapshots that there are.
+"""The record of a run in its folder, config.json, and its list of snapshots.
 
 Notation
 record      {"method": which of METHODS, "config": the fields of its configuration, "data": of the dataset it was begun with};
-            the GAN's has no "method", as those did that are older than the choice
+            the GAN's has no "method", as older records have none
 """
 
 import json
@@ -29,7 +29,7 @@ from mesoshell.train.neutex.step import AtlasTraining
 from mesoshell.train.surface.step import SurfaceTraining
 from mesoshell.train.textures.state import TexturesConfig
 
-#: What a run, of any method, depends on beside the data.
+#: The configuration of a run, by any method.
 RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining | FitConfig | TexturesConfig
 METHODS: dict[str, type[RunConfig]] = {
     "gan": TrainConfig,
@@ -39,7 +39,7 @@ METHODS: dict[str, type[RunConfig]] = {
     "fit": FitConfig,
     "textures": TexturesConfig,
 }
-#: Of a dataset's manifest, what says which data a run was begun with.
+#: Entries of a dataset's manifest that a record keeps, to tell which data the run was begun with.
 KEPT = (
     "recipe",
     "source",
@@ -58,7 +58,7 @@ KEPT = (
     "widest",
     "finest",
 )
-#: What a run may be resumed with another value of.
+#: Fields whose values may change when a run is resumed.
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 
@@ -68,11 +68,11 @@ def keep_record(
     folder: Path,
     transfer: Path | None = None,
 ) -> None:
-    """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, but for
-    MAY_CHANGE, and began with its own weights or another run's, which need not be said again. A field younger than the
-    record has its default in it. Raises InputError that names the fields that differ."""
+    """Write config.json, or compare with it: a run folder belongs to one configuration and one kind of data, except for
+    MAY_CHANGE. `transfer` need not be given again. A field that is missing in an old record has its default. Raises InputError
+    that names the fields that differ."""
     manifest = dataset.manifest
-    folder = folder.resolve()  # else A/../B is not there until A is made, and then B is another run's
+    folder = folder.resolve()  # else A/../B does not exist before A is made, and afterwards may be another run's
     path = folder / "config.json"
     begun = read_record(folder) if path.exists() else (None, {})
     lent = str(transfer.resolve()) if transfer else begun[1].get("transfer")
@@ -93,7 +93,7 @@ def keep_record(
 
 
 def read_record(folder: Path) -> tuple[RunConfig, dict[str, Any]]:
-    """Configuration and data of a run. Raises InputError if `folder` is none."""
+    """Configuration and data of a run. Raises InputError if `folder` holds none."""
     path = folder / "config.json"
     record = read_object(path)
     try:
@@ -103,7 +103,7 @@ def read_record(folder: Path) -> tuple[RunConfig, dict[str, Any]]:
 
 
 def _record(config: RunConfig, data: dict[str, Any]) -> Any:
-    """The record as JSON gives it back."""
+    """The record as JSON reads it back."""
     name = next(name for name, kind in METHODS.items() if kind is type(config))
     method = {} if name == "gan" else {"method": name}
     return json.loads(json.dumps(method | {"config": asdict(config), "data": data}))
@@ -126,7 +126,7 @@ def _made(kind: Any, entries: dict[str, Any]) -> Any:
 
 
 def _fits(kind: Any, x: Any) -> bool:
-    """Whether a field of this type may hold what JSON has for it; types that JSON has no form of are not looked at."""
+    """Whether a value read from JSON fits a field of this type; types without a JSON form are not checked."""
     if isinstance(kind, UnionType) or get_origin(kind) is Union:
         return any(_fits(k, x) for k in get_args(kind))
     if get_origin(kind) is Literal:
@@ -140,10 +140,10 @@ def _fits(kind: Any, x: Any) -> bool:
 
 def snapshots(folder: Path) -> list[tuple[int, Path]]:
     """(Images seen, bundle) of each snapshot, oldest first. Raises InputError if there is none yet."""
-    found = sorted((int(p.stem), p) for p in (folder / "snapshots").glob("*.npz") if p.stem.isdigit())
-    if not found:
+    files = sorted((int(p.stem), p) for p in (folder / "snapshots").glob("*.npz") if p.stem.isdigit())
+    if not files:
         raise InputError(folder, "has no snapshots yet: a run keeps its first after `snapshot_kimg`, or when it stops")
-    return found
+    return files
 
 
 def forget_after(path: Path, column: str, last: float) -> None:

@@ -1,12 +1,12 @@
 """TensorBoard's event files, if a package that writes them is installed; nothing otherwise.
 
 Notation
-row        numbers of a log row by name; `kimg` among them says when
+row        numbers of a log row by name, with `kimg` among them
 sheet      a PNG file whose name is the number of images seen
 step       TensorBoard's axis: images seen by the discriminator
 
-`tensorboard` itself has a writer, and `tensorboardX` is a small one without the viewer. Neither needs TensorFlow or torch. A
-run that goes on opens another file in the same folder, and TensorBoard shows them as one.
+`tensorboard` contains a writer; `tensorboardX` is a small one without the viewer. Neither needs TensorFlow or torch. A resumed
+run opens another file in the same folder, and TensorBoard shows them as one.
 """
 
 import importlib
@@ -26,7 +26,7 @@ _PACKAGES = (
 
 
 class Board(NamedTuple):
-    """row: numbers by name; sheet: a picture; close: when no more comes."""
+    """row: write numbers by name; sheet: write a picture; close: finish."""
 
     row: Callable[[dict[str, float]], None]
     sheet: Callable[[Path], None]
@@ -40,9 +40,9 @@ class _Modules(NamedTuple):
 
 
 def open_board(folder: Path) -> Board:
-    """Event files in `folder`, which is made; a board that keeps nothing if no package is installed."""
-    found = _installed()
-    return _writing(found, folder) if found else Board(lambda row: None, lambda path: None, lambda: None)
+    """Event files in `folder`, which is created; a board that writes nothing if no package is installed."""
+    modules = _installed()
+    return _writing(modules, folder) if modules else Board(lambda row: None, lambda path: None, lambda: None)
 
 
 def _installed() -> _Modules | None:

@@ -1,13 +1,13 @@
-"""Transfer learning: a generator's run that begins with the weights of another run's, whose material is another.
+"""Transfer learning: begin a generator's run with the weights of another material's run.
 
 Notation
-own         what the new run draws for itself: what knows a dataset's parameters. That is the mapping network with its mean w,
-            the discriminator's embedding of labels, and the decoder's inputs that are appearance
+own         weights that the new run draws for itself, since they depend on a dataset's parameters: the mapping network with
+            its mean w, the discriminator's embedding of labels, and the decoder's inputs for appearance
 lent        all other weights of learner, weight average and discriminator, and the averages of the layers' magnitudes
-anew        the optimisers, and the counts of steps and images
+anew        the optimisers, and the counts of steps and images: these start from zero
 
-A run on textures has no such parameters. It begins with averaged weights: another run's, or a snapshot's, whose last layer does
-what a and b do after a wide one's, and is taken apart again.
+A run on textures has no such parameters. It begins with averaged weights: another run's, or a snapshot's, whose last layer has
+a and b folded into it, and is unfolded again.
 
 Both networks are lent, as by Wang et al., "Transferring GANs: generating images from limited data" (2018).
 """
@@ -32,24 +32,22 @@ from mesoshell.train.textures import step as textures
 from mesoshell.train.textures.exemplars import ScaledExemplars
 from mesoshell.train.textures.state import TexturesConfig, TexturesState
 
-#: What of a configuration says what the weights are and mean; and what of that follows from a dataset, or changes no weight.
+#: Fields of a configuration that determine the weights; those of them that follow from a dataset, or change no weight.
 WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")
 MAY_DIFFER = ("generator.betas", "discriminator.labels", "generator.precision", "generator.turn", "generator.fourier")
 
 
 def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
-    """What gives a run's state at the start the weights of the newest checkpoint in `folder`; for a run on textures, `folder`
-    may be a snapshot too. Raises InputError if that is no generator's run, has no checkpoint, or has other networks, with the
-    fields that differ."""
+    """A function that replaces the weights of a run's first state by those of the newest checkpoint in `folder`; for a run on
+    textures, `folder` may also be a snapshot. Raises InputError if it is no generator's run, has no checkpoint, or has other
+    networks, with the fields that differ."""
     if isinstance(config, TexturesConfig) and folder.is_file():
         return _of_snapshot(config, data, folder)
     other, begun = read_record(folder)
     if type(config) is not type(other) or not isinstance(config, TrainConfig | TexturesConfig):
-        raise InputError(folder, "weights are lent by a generator's run to a generator's run only, of the same method")
+        raise InputError(folder, "weights can be transferred only between generators' runs of the same method")
     if isinstance(config, TexturesConfig) and begun.get("digest") != data.manifest["digest"]:
-        raise InputError(
-            folder, f"was begun with other exemplars than {data.folder}: what it learned is scaled by them"
-        )
+        raise InputError(folder, f"was begun with other exemplars than {data.folder}, which scale its weights")
     mine, theirs = flat(asdict(config)), flat(asdict(other))
     may_differ = MAY_DIFFER if isinstance(config, TrainConfig) else ()
     differ = [k for k in mine if k.startswith(WEIGHTS) and k not in may_differ and mine[k] != theirs[k]]
@@ -57,10 +55,10 @@ def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
         said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
         raise InputError(folder, f"its networks are not this run's: {said}")
     with Checkpoints(folder / "checkpoints", reading=True) as checkpoints:
-        found = checkpoints.newest(jax.eval_shape(lambda: _started(other, data)))
-    if found is None:
+        latest = checkpoints.newest(jax.eval_shape(lambda: _started(other, data)))
+    if latest is None:
         raise InputError(folder, "has no checkpoint yet")
-    old = found[1]
+    old = latest[1]
     if isinstance(config, TrainConfig):
         return lambda fresh: lend(fresh, old, config.appearance)
     lent = {"generator": old.smooth, "smooth": jax.tree.map(jnp.copy, old.smooth)}
@@ -68,7 +66,7 @@ def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
 
 
 def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> Callable[[TexturesState], TexturesState]:
-    """The weights of a snapshot. Its decoder says whether it was taught by these exemplars: they scale it."""
+    """The weights of a snapshot. The exemplars scale its decoder, so comparing decoders tells whether they are the same."""
     maker = maker_of(read_bundle(path), str(path))
     mine, theirs = asdict(config.generator), asdict(maker.config)
     said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in mine if mine[k] != theirs[k])

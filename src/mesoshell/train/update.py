@@ -1,4 +1,4 @@
-"""What an update of any method shares: collectives over devices, a step of its optimiser, and which gradients are unusable."""
+"""Shared by the updates of all methods: collectives over devices, a step of the optimiser, and a check of gradients."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -9,14 +9,15 @@ import optax
 
 from mesoshell.typing import Array, Bool
 
-#: A gradient whose square float32 cannot hold.
+#: Gradients from here on have squares that overflow float32.
 MOST = 1e19
 
 
 class Across(NamedTuple):
-    """What devices share when each holds rows of its own, and whether a device sees its pictures at once or in turn.
+    """Collectives for devices with rows of their own, and how a device computes its rows.
 
-    mean: over devices; everyone: all rows (B, …) and which of them are this device's (b,), None where arrays are global.
+    mean: over devices; everyone: all rows (B, …) and which of them are this device's (b,), None where arrays are global;
+    each: applies a function of one row to all, at once or in turn.
     """
 
     mean: Callable[[Any], Any] = lambda tree: tree
@@ -28,7 +29,7 @@ class Across(NamedTuple):
         return x.shape[0] if self.everyone is None else self.everyone(x)[0].shape[0]
 
 
-#: Arrays are global: one device, or several that the compiler spreads them over.
+#: For global arrays, on one device or spread over several by the compiler.
 HERE = Across()
 
 
@@ -45,5 +46,5 @@ def updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient
 
 
 def not_finite(tree: Any) -> Bool[Array, "_leaves"]:
-    """Which leaves hold NaN, infinity, or what Adam's squares turn into it: such a weight would never move again."""
+    """Which leaves hold NaN, infinity, or values whose squares in Adam overflow: their weights would never move again."""
     return jnp.stack([~(jnp.abs(leaf) < MOST).all() for leaf in jax.tree.leaves(tree)])

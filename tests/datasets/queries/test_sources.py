@@ -243,7 +243,7 @@ def test_heights_that_are_all_the_same(image: np.ndarray):
 def test_a_pattern_finer_than_the_cells_leaves_nothing(scale: float):
     """The means of a chessboard are one but for rounding, which is not blown up to the whole depth."""
     fault = fault_of(of_heights, np.float32(scale) * chess(2 * CELLS), 0.1, "a.png")
-    assert fault == "a.png: has no heights: its pattern is finer than 128 cells, whose means are one"
+    assert fault == "a.png: has no heights: its pattern is finer than 128 cells, whose means are all equal"
 
 
 def test_a_chessboard_of_whole_cells_is_kept():

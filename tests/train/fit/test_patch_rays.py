@@ -83,7 +83,7 @@ def test_other_parameters_are_refused(tmp_path: Path):
 
 
 def test_nothing_to_learn_from_is_refused(tmp_path: Path):
-    with pytest.raises(InputError, match="has no picture to learn from of a patch that pictures are held out of"):
+    with pytest.raises(InputError, match="has a patch whose pictures are all held out: none is left to learn from"):
         shots_of([of_patches(tmp_path / "a", [0, 0, 1, 1])], held=2)
 
 

@@ -42,11 +42,11 @@ def test_roughness_of_a_constant_density_is_zero_and_grows_with_slope() -> None:
 
 
 def test_views_of_one_texture_share_it_and_its_parameters() -> None:
-    from mesoshell.train.gan.generate import asked, generate
+    from mesoshell.train.gan.generate import conditions, generate
 
     config = replace(small_step.CONFIG, views=2)
     batch = jax.tree.map(lambda x: x if x.dtype == np.uint32 else jnp.float32(x), small_step.batch())
-    wanted = asked(config, batch)
+    wanted = conditions(config, batch)
     np.testing.assert_array_equal(wanted.alpha[1::2], batch.alpha[::2])
     np.testing.assert_array_equal(wanted.camera_to_world, batch.camera_to_world)
     same = wanted._replace(camera_to_world=jnp.repeat(batch.camera_to_world[::2], 2, axis=0))

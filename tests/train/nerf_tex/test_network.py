@@ -179,7 +179,7 @@ def test_geometry_that_cannot_be_told_apart_is_refused(data) -> None:
         fitted_parametric(CONFIG, same)[0].parameters
         == fitted_parametric(replace(CONFIG, seeded=True), other)[0].parameters - 1
     )
-    with pytest.raises(InputError, match="has images of 8 × 8 pixels; the experiment wants 16 × 16"):
+    with pytest.raises(InputError, match="has images of 8 × 8 pixels; the experiment expects 16 × 16"):
         fitted_parametric(replace(CONFIG, picture=replace(CONFIG.picture, size=16)), data)
 
 

@@ -29,13 +29,13 @@ from mesoshell.train.neutex.step import (
     EACH,
     KEEP,
     AtlasTraining,
-    asked,
     atlas_as,
     encoded,
     feed,
     fitted,
     start,
     step,
+    updated_grid,
 )
 from mesoshell.train.run import train
 from mesoshell.train.run_config import keep_record, read_record, snapshots
@@ -223,7 +223,7 @@ def test_the_grid_asks_every_cell_in_turn_and_forgets() -> None:
     field = start(CONFIG, jax.random.key(0)).field
     field = jax.tree.map(jnp.zeros_like, field)
     grid, key = jnp.full((8, 8, 8), 100.0), jax.random.key(0)
-    ask = jax.jit(partial(asked, CONFIG))
+    ask = jax.jit(partial(updated_grid, CONFIG))
     for i in range(EACH):
         before = grid
         grid = ask(field, grid, jnp.asarray(i), key)

@@ -37,11 +37,11 @@ from mesoshell.train.surface.step import (
     SurfaceState,
     SurfaceTraining,
     ask,
-    asked,
     blur_at,
     feed,
     fitted,
     held_out,
+    query_batch,
     start,
     step,
     surface_as,
@@ -83,7 +83,7 @@ def data(tmp_path_factory) -> Patches:
 
 def batch_of(answer: Callable, count: int = 256, seed: int = 0) -> QueryBatch:
     parts = [wearing.rows(count // 4, 10 * seed + k, answer) for k in range(4)]
-    return jax.tree.map(jnp.asarray, asked(np.concatenate(parts)))
+    return jax.tree.map(jnp.asarray, query_batch(np.concatenate(parts)))
 
 
 def learned(config: SurfaceTraining, batches: list[QueryBatch], steps: int) -> tuple[SurfaceState, list[list[float]]]:
@@ -176,7 +176,7 @@ def test_hosts_share_a_step(counted, hosts: int) -> None:
 
 def test_columns_come_by_their_meaning() -> None:
     rows = np.arange(32, dtype=np.float32).reshape(2, 16)
-    found = asked(rows)
+    found = query_batch(rows)
     wanted = {"u": [0, 1], "radius": 2, "w": [3, 4, 5], "kappa": 6, "light": [7, 8, 9], "alpha": 10, "cosine": 11}
     for name, columns in (wanted | {"rgb": [12, 13, 14]}).items():
         np.testing.assert_array_equal(getattr(found, name), rows[:, columns])
@@ -457,7 +457,7 @@ def test_what_is_not_finite_stops_the_run_by_name(tmp_path, monkeypatch, column:
     """As a computation that diverges would; patches that hold NaN are refused as they are read."""
     found = read_patches(wearing.write_patches(tmp_path / "set", [wearing.rows(64, k, uneven) for k in range(6)]))
     poison = np.where(np.arange(found.patches[0].shape[1]) == column, np.nan, 0).astype(np.float32)
-    monkeypatch.setattr(surface, "asked", lambda rows: asked(rows + poison))
+    monkeypatch.setattr(surface, "query_batch", lambda rows: query_batch(rows + poison))
     with pytest.raises(
         Diverged, match=r"step 1: the gradient of surface\.\S+ is not finite; there is no checkpoint yet"
     ):
@@ -477,7 +477,7 @@ def test_a_snapshot_is_the_material_as_it_is(data, tmp_path, opacity: Any) -> No
     assert read.provenance["queries"] == int(state.images) and read.provenance["dataset"]["source"] == "weave"
     rows = np.asarray(data.patches[0])
     alpha, cosine, rho = painter(config, tmp_path / "a.npz")(rows)
-    batch = jax.tree.map(jnp.asarray, asked(rows))
+    batch = jax.tree.map(jnp.asarray, query_batch(rows))
     wanted, wanted_rho = answered(config, lively, batch, WIDE * (COARSE / WIDE) ** 0.5)
     assert np.asarray(wanted_rho).std() > 1e-3
     np.testing.assert_allclose(alpha, wanted.alpha, atol=2e-3 if opacity != "cosine" else 0.05)

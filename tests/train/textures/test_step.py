@@ -152,7 +152,7 @@ def test_a_step_against_a_critic_is_finite_and_moves_both(against_a_critic):
 def test_exemplars_of_other_texels_and_too_few_are_refused(exemplars: Exemplars):
     with pytest.raises(InputError, match="has 32 texels a patch; the generator has 16"):
         fitted(replace(CONFIG, generator=replace(GENERATOR, texels=16)), exemplars)
-    with pytest.raises(InputError, match="has 2 patches; the experiment asks for 3"):
+    with pytest.raises(InputError, match="has 2 patches; the experiment needs 3"):
         fitted(replace(CONFIG, exemplars=3), exemplars)
     with pytest.raises(InputError, match="has 32 texels a patch, which is less than a critic's window"):
         fitted(replace(CONFIG, adversarial=1.0), exemplars)

@@ -44,10 +44,10 @@ def texture(options: Texture) -> None:
     at_least(options, size=1)
     _check_size(options)
     probe_outputs((options.out,))
-    found = _textured(options.object)
-    if options.part != "colour" and found.config.colour != "reflectance":
-        raise InputError(options.object, f"has colours as they were photographed, and no {options.part}")
-    image = paint.texture_image(found, options.layout, options.size, options.part)
+    model = _read_textured(options.object)
+    if options.part != "colour" and model.config.colour != "reflectance":
+        raise InputError(options.object, f"has colours as photographed, but no {options.part}")
+    image = paint.texture_image(model, options.layout, options.size, options.part)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write = write_png if options.out.suffix.lower() == ".png" else write_exr
     write(options.out, image)
@@ -57,31 +57,31 @@ def texture(options: Texture) -> None:
 def render(options: Render) -> None:
     """`mesoshell atlas render`."""
     if options.checker and options.texture:
-        raise InputError("--checker", "cannot be combined with --texture, whose place it takes")
+        raise InputError("--checker", "cannot be combined with --texture")
     at_least(options, frames=1, samples=1, size=1)
     keep_compiled()
     probe_folder(options.out, "--out")
-    found = _textured(options.object) if options.checker or options.texture else _found(options.object)
+    model = _read_textured(options.object) if options.checker or options.texture else _read_model(options.object)
     painted = board_paint() if options.checker else None
     if options.texture:
         layout, image = paint.read_edit(options.texture, options.layout)
-        painted = paint.painted(found, layout, image, options.edit)
+        painted = paint.painted(model, layout, image, options.edit)
     quality = PRESETS[options.quality]
     samples = options.samples
     if samples is None:
-        learned = int(found.provenance.get("config", {}).get("samples", quality.samples))
+        learned = int(model.provenance.get("config", {}).get("samples", quality.samples))
         samples = max(learned, quality.samples) if options.quality == "reference" else learned
     quality = quality.with_changes(samples=samples)
-    cameras = _cameras(found, options)
-    how = view(found.config, found.field, quality, painted, _lit(found, options))
+    cameras = _cameras(model, options)
+    how = view(model.config, model.field, quality, painted, _lit(model, options))
     options.out.mkdir(parents=True, exist_ok=True)
     with bar(stderr(), "rendering", len(cameras), count=True) as show:
         for i, camera in enumerate(cameras):
-            rgba = picture(found.config, found.field, found.to_box(camera), how).rgba
+            rgba = picture(model.config, model.field, model.to_box(camera), how).rgba
             write_exr(options.out / f"{i:04d}.exr", rgba)
             write_png(options.out / f"{i:04d}.png", rgba)
             show(i + 1)
-    for old in options.out.glob("[0-9][0-9][0-9][0-9].exr"):  # of a longer path that was rendered here before
+    for old in options.out.glob("[0-9][0-9][0-9][0-9].exr"):  # frames left from a longer path
         shown = old.with_suffix(".png")
         if int(old.stem) >= len(cameras) and shown.exists():
             old.unlink()
@@ -96,24 +96,24 @@ def mesh(options: Mesh) -> None:
     _check_size(options)
     check_memory("--quads", f"a wrap of 6 x {options.quads} x {options.quads} quads", 6 * 512 * options.quads**2)
     probe_outputs((options.out,))
-    found, side = _textured(options.object), options.size
-    surface = wrapped(found.config, found.field, options.quads, side)
-    image = paint.texture_image(found, "cubemap", side)
+    model, side = _read_textured(options.object), options.size
+    surface = wrapped(model.config, model.field, options.quads, side)
+    image = paint.texture_image(model, "cubemap", side)
     rough = None
-    if found.config.colour == "reflectance" and options.out.suffix.lower() == ".glb":
-        rough = paint.texture_image(found, "cubemap", side, "roughness")[..., 0]
+    if model.config.colour == "reflectance" and options.out.suffix.lower() == ".glb":
+        rough = paint.texture_image(model, "cubemap", side, "roughness")[..., 0]
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    vertices = found.centre + found.half * surface.vertices
+    vertices = model.centre + model.half * surface.vertices
     write_wrapped(options.out, vertices, surface.faces, surface.uv, surface.normals, image, rough)
     print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
 
 
-def _lit(found: NeuTexModel, options: Render) -> Lighting | None:
-    """The lights given; None for the camera's flash."""
+def _lit(model: NeuTexModel, options: Render) -> Lighting | None:
+    """The lights that are given, or None for the camera's flash."""
     if not (options.light or options.environment):
         return None
-    if found.config.colour != "reflectance":
-        raise InputError(options.object, "has colours as they were photographed, and no reflectance to light")
+    if model.config.colour != "reflectance":
+        raise InputError(options.object, "has colours as photographed, but no reflectance to light")
     check_irradiance("irradiance", np.array(options.irradiance))
     lights = tuple(light_of(toward, options.irradiance) for toward in options.light)
     return Lighting(lights, environment_of(options.environment, {"y": 1, "z": 2}[options.up]))
@@ -131,8 +131,8 @@ def _config(options: Train) -> AtlasTraining:
     return config
 
 
-def _found(path: Path) -> NeuTexModel:
-    """A snapshot, or the newest of a run."""
+def _read_model(path: Path) -> NeuTexModel:
+    """The model in a snapshot, or in the newest snapshot of a run."""
     if not path.is_dir():
         return read_neutex(path)
     if not isinstance(read_record(path)[0], AtlasTraining):
@@ -140,29 +140,29 @@ def _found(path: Path) -> NeuTexModel:
     return read_neutex(snapshots(path)[-1][1])
 
 
-def _textured(path: Path) -> NeuTexModel:
-    found = _found(path)
-    if found.config.colour == "volume":
-        raise InputError(path, "has its colours in the volume, and no texture")
-    return found
+def _read_textured(path: Path) -> NeuTexModel:
+    model = _read_model(path)
+    if model.config.colour == "volume":
+        raise InputError(path, "has its colours in the volume, but no texture")
+    return model
 
 
-def _cameras(found: NeuTexModel, options: Render) -> list[Photo]:
+def _cameras(model: NeuTexModel, options: Render) -> list[Photo]:
     if options.path == "photographs":
-        return list(found.photos)
+        return list(model.photos)
     if options.path == "held-out":
-        if not found.tested:
+        if not model.tested:
             raise InputError(options.object, "has no photographs held out: there are fewer than 8")
-        return [found.photos[i] for i in found.tested]
+        return [model.photos[i] for i in model.tested]
     width, height = options.size
     check_memory("--size", f"frames of {width} x {height}", 64 * width * height)
     check_memory("--frames", f"{options.frames} cameras", 512 * options.frames)
     try:
-        return around(found.photos, found.centre, options.frames, options.size)
+        return around(model.photos, model.centre, options.frames, options.size)
     except ValueError as fault:
-        raise InputError("--path", f"{fault}: give photographs or held-out") from None
+        raise InputError("--path", f"{fault}: choose photographs or held-out") from None
 
 
 def _check_size(options: Texture | Mesh) -> None:
-    """Raise InputError for squares of a texture, six of them in a layout at most, that memory does not hold."""
+    """Raise InputError if memory does not hold a texture of six squares, the most of any layout."""
     check_memory("--size", f"a texture of {options.size} pixels a side", 6 * 64 * options.size**2)

@@ -24,7 +24,7 @@ from mesoshell.io.atomic import probe_outputs, replace_file
 from mesoshell.io.image import write_png
 from mesoshell.limits import check_memory
 
-#: Seconds between two lines of progress where there is no terminal to draw a bar on.
+#: Seconds between two lines of progress where no terminal shows a bar.
 _SILENCE_S = 30.0
 
 
@@ -114,7 +114,7 @@ def vary(options: Vary) -> None:
 
 
 def cost(options: Cost) -> None:
-    """Print a table, a number of light paths a row, and write it as JSON if asked."""
+    """Print a table, a number of light paths a row, and write it as JSON to --out."""
     at_least(options, size=1, seed=0, index=0)
     probe_outputs(() if options.out is None else (options.out,))
     settings = _settings(options, None, False, (options.coverage, options.coverage))
@@ -152,7 +152,7 @@ def _settings(
     denoise: bool,
     coverage: tuple[float, float] | None,
 ) -> dict[str, Any]:
-    # Blender holds a few copies, in floats
+    # Blender holds a few copies in float32
     check_memory("--size", f"pictures of {options.size} x {options.size}", 64 * options.size**2)
     return {
         "recipe": options.recipe,

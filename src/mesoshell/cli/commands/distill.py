@@ -22,7 +22,7 @@ from mesoshell.train.run_config import snapshots
 from mesoshell.train.surface.snapshot import painter
 from mesoshell.train.surface.step import MIXED, fitted
 
-#: Folders in a run's: its queries, and the run of the twin.
+#: Folders inside the run's folder: its queries, and the twin's own run.
 QUERIES, AFAR = "queries", "afar"
 
 
@@ -45,7 +45,7 @@ def run(options: Options) -> None:
 
 
 def source_of(options: Options) -> Source:
-    """What the options name. Raises InputError, also for options that are of another kind of source."""
+    """The source that the options name. Raises InputError, also for an option of another kind of source."""
     name = options.material
     given = {k: getattr(options, k) for k in ("thickness", "curvature", "patches", "queries", "preset", "kimg")}
     if is_shell(name):
@@ -54,20 +54,20 @@ def source_of(options: Options) -> Source:
         return shell_source(name, params_of(options.param), options.base, **given)
     for option in ("twin", "base", "param"):
         if getattr(options, option):
-            raise InputError(f"--{option}", f"requires a shell; {name} is none")
+            raise InputError(f"--{option}", f"requires a shell; {name} is not one")
     return geometry_source(name, options.spp, **given)
 
 
 def _twin(source: ShellSource, folder: Path) -> Twin:
-    """A material of wide footprints, and its error at each."""
-    surface, asked = _learned(source, folder), source.settings
+    """A surface material for wide footprints, and its error at each of them."""
+    surface, settings = _learned(source, folder), source.settings
     looks = painter(fitted(source.config, read_patches(folder / QUERIES))[0], snapshots(folder)[-1][1])
-    errors = errors_by_radius(source.answers, looks, asked.curvature, asked.narrowest, asked.widest)
+    errors = errors_by_radius(source.answers, looks, settings.curvature, settings.narrowest, settings.widest)
     return Twin(surface, source.alpha, source.base, errors)
 
 
 def _learned(source: Source, folder: Path) -> SurfaceBundle:
-    """What is learned from queries, which are written first where they are missing."""
+    """Write the queries that are missing, and learn a surface material from them."""
     least, queries = source.config.batch // MIXED, folder / QUERIES
     if source.settings.queries < least:
         raise InputError("--queries", f"{source.settings.queries} on a cylinder: a step takes {least}")
@@ -80,7 +80,7 @@ def _learned(source: Source, folder: Path) -> SurfaceBundle:
 
 
 def _planned(queries: Path) -> int | None:
-    """How many cylinders a dataset was begun with; None if there is none that can be read."""
+    """How many cylinders a dataset was begun with; None if it has no readable manifest."""
     try:
         return json.loads((queries / "manifest.json").read_text())["count"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -96,7 +96,7 @@ def _checked(options: Options) -> Path:
     for path in files:
         ends_in(path, ".npz")
     if len(files) == 2 and files[0].resolve() == files[1].resolve():
-        raise InputError("--twin", f"{options.twin} is the file of --out")
+        raise InputError("--twin", f"{options.twin} is the same file as --out")
     if options.kimg is not None and not 0 < options.kimg < float("inf"):
         raise InputError("--kimg", f"must be above 0, not {options.kimg:g}")
     if options.thickness is not None and not 0 < options.thickness < 10:

@@ -66,7 +66,7 @@ print(f"{mi.__version__}, {mi.variant()}, {where}" if abs(mean - 1) < 1e-3 else 
 
 
 def _probe(code: str, python: str = sys.executable) -> str:
-    """Run code in a process of its own: what aborts there leaves this one standing."""
+    """Run code in a process of its own, so that an abort does not end this one."""
     done = subprocess.run([python, "-c", code], capture_output=True, text=True)
     lines = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
     last = lines[-1] if lines else f"no answer, exit status {done.returncode}"

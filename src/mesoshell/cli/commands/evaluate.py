@@ -1,4 +1,4 @@
-"""`mesoshell evaluate`: how near a run's pictures are to its renders, snapshot by snapshot. Imports JAX."""
+"""`mesoshell evaluate`: score the snapshots of a run. Imports JAX."""
 
 import json
 
@@ -21,13 +21,13 @@ def run(options: Options) -> None:
     at_least(options, images=4, snapshots=1)
     keep_compiled()
     config, data = read_record(options.run)
-    found = snapshots(options.run)
+    saved = snapshots(options.run)
     probe_folder(options.run, "RUN")
     method = method_of(config)
-    asked = {**data, "folder": options.data or data["folder"]}
-    config, dataset = method.fitted(config, method.read(config, asked))
+    source = {**data, "folder": options.data or data["folder"]}
+    config, dataset = method.fitted(config, method.read(config, source))
     measure = evaluation(config, dataset, options.run, options.images, options.inception)
-    chosen = [found[i] for i in sorted(set(np.linspace(len(found) - 1, 0, options.snapshots).round().astype(int)))]
+    chosen = [saved[i] for i in sorted(set(np.linspace(len(saved) - 1, 0, options.snapshots).round().astype(int)))]
     path = options.run / FILE
     rows = read_rows(path, ("name", "images", "kimg"))
     done = {(row["name"], row["images"], row["kimg"]) for row in rows}

@@ -40,10 +40,10 @@ def _patch(options: Options) -> str:
 def _snapshot(options: Options) -> str:
     """Write a run's material with its scores."""
     if options.patch is not None:
-        raise InputError("--patch", f"requires a file of exemplars; {options.run} is none")
+        raise InputError("--patch", f"requires a file of exemplars; {options.run} is not one")
     config = read_record(options.run)[0]
     if not isinstance(config, TrainConfig | TexturesConfig | SurfaceTraining):
-        raise InputError(options.run, "holds a network and no generator: it can be evaluated, not exported")
+        raise InputError(options.run, "holds a network but no generator: it can be evaluated, not exported")
     images, path = _chosen(options.run, options.kimg)
     shell = not isinstance(config, SurfaceTraining)
     read, write = (read_bundle, write_bundle) if shell else (read_surface, write_surface)
@@ -54,9 +54,9 @@ def _snapshot(options: Options) -> str:
 
 
 def _chosen(run: Path, kimg: float | None) -> tuple[int, Path]:
-    """Images seen, and the file."""
-    found = snapshots(run)
-    kept = [s for s in found if kimg is None or abs(s[0] - 1000 * kimg) < 1]
+    """The snapshot to export: images seen, and its file."""
+    saved = snapshots(run)
+    kept = [s for s in saved if kimg is None or abs(s[0] - 1000 * kimg) < 1]
     if not kept:
-        raise InputError("--kimg", f"there are snapshots at {', '.join(f'{n / 1000:g}' for n, _ in found)}")
+        raise InputError("--kimg", f"there are snapshots at {', '.join(f'{n / 1000:g}' for n, _ in saved)}")
     return kept[-1]

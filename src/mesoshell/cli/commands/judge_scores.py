@@ -1,5 +1,5 @@
 """`mesoshell judge scores`: a table of measures, a material a column. Imports JAX.
-The column `renders` compares one half of the dataset with the other: its own noise, below which nothing can be told.
+The column `renders` compares one half of the dataset with the other: the noise floor of each score.
 """
 
 import json
@@ -87,7 +87,7 @@ def _cell(x: dict[str, float] | None) -> str:
 
 
 def _networks(console: Console) -> list[Extractor]:
-    """The network that no discriminator saw first, if its weights are there."""
+    """EfficientNet-Lite2 first, if its weights are installed, since no discriminator was trained with it; then Lite0."""
     try:
         return [unseen(), extractor()]
     except InputError as error:

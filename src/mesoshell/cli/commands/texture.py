@@ -33,7 +33,7 @@ def run(options: Options) -> None:
     config = maker_of(bundle, options.material).config
     size = _size(options, config.texels)
     if options.out.suffix == ".npz":
-        held = 3 * bundle.channels * size[0] * size[1]  # halves, and a third more for coarser levels
+        held = 3 * bundle.channels * size[0] * size[1]  # float16, and a third more for coarser levels
         check_memory("--extent", f"a texture of {size[1]} × {size[0]} texels", held)
     elif max(size) > 2**20:
         raise InputError("--extent", f"{size[1]} × {size[0]} texels are more than {2**20} along a side")
@@ -88,22 +88,20 @@ def _size(options: Options, texels: int) -> tuple[int, int]:
 
 
 def _coarser(options: Options, texels: int) -> int:
-    """How many levels lie above those that are asked for."""
-    asked = texels if options.texels is None else options.texels
-    if asked < 1 or asked & (asked - 1) or asked > texels:
+    """How many of the finest levels to leave out."""
+    finest = texels if options.texels is None else options.texels
+    if finest < 1 or finest & (finest - 1) or finest > texels:
         raise InputError(
-            "--texels", f"{asked}: the generator makes {texels}; fewer are {texels // 2}, {texels // 4}, ... 1"
+            "--texels", f"{finest}: the generator makes {texels}; fewer are {texels // 2}, {texels // 4}, ... 1"
         )
-    return (texels // asked).bit_length() - 1
+    return (texels // finest).bit_length() - 1
 
 
 def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> TextureRequest:
-    """Numbers, and images of geometry parameters, which lie once over the extent."""
+    """The parameters as numbers, or as images of geometry, each stretched once over the extent."""
     values, maps = read_params(bundle, params_of(options.param))
     for p in bundle.parameters:
         if p.name in maps and p.role == "alpha":
-            raise InputError(
-                "--param", f"{p.name}: a texture holds no appearance that varies; an image varies it in a render"
-            )
+            raise InputError("--param", f"{p.name}: an image varies appearance in a render only, not in a texture")
     normalised(bundle, values, "beta")
     return TextureRequest(options.seed, values, {name: field_of(image, extent, False) for name, image in maps.items()})

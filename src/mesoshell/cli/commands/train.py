@@ -1,5 +1,5 @@
-"""`mesoshell train`: a generator of materials, or a network that it is compared with. Imports no JAX until it trains: each of
-several hosts trains in a process that is forked before."""
+"""`mesoshell train`: a generator of materials, or a network that it is compared with. JAX is imported only in training, since
+one of several hosts first forks the process that trains."""
 
 from mesoshell.cli.host_process import watched
 from mesoshell.cli.options.train import Options

@@ -9,7 +9,7 @@ import tyro
 
 @dataclass(frozen=True, kw_only=True)
 class Capture:
-    """Photograph a mesh with Blender from a dome around it: images, masks and a point cloud, to try all else with."""
+    """Photograph a mesh with Blender from a dome around it: images, masks and a point cloud, to try the other verbs with."""
 
     #: OBJ, PLY, GLB or STL file.
     mesh: tyro.conf.Positional[Path]
@@ -25,7 +25,7 @@ class Capture:
     paint: Path | None = None
     #: Light from the camera alone, in otherwise black surroundings.
     flash: bool = False
-    #: Points of the cloud, and their deviation from the surface over the box's side.
+    #: Points of the cloud, and standard deviation of their distance from the surface, over the box's longest side.
     points: int = 2000
     noise: float = 0.005
     #: Seed of the cloud.
@@ -40,10 +40,10 @@ class Train:
     capture: tyro.conf.Positional[Path]
     #: Folder of checkpoints and log; if it holds some, the training goes on from there.
     run: Path
-    #: tiny shows that all works; small is for two cores; paper is as published, for a GPU.
+    #: tiny checks that everything works; small is for two cores; paper is as published, for a GPU.
     preset: Literal["tiny", "small", "paper"] = "small"
-    #: Encoding of points for the networks: hash learns faster, frequency is the paper's, and that of its preset. An
-    #: experiment sets its own.
+    #: Encoding of points for the networks: hash learns faster; frequency is the paper's. Default: frequency for --preset paper,
+    #: else hash. An experiment sets its own.
     encoding: Literal["hash", "frequency"] | None = None
     #: A Python file whose `variant` makes a mesoshell.train.neutex.step.AtlasTraining of a preset; instead of --encoding.
     experiment: Path | None = None
@@ -61,9 +61,9 @@ class Texture:
     object: tyro.conf.Positional[Path]
     #: PNG (sRGB), or EXR (linear).
     out: Path
-    #: Six squares of a cube, seen from outside, 3 across; twice as wide as high; or one square.
+    #: cubemap: six faces of a cube, seen from outside, 3 across; latlong: twice as wide as high; square: one square.
     layout: Literal["cubemap", "latlong", "square"] = "cubemap"
-    #: Pixels of a square's side; of latlong, its height.
+    #: Pixels of a face's or the square's side; of latlong, its height.
     size: int = 512
     #: What to write. Of an object with reflectance, colour is albedo; its roughness and specular are numbers in an EXR.
     part: Literal["colour", "roughness", "specular"] = "colour"
@@ -85,11 +85,11 @@ class Render:
     size: tuple[int, int] = (256, 256)
     #: An edited texture: PNG, JPEG or EXR; its transparent parts leave the object as it is.
     texture: Path | None = None
-    #: Put the edited texture in the place of the object's, or multiply the two.
+    #: Replace the object's texture by the edited one, or multiply the two.
     edit: Literal["replace", "multiply"] = "replace"
     #: Layout of the edited texture; by its proportions if not given.
     layout: Literal["cubemap", "latlong", "square"] | None = None
-    #: Show a checkerboard in the texture's place.
+    #: Show a checkerboard instead of the texture.
     checker: bool = False
     #: Direction toward a distant light, x y z in the photographs' axes, for an object with reflectance; may be repeated.
     #: Without any, and without an environment, the camera's flash lights it.
@@ -100,7 +100,7 @@ class Render:
     environment: Path | None = None
     #: The axis of the photographs that points up in the environment.
     up: Literal["y", "z"] = "y"
-    #: Effort: rays a pixel, directions of an environment, how little light a ray may leave out.
+    #: Effort: rays a pixel, directions of an environment, and how much light a ray may leave out.
     quality: Literal["draft", "normal", "reference"] = "normal"
     #: Samples a ray; as many as in training if not given, and at least 256 with --quality reference.
     samples: int | None = None

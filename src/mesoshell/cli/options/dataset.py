@@ -37,11 +37,11 @@ class Render(Recipe):
     patch: int | None = None
     #: Instead of --count: number of periodic patches, each with a geometry and geometry parameters of its own.
     patches: int | None = None
-    #: Images of each of the --patches, one patch after the other: more patches may be asked for later.
+    #: Images of each of the --patches, one patch after the other: more patches can be added later.
     views: int | None = None
     #: Show the 16 corner tiles in turn, each among its neighbours: a fit of these covers any area without repeating itself.
     tiles: bool = False
-    #: Least and greatest side of the box over the width of the frame; from 8 pixels to 2 if not given.
+    #: Least and greatest side of the box over the width of the frame; from 8 pixels to 2 widths if not given.
     coverage: tuple[float, float] | None = None
     #: Blender processes on this machine; one a core if not given.
     workers: int | None = None
@@ -51,7 +51,7 @@ class Render(Recipe):
 
 @dataclass(frozen=True)
 class RenderPatches:
-    """Trace queries of a mesostructure on cylinders of random curvature (what materials with silhouettes are trained on);
+    """Trace queries of a mesostructure on cylinders of random curvature (what surface materials are trained on);
     a run that was interrupted goes on where it stopped. Needs mesoshell[mitsuba]."""
 
     #: weave, scales, spheres or fibres, or an image file with heights (8 or 16 bits, or OpenEXR).

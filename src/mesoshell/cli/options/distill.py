@@ -38,6 +38,6 @@ class Options:
     spp: int | None = None
     #: Thousands of queries to learn from; the preset's if not given.
     kimg: float | None = None
-    #: tiny shows that all works; mini takes 6000 steps, small 30 000: for geometry three and fifteen minutes on two cores,
-    #: after six or more for the queries.
+    #: tiny checks that everything works; mini takes 6000 steps, small 30 000: for geometry three and fifteen minutes on two
+    #: cores, after six or more for the queries.
     preset: Literal["tiny", "mini", "small"] = "small"

@@ -18,5 +18,5 @@ class Options:
     images: int = 500
     #: Snapshots to score, evenly spaced up to the newest; those scored before with as many images are not scored again.
     snapshots: int = 6
-    #: Weights of Inception v3 (a PyTorch state dict), to compare its features, the usual ones, and not EfficientNet-Lite0's.
+    #: Weights of Inception v3 (a PyTorch state dict): compare its features, the usual ones, instead of EfficientNet-Lite0's.
     inception: Path | None = None

@@ -23,7 +23,7 @@ class Options:
     test: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
     #: Images of each patch, the last ones, that are held out to score the result on.
     held: int = 0
-    #: Material (a bundled one, or a file) or exemplars whose decoder is taken and kept as it is; textures alone are fitted.
+    #: Material (bundled, or a file) or exemplars whose decoder is kept fixed; only textures are fitted.
     decoder: str | None = None
     #: Steps in all.
     steps: int = 4000

@@ -37,7 +37,7 @@ class Marks:
 
 @dataclass(frozen=True)
 class Scores:
-    """Measure materials beside renders, and renders beside other renders first; writes scores.json and scores.md."""
+    """Score materials against renders, and renders against other renders; writes scores.json and scores.md."""
 
     #: Materials' names or .npz files, or folders of training runs (their newest snapshots).
     materials: tyro.conf.Positional[tuple[str, ...]]
@@ -47,12 +47,12 @@ class Scores:
     out: Path
     #: Fitted patches that a generator learned from, to find copies of them: materials' names or .npz files.
     exemplars: tuple[str, ...] = ()
-    #: Images of each half; at most all of it.
+    #: Images of each half, at most.
     images: int = 400
 
 
 @dataclass(frozen=True)
 class Options:
-    """Judge materials beside renders: blind sheets, and measures."""
+    """Judge materials against renders: by blind sheets, and by scores."""
 
     command: Annotated[Blind | Marks | Scores, tyro.conf.arg(name="")]

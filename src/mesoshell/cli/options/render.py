@@ -41,10 +41,10 @@ class Options:
     #: Which of a generator's textures grows on the mesh, or in which order corner tiles lie; a material that is one patch has
     #: no other. Default: 0.
     seed: int | None = None
-    #: Height of the shell in the mesh's unit; default: as high over --scale as the material was made, or 1/25 of the bounding
+    #: Height of the shell in the mesh's unit; default: the material's own thickness times --scale, or 1/25 of the bounding
     #: box's diagonal.
     thickness: float | None = None
-    #: World length of one texture patch in the mesh's unit; default: as the material was made, of bundled ones the thickness.
+    #: World length of one texture patch in the mesh's unit; default: --thickness over the material's own (1 for bundled ones).
     scale: float | None = None
     #: Width and height of the picture in pixels.
     size: tuple[int, int] = SIZE
@@ -62,13 +62,13 @@ class Options:
     camera: tuple[float, float, float, float, float, float, float] | None = None
     #: The axis that points up; default: y for OBJ and GLB, z for PLY and STL.
     up: Literal["y", "z"] | None = None
-    #: Effort: draft is for looking around, normal for pictures, reference to measure the others by.
+    #: Effort: draft for a quick look, normal for pictures, reference to measure the others by.
     quality: Literal["draft", "normal", "reference"] = "normal"
-    #: jax marches rays, with light straight from its sources; mitsuba traces paths, with light from everywhere.
+    #: jax marches rays, with direct light only; mitsuba traces paths, with indirect light too.
     engine: Literal["jax", "mitsuba"] = "jax"
     #: Paths a pixel, for mitsuba. Default: 16, 64 or 512 by --quality, or what the XML scene says.
     spp: int | None = None
-    #: Segments of a path at most, for mitsuba: 2 is light straight from its sources. Default: 4, 8 or 64 by --quality.
+    #: Segments of a path at most, for mitsuba: 2 is direct light only. Default: 4, 8 or 64 by --quality.
     max_depth: int | None = None
     #: Make the background transparent even where an environment is given.
     transparent: bool = False

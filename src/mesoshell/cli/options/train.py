@@ -20,10 +20,10 @@ class Options:
     run: Path
     #: Length of the run in thousands of images; the experiment's if not given.
     kimg: float | None = None
-    #: The same experiment with pictures, networks and batches of another size, and of another length.
+    #: The experiment at another size: of pictures, networks and batches, and another length.
     preset: Literal["tiny", "mini", "small", "base", "paper"] | None = None
-    #: Begin with the weights of another generator's run, of another material, if this one has no checkpoint yet; a run on
-    #: textures takes a snapshot too.
+    #: Begin with the weights of another material's run if this one has no checkpoint yet; a run on textures also takes a
+    #: snapshot.
     transfer: Path | None = None
     #: How a step is spread over devices.
     parallel: Literal["jit", "pmap"] = "jit"

@@ -1,7 +1,7 @@
 """Shards on a Dask cluster whose machines share the dataset's folder (the extra `cluster`).
 
 The scheduler gives the shard of a worker that died to another one, which keeps the images that are there. A shard's
-rows come back when it ends. If the run that asked is killed, the shards in hand are rendered to their ends.
+rows come back when it ends. If the run is killed, workers still finish the shards that they have begun.
 """
 
 from collections.abc import Generator, Sequence
@@ -27,7 +27,7 @@ def connect(address: str) -> Any:
 
 
 def run_on_cluster(shards: Sequence[Shard], client: Any) -> Generator[Done | Fault, None, None]:
-    """What happened, shard by shard."""
+    """Results of samples, shard by shard as they finish."""
     from distributed import as_completed
 
     futures = {client.submit(_whole, shard, pure=False): shard for shard in shards}

@@ -18,7 +18,7 @@ from mesoshell.measure.image import psnr_masked
 
 SPP = tuple(2**k for k in range(11))
 REFERENCE = 4096
-#: Of the reference, whose paths would otherwise begin with those that it is compared with.
+#: Seed of the reference: with the same seed, its first paths would be those that it is compared with.
 _OTHER_SEED = 2023
 
 
@@ -32,7 +32,8 @@ class Cell(NamedTuple):
 
 
 def reference_image(blender: Blender, index: int, scratch: Path) -> tuple[Float32[np.ndarray, "H W 4"], float]:
-    """The image at REFERENCE paths a pixel, with y for colour, and its seconds. What is slow only once is done before."""
+    """The image at REFERENCE paths a pixel, with y for colour, and its seconds. An untimed render before it does the work that
+    is slow only once."""
     _render(blender, index, scratch, 1, False)
     return _render(blender, index, scratch, REFERENCE, False, cycles_seed=_OTHER_SEED)
 

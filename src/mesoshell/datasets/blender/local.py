@@ -1,7 +1,7 @@
 """Shards on this machine, a few at a time.
 
-A thread a worker: it does little but wait for its Blender process. What happens comes back through one queue, so that
-whoever iterates is the only one who writes the dataset's lists.
+A thread a worker: it does little but wait for its Blender process. Results come back through one queue, so only the caller
+that iterates over them writes the dataset's lists.
 """
 
 import queue
@@ -12,7 +12,7 @@ from mesoshell.datasets.blender.shard import Done, Fault, Shard, render_shard
 
 
 def run_here(shards: Sequence[Shard], workers: int) -> Generator[Done | Fault, None, None]:
-    """What happens, as it happens. When the iteration ends early, every worker ends with the image in hand."""
+    """Results of samples, as they come. When the iteration ends early, every worker finishes its current image."""
     waiting: queue.SimpleQueue[Shard] = queue.SimpleQueue()
     events: queue.SimpleQueue[Done | Fault | BaseException | None] = queue.SimpleQueue()
     stop = threading.Event()
@@ -25,7 +25,7 @@ def run_here(shards: Sequence[Shard], workers: int) -> Generator[Done | Fault, N
                 _each(render_shard(waiting.get_nowait()), events, stop)
         except queue.Empty:
             events.put(None)
-        except BaseException as error:  # whoever iterates must see it, whatever it is
+        except BaseException as error:  # the caller that iterates must see every error
             events.put(error)
 
     threads = [threading.Thread(target=work, daemon=True) for _ in range(workers)]

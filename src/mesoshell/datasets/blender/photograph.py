@@ -45,7 +45,7 @@ class Shooting:
 
 
 def photograph(mesh: Mesh, shooting: Shooting, out: Path, show: Callable[[int], None]) -> None:
-    """Write the capture's folder, whole or not at all. Raises InputError if it exists, or Blender is not there or fails."""
+    """Write the capture's folder, whole or not at all. Raises InputError if it exists, or if Blender is missing or fails."""
     command = blender_command("data_gen.photographer")
     with new_folder(out) as folder:
         (folder / "images").mkdir()
@@ -93,14 +93,14 @@ def dome(shooting: Shooting) -> Float[np.ndarray, "V 3"]:
     height, turn = 1 - i * (1 - LOWEST), np.arange(shooting.views) * np.pi * (3 - 5**0.5)
     ring = np.sqrt(1 - height**2)
     across = ring * np.cos(turn), ring * np.sin(turn)
-    found = np.empty((shooting.views, 3))
-    found[:, shooting.up] = height
-    found[:, (shooting.up + 1) % 3], found[:, (shooting.up + 2) % 3] = across
-    return found
+    directions = np.empty((shooting.views, 3))
+    directions[:, shooting.up] = height
+    directions[:, (shooting.up + 1) % 3], directions[:, (shooting.up + 2) % 3] = across
+    return directions
 
 
 def _shot(command: tuple[list[str], Path], settings: str) -> Iterator[int]:
-    """Numbers of the photographs, as they are there."""
+    """Numbers of the photographs, as each is finished."""
     words, root = command
     with tempfile.TemporaryFile("w+", errors="replace") as errors:
         process = subprocess.Popen([*words, settings], cwd=root, stdout=subprocess.PIPE, stderr=errors, text=True)
@@ -116,7 +116,7 @@ def _shot(command: tuple[list[str], Path], settings: str) -> Iterator[int]:
         if status:
             errors.seek(0)
             said = [line for line in errors.read().splitlines() if line.strip()] or [f"exit status {status}"]
-            raise InputError("blender", f"ended before all photographs were there: {said[-1].strip()}")
+            raise InputError("blender", f"ended before all photographs were finished: {said[-1].strip()}")
 
 
 def _cloud(mesh: Mesh, shooting: Shooting, side: float):

@@ -7,7 +7,7 @@ request   one line of JSON to the process; answer: one line back
 command   the program and its arguments; the settings are appended, as JSON
 
 The process lives in an environment of its own, so the two talk through pipes and files alone. It ends when its input
-does: an orphan finishes at most the image in hand.
+does: an orphan at most finishes its current image.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from typing import Any
 
 from mesoshell.errors import InputError
 
-#: In the checkout that holds data_gen/, which is the current folder or this file's. `make blender` writes the stamp last.
+#: In the checkout that holds data_gen/: the current folder, or this file's. `make blender` writes `installed` there last.
 _ENVIRONMENT = Path("data_gen/.venv")
 
 
@@ -43,8 +43,8 @@ def _checkout(holding: Path) -> Path | None:
 
 
 def check_settings(settings: Mapping[str, Any]) -> None:
-    """Raises InputError for settings that no recipe takes. The recipes say so without Blender; where they are not installed,
-    nothing is known of them."""
+    """Raises InputError for settings that no recipe takes. The recipes check them without Blender; where data_gen/ is missing,
+    nothing is checked."""
     root = _checkout(Path("data_gen/worker.py"))
     if root is None:
         return
@@ -65,7 +65,7 @@ class Blender:
         try:
             words, root = (list(self._command), None) if self._command else blender_command()
         except InputError:
-            check_settings(self._settings)  # what is asked for comes before what is missing
+            check_settings(self._settings)  # report unusable settings before a missing Blender
             raise
         self._errors = tempfile.TemporaryFile("w+", errors="replace")
         try:
@@ -97,7 +97,7 @@ class Blender:
         self._process.kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout, self._errors):
-            with contextlib.suppress(OSError):  # a request that the process did not live to read
+            with contextlib.suppress(OSError):  # a request that the process ended too soon to read
                 stream.close()
 
     def render(self, index: int, file: Path | None, **own: Any) -> dict[str, Any]:

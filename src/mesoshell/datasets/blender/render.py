@@ -13,14 +13,15 @@ from mesoshell.datasets.blender.shard import Done, Fault, Shard
 from mesoshell.errors import InputError
 from mesoshell.io.dataset_writer import Collector, collecting
 
-#: Most samples a process renders: what a process that dies, or a cluster's worker that leaves, can have in hand.
+#: Most samples of a shard: as many must be rendered again if a process dies or a cluster's worker leaves.
 SHARD = 25
 
 
 @dataclass(frozen=True)
 class Farm:
-    """Who renders. workers: processes on this machine, or the address of a Dask scheduler; threads: of a process, at
-    least 2, since Cycles' one thread alone is waited for by spinning. command: stands in for Blender's (see Blender)."""
+    """Who renders. workers: processes on this machine; scheduler: address of a Dask scheduler, used instead; threads: of a
+    process, at least 2, since Blender waits for a single Cycles thread by spinning; command: replaces Blender's (see
+    Blender)."""
 
     workers: int
     threads: int
@@ -30,7 +31,7 @@ class Farm:
 
 @dataclass(frozen=True)
 class DatasetReport:
-    """What a run did. missing: samples it found missing; logs: what each new image cost."""
+    """What a run did. missing: samples that were missing at its start; logs: what each new image cost."""
 
     missing: int
     logs: list[dict[str, Any]]
@@ -40,9 +41,9 @@ class DatasetReport:
 def render_dataset(
     settings: Mapping[str, Any], count: int, folder: Path, farm: Farm, show: Callable[[int, int, Fault | None], None]
 ) -> DatasetReport:
-    """Have samples 0 … count − 1 in the folder. show(finished, missing, fault or None) is called at the start and after
-    each sample. Raises InputError for settings, a folder or a scheduler that cannot be used; then nothing is written.
-    """
+    """Render the missing ones of samples 0 … count − 1 into the folder. show(finished, missing, fault or None) is called at the
+    start and after each sample. Raises InputError for settings, a folder or a scheduler that cannot be used, before anything
+    is written."""
     try:
         with Blender(settings, 1, farm.command) as blender:
             manifest = blender.manifest

@@ -4,10 +4,10 @@ symbol   meaning
 done     index, row of samples.jsonl, and what it cost (a line of log.jsonl)
 fault    index and one line; the sample is not in the dataset, and the next run tries it again
 
-One process a shard: whatever Blender leaks or breaks, it costs a shard. Blender renders into a scratch folder; the
-image is written again from its pixels, because Cycles notes its render time in the header and a sample's bytes must not
-depend on the machine's mood. The image gets its name by a rename, so an image that has its name is whole: a shard that
-is rendered again keeps it and makes its row anew. One that is not readable all the same is rendered again.
+One process a shard: whatever Blender leaks or breaks costs at most a shard. Blender renders into a scratch folder; the
+image is written again from its pixels, because Cycles notes its render time in the header and a sample's bytes must be
+reproducible. The image gets its name by a rename, so an image that has its name is whole: a shard that is rendered again
+keeps it and makes its row again. One that cannot be read all the same is rendered again.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ from mesoshell.io.image import read_exr, write_exr
 
 @dataclass(frozen=True)
 class Shard:
-    """What one process has to do. command: stands in for Blender's if given (see Blender)."""
+    """The samples of one process. command: replaces Blender's if given (see Blender)."""
 
     settings: Mapping[str, Any]
     folder: Path
@@ -51,7 +51,7 @@ class Done:
 
 @dataclass(frozen=True)
 class Fault:
-    """A sample that could not be had; reason is one line."""
+    """A sample that could not be rendered; reason is one line."""
 
     index: int
     reason: str
@@ -100,7 +100,7 @@ def _is_readable(image: Path) -> bool:
 def _finish(scratch: Path, image: Path, answer: dict[str, Any], start: float) -> dict[str, Any]:
     """Move the scratch image to its name, and say what the sample cost."""
     rendered = time.perf_counter()
-    with OpenEXR.File(str(scratch)) as file:  # read_exr holds its tongue, and so, for a moment, the whole process's
+    with OpenEXR.File(str(scratch)) as file:  # read_exr would silence the whole process's output for a moment
         write_exr(image, file.channels()["RGBA"].pixels.astype(np.float32))
         cycles = _cycles_seconds(file.header())
     seconds = answer["seconds"]

@@ -1,4 +1,4 @@
-"""A picture of what every parameter of a recipe does, alone."""
+"""A picture of what each parameter of a recipe does by itself."""
 
 import tempfile
 from collections.abc import Callable
@@ -17,7 +17,7 @@ def vary_sheet(
     blender: Blender, steps: int, index: int, show: Callable[[int, int], None]
 ) -> Float32[np.ndarray, "H W 3"]:
     """A row a parameter, from its least value to its greatest in even steps, the others fixed or at their defaults.
-    Geometry, camera and light are those of sample `index`. Raises Crash, or InputError if an image cannot be had."""
+    Geometry, camera and light are those of sample `index`. Raises Crash, or InputError if an image cannot be rendered."""
     parameters = blender.manifest["parameters"]
     rest = {name: entry["default"] for name, entry in parameters.items()} | blender.manifest["fixed_parameters"]
     wanted = [

@@ -1,12 +1,11 @@
-"""A mesostructure as geometry on a mesh: what a surface material stands for, to compare it with (NumPy and Embree).
+"""A mesostructure as geometry on a mesh: the reference for a surface material (NumPy and Embree).
 
 Notation
 period       world length of one period of the texture; u and v of the mesh are counted in periods
 P, n         point and interpolated unit normal of the mesh at (u, v): a vertex (u, v, h) of the tile comes to P + period h n
 
-A mesh whose coordinates go through a whole number of periods along u or v is taken to close there, as a torus does: what
-crosses the seam goes on behind it. Elsewhere a triangle that does not lie within one chart is left out, so seams stay bare down
-to the body.
+A mesh whose coordinates span a whole number of periods along u or v is taken to close there, as a torus does: geometry goes on
+across the seam. Elsewhere a triangle that does not lie within one chart is left out, so seams show the bare body.
 """
 
 import numpy as np
@@ -17,9 +16,9 @@ from jaxtyping import Float, Int
 from mesoshell.datasets.queries.tile import Tile
 from mesoshell.geometry.mesh import Mesh, uv_stretch
 
-#: Edges that are longer than so many times what they are in the texture cross a seam.
+#: An edge longer than this many times its length in the texture crosses a seam.
 LONGEST = 3.0
-#: How far from whole a number of periods may be.
+#: Tolerance of a whole number of periods.
 WHOLE = 1e-3
 
 
@@ -62,7 +61,7 @@ def dressed(
 
 
 class _Chart:
-    """Finds points of the texture on a mesh: Embree, along the third axis."""
+    """Finds points of the texture on a mesh, by Embree rays along the third axis."""
 
     def __init__(self, uv: Float[np.ndarray, "F 3 2"]):
         self.uv, self.centre = uv, uv.mean(axis=(0, 1))
@@ -74,8 +73,8 @@ class _Chart:
         """The face that holds each point, −1 for none, and barycentric coordinates there."""
         origin = np.concatenate([at - self.centre, np.ones((len(at), 1))], axis=1).astype(np.float32)
         down = np.tile(np.array([0, 0, -1], np.float32), (len(at), 1))
-        found = self.scene.run(np.ascontiguousarray(origin), down, output=True)
-        face = np.where(found["geomID"] < 0, -1, found["primID"]).astype(np.int64)
+        hits = self.scene.run(np.ascontiguousarray(origin), down, output=True)
+        face = np.where(hits["geomID"] < 0, -1, hits["primID"]).astype(np.int64)
         a, b, c = np.moveaxis(self.uv[face], 1, 0)
         p, q, r = b - a, c - a, at - a
         area = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]

@@ -1,4 +1,4 @@
-"""A dataset of queries: patches of cylinders of random curvature, turned and shifted on the texture, one after the other.
+"""A dataset of queries: patches of cylinders of random curvature, turned and shifted on the texture.
 
 Notation
 κ            curvature, uniform in a range of both signs; every eighth patch is flat
@@ -27,22 +27,22 @@ from mesoshell.io.dataset_writer import collecting
 from mesoshell.io.query_dataset import COLUMNS, PARTS
 
 VERSION = 2
-#: Of ω_z: the least, and the greatest of rays that graze.
+#: The least ω_z, and the greatest of grazing rays.
 LEAST, GRAZING = 0.03, 0.35
-#: Of radii, periods: the narrowest, and the widest of geometry, of which there is REACH.
+#: The narrowest radius, and the widest for geometry, which extends over REACH; periods.
 FINEST, WIDEST = 1 / 512, 1 / 4
-#: What there is of the mesostructure about the middle, across the axis and along it, periods.
+#: How far the mesostructure extends from the middle, across the axis and along it, periods.
 REACH = (2.5, 2.0)
 
 
-#: From how a patch lies, what is asked of it and a seed: columns of answers (trace.queries), and seconds by stage.
+#: From how a patch lies, queries of it (columns, as in trace.queries) and a seed: columns of answers, and seconds by stage.
 Answers = Callable[[Placing, dict[str, np.ndarray], int], tuple[dict[str, np.ndarray], dict[str, float]]]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What two runs must share to write one dataset. source: a procedure, an image's file, or a material with its digest,
-    parameters and base; depth: periods; curvature: least and greatest, 1 / period; narrowest, widest: radii, periods;
+    """The settings that two runs must share to write one dataset. source: a procedure, an image's file, or a material with its
+    digest, parameters and base; depth: periods; curvature: least and greatest, 1 / period; narrowest, widest: radii, periods;
     finest: share of queries at the narrowest."""
 
     source: str
@@ -60,12 +60,12 @@ def of_geometry(tile: Tile, spp: int) -> Answers:
     """Answers of a mesostructure, by tracing light through it. Loads Mitsuba."""
     from mesoshell.datasets.queries.trace import Patch, queries
 
-    def answers(placing: Placing, asked: dict[str, np.ndarray], seed: int):
+    def answers(placing: Placing, query: dict[str, np.ndarray], seed: int):
         begin = time.perf_counter()
         patch = Patch(tile, placing, REACH)
         built = time.perf_counter()
-        found = queries(patch, placing, asked, spp, seed)
-        return found, {"geometry": built - begin, "light": time.perf_counter() - built}
+        answer = queries(patch, placing, query, spp, seed)
+        return answer, {"geometry": built - begin, "light": time.perf_counter() - built}
 
     return answers
 
@@ -73,8 +73,8 @@ def of_geometry(tile: Tile, spp: int) -> Answers:
 def render_patches(
     settings: Settings, answers: Answers, count: int, folder: Path, show: Callable[[int, int], None]
 ) -> dict[str, float]:
-    """Have patches 0 … count − 1 in the folder. show(finished, missing). Returns seconds by stage, and how many patches are
-    new. Raises InputError."""
+    """Write the missing ones of patches 0 … count − 1 into the folder. show: called with (finished, missing). Returns seconds
+    by stage, and how many patches are new. Raises InputError."""
     check_curvature(settings.curvature, settings.depth)
     manifest = {"schema": 1, "kind": PARTS, "version": VERSION} | asdict(settings)
     if Path(settings.source).is_file():
@@ -99,7 +99,7 @@ def render_patches(
 
 
 def check_curvature(curvature: tuple[float, float], depth: float) -> None:
-    """Raises InputError unless cylinders of this range can hold a layer of this depth."""
+    """Raises InputError unless a layer of this depth fits on all cylinders of this range."""
     low, high = curvature
     if not (np.isfinite(curvature).all() and low < high):
         raise InputError("--curvature", f"{low:g} to {high:g} is no range")
@@ -116,25 +116,25 @@ def sample(settings: Settings, answers: Answers, index: int) -> tuple[np.ndarray
     low, high = settings.curvature
     curvature = 0.0 if index % 8 == 7 else random.uniform(low, high)
     placing = Placing(curvature, random.uniform(0, 2 * np.pi), tuple(random.random(2)))
-    asked = questions(settings, random)
-    found, seconds = answers(placing, asked, int(random.integers(2**31)))
-    return rows_of(placing, asked, found, index), seconds
+    query = questions(settings, random)
+    answer, seconds = answers(placing, query, int(random.integers(2**31)))
+    return rows_of(placing, query, answer, index), seconds
 
 
 def rows_of(
-    placing: Placing, asked: dict[str, np.ndarray], found: dict[str, np.ndarray], index: int
+    placing: Placing, query: dict[str, np.ndarray], answer: dict[str, np.ndarray], index: int
 ) -> Float[np.ndarray, "Q 16"]:
     """Queries and answers as a patch keeps them (io/query_dataset), float32."""
-    uv = placing.texture(asked["place"]) % 1.0
-    toward, light = (_turned(asked[name], placing.turn) for name in ("toward", "light"))
+    uv = placing.texture(query["place"]) % 1.0
+    toward, light = (_turned(query[name], placing.turn) for name in ("toward", "light"))
     kappa = np.full((len(uv), 1), placing.curvature)
-    parts = [uv, asked["radius"][:, None], toward, kappa, light]
-    parts += [found["alpha"], found["cosine"], found["reflectance"], np.full_like(kappa, index)]
+    parts = [uv, query["radius"][:, None], toward, kappa, light]
+    parts += [answer["alpha"], answer["cosine"], answer["reflectance"], np.full_like(kappa, index)]
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
 def questions(settings: Settings, random: np.random.Generator) -> dict[str, np.ndarray]:
-    """What is asked of one patch, as columns (trace.queries)."""
+    """Random queries of one patch, as columns (trace.queries)."""
     count, narrowest = settings.queries, settings.narrowest
     cosine = np.where(
         random.random(count) < 0.25, random.uniform(LEAST, GRAZING, count), random.uniform(LEAST, 1, count)
@@ -152,6 +152,6 @@ def questions(settings: Settings, random: np.random.Generator) -> dict[str, np.n
 
 
 def _turned(w: np.ndarray, angle: float) -> np.ndarray:
-    """Directions of the patch's frame in that of (u, v)."""
+    """Directions in the patch's frame, turned into that of (u, v)."""
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * w[:, 0] - s * w[:, 1], s * w[:, 0] + c * w[:, 1], w[:, 2]], axis=-1)

@@ -20,7 +20,7 @@ from mesoshell.datasets.queries.tile import Tile
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_heights
 
-#: Cells of a height map's grid: more texels than that are averaged.
+#: Most cells along a side of a height map's grid; finer texels are averaged.
 CELLS = 128
 #: Albedos of a height map at its deepest and at its highest.
 LOW, HIGH = (0.16, 0.10, 0.07), (0.62, 0.50, 0.36)
@@ -43,7 +43,7 @@ def of_heights(heights: Float[np.ndarray, "H W"], depth: float, name: str | Path
     rows, columns = (min(n, CELLS) for n in heights.shape)
     grid = _averaged(_averaged(heights.astype(np.float64), rows, 0), columns, 1)
     if np.ptp(grid) <= 1e-9 * np.ptp(heights):
-        raise InputError(name, f"has no heights: its pattern is finer than {CELLS} cells, whose means are one")
+        raise InputError(name, f"has no heights: its pattern is finer than {CELLS} cells, whose means are all equal")
     grid = (grid - grid.min()) / np.ptp(grid)
     v, u = np.meshgrid((np.arange(rows + 1) + 0.5) / rows, (np.arange(columns + 1) + 0.5) / columns, indexing="ij")
     share = np.pad(grid, ((0, 1), (0, 1)), mode="wrap")
@@ -53,10 +53,10 @@ def of_heights(heights: Float[np.ndarray, "H W"], depth: float, name: str | Path
 
 
 def weave(depth: float, yarns: int = 4) -> Tile:
-    """Plain weave: yarns of two colours over and under each other, striped as twisted ply is."""
+    """Plain weave: yarns of two colours over and under each other, striped like twisted ply."""
     step = 1 / yarns
     flat, wide = 0.26 * depth, 0.42 * step
-    # from where yarns cross h = −D/2, so that both of their ends slope alike
+    # begin where yarns cross h = −D/2, so that both ends have the same slope
     along = np.linspace(0, 1, 16 * yarns + 1) + 0.5 * step
     parts = []
     for k in range(yarns):
@@ -70,7 +70,7 @@ def weave(depth: float, yarns: int = 4) -> Tile:
 
 
 def scales(depth: float, rows: int = 4) -> Tile:
-    """Rounded plates in rows, each lying on those of the row before, as of a fish or a roof."""
+    """Rounded plates in rows, each row lying on the one before, as on a fish or a roof."""
     step = 1 / rows
     x, y = np.meshgrid(np.linspace(-1, 1, 13), np.linspace(0, 1, 13), indexing="ij")
     width = np.sqrt(np.clip(1 - (2 * np.clip(y - 0.5, 0, 1)) ** 2, 0, 1))
@@ -89,7 +89,7 @@ def scales(depth: float, rows: int = 4) -> Tile:
 
 
 def spheres(depth: float, rows: int = 4) -> Tile:
-    """Balls on the body, in rows that are offset by half of their distance."""
+    """Balls on the body, in rows offset by half their spacing."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13), indexing="ij")
     ball = np.stack([np.cos(a) * np.sin(b), np.sin(a) * np.sin(b), np.cos(b)], axis=-1).reshape(-1, 3)
     parts = []
@@ -122,7 +122,7 @@ def fibres(depth: float, count: int = 260) -> Tile:
     return _joined(parts, depth, (0.14, 0.10, 0.07))
 
 
-#: How each is made, and how deep it is if nothing is said, texture units.
+#: The function that makes each, and its default depth, texture units.
 PROCEDURES: dict[str, tuple[Callable[[float], Tile], float]] = {
     "weave": (weave, 0.12),
     "scales": (scales, 0.12),
@@ -132,7 +132,7 @@ PROCEDURES: dict[str, tuple[Callable[[float], Tile], float]] = {
 
 
 def _tube(rail, wide: float, flat: float, colour, sides: int = 16, stripes: int = 0, taper: float = 0.0):
-    """An elliptical tube about a rail: half-axes `wide` level with the surface and `flat` across; taper: lost at its end."""
+    """An elliptical tube about a rail: half-axes `wide` level with the surface, `flat` across; taper: share lost at its end."""
     way = np.gradient(rail, axis=0)
     side = np.cross(way, [0.0, 0, 1])
     side /= np.linalg.norm(side, axis=1, keepdims=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-#: Of the solid body: strips across the axis, and how far it reaches where that is not all round.
+#: Of the solid body: strips across the axis, and how far it reaches where it does not close around the axis.
 STRIPS, REACH = 1024, 60.0
 
 
@@ -86,7 +86,7 @@ def frame(sy: Float[np.ndarray, "*n 2"], curvature: float) -> Float[np.ndarray, 
 
 
 def _body(depth: float, curvature: float) -> tuple[np.ndarray, np.ndarray]:
-    """The surface h = −D, all round where it closes within REACH."""
+    """The surface h = −D, closed around the axis where that lies within REACH."""
     far = REACH if curvature == 0 else min(REACH, np.pi / abs(curvature))
     s, y = np.meshgrid(np.linspace(-far, far, STRIPS + 1), np.array([-REACH, REACH]), indexing="ij")
     points = bent(np.stack([s, y], axis=-1).reshape(-1, 2), np.full(s.size, -depth), curvature)

@@ -1,14 +1,14 @@
-"""Light traced through a mesostructure on a cylinder, in Mitsuba: what a surface material must answer.
+"""Light traced through a mesostructure on a cylinder, in Mitsuba: the answers that a surface material learns.
 
 Notation
 P, ω, ω′     where a ray meets the bounding surface; unit directions toward the viewer and the light, in the frame there
-α            whether the ray meets the mesostructure, or leaves through the bounding surface without
+α            1 if the ray meets the mesostructure, 0 if it leaves through the bounding surface first
 L / E⊥       radiance toward ω over the irradiance of a distant light on the plane facing it, all bounces          1/sr
 c            the silhouette cosine: rays in the plane of ω and the normal with a smaller ω_z meet nothing
 f            albedo / π of a point, diffuse from both sides
 
-Rays begin on the bounding surface, and what leaves through it is gone: what the rest of an object does to light is the
-renderer's. A surface that is seen from within a cylinder would shade itself across it: there, rays end where they leave.
+Rays begin on the bounding surface, and end where they leave through it: the renderer computes light between parts of an object.
+So the inside of a cylinder, whose rays would meet the opposite wall, does not shade itself.
 """
 
 from typing import Any, no_type_check
@@ -22,7 +22,7 @@ from mesoshell.datasets.queries.tile import Placing, Tile, bent, frame, patch
 import drjit as dr  # isort: skip  (after mesoshell.pathtracer)
 import mitsuba as mi  # isort: skip
 
-#: Rays leave surfaces so far, texture units; steps of the search for c; bounces after which roulette is played, and at most.
+#: Offset of ray origins from surfaces, texture units; steps of the search for c; bounces before roulette, and at most.
 AWAY, HALVINGS, SURE, MOST = 2e-5, 14, 4, 64
 
 
@@ -47,18 +47,18 @@ class Patch:
 
     def meet(self, o, d):
         """The nearest point along rays: whether there is one, its distance, normal against the ray, and f."""
-        found = self.scene.ray_intersect_preliminary(self.ray(o, d), coherent=mi.Bool(False))
-        hit = found.is_valid()
-        face = dr.select(hit, found.prim_index, 0)
+        intersection = self.scene.ray_intersect_preliminary(self.ray(o, d), coherent=mi.Bool(False))
+        hit = intersection.is_valid()
+        face = dr.select(hit, intersection.prim_index, 0)
         n = dr.gather(mi.Normal3f, self.normal, face)
         n = dr.select(dr.dot(n, d) > 0, -n, n)
         i = dr.gather(mi.Vector3u, self.faces, face)
         a, b, c = (mi.Color3f(dr.gather(mi.Vector3f, self.albedo, k)) for k in (i.x, i.y, i.z))
-        u, v = found.prim_uv.x, found.prim_uv.y
-        return hit, found.t, n, dr.inv_pi * ((1 - u - v) * a + u * b + v * c)
+        u, v = intersection.prim_uv.x, intersection.prim_uv.y
+        return hit, intersection.t, n, dr.inv_pi * ((1 - u - v) * a + u * b + v * c)
 
     def hidden(self, o, d, active=True):
-        """Whether something lies between points and where rays from them leave."""
+        """Whether rays from these points meet anything before they leave."""
         return self.scene.ray_test(self.ray(o, d), active)
 
     def ray(self, o, d):
@@ -67,7 +67,7 @@ class Patch:
         return mi.Ray3f(o, d, self.leave(o, d), now, none)
 
     def leave(self, o, d) -> Any:
-        """Distance at which a ray from under a bounding surface that is seen from within leaves through it."""
+        """Distance at which a ray leaves through a bounding surface seen from within; infinite for others."""
         if self.curvature >= 0:
             return mi.Float(dr.inf)
         k = mi.Float(-self.curvature)
@@ -89,7 +89,7 @@ def light_of(patch: Patch, o, toward, light, sampler):
 @no_type_check
 @dr.syntax
 def bounced(patch, met, light, sampler):
-    """L / E⊥ of points that rays have met."""
+    """L / E⊥ of the points that rays met."""
     alive, p, n, f = met
     total, beta, bounce = mi.Color3f(0), mi.Color3f(1), mi.UInt32(0)
     alive, p, n, f = mi.Bool(alive), mi.Point3f(p), mi.Normal3f(n), mi.Color3f(f)
@@ -126,23 +126,23 @@ def silhouette(patch, o, across, normal):
 
 
 def queries(
-    patch: Patch, placing: Placing, asked: dict[str, np.ndarray], spp: int, seed: int
+    patch: Patch, placing: Placing, query: dict[str, np.ndarray], spp: int, seed: int
 ) -> dict[str, Float[np.ndarray, "Q *c"]]:
     """alpha, cosine and reflectance of queries, each the mean of spp rays from places about its own.
 
-    asked: `place` (s, y) on the bounding surface, `radius`, a standard deviation about it there, `toward` and `light`, in the
+    query: `place` (s, y) on the bounding surface, `radius`, a standard deviation about it there, `toward` and `light`, in the
     frame of each ray's own place (Q, 3).
     """
-    count = len(asked["radius"])
+    count = len(query["radius"])
     sampler = mi.load_dict({"type": "independent", "sample_count": spp})
     sampler.seed(seed, count * spp)
     random = np.random.default_rng(seed)
-    many = {name: np.repeat(x, spp, axis=0) for name, x in asked.items()}
+    many = {name: np.repeat(x, spp, axis=0) for name, x in query.items()}
     place = many["place"] + many["radius"][:, None] * random.standard_normal((count * spp, 2))
     axes = frame(place, placing.curvature)
     origin = bent(place, np.zeros(len(place)), placing.curvature)
     toward, light = (np.einsum("qi,qij->qj", many[name], axes) for name in ("toward", "light"))
-    # above the bounding surface, or what lies at h = 0 would be missed
+    # begin above the bounding surface, so that rays meet geometry at h = 0
     o, d, l = (_vectors(x) for x in (origin + AWAY * axes[:, 2], toward, light))
     o = mi.Point3f(o)
     hit, radiance = light_of(patch, o, d, l, sampler)

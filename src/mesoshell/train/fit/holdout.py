@@ -1,9 +1,9 @@
-"""How well a fit predicts images that it has not seen.
+"""How well a fit predicts held-out images.
 
 Notation
-y           x / (1 + x) of radiance, and alpha: what is compared, peak 1
+y           x / (1 + x) of radiance, and alpha, with peak 1: the scores compare these
 foreground  pixels whose true alpha exceeds 0.5
-blocks      means over 4 × 4 pixels: how well the picture is right from afar
+blocks      means over 4 × 4 pixels: the picture as seen from afar
 """
 
 from collections.abc import Callable
@@ -24,13 +24,13 @@ from mesoshell.train.fit.step import FitConfig
 
 #: The material of each patch.
 Fitted = Callable[[int], Material]
-#: Rays a call, and candidate samples a ray: enough that more do not change the figures.
+#: Rays a call, and candidate samples a ray: more of them do not change the scores.
 _RAYS, _CANDIDATES = 1024, 96
 
 
 class Scores(NamedTuple):
-    """dB, except ssim and mean: predicted radiance of all pixels over the true, less 1. constant: foreground of the best single
-    colour in the true mask, the floor of the scale."""
+    """In dB, except ssim and mean, which is the predicted radiance of all pixels over the true one, less 1. constant:
+    foreground of the best single colour in the true mask, the lowest useful score."""
 
     foreground: float
     alpha: float
@@ -41,18 +41,18 @@ class Scores(NamedTuple):
 
 
 def score(config: FitConfig, shots: Shots, fitted: Fitted, folder: Path) -> tuple[Scores, Float[np.ndarray, "N H W 4"]]:
-    """Scores over all pictures of a dataset that were held out, and what is predicted of them, patch by patch."""
+    """Scores over all held-out pictures of a dataset, and their predictions, patch by patch."""
     some = [(k, n) for k, n in held_pictures(shots) if shots.samples[n].file.is_relative_to(folder)]
-    found, true = (
+    pictures, true = (
         np.stack(x) for x in zip(*(picture_pair(config, shots, fitted(k), k, n) for k, n in some), strict=True)
     )
-    return compare(found, true), found
+    return compare(pictures, true), pictures
 
 
 def held_pictures(shots: Shots) -> list[tuple[int, int]]:
-    """(Patch, picture) of what was held out."""
-    found = (np.unique(np.searchsorted(shots.first, p, side="right") - 1) for p in shots.held)
-    return [(k, int(n)) for k, pictures in enumerate(found) for n in pictures]
+    """(Patch, picture) of all held-out pictures."""
+    by_patch = (np.unique(np.searchsorted(shots.first, p, side="right") - 1) for p in shots.held)
+    return [(k, int(n)) for k, pictures in enumerate(by_patch) for n in pictures]
 
 
 def picture_pair(
@@ -85,16 +85,16 @@ def _row(config: FitConfig, material: Material, row: Rays) -> jax.Array:
     return predict(config.layout, 1.0, material, row, everywhere, middle)[0]
 
 
-def compare(found: Float[np.ndarray, "N H W 4"], truth: Float[np.ndarray, "N H W 4"]) -> Scores:
+def compare(pictures: Float[np.ndarray, "N H W 4"], truth: Float[np.ndarray, "N H W 4"]) -> Scores:
     """Scores of predicted y against true y."""
-    y, true = _tall(found), _tall(truth)
+    y, true = _tall(pictures), _tall(truth)
     mask = true[..., 3] > 0.5
     flat = np.broadcast_to(true[mask][:, :3].mean(axis=0), true[..., :3].shape).astype(np.float32)
     return Scores(
         foreground=psnr_masked(y[..., :3], true[..., :3], mask),
         alpha=psnr(y[..., 3:], true[..., 3:]),
         blocks=psnr_blocks(y[..., :3], true[..., :3], 4),
-        ssim=float(np.mean([ssim(a[..., :3], b[..., :3]) for a, b in zip(found, truth, strict=True)])),
+        ssim=float(np.mean([ssim(a[..., :3], b[..., :3]) for a, b in zip(pictures, truth, strict=True)])),
         constant=psnr_masked(flat, true[..., :3], mask),
         mean=_radiance(y) / _radiance(true) - 1,
     )
@@ -106,6 +106,6 @@ def _tall(y: Float[np.ndarray, "N H W 4"]) -> Float[np.ndarray, "M W 4"]:
 
 
 def _radiance(y: Float[np.ndarray, "... 4"]) -> float:
-    """Of all pixels together."""
+    """Summed radiance of all pixels."""
     colour = y[..., :3].astype(np.float64)
     return float((colour / (1 - colour)).sum())

@@ -1,14 +1,14 @@
-"""Pictures of patches as rays: which patch each shows, which pixels meet the unit box, and the rows of a step.
+"""Pictures of patches as rays: the patch that each shows, the pixels whose rays meet the unit box, and the rows of a step.
 
 Notation
-K, N        patches, and pictures of all of them; the 16 tiles of a torus are patches, in the order in which they lie there
+K, N        patches, and pictures of all of them; the 16 tiles of a torus are patches, in their order on it
 patch       a geometry: a recipe at a version, an instance, and its β; datasets that share it add pictures to it
-pixel       place among all pixels of all pictures, row by row; of picture n from first[n] on
-held        the last pictures of a patch, in every dataset: nothing is learned from them
+pixel       index among the pixels of all pictures, row by row; picture n begins at first[n]
+held        held-out pictures: the last ones of a patch, in every dataset
 y           x / (1 + x) of a pixel's radiance x, and its alpha                   (4,)
 
-A ray's origin and direction are in the unit box, which is its patch. Rays that miss the box are black in data and model
-alike: they are left out.
+A ray's origin and direction are in the frame of the unit box, which is its patch. Rays that miss the box are left out: they are
+black in data and model alike.
 """
 
 from collections.abc import Sequence
@@ -47,8 +47,7 @@ class Rays(NamedTuple):
 class Shots:
     """Pictures of K patches. learned, held: pixels of each patch that meet the box; beta: geometry parameters of
     each, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all. tiles: patches along the side of the
-    torus whose tiles these are, or 0. given: arrays of a decoder and a
-    height feature that another fit has learned, as a bundle names them."""
+    torus whose tiles these are, or 0. given: decoder and height feature of another fit, by their names in a bundle."""
 
     folder: Path
     recipe: str
@@ -71,8 +70,8 @@ class Shots:
 
 
 def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset] = ()) -> Shots:
-    """Datasets of the same patches together. held: how many pictures of each patch, in each dataset, are not learned from;
-    tests: datasets of which nothing is.
+    """Datasets of the same patches together. held: how many pictures of each patch, in each dataset, are held out; tests:
+    datasets that are held out as a whole.
 
     Raises InputError if a picture shows a geometry of its own, datasets have other parameters than the first, or a patch has
     no pictures left to learn from."""
@@ -100,7 +99,7 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
         tuple(hits[(which == k) & (left_out == side)] for k in range(len(patches))) for side in (False, True)
     )
     if min(map(len, learned)) == 0:
-        raise InputError(datasets[0].folder, "has no picture to learn from of a patch that pictures are held out of")
+        raise InputError(datasets[0].folder, "has a patch whose pictures are all held out: none is left to learn from")
     beta, alpha = (_normalised(parameters, samples, role) for role in ("beta", "alpha"))
     origins = tuple(origin(d) for d in datasets if d not in tests)
     manifest = datasets[0].manifest | {"source": origins}
@@ -122,7 +121,7 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
 
 
 def _parameters(datasets: Sequence[Dataset]) -> dict[str, Any]:
-    """What all datasets declare. Raises InputError if one has another recipe or other parameters than the first."""
+    """The parameters of all datasets. Raises InputError if one has another recipe or other parameters than the first."""
     recipe, parameters = datasets[0].recipe, datasets[0].manifest["parameters"]
     for dataset in datasets:
         if dataset.recipe != recipe or dataset.manifest["parameters"] != parameters:
@@ -173,7 +172,8 @@ def _pixels(
 
 
 def _geometry(dataset: Dataset, sample: Sample) -> tuple:
-    """What tells a patch: of many patches its number, of one its seed. Raises InputError if every picture has its own."""
+    """What identifies a patch: its number among many, or the seed of a single one; version; and β. Raises InputError if every
+    picture has its own geometry."""
     manifest = dataset.manifest
     patch = manifest.get("patch", 0)
     if patch is None and "views" not in manifest and "tiles" not in manifest:
@@ -210,7 +210,7 @@ def _pixel_rays(sample: Sample) -> tuple[np.ndarray, np.ndarray]:
 def box_span(
     o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]
 ) -> tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R"]]:
-    """Distances at which rays enter and leave the unit box; one that misses it leaves before it enters."""
+    """Distances at which rays enter and leave the unit box; for a ray that misses, the second is less than the first."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.sort(np.stack([-o / d, (1 - o) / d]), axis=0)
     return np.max(np.fmax(ends[0], 0), axis=1), np.min(ends[1], axis=1)

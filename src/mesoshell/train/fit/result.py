@@ -1,4 +1,4 @@
-"""A fit from its numbers to what it leaves: a material, or textures of many patches, and how they score.
+"""A fit from its options to its result: a material, or textures of many patches, with scores.
 
 sheet    predicted images side by side, as linear radiance over black
 """
@@ -42,8 +42,8 @@ def fit_config(
     seed: int = 0,
 ) -> FitConfig:
     """steps: in all; rays: of a step; texels: along a patch's side, a power of two; width: of the decoder's layers; held:
-    images of each patch, the last ones, that are not learned from; decoder: a material or exemplars whose decoder is taken and
-    kept. Raises InputError for a number that is none of these, or more than memory holds."""
+    images of each patch, the last ones, that are held out; decoder: a material or exemplars whose decoder is kept fixed. Raises
+    InputError for a number out of range, or more than memory holds."""
     for name, value in (("steps", steps), ("rays", rays), ("width", width)):
         if value < 1:
             raise InputError(Argument(name), "must be at least 1")
@@ -52,7 +52,7 @@ def fit_config(
     if texels < 1 or texels & (texels - 1):
         raise InputError(Argument("texels"), f"{texels} is not a power of two")
     check_seed(seed)
-    # with gradients and two moments: 32 channels with their coarser levels, and the decoder's layers
+    # values, gradients and two moments, of 32 channels with their coarser levels, and of the decoder's layers
     check_memory(Argument("texels"), f"a texture of {texels} texels a side", 4 * 4 * 43 * texels**2)
     check_memory(Argument("width"), f"layers of {width} numbers", 4 * 4 * 5 * width**2)
     check_memory(Argument("rays"), f"{rays} rays a step", 4 * rays * width)
@@ -71,13 +71,13 @@ def fit_config(
 
 
 def shots_to_fit(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence[Dataset]) -> Shots:
-    """The pictures of datasets, and of those that only test. Raises InputError if they have too few rays for a step, or more
-    patches than memory holds."""
+    """The pictures of datasets, and of test datasets. Raises InputError if they have too few rays for a step, or more patches
+    than memory holds."""
     shots = shots_of(datasets, config.held, tests)
-    count, asked = sum(map(len, shots.learned)), config.rays * config.batch
-    if asked > count:
-        raise InputError(Argument("rays"), f"{asked} a step: the datasets have {count} that meet the box")
-    # a texture with its coarser levels, gradient and two moments, and what is kept of emptiness
+    count, needed = sum(map(len, shots.learned)), config.rays * config.batch
+    if needed > count:
+        raise InputError(Argument("rays"), f"{needed} a step: the datasets have {count} that meet the box")
+    # a texture with its coarser levels, gradient and two moments, and its occupancy
     patches = len(shots.learned)
     check_memory(Argument("texels"), f"textures of {patches} patches", patches * (16 * 43 * config.texels**2 + 2**19))
     return shots
@@ -86,7 +86,7 @@ def shots_to_fit(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence
 def conclude(
     config: FitConfig, shots: Shots, state: FitState, datasets: Sequence[Dataset], tests: Sequence[Dataset]
 ) -> Fitted:
-    """What a fit at its end leaves, scored on what was held out and on the tests."""
+    """The result of a finished fit, scored on held-out pictures and on tests."""
     config, shots = fitted(config, shots)
     scores, sheets = {}, {}
     for dataset in [*(datasets if config.held else ()), *tests]:
@@ -104,7 +104,7 @@ def conclude(
 
 
 def _sheet(y: np.ndarray, columns: int = 6, most: int = 96) -> np.ndarray:
-    """Predicted images side by side, evenly chosen of many."""
+    """Predicted images side by side, at most `most`, evenly spaced."""
     y = y[np.unique(np.linspace(0, len(y) - 1, most).astype(int))]
     n, h, w = y.shape[:3]
     rows = -(-n // columns)

@@ -1,8 +1,8 @@
-"""A pixel of a patch, as the renderer would have it, and how far it is from a render's.
+"""A pixel of a patch as the renderer computes it, and its residual against a render.
 
 Notation
 R, N        rays of a row, and candidate samples a ray
-occupancy   largest σ seen lately in each cell of (h, v, u): candidates in empty cells are not decoded   (D, V, U)
+occupancy   largest recent σ in each cell of (h, v, u): candidates in empty cells are not decoded        (D, V, U)
 x, y        radiance; x/(1+x) of it, and alpha
 
 Samples are spread over the ray's part in the box, filtered, decoded; optical depth is summed and composited.
@@ -24,23 +24,23 @@ from mesoshell.typing import Array, Bool, Float, Scalar
 
 #: Samples a tile of the network: forward and backward pass of one tile stay in a core's cache.
 _TILE = 1024
-#: 1 − y of the brightest target and prediction that count as such: a firefly is of radiance 99 (renders of the recipe stay
-#: below 14), and a prediction never infinite.
+#: Least 1 − y of a target and of a prediction: it limits fireflies to radiance 99 (renders of the recipe stay below 14), and
+#: keeps predictions finite.
 _FIREFLY, _DARKEST = 1e-2, 1e-6
 
 
 def predict(
     layout: Layout, decoded: float, material: Material, row: Rays, occupancy: Array, jitter: Float[Array, "R N"]
 ) -> tuple[Float[Array, "R 4"], Bool[Array, "R"], Scalar]:
-    """y of every ray, which rays had all their occupied candidates decoded, and the share of the budget wanted. decoded:
-    share of the candidates that there is room to decode."""
+    """y of every ray; which rays had all their occupied candidates decoded; occupied candidates over the budget. decoded: the
+    budget, as a share of all candidates."""
     r, n = jitter.shape
     spread = partial(along, PictureConfig(samples=n))
     points, length = jax.vmap(spread)(row.origin, row.direction, row.radius, jitter)
     flat = jax.tree.map(lambda x: x.reshape(r * n, *x.shape[2:]), points)
     flat = flat._replace(xi=_on_torus(layout.period, row.patch, flat.xi))
     lengths = jnp.repeat(length, n)
-    wide = flat.radius > layout.period / occupancy.shape[1]  # a filter wider than a cell sees its neighbours
+    wide = flat.radius > layout.period / occupancy.shape[1]  # a filter wider than a cell covers its neighbours
     depth = occupancy.reshape(-1)[cell_of(flat.xi, occupancy.shape, layout.period)] * lengths
     occupied = wide | (depth > 5e-3) | (decoded >= 1)
     budget = max(_TILE, int(decoded * r * n) // _TILE * _TILE)
@@ -62,7 +62,7 @@ def predict(
 
 
 def _on_torus(period: int, patch: Array, xi: Float[Array, "S 3"]) -> Float[Array, "S 3"]:
-    """Points of the unit box of a patch, in the texture that holds period × period of them, line by line."""
+    """Points of a patch's unit box, moved to its place in a texture of period × period patches, row by row."""
     if period == 1:
         return xi
     return xi.at[:, :2].add(jnp.stack([patch % period, patch // period]).astype(xi.dtype))
@@ -80,11 +80,11 @@ def cell_of(xi: Float[Array, "*batch 3"], shape: tuple[int, ...], period: int = 
 
 
 def decode(decoder: Decoder, x: Array, w: Array, light: Array) -> tuple[Array, Array]:
-    """σ and ρ of many samples, in tiles that are computed again in the backward pass: activations stay in the cache."""
+    """σ and ρ of many samples, in tiles that are recomputed in the backward pass: activations stay in the cache."""
 
     def tile(rows: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-        sigma, found = net.trunk(decoder, rows[0])
-        return sigma, net.head(decoder, net.toward_viewer(decoder, found, rows[1]), rows[2])
+        sigma, features = net.trunk(decoder, rows[0])
+        return sigma, net.head(decoder, net.toward_viewer(decoder, features, rows[1]), rows[2])
 
     split = jax.tree.map(lambda a: a.reshape(-1, _TILE, a.shape[-1]), (x, w, light))
     sigma, rho = jax.lax.map(jax.checkpoint(tile), split)
@@ -92,9 +92,9 @@ def decode(decoder: Decoder, x: Array, w: Array, light: Array) -> tuple[Array, A
 
 
 def residual(y: Float[Array, "*batch 4"], target: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """What the loss squares: (x − x̂) / (1 + x)², with a denominator that has no gradient, and what alpha is off.
+    """The residual that the loss squares: (x − x̂) / (1 + x)², with no gradient through the denominator; and the error of alpha.
 
-    To first order that is the difference of y. But where the material cannot tell pixels apart, the best x is their mean
+    To first order this is the difference of y. But where the material cannot tell pixels apart, the best x is their mean
     (Lehtinen et al. 2018, section 3.4); the mean of y is darker, the more the pixels differ: 7% for grass over 4 × 4 of them.
     """
     dark, true = jnp.maximum(1 - y[..., :3], _DARKEST), jnp.maximum(1 - target[..., :3], _FIREFLY)

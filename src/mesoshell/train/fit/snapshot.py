@@ -1,4 +1,4 @@
-"""What a fit keeps on the way: the textures that it has with their decoder, and pictures that it was not shown beside renders.
+"""Snapshots of a fit: its textures with their decoder, and a sheet of held-out pictures beside renders.
 
 sheet    a column a patch: its nearest held-out picture as fitted, over the render, as x / (1 + x)
 """
@@ -24,7 +24,7 @@ COLUMNS = 12
 
 
 def provenance(config: FitConfig, shots: Shots, state: FitState) -> dict[str, Any]:
-    """Where what was fitted comes from."""
+    """Provenance of a fit."""
     return {
         "config": asdict(config),
         "steps": int(state.step),
@@ -34,7 +34,7 @@ def provenance(config: FitConfig, shots: Shots, state: FitState) -> dict[str, An
 
 
 def exemplars(config: FitConfig, shots: Shots, state: FitState, about: dict[str, Any]) -> Exemplars:
-    """What was fitted, as it is written; tiles one by one. about: its provenance."""
+    """The fit as exemplars; tiles one by one. about: its provenance."""
     feature = np.asarray(state.own.feature)
     if config.tiles:
         cut = feature.reshape(config.tiles, config.texels, config.tiles, config.texels, -1)
@@ -55,7 +55,7 @@ def save(path: Path, config: FitConfig, shots: Shots, state: FitState) -> None:
 
 
 def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray, "h w 3"]:
-    """Up to COLUMNS patches, by pictures of the largest size; learned ones where none are held out."""
+    """A sheet of up to COLUMNS patches, by pictures of their largest common size; trained ones where none are held out."""
     patches = np.unique(np.linspace(0, config.patches - 1, COLUMNS).round().astype(int))
     pixels = [shots.held[k] if len(shots.held[k]) else shots.learned[k] for k in patches]
     pictures = [np.unique(np.searchsorted(shots.first, p, side="right") - 1) for p in pixels]
@@ -75,4 +75,4 @@ def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray,
 
 
 def painter(config: FitConfig, path: Path) -> Callable[[Any], Any]:
-    raise InputError(path, "is of a fit, which scores its own held-out pictures")
+    raise InputError(path, "is of a fit, which scores its held-out pictures itself")

@@ -3,16 +3,16 @@
 Notation
 K, G        patches; patches a step
 B, R, N     rows a step, each of rays of one patch; rays a row; candidate samples a ray
-occupancy   largest σ seen lately in each cell of (h, v, u) of a patch: candidates in empty cells are not decoded
-share       how much of the run is done, 0 to 1
+occupancy   largest recent σ in each cell of (h, v, u) of a patch: candidates in empty cells are not decoded
+share       finished share of the run, 0 to 1
 
-A pixel is the renderer's (train/fit/slab_pixels). Loss: mean squared error of x/(1+x) and alpha alike, to first order. What
-helped and what did not is in `docs/results/fitting.md`.
+A pixel is computed as in the renderer (train/fit/slab_pixels). The loss is, to first order, the mean squared error of x/(1+x)
+and alpha. `docs/results/fitting.md` tells what helped and what did not.
 
-With many patches a step sees G of them. The first FEW teach the decoder while `stand` lasts, then all do, at a rate that falls;
-after `settle` of the run the decoder stays as it is and textures alone go on, so that all are fitted to the same one.
+With many patches a step sees G of them. In the first `stand` of the run the decoder learns from FEW patches, then from all, at
+a falling rate; after `settle` of the run it is frozen and only textures are fitted, so that all have the same decoder.
 
-Patches may be tiles of a torus: they lie side by side in one texture, and the decoder learns with it to the end.
+Patches may be tiles of a torus: they lie side by side in one texture, and the decoder is trained to the end.
 """
 
 from collections.abc import Callable
@@ -38,21 +38,21 @@ from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.update import HERE, Across, descent, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
-#: Patches that the decoder learns on at first.
+#: Patches that the decoder learns from at first.
 FEW = 4
-#: Cells of an occupancy along h, and at most along v and u; its layers that are looked at anew in a step; what old values keep.
+#: Cells of an occupancy along h, and at most along v and u; its layers that are renewed in a step; decay of old values.
 _DEPTH, _CELLS, _LAYERS, _FADE = 32, 64, 2, 0.8
-#: What cells hold until they have been seen.
+#: Value of cells before they are first evaluated.
 _UNSEEN = 1.5
 
 
 @dataclass(frozen=True)
 class FitConfig:
-    """Everything that a fit depends on beside the data. batch, rays: B, R; group: most patches a step; decoded: share of the
-    candidates that a row has room to decode; rates fall to `final` of themselves; patches, appearance: K, and the number of α,
+    """Everything that a fit depends on beside the data. batch, rays: B, R; group: most patches a step; decoded: share of
+    its candidates that a row may decode; rates fall to `final` of themselves; patches, appearance: K, and the number of α,
     which follow from the data, as tiles does: patches along the side of a torus, 0 where each is one of its own; kept: steps
-    between snapshots; given: a material or exemplars whose decoder and F(h) are taken and stay as they are, and given_digest:
-    of that file; held: pictures of each patch, in each dataset, not learned from."""
+    between snapshots; given: a material or exemplars whose decoder and F(h) are kept fixed; given_digest: of that file; held:
+    held-out pictures of each patch, in each dataset."""
 
     texels: int = 256
     channels: int = 32
@@ -91,12 +91,12 @@ class FitConfig:
 
     @property
     def at_once(self) -> int:
-        """G: rows of a step come evenly from them."""
+        """G, a divisor of the rows of a step."""
         return max(g for g in range(1, min(self.group, self.patches) + 1) if self.batch % g == 0)
 
     @property
     def together(self) -> int:
-        """Rows of a step that show one patch, which are neighbours."""
+        """Consecutive rows of a step that show one patch."""
         return self.batch // self.at_once
 
     @property
@@ -111,15 +111,14 @@ class FitConfig:
 
 
 class Common(NamedTuple):
-    """What all patches share. height: F(h)."""
+    """Parameters that all patches share. height: F(h)."""
 
     height: Float[Array, "R 1 C"]
     decoder: Decoder
 
 
 class Own(NamedTuple):
-    """What each texture, of a patch or of a torus, has of its own: F(u, v), Adam's moments of it and its count of updates, and
-    its occupancy."""
+    """State of each texture, of a patch or of a torus: F(u, v), its Adam state, and its occupancy."""
 
     feature: Float[Array, "K H W C"]
     adam: Any
@@ -137,7 +136,7 @@ class FitState(NamedTuple):
 
 
 class FitReport(NamedTuple):
-    """Mean squared error; share of the budget for decoding that was wanted; which leaves of the gradients are not finite."""
+    """Mean squared error; occupied candidates over the decoding budget; which leaves of the gradients are not finite."""
 
     error: Scalar
     wanted: Scalar
@@ -145,7 +144,7 @@ class FitReport(NamedTuple):
 
 
 def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
-    """The configuration for the data, with the decoder that is given. Raises InputError if that does not fit them."""
+    """The configuration adapted to the data, with the given decoder. Raises InputError if that does not fit them."""
     config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1], tiles=shots.tiles)
     if config.given:
         config, shots = _given(config, shots)
@@ -153,7 +152,7 @@ def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
 
 
 def _given(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
-    """With what a material has of decoder and height feature. Raises InputError if it takes other inputs than the data give."""
+    """With a material's decoder and height feature. Raises InputError if the decoder takes other inputs than the data give."""
     path = find(config.given)
     arrays, appearance = read_decoder(path)
     decoder, height = decoder_of(arrays), arrays["height/0"]
@@ -198,7 +197,7 @@ def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Call
 
 
 def start(config: FitConfig, shots: Shots, key: Key[Array, ""]) -> FitState:
-    """Small random features and a He-initialised decoder, or the one that is given."""
+    """Small random features, and a He-initialised decoder or the given one."""
     keys = jax.random.split(key, 3)
     c, side = config.channels, config.side
     count = 1 if config.tiles else config.patches
@@ -271,31 +270,31 @@ def _moved(rate: Scalar, tree: Any, memory: Any, gradient: Any) -> tuple[Any, An
 
 
 def material_of(common: Common, feature: Float[Array, "H W C"]) -> Material:
-    """One patch as a field takes it."""
+    """The material of one texture."""
     return Material(mip.pack(mip.build(feature)), mip.pack(mip.build(common.height)), common.decoder)
 
 
 def texture_of(config: FitConfig, state: FitState, patch: int) -> Float[Array, "H W C"]:
-    """The texture that a patch lies in."""
+    """The texture that holds a patch."""
     return state.own.feature[0 if config.tiles else patch]
 
 
 def given(exemplars: Exemplars) -> Callable[[int], Material]:
-    """The material of each patch, of a fit that was written."""
+    """The material of each patch of stored exemplars."""
     height = jnp.asarray(exemplars.height, jnp.float32)[:, None]
     common = Common(height, decoder_of(exemplars.decoder))
     return lambda k: material_of(common, jnp.asarray(exemplars.features[k], jnp.float32))
 
 
 def _pyramids(feature: Float[Array, "G H W C"]) -> Pyramid:
-    """Pyramids built from the finest level, as a generator's texture will be."""
+    """Pyramids built from the finest level, as for a generator's texture."""
     return jax.vmap(lambda f: mip.pack(mip.build(f)))(feature)
 
 
 def _row_loss(
     config: FitConfig, height: Pyramid, decoder: Decoder, texture: Pyramid, occupancy: Array, row: Rays
 ) -> tuple[Scalar, Scalar]:
-    """Mean squared error over the rays that had all their candidates decoded, and the share of the budget wanted."""
+    """Mean squared error over the rays with all candidates decoded, and occupied candidates over the budget."""
     jitter = jax.random.uniform(jax.random.wrap_key_data(row.key), (config.rays, config.candidates), jnp.float32)
     jitter = jitter.astype(row.target.dtype)
     y, complete, wanted = predict(
@@ -308,8 +307,8 @@ def _row_loss(
 def _looked(
     config: FitConfig, common: Common, alphas: Array, feature: Array, occupancy: Array, count: Array, key: Array
 ) -> Float[Array, "D V U"]:
-    """An occupancy, _LAYERS of it renewed in turn: old values fade, and one random point a cell is looked at, with the
-    appearance of any ray."""
+    """An occupancy with its next _LAYERS renewed: old values decay, and σ is evaluated at a random point a cell, with the
+    appearance of a random ray."""
     depth, rows, columns = occupancy.shape
     first = count * _LAYERS % depth
     some = jax.lax.dynamic_slice_in_dim(occupancy, first, _LAYERS)

@@ -1,4 +1,4 @@
-"""Renders for training, step by step, nearer cameras later.
+"""Renders for training, step by step; nearer cameras come later.
 
 Notation
 share      of the samples, farthest cameras first, that a step may see: from FIRST to all over `near_kimg`, in STAGES
@@ -22,13 +22,13 @@ from mesoshell.train.gan.state import TrainConfig, sized
 from mesoshell.train.loader import Feed, take
 from mesoshell.train.patch_renderer import PictureConfig
 
-#: The farthest quarter at first, then one eighth of the way at a time.
+#: The farthest quarter at first; then an eighth of the rest a stage.
 FIRST, STAGES = 0.25, 8
 
 
 @runtime_checkable
 class Paced(Protocol):
-    """Of a configuration, what says which renders a step sees."""
+    """Fields of a configuration that decide which renders a step sees."""
 
     @property
     def batch(self) -> int: ...
@@ -39,8 +39,8 @@ class Paced(Protocol):
 
 
 def fitted(config: TrainConfig, dataset: Dataset) -> tuple[TrainConfig, Dataset]:
-    """The configuration for a dataset, and the dataset with what varies in it. Raises InputError if its images are not of the
-    configured size, or the discriminator could compare views of one texture with each other, which renders do not have."""
+    """The configuration adapted to a dataset, and the dataset with only the parameters that vary. Raises InputError if its
+    images have another size, or if the discriminator's groups could hold views of one texture, which renders never do."""
     if config.batch % GROUP == 0 and config.views > config.batch // GROUP:
         raise InputError(
             "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
@@ -48,13 +48,13 @@ def fitted(config: TrainConfig, dataset: Dataset) -> tuple[TrainConfig, Dataset]
     seen = varying(dataset)
     roles = [entry["role"] for entry in seen.manifest["parameters"].values()]
     if config.mismatch and not roles:
-        raise InputError("mismatch", "needs a dataset with parameters: without them no render is beside wrong ones")
+        raise InputError("mismatch", "needs a dataset with parameters, which it exchanges between renders")
     config = replace(config, picture=fitted_picture(config.picture, dataset))
     return sized(config, roles.count("alpha"), roles.count("beta")), seen
 
 
 def varying(dataset: Dataset) -> Dataset:
-    """The dataset without the parameters that were the same in all its renders: what they do cannot be learned."""
+    """The dataset without the parameters that are the same in all its renders, whose effect cannot be learned."""
     fixed = dataset.manifest.get("fixed_parameters", {})
     kept = {name: entry for name, entry in dataset.manifest["parameters"].items() if name not in fixed}
     return replace(dataset, manifest=dataset.manifest | {"parameters": kept})
@@ -66,7 +66,7 @@ def fitted_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
     if size != (wanted, wanted):
         raise InputError(
             dataset.folder,
-            f"has images of {size[0]} × {size[1]} pixels; the experiment wants {wanted} × {wanted}: "
+            f"has images of {size[0]} × {size[1]} pixels; the experiment expects {wanted} × {wanted}: "
             f"mesoshell dataset pack … --size {wanted}",
         )
     return replace(picture, fov=float(dataset.samples[0].fov))
@@ -97,7 +97,7 @@ def renders(config: Paced, dataset: Dataset, host: int = 0, hosts: int = 1) -> C
 
 
 def views_of(config: Paced, dataset: Dataset, positions: Int[np.ndarray, "B"] | list[int]) -> ImageBatch:
-    """The samples at these positions, with keys of their own: the same whenever they are asked for."""
+    """The samples at these positions, each with a key: the same in every call."""
     b = take(dataset, np.asarray(positions))
     keys = np.stack(
         [jax.random.key_data(jax.random.fold_in(jax.random.key(config.seed), i)) for i in range(len(positions))]

@@ -1,13 +1,13 @@
-"""Pictures of random textures, and what the discriminator is told of a picture.
+"""Generate pictures of random textures, and the labels that the discriminator sees with pictures.
 
 Notation
-B            pictures a step; each row has a random key of its own, so that its numbers do not depend on where it is computed
-T            textures a step: `views` pictures, one after the other in the batch, look at the same one
+B            pictures a step; each row has its own random key, so that its numbers do not depend on the device
+T            textures a step: each is seen in `views` consecutive pictures of the batch
 c            label: α, β (both in turns), direction to the camera from the box's centre, log of its distance, direction to the
              light                                                                (B, L)
-each         how a function of one row is applied to all of them: at once, or in turn
+each         applies a function of one row to all rows: at once, or in turn
 
-A texture costs four times what a picture of it costs, so that a second camera on it is cheap.
+A texture costs four times what a picture of it costs, so a second view of it is cheap.
 """
 
 from collections.abc import Callable
@@ -48,7 +48,7 @@ class ImageBatch(NamedTuple):
 
 
 class GeneratorStats(NamedTuple):
-    """What the generator's state averages: mean squares of its layers' inputs, mean of w. roughness: see regularise."""
+    """Statistics of a step. magnitude: mean squares of the layers' inputs; w: its mean; roughness: see regularise."""
 
     magnitude: list[Scalar]
     w: Float[Array, "W"]
@@ -63,8 +63,8 @@ def label(batch: ImageBatch) -> Float[Array, "B L"]:
     return jnp.concatenate([about, toward / distance, jnp.log(distance), batch.light], axis=1)
 
 
-def asked(config: TrainConfig, batch: ImageBatch) -> ImageBatch:
-    """What generated pictures are asked to be: a texture's parameters are those of the first of its views."""
+def conditions(config: TrainConfig, batch: ImageBatch) -> ImageBatch:
+    """The conditions of generated pictures: all views of a texture have the parameters of the first."""
 
     def first(x: Array) -> Array:
         return jnp.repeat(x[:: config.views], config.views, axis=0)
@@ -80,7 +80,7 @@ def generate(
     each: Callable[[Callable], Callable],
     tile: tuple[int, int] = (0, 0),
 ) -> tuple[Float[Array, "B S S 4"], GeneratorStats]:
-    """Pictures of fresh textures from the batch's cameras, lights and parameters (those of `asked`). tile: of the plane."""
+    """Pictures of fresh textures from the batch's cameras, lights and parameters (from `conditions`). tile: of the plane."""
     keys = jax.vmap(lambda k: jax.random.split(k, 3))(jax.random.wrap_key_data(batch.key))
     textures = keys[:: config.views]
     dtype = batch.alpha.dtype
@@ -94,7 +94,7 @@ def generate(
     height = synthesise_height(config.generator, learner.generator, w)
 
     def one(feature: Array, height: Array, view: View, key: Array) -> tuple[Array, Array]:
-        # one row for all rays: with one for each, thin layers turn into noise, and a generator learns to make do with that
+        # one row for all rays: with one for each, thin layers turn into noise, to which the generator adapts
         jitter = jax.random.uniform(key, (1, config.picture.samples), jnp.float32).astype(dtype)
         material = material_of(config.picture, feature, height, learner.decoder)
         rough = roughness(config.picture, material, view.alpha, key) if config.density else jnp.zeros((), dtype)

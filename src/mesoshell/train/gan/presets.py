@@ -1,4 +1,4 @@
-"""Sizes of training runs, from one that a test can afford to the paper's.
+"""Sizes of training runs, from a test's to the paper's.
 
 preset   pictures   texels a patch   generator's channels   for
 tiny     16²        16               base 256, at most 16   tests: a step takes half a second on two cores

@@ -1,12 +1,12 @@
-"""Two helps that a run may ask for: early pictures seen through a blur, and density that changes little over small steps.
+"""Two optional regularisers: blur of early pictures, and a penalty on density that changes over small steps.
 
 Notation
-s            standard deviation of the blur, pixels: `blur` at first, falling evenly to 0 at `blur_kimg`
+s            standard deviation of the blur, pixels: `blur` at first, falling linearly to 0 at `blur_kimg`
 δ            standard deviation of the step between two points, canonical lengths
 σ            extinction in units of the decoder's scale
 
-Both come from public 3D-aware GANs (Chan et al. 2022: s = 10 at 512², δ = 0.004, weight 0.25). Both are off unless an
-experiment asks for them, and what is off is not computed.
+Both come from public 3D-aware GANs (Chan et al. 2022: s = 10 at 512², δ = 0.004, weight 0.25). Both are off by
+default; what is off is not computed.
 """
 
 import math

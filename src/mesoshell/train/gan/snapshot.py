@@ -1,8 +1,8 @@
-"""What a GAN's run keeps on the way: the material of the averaged weights, and a sheet of pictures.
+"""Snapshots of a GAN's run: the material of the averaged weights, and a sheet of pictures.
 
 Notation
 snapshot    a bundle that `mesoshell render` takes
-sheet       rows of six: near renders, pictures from far cameras, and from the near renders' cameras, one texture a column; and
+sheet       rows of six: near renders, then pictures from far cameras and from the near renders' cameras, a texture a column;
             beside them the first three features of 4 × 4 patches
 """
 
@@ -41,7 +41,7 @@ def save(path: Path, config: TrainConfig, dataset: Dataset, state: TrainState) -
 
 
 def painter(config: TrainConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
-    """What makes pictures of a snapshot, a texture each, with the labels and keys of a batch."""
+    """A function that makes pictures of a snapshot, a texture each, with the labels and keys of a batch."""
     maker = maker_of(read_bundle(path), str(path))
     learner = Learner(maker.generator, maker.decoder)
     return lambda batch: pictures(config, learner, maker.averages, batch)
@@ -68,7 +68,7 @@ def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.
 
 
 def ends(config: Paced, dataset: Dataset) -> tuple[ImageBatch, ImageBatch]:
-    """A row of the farthest renders, and one of the nearest."""
+    """The farthest renders, and the nearest, COLUMNS of each."""
     far_first = sorted(range(len(dataset.samples)), key=lambda i: -dataset.samples[i].radius)
     return views_of(config, dataset, far_first[:COLUMNS]), views_of(config, dataset, far_first[-COLUMNS:])
 
@@ -80,7 +80,7 @@ def in_rows(rows: list[np.ndarray]) -> Float[np.ndarray, "h w 3"]:
 
 
 def as_colours(feature: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "V U 3"]:
-    """The first three channels, their middle grey and two standard deviations black and white."""
+    """The first three channels as colours: the mean is grey; two standard deviations below and above are black and white."""
     x = feature[..., :3]
     spread = np.maximum(x.std(axis=(0, 1)), 1e-6)
     return np.clip(0.5 + (x - x.mean(axis=(0, 1))) / (4 * spread), 0, 1).astype(np.float32) ** 2.2

@@ -1,4 +1,4 @@
-"""What a training run is made of: its configuration, its state, and how both begin.
+"""Configuration, state and start of a GAN's run.
 
 Notation
 kimg       thousands of renders shown to the discriminator
@@ -20,7 +20,7 @@ from mesoshell.shell.material.decoder import Decoder, init_decoder
 from mesoshell.train.patch_renderer import PictureConfig
 from mesoshell.typing import Array, Int, Key
 
-#: The bias of the decoder's last layer at the start: ρ is 0.004, and under 40 W/m² as dark as a render's median.
+#: The bias of the decoder's last layer at the start: ρ is 0.004, which under 40 W/m² is as dark as a render's median.
 DARK = -3.5
 #: Label entries beside α and β: direction to the camera, log of its distance, direction to the light.
 POSE = 7
@@ -30,11 +30,11 @@ POSE = 7
 class TrainConfig:
     """Everything that a run depends on beside the data.
 
-    gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: until when the nearest camera comes closer,
-    from the far end of the dataset's distances to their near end; views: pictures of each texture; blur: deviation in
-    pixels of what the discriminator sees at first, gone at blur_kimg; density: weight of the density's roughness; mismatch: of
-    renders beside other renders' parameters, which the discriminator is to tell apart as it does pictures;
-    precision: of convolutions, but R1 is float32 always; snapshot_kimg: how often a run keeps a material and a sheet.
+    gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: when the nearest cameras are reached, from the
+    farthest at first; views: pictures of each texture; blur: deviation in pixels, at first, of the blur before the
+    discriminator, 0 from blur_kimg on; density: weight of the density's roughness; mismatch: weight of renders with other
+    renders' parameters, which the discriminator must also reject; precision: of convolutions, except in R1, which is always
+    float32; snapshot_kimg: how often a run keeps a material and a sheet.
     """
 
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
@@ -61,7 +61,7 @@ class TrainConfig:
 
 
 class Learner(NamedTuple):
-    """What makes materials: the generator of features and the decoder."""
+    """The networks that make materials: the generator of features, and the decoder."""
 
     generator: Generator
     decoder: Decoder
@@ -81,7 +81,7 @@ class TrainState(NamedTuple):
 
 
 def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
-    """The configuration for a dataset with so many parameters: labels, decoder's and mapping's inputs follow from it."""
+    """The configuration for a dataset with this many parameters, which set the inputs of discriminator, decoder and mapping."""
     return replace(
         config,
         appearance=appearance,
@@ -94,10 +94,10 @@ def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
 def optimisers(config: TrainConfig) -> tuple[optax.GradientTransformation, optax.GradientTransformation]:
     """Adam (0, 0.99, 1e-8), for the learner and for the discriminator.
 
-    The decoder's kernels are stored as they act, all others with unit variance and scaled where they are used: so that they
-    learn at the others' pace, their steps are those times 1/√inputs. The scale of σ stays. The discriminator's takes
-    r1_every + 1 updates where the learner's takes r1_every: its rate is lowered, and its memory lengthened, in that
-    proportion (StyleGAN2, appendix B).
+    All kernels but the decoder's are stored with unit variance and scaled where they are used. The decoder's are stored as
+    they act, so their steps are multiplied by 1/√inputs, to learn at the same pace. The scale of σ stays. The
+    discriminator takes r1_every + 1 updates while the learner takes r1_every: its rate is lowered, and its memory lengthened,
+    in that proportion (StyleGAN2, appendix B).
     """
     lazy = config.r1_every / (config.r1_every + 1)
     return (

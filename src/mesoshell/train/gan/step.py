@@ -5,12 +5,12 @@ B            pictures, and renders, a step
 y            what the discriminator sees: 2x/(1 + x) − 1                         (B, S, S, 3)
 c, c′        labels of the renders, and of the pictures                           (B, L)
 c″           of the renders, with the parameters of the next one                  (B, L)
-across       how to take a mean over devices, and all devices' rows: nothing to do where arrays are global already
+across       means over devices, and all devices' rows (train/update); trivial where arrays are global
 
 Both players learn from one forward pass of the generator: its pictures are judged once for its own gradient, and, held fixed,
 once for the discriminator's. R1 is an update of its own every `r1_every` steps, in the pictures' type whatever the precision.
-That renders are not of other parameters the discriminator may be told as well (Reed et al., "Generative adversarial text to
-image synthesis", 2016, section 4.2).
+With `mismatch`, the discriminator also learns to reject renders with wrong parameters (Reed et al., "Generative adversarial
+text to image synthesis", 2016, section 4.2).
 """
 
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 
 from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.shell.generator.generator import Averages
-from mesoshell.train.gan.generate import GeneratorStats, ImageBatch, asked, generate, label
+from mesoshell.train.gan.generate import GeneratorStats, ImageBatch, conditions, generate, label
 from mesoshell.train.gan.regularise import blurred
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers
 from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
@@ -28,15 +28,15 @@ from mesoshell.train.patch_renderer import shown
 from mesoshell.train.update import HERE, Across, not_finite, updated
 from mesoshell.typing import Array, Bool, Scalar
 
-#: Images after which half of the old magnitude is left, and how much of the mean of w each step keeps.
+#: Half-life of the average magnitude, images; share of the mean of w that each step keeps.
 MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
-#: Half-life of the weight average: this many images, or this share of those seen if that is fewer.
+#: Half-life of the weight average: this many images, or this share of those seen, whichever is less.
 AVERAGE_IMAGES, AVERAGE_SHARE = 10_000.0, 0.05
 
 
 class GanReport(NamedTuple):
-    """Losses, mean logits, and which leaves of the gradients (learner's, then discriminator's) are not finite. r1 is as it is
-    minimised: r1_every times R1 where it is due, else 0, so that its mean over steps is R1."""
+    """Losses, mean logits, and which leaves of the gradients (learner's, then discriminator's) are not finite. r1: r1_every
+    times R1 in steps where it is due, else 0, so that its mean over steps is R1."""
 
     generator: Scalar
     discriminator: Scalar
@@ -50,7 +50,7 @@ def step(
     config: TrainConfig, state: TrainState, batch: ImageBatch, across: Across = HERE
 ) -> tuple[TrainState, GanReport]:
     """Both updates, R1 if it is due, and the averages. Pure."""
-    wanted = asked(config, batch)
+    wanted = conditions(config, batch)
     c, c_fake, sharp = label(batch), label(wanted), shown(batch.image[..., :3])
     for_learner, for_discriminator = optimisers(config)
     s = config.blur * jnp.maximum(1 - state.images.astype(sharp.dtype) / (1000 * config.blur_kimg), 0)
@@ -113,7 +113,7 @@ def step(
 
 
 def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:
-    """Each row with the parameters of the next, of all devices' rows."""
+    """Each row with the parameters of the next one, among all devices' rows."""
 
     def next_of(x: Array) -> Array:
         rows, own = (x, jnp.arange(x.shape[0])) if across.everyone is None else across.everyone(x)
@@ -125,7 +125,7 @@ def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:
 def _regularised(
     config: TrainConfig, judge: Any, adam: Any, seen: tuple[Array, Array], across: Across
 ) -> tuple[Any, Any, Scalar, Bool[Array, "_leaves"]]:
-    """The update by R1 of (y, c), what it was, and which leaves of its gradient are not finite."""
+    """Discriminator and optimiser after an update by R1 of (y, c), R1, and which leaves of its gradient are not finite."""
     y, c = seen
 
     def penalty(judge: Any) -> Scalar:

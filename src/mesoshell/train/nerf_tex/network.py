@@ -1,6 +1,6 @@
-"""The method compared with: one network of a place, two directions and the parameters, fitted to renders (NeRF-Tex).
+"""NeRF-Tex, for comparison: one network of a point, two directions and the parameters, fitted to renders.
 
-No texture, no random numbers that make one, no discriminator (MesoGAN, section 6.3 and appendix B).
+It has no texture, no latent and no discriminator (MesoGAN, section 6.3 and appendix B).
 
 Notation
 B, P         pictures a step; normalised parameters that the network sees: all α, all β, and with `seeded` the geometry's seed
@@ -8,8 +8,8 @@ B, P         pictures a step; normalised parameters that the network sees: all �
 p            parameters in [0, 1], encoded in the same way with PARAMETER_OCTAVES values of k
 loss         SMAPE of linear radiance, and mean square error of transmittance, over all pixels
 
-The network is the project's own decoder: its trunk gives σ, its head ρ. `seeded` asks whether a seed can stand for a geometry:
-each render's is a number in [0, 1], its place among the dataset's, and a new picture draws one.
+The network is the project's own decoder: its trunk gives σ, its head ρ. With `seeded` it also sees a seed for the geometry:
+each render has its own number in [0, 1], and a new picture draws one.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ PARAMETER_OCTAVES = 4
 
 @dataclass(frozen=True)
 class ParametricConfig:
-    """Everything that such a run depends on beside the data; fields that a TrainConfig has too mean the same.
+    """Everything that a run depends on beside the data; for fields shared with TrainConfig, see there.
 
     octaves: of the encoding of ξ; rate: Adam's; parameters: P, which follows from the dataset.
     """
@@ -72,8 +72,8 @@ class ParametricReport(NamedTuple):
 
 
 def sized_as(preset: TrainConfig, seeded: bool = False) -> ParametricConfig:
-    """The network at a preset's size. With no texture to remember a patch, it has twice the decoder's width and four layers
-    in its trunk; the shortest wave of its encoding is as long as two of the preset's texels."""
+    """The network at a preset's size. Since no texture stores the patch, it has twice the decoder's width and
+    four layers in its trunk; the shortest wave of its encoding is two of the preset's texels long."""
     width = preset.trunk[0]
     return ParametricConfig(
         picture=preset.picture,
@@ -132,14 +132,14 @@ def paint(
 
 
 def see(config: ParametricConfig, point: Point) -> Float[Array, "I"]:
-    """What the network sees of a point: ξ and p, each with its sines and cosines."""
+    """The network's input at a point: ξ and p, each with its sines and cosines."""
     place = jax.vmap(lambda x: encode_height(x, config.octaves))(point.xi)
     parameters = jax.vmap(lambda x: encode_height(x, PARAMETER_OCTAVES))(point.alpha)
     return jnp.concatenate([place.reshape(-1), parameters.reshape(-1)])
 
 
 def redrawn(config: ParametricConfig, batch: ImageBatch) -> ImageBatch:
-    """The batch with seeds that no render has, drawn by its keys; the batch itself if the network sees none."""
+    """The batch with new seeds, drawn by its keys; unchanged if the network sees no seed."""
     if not config.seeded:
         return batch
     keys = jax.vmap(lambda k: jax.random.fold_in(k, 1))(jax.random.wrap_key_data(jnp.asarray(batch.key)))

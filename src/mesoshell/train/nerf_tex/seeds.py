@@ -1,4 +1,4 @@
-"""What the parametric network is told of a dataset: what varies in it, and the seed of its geometry as one more parameter.
+"""Adapt a dataset to the parametric network: parameters that vary, and the geometry's seed as one more parameter.
 
 Notation
 seed       of a sample's geometry, as one more β: (i + ½)/n for the i-th of n samples, so that no two are alike in float32
@@ -11,14 +11,14 @@ from mesoshell.io.dataset import Dataset
 from mesoshell.train.gan.curriculum import fitted_picture, varying
 from mesoshell.train.nerf_tex.network import ParametricConfig
 
-#: The name of the seed among parameters; not one that a recipe could use.
+#: The name of the seed among parameters; not one that a recipe can use.
 SEED = "geometry seed"
 
 
 def fitted(config: ParametricConfig, dataset: Dataset) -> tuple[ParametricConfig, Dataset]:
-    """The configuration for a dataset, and the dataset with what varies in it, its seeds too if the network sees them. Raises
-    InputError if images are not of the configured size, or show other geometry each and no seed tells which, or the same and
-    there is no need."""
+    """The configuration adapted to a dataset, and the dataset with the parameters that vary, and with seeds if the network sees
+    them. Raises InputError if images have another size, if each shows another geometry and `seeded` is off, or if all show one
+    geometry and `seeded` is on."""
     patch = dataset.manifest.get("patch", None if config.seeded else 0)
     if patch is None and not config.seeded:
         raise InputError(

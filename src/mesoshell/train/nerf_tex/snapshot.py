@@ -1,8 +1,8 @@
-"""What a run of the parametric network keeps on the way: its weights, and a sheet of pictures.
+"""Snapshots of a run of the parametric network: its weights, and a sheet of pictures.
 
 Notation
-snapshot    an archive of arrays (io/archive), PART/LAYER/kernel and bias; its manifest.json says that it is no bundle, so that
-            what reads materials refuses it by its kind
+snapshot    an archive of arrays (io/archive), PART/LAYER/kernel and bias; the kind in its manifest.json is not a
+            bundle's, so readers of materials refuse it
 sheet       rows of six: near renders and pictures of the same, far renders and pictures of the same
 """
 
@@ -37,8 +37,8 @@ def save(path: Path, config: ParametricConfig, dataset: Dataset, state: Parametr
 
 
 def painter(config: ParametricConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
-    """What makes pictures of a snapshot with the labels of a batch, and with seeds by its keys. Raises InputError if the file
-    does not hold this configuration's network."""
+    """A function that makes pictures of a snapshot with the labels of a batch, and with seeds drawn by its keys. Raises
+    InputError if the file does not hold this configuration's network."""
     like = jax.eval_shape(lambda: start(config, jax.random.key(0))).decoder
     named, heads = _named(like), read_heads(path)
     for name, leaf in named.items():

@@ -1,7 +1,7 @@
-"""Rays of photographs, step by step: which are learned from, and which are kept to test with.
+"""Rays of photographs, step by step, and which photographs are held out.
 
 Notation
-batch        rays a step: two thirds through the object's masks, one third beside them, of all views that are learned from
+batch        rays a step: two thirds through the object's masks, one third beside them, from all views but the held-out ones
 step         counted from 0; what step i sees depends on the seed, the capture and i alone, so that a run may resume
 """
 
@@ -16,12 +16,12 @@ from mesoshell.neutex.cameras import rays_of
 from mesoshell.neutex.capture import Capture, read_capture
 from mesoshell.typing import Array, Float, Int
 
-#: Views that the paper holds out, of captures with as many; of fewer, one in eight.
+#: Views that the paper holds out; a capture with fewer views than these need holds out one in eight.
 HELD = (6, 13, 30, 35)
 
 
 class Rays(NamedTuple):
-    """A batch, in the box's units. noise: of a row's random numbers. point, u: of the cloud, and of the texture."""
+    """A batch, in the box's units. noise: seed of a row's random numbers; point: of the cloud; u: of the texture."""
 
     o: Float[Array, "B 3"]
     d: Float[Array, "B 3"]
@@ -33,7 +33,7 @@ class Rays(NamedTuple):
 
 
 def recorded(data: dict[str, Any], side: int) -> Capture:
-    """The capture that a run's record speaks of."""
+    """The capture that a run's record names."""
     return read_capture(Path(data["folder"]), data.get("background"), side)
 
 
@@ -62,7 +62,7 @@ def rays_for(batch: int, seed: int, capture: Capture, host: int = 0, hosts: int 
         pixel = np.concatenate([random.choice(inside, foreground), random.choice(beside, batch - foreground)])
         noise, u = random.integers(2**31 - 1, size=batch), random.normal(size=(batch, 3))
         point = cloud[random.integers(len(cloud), size=batch)]
-        # a host has as many of either kind as another, but for one
+        # hosts have equal numbers of both kinds of rays, to within one
         mine = slice(host, None, hosts)
         o, d = rays_of(photos, pixel[mine])
         u /= np.linalg.norm(u, axis=1, keepdims=True)

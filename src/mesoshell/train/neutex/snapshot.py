@@ -1,8 +1,8 @@
-"""What a run of a captured object keeps on the way: the object as a file, and a sheet of it.
+"""Snapshots of a run of a captured object: the object as a file, and a sheet of pictures.
 
 Notation
-sheet        two views that were held out (or, if none was, learned from), of each its photograph, a render, and one with a
-             checkerboard for texture; beneath them the texture, as a cubemap
+sheet        two held-out views (or trained ones if there are none), of each its photograph, a render, and a render with a
+             checkerboard texture; beneath them the texture, as a cubemap
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.train.neutex.ray_batches import held_out
 from mesoshell.train.neutex.step import AtlasState, AtlasTraining
 
-#: Of the sheet: squares a face's side, pixels of the checkerboard's and of the texture's faces.
+#: Of the checkerboard: squares along a face's side, and pixels.
 SQUARES, BOARD = 6, 192
 
 
@@ -46,12 +46,12 @@ def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> NeuT
 
 
 def painter(config: AtlasTraining, path: Path) -> Callable[[list[Photo]], list[np.ndarray]]:
-    """What renders cameras by a snapshot: linear premultiplied RGBA."""
-    found = read_neutex(path)
-    how = view(found.config, found.field, quality_of(config))
+    """A function that renders a snapshot from cameras: linear premultiplied RGBA."""
+    model = read_neutex(path)
+    how = view(model.config, model.field, quality_of(config))
 
     def pictures(photos: list[Photo]) -> list[np.ndarray]:
-        return [picture(found.config, found.field, found.to_box(p), how).rgba for p in photos]
+        return [picture(model.config, model.field, model.to_box(p), how).rgba for p in photos]
 
     return pictures
 
@@ -79,11 +79,11 @@ def sheet(config: AtlasTraining, capture: Capture, state: AtlasState) -> Float[n
 
 
 def board_paint() -> Paint:
-    """A checkerboard in the object's place: nothing of its own colours is left."""
+    """A checkerboard that replaces the object's colours."""
     board = checkerboard("cubemap", BOARD, SQUARES)
     return Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
 
 
 def quality_of(config: AtlasTraining) -> Quality:
-    """Rays as the run learned from them."""
+    """Samples a ray as in training, and one ray a pixel."""
     return Quality(samples=config.samples, pixel_samples=1)

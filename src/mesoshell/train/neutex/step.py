@@ -3,16 +3,16 @@
 Notation
 B            rays a step (train/neutex/ray_batches)
 I, T         colour and transmittance of a ray; M: its pixel's mask
-render       Σ (sRGB(I) − sRGB(I_gt))², for linear colours: what their photographs' own values are (equation 9)
+render       Σ (sRGB(I) − sRGB(I_gt))² of linear colours, so the error is in the photographs' own values (equation 9)
 cycle        Σ w ‖F_uv⁻¹(F_uv(y)) − y‖² (equation 12), from one sample a ray, drawn by w: the same mean at 1/N of the cost. It
-             moves the two maps alone, as w and y are held fixed
+             trains only the two maps, as w and y are held fixed
 mask         (M − (1 − T))² (equation 13)
-facing       of reflectance, away (neutex/march): what a ray sees from behind is black, and dark paint would be learned as holes
+facing       `away` of reflectance (neutex/march): back faces are black, so without it dark paint would be learned as holes
 chamfer      mean square distance from each of B points of a cloud to the nearest of B points of F_uv⁻¹'s surface, and back
-phase        chamfer and render, for the first `chamfer` of the run if there is a cloud, and the others too unless `alone`; then
-             render + cycle + mask; for the last `finish` of it F_tex alone (section 4.2: 50 000 steps of 550 000, then "until
+phase        with a cloud, chamfer and render in the first `chamfer` of the run, and the others too unless `alone`; then render
+             + cycle + mask; in the last `finish` only F_tex is trained (section 4.2: 50 000 steps of 550 000, then "until
              convergence")
-grid         the greatest σ seen in each cell, forgotten slowly; a step asks one cell in EACH; below SPARSE none is sampled
+grid         the greatest recent σ in each cell; a step evaluates one cell in EACH; cells below SPARSE are not sampled
 """
 
 from collections.abc import Callable
@@ -41,17 +41,17 @@ from mesoshell.train.neutex.ray_batches import Rays, held_out, rays_for
 from mesoshell.train.update import HERE, Across, descent, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
-#: Cells of the grid are asked in so many turns; what is left of a cell's σ at each; and what is passed over.
+#: Steps in which each cell of the grid is evaluated once; decay of a cell's σ at each; least σ that is sampled.
 EACH, KEEP, SPARSE = 16, 0.9, 0.05
-#: Of the run's learning rates, at its end.
+#: Share of the learning rates at the end of the run.
 SLOWEST = 0.05
 
 
 @dataclass(frozen=True)
 class AtlasTraining:
     """Everything that a run depends on beside the data. side: of the pictures at most, pixels; samples: N; batch: B; kimg:
-    thousands of rays; cycle, mask: weights a₁ and a₂; facing: of its part; chamfer, finish: shares of the run; alone: the cycle
-    and the masks wait until `chamfer` is over; cloud: whether there is one, which follows from the capture."""
+    thousands of rays; cycle, mask: weights a₁ and a₂; facing: weight; chamfer, finish: shares of the run; alone: cycle and
+    mask wait until `chamfer` is over; cloud: whether there is one, which follows from the capture."""
 
     field: FieldConfig = field(default_factory=FieldConfig)
     side: int = 512
@@ -93,9 +93,9 @@ class AtlasReport(NamedTuple):
 
 
 def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
-    """A run at a preset's size: `paper` as theirs, `small` for a CPU, `tiny` over in a minute. encoding: frequencies for
-    `paper` and hash grids for the others, if not given. Maps as wide as the paper's, at a rate that is done in minutes, fold:
-    they are narrower on a CPU, and their cycle weighs ten times as much and waits for nothing (docs/results/capture.md)."""
+    """A run at a preset's size: `paper` as published, `small` for a CPU, `tiny` for a test of a minute. encoding: by default
+    frequencies for `paper`, hash grids for the others. Maps as wide as the paper's fold at a rate that finishes in minutes: on
+    a CPU they are narrower, and their cycle weighs ten times as much from the first step on (docs/results/capture.md)."""
     texels = preset.picture.texels
     if texels > 64:
         grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))
@@ -115,8 +115,8 @@ def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None 
 
 
 def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capture]:
-    """The configuration for a capture, and the capture at the size that it asks for. Raises InputError if reflectance is to be
-    learned and no light is known, or nothing is left at that size."""
+    """The configuration adapted to a capture, and the capture at the configured size. Raises InputError if reflectance is to be
+    learned without a known flash, or no pixel shows the object at that size."""
     if config.field.colour == "reflectance":
         if capture.flash is None:
             raise InputError(
@@ -169,16 +169,18 @@ def step(
     )
     field: Any = optax.apply_updates(state.field, updates)
     bad = not_finite(gradient)
-    grid = asked(config, field, state.grid, state.step, key)
+    grid = updated_grid(config, field, state.grid, state.step, key)
     rows = across.rows(batch.mask)
     after = AtlasState(field, adam, grid, state.step + 1, state.images + rows)
     return after, AtlasReport(*parts, bad=bad)
 
 
-def asked(config: AtlasTraining, field: Field, grid: Float[Array, "n n n"], step: Int[Array, ""], key: Array) -> Array:
-    """The grid after this step's cells were asked, somewhere in each."""
+def updated_grid(
+    config: AtlasTraining, field: Field, grid: Float[Array, "n n n"], step: Int[Array, ""], key: Array
+) -> Array:
+    """The grid after evaluating this step's cells, at a random point in each."""
     n = grid.shape[0]
-    cells = jnp.arange(n**3 // EACH) * EACH + (step * 7) % EACH  # 7: neighbours are asked at different times
+    cells = jnp.arange(n**3 // EACH) * EACH + (step * 7) % EACH  # 7: neighbours are evaluated in different steps
     corner = jnp.stack(jnp.unravel_index(cells, (n, n, n)), axis=-1).astype(grid.dtype)
     place = corner + jax.random.uniform(jax.random.fold_in(key, step), corner.shape, grid.dtype)
     sigma = jax.vmap(lambda y: density(config.field, field, y)[0])(place * (2 / n) - 1)
@@ -187,7 +189,7 @@ def asked(config: AtlasTraining, field: Field, grid: Float[Array, "n n n"], step
 
 
 def encoded(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """sRGB of linear x; straight below its knee, for every x below 0 too."""
+    """sRGB of linear x; linear below the knee, also for negative x."""
     knee = 0.0031308
     return jnp.where(x <= knee, 12.92 * x, 1.055 * jnp.maximum(x, knee) ** (1 / 2.4) - 0.055)
 
@@ -198,20 +200,20 @@ def _ray(
     """Parts of the loss of one ray: render, cycle, mask (equations 9, 12 and 13) and facing. row: of a batch."""
     xi, pick = jax.random.split(jax.random.fold_in(key, row.noise))
     places = jax.random.uniform(xi, (config.samples,), row.o.dtype)
-    found = march(config.field, field, row.o, row.d, occupied, places)
-    render = jnp.sum((encoded(found.colour) - encoded(row.rgb)) ** 2)
+    marched = march(config.field, field, row.o, row.d, occupied, places)
+    render = jnp.sum((encoded(marched.colour) - encoded(row.rgb)) ** 2)
     cycle = jnp.zeros((), row.o.dtype)
     if config.cycle and config.field.colour != "volume":
-        w = jax.lax.stop_gradient(found.w)
+        w = jax.lax.stop_gradient(marched.w)
         through = jnp.cumsum(w)
         i = jnp.sum(through < jax.random.uniform(pick, (), row.o.dtype) * through[-1])
-        y = jax.lax.stop_gradient(found.y[jnp.minimum(i, config.samples - 1)])
+        y = jax.lax.stop_gradient(marched.y[jnp.minimum(i, config.samples - 1)])
         cycle = through[-1] * jnp.sum((to_surface(field, to_texture(field, y)) - y) ** 2)
-    return render, cycle, (row.mask - (1 - found.passed)) ** 2, found.away
+    return render, cycle, (row.mask - (1 - marched.passed)) ** 2, marched.away
 
 
 def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:
-    """Of this device's rows, to the nearest of all devices'."""
+    """The chamfer loss of this device's rows, to the nearest points of all devices."""
     surface = jax.vmap(lambda u: to_surface(field, u))(batch.u)
     all_surface, all_points = surface, batch.point
     if across.everyone is not None:

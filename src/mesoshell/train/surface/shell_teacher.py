@@ -10,12 +10,12 @@ s            arc length on the bounding surface: atan2(κx, 1 + κz) / κ
 G            D (2 − κD): the body is met where κt² − 2 ω_z t + G = 0, the surface again where t = 2 ω_z / κ
 J            columns (1 + κη) ŝ, ŷ, D n̂: from canonical (u, v, h) of the shell, h = 1 + η/D, to patches
 
-A query's footprint is a Gaussian about its place on the bounding surface (datasets/queries/trace): three quarters of its
-variance are the filter's of the ray that is marched, a quarter the ray's own place, at random: at flat angles the filter alone
+A query's footprint is a Gaussian about its place on the bounding surface (datasets/queries/trace). Three quarters of its
+variance come from the filter along the marched ray, a quarter from random places of rays: at flat angles the filter alone
 leaves out what lies beside the ray.
 
-Samples are spaced equally in t and stand for their canonical length, as in training. What the bare surface beneath reflects
-comes through the shell twice; its own way to the light is that of a flat shell (shell/render/lighting).
+Samples are spaced equally in t, each with its canonical length, as in training. Light that the base surface reflects crosses
+the shell twice; on the way to the light the shell counts as flat (shell/render/lighting).
 """
 
 from functools import partial
@@ -31,15 +31,15 @@ from mesoshell.shell.material.field import Field, Layout, Material, Point, neura
 from mesoshell.texture.footprint import footprint
 from mesoshell.typing import Array, Float, Scalar, Vec3
 
-#: Samples a ray, and on the way from the surface to a light; queries at a time.
+#: Samples a ray, and on the way from the base surface to a light; queries a batch.
 SAMPLES, BASE_SAMPLES, BATCH = 64, 8, 1024
-#: The least cosine of a light that the surface beneath is seen by: it crosses at most 20 heights (shell/render/lighting).
+#: Least cosine of light on the base surface: light crosses at most 20 heights (shell/render/lighting).
 FLATTEST = 0.05
 
 
 class Lesson(NamedTuple):
-    """What is asked, of one query: where it enters (s, y) from the patch's middle, the footprint's standard deviation, ω and
-    ω′ in the frame there."""
+    """One query: where its ray enters, (s, y) from the patch's middle; the footprint's standard deviation; ω and ω′ in the
+    frame there."""
 
     place: Float[Array, "2"]
     radius: Scalar
@@ -65,21 +65,21 @@ class Teacher(NamedTuple):
 
 
 def answers(layout: Layout, teacher: Teacher):
-    """Answers for mesostructure.render: of α, of the cosine at which a ray grazes the body, and of L / E⊥."""
+    """Answers for datasets/queries/render: α, the cosine at which a ray grazes the body, and L / E⊥."""
 
-    def of(placing: Any, asked: dict[str, np.ndarray], seed: int):
+    def of(placing: Any, query: dict[str, np.ndarray], seed: int):
         c, s = np.cos(placing.turn), np.sin(placing.turn)
         values = placing.curvature, np.array([[c, -s], [s, c]]), np.array(placing.shift)
         lay = Lay(*(jnp.asarray(x, jnp.float32) for x in values))
-        count, half = len(asked["radius"]), asked["radius"] / 2
-        place = asked["place"] + half[:, None] * np.random.default_rng(seed).standard_normal((count, 2))
-        columns: Any = [np.asarray(x, np.float32) for x in (place, 3**0.5 * half, asked["toward"], asked["light"])]
-        lessons = Lesson(*columns)
+        count, half = len(query["radius"]), query["radius"] / 2
+        place = query["place"] + half[:, None] * np.random.default_rng(seed).standard_normal((count, 2))
+        lesson: Any = [np.asarray(x, np.float32) for x in (place, 3**0.5 * half, query["toward"], query["light"])]
+        lessons = Lesson(*lesson)
         padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[:1], -count % BATCH, axis=0)]), lessons)
         rgba = np.concatenate([_taught(layout, teacher, lay, part) for part in _parts(padded)])[:count]
         grazing = max(placing.curvature * float(teacher.depth) * (2 - placing.curvature * float(teacher.depth)), 0.0)
-        found = {"alpha": rgba[:, 3:], "cosine": np.full((count, 1), grazing**0.5), "reflectance": rgba[:, :3]}
-        return found, {"light": 0.0, "geometry": 0.0}
+        columns = {"alpha": rgba[:, 3:], "cosine": np.full((count, 1), grazing**0.5), "reflectance": rgba[:, :3]}
+        return columns, {"light": 0.0, "geometry": 0.0}
 
     return of
 
@@ -101,10 +101,10 @@ def answer(field: Field, teacher: Teacher, lay: Lay, lesson: Lesson) -> Float[Ar
     step = end / SAMPLES
     t = step * (jnp.arange(SAMPLES, dtype=jnp.float32) + 0.5)
     points, inverse, length = jax.vmap(lambda t: _point(teacher, lay, lesson, t, step))(t)
-    sigma, found = jax.vmap(field.density)(points)
+    sigma, features = jax.vmap(field.density)(points)
     view = jax.vmap(lambda a: normalise(product(a, lesson.toward)))(inverse)
     light = jax.vmap(lambda a: normalise(product(a, lesson.light)))(inverse)
-    rho = jax.vmap(field.transport)(found, view, light)
+    rho = jax.vmap(field.transport)(features, view, light)
     share, through = weights(optical_depth(sigma, length))
     rgb = product(share, rho)
     body = _body(field, teacher, lay, lesson, end)
@@ -113,7 +113,7 @@ def answer(field: Field, teacher: Teacher, lay: Lay, lesson: Lesson) -> Float[Ar
 
 
 def span(curvature: Scalar, depth: Scalar, cosine: Scalar) -> tuple[Scalar, Array]:
-    """Where a ray that enters with ω_z = cosine ends, and whether on the body."""
+    """Distance at which a ray that enters with ω_z = cosine ends, and whether it ends on the body."""
     g = depth * (2 - curvature * depth)
     root = cosine * cosine - curvature * g
     met = root >= 0
@@ -147,7 +147,7 @@ def frame(depth: Scalar, lay: Lay, place: Float[Array, "2"], p: Vec3) -> tuple[V
 
 
 def _body(field: Field, teacher: Teacher, lay: Lay, lesson: Lesson, end: Scalar) -> Vec3:
-    """What the surface beneath reflects at the ray's end: diffuse, lit through a flat shell."""
+    """Reflectance of the base surface at the ray's end: diffuse, lit through a flat shell."""
     xi, inverse = frame(teacher.depth, lay, lesson.place, -end * lesson.toward)
     normal = normalise(inverse[2])
     light = normalise(product(inverse, lesson.light))

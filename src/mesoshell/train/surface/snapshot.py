@@ -1,9 +1,9 @@
-"""What a run of a surface material keeps on the way: the material as a bundle, and a sheet of it.
+"""Snapshots of a run of a surface material: the material as a bundle, and a sheet of pictures.
 
 Notation
 snapshot     a bundle that `mesoshell render` takes (io/surface); its textures are blurred as they are at that time
-sheet        rows: flat, and as curved as was trained; columns: from above, and ever flatter; lit from the upper left. What rays
-             pass is blue
+sheet        rows: flat, and at the greatest trained curvature; columns: from above, then at ever flatter angles; lit from the
+             upper left, over a blue background
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from mesoshell.io.query_dataset import Patches
 from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.surface_material.loader import surface_of
 from mesoshell.surface_material.network import Surface, blurred
-from mesoshell.train.surface.step import QueryBatch, SurfaceState, SurfaceTraining, ask, asked, blur_at
+from mesoshell.train.surface.step import QueryBatch, SurfaceState, SurfaceTraining, ask, blur_at, query_batch
 from mesoshell.typing import Array
 
 #: Of the sheet: pixels of a picture, periods that it shows, cosines toward the viewer.
@@ -63,12 +63,12 @@ def bundle(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Surfa
 
 
 def painter(config: SurfaceTraining, path: Path) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """What answers rows of patches by a snapshot: α, the silhouette cosine and ρ."""
+    """A function from rows of patches to a snapshot's answers: α, the silhouette cosine and ρ."""
     surface = surface_of(read_surface(path))
 
     def answers(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        found, rho = _answers(config, surface, jax.tree.map(jnp.asarray, asked(rows)))
-        return np.asarray(found.alpha), np.asarray(found.cosine), np.asarray(rho)
+        opacity, rho = _answers(config, surface, jax.tree.map(jnp.asarray, query_batch(rows)))
+        return np.asarray(opacity.alpha), np.asarray(opacity.cosine), np.asarray(rho)
 
     return answers
 
@@ -94,8 +94,8 @@ def sheet(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Float[
                 "rgb": np.ones((n, 3)),
             }
             batch = QueryBatch(**{name: jnp.asarray(x, jnp.float32) for name, x in columns.items()})
-            found, rho = _current(config, state, batch)
-            alpha = np.asarray(found.alpha)[:, None]
+            opacity, rho = _current(config, state, batch)
+            alpha = np.asarray(opacity.alpha)[:, None]
             row.append((alpha * np.asarray(rho) * 12 + (1 - alpha) * BEHIND).reshape(SIDE, SIDE, 3))
         rows.append(np.concatenate(row, axis=1))
     return np.asarray(tonemap(np.concatenate(rows)), np.float32)

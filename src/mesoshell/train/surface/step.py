@@ -4,13 +4,13 @@ Notation
 B            queries a step
 x            π ρ: 1 for a white diffuse surface that faces the light
 blur         standard deviation of the blur of all textures, texels: from WIDE to `fine` over SHRINK of the run, geometrically
-fine         final blur: 0.1 texels, or as wide as a square that holds ENOUGH queries; narrower ones learn the noise of theirs
-loss         mean over rays that met something of (log(1 + x) − log(1 + x̂))² + 0.1 |x − x̂|; of α, cross-entropy, or of the
+fine         final blur: 0.1 texels, or as wide as a square that holds ENOUGH queries; a narrower blur would fit their noise
+loss         mean over rays that hit of (log(1 + x) − log(1 + x̂))² + 0.1 |x − x̂|; of α, cross-entropy, or of the
              silhouette cosine, its squared error
 
-The modules of opacity and of reflectance share no weights, and Adam does not see scale: their losses are added as they are.
-Rates fall along a cosine to SLOWEST of what they began with: at one rate to the end, finest texels stay grainy.
-The offset is frozen for the last part of the run (FREEZE), as the reflectance's texture settles on where it leads.
+The modules of opacity and of reflectance share no weights, and Adam does not depend on scale: their losses are added as they
+are. Rates fall along a cosine to SLOWEST of their first value: at a constant rate, the finest texels stay grainy. The offset is
+frozen from FREEZE of the run on, so that the reflectance's texture can converge at its places.
 """
 
 from collections.abc import Callable
@@ -39,18 +39,18 @@ from mesoshell.train.update import HERE, Across, descent, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 WIDE, SHRINK, FREEZE = 8.0, 0.6, 0.8
-#: Queries in the square of `fine`, and its bounds, texels. Of 128 queries a texel, blurs of 1 and of 0.1 left 4.9% and 6.1% of
-#: squared error to what was held out.
+#: Queries in the square of `fine`, and its bounds, texels. With 128 queries a texel, blurs of 1 and of 0.1 left a squared error
+#: of 4.9% and 6.1% on held-out queries.
 ENOUGH, FINE, COARSE = 128, 0.1, 1.0
 SLOWEST = 0.02
-#: Patches that a step's queries are of; one in so many patches, at the end, is held out.
+#: Patches that a step draws queries from; one in HELD patches, from the end, is held out.
 MIXED, HELD = 64, 32
 
 
 @dataclass(frozen=True)
 class SurfaceTraining:
     """Everything that a run depends on beside the data. batch: B; kimg: thousands of queries to learn from; curvature: the
-    range of the dataset's κ; fine: the least blur. These two follow from the dataset."""
+    range of the dataset's κ; fine: the least blur; both follow from the dataset."""
 
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     batch: int = 16384
@@ -103,7 +103,7 @@ def surface_as(preset: TrainConfig, hidden: tuple[int, ...] = SurfaceConfig.hidd
 
 
 def fitted(config: SurfaceTraining, data: Patches) -> tuple[SurfaceTraining, Patches]:
-    """The configuration for a dataset. Raises InputError if there is too little of it, or it does not say what it is of."""
+    """The configuration adapted to a dataset. Raises InputError if it has too few patches, no curvature or no depth."""
     if len(data.patches) < 2:
         raise InputError(data.folder, f"has {len(data.patches)} patch: one is held out, others are learned from")
     try:
@@ -124,8 +124,8 @@ def held_out(data: Patches) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, .
 
 
 def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) -> Callable[[int], "QueryBatch"]:
-    """This host's queries of step i: equal runs of neighbours from patches drawn for the step. Raises InputError if they do
-    not come out even, a patch is too small, or holds NaN."""
+    """This host's queries of step i: equal runs of consecutive queries from patches drawn for the step. Raises InputError if
+    they cannot be divided evenly, or a patch is too small or holds NaN."""
     patches = held_out(data)[0]
     mixed = min(MIXED, config.batch)
     each = config.batch // mixed
@@ -144,19 +144,19 @@ def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) 
             rows.append(patches[k][begin : begin + each])
             if not np.isfinite(rows[-1]).all():
                 raise InputError(data.folder, f"patch {k} has NaN or infinite numbers")
-        return asked(np.concatenate(rows))
+        return query_batch(np.concatenate(rows))
 
     return at
 
 
-def asked(rows: np.ndarray) -> "QueryBatch":
-    """Rows of a patch by their meaning."""
+def query_batch(rows: np.ndarray) -> "QueryBatch":
+    """Rows of patches as a QueryBatch."""
     column: dict[str, Any] = {name: np.ascontiguousarray(rows[:, i]) for i, name in enumerate(COLUMNS)}
     column |= {name: np.stack([column[c] for c in of], axis=-1) for name, of in _VECTORS.items()}
     return QueryBatch(**{name: column[name] for name in QueryBatch._fields})
 
 
-#: Fields of QueryBatch that are several columns.
+#: Fields of QueryBatch that consist of several columns.
 _VECTORS = {"u": ("u", "v"), "w": ("wx", "wy", "wz"), "light": ("lx", "ly", "lz"), "rgb": ("r", "g", "b")}
 
 
@@ -172,8 +172,8 @@ def step(
     share = state.images.astype(jnp.float32) / (config.kimg * 1000)
 
     def loss(surface: Surface) -> tuple[Scalar, tuple[Scalar, Scalar]]:
-        found, rho = ask(config, surface, batch, blur_at(config, share))
-        parts = _reflectance_loss(batch, rho), _opacity_loss(config, batch, found)
+        opacity, rho = ask(config, surface, batch, blur_at(config, share))
+        parts = _reflectance_loss(batch, rho), _opacity_loss(config, batch, opacity)
         return parts[0] + parts[1], parts
 
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.surface)
@@ -188,25 +188,25 @@ def step(
 
 
 def blur_at(config: SurfaceTraining, share: Scalar) -> Scalar:
-    """Of textures, when this share of the run is done."""
+    """The blur of textures when this share of the run is done."""
     return WIDE * (config.fine / WIDE) ** jnp.clip(share / SHRINK, 0, 1)
 
 
 def ask(
     config: SurfaceTraining, surface: Surface, batch: QueryBatch, blur: Scalar
 ) -> tuple[OpacityEval, Float[Array, "B 3"]]:
-    """What a surface answers to a batch: α and c, and ρ."""
+    """A surface's answers to a batch: α and c, and ρ."""
     table = tables(surface, blur)
     low, high = config.curvature
     kappa = (2 * batch.kappa - low - high) / (high - low)
     place = SurfaceQuery(batch.u, batch.radius, batch.w, kappa)
-    found = jax.vmap(lambda p: seen(config.surface, table, p))(place)
-    rho = jax.vmap(lambda p, s, l: reflectance(config.surface, table, p, s, l))(place, found, batch.light)
-    return found, rho
+    opacity = jax.vmap(lambda p: seen(config.surface, table, p))(place)
+    rho = jax.vmap(lambda p, s, l: reflectance(config.surface, table, p, s, l))(place, opacity, batch.light)
+    return opacity, rho
 
 
 def _reflectance_loss(batch: QueryBatch, rho: Float[Array, "B 3"]) -> Scalar:
-    """Over rays that met something; what a query of some that did not says counts by their share."""
+    """The loss over rays that hit: a query counts by its α, the share of its rays that hit."""
     met = batch.alpha[:, None]
     wanted = jnp.pi * batch.rgb / jnp.maximum(met, 1e-3)
     x = jnp.pi * rho
@@ -214,12 +214,12 @@ def _reflectance_loss(batch: QueryBatch, rho: Float[Array, "B 3"]) -> Scalar:
     return jnp.mean(met * apart)
 
 
-def _opacity_loss(config: SurfaceTraining, batch: QueryBatch, found: OpacityEval) -> Scalar:
+def _opacity_loss(config: SurfaceTraining, batch: QueryBatch, opacity: OpacityEval) -> Scalar:
     if config.surface.opacity == "none":
         return jnp.zeros((), batch.alpha.dtype)
     if config.surface.opacity == "cosine":
-        return jnp.mean((found.cosine - batch.cosine) ** 2)
-    p = jnp.clip(found.alpha, 1e-6, 1 - 1e-6)
+        return jnp.mean((opacity.cosine - batch.cosine) ** 2)
+    p = jnp.clip(opacity.alpha, 1e-6, 1 - 1e-6)
     return -jnp.mean(batch.alpha * jnp.log(p) + (1 - batch.alpha) * jnp.log1p(-p))
 
 

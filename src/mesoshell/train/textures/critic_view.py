@@ -1,13 +1,13 @@
-"""What a critic sees of a texture: as the decoder sees it, in layers, from above and aslant. No ray is traced.
+"""The critic's view of a texture: decoded layers, and views from above and aslant, without tracing a ray.
 
 Notation
-y           channels of what is seen, a picture                                   (S, S, CHANNELS)
-SLICES      layers whose opacity is seen
-LIT         layers whose reflectance toward a drawn light, times opacity, is seen from above
+y           a picture of the channels below                                       (S, S, CHANNELS)
+SLICES      layers whose opacity is a channel
+LIT         layers whose reflectance seen from above, under a random light, times opacity, is three channels
 SLANTS      orthographic views aslant: layers sheared by so many texels over TOP, along (v, u)
 
-Features as they come tell a critic what no picture shows; single layers do not tell it that blades lean: their heights from
-above do, and sheared sums. A shear moves layers by whole texels; from beyond the tile nothing comes in.
+Raw features would show the critic what no picture shows. Single layers do not show that blades lean; heights from above and
+sheared sums do. A shear moves layers by whole texels, and fills in nothing from beyond the tile.
 """
 
 import jax
@@ -34,7 +34,7 @@ def see(
     alpha: Float[Array, "A"],
     light: Vec3,
 ) -> Float[Array, "S S I"]:
-    """One texture, channels as they are."""
+    """y of one texture, not normalised."""
     above = from_above(decoder, octaves, feature, height, alpha, LAYERS)
     slices = jnp.moveaxis(above.opacity[jnp.array(SLICES)], 0, -1)
     views = jnp.stack([_aslant(above, slant, feature.shape[0]) for slant in SLANTS], axis=-1)
@@ -43,18 +43,18 @@ def see(
 
 
 def _lit(decoder: Decoder, above: Above, light: Vec3) -> Float[Array, "S S I"]:
-    """Reflectance times opacity of some layers, toward above; bright ones are brought under 1."""
+    """Reflectance times opacity of the LIT layers, seen from above; 3ρ/(1 + 3ρ) keeps it below 1."""
     some = jnp.array(LIT)
-    opacity, found = above.opacity[some], above.found[some]
+    opacity, features = above.opacity[some], above.found[some]
     shape = (*opacity.shape, 3)
     up, toward = (jnp.broadcast_to(x, shape) for x in (jnp.array([0.0, 0.0, 1.0], light.dtype), light))
-    rho = 3 * net.head(decoder, net.toward_viewer(decoder, found, up), toward)
+    rho = 3 * net.head(decoder, net.toward_viewer(decoder, features, up), toward)
     seen = opacity[..., None] * rho / (1 + rho)
     return jnp.moveaxis(seen, 0, 2).reshape(*opacity.shape[1:], -1)
 
 
 def _aslant(above: Above, slant: tuple[int, int], side: int) -> Float[Array, "S S"]:
-    """Mean height of what a view aslant meets first. Each layer is moved against the view; beyond the tile nothing is met."""
+    """Mean height of what an oblique view meets first. Each layer is shifted against the view; beyond the tile is nothing."""
     n = above.opacity.shape[0]
     through, depth = jnp.ones((side, side), above.opacity.dtype), jnp.zeros((side, side), above.opacity.dtype)
     for i in reversed(range(n)):
@@ -72,7 +72,7 @@ def _moved(x: Float[Array, "S S"], dv: int, du: int) -> Float[Array, "S S"]:
 
 
 def draw_light(key: Key[Array, ""]) -> Vec3:
-    """A direction of the upper hemisphere, not at its very rim."""
+    """A random direction of the upper hemisphere, with a cosine above 0.15."""
     u = jax.random.uniform(key, (2,), jnp.float32)
     c = 0.15 + 0.85 * u[0]
     s, turn = safe_sqrt(1 - c * c), 2 * jnp.pi * u[1]
@@ -80,8 +80,8 @@ def draw_light(key: Key[Array, ""]) -> Vec3:
 
 
 def turned(y: Float[Array, "S S I"], key: Key[Array, ""]) -> Float[Array, "S S I"]:
-    """One of the eight flips and quarter turns of what is seen, none at all three times in ten: else a generator of turned
-    textures would not be told from one of upright ones. Views aslant change places. For materials without a parameter that is a
+    """y under one of the eight flips and quarter turns. The identity has three chances in ten: with equal ones, the critic
+    could not tell turned textures from upright ones. Oblique views change places. For materials without a parameter that is a
     direction."""
     t = jax.random.randint(key, (), 0, 10)
     t = jnp.where(t >= 8, 0, t)

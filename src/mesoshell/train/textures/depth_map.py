@@ -1,13 +1,13 @@
-"""A texture as it looks from above, without a ray: what its layers hold, and how high the first thing is that light meets.
+"""A texture seen from above, without tracing a ray: opacity of its layers, and height of the first thing met.
 
 Notation
 n, h        layers, and their heights: the middles of equal parts of [0, TOP]
 o           opacity of a layer, 1 − exp(−σ Δh)                                    (S, S, n)
-depth       mean height of what light from above meets first                      (S, S)
-cover       share of the light that is met                                        (S, S)
+depth       mean height of what is met first from above                           (S, S)
+cover       share of the light from above that meets something                    (S, S)
 
-The decoder's trunk is asked at every texel and height. A lawn that leans shows in `depth` at a glance, where layers one by one
-tell it by how their blobs move (docs/results/generator.md).
+The decoder's trunk is evaluated at every texel and height. `depth` shows the lean of a lawn directly; single layers show it
+only by how blobs move from layer to layer (docs/results/generator.md).
 """
 
 from typing import NamedTuple
@@ -19,12 +19,12 @@ from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.typing import Array, Float
 
-#: Nothing grows above this: recipes leave room under the box's top.
+#: Height that nothing exceeds: recipes leave room under the box's top.
 TOP = 0.96
 
 
 class Above(NamedTuple):
-    """Layers from the lowest up, and what light from above meets. found: the trunk's features, of each layer."""
+    """Layers from the lowest up. found: the trunk's features of each layer; depth, cover: seen from above."""
 
     opacity: Float[Array, "n S S"]
     found: Float[Array, "n S S W"]
@@ -51,8 +51,8 @@ def from_above(
         told = jnp.broadcast_to(jnp.concatenate([at[1], alpha]), (*side, len(at[1]) + len(alpha)))
         return net.trunk(decoder, jnp.concatenate([feature + at[0][None, None], told], axis=-1))
 
-    sigma, found = jax.lax.map(layer, (profile, encoded))
+    sigma, features = jax.lax.map(layer, (profile, encoded))
     opacity = 1 - jnp.exp(-sigma * (TOP / layers))
     over = jnp.cumprod(1 - opacity[::-1], axis=0)[::-1]
     share = jnp.concatenate([over[1:], jnp.ones_like(over[:1])]) * opacity
-    return Above(opacity, found, jnp.einsum("nvu,n->vu", share, h, precision="highest"), jnp.sum(share, axis=0))
+    return Above(opacity, features, jnp.einsum("nvu,n->vu", share, h, precision="highest"), jnp.sum(share, axis=0))

@@ -1,11 +1,11 @@
-"""Exemplars for a generator to learn: scaled, and in rows of a step.
+"""Exemplars for a generator: scaled, and as rows of a step.
 
 Notation
 K           exemplars (io/exemplars)
 f, F        a channel as it was fitted, and scaled: F = (f − mean)/deviation
 B           rows a step
 
-What scales the channels goes into the decoder's first layer, and into F(h): the decoder gives what it gave.
+The scale of the channels goes into the decoder's first layer, and into F(h): the decoder's output stays the same.
 """
 
 from collections.abc import Callable
@@ -25,8 +25,8 @@ from mesoshell.shell.material.loader import decoder_of
 
 
 class ExemplarBatch(NamedTuple):
-    """Rows of a step: an exemplar to be repeated at its own phases, and another, moved, to be told from what is new.
-    NumPy on the host. key: of a new texture's phases, and of lights."""
+    """Rows of a step. patch, feature, beta: an exemplar, to reproduce at its own phases; other, other_beta: another, shifted,
+    as a real one for the critic; key: for phases of a new texture, and lights. NumPy on the host."""
 
     patch: Any  # (B,)
     feature: Any  # (B, S, S, C)
@@ -38,7 +38,7 @@ class ExemplarBatch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ScaledExemplars:
-    """Exemplars of zero mean and unit variance a channel, and the decoder that takes them so. what: as they were read."""
+    """Exemplars of zero mean and unit variance a channel, with the decoder adapted to them. what: as they were read."""
 
     what: Exemplars
     features: Float[np.ndarray, "K S S C"]

@@ -1,7 +1,7 @@
-"""What a run on textures keeps on the way: the material, and what its textures look like.
+"""Snapshots of a run on textures: the material, and a sheet of its textures.
 
-sheet    rows: exemplars; the generator at their phases; the generator at phases that it never saw. Columns: pictures of the box
-         from three sides, then the height of what is seen from above, once for each of PATCHES
+sheet    rows: exemplars; the generator at their phases; the generator at new phases. Columns, for each of PATCHES: pictures of
+         the box from three sides, then the height seen from above
 """
 
 import math
@@ -33,7 +33,7 @@ from mesoshell.train.textures.step import folded, latents, own_phases, phases_of
 from mesoshell.typing import Array
 
 PATCHES, SIDE = 2, 128
-#: Cameras of a sheet: angle from above and about, radians.
+#: Cameras of a sheet: angle from the vertical, and around it, radians.
 _CAMERAS = ((0.35, 0.5), (0.9, 2.0), (1.3, 4.0))
 _DISTANCE, _LIGHT, _IRRADIANCE = 3.4, (0.4, 0.3, 0.85), 3.0
 
@@ -68,12 +68,12 @@ def sheet(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -
 
 
 def painter(config: TexturesConfig, path: Path) -> Callable[[Any], Any]:
-    raise InputError(path, "is of a run on textures, which has no renders to be scored by")
+    raise InputError(path, "is of a run on textures, which has no renders to compare with")
 
 
 @partial(jax.jit, static_argnums=0)
 def _made(config: TexturesConfig, state: TexturesState, beta: Array, phases: Any) -> tuple[Array, Array]:
-    """Textures of some phases, and their height features."""
+    """Textures at these phases, and their height features."""
     generator, side = folded(state.smooth, state), config.generator.texels
     w, at = latents(config, generator, beta), jnp.zeros(2, jnp.int32)
     texture = synthesise(config.generator, generator, state.averages, w, phases, at, (side, side))
@@ -100,8 +100,8 @@ def _shown(octaves: int, alphas: int, decoder: Any, feature: Array, height: Arra
 
 def _cameras() -> list[np.ndarray]:
     centre = np.array([0.5, 0.5, 0.25])
-    found = []
+    cameras = []
     for down, about in _CAMERAS:
         toward = np.array([math.sin(down) * math.cos(about), math.sin(down) * math.sin(about), math.cos(down)])
-        found.append(look_at(tuple(centre + _DISTANCE * toward), tuple(centre), (0.0, 0.0, 1.0)))
-    return found
+        cameras.append(look_at(tuple(centre + _DISTANCE * toward), tuple(centre), (0.0, 0.0, 1.0)))
+    return cameras

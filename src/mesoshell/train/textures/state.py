@@ -1,4 +1,4 @@
-"""A run on textures under way: what it depends on, what it holds, what it says of a step.
+"""A run on textures: its configuration, its state, its report of a step.
 
 Notation
 γ           of the critic's penalty γ/2 mean (D(y + ε n) − D(y))²/ε², on both sides, n normal
@@ -25,7 +25,7 @@ from mesoshell.typing import Array, Bool, Float, Int, Scalar
 class TexturesConfig:
     """Everything that a run depends on beside the exemplars. batch: B; kimg: thousands of rows; rate: Adam's, which falls along
     a cosine to `final` of itself; exemplars: how many of them, from the first on, 0 for all. adversarial, anchor: weights of
-    what the critic says and of the regression; critic_rate, gamma: of the critic; warm: steps in which it alone learns.
+    the critic's loss and of the regression; critic_rate, gamma: of the critic; warm: first steps, in which only it learns.
     octaves: of the decoder, and alphas: its appearance parameters, which follow from the exemplars."""
 
     generator: GeneratorConfig = field(
@@ -57,7 +57,7 @@ def textures_as(preset: TrainConfig) -> TexturesConfig:
 
 
 class CriticState(NamedTuple):
-    """The other player: the critic, its optimiser, and mean and deviation of what is seen of exemplars, which stay."""
+    """The critic, its optimiser, and mean and deviation of its views of exemplars, which stay fixed."""
 
     critic: Critic
     adam: optax.OptState
@@ -66,9 +66,8 @@ class CriticState(NamedTuple):
 
 
 class TexturesState(NamedTuple):
-    """A run under way; a pytree of arrays. a, b: make a texture of what the generator gives (natural_start.py), and stay as
-    they are; so do decoder, height: what the exemplars were fitted with, scaled. versus: None without a critic. images: rows
-    seen."""
+    """A run under way; a pytree of arrays. a, b: turn the generator's output into a texture (natural_start.py); decoder,
+    height: those of the exemplars, scaled; these four stay fixed. versus: None without a critic. images: rows seen."""
 
     generator: Generator
     smooth: Generator
@@ -84,7 +83,7 @@ class TexturesState(NamedTuple):
 
 
 class CriticReport(NamedTuple):
-    """Of a critic's update: its loss without the penalty, mean logits, and the penalty without γ/2."""
+    """A critic's update: its loss without the penalty, mean logits, and the penalty without γ/2."""
 
     critic: Scalar
     real: Scalar
@@ -93,8 +92,8 @@ class CriticReport(NamedTuple):
 
 
 class TexturesReport(NamedTuple):
-    """Shares of the variance that are left; losses of generator and critic, mean logits and penalty (without γ/2), 0 without a
-    critic; which leaves of the gradients are not finite."""
+    """error, height: unexplained shares of the variance; losses of generator and critic, mean logits and penalty (without γ/2),
+    0 without a critic; bad: which leaves of the gradients are not finite."""
 
     error: Scalar
     height: Scalar
@@ -107,15 +106,15 @@ class TexturesReport(NamedTuple):
 
 
 def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars]:
-    """The configuration for exemplars, and these scaled. Raises InputError if they are tiles, or have other texels than
-    the generator, or the configuration asks for more than there are."""
+    """The configuration adapted to exemplars, and the exemplars scaled. Raises InputError if they are tiles, have another
+    number of texels than the generator, or are fewer than the configuration needs."""
     exemplars.check_periodic()
     count = config.exemplars or len(exemplars.features)
     side, channels = exemplars.features.shape[1], exemplars.features.shape[3]
     if side != config.generator.texels:
         raise InputError(exemplars.path, f"has {side} texels a patch; the generator has {config.generator.texels}")
     if count > len(exemplars.features):
-        raise InputError(exemplars.path, f"has {len(exemplars.features)} patches; the experiment asks for {count}")
+        raise InputError(exemplars.path, f"has {len(exemplars.features)} patches; the experiment needs {count}")
     if config.adversarial and not grid_side(side):
         raise InputError(exemplars.path, f"has {side} texels a patch, which is less than a critic's window")
     some = scaled(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count]))

@@ -1,16 +1,16 @@
-"""The generator learns fitted textures, through the decoder that they were fitted with: no ray is traced.
+"""The generator learns fitted textures, with the decoder of their fit, without tracing a ray.
 
 Notation
-K, B        exemplars (train/textures/exemplars), each with phases of its own, drawn once; rows a step
-F̂, F        what the generator makes of an exemplar's phases and β; the exemplar's texture        (B, S, S, C)
-error       mean of (F̂ − F)²; exemplars are scaled to unit variance a channel, so it is the share of the variance that is left
-height      the same of F(h), which is one for all
-y           what a critic sees of a texture (train/textures/critic_view), at unit variance a channel              (B, S, S, I)
+K, B        exemplars (train/textures/exemplars), each with its own phases, drawn once; rows a step
+F̂, F        the generator's texture at an exemplar's phases and β; the exemplar's texture         (B, S, S, C)
+error       mean of (F̂ − F)²: the unexplained share of the variance, as exemplars have unit variance a channel
+height      the same for F(h), which all exemplars share
+y           the critic's view of a texture (train/textures/critic_view), at unit variance a channel               (B, S, S, I)
 D           the critic's logits, a grid of them (shell/generator/texture_critic)
 
-Regression alone teaches a generator what it is shown: its exemplars, at their phases. What it makes of others depends on how
-many those are. With `adversarial` above 0 a critic compares textures of new phases with moved exemplars, and the regression
-stays as an anchor (docs/concepts/generator.md). At 0 there is no critic in the program.
+Regression alone teaches the generator its exemplars, at their phases; how well it generalises to other phases depends on their
+number. With `adversarial` above 0 a critic compares textures of new phases with shifted exemplars, and the regression stays as
+an anchor (docs/concepts/generator.md). At 0 there is no critic in the program.
 """
 
 from functools import partial
@@ -39,9 +39,9 @@ from mesoshell.train.textures.state import CriticReport, CriticState, TexturesCo
 from mesoshell.train.update import HERE, Across, not_finite, updated
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
-#: Half of an old magnitude is left after this many rows; of a weight, in the average, after this many or AVERAGE_SHARE of all.
+#: Half-lives, rows: of the average magnitude; of the average weights, or AVERAGE_SHARE of the rows seen if that is less.
 MAGNITUDE_ROWS, AVERAGE_ROWS, AVERAGE_SHARE = 20.0, 2000.0, 0.05
-#: ε; what channels of y are kept within; looks at exemplars that say what unit variance is.
+#: ε; bound of |y| by channel; views of exemplars that define unit variance.
 _NOISE, _MOST, _LOOKS = 0.1, 4.0, 12
 
 
@@ -111,7 +111,7 @@ def step(
         versus, heard, worse = _judged(config, versus, real, jax.lax.stop_gradient(y), batch.other_beta, keys, across)
         bad.append(worse)
     learner = updated(optimiser(config, config.rate), state.generator, state.adam, gradient)
-    if versus:  # Adam's counts wait too, else its first steps would be several times too large
+    if versus:  # Adam's count waits too, else its first steps would be several times too large
         waits = state.step < config.warm
         learner = jax.tree.map(lambda old, new: jnp.where(waits, old, new), (state.generator, state.adam), learner)
     generator, adam = learner
@@ -135,7 +135,7 @@ def step(
 def _judged(
     config: TexturesConfig, versus: CriticState, real: Array, fake: Array, beta: Array, keys: Array, across: Across
 ) -> tuple[CriticState, CriticReport, Bool[Array, "_leaves"]]:
-    """The critic after an update."""
+    """The critic after an update, its report, and which leaves of its gradient are not finite."""
     noise = jax.vmap(lambda k: jax.random.normal(k, (2, *real.shape[1:]), jnp.float32))(keys[:, 5]).astype(real.dtype)
 
     def loss(critic: Critic) -> tuple[Scalar, CriticReport]:
@@ -154,7 +154,7 @@ def _judged(
 
 
 def _seen(config: TexturesConfig, state: TexturesState, feature: Array, key: Array) -> Array:
-    """y of one texture before it is scaled, with a light and an appearance that are drawn."""
+    """y of one texture before it is scaled, with a random light and appearance."""
     k = jax.random.split(key)
     alpha = jax.random.uniform(k[0], (config.alphas,), jnp.float32).astype(feature.dtype)
     light = draw_light(k[1]).astype(feature.dtype)
@@ -172,7 +172,7 @@ def made(
 
 
 def folded(generator: Generator, state: TexturesState) -> Generator:
-    """The generator whose last layer does what a and b do after a wide one's."""
+    """The generator with a and b folded into its last layer."""
     last, product = generator.layers[-1], partial(jnp.matmul, precision="highest")
     bias = product(last.bias, state.a) + state.b / PLANE_SCALE
     tall, c = generator.height[-1], state.a.shape[1]
@@ -183,7 +183,7 @@ def folded(generator: Generator, state: TexturesState) -> Generator:
 
 
 def unfolded(generator: Generator, state: TexturesState) -> Generator:
-    """A generator that `folded` makes `generator` of. What its last layers have beside a texture's channels stays `state`'s."""
+    """The inverse of `folded`: a wide generator. Weights of its last layers that folding removes are those of `state`."""
     last, tall, product = generator.layers[-1], generator.height[-1], partial(jnp.matmul, precision="highest")
     back, c = jnp.asarray(np.linalg.pinv(np.asarray(state.a))), state.a.shape[1]
     wider = last._replace(weight=product(last.weight, back), bias=product(last.bias - state.b / PLANE_SCALE, back))
@@ -193,7 +193,7 @@ def unfolded(generator: Generator, state: TexturesState) -> Generator:
 
 
 def latents(config: TexturesConfig, generator: Generator, beta: Float[Array, "B G"]) -> Float[Array, "B W"]:
-    """w of geometry parameters; there is no latent."""
+    """w of geometry parameters; z is zero."""
     return map_latent(generator, jnp.zeros((beta.shape[0], config.generator.z), beta.dtype), beta)
 
 

@@ -242,7 +242,7 @@ def test_a_box_that_cuts_the_object_is_warned_of(own) -> None:
     found = read_capture(own)
     assert found.half == 0.8 and any("lies outside of the box that cameras.npz says" in w for w in found.warnings)
     as_arrays(own, scale_mat_0=np.array([[2.0, 0, 0, 3], [0, 0, -2, -1], [0, 2, 0, 2], [0, 0, 0, 1]]))
-    with pytest.raises(InputError, match=r"cameras\.npz: scale_mat_0 turns, or scales axes differently"):
+    with pytest.raises(InputError, match=r"cameras\.npz: scale_mat_0 must be one scale for all axes"):
         read_capture(own)
 
 

@@ -7,8 +7,7 @@
     ms.render(scene, quality="draft").save("bunny.png")
 
 Names are imported when they are first used: importing this package loads no JAX. `mesoshell.render` and `mesoshell.train` are
-rooms of the package, and functions too: to call such a module is to call the library's function of its name
-(docs/tutorials/library.md).
+packages that can be called: a call runs the library's function of that name (docs/tutorials/library.md).
 """
 
 import sys
@@ -74,14 +73,14 @@ _HOMES = {
     "load_material": "mesoshell.scene.materials",
     "look_at": "mesoshell.render.camera",
 }
-#: The rooms of the package that are names of the library.
+#: Packages that are names of the library.
 _ROOMS = {"mitsuba": "mesoshell.pathtracer", "modules": "mesoshell.modules"}
-#: The rooms that are functions too, and the module that defines each.
+#: Packages that can be called, and the module that defines each function.
 _FUNCTIONS = {"mesoshell.render": "mesoshell.api.rendering", "mesoshell.train": "mesoshell.api.learning"}
 
 
 class _Room(ModuleType):
-    """A room of the package that is a function of the library too."""
+    """A package that can be called as a function of the library."""
 
     @property
     def __call__(self) -> Callable[..., Any]:
@@ -104,8 +103,8 @@ def __getattr__(name: str) -> Any:
         return import_module(_ROOMS[name])
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = globals()[name] = getattr(import_module(_HOMES[name]), name)
-    return found
+    value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return value
 
 
 def __dir__() -> list[str]:

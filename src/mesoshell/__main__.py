@@ -1,5 +1,4 @@
-"""The `mesoshell` command, and `python -m mesoshell`. An interrupt while the command line is being imported ends it in one
-line too."""
+"""The `mesoshell` command, and `python -m mesoshell`. An interrupt during imports ends it with one line, too."""
 
 import sys
 

@@ -1,16 +1,16 @@
-"""What a user did that we cannot use.
+"""Errors in what the user gave.
 
 The command line prints an `InputError` as one line and exits with 2; from Python it is an ordinary `ValueError`.
 """
 
 from os import PathLike
 
-#: Characters of a fault's text that are shown, at most: a file may hold a field of a gigabyte.
+#: Most characters of an error's text that are shown: a file may hold a field of a gigabyte.
 LONGEST = 1000
 
 
 class Argument(str):
-    """Name of a Python argument that is at fault. The command line says its option instead, and so for `name`s in the text."""
+    """Name of the Python argument at fault. The command line replaces it, and `name`s in the text, by the option's name."""
 
 
 class InputError(ValueError):
@@ -22,7 +22,7 @@ class InputError(ValueError):
 
 
 def one_line(text: str) -> str:
-    """The text with what would break a line, or the terminal, as escapes; its middle is left out if it is long."""
+    """Escape line breaks and unprintable characters; leave out the middle of a long text."""
     if len(text) > LONGEST:
         text = f"{text[: LONGEST // 2]} … {text[-LONGEST // 4 :]}"
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -1,4 +1,4 @@
-"""What a command may ask for, checked before it is allocated (standard library only)."""
+"""Limits of memory and seeds, checked before anything is made (standard library only)."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ _CGROUP = Path("/sys/fs/cgroup/memory.max")
 
 
 def memory() -> int:
-    """Bytes that this process may use: the machine's, or the least of what it is held to."""
+    """Bytes that this process may use: the least of the machine's memory and the process's limits."""
     limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
     limits += [n for n in resource.getrlimit(resource.RLIMIT_AS)[:1] if n != resource.RLIM_INFINITY]
     with contextlib.suppress(OSError, ValueError):  # no group, or no limit: "max"
@@ -21,13 +21,13 @@ def memory() -> int:
 
 
 def check_memory(source: str | PathLike[str], what: str, size: int) -> None:
-    """Raise InputError if `what` would take more bytes than there are."""
+    """Raise InputError if `what` would take more memory than there is."""
     there = memory()
     if size > there:
         raise InputError(source, f"{what} would take {size / 2**30:,.1f} GiB; this machine has {there / 2**30:,.1f}")
 
 
 def check_seed(seed: int | None) -> None:
-    """Raise InputError for a seed that random keys do not hold."""
+    """Raise InputError for a seed that does not fit a random key."""
     if seed is not None and not -(2**31) <= seed < 2**32:
         raise InputError(Argument("seed"), f"{seed} must be from -2147483648 to 4294967295: 32 bits")

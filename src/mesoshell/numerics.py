@@ -67,7 +67,7 @@ def normalise(x: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:
 
 
 def optical_depth(sigma: Float[Array, "..."], length: Float[Array, "..."]) -> Float[Array, "..."]:
-    """τ = σ·length with σ held below SIGMA_MAX, so that an infinite σ over no length is no NaN."""
+    """τ = σ·length with σ held below SIGMA_MAX, so that an infinite σ over no length gives no NaN."""
     return jnp.minimum(sigma, jnp.asarray(SIGMA_MAX, sigma.dtype)) * length
 
 

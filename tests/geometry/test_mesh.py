@@ -48,7 +48,7 @@ def test_spot_needs_no_mending():
 def test_suzanne_says_what_was_mended():
     assert SUZANNE.notes[:2] == (
         "1 repeated face dropped (first: index 270)",
-        "1 edge with more than two faces: a border, but between faces of one surface (first: vertices 138, 70)",
+        "1 edge with more than two faces: a border, except between faces of one surface (first: vertices 138, 70)",
     )
     assert SUZANNE.notes[2].startswith("no UVs: unwrapped with xatlas into ")
     assert SUZANNE.notes[3] == "normals of 24 vertices turned to point out of every face around"
@@ -59,7 +59,7 @@ def test_cross_is_what_its_generator_makes():
     mesh = load_mesh(DATA / "cross.obj")
     assert mesh.vertices.shape == (17, 3) and mesh.faces.shape == (14, 3)
     assert mesh.notes == (
-        "1 edge with more than two faces: a border, but between faces of one surface (first: vertices 1, 0)",
+        "1 edge with more than two faces: a border, except between faces of one surface (first: vertices 1, 0)",
     )
 
 
@@ -135,7 +135,7 @@ def test_a_one_sided_surface_is_said():
     middle = 3 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
     j, k = np.where(i == 7, 8, i + 1), np.where(i == 7, 0, i + 9)
     faces = np.concatenate([np.stack([i, j, k], 1), np.stack([i, k, i + 8], 1)])
-    said = ("16 faces form a one-sided surface: it is cut where its windings meet",)
+    said = ("16 faces form a one-sided surface: it is cut where opposite windings meet",)
     assert notes_of(faces, np.concatenate([middle - across, middle + across])) == said
 
 

@@ -91,7 +91,7 @@ def test_faults_of_paths(tmp_path: Path):
     [
         ("mesh.ply", b"", r"is not a readable PLY file: its header .+$"),
         ("mesh.ply", PLY.encode(), r"is not a readable PLY file: its header .+$"),
-        ("mesh.glb", b"glTF\x02\0\0\0", r"is not a readable GLB file: it does not begin as one$"),
+        ("mesh.glb", b"glTF\x02\0\0\0", r"is not a readable GLB file: its header is not that of GLB$"),
         (
             "mesh.ply",
             (PLY + FACE + "0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n").encode(),

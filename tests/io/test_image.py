@@ -219,7 +219,7 @@ def test_png_faults(tmp_path: Path):
     path = tmp_path / "a.png"
     assert fault_of(read_png, path) == f"{path}: no such file"
     Image.fromarray(array([[9]], np.uint16)).save(path)
-    assert fault_of(read_png, path) == f"{path}: 16-bit grey PNG; expected 8 bits a channel"
+    assert fault_of(read_png, path) == f"{path}: 16-bit grey PNG; expected 8 bits per channel"
     write_png(path, image())
     data = path.read_bytes()
     for bad in (b"", b"text", data[:60], data.replace(b"IDAT", b"JDAT")):

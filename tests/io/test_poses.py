@@ -109,12 +109,15 @@ def test_colmap_with_distortion_is_refused(tmp_path) -> None:
         ({"k1": 0.1}, r"frame 0 is distorted \(k1 is 0.1\): undistort the images first"),
         ({"fl_x": -3}, "frame 0 has no lens"),
         ({"fl_x": "wide"}, "frame 0 has no lens"),
-        ({"frames": [{"file_path": "a", "transform_matrix": [[1]]}]}, "transform_matrix of frame 0 is no 4 x 4 matrix"),
+        (
+            {"frames": [{"file_path": "a", "transform_matrix": [[1]]}]},
+            "transform_matrix of frame 0 is not a 4 x 4 matrix",
+        ),
         (
             {"frames": [{"file_path": "a", "transform_matrix": np.diag([1.0, 1, -1, 1]).tolist()}]},
-            "transform_matrix of frame 0 is no turn and shift",
+            "transform_matrix of frame 0 is not a rotation and a shift",
         ),
-        ({"frames": [{"file_path": "a", "transform_matrix": np.full((4, 4), np.nan).tolist()}]}, "no 4 x 4 matrix"),
+        ({"frames": [{"file_path": "a", "transform_matrix": np.full((4, 4), np.nan).tolist()}]}, "not a 4 x 4 matrix"),
     ],
 )
 def test_faults_of_transforms(tmp_path, changes, fault) -> None:
@@ -126,13 +129,13 @@ def test_faults_of_transforms(tmp_path, changes, fault) -> None:
 @pytest.mark.parametrize("text", ["", "[]", "{", "3"])
 def test_transforms_that_are_none(tmp_path, text) -> None:
     (tmp_path / "transforms.json").write_text(text)
-    with pytest.raises(InputError, match=r"transforms.json: (not JSON|is no object)"):
+    with pytest.raises(InputError, match=r"transforms.json: (not JSON|is not a JSON object)"):
         read_poses(tmp_path)
 
 
 def test_faults_of_idr(tmp_path) -> None:
     idr(tmp_path, world_mat_2=np.zeros((4, 4)))
-    with pytest.raises(InputError, match=r"cameras.npz: world_mat_2 is no camera"):
+    with pytest.raises(InputError, match=r"cameras.npz: world_mat_2 is not a camera"):
         read_poses(tmp_path)
     np.savez(tmp_path / "cameras.npz", world_mat_0=np.eye(4))
     with pytest.raises(InputError, match=r"cameras.npz: has 1 cameras for 4 images"):

@@ -10,7 +10,7 @@ import pytest
 from mesoshell.io.dataset_writer import collecting
 from mesoshell.io.query_dataset import COLUMNS, read_patches
 
-NO_DATASET = "its manifest.json or samples.jsonl is none of a dataset's"
+NO_DATASET = "its manifest.json or samples.jsonl does not describe a dataset"
 
 
 def queries(index: int) -> np.ndarray:
@@ -92,7 +92,7 @@ def test_a_row_that_is_none(fault_of, patches: Path, line: str):
 
 def test_a_dataset_of_another_kind(fault_of, patches: Path):
     (patches / "manifest.json").write_text('{"kind": "shards"}')
-    said = "holds shards, no queries of patches: mesoshell dataset render-patches makes them"
+    said = "holds shards, not queries of patches: make these with mesoshell dataset render-patches"
     assert fault_of(read_patches, patches) == said
 
 
@@ -175,5 +175,5 @@ def test_files_without_a_manifest_are_nobodys(tmp_path: Path, fault_of):
 
     (tmp_path / "patches").mkdir()
     (tmp_path / "patches/000000.npy").write_bytes(b"")
-    assert fault_of(opened, tmp_path) == "has samples but no manifest.json: not a dataset's folder"
+    assert fault_of(opened, tmp_path) == "has samples but no manifest.json: not a dataset folder"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["patches"]

@@ -42,7 +42,7 @@ def test_it_comes_back(bundle: Bundle, tmp_path: Path) -> None:
         ({"base": [0.1, 0.2, True]}, "base is [0.1, 0.2, True]"),
         ({"errors": []}, "errors is []"),
         ({"errors": [[0.1, 0.2, 0.3]]}, "errors is [[0.1, 0.2, 0.3]]"),
-        ({"errors": [[0.2, 0.1], [0.1, 0.1]]}, "radii of its errors do not rise"),
+        ({"errors": [[0.2, 0.1], [0.1, 0.1]]}, "radii of its errors must increase"),
         ({"surface": {}}, "its fields are not "),
         ({"surface": 1}, "surface is not an object"),
     ],
@@ -52,7 +52,7 @@ def test_faults_of_its_fields(tmp_path: Path, fault_of: Callable, more: dict, fa
     assert checked_twin(tmp_path, "m", right)["alpha"] == (0.2,)
     assert fault_of(checked_twin, tmp_path, "m", right | more).startswith(f"m: twin: {fault}")
     less = {key: value for key, value in right.items() if key != "alpha"}
-    assert fault_of(checked_twin, tmp_path, "m", less) == "m: twin has not the fields surface, alpha, base and errors"
+    assert fault_of(checked_twin, tmp_path, "m", less) == "m: twin must have the fields surface, alpha, base and errors"
 
 
 def test_it_has_a_number_for_each_parameter(bundle: Bundle, tmp_path: Path, fault_of: Callable) -> None:

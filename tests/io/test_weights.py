@@ -96,7 +96,7 @@ def test_views_of_a_storage_come_out(write, tmp_path: Path) -> None:
         (Tensor("0", 12, 0, (3,), (-1,)), "damaged"),
         (Tensor("0", 12, 0, (10**9, 10**9), (10**9, 1)), "damaged"),
         (Tensor("9", 12, 0, (3,), (1,)), "damaged"),
-        (Named("os", "system"), "names os.system, which is no part of a state dict"),
+        (Named("os", "system"), "names os.system, which is not part of a state dict"),
         (Named("torch", "CharStorage"), "names torch.CharStorage"),
     ],
 )

@@ -91,7 +91,7 @@ def test_a_background_stands_for_masks(capture, own, colour) -> None:
         # an alpha that says nothing is as good as none
         write_png(path, seen if i == 0 else np.concatenate([seen, np.ones_like(seen[..., :1])], axis=-1))
     with pytest.raises(
-        InputError, match=r"000.png: has neither a mask nor alpha: say `mesoshell atlas train --background` black"
+        InputError, match=r"000.png: has neither a mask nor alpha: if its background is black or white, give `mesoshell"
     ):
         read_capture(own)
     capture = read_capture(own, colour)
@@ -197,7 +197,7 @@ def test_what_is_lost_by_shrinking_is_said_so(own) -> None:
     image[:2, :2, 3] = 1
     write_png(path, image)
     with pytest.raises(
-        InputError, match=r"the mask of 002.png is empty at 4 pixels a side: nothing there is the object$"
+        InputError, match=r"the mask of 002.png is empty at 4 pixels a side: no pixel shows the object$"
     ):
         read_capture(own, side=4)
 
@@ -240,9 +240,9 @@ def test_a_box_that_cuts_the_object_is_warned_of(own) -> None:
     (own / "images").rename(own / "image")
     as_arrays(own, scale_mat_0=np.array([[0.8, 0, 0, 3], [0, 0.8, 0, -1], [0, 0, 0.8, 2], [0, 0, 0, 1.0]]))
     found = read_capture(own)
-    assert found.half == 0.8 and any("lies outside of the box that cameras.npz says" in w for w in found.warnings)
+    assert found.half == 0.8 and any("lies outside of the box that cameras.npz gives" in w for w in found.warnings)
     as_arrays(own, scale_mat_0=np.array([[2.0, 0, 0, 3], [0, 0, -2, -1], [0, 2, 0, 2], [0, 0, 0, 1]]))
-    with pytest.raises(InputError, match=r"cameras\.npz: scale_mat_0 turns, or scales axes differently"):
+    with pytest.raises(InputError, match=r"cameras\.npz: scale_mat_0 must be one scale for all axes"):
         read_capture(own)
 
 

@@ -310,7 +310,7 @@ def test_a_point_keeps_its_place_between_world_and_box(field) -> None:
         (lambda a: {**a, "uv/last/kernel": np.zeros((2, 2), np.float32)}, r"uv/last/kernel is \(2, 2\)"),
         (lambda a: {**a, "uv/last/bias": np.zeros(3)}, r"uv/last/bias is \(3,\) of float64"),
         (lambda a: {**a, "uv/last/bias": np.full(3, np.nan, np.float32)}, "weights that are not finite"),
-        (lambda a: {**a, "manifest.json": np.frombuffer(b"{}", np.uint8)}, "is no captured object"),
+        (lambda a: {**a, "manifest.json": np.frombuffer(b"{}", np.uint8)}, "is not a captured object"),
         (lambda a: {k: v for k, v in a.items() if k != "manifest.json"}, "has no manifest.json"),
     ],
 )

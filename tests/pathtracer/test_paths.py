@@ -308,9 +308,9 @@ def test_misplaced_elements_are_refused(materials, tmp_path) -> None:
     within = square | {"bsdf": {"type": "twosided", "inner": square["bsdf"]}}
     other = scene(square) | {"integrator": {"type": "volpath"}}
     for parts, said in (
-        (scene(sphere), "a 'sphere' is no mesh"),
+        (scene(sphere), "a 'sphere' is not a mesh"),
         (scene(within), "within a 'twosided'"),
-        (other, "integrator 'volpath' does not know shells"),
+        (other, "integrator 'volpath' does not support shells"),
         (scene(square) | {"shape1": {"type": "nothing"}}, "nothing"),
     ):
         with pytest.raises(InputError, match=said) as fault:

@@ -548,10 +548,10 @@ def test_a_mirror_shows_the_material(folder) -> None:
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({"thickness": 0.1}, "thickness is of shells: a surface material has a scale alone"),
-        ({"seed": 3}, "seed is of shells"),
-        ({"age": 0.5}, "age is of shells"),
-        ({"age": {"type": "bitmap", "bitmap": "", "raw": True}}, "age is of shells"),
+        ({"thickness": 0.1}, "thickness is for shells: a surface material takes only a scale"),
+        ({"seed": 3}, "seed is for shells"),
+        ({"age": 0.5}, "age is for shells"),
+        ({"age": {"type": "bitmap", "bitmap": "", "raw": True}}, "age is for shells"),
         ({"scale": 0.0}, "scale must be above 0, not 0"),
         ({"scale": -2.0}, "scale must be above 0, not -2"),
         ({"scale": float("inf")}, "scale must be above 0, not inf"),
@@ -595,7 +595,7 @@ def test_files_of_mitsubas_are_read(folder, tmp_path) -> None:
     made: Any = load_file(written('<float name="scale" value="0.25"/>'), depth=3)
     assert made.integrator().max_depth == 3
     np.testing.assert_allclose(np.array(mi.render(made, spp=4))[..., :3], 0.2 * 3.0, rtol=1e-5)
-    with pytest.raises(InputError, match=r"scene\.xml.*thickness is of shells") as fault:
+    with pytest.raises(InputError, match=r"scene\.xml.*thickness is for shells") as fault:
         load_file(written('<float name="thickness" value="1"/>'), depth=3)
     assert "\n" not in str(fault.value)
 

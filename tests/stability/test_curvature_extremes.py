@@ -134,7 +134,7 @@ TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 def test_too_small_to_be_curved(faces: np.ndarray):
     points = np.random.default_rng(0).normal(size=(4, 3))[: np.max(faces) + 1]
     table = curvature_table(plain(points, np.array(faces)), 1.0, directions=4)
-    assert table.notes == (f"{len(points)} vertices taken for flat: no neighbour tells their curvature",)
+    assert table.notes == (f"{len(points)} vertices taken as flat: no neighbour has a usable curvature",)
     assert (table.kappa == 0).all() and table.mended == len(points)
 
 

@@ -156,7 +156,7 @@ def test_what_is_left_out_behind_too_many_surfaces_is_said(monkeypatch) -> None:
     found, report = shown(s)
     np.testing.assert_allclose(found[..., 3], 1 - 0.95**8, rtol=1e-5)
     assert report.counts["cut_short"] == 144
-    assert report.notes[-1] == "144 rays and shadows passed 8 surfaces, and what lies behind these was left out"
+    assert report.notes[-1] == "144 rays and shadows passed 8 surfaces; whatever lies behind these was left out"
 
 
 def test_light_adds_and_scales(lump: Mesh) -> None:

@@ -15,10 +15,10 @@ Kuznetsov et al. 2022, "Rendering neural materials on curved surfaces": principa
 and its least value on a short curve in the plane of ray and normal. A table holds that value at each vertex for D
 directions; the ray's part along n does not change the plane.
 
-A vertex is mended where several surfaces touch, where it has too few others around, and where its curvature does not
-explain them: their heights z over tangential offsets u are x·u − κ(u) |u|² / 2, with the lean x of the normal that suits
-them best and weights 1 / |u, z|⁴, so that what remains is in units of curvature. Sliver triangles spoil a fit or its frame:
-then more remains than of a plane, or the lean is large.
+A vertex is mended where several surfaces touch, where it has too few neighbours, and where its curvature does not fit
+them: their heights z over tangential offsets u are x·u − κ(u) |u|² / 2, with x the lean of the normal that fits best, and
+weights 1 / |u, z|⁴, so that the remainder is in units of curvature. Sliver triangles spoil a fit or its frame: then the
+remainder exceeds that of a plane, or the lean is large.
 
 A walk decides by the sign of g alone, and zero counts as positive wherever it is met: a curve through a vertex or along
 an edge is that of a plane just beside it (along a border, that one may miss the mesh). So each face that a plane meets has
@@ -40,9 +40,9 @@ from mesoshell.geometry.mesh import Mesh, counted
 from mesoshell.geometry.normals import face_normals
 from mesoshell.geometry.topology import pair_edges, split_fans
 
-#: The least that libigl takes, and the most exact: the error is that of a quadric this far away.
+#: The smallest that libigl takes, and the most exact: the error of a quadric grows with its distance.
 RINGS = 2
-#: A fit is doubted if its remainder is larger than this multiple of a plane's, or its lean than 45 degrees.
+#: A fit is doubtful if its remainder exceeds this multiple of a plane's, or its lean 45 degrees.
 GREATEST_REMAINDER = 1.25
 GREATEST_LEAN = 1.0
 #: A direction whose squared sine with the normal is at most this has no projection.
@@ -51,7 +51,7 @@ LEAST_SINE2 = 1e-12
 
 @dataclass(frozen=True)
 class Principal:
-    """Principal curvature at vertices; float64. `mended` counts those whose own could not be used, `notes` says so."""
+    """Principal curvature at vertices; float64. `mended` counts those that were mended, `notes` reports them."""
 
     values: Float[np.ndarray, "V 2"]
     directions: Float[np.ndarray, "V 2 3"]
@@ -71,7 +71,7 @@ class Table:
 
 
 def principal(mesh: Mesh) -> Principal:
-    """Principal curvature of a mesh; where it cannot be told, the mean of the neighbours' tensors, or 0 without any."""
+    """Principal curvature of a mesh; where it cannot be estimated, the mean of the neighbours' tensors, or 0 without any."""
     points, edge = _unit_edges(mesh)
     faces, copied = split_fans(mesh.faces, pair_edges(mesh.faces), len(points))
     origin = np.append(np.arange(len(points)), copied)
@@ -85,7 +85,7 @@ def principal(mesh: Mesh) -> Principal:
     if mended > lost:
         notes.append(f"curvature of {counted(mended - lost, 'vertex', 'vertices')} taken from the neighbours")
     if lost:
-        notes.append(f"{counted(lost, 'vertex', 'vertices')} taken for flat: no neighbour tells their curvature")
+        notes.append(f"{counted(lost, 'vertex', 'vertices')} taken as flat: no neighbour has a usable curvature")
     return Principal(values / edge, directions, mended, tuple(notes))
 
 
@@ -106,18 +106,18 @@ def curvature_table(mesh: Mesh, length: float, directions: int = 32) -> Table:
     """
     if not 0 <= length < np.inf:
         raise InputError("length of curves", f"must be finite and not negative, not {length:g}")
-    found = principal(mesh)
-    surface = _surface(mesh, found)
-    t, b = np.moveaxis(found.directions, 1, 0)
+    curvature = principal(mesh)
+    surface = _surface(mesh, curvature)
+    t, b = np.moveaxis(curvature.directions, 1, 0)
     kappa = np.empty((len(t), directions))
     for j, angle in enumerate(np.arange(directions) * np.pi / directions):
         d, m = np.cos(angle) * t + np.sin(angle) * b, np.sin(angle) * t - np.cos(angle) * b
-        kappa[:, j] = along(found.values, found.directions, d)
+        kappa[:, j] = along(curvature.values, curvature.directions, d)
         if length > 0:
             _lower(kappa[:, j], surface, m, length / 2)
     most = float(np.finfo(np.float32).max)
     held = np.clip(kappa, -most, most).astype(np.float32)
-    return Table(held, t.astype(np.float32), b.astype(np.float32), found.mended, found.notes)
+    return Table(held, t.astype(np.float32), b.astype(np.float32), curvature.mended, curvature.notes)
 
 
 def lookup(
@@ -125,7 +125,7 @@ def lookup(
 ) -> Float[np.ndarray, "P"]:
     """Curvature along d, of any length, at points given by their faces' vertices and barycentric coordinates.
 
-    This is what renderers do. At a vertex whose normal d is along, it is that of any direction.
+    Renderers call this. At a vertex whose normal is parallel to d, it is the curvature of any direction.
     """
     count = table.kappa.shape[1]
     x, y = ((axis[faces] * d[:, None]).sum(axis=-1) for axis in (table.tangent, table.bitangent))
@@ -142,7 +142,7 @@ def range_of(table: Table) -> tuple[float, float]:
 
 
 def _unit_edges(mesh: Mesh) -> tuple[Float[np.ndarray, "V 3"], float]:
-    """Vertices about their mean, in mean edges, and how long that is."""
+    """Vertices relative to their mean, in units of the mean edge length, and that length."""
     points = mesh.vertices.astype(np.float64)
     corner = points[mesh.faces]
     edge = float(np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=-1).mean())
@@ -152,7 +152,7 @@ def _unit_edges(mesh: Mesh) -> tuple[Float[np.ndarray, "V 3"], float]:
 def _fitted(
     points: Float[np.ndarray, "W 3"], faces: Int[np.ndarray, "F 3"], n: Float[np.ndarray, "W 3"]
 ) -> tuple[Float[np.ndarray, "W 2"], Float[np.ndarray, "W 2 3"], Bool[np.ndarray, "W"]]:
-    """libigl's curvature, its directions laid into our tangent planes, and where it has none."""
+    """libigl's curvature, with directions projected to our tangent planes, and a mask of where it has none."""
     *fit, unfit = igl.principal_curvature(points, faces.astype(np.int64), RINGS, True)
     d1, d2, k1, k2 = map(np.asarray, fit)
     values = np.stack([k1, k2], axis=1)
@@ -176,10 +176,10 @@ def _doubtful(
     directions: Float[np.ndarray, "W 2 3"],
     rounding: float,
 ) -> Bool[np.ndarray, "W"]:
-    """Where the curvature does not explain the rings around it."""
+    """Mask of vertices whose curvature does not fit the rings around them."""
     near = igl.adjacency_matrix(faces.astype(np.int64))
     i, j = (near + near @ near).nonzero()
-    apart = (points[i] != points[j]).any(axis=1)  # a vertex is not, nor are its copies
+    apart = (points[i] != points[j]).any(axis=1)  # excludes the vertex itself and its copies
     i, j = i[apart], j[apart]
     offset = points[j] - points[i]
     u, v = np.einsum("lki,li->kl", directions[i], offset)
@@ -209,7 +209,7 @@ def _mend(
     good: Bool[np.ndarray, "V"],
     faces: Int[np.ndarray, "F 3"],
 ) -> tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V 2 3"], int]:
-    """What is not good as the mean of its good neighbours' tensors, from ring to ring, and how many have none.
+    """Replace bad values by the mean of good neighbours' tensors, ring by ring, and count those without any.
 
     A tensor is a mean value and half the difference as a vector at twice the angle of d₁, here of its projection.
     """
@@ -251,16 +251,18 @@ class _Lanes(NamedTuple):
     left: Float[np.ndarray, "L"]  # how far it still has to go
 
 
-def _surface(mesh: Mesh, found: Principal) -> _Surface:
+def _surface(mesh: Mesh, curvature: Principal) -> _Surface:
     points = mesh.vertices.astype(np.float64)
     points -= points.mean(axis=0)
     edges = pair_edges(mesh.faces)
     across = np.where(edges.opposed, edges.partner, -1).ravel()
-    return _Surface(points, mesh.faces, face_normals(points, mesh.faces), across, found.values, found.directions)
+    return _Surface(
+        points, mesh.faces, face_normals(points, mesh.faces), across, curvature.values, curvature.directions
+    )
 
 
 def _lower(kappa: Float[np.ndarray, "V"], surface: _Surface, m: Float[np.ndarray, "V 3"], left: float) -> None:
-    """Lower each vertex's κ to the least on the curve that its plane cuts, as far as `left` to both sides."""
+    """Lower each vertex's κ to the least on the curve of its plane, up to `left` to both sides."""
     lanes = _begin(surface, m, left)
     for _ in range(len(surface.faces)):
         if not len(lanes.curve):
@@ -286,7 +288,7 @@ def _begin(surface: _Surface, m: Float[np.ndarray, "V 3"], left: float) -> _Lane
 def _step(
     surface: _Surface, m: Float[np.ndarray, "V 3"], lanes: _Lanes
 ) -> tuple[Float[np.ndarray, "L"], _Lanes, Bool[np.ndarray, "L"]]:
-    """Through one triangle: the least curvature met in it, the lanes at the next one, and which go on."""
+    """Cross one triangle: the least curvature met in it, the lanes at the next one, and which of them go on."""
     f, k = np.divmod(lanes.half, 3)
     vertex = surface.faces[f[:, None], (k[:, None] + np.arange(3)) % 3]
     corner, plane = surface.points[vertex], m[lanes.curve]

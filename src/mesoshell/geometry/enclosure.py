@@ -1,8 +1,8 @@
-"""How much of its surroundings a surface sees of other surfaces: what light between surfaces can bring (Embree).
+"""Form factor of a mesh to all surfaces: how much interreflection can add (Embree).
 
 Notation
 n, ω        outward normal of a point; a direction about it, with density cos θ / π
-share       of these directions, those that meet a surface: the form factor of a surface to all surfaces, itself with them
+share       of these directions that meet a surface: the form factor to all surfaces, itself included
 """
 
 import numpy as np
@@ -13,12 +13,12 @@ from mesoshell.geometry.mesh import Mesh
 
 #: Points on each mesh, and directions at each: a share of 0.25 is known to 0.01 or better.
 _POINTS, _DIRECTIONS = 512, 16
-#: Rays begin so far off their surface, relative to its own size, and at least what float32 needs, relative to that of all.
+#: Offset of ray origins from their surface, relative to its size; and the least that float32 needs, relative to the scene's.
 _OFF, _LEAST = 1e-4, 1e-6
 
 
 def enclosure(meshes: list[Mesh]) -> float:
-    """Mean share over each mesh's surface, of the mesh where it is largest, in [0, 1]. The same meshes give the same number."""
+    """Largest over the meshes of the mean share over a mesh's surface, in [0, 1]. Deterministic."""
     corners = [m.vertices.astype(np.float64)[m.faces] for m in meshes]
     every = np.concatenate(corners)
     size, centre = float(np.ptp(every.reshape(-1, 3), axis=0).max()), every.mean(axis=(0, 1))
@@ -36,7 +36,7 @@ def _share(scene: EmbreeScene, corners: np.ndarray, size: float, random: np.rand
     weights = random.dirichlet((1, 1, 1), _POINTS)
     x = np.repeat(np.einsum("ik,ikj->ij", weights, corners[face]), _DIRECTIONS, axis=0)
     sphere = random.normal(size=x.shape)
-    # Lambert's cosine: a sphere that stands on the point
+    # cosine-distributed: points of a sphere that touches the surface
     d = n + sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
     off = max(_OFF * float(np.ptp(corners.reshape(-1, 3), axis=0).max()), _LEAST * size)
     d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12)

@@ -1,4 +1,4 @@
-"""A triangle mesh that the rest can rely on: read, checked, mended, and every mend said.
+"""A triangle mesh, read, checked and mended, with a note on every mend.
 
 Notation
 V, F        vertices and triangles of the checked mesh; N vertices of the file, before welding
@@ -27,7 +27,7 @@ from mesoshell.geometry.unwrap import unwrap
 LEAST_HEIGHT = 1e-9
 
 
-#: Greatest coordinate: the volume of a mesh is still a number in single precision.
+#: Largest coordinate: with it the volume of a mesh does not overflow single precision.
 FARTHEST = 1e12
 
 
@@ -43,7 +43,7 @@ class Mesh:
 
 
 def load_mesh(path: str | PathLike[str]) -> Mesh:
-    """Read an OBJ, PLY, GLB or STL file. Raises InputError, in one line, for whatever cannot be used."""
+    """Read an OBJ, PLY, GLB or STL file. Raises InputError, in one line, if it cannot be used."""
     return check_mesh(*read_mesh(path), str(path))
 
 
@@ -53,7 +53,7 @@ def check_mesh(
     uv: Float[np.ndarray, "M 3 2"] | None,
     source: str,
 ) -> Mesh:
-    """The mesh that these arrays mean. Raises InputError(source, ...) where they mean none; corner UVs may be NaN."""
+    """Check and mend a mesh given as arrays; corner UVs may be NaN. Raises InputError(source, ...) if it cannot be used."""
     points = _check_arrays(vertices, faces, source)
     faces = _first_equal_row(points.view(np.int32))[faces]
     kept, notes = _usable_faces(points, faces)
@@ -75,7 +75,7 @@ def check_mesh(
 
 
 def moved(mesh: Mesh, to_world: Float[np.ndarray, "4 4"], source: str) -> Mesh:
-    """The mesh under an affine map, outside out. Raises InputError(source, …) as `check_mesh`."""
+    """The mesh under an affine map, its faces still outward. Raises InputError(source, …) as `check_mesh`."""
     points = mesh.vertices.astype(np.float64) @ to_world[:3, :3].T + to_world[:3, 3]
     faces, uv = mesh.faces, mesh.uv
     if np.linalg.det(to_world[:3, :3]) < 0:
@@ -99,7 +99,7 @@ def uv_stretch(mesh: Mesh) -> float:
 
 
 def is_convex(mesh: Mesh) -> bool:
-    """Whether no vertex lies in front of any face: such a mesh shadows nothing of itself but by facing away."""
+    """Whether no vertex lies in front of any face: such a mesh is dark only where it faces away from the light."""
     v = mesh.vertices.astype(np.float64)
     size = np.ptp(v, axis=0).max()
     for f in mesh.faces:
@@ -157,7 +157,7 @@ def _usable_faces(
 def _wind(
     points: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "F 3"]
 ) -> tuple[Int[np.ndarray, "F 3"], Bool[np.ndarray, "F"], list[str]]:
-    """Faces with one winding a part, outward where a part is closed; which were turned over; what to say."""
+    """Faces with one winding per part, outward where it is closed; a mask of flipped faces; and notes."""
     edges = pair_edges(faces)
     winding = agree(edges)
     notes = []
@@ -167,12 +167,14 @@ def _wind(
         number = round((1 / edges.crowd[edges.crowd > 2]).sum())
         where = f"first: vertices {faces[f, k]}, {faces[f, (k + 1) % 3]}"
         notes.append(
-            f"{counted(number, 'edge')} with more than two faces: a border, but between faces of one surface ({where})"
+            f"{counted(number, 'edge')} with more than two faces: a border, except between faces of one surface ({where})"
         )
     if winding.flip.any():
         notes.append(f"winding of {counted(winding.flip.sum(), 'face')} flipped to agree with the neighbours")
     if winding.one_sided.any():
-        notes.append(f"{winding.one_sided.sum()} faces form a one-sided surface: it is cut where its windings meet")
+        notes.append(
+            f"{winding.one_sided.sum()} faces form a one-sided surface: it is cut where opposite windings meet"
+        )
     wound = np.where(winding.flip[:, None], faces[:, [0, 2, 1]], faces)
     wrong = inside_out(points.astype(np.float64), wound, winding.part, pair_edges(wound))
     if wrong.all():

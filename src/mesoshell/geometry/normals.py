@@ -17,7 +17,7 @@ Sources: Thürmer and Wüthrich 1998 (angle weights); Gilbert 1966 (nearest poin
 import numpy as np
 from jaxtyping import Float, Int
 
-#: A vertex whose normal makes less than this with one of its faces (84 degrees) gets the best one instead.
+#: A normal whose cosine with a face of its vertex is less than this (84 degrees) is replaced by the best one.
 LEAST_COSINE = 0.1
 STEPS = 256
 
@@ -32,7 +32,7 @@ def face_normals(points: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
 def vertex_normals(
     points: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
 ) -> tuple[Float[np.ndarray, "V 3"], int]:
-    """Unit normals of vertices that all have a face, and how many were turned away from their average."""
+    """Unit normals of vertices that all have a face, and how many of them are not the average."""
     m = face_normals(points, faces)
     weighted = _angles(points, faces)[..., None] * m[:, None]
     vertex = faces.ravel()

@@ -3,7 +3,7 @@
 Notation
 N, M        vertices and triangles of the file; index: of one of them, counted from 0
 uv          texture coordinates of each corner, NaN on corners without
-v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are passed over
+v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are ignored
 n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
 
 PLY, GLB and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's.
@@ -32,7 +32,7 @@ Arrays = tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "M 3"], Float[np.ndarra
 
 
 def read_mesh(path: str | PathLike[str]) -> Arrays:
-    """The arrays of an OBJ, PLY, GLB or STL file, in float64. Raises InputError, in one line, where there are none."""
+    """The arrays of an OBJ, PLY, GLB or STL file, in float64. Raises InputError, in one line, if it has none."""
     file = Path(path)
     kind = file.suffix[1:].upper()
     if os.path.isdir(file):
@@ -45,10 +45,10 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
         if kind == "OBJ":
             return read_obj(path)
         check_whole(file)
-        found = read_scene(path)
-        if not len(found[1]):
-            raise InputError(path, f"holds no triangles that can be read: not a whole {kind} file")
-        return found
+        arrays = read_scene(path)
+        if not len(arrays[1]):
+            raise InputError(path, f"holds no triangles that can be read: not a complete {kind} file")
+        return arrays
     except InputError:
         raise
     except Exception as fault:  # each reader of trimesh fails in its own ways
@@ -59,7 +59,7 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
 
 
 def check_indices(faces: Int[np.ndarray, "M 3"], count: int, source: str | PathLike[str]) -> None:
-    """Raise InputError unless all of them refer to one of `count` vertices."""
+    """Raise InputError unless all faces refer to `count` vertices."""
     outside = np.argwhere((faces < 0) | (faces >= count))
     if len(outside):
         face, k = outside[0]
@@ -67,8 +67,8 @@ def check_indices(faces: Int[np.ndarray, "M 3"], count: int, source: str | PathL
 
 
 def check_whole(path: Path) -> None:
-    """Raise InputError unless the file is as long as its head says it is: readers pass over what is not there, or ask for the
-    memory first."""
+    """Raise InputError if the file is shorter than its header says: readers ignore what is missing, or allocate memory for it
+    first."""
     size, kind = path.stat().st_size, path.suffix.lower()
     with path.open("rb") as file:
         head = file.read(2**16)
@@ -81,13 +81,13 @@ def check_whole(path: Path) -> None:
     if kind == ".glb":
         said = int.from_bytes(head[8:12], "little")
         if head[:4] != b"glTF" or size < 20:
-            raise InputError(path, "is not a readable GLB file: it does not begin as one")
+            raise InputError(path, "is not a readable GLB file: its header is not that of GLB")
         if said > size:
             raise InputError(path, f"is cut short: it has {size} of {said} bytes")
     if kind == ".ply":
         lines = head.partition(b"end_header")[0].splitlines()
         if not head.startswith(b"ply") or b"end_header" not in head:
-            raise InputError(path, "is not a readable PLY file: its header does not begin, or does not end")
+            raise InputError(path, "is not a readable PLY file: its header has no beginning or no end")
         counts = [int(words[2]) for words in map(bytes.split, lines) if words[:1] == [b"element"]]
         if sum(counts) > size:
             raise InputError(path, f"is cut short: it has {size} bytes for {sum(counts)} elements")

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-#: A closed part is inside out when its volume is below minus this share of (its area)^1.5: rounding is no verdict.
+#: A closed part is inside out when its volume is below minus this share of (its area)^1.5, so not by rounding alone.
 LEAST_VOLUME = 1e-9
 
 

@@ -2,11 +2,11 @@
 
 Notation
 uv      corner coordinates in the unit square, one scale in u and v, charts apart and none mirrored
-edge    mean edge length; xatlas sees the mesh in this unit, about its centre, for it holds areas below 1e-7 for zero
+edge    mean edge length; xatlas sees the mesh in this unit, about its centre, because it takes areas below 1e-7 as zero
 
-xatlas (0.0.11) can bring its process down, on some finely and evenly tessellated smooth surfaces (a sphere of 80 000
-triangles). So it runs in a process of its own, where Ctrl-C stops it as well. Where it dies it is asked again with each
-vertex moved by JITTER edges, which only bends the charts' outlines a little; if that fails too, the mesh needs UVs.
+xatlas (0.0.11) can crash on some finely and evenly tessellated smooth surfaces (a sphere of 80 000 triangles). So it runs
+in a process of its own, which Ctrl-C stops too. If it crashes, it runs again with each vertex moved by JITTER edges, which
+bends the charts' outlines only a little; if that fails too, the mesh needs UVs.
 """
 
 import subprocess
@@ -26,15 +26,15 @@ JITTER = 0.03
 def unwrap(
     vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], source: str = "mesh"
 ) -> tuple[Float[np.ndarray, "F 3 2"], int]:
-    """Corner UVs (float32) and the number of charts. Raises InputError(source, ...) where xatlas finds none."""
+    """Corner UVs (float32) and the number of charts. Raises InputError(source, ...) if xatlas fails."""
     points = vertices.astype(np.float64)
     edge = np.linalg.norm(np.roll(points[faces], -1, axis=1) - points[faces], axis=-1).mean()
     points = (points - points.mean(axis=0)) / edge
     for jitter in (0.0, JITTER):
         moved = points + jitter * np.random.default_rng(0).normal(size=points.shape)
-        found = _in_child(moved.astype(np.float32), faces.astype(np.uint32))
-        if found is not None and np.isfinite(found[0]).all():
-            return found
+        unwrapped = _in_child(moved.astype(np.float32), faces.astype(np.uint32))
+        if unwrapped is not None and np.isfinite(unwrapped[0]).all():
+            return unwrapped
     raise InputError(source, "has no usable UVs, and xatlas cannot unwrap it: give it UVs")
 
 

@@ -1,10 +1,11 @@
 """Arrays in a zip, numpy.savez_compressed's layout, or in a folder, read without trust (standard library, NumPy).
 
 Member KEY.npy holds array KEY in npy format 1.0. A head is an array's shape and type: what can be checked before data
-are unpacked. Memory follows the bytes that are in the file and not the sizes that it claims; pickles are refused.
-A folder holds KEY.npy, which are mapped and not read, and text files, which count as arrays of bytes.
+are unpacked. Memory is bounded by the bytes in the file, not by the sizes that it claims; pickles are refused.
+A folder holds KEY.npy, which are memory-mapped, and text files, which count as arrays of bytes.
 Equal arrays make equal files: order, time stamps and flags are fixed (the bytes may differ between versions of zlib).
-What hardly deflates, as features in half precision, is stored: 7% less took half as long as making them.
+Arrays that hardly compress, such as features in half precision, are stored: deflating them saved 7% and took half as long as
+making them.
 """
 
 import contextlib
@@ -27,7 +28,7 @@ LONGEST_TEXT = 2**24
 
 Head = tuple[tuple[int, ...], np.dtype]
 
-#: What is looked at to tell whether an array deflates: so many pieces of so many bytes.
+#: Pieces sampled to decide whether an array is compressed, and the bytes of each.
 _BLOCKS, _BLOCK = 16, 4096
 
 _NPY = b"\x93NUMPY\x01\x00"
@@ -51,8 +52,8 @@ def read_heads(path: str | PathLike[str]) -> dict[str, Head]:
 def read_arrays(path: str | PathLike[str], keys: Iterable[str]) -> dict[str, np.ndarray]:
     """The arrays of these keys, new and writable. Raises InputError as `read_heads`, or if a checksum is wrong."""
     if Path(path).is_dir():
-        found = _mapped(Path(path))
-        return {key: found[key] for key in keys}
+        arrays = _mapped(Path(path))
+        return {key: arrays[key] for key in keys}
     with _opened(path) as file:
         return {key: _unpacked(file, f"{key}.npy") for key in keys}
 
@@ -73,14 +74,14 @@ def write_arrays(path: str | PathLike[str], arrays: dict[str, np.ndarray]) -> No
 
 
 def _deflates(data: bytes) -> bool:
-    """Whether pieces of the data, from all over, lose a tenth of their bytes or more."""
+    """Whether evenly spaced pieces of the data shrink by a tenth or more."""
     step = max(len(data) // _BLOCKS, _BLOCK)
     sample = b"".join(data[i : i + _BLOCK] for i in range(0, len(data), step))
     return len(zlib.compress(sample, 1)) < 0.9 * len(sample)
 
 
 def _mapped(folder: Path) -> dict[str, np.ndarray]:
-    """The folder's arrays, not to be written to. Raises InputError at the first file that is none."""
+    """The folder's arrays, mapped read-only. Raises InputError at the first file that is not an array."""
     arrays = {}
     for file in sorted(p for p in folder.rglob("*") if p.is_file()):
         key = file.relative_to(folder).as_posix()
@@ -88,7 +89,7 @@ def _mapped(folder: Path) -> dict[str, np.ndarray]:
             arrays[key] = np.frombuffer(read_file(file), np.uint8)
             continue
         if file.suffix != ".npy":
-            raise InputError(file, "is no part of a material: KEY.npy and manifest.json are")
+            raise InputError(file, "is not part of a material: it holds KEY.npy files and manifest.json only")
         try:
             arrays[key.removesuffix(".npy")] = np.load(file, mmap_mode="r", allow_pickle=False)
         except (OSError, ValueError, EOFError) as error:
@@ -99,7 +100,7 @@ def _mapped(folder: Path) -> dict[str, np.ndarray]:
 @contextlib.contextmanager
 def _opened(path: str | PathLike[str]) -> Iterator[zipfile.ZipFile]:
     try:
-        if Path(path).exists() and not Path(path).is_file():  # a device has no end, in which a zip's table lies
+        if Path(path).exists() and not Path(path).is_file():  # a zip's table lies at its end, which a device lacks
             raise InputError(path, "is no regular file")
         with zipfile.ZipFile(path) as file:
             yield file
@@ -109,7 +110,7 @@ def _opened(path: str | PathLike[str]) -> Iterator[zipfile.ZipFile]:
         raise InputError(path, "no such file") from error
     except (PermissionError, IsADirectoryError) as error:
         raise InputError(path, f"cannot be read: {error.strerror}") from error
-    except Exception as error:  # zipfile, zlib and NumPy's parser throw a dozen types, by the byte that is wrong
+    except Exception as error:  # zipfile, zlib and NumPy's parser raise a dozen types
         raise InputError(path, "not a zip file, or a truncated or damaged one") from error
 
 

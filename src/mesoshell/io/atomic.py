@@ -1,8 +1,8 @@
 """Whole files or none: bytes in, bytes out, with one-line faults (standard library only).
 
 A writer makes its file in memory and hands it to `replace_file`: a file beside PATH is written and renamed, so that PATH is
-the new file or what it was before. A folder is filled under another name by `new_folder`. Both names are random and made
-exclusively, so two writers never share one, no link is followed, and what is removed after a fault is what was made here.
+the new file or what it was before. A folder is filled under another name by `new_folder`. Both names are random and created
+exclusively: two writers never share one, no link is followed, and a fault removes only what was created here.
 """
 
 import contextlib
@@ -60,8 +60,8 @@ def replace_file(path: str | PathLike[str], data: bytes) -> None:
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A folder to fill, which gets the name `path` at the end. Raises InputError if `path` exists or cannot be written; after
-    any fault nothing is left, but for folders above it."""
+    """Yield a folder to fill, and rename it to `path` at the end. Raises InputError if `path` exists or cannot be written; a
+    fault leaves nothing but the parent folders."""
     made = None
     try:
         if os.path.lexists(path):
@@ -84,8 +84,8 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def together(target: Path) -> Iterator[Path]:
-    """A folder whose files are moved into the folder of `target` at the end, and none of them after a fault, which is an
-    InputError."""
+    """Yield a folder, and move its files into the folder of `target` at the end; after a fault, move none. Raises InputError if
+    they cannot be written."""
     made = _beside(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -114,8 +114,8 @@ def new_array(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np
 
 
 def probe_outputs(paths: Sequence[Path], option: str = "--out") -> None:
-    """Raise InputError unless files could be written at all of `paths`: asked before the work. Folders that lack are made when
-    files are written, not here."""
+    """Raise InputError unless files can be written at all `paths`; called before the work. Missing folders are made when files
+    are written, not here."""
     for path in paths:
         if path.name in ("", ".", ".."):
             raise InputError(option, f"{str(path)!r} names no file")
@@ -128,7 +128,7 @@ def probe_outputs(paths: Sequence[Path], option: str = "--out") -> None:
 
 
 def probe_folder(path: Path, option: str) -> None:
-    """Raise InputError unless files could be written in a folder of this path, which may lack as yet."""
+    """Raise InputError unless files can be written in this folder, which need not exist yet."""
     if not str(path) or str(path) == ".":
         raise InputError(option, "names no folder")
     try:
@@ -138,14 +138,14 @@ def probe_folder(path: Path, option: str) -> None:
 
 
 def _probe(folder: Path) -> None:
-    """Raise OSError unless a file can be made in the folder; it is removed again."""
+    """Raise OSError unless a file can be made in the folder; the file is removed again."""
     made = _beside(folder / "probe")
     os.close(os.open(made, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
     made.unlink()
 
 
 def _check_target(path: Path) -> None:
-    """Raise OSError for what a file cannot take the place of, or must not: folders, devices, pipes."""
+    """Raise OSError if a file cannot or must not replace `path`: a folder, a device, a pipe."""
     if "\0" in str(path):
         raise ValueError("its name holds a NUL")
     if path.is_dir():
@@ -157,7 +157,7 @@ def _check_target(path: Path) -> None:
 
 
 def left_over(folder: Path) -> list[Path]:
-    """Files that writers have left in a folder who were killed: of names that only they use."""
+    """Temporary files that killed writers left in a folder, by their names."""
     return [
         p for p in folder.glob(".*.partial") if re.fullmatch(r"\..+\.[0-9a-f]{16}\.partial", p.name) and p.is_file()
     ]
@@ -168,7 +168,7 @@ def _beside(path: Path) -> Path:
 
 
 def _in_place(error: InputError, made: Path, path: Path) -> InputError:
-    """The same fault of a file that was to lie in `path`, and not in the folder that was made beside it."""
+    """The same fault, naming `path` and not the temporary folder beside it."""
     source, _, fault = str(error).replace(str(made), str(path)).partition(": ")
     return InputError(source, fault)
 

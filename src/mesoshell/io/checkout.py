@@ -12,17 +12,16 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 @lru_cache
 def commit(package: Path = _PACKAGE) -> str:
-    """The commit of the checkout that holds the package's sources, whatever the working directory; of an installed package,
-    "mesoshell" and its version."""
+    """The commit of the package's checkout, whatever the working directory; "mesoshell" and its version if there is none."""
     if _git(package, "ls-files", "--error-unmatch", "__init__.py") is not None:
-        found = _git(package, "rev-parse", "HEAD")
-        if found:
-            return found
+        head = _git(package, "rev-parse", "HEAD")
+        if head:
+            return head
     return f"mesoshell {__version__}"
 
 
 def _git(folder: Path, *words: str) -> str | None:
-    """What git says of a folder; None if it refuses, or is not installed. A repository named in the environment is another."""
+    """Output of git in a folder; None if git fails or is not installed. Ignores a repository named in the environment."""
     plain = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
     try:
         done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, env=plain)

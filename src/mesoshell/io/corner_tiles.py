@@ -17,18 +17,18 @@ from jaxtyping import Int
 
 #: Patches along a side of the torus.
 SIDE = 4
-#: Of the hash: (factor, shift of what is exclusive-ored before it), after i and j have met.
+#: Rounds of the hash of i and j combined, (factor, shift): x ← (x ^ x >> shift) · factor.
 ROUNDS = ((0x2C1B3C6D, 15), (0x297A2D39, 12))
-#: What i and j are multiplied by; the last shift.
+#: Factors of i and j in the hash; the shift after the last round.
 FACTORS, LAST = (0x9E3779B1, 0x85EBCA77), 15
-#: Patches between the parts of the plane that two seeds show.
+#: Patches between the origins of two seeds on the plane.
 _APART = 2**15
 
 Colours = Sequence[Sequence[int]]
 
 
 def is_torus(colours: Any) -> bool:
-    """Whether these are colours of a torus that has each tile once."""
+    """Whether these colours make a torus that holds each tile once."""
     if not (isinstance(colours, list | tuple) and len(colours) == SIDE):
         return False
     if not all(isinstance(row, list | tuple) and len(row) == SIDE for row in colours):
@@ -40,11 +40,11 @@ def is_torus(colours: Any) -> bool:
 
 def places(colours: Colours) -> Int[np.ndarray, "16 2"]:
     """Where on the torus each tile lies: (i, j)."""
-    found = np.zeros((SIDE**2, 2), np.int32)
+    positions = np.zeros((SIDE**2, 2), np.int32)
     for i in range(SIDE):
         for j in range(SIDE):
-            found[_number(colours, i, j)] = i, j
-    return found
+            positions[_number(colours, i, j)] = i, j
+    return positions
 
 
 def _number(colours: Colours, i: int, j: int) -> int:
@@ -53,5 +53,5 @@ def _number(colours: Colours, i: int, j: int) -> int:
 
 
 def seed_origin(seed: int) -> tuple[int, int]:
-    """The (i, j) of the plane at which a seed's part of it has its (0, 0)."""
+    """The (i, j) of the plane at which a seed's texture begins."""
     return (seed % 2**16 * _APART, seed // 2**16 % 2**16 * _APART)

@@ -2,11 +2,11 @@
 
 symbol       meaning
 settings     all of manifest.json but `count`: what two runs must share to add to one folder
-count        samples planned, indices 0 … count − 1: the most that any run has asked for
-row          one JSON object a line in samples.jsonl, written after its image has its name
+count        samples planned, indices 0 … count − 1: the most that any run has planned
+row          one JSON object a line in samples.jsonl, written after its image has its final name
 log.jsonl    what each sample cost; differs from run to run, so it is no part of the dataset
 
-When all is there, the rows are sorted, and the folder but for its log is the same bytes whoever made it.
+A complete dataset has sorted rows; except for the log, its bytes are the same whoever made it.
 """
 
 import contextlib
@@ -40,34 +40,34 @@ class Collector:
         return [index for index in range(count) if index not in self._rows]
 
     def add(self, row: Mapping[str, Any], log: Mapping[str, Any] | None) -> None:
-        """Append a row whose image has its name. Raises OSError if the disk is full; then no part of it is left."""
+        """Append the row of a finished image. Raises OSError if the disk is full, and leaves no part of the row."""
         line = json.dumps(row) + "\n"
         _append(self._rows_file, line)
         self._rows[row["index"]] = line
         if log is not None:
-            with contextlib.suppress(OSError):  # a dataset is whole without its log
+            with contextlib.suppress(OSError):  # a dataset is complete without its log
                 _append(self._log_file, json.dumps(log) + "\n")
 
     def sort(self) -> None:
-        """Put the rows in order; on a full disk they stay as they came, which every reader takes too."""
+        """Sort the rows by index; on a full disk they stay unsorted, which every reader accepts."""
         with contextlib.suppress(InputError):
             replace_file(self._rows_file, "".join(line for _, line in sorted(self._rows.items())).encode())
 
     def _manifest(self, settings: dict[str, Any], count: int) -> None:
         path = self.folder / "manifest.json"
         if not path.exists() and (self._rows_file.exists() or any(self._parts.glob("*"))):
-            raise InputError(self.folder, "has samples but no manifest.json: not a dataset's folder")
+            raise InputError(self.folder, "has samples but no manifest.json: not a dataset folder")
         if path.exists():
             try:
-                found = read_object(path)
-                count = max(count, found.pop("count"))
+                stored = read_object(path)
+                count = max(count, stored.pop("count"))
             except InputError:
                 raise
             except (ValueError, KeyError, AttributeError, TypeError):
                 raise InputError(path, "not a manifest") from None
-            for key in sorted(settings.keys() | found.keys(), key=lambda key: (key not in ("recipe", "version"), key)):
-                if settings.get(key) != found.get(key):
-                    raise InputError(path, f"has {key} {found.get(key)}, asked for {settings.get(key)}")
+            for key in sorted(settings.keys() | stored.keys(), key=lambda key: (key not in ("recipe", "version"), key)):
+                if settings.get(key) != stored.get(key):
+                    raise InputError(path, f"has {key} {stored.get(key)}, asked for {settings.get(key)}")
         replace_file(path, (json.dumps({**settings, "count": count}, indent=1) + "\n").encode())
 
     def _whole_rows(self) -> dict[int, str]:
@@ -92,8 +92,8 @@ class Collector:
 
 @contextlib.contextmanager
 def collecting(folder: Path, settings: Mapping[str, Any], count: int, parts: str = "images") -> Iterator[Collector]:
-    """Open a folder, made if missing, for this run alone; parts: the folder within that holds its files. Raises InputError
-    if it holds a dataset of other settings, or another run is writing into it."""
+    """Open a folder for this run alone, made if missing; parts: its subfolder for files. Raises InputError if it holds a
+    dataset of other settings, or another run is writing into it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)

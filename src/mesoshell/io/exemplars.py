@@ -2,7 +2,7 @@
 
 symbol   meaning                                                       shape
 K        patches
-features F(u, v) of each, half precision; wraps around, but for tiles   (K, H, W, C)
+features F(u, v) of each, half precision; wraps around, tiles do not    (K, H, W, C)
 height   F(h), of all                                                  (R, C)
 beta     geometry parameters of each, mapped to [0, 1]                 (K, G)
 decoder  as a bundle's arrays have it                                  decoder/…, sigma_scale
@@ -46,13 +46,13 @@ class Exemplars:
 
     @property
     def folder(self) -> Path:
-        """Where they lie, as a run's record has it."""
+        """Their path, under the name that run records use."""
         return self.path
 
     def check_periodic(self) -> None:
-        """Raise InputError if these are tiles of a torus, of which none repeats by itself."""
+        """Raise InputError for tiles of a torus, none of which repeats by itself."""
         if self.provenance.get("config", {}).get("tiles"):
-            raise InputError(self.path, "holds the tiles of a fit under way: none is a patch that repeats")
+            raise InputError(self.path, "holds corner tiles of an unfinished fit, not patches that repeat")
 
     @property
     def recipe(self) -> str:
@@ -61,7 +61,7 @@ class Exemplars:
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What a run's record says of them."""
+        """Their entry in a run's record."""
         names = [p.name for p in self.parameters]
         return {"recipe": self.recipe, "parameters": names, "size": self.features.shape, "digest": self.digest}
 
@@ -93,7 +93,7 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
     arrays = read_arrays(path, heads)
     manifest = parsed(path, arrays.pop(_MANIFEST).tobytes(), f"{_MANIFEST} is ")
     if not isinstance(manifest, dict) or manifest.keys() != _FIELDS or manifest["kind"] != "exemplars":
-        raise InputError(path, f"{_MANIFEST} is not that of exemplars")
+        raise InputError(path, f"{_MANIFEST} does not describe exemplars")
     try:
         parameters = tuple(Parameter(**p | {"range": tuple(p["range"])}) for p in manifest["parameters"])
     except (TypeError, KeyError) as error:
@@ -104,11 +104,13 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
     features, height, beta = (arrays.pop(key) for key in ("features", "height", "beta"))
     patches, rows, columns, channels = features.shape
     if rows != columns or rows & (rows - 1) or len(beta) != patches or height.shape[1] != channels:
-        raise InputError(path, f"features, height and beta do not fit: {features.shape}, {height.shape}, {beta.shape}")
+        raise InputError(
+            path, f"features, height and beta do not match: {features.shape}, {height.shape}, {beta.shape}"
+        )
     octaves, provenance = manifest["height_octaves"], manifest["provenance"]
     roles = [p.role for p in parameters]
     if beta.shape[1] != roles.count("beta") or type(octaves) is not int or not isinstance(provenance, dict):
-        raise InputError(path, f"{_MANIFEST}: parameters, height_octaves or provenance are not those of its arrays")
+        raise InputError(path, f"{_MANIFEST}: parameters, height_octaves or provenance do not match its arrays")
     inputs, layers = channels + 1 + 2 * octaves + roles.count("alpha"), ("trunk/0", "head/0", "sigma", "rho")
     missing = [k for n in layers for k in (f"decoder/{n}/kernel", f"decoder/{n}/bias") if k not in arrays]
     if missing or len(arrays["decoder/trunk/0/kernel"]) != inputs:
@@ -119,14 +121,14 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
 
 
 def read_decoder(path: str | PathLike[str]) -> tuple[dict[str, np.ndarray], tuple[Parameter, ...]]:
-    """A bundle's or exemplars' decoder, with F(h) as height/0, by the names that a bundle has for them; and the appearance
-    parameters that it takes. Raises InputError."""
+    """Arrays of a bundle's or exemplars' decoder under a bundle's names, F(h) as height/0; and the decoder's appearance
+    parameters. Raises InputError."""
     if "features" in read_heads(path):
         exemplars = read_exemplars(path)
         return exemplars.decoder | {"height/0": exemplars.height}, _appearance(exemplars.parameters)
     bundle = read_bundle(path)
     if "height/0" not in bundle.arrays:
-        raise InputError(path, "holds no height feature: one is wanted that was fitted")
+        raise InputError(path, "has no height feature: give a material that was fitted")
     kept = {k: x for k, x in bundle.arrays.items() if k.startswith("decoder/") or k in ("sigma_scale", "height/0")}
     return kept, _appearance(bundle.parameters)
 

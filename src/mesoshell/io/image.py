@@ -31,7 +31,7 @@ _HUSH = threading.Lock()
 def read_exr(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
     """The data window of the first part of an OpenEXR file, half or float, as (H, W, 3) RGB or (H, W, 4) RGBA.
 
-    Other channels and layers are passed over. NaN and infinity come back as they are. Raises InputError if the file is
+    Other channels and layers are ignored. NaN and infinity come back as they are. Raises InputError if the file is
     missing, is not OpenEXR, is corrupt or truncated, or has no full-resolution half or float R, G and B.
     """
     data = read_file(path)
@@ -88,7 +88,7 @@ def _decoded(path: str | PathLike[str], data: bytes, form: str) -> Float32[np.nd
     try:
         with Image.open(io.BytesIO(data), formats=[form]) as picture:
             if picture.mode.startswith("I"):
-                raise InputError(path, "16-bit grey PNG; expected 8 bits a channel")
+                raise InputError(path, "16-bit grey PNG; expected 8 bits per channel")
             codes = np.asarray(picture.convert("RGBA" if picture.has_transparency_data else "RGB"))
     except InputError:
         raise
@@ -101,13 +101,15 @@ def _decoded(path: str | PathLike[str], data: bytes, form: str) -> Float32[np.nd
 
 
 def read_heights(path: str | PathLike[str]) -> Float32[np.ndarray, "H W"]:
-    """One number a pixel, as stored: the first channel of an OpenEXR file, or the codes of any other image over their
-    greatest (8 or 16 bits), the mean of colours. Raises InputError if the file is missing, no image, or deep."""
+    """One number per pixel: the first channel of an OpenEXR file as stored, or the codes of any other image divided by the
+    largest code (8 or 16 bits), colours averaged. Raises InputError if the file is missing, not an image, or deep."""
     from PIL import Image
 
     data = read_file(path)
     if data.startswith(_EXR_MAGIC):
-        planes = {name: x for name, x in _exr_planes(path, data).items() if x.dtype != object}  # as deep ones are
+        planes = {
+            name: x for name, x in _exr_planes(path, data).items() if x.dtype != object
+        }  # deep channels are objects
         if not planes:
             raise InputError(path, "has no channel with one number a pixel")
         return next(planes[name] for name in ("R", "Y", *planes) if name in planes).astype(np.float32)
@@ -162,7 +164,7 @@ def srgb_to_linear(v: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"
 
 
 def tonemap(x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """x / (1 + x), what networks and losses see of a radiance; x is finite and not negative, the result in [0, 1]."""
+    """x / (1 + x), the radiance given to networks and losses; x is finite and not negative, the result in [0, 1]."""
     return x / (1 + x)
 
 
@@ -179,15 +181,15 @@ def _exr_planes(path: str | PathLike[str], data: bytes) -> dict[str, np.ndarray]
         try:
             with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
                 return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-        except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError, MemoryError, … by the bad byte
+        except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError, MemoryError, …
             raise InputError(path, "corrupt or truncated OpenEXR file") from error
 
 
 @contextlib.contextmanager
 def _hushed() -> Iterator[None]:
-    """Drop what OpenEXR prints: from C on descriptor 2 and through `sys.stdout`, before it raises.
+    """Drop what OpenEXR prints before it raises: from C on descriptor 2, and through `sys.stdout`.
 
-    Both are the whole process's, so one thread at a time: two that overlap would restore each other's silence.
+    Both belong to the whole process, so threads take turns: two that overlap would restore each other's redirection.
     """
     with _HUSH, contextlib.redirect_stdout(io.StringIO()):
         kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)

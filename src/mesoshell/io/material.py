@@ -1,4 +1,4 @@
-"""Materials by name, and what is asked of their parameters (NumPy only).
+"""Materials by name, and values of their parameters (NumPy only).
 
 Notation
 α, β        appearance and geometry parameters in the order of the bundle, each normalised to [0, 1] by its range
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import MANIFEST, Bundle
 
-#: What values of parameters are given by, unless something else is at fault.
+#: The argument that errors about parameter values name, unless the caller gives another.
 PARAMS = Argument("params")
 
 
@@ -26,7 +26,7 @@ def bundled() -> dict[str, Path]:
 
 
 def find(name: str) -> Path:
-    """A bundled material's file, or the file or folder that `name` itself is. Raises InputError if it is neither."""
+    """Path of a bundled material, or `name` itself if it is a file or folder. Raises InputError if it is neither."""
     if name in bundled():
         return bundled()[name]
     if Path(name).is_file() or (Path(name) / MANIFEST).is_file():
@@ -48,7 +48,7 @@ def digest(path: Path) -> str:
 
 
 def check_name(bundle: Bundle, name: str, source: str = PARAMS) -> None:
-    """Raise InputError, which says what was meant, unless the material has a parameter of this name."""
+    """Raise InputError, with a suggestion, unless the material has a parameter of this name."""
     known = [p.name for p in bundle.parameters]
     if name not in known:
         near = get_close_matches(name, known, 1)
@@ -59,8 +59,8 @@ def check_name(bundle: Bundle, name: str, source: str = PARAMS) -> None:
 def normalised(
     bundle: Bundle, values: dict[str, float], role: str = "alpha", source: str = PARAMS
 ) -> Float[np.ndarray, "A"]:
-    """α, or β, of a set of parameter values; defaults where none is given. Raises InputError for an unknown name or a value
-    outside its range."""
+    """α or β from parameter values, with defaults for missing ones. Raises InputError for an unknown name or a value outside
+    its range."""
     ranges = {p.name: p.range for p in bundle.parameters}
     for name, value in values.items():
         check_name(bundle, name, source)

@@ -19,7 +19,7 @@ def write_wrapped(
     image: Float[np.ndarray, "h w 3"],
     roughness: Float[np.ndarray, "h w"] | None = None,
 ) -> None:
-    """uv: (0, 0) at the image's lower left corner; image: linear; roughness: 1 if not given, and of a GLB alone. Raises
+    """uv: (0, 0) at the image's lower left corner; image: linear; roughness: of a GLB only, 1 if not given. Raises
     InputError if a file cannot be written."""
     if path.suffix.lower() == ".obj":
         picture = path.with_name(f"{path.stem}_texture.png")

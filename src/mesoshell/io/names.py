@@ -1,4 +1,4 @@
-"""Names for what is written about several paths."""
+"""Distinct names for several paths."""
 
 from collections.abc import Sequence
 from os import PathLike
@@ -7,8 +7,8 @@ from pathlib import Path
 
 
 def distinct_names(paths: Sequence[str | PathLike[str]]) -> list[str]:
-    """A name for each path, without .npz: as many of its last parts as tell it from the others, joined by underscores. All are
-    numbered if a path is there twice."""
+    """A name for each path, without .npz: its last parts, as many as make it unique, joined by underscores. If a path occurs
+    twice, all names are numbered."""
     parts = [Path(abspath(str(p).removesuffix(".npz"))).parts for p in paths]
     for depth in range(1, max(map(len, parts), default=0) + 1):
         names = ["_".join(p[-depth:]).replace("/", "") for p in parts]

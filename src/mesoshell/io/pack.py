@@ -1,4 +1,4 @@
-"""A dataset as arrays to be memory-mapped: OUT/manifest.json, samples.jsonl and shards/NNNN.npy (NumPy only).
+"""A dataset as memory-mapped arrays: OUT/manifest.json, samples.jsonl and shards/NNNN.npy (NumPy only).
 
 symbol   meaning                                                       shape
 shard    half-precision premultiplied linear RGBA, rows from the top   (n, H, W, 4)
@@ -6,7 +6,7 @@ k        pixels of the dataset whose mean is a packed pixel            a side
 
 The dataset's pixel filter is a box one pixel wide, so a mean over k × k pixels is what a render of that size would be,
 with k² times its light paths. Rows are the dataset's own, with `file` and `row` for the place in a shard and `sha256`
-of the image's bytes there. The folder gets its name when it is whole.
+of the image's bytes there. The folder gets its name when it is complete.
 """
 
 import hashlib
@@ -40,7 +40,7 @@ def pack_dataset(dataset: Dataset, out: Path, size: int | None = None) -> int:
 
 def _write(dataset: Dataset, folder: Path, k: int) -> int:
     rows, samples = [], dataset.samples
-    load_image(samples[0])  # before memory is asked for
+    load_image(samples[0])  # before memory is allocated
     width, height = (side // k for side in samples[0].size)
     a_shard = max(1, _SHARD_BYTES // (width * height * 8))
     for number, start in enumerate(range(0, len(samples), a_shard)):
@@ -64,7 +64,7 @@ def _write(dataset: Dataset, folder: Path, k: int) -> int:
 
 
 def _npy(array: np.ndarray) -> bytes:
-    """The array as a file's bytes: numpy.save to a path hides why a write failed, a memory map of a full disk kills."""
+    """Bytes of the array's NPY file. (numpy.save hides why a write failed; a memory map on a full disk kills the process.)"""
     file = io.BytesIO()
     np.save(file, array)
     return file.getvalue()

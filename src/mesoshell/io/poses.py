@@ -1,11 +1,11 @@
-"""Cameras of posed photographs, from the three ways in which captures say them (NumPy, SciPy).
+"""Cameras of posed photographs, from three formats of captures (NumPy, SciPy).
 
 Notation
 M           camera to world, 4 × 4, rigid; the camera looks along −z, y up in the image (OpenGL)
 lens        (fx, fy, cx, cy), pixels; (0, 0) is the image's upper left corner, pixel centres at + 0.5
 P           world to image, of a camera that looks along +z with y down (OpenCV): P = K [R | t]
 
-All three are read in the frame and the units that they come in. Lenses with distortion are refused: undistort first.
+Each keeps its own frame and units. Lenses with distortion are refused: undistort first.
 """
 
 import os
@@ -21,7 +21,7 @@ from jaxtyping import Float
 from mesoshell.errors import InputError
 from mesoshell.io.records import read_object
 
-#: What turns an OpenCV camera's axes into an OpenGL camera's.
+#: From an OpenCV camera's axes to an OpenGL camera's.
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 IMAGES = (".png", ".jpg", ".jpeg", ".exr")
@@ -29,22 +29,22 @@ IMAGES = (".png", ".jpg", ".jpeg", ".exr")
 
 @dataclass(frozen=True)
 class Posed:
-    """A photograph that has not been read yet. size: (width, height) that the lens is said for, if it is said; mask: file of
-    its mask, if it has one of its own."""
+    """A photograph that has not been read yet. size: (width, height) that the lens refers to, if known; mask: its mask file, if
+    it has one."""
 
     image: Path
     to_world: Float[np.ndarray, "4 4"]
     lens: tuple[float, float, float, float] | None
     size: tuple[int, int] | None
     mask: Path | None
-    #: Full horizontal angle of view, radians, where that is all that is said of the lens.
+    #: Full horizontal angle of view, radians, if nothing else is known of the lens.
     angle: float | None = None
 
 
 @dataclass(frozen=True)
 class Poses:
-    """source: the file that says them. box: centre and half side of the box that the object lies in; flash: E⊥ at distance 1 of
-    a light at the camera, on each channel; if they say these too."""
+    """source: the file that they were read from. box: centre and half side of the box that the object lies in; flash: E⊥ per
+    channel at distance 1 of a light at the camera; None if not given."""
 
     source: Path
     views: tuple[Posed, ...]
@@ -54,8 +54,8 @@ class Poses:
 
 
 def read_poses(folder: Path) -> Poses:
-    """What a capture's folder says, by the first of transforms.json, cameras.npz and a COLMAP model that it has. Raises
-    InputError that names the file and the fault."""
+    """Read a capture's folder: the first of transforms.json, cameras.npz and a COLMAP model that exists. Raises InputError that
+    names the file and the fault."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder")
     ways: tuple[tuple[Path, Callable[[Path], Poses]], ...] = (
@@ -68,13 +68,13 @@ def read_poses(folder: Path) -> Poses:
             return read(path)
     if (folder / "transforms_train.json").exists():
         raise InputError(
-            folder / "transforms_train.json", "is half of a capture: copy it to transforms.json, and it is used"
+            folder / "transforms_train.json", "is only part of a capture: copy it to transforms.json to use it"
         )
     raise InputError(folder, "no capture: it has no transforms.json, no cameras.npz and no COLMAP model (sparse/0)")
 
 
 def read_transforms(path: Path) -> Poses:
-    """nerfstudio's and Blender's transforms.json; points of its `ply_file_path`."""
+    """Read transforms.json of nerfstudio or Blender, and the points of its `ply_file_path`."""
     said = read_object(path)
     frames = said.get("frames")
     if not isinstance(frames, list) or not frames:
@@ -107,20 +107,20 @@ def read_transforms(path: Path) -> Poses:
 
 
 def read_idr(path: Path) -> Poses:
-    """IDR's form of DTU: cameras.npz with world_mat_i (P) and scale_mat_i (unit sphere to world), beside image/ and mask/;
-    points of points.ply, if there."""
+    """DTU in IDR's format: cameras.npz with world_mat_i (P) and scale_mat_i (unit sphere to world), beside image/ and mask/;
+    points from points.ply, if it exists."""
     from scipy.linalg import rq
 
     try:
         with np.load(path, allow_pickle=False) as file:
-            # they lie beside their inverses, and others that follow from them
+            # the file also holds their inverses and other derived matrices
             names = [k for k in file.files if re.fullmatch(r"(world|scale)_mat_\d+", k)]
             if any(file.zip.getinfo(f"{k}.npy").file_size > 4096 for k in names):
-                raise InputError(path, "holds a camera that is no 4 x 4 matrix")
+                raise InputError(path, "holds a camera that is not a 4 x 4 matrix")
             arrays = {k: np.asarray(file[k], np.float64) for k in names}
     except InputError:
         raise
-    except Exception as error:  # zipfile and NumPy throw a dozen types, by the byte that is wrong
+    except Exception as error:  # zipfile and NumPy raise a dozen types
         raise InputError(path, "not an npz file of cameras, or a damaged one") from error
     images, masks = (_files(path.parent / name) for name in ("image", "mask"))
     if not images:
@@ -134,9 +134,9 @@ def read_idr(path: Path) -> Poses:
     for i, image in enumerate(images):
         p = arrays.get(f"world_mat_{i}")
         if p is None or p.shape not in ((3, 4), (4, 4)) or not np.isfinite(p).all():
-            raise InputError(path, f"has no camera for {image.name}: world_mat_{i} is missing, or no 4 x 4 matrix")
+            raise InputError(path, f"has no camera for {image.name}: world_mat_{i} is missing, or not a 4 x 4 matrix")
         if abs(np.linalg.det(p[:3, :3])) < 1e-12:
-            raise InputError(path, f"world_mat_{i} is no camera: its first three columns are dependent")
+            raise InputError(path, f"world_mat_{i} is not a camera: its first three columns are dependent")
         k, r = rq(p[:3, :3])
         signs = np.sign(np.diag(k))
         k, r = k * signs, signs[:, None] * r
@@ -155,16 +155,16 @@ def read_idr(path: Path) -> Poses:
     if "scale_mat_0" in arrays:
         s = arrays["scale_mat_0"]
         if s.shape != (4, 4) or not np.isfinite(s).all() or not s[0, 0] > 0:
-            raise InputError(path, "scale_mat_0 is no scale and shift")
+            raise InputError(path, "scale_mat_0 is not a scale and a shift")
         if np.abs(s[:3, :3] / s[0, 0] - np.eye(3)).max() > 1e-4:
-            raise InputError(path, "scale_mat_0 turns, or scales axes differently: it must be one scale and a shift")
+            raise InputError(path, "scale_mat_0 must be one scale for all axes and a shift, without rotation")
         box = s[:3, 3].copy(), float(s[0, 0])
     points = path.parent / "points.ply"
     return Poses(path, tuple(views), _cloud(points) if points.exists() else None, box)
 
 
 def read_colmap(path: Path) -> Poses:
-    """A COLMAP model, beside images/ and perhaps masks/ (NAME.png of each image). Raises InputError without pycolmap."""
+    """Read a COLMAP model beside images/ and perhaps masks/ (NAME.png of each image). Raises InputError without pycolmap."""
     try:
         import pycolmap
     except ImportError:
@@ -172,7 +172,7 @@ def read_colmap(path: Path) -> Poses:
     try:
         model = pycolmap.Reconstruction(str(path))
     except Exception as error:
-        raise InputError(path, "no COLMAP model, or a damaged one") from error
+        raise InputError(path, "not a COLMAP model, or a damaged one") from error
     root = next((p for p in (path, *path.parents[:2]) if (p / "images").is_dir()), None)
     if root is None:
         raise InputError(path, "has no images/ beside it")
@@ -201,7 +201,7 @@ def _is_model(folder: Path) -> bool:
 def _lens(
     own: dict[str, Any], size: tuple[int, int] | None
 ) -> tuple[tuple[float, float, float, float] | None, float | None]:
-    """The lens of a frame; or its angle of view, if the image must be seen to know more."""
+    """The lens of a frame; or only its angle of view, if the rest needs the image's size."""
     if "fl_x" in own and size:
         fx = float(own["fl_x"])
         lens = fx, float(own.get("fl_y", fx)), float(own.get("cx", size[0] / 2)), float(own.get("cy", size[1] / 2))
@@ -222,15 +222,15 @@ def _rigid(path: Path, name: str, rows: Any) -> Float[np.ndarray, "4 4"]:
     if m.shape == (3, 4):
         m = np.vstack([m, [0, 0, 0, 1]])
     if m.shape != (4, 4) or not np.isfinite(m).all():
-        raise InputError(path, f"{name} is no 4 x 4 matrix")
+        raise InputError(path, f"{name} is not a 4 x 4 matrix")
     turned = m[:3, :3]
     if np.abs(turned @ turned.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turned) < 0:
-        raise InputError(path, f"{name} is no turn and shift: its axes are not orthonormal and right-handed")
+        raise InputError(path, f"{name} is not a rotation and a shift: its axes are not orthonormal and right-handed")
     return m
 
 
 def _image(path: Path) -> Path:
-    """The file, or with the first suffix that there is: Blender's frames leave it out."""
+    """The file, with the first suffix of an existing image if it has none: Blender's frames leave it out."""
     if path.suffix.lower() in IMAGES:
         return path
     return next((p for p in (path.with_name(path.name + s) for s in IMAGES) if os.path.exists(p)), path)
@@ -247,7 +247,7 @@ def _cloud(path: Path) -> Float[np.ndarray, "P 3"]:
         raise InputError(path, "no such file")
     try:
         points = np.asarray(trimesh.load(path).vertices, np.float64)  # type: ignore[union-attr]
-    except Exception as error:  # by the byte that is wrong
+    except Exception as error:  # trimesh raises many types
         raise InputError(path, "not a point cloud, or a damaged one") from error
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):

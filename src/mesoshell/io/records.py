@@ -1,4 +1,4 @@
-"""JSON that others wrote, with one-line faults (standard library only)."""
+"""JSON from elsewhere, read with one-line faults (standard library only)."""
 
 import json
 from os import PathLike
@@ -10,8 +10,8 @@ from mesoshell.io.atomic import read_file
 
 
 def parsed(path: str | PathLike[str], text: bytes | str, where: str = "") -> Any:
-    """What a text says. where: the part of the file that it is, as in "line 3: ". Raises InputError if it is not JSON, or is
-    nested deeper than Python goes."""
+    """Parse JSON. where: the text's place in the file, such as "line 3: ". Raises InputError if it is not JSON, or nested too
+    deep for Python."""
     try:
         return json.loads(text)
     except RecursionError:
@@ -21,16 +21,16 @@ def parsed(path: str | PathLike[str], text: bytes | str, where: str = "") -> Any
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    """The object that a file holds. Raises InputError."""
+    """Read a file's JSON object. Raises InputError."""
     said = parsed(path, read_file(path))
     if not isinstance(said, dict):
-        raise InputError(path, "is no object")
+        raise InputError(path, "is not a JSON object")
     return said
 
 
 def read_rows(path: Path, fields: tuple[str, ...] = ()) -> list[dict[str, Any]]:
-    """The objects of a file that has one a line, none if there is no file: numbers, but for `name`, which is text. A last line
-    that was cut short is left out: it is what a killed writer leaves. Raises InputError that names the line at fault."""
+    """Read a file of one JSON object per line; none if it is missing. Values are numbers, except `name`, which is text. An
+    incomplete last line, as a killed writer leaves, is skipped. Raises InputError that names the line at fault."""
     if not path.exists():
         return []
     *lines, _ = read_file(path).split(b"\n")
@@ -38,7 +38,7 @@ def read_rows(path: Path, fields: tuple[str, ...] = ()) -> list[dict[str, Any]]:
     for number, line in enumerate(lines, start=1):
         row = parsed(path, line, f"line {number}: ")
         if not isinstance(row, dict) or not row.keys() >= set(fields):
-            raise InputError(path, f"line {number}: is no row with {', '.join(fields) or 'fields'}")
+            raise InputError(path, f"line {number}: is not a row with {', '.join(fields) or 'fields'}")
         wrong = [k for k, x in row.items() if not (_is_name(x) if k == "name" else type(x) in (int, float))]
         if wrong:
             raise InputError(path, f"line {number}: {wrong[0]} is {row[wrong[0]]!r}")

@@ -1,4 +1,4 @@
-"""A contact sheet: many images of a dataset side by side, to look at (NumPy and scikit-image only).
+"""A contact sheet: many images of a dataset side by side (NumPy and scikit-image only).
 
 Sorted by a parameter, it shows at a glance what the parameter does; by radius, whether every scale is there.
 """
@@ -14,7 +14,7 @@ from mesoshell.io.dataset import Dataset, Sample
 from mesoshell.io.dataset_images import load_images
 from mesoshell.io.image import tonemap
 
-#: Linear grey between the images, and behind what they leave transparent.
+#: Linear grey between the images and behind their transparent parts; pixels between them.
 _GREY, _GAP = 0.05, 2
 
 
@@ -23,7 +23,7 @@ def contact_sheet(
 ) -> Float32[np.ndarray, "H W 3"]:
     """`count` samples, evenly spaced in the order of `sort` (a parameter or "radius"; by index if None), row by row.
 
-    Radiance is shown as x / (1 + x). Raises InputError if `sort` is none of the dataset's, or the dataset is empty.
+    Radiance is shown as x / (1 + x). Raises InputError if the dataset has no `sort`, or is empty.
     """
     ordered = sorted(dataset.samples, key=_key(dataset, sort))
     if not ordered:
@@ -39,7 +39,7 @@ def shown(image: Float32[np.ndarray, "*N H W 4"]) -> Float32[np.ndarray, "*N H W
 
 
 def tiled(y: Float32[np.ndarray, "N H W 3"], columns: int) -> Float32[np.ndarray, "h w 3"]:
-    """Pictures row by row, `columns` a row, with a gap about each."""
+    """Pictures row by row, `columns` per row, with a gap around each."""
     columns = min(columns, len(y))
     grid = math.ceil(len(y) / columns), columns
     return montage(y, fill=[_GREY] * 3, grid_shape=grid, padding_width=_GAP, channel_axis=-1)

@@ -5,7 +5,7 @@ period       side of the square that the texture repeats; also a unit of length 
 N            texels along a period at the finest level, a power of two; level i has max(1, N / 2ⁱ), down to 1
 C            channels
 MODULE       opacity, offset or reflectance
-I, O         what a module sees: C + 4 (ω, κ); reflectance C + 7 (ω, ω′, κ); what it gives: 1, 1, 3
+I, O         inputs of a module: C + 4 (ω, κ); reflectance C + 7 (ω, ω′, κ); its outputs: 1, 1, 3
 
 manifest.json, every field required, no other allowed:
 
@@ -40,7 +40,7 @@ from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
 from mesoshell.io.records import parsed
 
 SCHEMA, KIND, MANIFEST = 2, "silhouette", "manifest.json"
-#: What each module sees beside its texture, and what it gives.
+#: Inputs of each module besides its texture, and its outputs.
 MODULES = {"opacity": (4, 1), "offset": (4, 1), "reflectance": (7, 3)}
 
 
@@ -61,7 +61,7 @@ class SurfaceBundle:
 
 
 def kind_of(path: str | PathLike[str]) -> str:
-    """The kind of a bundle, "shell" or "silhouette". Raises InputError if the file is none."""
+    """The kind of a bundle, "shell" or "silhouette". Raises InputError if the file is not a bundle."""
     return str(_manifest(path).get("kind"))
 
 
@@ -91,12 +91,12 @@ def write_surface(path: str | PathLike[str], bundle: SurfaceBundle) -> None:
 
 
 def fields_of(bundle: SurfaceBundle) -> dict[str, Any]:
-    """What the manifest says of a material alone."""
+    """The manifest's fields that describe the material."""
     return {f.name: getattr(bundle, f.name) for f in dataclasses.fields(bundle) if f.name != "arrays"}
 
 
 def checked_fields(path: str | PathLike[str], where: str, fields: dict[str, Any]) -> dict[str, Any]:
-    """These, checked, as fields of a SurfaceBundle. Raises InputError."""
+    """Check the manifest's fields and return those of a SurfaceBundle. Raises InputError."""
     names = {f.name for f in dataclasses.fields(SurfaceBundle)} - {"arrays"}
     if fields.keys() != names:
         raise InputError(path, f"{where}: its fields are not {', '.join(sorted(names))}")
@@ -107,7 +107,7 @@ def checked_fields(path: str | PathLike[str], where: str, fields: dict[str, Any]
 
 
 def check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[str, Head], prefix: str = "") -> None:
-    """Names, shapes and types of the arrays, whose names begin with a prefix. Raises InputError."""
+    """Check names, shapes and types of the arrays, whose names begin with `prefix`. Raises InputError."""
     heads = {key.removeprefix(prefix): head for key, head in heads.items()}
     wanted = _shapes(fields, heads)
     for key in sorted(wanted.keys() ^ heads.keys()):
@@ -152,7 +152,7 @@ def _fault(fields: dict[str, Any]) -> str | None:
 
 
 def _shapes(fields: dict[str, Any], heads: dict[str, Any]) -> dict[str, tuple[int, ...]]:
-    """What each array's shape must be; hidden layers are as wide as they are."""
+    """The required shape of each array; hidden layers may have any width."""
     wanted = {}
     for module, (seen, out) in MODULES.items():
         for i in range(fields["texels"].bit_length()):

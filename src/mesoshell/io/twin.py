@@ -2,8 +2,8 @@
 
 Notation
 radius       standard deviation of a footprint, patches of the shell, which are periods of the surface material
-error        how different pictures of such footprints by the surface material look from those by the march: FLIP, their mean
-             and 1.96 standard errors (cli/apart)
+error        FLIP between pictures of such footprints by the surface material and by the march: their mean plus 1.96 standard
+             errors (distill/error)
 """
 
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from mesoshell.errors import InputError
 from mesoshell.io.archive import Head
 from mesoshell.io.surface import SurfaceBundle, check_heads, checked_fields, fields_of
 
-#: What the arrays' names begin with in the shell's bundle.
+#: Prefix of the arrays' names in the shell's bundle.
 PREFIX = "twin/"
 
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """alpha: the shell's parameters, normalised, and base: the colour under it, that the surface material has learned; errors:
-    (radius, error), radii rising."""
+    """alpha, base: the shell's normalised parameters and the colour under it, as distilled; errors: (radius, error), in order
+    of increasing radius."""
 
     surface: SurfaceBundle
     alpha: tuple[float, ...]
@@ -41,33 +41,33 @@ def twin_arrays(twin: Twin) -> dict[str, np.ndarray]:
     return {PREFIX + key: array for key, array in twin.surface.arrays.items()}
 
 
-def checked_twin(path: str | PathLike[str], where: str, found: Any) -> dict[str, Any]:
-    """The field, checked, as fields of a Twin; its arrays are not looked at. Raises InputError."""
-    if not isinstance(found, dict) or found.keys() != {"surface", "alpha", "base", "errors"}:
-        raise InputError(path, f"{where}: twin has not the fields surface, alpha, base and errors")
-    if not isinstance(found["surface"], dict):
+def checked_twin(path: str | PathLike[str], where: str, field: Any) -> dict[str, Any]:
+    """Check the manifest's field and return the fields of a Twin; arrays are not checked. Raises InputError."""
+    if not isinstance(field, dict) or field.keys() != {"surface", "alpha", "base", "errors"}:
+        raise InputError(path, f"{where}: twin must have the fields surface, alpha, base and errors")
+    if not isinstance(field["surface"], dict):
         raise InputError(path, f"{where}: twin: surface is not an object")
-    rows = found["errors"]
+    rows = field["errors"]
     good = {
-        "alpha": _numbers(found["alpha"]),
-        "base": _numbers(found["base"]) and len(found["base"]) == 3,
+        "alpha": _numbers(field["alpha"]),
+        "base": _numbers(field["base"]) and len(field["base"]) == 3,
         "errors": isinstance(rows, list | tuple) and len(rows) > 0 and all(_numbers(r) and len(r) == 2 for r in rows),
     }
     for name, right in good.items():
         if not right:
-            raise InputError(path, f"{where}: twin: {name} is {found[name]!r}")
+            raise InputError(path, f"{where}: twin: {name} is {field[name]!r}")
     if any(a[0] >= b[0] for a, b in pairwise(rows)):
-        raise InputError(path, f"{where}: twin: radii of its errors do not rise")
+        raise InputError(path, f"{where}: twin: radii of its errors must increase")
     return {
-        "surface": checked_fields(path, f"{where}: twin", found["surface"]),
-        "alpha": tuple(map(float, found["alpha"])),
-        "base": tuple(map(float, found["base"])),
+        "surface": checked_fields(path, f"{where}: twin", field["surface"]),
+        "alpha": tuple(map(float, field["alpha"])),
+        "base": tuple(map(float, field["base"])),
         "errors": tuple((float(r), float(e)) for r, e in rows),
     }
 
 
 def check_twin_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[str, Head]) -> None:
-    """The arrays of a checked field. Raises InputError."""
+    """Check the arrays of a checked field. Raises InputError."""
     check_heads(path, fields["surface"], heads, PREFIX)
 
 

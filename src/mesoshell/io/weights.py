@@ -1,4 +1,4 @@
-"""Network weights that PyTorch has saved, read without it (standard library and NumPy only).
+"""Network weights saved by PyTorch, read without it (standard library and NumPy only).
 
 symbol      meaning
 storage     a run of numbers of one type; tensors are views of it: offset, shape and strides, counted in numbers
@@ -6,8 +6,8 @@ state dict  name → tensor
 
 Two formats: a zip archive with data.pkl and data/KEY, and before version 1.6 five pickles one after the other (magic number,
 protocol, system, state dict, list of storages) and then each storage as its length and its bytes. The pickle that describes
-the tensors may name nothing but what a state dict is made of: anything else is refused before it is looked up, so that no code
-of the file runs.
+the tensors may name only the parts of a state dict: any other name is refused before it is looked up, so that no code of the
+file runs.
 """
 
 import io
@@ -57,14 +57,14 @@ class _Unpickler(pickle.Unpickler):
             return _view
         if module == "torch" and name in _TYPES:
             return name
-        raise pickle.UnpicklingError(f"names {module}.{name}, which is no part of a state dict")
+        raise pickle.UnpicklingError(f"names {module}.{name}, which is not part of a state dict")
 
     def persistent_load(self, pid: Any) -> tuple[str, str]:
         return str(pid[2]), pid[1]
 
 
 def read_weights(path: str | PathLike[str]) -> dict[str, np.ndarray]:
-    """Name → array of a state dict saved by torch.save. Raises InputError if the file is none, or names other objects."""
+    """Name → array of a state dict saved by torch.save. Raises InputError if the file is not one, or names other objects."""
     data = read_file(path)
     try:
         named, storages = _from_zip(data) if data.startswith(b"PK") else _from_pickles(data)

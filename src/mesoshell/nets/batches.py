@@ -13,7 +13,7 @@ CAPACITY = 65536
 
 
 def pad(x: np.ndarray, rows: int) -> np.ndarray:
-    """x with rows of zeros behind it."""
+    """x with rows of zeros appended, up to `rows`."""
     out = np.zeros((rows, *x.shape[1:]), x.dtype)
     out[: len(x)] = x
     return out
@@ -22,14 +22,14 @@ def pad(x: np.ndarray, rows: int) -> np.ndarray:
 def batches(kernel: Callable, *rows: Any) -> list:
     """kernel(*rows, count) on any number of rows, CAPACITY at a time, padded; its results as they come."""
     count = len(rows[0])
-    found = []
+    results = []
     for begin in range(0, max(count, 1), CAPACITY):
         n = min(CAPACITY, count - begin)
-        found.append(kernel(*(pad(x[begin : begin + n], CAPACITY) for x in rows), np.int32(n)))
-    return found
+        results.append(kernel(*(pad(x[begin : begin + n], CAPACITY) for x in rows), np.int32(n)))
+    return results
 
 
 def run(kernel: Callable, *rows: Any) -> Any:
     """Results of `batches` as NumPy arrays, concatenated and cut to the number of rows."""
-    parts = [jax.tree.map(np.asarray, found) for found in batches(kernel, *rows)]
+    parts = [jax.tree.map(np.asarray, result) for result in batches(kernel, *rows)]
     return jax.tree.map(lambda *x: np.concatenate(x)[: len(rows[0])], *parts)

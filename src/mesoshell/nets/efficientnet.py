@@ -1,4 +1,4 @@
-"""Features of EfficientNet-Lite0 and Lite2, in which distances of sets of pictures are measured (Tan and Le 2019).
+"""Features of EfficientNet-Lite0 and Lite2, for distances between sets of pictures (Tan and Le 2019).
 
 Notation
 x        pictures, sRGB-encoded values in [0, 1]                                     (B, S, S, 3)
@@ -6,8 +6,8 @@ k        side of a kernel
 features mean over the last layer's pixels                                           (B, 1280)
 
 The Lite variants have no squeeze-and-excitation, and ReLU6 throughout. The network saw x·255, less 127, over 128, at `side`
-pixels: other sizes are brought there by bilinear interpolation. Normalisation is that of inference, in the convolutions.
-Lite2 has `depth` times the blocks of Lite0 in each stage but the first and the last; widths are the weights' own.
+pixels: other sizes are resampled bilinearly. Normalisation is that of inference, folded into the convolutions.
+Lite2 has `depth` times the blocks of Lite0 in each stage but the first and the last; widths follow from the weights.
 """
 
 import itertools
@@ -22,7 +22,7 @@ import numpy as np
 from mesoshell.typing import Array, Float
 
 _EPSILON = 1e-3
-#: Stride of a stage's first block, and blocks.
+#: Stride of a stage's first block, and its number of blocks.
 _STAGES = ((1, 1), (2, 2), (2, 2), (2, 3), (1, 3), (2, 4), (1, 1))
 
 
@@ -87,7 +87,7 @@ def features(net: EfficientNet, x: Float[Array, "B S S 3"], variant: Variant = L
 
 
 def _strides(variant: Variant) -> list[int]:
-    """Of each block."""
+    """Stride of each block."""
     last = len(_STAGES) - 1
     counts = [n if i in (0, last) else ceil(n * variant.depth) for i, (_, n) in enumerate(_STAGES)]
     return [stride if k == 0 else 1 for (stride, _), n in zip(_STAGES, counts, strict=True) for k in range(n)]
@@ -107,7 +107,7 @@ def _convolved(layer: Conv, x: Float[Array, "B H W I"], stride: int = 1) -> Floa
 
 
 def _filtered(layer: Conv, x: Float[Array, "B H W C"], stride: int) -> Float[Array, "B h w C"]:
-    """Each channel by its own kernel, as a sum of shifted products: XLA's grouped convolution takes a CPU five times longer."""
+    """Each channel by its own kernel, as a sum of shifted products: XLA's grouped convolution is five times slower on a CPU."""
     k, size = layer.weight.shape[0], -(-x.shape[1] // stride)
     pad = max((size - 1) * stride + k - x.shape[1], 0)
     sides, last = (pad // 2, pad - pad // 2), (size - 1) * stride + 1

@@ -1,4 +1,4 @@
-"""What a network sees of a point in space.
+"""Encodings of a point in space for a network.
 
 Notation
 y           a point of [−1, 1]³
@@ -16,7 +16,7 @@ import numpy as np
 
 from mesoshell.typing import Array, Float, Int, Key, Vec3
 
-#: Their equation 4.
+#: Factors of the hash (Müller et al., equation 4).
 PRIMES = (1, 2654435761, 805459861)
 CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 
@@ -48,21 +48,21 @@ def frequency(y: Float[Array, "D"], octaves: int) -> Float[Array, "E"]:
 
 
 def init_tables(config: HashConfig, key: Key[Array, ""]) -> Float[Array, "L R C"]:
-    """Uniform within ±1e-4, as theirs."""
+    """Uniform within ±1e-4, as in the paper."""
     shape = config.levels, 2**config.rows, config.features
     return jax.random.uniform(key, shape, jnp.float32, -1e-4, 1e-4)
 
 
 def hashed(config: HashConfig, tables: Float[Array, "L R C"], y: Vec3) -> Float[Array, "E"]:
-    """Features of a point, E = L·C. Points outside have those of the box's side."""
+    """Features of a point, E = L·C. Points outside are clamped to the box."""
     resolution = jnp.asarray(config.resolutions, y.dtype)[:, None]
     place = (jnp.clip(y, -1, 1) + 1)[None] / 2 * resolution
     low = jnp.clip(jnp.floor(place), 0, resolution - 1)
     part = place - low
     corner = low.astype(jnp.int32)[:, None] + jnp.asarray(CORNERS[None], jnp.int32)
     share = jnp.prod(jnp.where(CORNERS[None] == 1, part[:, None], 1 - part[:, None]), axis=-1)
-    found = tables[jnp.arange(config.levels)[:, None], _rows(config, corner)]
-    return jnp.sum(found * share[..., None], axis=1).ravel()
+    features = tables[jnp.arange(config.levels)[:, None], _rows(config, corner)]
+    return jnp.sum(features * share[..., None], axis=1).ravel()
 
 
 def _rows(config: HashConfig, corner: Int[Array, "L 8 3"]) -> Int[Array, "L 8"]:

@@ -1,4 +1,4 @@
-"""Features of Inception v3 as FID is defined on, from weights that the user has (Szegedy et al. 2016).
+"""Features of Inception v3, on which FID is defined, from the user's weights (Szegedy et al. 2016).
 
 Notation
 x          pictures, sRGB-encoded values in [0, 1]                              (B, S, S, 3)
@@ -64,15 +64,15 @@ def features(net: Inception, x: Float[Array, "B S S 3"]) -> Float[Array, "B 2048
 
 
 def _beside(net: Inception, name: str, x: Array, *branches: tuple[str, ...]) -> Array:
-    """Branches that keep the size, and an average that is mixed."""
-    found = [_chain(net, name, branch, x) for branch in branches]
-    return jnp.concatenate([*found, _conv(net, f"{name}.branch_pool", _mean(x))], axis=-1)
+    """Branches that keep the size, and a convolved average pool."""
+    maps = [_chain(net, name, branch, x) for branch in branches]
+    return jnp.concatenate([*maps, _conv(net, f"{name}.branch_pool", _mean(x))], axis=-1)
 
 
 def _narrowed(net: Inception, name: str, x: Array, *branches: tuple[str, ...]) -> Array:
-    """Branches whose last convolution halves the size, and a maximum."""
-    found = [_conv(net, f"{name}.{branch[-1]}", _chain(net, name, branch[:-1], x), 2, "VALID") for branch in branches]
-    return jnp.concatenate([*found, _largest(x, 2)], axis=-1)
+    """Branches whose last convolution halves the size, and a max pool."""
+    maps = [_conv(net, f"{name}.{branch[-1]}", _chain(net, name, branch[:-1], x), 2, "VALID") for branch in branches]
+    return jnp.concatenate([*maps, _largest(x, 2)], axis=-1)
 
 
 def _chain(net: Inception, name: str, branch: tuple[str, ...], x: Array) -> Array:

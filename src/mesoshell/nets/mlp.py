@@ -36,9 +36,9 @@ def init_mlp(key: Key[Array, ""], widths: tuple[int, ...]) -> list[Dense]:
 
 
 def linear(x: Float[Array, "... I"], kernel: Float[Array, "I O"]) -> Float[Array, "... O"]:
-    """x · kernel, as fast as the backend does it: the only product of this package that a GPU or TPU may round.
+    """x · kernel at the backend's default precision: the only product of this package that a GPU or TPU may round.
 
-    The scope says so to those who look for others (benchmarks/products)."""
+    The named scope marks it for benchmarks/products, which looks for others."""
     with jax.named_scope("network"):
         return x @ kernel.astype(x.dtype)
 

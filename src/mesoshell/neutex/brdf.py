@@ -1,4 +1,4 @@
-"""What a point of a surface sends on of light from one direction (NeuTex, section 5.4, after Neural Reflectance Fields).
+"""Reflection of light from one direction at a surface point (NeuTex, section 5.4, after Neural Reflectance Fields).
 
 Notation
 n, v, l     normal, directions to the viewer and to the light; unit vectors, h halfway between v and l
@@ -19,7 +19,7 @@ LEAST = 0.08
 
 
 class Lobes(NamedTuple):
-    """Of a point of the texture."""
+    """Reflectance of a point of the texture."""
 
     albedo: Vec3
     roughness: Scalar

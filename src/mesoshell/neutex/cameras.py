@@ -16,7 +16,7 @@ from mesoshell.render.camera import in_pixel, look_at
 
 
 class Photo(NamedTuple):
-    """Where a photograph was taken from, and how."""
+    """Pose, lens and size of a photograph."""
 
     to_world: Float[np.ndarray, "4 4"]
     lens: tuple[float, float, float, float]
@@ -32,7 +32,7 @@ def photo_rays(photo: Photo, xy: Float[np.ndarray, "R 2"]) -> tuple[Float[np.nda
 def rays_of(
     photos: Sequence[Photo], pixel: Int[np.ndarray, "R"]
 ) -> tuple[Float[np.ndarray, "R 3"], Float[np.ndarray, "R 3"]]:
-    """Rays through the middles of pixels that are counted through all photographs, one after the other, row by row."""
+    """Rays through pixel centres; pixels are numbered through all photographs in turn, row by row."""
     ends = np.cumsum([p.width * p.height for p in photos])
     view = np.searchsorted(ends, pixel, "right")
     width, size = np.array([(p.width, p.width * p.height) for p in photos])[view].T
@@ -42,7 +42,7 @@ def rays_of(
 
 
 def _through(world: np.ndarray, lens: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """world, lens: of each point, or of all."""
+    """world, lens: one per point, or one for all."""
     right, down = ((xy - lens[..., 2:]) / lens[..., :2]).T
     local = np.stack([right, -down, -np.ones(len(xy))], axis=1)
     d = np.einsum("...ij,...j->...i", world[..., :3, :3], local)
@@ -57,7 +57,7 @@ def pixels(photo: Photo, samples: int = 1, sample: int = 0) -> Float[np.ndarray,
 
 
 def shrunk(photo: Photo, factor: int) -> Photo:
-    """The same camera of an image whose pixels are means of factor × factor; what is left over at the ends is cut off."""
+    """The same camera for an image of means over factor × factor pixels; the rest at its ends is cut off."""
     fx, fy, cx, cy = (x / factor for x in photo.lens)
     return Photo(photo.to_world, (fx, fy, cx, cy), photo.width // factor, photo.height // factor)
 
@@ -65,7 +65,7 @@ def shrunk(photo: Photo, factor: int) -> Photo:
 def orbit(
     centre: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"], arm: Float[np.ndarray, "3"], turn: float
 ) -> np.ndarray:
-    """Camera to world of a camera at centre + arm turned by `turn` about `up`, that looks at the centre."""
+    """Camera to world of a camera at centre + arm, rotated by `turn` about `up`, that looks at the centre."""
     from scipy.spatial.transform import Rotation
 
     eye = centre + Rotation.from_rotvec(turn * up).apply(arm)
@@ -73,9 +73,9 @@ def orbit(
 
 
 def around(photos: Sequence[Photo], centre: Float[np.ndarray, "3"], frames: int, size: tuple[int, int]) -> list[Photo]:
-    """Cameras on a circle about the mean of the photographs' upward directions, as high and as far off as these are in the
-    middle, with the first one's angle of view across its shorter side. size: width and height. Raises ValueError if there is no
-    such direction."""
+    """Cameras on a circle about the mean of the photographs' upward directions, at their median height and distance, with the
+    first one's angle of view across its shorter side. size: width and height. Raises ValueError if there is no such
+    direction."""
     worlds = np.stack([p.to_world for p in photos])
     up = worlds[:, :3, 1].mean(axis=0)
     if not np.linalg.norm(up) > 1e-3:

@@ -1,11 +1,11 @@
-"""An object's photographs, ready to be learned from: linear colours, masks, and the box that the object lies in.
+"""An object's photographs, ready for training: linear colours, masks, and the box that the object lies in.
 
 Notation
 x, y        a point of the capture's world, and of the box: y = (x − centre) / half; the object lies in [−1, 1]³
-rgb         linear Rec. 709, premultiplied by the mask: what is not the object is black
-mask        share of a pixel that the object covers: of a file of its own, of the image's alpha, or of what is not `background`
+rgb         linear Rec. 709, premultiplied by the mask: black outside of the object
+mask        share of a pixel that the object covers: by a mask file, the image's alpha, or its difference to `background`
 
-The box is the capture's own, if it says one; else that of the visual hull (neutex/hull).
+The box is given by the capture, or else that of the visual hull (neutex/hull).
 """
 
 from collections.abc import Sequence
@@ -22,20 +22,20 @@ from mesoshell.io.poses import Posed, read_poses
 from mesoshell.neutex.cameras import Photo, shrunk
 from mesoshell.neutex.hull import Hull, agreement, carve, holds, left_out
 
-#: sRGB codes by which a pixel differs from the background at least, to be all of the object.
+#: Least difference from the background, in sRGB codes, of a pixel that the object covers fully.
 APART = 0.06
-#: Views, and share of masked pixels in agreement, under which a warning is due.
+#: Number of views, and share of masked pixels in agreement, below which a warning is given.
 FEW, AGREED = 8, 0.9
-#: Cells by which a point may lie outside of the hull.
+#: Cells that a point may lie outside of the hull.
 NOISE = 3
 BACKGROUNDS = {"black": 0.0, "white": 1.0}
 
 
 @dataclass(frozen=True)
 class Capture:
-    """hull: where it may be, by the masks; its own box is the capture's unless that says another. points: of the world, in the
-    hull or NOISE cells from it. agreement: that of the masks, the mean over views. flash: E⊥ at distance 1 of the world of the
-    light at each camera, if there is one."""
+    """hull: where the object may be, by the masks; its box is the default for the capture's. points: in the world, in the hull
+    or within NOISE cells of it. agreement: of the masks, the mean over views. flash: E⊥ of the light at each camera, at world
+    distance 1, if there is one."""
 
     folder: Path
     photos: tuple[Photo, ...]
@@ -52,14 +52,14 @@ class Capture:
 
     @property
     def manifest(self) -> dict[str, object]:
-        """What a run's record keeps of it."""
+        """Entries for a run's record."""
         box = [float(f"{x:.5g}") for x in (*self.centre, self.half)]
         said: dict[str, object] = {"source": f"{len(self.photos)} photographs", "box": box}
         return said | ({"background": self.background} if self.background else {})
 
     @property
     def recipe(self) -> str:
-        """What an experiment may be about."""
+        """Kind of the data, as experiments name it."""
         return "capture"
 
     def to_box(self, x: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
@@ -67,22 +67,22 @@ class Capture:
 
 
 def read_capture(folder: Path, background: str | None = None, side: int | None = None) -> Capture:
-    """All of a capture. background: a name of BACKGROUNDS, for images that have neither masks nor alpha. side: of the images at
-    most, pixels; larger ones are shrunk as they are read. Raises InputError that names the file and the fault; what can be used
-    but looks wrong is in `warnings`."""
+    """Read a capture. background: a name of BACKGROUNDS, for images that have neither masks nor alpha. side: of the images at
+    most, pixels; larger ones are shrunk as they are read. Raises InputError that names the file and the fault; `warnings` lists
+    what can be used but looks wrong."""
     poses = read_poses(folder)
     if len(poses.views) < 2:
         raise InputError(poses.source, f"has {len(poses.views)} view: a shape needs at least 2")
     read = [_shrunk(*_read(poses.source, view, background), side) for view in poses.views]
     photos, masks = [photo for photo, _, _ in read], [mask for _, _, mask in read]
     _see(poses.source, [view.image for view in poses.views], masks, side)
-    found = carve(photos, masks)
-    if found is None:
+    hull = carve(photos, masks)
+    if hull is None:
         raise InputError(
             poses.source,
             "no point lies inside the masks of all views: wrong poses or lenses, or views of different things",
         )
-    agreed = np.array([agreement(found, photo, mask) for photo, mask in zip(photos, masks, strict=True)])
+    agreed = np.array([agreement(hull, photo, mask) for photo, mask in zip(photos, masks, strict=True)])
     warnings = [f"has only {len(photos)} views: the shape between them is a guess"] if len(photos) < FEW else []
     if agreed.mean() < AGREED:
         worst = poses.views[int(np.argmin(agreed))].image.name
@@ -90,13 +90,13 @@ def read_capture(folder: Path, background: str | None = None, side: int | None =
             f"masks of different views agree on {agreed.mean():.0%} of what they show ({worst}: {agreed.min():.0%}): wrong "
             "poses, lenses or masks?"
         )
-    centre, half = poses.box or (found.centre, found.half)
-    if poses.box and (outside := left_out(found, centre, half)) > 0.1:
-        warnings.append(f"{outside:.0%} of what the masks show lies outside of the box that {poses.source.name} says")
+    centre, half = poses.box or (hull.centre, hull.half)
+    if poses.box and (outside := left_out(hull, centre, half)) > 0.1:
+        warnings.append(f"{outside:.0%} of what the masks show lies outside of the box that {poses.source.name} gives")
     points = None
     if poses.points is not None:
-        # noisy points lie on both sides of a surface that the hull's cells just hold
-        inside = holds(found._replace(inside=binary_dilation(found.inside, iterations=NOISE)), poses.points)
+        # noisy points lie on both sides of a surface, which the hull's outermost cells contain
+        inside = holds(hull._replace(inside=binary_dilation(hull.inside, iterations=NOISE)), poses.points)
         if inside.mean() < 0.5:
             warnings.append(
                 f"{1 - inside.mean():.0%} of the points lie outside of what the masks show: they are left out"
@@ -110,7 +110,7 @@ def read_capture(folder: Path, background: str | None = None, side: int | None =
         tuple(masks),
         centre,
         half,
-        found,
+        hull,
         points,
         float(agreed.mean()),
         tuple(warnings),
@@ -163,7 +163,7 @@ def _read(source: Path, view: Posed, background: str | None) -> tuple[Photo, np.
     else:
         raise InputError(
             view.image,
-            "has neither a mask nor alpha: say `mesoshell atlas train --background` black or white, if that is what it is",
+            "has neither a mask nor alpha: if its background is black or white, give `mesoshell atlas train --background`",
         )
     if not (np.isfinite(rgb).all() and np.isfinite(mask).all()):
         raise InputError(view.image, "has pixels that are not finite")
@@ -181,10 +181,10 @@ def _see(source: Path, names: Sequence[Path], masks: Sequence[np.ndarray], side:
     if empty:
         all_of = "all masks are" if len(empty) == len(masks) else f"the mask of {empty[0]} is"
         raise InputError(
-            source, f"{all_of} empty{f' at {side} pixels a side' if side else ''}: nothing there is the object"
+            source, f"{all_of} empty{f' at {side} pixels a side' if side else ''}: no pixel shows the object"
         )
     if all((mask >= 0.5).all() for mask in masks):
         raise InputError(
             source,
-            "all masks are full: nothing tells the object from what is behind it; if that is black or white, say --background",
+            "all masks are full: nothing tells the object from its background; if that is black or white, give --background",
         )

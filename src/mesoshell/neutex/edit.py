@@ -1,15 +1,15 @@
-"""The texture as an image, and what an edited image does to an object.
+"""The texture as an image, and the effect of an edited image on an object.
 
 Notation
 T           an object's texture, linear: the greatest of its colours over directions d, as the paper shows it; or, of
             reflectance, its albedo, roughness or specular (neutex/brdf), grey
-d           from the photographs' places (VIEWS of them at most) that lie before the surface F_uv⁻¹ there, as how it looks from
-            elsewhere is not known. Where none lies before it, straight on
+d           from the photographs (VIEWS of them at most) in front of the surface F_uv⁻¹ there, as its look from elsewhere is
+            unknown; along the normal if there are none
 E, α        an edit: colours and coverage of an image of any layout
-c′ = a + s c    what becomes of a colour c that a view sees at u:
+c′ = a + s c    the edited colour, for a colour c that a view sees at u:
 multiply    s = E, a = 0
-replace     s = min(1, E/T), a = E − s T: where E = T nothing changes; elsewhere what views add to the colour goes on, never
-            more of it than there was
+replace     s = min(1, E/T), a = E − s T: where E = T nothing changes; elsewhere view-dependent shading is kept, scaled by at
+            most 1
 
 Where α is below 1 the edit is mixed with s = 1, a = 0.
 """
@@ -36,20 +36,20 @@ from mesoshell.numerics import normalise
 Edit = Literal["replace", "multiply"]
 Part = Literal["colour", "roughness", "specular"]
 VIEWS = 32
-#: Cosine from which a camera lies before a surface.
+#: Least cosine at which a camera counts as in front of a surface.
 BEFORE = 0.1
-#: What a texture is taken to have at least, where it is divided by.
+#: Least texture value as a divisor.
 DARKEST = 1e-4
 
 
 def texture_image(
-    found: NeuTexModel, layout: Layout, side: int, part: Part = "colour"
+    model: NeuTexModel, layout: Layout, side: int, part: Part = "colour"
 ) -> NumPyFloat[np.ndarray, "h w 3"]:
-    """T, linear and not negative. part: others than colour are of reflectance."""
+    """T, linear and not negative. part: any but colour needs reflectance."""
     u = directions(layout, side)
-    some = np.linspace(0, len(found.photos) - 1, min(VIEWS, len(found.photos))).round().astype(int)
-    eyes = np.stack([found.to_box(found.photos[i]).to_world[:3, 3] for i in some]).astype(np.float32)
-    (image,) = run(lambda u, n: (_greatest(found.config, part, found.field, eyes, u),), u.reshape(-1, 3))
+    some = np.linspace(0, len(model.photos) - 1, min(VIEWS, len(model.photos))).round().astype(int)
+    eyes = np.stack([model.to_box(model.photos[i]).to_world[:3, 3] for i in some]).astype(np.float32)
+    (image,) = run(lambda u, n: (_greatest(model.config, part, model.field, eyes, u),), u.reshape(-1, 3))
     return np.maximum(image, 0).reshape(u.shape)
 
 
@@ -57,8 +57,8 @@ def texture_image(
 def _greatest(config: FieldConfig, part: Part, field: Field, eyes, u):
     def point(u):
         if config.colour == "reflectance":
-            found = lobes(config, field, u)
-            of = {"colour": found.albedo, "roughness": jnp.maximum(found.roughness, LEAST), "specular": found.specular}
+            brdf = lobes(config, field, u)
+            of = {"colour": brdf.albedo, "roughness": jnp.maximum(brdf.roughness, LEAST), "specular": brdf.specular}
             return jnp.broadcast_to(of[part], 3)
         base, features = texture(config, field, u)
         y, n = _surface(field, u)
@@ -79,27 +79,27 @@ def _surface(field: Field, u):
 
 
 def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.ndarray, "h w c"]]:
-    """An image, and the layout that it is of: as said, or the only one with its proportions. Raises InputError."""
+    """Read an image, and its layout: the given one, or the only one with its proportions. Raises InputError."""
     image = read_picture(path)
     if not np.isfinite(image).all():
         raise InputError(path, "has pixels that are not finite")
     h, w = image.shape[:2]
-    asked: tuple[Layout, ...] = LAYOUTS if layout is None else (layout,)
-    fit: list[Layout] = [name for name in asked if side_of(name, h, w)]
+    layouts: tuple[Layout, ...] = LAYOUTS if layout is None else (layout,)
+    fit: list[Layout] = [name for name in layouts if side_of(name, h, w)]
     if not fit:
-        sizes = " or ".join(f"{name} ({shape(name, 1)[1]}:{shape(name, 1)[0]})" for name in asked)
+        sizes = " or ".join(f"{name} ({shape(name, 1)[1]}:{shape(name, 1)[0]})" for name in layouts)
         raise InputError(path, f"is {w} x {h} pixels, the proportions of no {sizes}")
     return fit[0], image
 
 
-def painted(found: NeuTexModel, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit) -> Paint:
-    """What an edit does. image: linear RGB, or premultiplied RGBA."""
+def painted(model: NeuTexModel, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit) -> Paint:
+    """The edit of an image. image: linear RGB, or premultiplied RGBA."""
     alpha = image[..., 3:] if image.shape[2] == 4 else np.ones_like(image[..., :1])
     rgb = image[..., :3]  # α E
     if edit == "multiply":
         return Paint(layout, np.concatenate([np.zeros_like(rgb), rgb + (1 - alpha)], axis=-1))
     side = side_of(layout, *image.shape[:2])
     assert side
-    now = texture_image(found, layout, side)
+    now = texture_image(model, layout, side)
     s = np.minimum(alpha, rgb / np.maximum(now, DARKEST))  # α s
     return Paint(layout, np.concatenate([rgb - s * now, s + (1 - alpha)], axis=-1))

@@ -1,4 +1,4 @@
-"""The object as four networks: density in the volume, colour on a sphere, and the ways there and back (NeuTex, section 3).
+"""The object as four networks: density in the volume, colour on a sphere, and the maps between them (NeuTex, section 3).
 
 Notation
 y           a point of the box [−1, 1]³; d: unit direction from the camera
@@ -6,12 +6,12 @@ u           a point of the texture: a unit vector (their spherical UV)
 F_σ         y → σ, per unit of the box
 F_uv        y → u; no encoding, for a smooth map (their section 4.1)
 F_uv⁻¹      u → y, the surface that the texture is wrapped on; no encoding
-F_tex       (u, d) → c = softplus(b(u)) + r(u, d): a texture that no view changes, and what views add to it
-volume      a NeRF beside it, in the same code: c from F_σ's features instead of from u
-reflectance  F_σ has a normal beside σ, F_tex what a surface is made of (neutex/brdf) instead of a colour, and r has no part
+F_tex       (u, d) → c = softplus(b(u)) + r(u, d): a view-independent texture, and a view-dependent part
+volume      a NeRF for comparison, in the same code: c from F_σ's features instead of from u
+reflectance  F_σ gives a normal besides σ, F_tex gives lobes (neutex/brdf) instead of a colour, and r is not used
 
-F_uv and F_uv⁻¹ are added to the projection from the box's centre, u = y/|y|, and to a sphere's surface: the paper is silent on
-how they begin, and a map without folds has none to undo. Colours are linear; a sum below 0, which r can make, is left so.
+F_uv and F_uv⁻¹ are offsets from the projection from the box's centre, u = y/|y|, and from a sphere's surface: the paper gives
+no initial maps, and training from these has no folds to undo. Colours are linear; a sum below 0, by r, is not clipped.
 """
 
 from dataclasses import dataclass, field
@@ -35,7 +35,7 @@ SPHERE, FLAT = 0.6, 1e-4
 @dataclass(frozen=True)
 class FieldConfig:
     """sigma, texture, uv, inverse: widths of the hidden layers; views: width of r's. encoding: of F_σ's and F_tex's inputs;
-    octaves: of y, of u, of d. flash: of reflectance, E⊥ of the camera's light at distance 1, in the box's units."""
+    octaves: of y, of u, of d. flash: for reflectance, E⊥ of the camera's light at distance 1, in the box's units."""
 
     sigma: tuple[int, ...] = (256,) * 8
     texture: tuple[int, ...] = (256,) * 4
@@ -87,18 +87,18 @@ def init_field(config: FieldConfig, key: Key[Array, ""]) -> Field:
 
 
 def density(config: FieldConfig, field: Field, y: Vec3) -> tuple[Scalar, Float[Array, "F"]]:
-    """σ, and the features that it is made of."""
+    """σ, and the last hidden features."""
     features = apply_relu(field.sigma.hidden, _encoded(config, field.sigma, y, config.octaves[0]))
     return DENSITY * softplus(apply_dense(field.sigma.last, features)[0]), features
 
 
 def normal(field: Field, y: Vec3, features: Float[Array, "F"]) -> Vec3:
-    """Of reflectance, at a point of density's `features`; it begins as outward from the box's centre."""
+    """Normal of reflectance from density's `features`; initially it points away from the box's centre."""
     return normalise(y + apply_dense(field.sigma.last, features)[1:])
 
 
 def lobes(config: FieldConfig, field: Field, u: Vec3) -> Lobes:
-    """Of reflectance, what the surface is made of there."""
+    """Lobes of reflectance at a point of the texture."""
     x = jax.nn.sigmoid(_applied(field.texture, _encoded(config, field.texture, u, config.octaves[1])))
     return Lobes(x[:3], x[3], 0.25 * x[4])
 
@@ -114,7 +114,7 @@ def to_surface(field: Field, u: Vec3) -> Vec3:
 
 
 def texture(config: FieldConfig, field: Field, u: Vec3) -> tuple[Vec3, Float[Array, "F"]]:
-    """softplus(b(u)), and the features that views see."""
+    """softplus(b(u)), and the features that r takes."""
     return _base(field.texture, _encoded(config, field.texture, u, config.octaves[1]))
 
 
@@ -124,7 +124,7 @@ def viewed(config: FieldConfig, field: Field, features: Float[Array, "F"], d: Ve
 
 
 def radiance(config: FieldConfig, field: Field, y: Vec3, d: Vec3, features: Float[Array, "F"]) -> Vec3:
-    """c at a point of density's `features`."""
+    """c at a point, with density's `features` there."""
     if config.colour == "volume":
         base, inner = _base(field.texture, features)
     else:

@@ -1,12 +1,12 @@
-"""The space that silhouettes leave: where an object can be, from its masks alone (NumPy).
+"""The visual hull: where an object can be, from its masks alone (NumPy).
 
 Notation
-hull        cells of a grid whose centres lie inside the masks of all views that see them (Laurentini's visual hull)
-box         centre c and half side a: y = (x − c) / a lies in [−1, 1]³ for all of the object
+hull        cells of a grid whose centres lie inside the masks of all views that see them (Laurentini)
+box         centre c and half side a: y = (x − c) / a maps the whole object into [−1, 1]³
 agreement   share of a view's masked pixels whose rays meet the hull: 1 if poses, lenses and masks fit each other
 
 A cell is kept where at most MISSES of the views that see its centre show background there; masks are widened by a
-pixel and the cell's size, so that none is lost that holds something.
+pixel and the cell's size, so that no cell of the object is lost.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from mesoshell.neutex.cameras import Photo, photo_rays
 
 CELLS = 64
 MISSES = 0.03
-#: Of the first guess's side, and of the box that is kept, by which they are larger than what they hold.
+#: Side of the first guess, and of the final box, relative to their content.
 MARGIN = 1.1
-#: Pixels of a view, and points along a ray, that agreement is measured with.
+#: Pixels of a view, and points along a ray, for measuring agreement.
 PIXELS, PROBES = 400, 192
 
 
@@ -35,7 +35,7 @@ class Hull(NamedTuple):
 
 
 def carve(photos: Sequence[Photo], masks: Sequence[Float[np.ndarray, "_h _w"]]) -> Hull | None:
-    """The hull and the smallest cube about it, found in two passes; None if nothing lies inside all masks."""
+    """The hull and the smallest cube about it, in two passes; None if nothing lies inside all masks."""
     aims = [_aim(photo, mask) for photo, mask in zip(photos, masks, strict=True)]
     origins = np.array([photo.to_world[:3, 3] for photo in photos])
     across = np.eye(3) - np.einsum("vi,vj->vij", [a for a, _ in aims], [a for a, _ in aims])
@@ -57,7 +57,7 @@ def carve(photos: Sequence[Photo], masks: Sequence[Float[np.ndarray, "_h _w"]]) 
 
 
 def agreement(hull: Hull, photo: Photo, mask: Float[np.ndarray, "_h _w"]) -> float:
-    """Of one view."""
+    """Agreement of one view."""
     rows, columns = np.nonzero(mask >= 0.5)
     some = np.linspace(0, len(rows) - 1, min(PIXELS, len(rows))).astype(int)
     o, d = photo_rays(photo, np.stack([columns[some], rows[some]], axis=1) + 0.5)
@@ -82,7 +82,7 @@ def left_out(hull: Hull, centre: Float[np.ndarray, "3"], half: float) -> float:
 
 
 def _aim(photo: Photo, mask: Float[np.ndarray, "_h _w"]) -> tuple[Float[np.ndarray, "3"], float]:
-    """The direction to the middle of what a view shows, and the tangent of the angle from there to its far end."""
+    """The direction to the middle of a view's mask, and the tangent of the angle from there to its farthest corner."""
     rows, columns = np.nonzero(mask >= 0.5)
     edge = np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]], float)
     corners = np.array([[x, y] for x in edge[:, 0] for y in edge[:, 1]])

@@ -1,13 +1,13 @@
-"""The sphere of a texture as an image.
+"""Layouts of a spherical texture as an image.
 
 Notation
 u           a unit vector
 (x, y)      place in the image, [0, 1]², x right and y down
-cubemap     six squares, 3 across and 2 down: +x −x +y over −y +z −z; each as it is seen from outside
+cubemap     six squares, 3 across and 2 down: +x −x +y over −y +z −z; each as seen from outside
 latlong     twice as wide as high: azimuth across, from −π to π; +z on top
 square      octahedron, unfolded: +z in the middle, −z in the corners
 
-An image of `side` has side² pixels a square of the cubemap, 2 side × side of latlong, and side² in all of square.
+An image of `side` has side² pixels per square of the cubemap, 2 side × side for latlong, and side² for square.
 """
 
 from typing import Literal
@@ -20,9 +20,9 @@ from mesoshell.typing import Array, Float, Vec2, Vec3
 
 Layout = Literal["cubemap", "latlong", "square"]
 LAYOUTS: tuple[Layout, ...] = ("cubemap", "latlong", "square")
-#: Of a component that might as well be 0.
+#: Components below this count as 0.
 TINY = 1e-30
-#: Of each square of the cubemap: what lies to the right, upward, and ahead.
+#: Right, up and outward directions of each square of the cubemap.
 FACES = np.array(
     [
         [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
@@ -42,13 +42,13 @@ def shape(layout: Layout, side: int) -> tuple[int, int]:
 
 
 def side_of(layout: Layout, height: int, width: int) -> int | None:
-    """`side` of an image of this size, or None if it is none of the layout's."""
+    """`side` of an image of this size, or None if the layout has no such image."""
     side = height // 2 if layout == "cubemap" else height
     return side if side and shape(layout, side) == (height, width) else None
 
 
 def place(layout: Layout, u: Vec3, side: int) -> Vec2:
-    """(x, y) of a direction. In a cubemap it stays half a pixel inside its square, so that none of another's is mixed in."""
+    """(x, y) of a direction. In a cubemap it stays half a pixel inside its square, so that no other square is mixed in."""
     if layout == "latlong":
         u = jnp.where(jnp.abs(u) < TINY, 0, u)  # XLA's atan2 of two subnormal numbers is NaN
         return jnp.stack([jnp.arctan2(u[1], u[0]) / (2 * jnp.pi) + 0.5, jnp.arccos(jnp.clip(u[2], -1, 1)) / jnp.pi])
@@ -91,10 +91,10 @@ def on_faces(p: NumPyFloat[np.ndarray, "*n 2"], face: np.ndarray) -> NumPyFloat[
 
 
 def lookup(layout: Layout, image: Float[Array, "h w c"], u: Vec3) -> Float[Array, "c"]:
-    """Bilinear; around in latlong, up to its border in all else."""
+    """Bilinear lookup; latlong wraps in azimuth, all else is clamped."""
     h, w = image.shape[:2]
     side = side_of(layout, h, w)
-    assert side, f"{h} x {w} pixels are no {layout}"
+    assert side, f"{h} x {w} pixels are not a {layout}"
     at = place(layout, u, side) * jnp.array([w, h], u.dtype) - 0.5
     low = jnp.floor(at)
     part = at - low
@@ -107,7 +107,7 @@ def lookup(layout: Layout, image: Float[Array, "h w c"], u: Vec3) -> Float[Array
 
 
 def checkerboard(layout: Layout, side: int, squares: int = 8) -> NumPyFloat[np.ndarray, "h w 3"]:
-    """`squares` × `squares` of each face of a cube, light and dark, tinted by face: what shows where a texture lies."""
+    """`squares` × `squares` of each face of a cube, light and dark, tinted by face: a test texture."""
     u = directions(layout, side)
     axis = np.abs(u).argmax(axis=-1)
     face = 2 * axis + (np.take_along_axis(u, axis[..., None], axis=-1)[..., 0] < 0)

@@ -1,16 +1,16 @@
-"""A ray's way through the box: where its samples lie, and what they come to.
+"""March a ray through the box: its samples, and their composite.
 
 Notation
 o, d        in the box's units; t in [t0, t1]: inside [−1, 1]³, all of it, in front of the camera
-occupied    cells of the box where σ can be above what may be passed over, with their neighbours
+occupied    cells of the box where σ can be too large to skip, with their neighbours
 ℓ           length of [t0, t1] in occupied cells; the N samples share it evenly: one in each N-th of it, at ξ of that part
 w, T        weights of the samples and transmittance of the ray (render/composite); I = Σ w c
-away        Σ w max(n·d, 0)²: how much of what reflects is seen from behind (Verbin et al. 2022, Ref-NeRF, equation 11)
-flash       of reflectance: light comes the way that the camera looks; all that the camera sees is lit, as of a surface: in the
-            depth of a fog light would be dimmed once more
+away        Σ w max(n·d, 0)²: how much of the reflecting surface is seen from behind (Verbin et al. 2022, Ref-NeRF, equation 11)
+flash       of reflectance: light comes from the camera; all that the camera sees is fully lit, as on a surface (inside a fog,
+            light would be attenuated once more)
 
-Samples are where the shared quadrature has them, at ℓ/N from each other: a ray that sees no occupied cell has none, and none
-lies in an empty one. Whether a stretch is occupied is asked PROBES times along it, at less than a cell from each other.
+Samples lie at ℓ/N from each other on occupied stretches: a ray without occupied cells has none, and none lies in an empty
+cell. Occupancy is tested at PROBES points along a ray, less than a cell apart.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import weights
 from mesoshell.typing import Array, Bool, Float, Scalar, Vec3
 
-#: Cells a side of the grid, and probes: √3 · CELLS of them lie a cell apart on the longest way through.
+#: Cells along a side of the grid, and probes along a ray: √3 · CELLS would lie a cell apart on the longest ray.
 CELLS, PROBES = 32, 64
 
 
@@ -49,7 +49,7 @@ def span(o: Vec3, d: Vec3) -> tuple[Scalar, Scalar]:
 
 
 def places(o: Vec3, d: Vec3, occupied: Bool[Array, "n n n"], xi: Float[Array, "N"]) -> tuple[Float[Array, "N"], Scalar]:
-    """t of the samples, and ℓ/N. xi: each one's place in its part, 0 to 1."""
+    """t of the samples, and ℓ/N. xi: each sample's position in its part, 0 to 1."""
     t0, t1 = span(o, d)
     edges = t0 + (t1 - t0) * jnp.linspace(0, 1, PROBES + 1, dtype=o.dtype)
     middle = (edges[1:] + edges[:-1]) / 2
@@ -67,14 +67,14 @@ def at(occupied: Bool[Array, "n n n"], y: Float[Array, "*k 3"]) -> Bool[Array, "
 
 
 def widened(held: Bool[Array, "n n n"]) -> Bool[Array, "n n n"]:
-    """With all neighbours."""
+    """Cells and all their neighbours."""
     return jax.lax.reduce_window(held, False, jax.lax.bitwise_or, (3, 3, 3), (1, 1, 1), "SAME")
 
 
 def march(
     config: FieldConfig, field: Field, o: Vec3, d: Vec3, occupied: Bool[Array, "n n n"], xi: Float[Array, "N"]
 ) -> Marched:
-    """What one ray sees."""
+    """March one ray."""
     t, step = places(o, d, occupied, xi)
     y = o[None] + jnp.outer(t, d)
     sigma, features = jax.vmap(lambda y: density(config, field, y))(y)
@@ -91,5 +91,5 @@ def march(
 
 
 def flashed(config: FieldConfig, made: Lobes, n: Vec3, d: Vec3, t: Scalar) -> Vec3:
-    """c of a point at distance t from a camera that lights it, but for what lies between."""
+    """c of a point at distance t from a camera that lights it, without attenuation on the way."""
     return shade(made, n, -d, -d) * (config.flash / jnp.maximum(t, 1e-3) ** 2)

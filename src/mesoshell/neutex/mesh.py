@@ -1,16 +1,15 @@
 """The surface that the texture is wrapped on, as triangles.
 
 Notation
-cube        six squares of n × n quads, the cubemap's: no triangle crosses a side of the texture's image
-lattice     places of the cube's corners of quads in whole numbers, 0 to n on each axis; squares share those on an edge
+cube        six squares of n × n quads, as in the cubemap: no triangle crosses a side of the texture's image
+lattice     corners of the cube's quads in whole numbers, 0 to n on each axis; squares share those on an edge
 wrap        F_uv⁻¹ of the lattice's directions u, with normals n: closed, as F_uv⁻¹ is continuous on the sphere, and smooth
 T           transmittance along y + (REACH − s) n, from outside inward
-vertices    the wrap's, moved along n to where T is a half, one for each corner of a square; those of one lattice point are the
-            same number. One whose way begins inside (σ there is half of what it is where T is a half, or more), or never gets
-            to a half, moves as those around it do: by Laplace's equation on the lattice's edges. All move less where a triangle
-            would fold
+vertices    the wrap's, moved along n to where T is a half; squares have their own copies, equal at a lattice point. A vertex
+            moves with its neighbours, by Laplace's equation on the lattice's edges, if its path begins inside (σ there is at
+            least half of σ where T is a half), or if T stays above a half. All move less where a triangle would fold
 
-Texture coordinates stay half a pixel inside their square, so that none of another's is mixed in.
+Texture coordinates stay half a pixel inside their square, so that no other square is mixed in.
 """
 
 from functools import partial
@@ -29,9 +28,9 @@ from mesoshell.neutex.field import Field, FieldConfig, density, to_surface
 from mesoshell.neutex.layout import on_faces
 from mesoshell.typing import Array
 
-#: How far vertices are moved at most, in the box's units, and samples of σ on the way from there to as far inside.
+#: Farthest that a vertex moves, in the box's units, and samples of σ from there to as far inside.
 REACH, SAMPLES = 0.1, 48
-#: Triangles turn by no more than what has this cosine: in so many rounds their corners move by 0.7 of what they did.
+#: Least cosine by which a triangle may turn; rounds in which the corners of others move by 0.7 of what they did.
 LEVEL, ROUNDS = 0.5, 24
 
 
@@ -67,7 +66,7 @@ def wrapped(config: FieldConfig, field: Field, n: int, side: int) -> Wrapped:
 
 
 def _normals(points: np.ndarray, faces: np.ndarray, otherwise: np.ndarray) -> Float[np.ndarray, "V 3"]:
-    """Of the faces around each vertex, by area; otherwise: where they have none."""
+    """Vertex normals from the faces around, by area; otherwise: normals of vertices whose faces have no area."""
     across = np.repeat(_across(points, faces), 3, axis=0)
     total = np.stack([np.bincount(faces.ravel(), across[:, k], len(points)) for k in range(3)], axis=1)
     return np.where(total.any(axis=1, keepdims=True), _unit(total), otherwise)
@@ -77,14 +76,14 @@ def _moves(
     config: FieldConfig, field: Field, points: np.ndarray, normals: np.ndarray, faces: np.ndarray
 ) -> Float[np.ndarray, "V"]:
     """How far each vertex moves outward."""
-    move, found = run(lambda *x: _surface_near(config, field, *x), np.float32(points), np.float32(normals))
-    found = found > 0
-    move = np.where(found, move.astype(np.float64), 0)
-    if found.any() and not found.all():
-        a, b = faces.ravel(), np.roll(faces, 1, axis=1).ravel()  # each edge is met once from each of its sides
+    move, reached = run(lambda *x: _surface_near(config, field, *x), np.float32(points), np.float32(normals))
+    reached = reached > 0
+    move = np.where(reached, move.astype(np.float64), 0)
+    if reached.any() and not reached.all():
+        a, b = faces.ravel(), np.roll(faces, 1, axis=1).ravel()  # each edge occurs once from each of its sides
         edges = csr_array((np.ones(len(a)), (a, b)), (len(points), len(points)))
         laplace = (diags_array(edges.sum(axis=1)) - edges).tocsr()
-        move[~found] = spsolve(laplace[~found][:, ~found].tocsc(), -laplace[~found][:, found] @ move[found])
+        move[~reached] = spsolve(laplace[~reached][:, ~reached].tocsc(), -laplace[~reached][:, reached] @ move[reached])
     before = _facing(points, faces)
     for _ in range(ROUNDS):
         turn = np.einsum("ti,ti->t", before, _facing(points + move[:, None] * normals, faces))
@@ -98,7 +97,7 @@ def _facing(points: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "T 3"]:
 
 
 def _across(points: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "T 3"]:
-    """Normals of triangles, as long as twice their areas."""
+    """Normals of triangles, of length twice their area."""
     a, b, c = np.moveaxis(points[faces], 1, 0)
     return np.cross(b - a, c - a)
 
@@ -109,7 +108,7 @@ def _unit(x: np.ndarray) -> np.ndarray:
 
 @partial(jax.jit, static_argnums=0)
 def _surface_near(config: FieldConfig, field: Field, y: Array, n: Array, count: Array) -> tuple[Array, Array]:
-    """Where T is a half, and whether it gets there."""
+    """Where T is a half, and whether it reaches a half from outside."""
     step = 2 * REACH / SAMPLES
     outward = REACH - step * (jnp.arange(SAMPLES, dtype=jnp.float32) + 0.5)
 
@@ -118,8 +117,8 @@ def _surface_near(config: FieldConfig, field: Field, y: Array, n: Array, count: 
         deep = jnp.cumsum(sigma) * step  # −ln T at the end of each sample
         i = jnp.argmax(deep >= jnp.log(2.0))
         share = 1 - (deep[i] - jnp.log(2.0)) / jnp.maximum(sigma[i] * step, 1e-12)
-        found = (deep[-1] >= jnp.log(2.0)) & (sigma[0] < 0.5 * sigma[i])
-        return REACH - step * (i.astype(jnp.float32) + share), found.astype(jnp.float32)
+        reached = (deep[-1] >= jnp.log(2.0)) & (sigma[0] < 0.5 * sigma[i])
+        return REACH - step * (i.astype(jnp.float32) + share), reached.astype(jnp.float32)
 
     return in_tiles(jax.vmap(one), count, (y, n), ((0, jnp.float32), (0, jnp.float32)))
 

@@ -1,9 +1,9 @@
 """Pictures of a captured object.
 
 Notation
-samples     of a ray: `Quality.samples`, in whole CHUNKs, at the middles of their parts; `Quality.pixel_samples` rays a pixel
-occupied    cells where σ reaches Quality.skip over the box's diagonal, asked at ASKED³ points in each, with their neighbours:
-            no sample lies elsewhere, and a ray loses at most `skip` of optical depth, as far as those points show
+samples     of a ray: `Quality.samples`, in whole CHUNKs, at the middles of equal parts; `Quality.pixel_samples` rays a pixel
+occupied    cells where σ reaches Quality.skip over the box's diagonal at one of ASKED³ points in each, with their neighbours:
+            no sample lies elsewhere, and a ray loses at most `skip` of optical depth, by these points
 early_stop  samples are taken CHUNK at a time, until no ray of a tile has more than this transmittance
 """
 
@@ -27,7 +27,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.typing import Array, Bool, Float, Scalar
 
 TILE, CHUNK, ASKED = 1024, 8, 3
-#: How far along a surface's normal a light's way begins, in the box's units: outside of the fog that the surface is.
+#: Offset of shadow rays along a surface's normal, in the box's units: past the fog that represents the surface.
 AWAY = 0.06
 
 
@@ -46,14 +46,14 @@ class Paint(NamedTuple):
 
 
 class Lighting(NamedTuple):
-    """Light on an object of reflectance, in the world's axes; without it the camera's flash goes on."""
+    """Light on an object of reflectance, in the world's axes; without it the camera's flash is used."""
 
     lights: tuple[Distant, ...]
     sky: Environment | None
 
 
 class View(NamedTuple):
-    """How an object is shown: how finely, where it is not empty (`occupancy`), with which edit and light."""
+    """How to render an object: quality, occupied cells (`occupancy`), edit and light."""
 
     quality: Quality
     occupied: Bool[Array, "n n n"]
@@ -62,7 +62,7 @@ class View(NamedTuple):
 
 
 class StaticConfig(NamedTuple):
-    """What is compiled. shown: colours too, or transmittance and depth alone; layout: of the edit, if there is one."""
+    """Static configuration. shown: colours too, or transmittance and depth alone; layout: of the edit, if there is one."""
 
     config: FieldConfig
     samples: int
@@ -82,7 +82,7 @@ class FieldArrays(NamedTuple):
 def view(
     config: FieldConfig, field: Field, quality: Quality, paint: Paint | None = None, lit: Lighting | None = None
 ) -> View:
-    """Make ready to show an object from anywhere."""
+    """Prepare an object for rendering from any camera."""
     return View(quality, occupancy(config, field, quality.skip), paint, lit)
 
 
@@ -107,12 +107,12 @@ def _greatest(config: FieldConfig, field: Field) -> Float[Array, "n n n"]:
 
 
 def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Picture:
-    """What a camera in the box's units sees. Each light other than the flash is blocked by what it passes on its way to where
-    a ray ends, on the mean."""
+    """Render from a camera in the box's units. Each light other than the flash is attenuated on its way to the mean depth of a
+    ray."""
     n = how.quality.pixel_samples
-    found = np.mean([_once(config, field, photo_rays(photo, pixels(photo, n, k)), how, k) for k in range(n)], axis=0)
+    means = np.mean([_once(config, field, photo_rays(photo, pixels(photo, n, k)), how, k) for k in range(n)], axis=0)
     size = photo.height, photo.width
-    return Picture(found[:, :4].reshape(*size, 4), found[:, 4].reshape(size))
+    return Picture(means[:, :4].reshape(*size, 4), means[:, 4].reshape(size))
 
 
 def _once(config: FieldConfig, field: Field, rays: tuple[np.ndarray, np.ndarray], how: View, k: int) -> np.ndarray:
@@ -151,8 +151,8 @@ def _marched(form: StaticConfig, thing: FieldArrays, o, d, light=None):
     def tiled(x):
         return jnp.asarray(pad(x, rows).reshape(-1, TILE, *x.shape[1:]))
 
-    found = _tiles(form, thing, jax.tree.map(tiled, (o, d, light)))
-    return tuple(np.asarray(x).reshape(rows, -1)[: len(o)] for x in found)
+    tiles = _tiles(form, thing, jax.tree.map(tiled, (o, d, light)))
+    return tuple(np.asarray(x).reshape(rows, -1)[: len(o)] for x in tiles)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -182,7 +182,7 @@ def _tile(form: StaticConfig, thing: FieldArrays, o, d, light):
         return k + 1, colour, after[:, -1], far + jnp.sum(w * here, axis=1)
 
     zero = jnp.zeros(TILE, o.dtype)
-    # rays without samples wait for nothing
+    # rays without samples end at once
     begin = jnp.where(step > 0, zero, jnp.inf)
     _, colour, through, far = jax.lax.while_loop(more, chunk, (0, jnp.zeros((TILE, 3), o.dtype), begin, zero))
     return colour, jnp.where(step > 0, jnp.exp(-through), 1.0), far

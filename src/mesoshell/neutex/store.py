@@ -1,4 +1,4 @@
-"""A captured object on disk: its networks, its box, and where its photographs were taken from.
+"""A captured object on disk: its networks, its box, and the poses of its photographs.
 
 Notation
 PATH.npz    arrays by their place in Field, slash-joined (sigma/hidden/0/kernel), and manifest.json; readable with NumPy alone
@@ -27,7 +27,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class NeuTexModel:
-    """photos: of the views, as learned from; tested: which of them were held out."""
+    """photos: all views, at their size in training; tested: which of them were held out."""
 
     config: FieldConfig
     field: Field
@@ -45,7 +45,7 @@ class NeuTexModel:
 
 
 def write_neutex(path: Path, captured: NeuTexModel) -> None:
-    """Raises InputError if the file cannot be written."""
+    """Write the object. Raises InputError if the file cannot be written."""
     about = {
         "schema": SCHEMA,
         "kind": "captured object",
@@ -61,15 +61,15 @@ def write_neutex(path: Path, captured: NeuTexModel) -> None:
 
 
 def read_neutex(path: Path) -> NeuTexModel:
-    """Raises InputError if the file is none, or does not hold what it says."""
+    """Read an object. Raises InputError if the file is not one, or its contents do not match its manifest."""
     heads = read_heads(path)
     if "manifest.json" not in heads:
-        raise InputError(path, "is no captured object: it has no manifest.json")
+        raise InputError(path, "is not a captured object: it has no manifest.json")
     try:
         about = parsed(path, read_arrays(path, ["manifest.json"])["manifest.json"].tobytes(), "manifest.json is ")
         if about["kind"] != "captured object" or about["schema"] != SCHEMA:
             raise InputError(
-                path, f"is no captured object of schema {SCHEMA}, but {about['kind']} of {about['schema']}"
+                path, f"is not a captured object of schema {SCHEMA}, but {about['kind']} of {about['schema']}"
             )
         config = _config(about["config"])
         template = jax.eval_shape(lambda: init_field(config, jax.random.key(0)))
@@ -81,7 +81,7 @@ def read_neutex(path: Path) -> NeuTexModel:
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, ZeroDivisionError) as error:
-        raise InputError(path, f"is no captured object: {error}") from None
+        raise InputError(path, f"is not a captured object: {error}") from None
     named = _named(template)
     for key, wanted in named.items():
         head = heads.get(key)

@@ -1,12 +1,12 @@
-"""What a shell scatters toward a ray from distant lights alone: all samples of it in place of one that is drawn.
+"""Light that a shell scatters toward a ray from distant lights alone: a sum over all samples in place of a drawn one.
 
 Notation
 τ, T, w     optical depth of a sample, transmittance before it, its weight T (1 − e^{−τ})
 E⊥          irradiance of a distant light on the plane facing it                    RGB
 V           visibility of a light, from the exit point on the shell's top
 
-Σ w ρ(ω, ω′) E⊥ V, as the JAX engine sums it. In pictures each ray's samples begin at a random place, as those of flights do:
-always in the middle of their shares they would draw ladders on blades that stand along the ray.
+Σ w ρ(ω, ω′) E⊥ V, as the JAX engine sums it. In pictures each ray's samples begin at a random offset, as those of flights do:
+samples always in the middle of their steps would show as ladders on blades along the ray.
 """
 
 import drjit as dr
@@ -21,16 +21,16 @@ from mesoshell.pathtracer.traversal import ADVANCE
 
 @dr.syntax
 def gather_light(world, scene, ray, shift=0.5):
-    """Radiance toward a ray from all that it passes, its transmittance, and how many samples were decoded. shift: of them."""
+    """Radiance toward a ray from what it passes, its transmittance, and the count of decoded samples. shift: as in `begin`."""
     s = begin(ray, shift)
     n = dr.width(ray.o)
     depth, rgb, queries = dr.zeros(mi.Float64, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
     cut, stop = world.quality.least_weight, world.dark
     busy = dr.full(mi.Bool, True, n)
     while busy:
-        s, sample, found = seek(world, ray, s)
-        busy = found
-        if found:
+        s, sample, occupied = seek(world, ray, s)
+        busy = occupied
+        if occupied:
             sigma, features = world.media.decode(sample, world.taps)
             tau = dr.minimum(sigma, 1e20) * mi.Float(s.step)
             weight = dr.exp(-mi.Float(depth)) * opacity(tau)
@@ -43,7 +43,7 @@ def gather_light(world, scene, ray, shift=0.5):
 
 
 def scattered(world, scene, ray, here, sample, features):
-    """Σ ρ E⊥ V at a sample, from what the trunk made of it."""
+    """Σ ρ E⊥ V at a sample, from its trunk features."""
     total = mi.Color3f(0)
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
     at, height = sample.t, sample.xi.z
@@ -62,7 +62,7 @@ def scattered(world, scene, ray, here, sample, features):
 
 
 def opacity(tau):
-    """1 − e^{−τ}, a series where it would cancel."""
+    """1 − e^{−τ}, by a series where digits would cancel."""
     series = mi.Float(1)
     for k in range(7, 1, -1):
         series = 1 - tau / k * series

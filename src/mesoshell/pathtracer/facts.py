@@ -1,4 +1,4 @@
-"""A scene of Mitsuba's as `render/effects` sees it: its emitters, surfaces and cameras, and what is on its meshes."""
+"""Facts of a Mitsuba scene for `render/effects`: its emitters, surfaces, cameras, shells and surface materials."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.surface_material.tables import SurfaceTables
 
-#: All that scatters at a surface that is diffuse, of one colour.
+#: BSDF flags of a plain diffuse surface.
 _DIFFUSE = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide
 
 
@@ -24,7 +24,7 @@ def facts_of(
     wears: list[tuple[SurfaceTables, SurfaceMaterial]],
     convex: bool,
 ) -> Facts:
-    """stands, wears: shells and surface materials on its meshes, with what fills them. convex: each of these meshes is."""
+    """stands, wears: its shells with their media, and surface materials with their meshes. convex: all these meshes are."""
     integrator: Any = scene.integrator()
     kinds = [_kind(e) for e in scene.emitters()]
     shells, media = [shell for shell, _ in stands], [medium for _, medium in stands]
@@ -54,7 +54,7 @@ def facts_of(
 
 
 def _albedo(bsdf: mi.BSDF | None) -> float:
-    """The largest of a surface that is diffuse and of one colour, as it was written (0.1 and not float32's); 1 of others."""
+    """Largest albedo of a diffuse surface of one colour, as written (0.1, not float32's); 1 for other surfaces."""
     if bsdf is None or int(bsdf.flags()) & ~int(_DIFFUSE):
         return 1.0
     at: Any = dr.zeros(mi.SurfaceInteraction3f)
@@ -64,8 +64,8 @@ def _albedo(bsdf: mi.BSDF | None) -> float:
 
 def _toward(scene: mi.Scene) -> np.ndarray:
     """Directions toward the distant lights, (L, 3)."""
-    found = [distant(e)[0] for e in scene.emitters() if _kind(e) == "distant"]
-    return np.array(found).reshape(-1, 3)
+    directions = [distant(e)[0] for e in scene.emitters() if _kind(e) == "distant"]
+    return np.array(directions).reshape(-1, 3)
 
 
 def distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -76,7 +76,7 @@ def distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def _may_be_inside(sensor: mi.Sensor, shells: list[Shell]) -> bool:
-    """Whether rays may begin in a shell: those of a pinhole or a lens do not if it is outside the shells' bounds."""
+    """Whether rays may begin in a shell: a pinhole's or a lens's do not if it lies outside the shells' bounds."""
     ends = np.concatenate([x for s in shells for x in (s.base, s.base + s.offset)])
     eye = eye_of(sensor)
     inside = ((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()

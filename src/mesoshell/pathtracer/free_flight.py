@@ -3,7 +3,7 @@
 Notation
 τ           optical depth so far
 target      −log(1 − ξ): the flight ends where τ passes it, with density T σ |J⁻¹ d| over the samples of the ray; infinite for a
-            ray that only asks how much of it gets through
+            ray that only needs its transmittance
 
 The samples are those of the quadrature (pathtracer/quadrature): a collision is drawn at one of them with exactly the weight
 that `direct` gives it. So both have the same mean.
@@ -19,8 +19,8 @@ from mesoshell.pathtracer.quadrature import IntervalFrame, Sample, begin, no_fra
 
 @dataclass
 class Flight:
-    """τ at the end, summed in float64: thousands of samples would lose digits of it; whether there was a collision, its sample
-    and the piece that it lies on."""
+    """τ at the end, summed in float64, as float32 would lose digits over thousands of samples; whether there was a collision,
+    its sample and its piece's frame."""
 
     depth: mi.Float64
     collided: mi.Bool
@@ -36,16 +36,16 @@ def still(n: int) -> Flight:
 
 @dr.syntax
 def fly(world, ray, target, active, shift=0.5):
-    """The flight of rays that are active; the others come out at once."""
+    """The flight of active rays; the others end at once."""
     s = begin(ray, shift)
     s.over = ~active
     n = dr.width(ray.o)
     end = still(n)
     busy = mi.Bool(active)
     while busy:
-        s, sample, found = seek(world, ray, s)
-        busy = found
-        if found:
+        s, sample, occupied = seek(world, ray, s)
+        busy = occupied
+        if occupied:
             end.depth += mi.Float64(dr.minimum(world.media.sigma(sample, world.taps), 1e20) * mi.Float(s.step))
             end.queries += 1
             if end.depth >= target:

@@ -1,11 +1,11 @@
-"""F(h) of a material, filtered: one for all of a texture, or one at each node of it (shell/material/field in Dr.Jit).
+"""Filtered F(h) of a material: one for a whole texture, or one at each of its nodes (shell/material/field in Dr.Jit).
 
 Notation
 F(h)        height feature, C numbers, between rows and between levels
 node        a corner of patches; those of a texture with edges, which begins at `origin`, lie at (v, u) = 0, 1, 2, …
 σ_h         standard deviation of the filter along the height
 
-Between four nodes F(h) is bilinear, beyond the outermost it is theirs. A material without nodes has nothing of this compiled.
+Between four nodes F(h) is bilinear, beyond the outermost it is clamped. Without nodes, none of this is compiled.
 """
 
 import drjit as dr
@@ -16,7 +16,7 @@ from mesoshell.pathtracer.levels import Levels, between_levels, count, level_of
 
 
 class Heights:
-    """The arrays height/…, or heights/… if they are there, on the device. origin: (u, v) of the first node."""
+    """The arrays height/…, or heights/… if they exist, on the device. origin: (u, v) of the first node."""
 
     def __init__(self, arrays: dict[str, np.ndarray], origin: tuple[int, int]):
         name = "heights" if "heights/0" in arrays else "height"

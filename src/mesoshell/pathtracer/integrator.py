@@ -8,7 +8,7 @@ import mitsuba as mi
 from mesoshell.pathtracer.direct import light_directly
 from mesoshell.pathtracer.paths import advance, begin, busy
 
-#: Segments of a path that are as good as endless.
+#: Segments of a path without a bound.
 MOST = 2**31
 
 

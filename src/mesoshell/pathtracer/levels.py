@@ -11,7 +11,7 @@ import drjit.nn as nn
 import mitsuba as mi
 import numpy as np
 
-#: Up to so many half-precision numbers are widened: they are read in two thirds of the time.
+#: Most half-precision numbers that are widened to float32, which is read in two thirds of the time.
 MOST_WIDENED = 2**26
 
 
@@ -33,8 +33,7 @@ class Levels:
         return [dr.gather(mi.UInt32, self.sizes[k], l) for k in range(2)]
 
     def bilinear(self, x, y, l, wraps):
-        """A row at (x, y) of a level, counted in texels from the middle of the first, between the four around; wraps: from edge
-        to edge, or clamped."""
+        """Bilinear row at (x, y) of a level, in texels from the centre of the first; wraps: around edges, or else clamped."""
         height, width = self.size(l)
         offset = dr.gather(mi.UInt32, self.offset, l)
         i, j = dr.floor(x), dr.floor(y)
@@ -49,8 +48,8 @@ class Levels:
 
     def row(self, index):
         """One row as a list of float32."""
-        found = dr.gather(self._vector, self.rows, index, shape=(self.width, dr.width(index)))
-        return [mi.Float(found[c]) for c in range(self.width)]
+        numbers = dr.gather(self._vector, self.rows, index, shape=(self.width, dr.width(index)))
+        return [mi.Float(numbers[c]) for c in range(self.width)]
 
 
 def _texel(i, n, wraps):
@@ -86,7 +85,7 @@ def level_of(radius, density: float, last: int):
 
 
 def between_levels(level, last: int, at):
-    """at(l), a list, of the level below and of the one above, blended; level: None is the finest alone."""
+    """at(l), a list, blended between the levels below and above; level: None is the finest alone."""
     if level is None:
         return at(mi.UInt32(0))
     lower = dr.floor(level)
@@ -95,7 +94,7 @@ def between_levels(level, last: int, at):
 
 
 def softplus(x):
-    """log(1 + eˣ) = max(x, 0) + 2 artanh(e / (2 + e)), e = exp(−|x|): without overflow, and small values keep their digits."""
+    """log(1 + eˣ) = max(x, 0) + 2 artanh(e / (2 + e)), e = exp(−|x|): no overflow, and small values keep their precision."""
     e = dr.exp(-dr.abs(x))
     z = e / (2 + e)
     series = mi.Float(0)

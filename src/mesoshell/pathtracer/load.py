@@ -41,14 +41,14 @@ NORMAL = PRESETS["normal"]
 
 
 def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters: Any) -> mi.Scene:
-    """A scene of Mitsuba's XML, with any shells in it; parameters: for its `$name`s. Files are looked for beside it first.
+    """Load a scene from Mitsuba's XML, with any shells in it; parameters: for its `$name`s. Files beside it are found first.
 
     Raises InputError in one line."""
     if not Path(path).is_file():
         raise InputError(path, "no such file")
     try:
         read_file(path).decode()
-    except UnicodeDecodeError as error:  # which the parser takes, and then has no names for
+    except UnicodeDecodeError as error:  # the parser accepts such a file, and then cannot name its nodes
         raise InputError(path, "is not UTF-8 text") from error
     given = {key: str(value) for key, value in parameters.items()}
     resolver = cast(Any, mi).file_resolver()
@@ -63,25 +63,25 @@ def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters
 
 
 def load_dict(scene: dict[str, Any], quality: Quality = NORMAL) -> mi.Scene:
-    """The same from a dict, as of `mi.load_dict`."""
+    """Load a scene from a dict, as `mi.load_dict` does."""
     return _loaded("scene", lambda config: mi.parser.parse_dict(config, scene), quality)
 
 
 def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
     integrator.register()
-    scene, asked = xml_bsdf.read(source, parse, lambda material: kind_of(_file(material)) == KIND)
-    if asked:
+    scene, elements = xml_bsdf.read(source, parse, lambda material: kind_of(_file(material)) == KIND)
+    if elements:
         materials: dict[Any, Any] = {}
         stands, wears, convex, notes = [], [], True, []
-        for element in asked:
+        for element in elements:
             try:
                 mesh = _mesh(element)
                 if element.wears:
                     worn, said = _wears(element, mesh, quality, materials)
                     wears += worn
                 else:
-                    found = _stands(element, mesh, scene.sensors(), materials)
-                    stands, said = stands + found, found[0][0].notes
+                    standing = _stands(element, mesh, scene.sensors(), materials)
+                    stands, said = stands + standing, standing[0][0].notes
             except InputError as error:
                 raise InputError(element.where, str(error).replace("`", "")) from error
             convex &= is_convex(mesh)
@@ -92,8 +92,8 @@ def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneShells:
-    """What is on meshes of a scene: shells with what fills them, and wears with their materials. convex: each of these meshes
-    is. notes: how these depart from what was asked for. twin: of the material (render/effects)."""
+    """Shells of a scene with their media, and meshes with their surface materials. convex: all these meshes are. notes: how
+    they depart from the request. twin: of the material (render/effects)."""
 
     stands: list[tuple[Shell, Medium]]
     wears: list[tuple[SurfaceTables, SurfaceMaterial]] = field(default_factory=list)
@@ -103,7 +103,7 @@ class SceneShells:
 
 
 def stand_on(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
-    """Give a scene's integrator, a `mesoshell_path`, what it shall trace paths through. Its depths are the integrator's.
+    """Give a scene's integrator, a `mesoshell_path`, its shells and surface materials. Path depths are the integrator's.
 
     Raises InputError for a quality that paths cannot have."""
     if grown.stands and quality.spacing != "length":
@@ -126,7 +126,7 @@ def stand_on(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
 
 
 def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: dict) -> list[tuple[Shell, Medium]]:
-    """The shells of an element, one for each place, with what fills them."""
+    """The shells of an element, one for each placement, with their medium."""
     path = _file(element.material)
     bundle = read_bundle(path)
     shell = extrude(mesh, *proportions(mesh, bundle.thickness, element.thickness, element.scale))
@@ -154,14 +154,14 @@ def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: d
 def _wears(
     element: Element, mesh: Mesh, quality: Quality, materials: dict
 ) -> tuple[list[tuple[SurfaceTables, SurfaceMaterial]], tuple[str, ...]]:
-    """The wears of an element, one for each place, with their material; and what to say of them."""
+    """The surfaces of an element, one for each placement, with their material; and notes on them."""
     given = [
         *element.numbers,
         *element.textures,
         *(k for k in ("thickness", "seed") if getattr(element, k) is not None),
     ]
     if given:
-        raise InputError(element.material, f"{given[0]} is of shells: a surface material has a scale alone")
+        raise InputError(element.material, f"{given[0]} is for shells: a surface material takes only a scale")
     path = _file(element.material)
     bundle = read_surface(path)
     period = default_period(mesh) if element.scale is None else element.scale
@@ -169,13 +169,13 @@ def _wears(
         raise InputError(element.material, f"scale must be above 0, not {period:g}")
     material = materials.setdefault(path, SurfaceMaterial(bundle))
     places = [moved(mesh, m, element.material) for m in element.placed] or [mesh]
-    # an instance is the mesh with what it wears, moved: its periods are as long as its edges have become
-    found = [surface_tables(m, period * (surface_area(m) / surface_area(mesh)) ** 0.5, quality) for m in places]
-    return [(w, material) for w in found], found[0].notes(bundle.curvature)
+    # periods of an instance scale with its edges
+    tables = [surface_tables(m, period * (surface_area(m) / surface_area(mesh)) ** 0.5, quality) for m in places]
+    return [(w, material) for w in tables], tables[0].notes(bundle.curvature)
 
 
 def _file(material: str) -> Path:
-    """A bundled material's file, or one that lies where Mitsuba looks for files."""
+    """A bundled material's file, or one in Mitsuba's search path."""
     resolver = cast(Any, mi).file_resolver()
     return find(material if material in bundled() else str(resolver.resolve(material)))
 

@@ -5,8 +5,8 @@ u, v        texture coordinates of the material, patches; over `patches` they ar
 flipped     Mitsuba's v is 1 minus ours
 node        a corner of patches: geometry is made there, and interpolated between (shell/generator/nodes)
 
-Appearance is looked up where a sample lies; geometry is read at nodes before a scene is compiled. Some of these lie beyond the
-mesh's UV: if that is within the unit square, they have what its edge has, and the image does not come again there.
+Appearance is looked up at samples; geometry is read at nodes before a scene is compiled. Some nodes lie beyond the mesh's UV:
+if that is within the unit square, they are clamped to its edge, and the image does not repeat there.
 """
 
 from collections.abc import Callable
@@ -17,14 +17,14 @@ import numpy as np
 
 from mesoshell.errors import InputError
 
-#: Textures that ask for more than a place on the UV plane.
+#: Textures that need more than a UV coordinate.
 _ELSEWHERE = {"MeshAttribute": "mesh_attribute", "VolumeAdapter": "volume"}
-#: Of a texture without pixels, how far from the unit square's edges its edge is read.
+#: Distance from the unit square's edges at which the edge of a texture without pixels is read.
 _INSET = 1e-6
 
 
 def check_map(name: str, texture: mi.Texture, source: str) -> None:
-    """Raise InputError for a texture that is not over a mesh's UV."""
+    """Raise InputError for a texture that is not a function of the mesh's UV."""
     kind = _ELSEWHERE.get(texture.class_name())
     if kind is not None:
         raise InputError(source, f"texture for '{name}': a {kind} is not over the mesh's UV: give a bitmap")
@@ -40,7 +40,7 @@ def look_up(texture: mi.Texture, u, v, flipped: bool):
 def field_of(
     name: str, texture: mi.Texture, patches: float, flipped: bool, uv: np.ndarray, source: str
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """The texture's numbers at (…, 2) places (u, v) in patches, of a mesh of coordinates uv. Raises InputError where they
+    """The texture's values at (…, 2) coordinates (u, v) in patches, for a mesh with coordinates uv. Raises InputError if they
     cannot be read, or are not finite."""
     inset = np.array([0.5 / n if n > 1 else _INSET for n in texture.resolution()])
     within = bool(uv.min() >= 0 and uv.max() <= 1)
@@ -49,11 +49,11 @@ def field_of(
         place = np.clip(at / patches, inset, 1 - inset) if within else at / patches
         u, v = (mi.Float(np.ascontiguousarray(place[..., k].ravel(), np.float32)) for k in (0, 1))
         try:
-            found = np.array(look_up(texture, u, v, flipped) + dr.zeros(mi.Float, len(u))).reshape(at.shape[:-1])
+            numbers = np.array(look_up(texture, u, v, flipped) + dr.zeros(mi.Float, len(u))).reshape(at.shape[:-1])
         except RuntimeError as error:
             raise InputError(source, f"texture for '{name}': {' '.join(str(error).split())}") from error
-        if not np.isfinite(found).all():
+        if not np.isfinite(numbers).all():
             raise InputError(source, f"texture for '{name}' holds NaN")
-        return found
+        return numbers
 
     return values

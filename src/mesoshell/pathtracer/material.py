@@ -3,7 +3,7 @@
 Notation
 ξ           (u, v, h), u and v in patches                                         (3,), canonical
 r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
-taps        lookups along the long axis of the footprint (shell/render/kernels); 0: the finest levels are read, unfiltered
+taps        lookups along the long axis of the footprint (shell/render/kernels); 0: the finest levels, unfiltered
 F           F(u, v) + F(h), each filtered                                         (C,)
 α           appearance parameters, normalised                                     (A,)
 σ, ρ        extinction and transport function
@@ -72,7 +72,7 @@ class Material:
         return mi.Float([float(min(GRID_CELLS, max(1, int(self.density) >> i))) for i in levels])
 
     def inputs(self, sample, alpha, taps=1):
-        """What the trunk sees: filtered F(u, v) + F(h), encoded height, α. alpha: a list of floats."""
+        """Inputs of the trunk: filtered F(u, v) + F(h), encoded height, α. alpha: a list of floats."""
         xi = sample.xi
         plane = self._along(sample, taps) if taps > 1 else self._filtered(xi, self.level(sample.radius, taps))
         profile = self.heights.at(xi, sample.deviation if taps else None)
@@ -99,7 +99,7 @@ class Material:
         return fade * mi.Color3f(*(softplus(y - 2) for y in rgb))
 
     def _on_texture(self, xi):
-        """ξ where a texture that wraps is looked up."""
+        """ξ in the period of a texture that wraps."""
         if self.tiles is None:
             return xi
         u, v = dr.floor(xi.x), dr.floor(xi.y)
@@ -131,8 +131,8 @@ class Material:
         while k < taps:
             move = dr.gather(mi.Float, place, k) * reach
             at = mi.Vector3f(sample.xi.x + move * sample.axis.x, sample.xi.y + move * sample.axis.y, sample.xi.z)
-            found, weight = self._filtered(at, level), dr.gather(mi.Float, share, k)
-            total = _plus(total, weight, found)
+            features, weight = self._filtered(at, level), dr.gather(mi.Float, share, k)
+            total = _plus(total, weight, features)
             k += 1
         return total
 
@@ -150,7 +150,7 @@ class Material:
         return self.plane.bilinear(x, y, l, self.wraps)
 
     def _bilinear_tiled(self, xi, l, height, width):
-        """Each of the four texels is of the tile that shows at its own patch (texture/mip)."""
+        """Read each of the four texels from the tile at its own patch (texture/mip)."""
         texels = dr.maximum(mi.Int32(int(self.density) >> l), 1)
         u, v = dr.floor(xi.x), dr.floor(xi.y)
         x, y = (xi.x - u) * mi.Float(texels) - 0.5, (xi.y - v) * mi.Float(texels) - 0.5
@@ -169,7 +169,7 @@ class Material:
 
 
 def _colour(i, j):
-    """Of a corner of the patch lattice."""
+    """Colour of a corner of the patch lattice."""
     h = i * FACTORS[0] ^ j * FACTORS[1]
     for factor, shift in ROUNDS:
         h = (h ^ (h >> shift)) * factor
@@ -185,7 +185,7 @@ def _index(x, n):
 
 
 def _above(w):
-    """A direction, brought to the horizon if it lies below (shell/material/decoder)."""
+    """A direction, clamped to the horizon (shell/material/decoder)."""
     flat = mi.Vector3f(w.x, w.y, dr.maximum(w.z, 0))
     length = dr.norm(flat)
     return dr.select(length > 0, flat / dr.select(length > 0, length, 1), 0)

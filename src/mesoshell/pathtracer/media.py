@@ -1,9 +1,9 @@
-"""The materials of all shells of a scene, asked by the prism that a sample lies in.
+"""The materials of all shells of a scene, chosen by the prism of a sample.
 
 Notation
 α           appearance parameters of a shell, normalised                           (A,)
 
-What a scene does not have is not compiled: with one material there is no choice among them, with one shell α is a constant.
+Nothing that a scene lacks is compiled: with one material there is no choice among them, with one shell α is a constant.
 taps: of the filter (pathtracer/material).
 """
 
@@ -18,7 +18,7 @@ from mesoshell.pathtracer.material import Material
 
 @dataclass(frozen=True, eq=False)
 class Medium:
-    """What fills one shell. alpha: numbers in [0, 1], or textures of the scene that give them, each over the mesh's UV;
+    """The medium of one shell. alpha: numbers in [0, 1], or textures of the scene that give them, each over the mesh's UV;
     patches: texture patches along one unit of that UV; flipped: Mitsuba's v is 1 minus ours."""
 
     material: Material
@@ -41,7 +41,7 @@ class Media:
         self.material_of = mi.UInt32([self.materials.index(m.material) for m in media])
 
     def bound(self, sample, taps=1):
-        """Largest σ that there can be near a sample."""
+        """Largest σ that is possible near a sample."""
         return self._choose(sample, lambda m: m.bound(sample.xi, m.level(sample.radius, taps)), mi.Float(0))
 
     def sigma(self, sample, taps=1):
@@ -49,7 +49,7 @@ class Media:
         return self._choose(sample, lambda m: m.density_of(self._inputs(m, sample, taps))[0], mi.Float(0))
 
     def decode(self, sample, taps=1):
-        """σ of a sample, and the trunk's features, from which `rho` goes on."""
+        """σ of a sample, and the trunk's features for `rho`."""
         widest = max(m.features for m in self.materials)
 
         def one(m):

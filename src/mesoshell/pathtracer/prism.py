@@ -8,7 +8,7 @@ F_k         d · (p_k × n_k): zero where the ray's line meets the line of post 
 h           relative height, 0 on the base surface and 1 on the top
 face code   0, 1, 2: the side from vertex k to k + 1;  3: top;  4: base
 
-Every ray walks in float64: on a CPU a step costs a hundredth of what the network costs that it leads to.
+Every ray walks in float64: on a CPU a step costs a hundredth of the network evaluations that follow.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ import mitsuba as mi
 TOP, BASE = 3, 4
 #: Exit codes of a walk that has not ended, and of one that is outside every prism.
 WALKING, LOST = 5, 6
-#: Steps from the face that float32 found to the one that owns a ray: at most half way round a vertex.
+#: Most steps from the face that float32 met to the one that owns a ray: half way round a vertex.
 HOPS = 16
 _ROUNDINGS, _EPS = 8.0, 2.0**-52
 _WIDEST, _FAR_OFF = 1e-3, 1e-6
@@ -27,7 +27,7 @@ _WIDEST, _FAR_OFF = 1e-3, 1e-6
 
 @dataclass
 class WalkState:
-    """Where a walk stands: prism, distance and its error bound, λ and h where it entered the prism, exit code."""
+    """State of a walk: prism, distance and its error bound, λ and h where it entered the prism, exit code."""
 
     prism: mi.UInt32
     t: mi.Float64
@@ -66,8 +66,8 @@ def corners(prisms, o, prism):
 
 @dr.syntax
 def owner(prisms, o, d, prism, code, active):
-    """The prism through whose top, or base (by `code`), a ray goes in float64, from the one that was found in float32: it or
-    one close by. active: rays that meet such a face."""
+    """The prism through whose top or base (by `code`) a ray goes in float64: the one met in float32, or one nearby. active:
+    rays that meet such a face."""
     moves, hops = mi.Bool(active), mi.UInt32(0)
     while moves & (hops < HOPS):
         c = cap(prisms, o, prism, code)
@@ -78,7 +78,7 @@ def owner(prisms, o, d, prism, code, active):
         beyond = dr.gather(mi.Int32, prisms.across, prism * 3 + edge)
         moves = (least < 0) & (beyond >= 0)
         there = cap(prisms, o, dr.select(moves, mi.UInt32(beyond), prism), code)
-        moves &= sense * dr.dot(dr.cross(there[1] - there[0], there[2] - there[0]), d) > 0  # else it is turned away
+        moves &= sense * dr.dot(dr.cross(there[1] - there[0], there[2] - there[0]), d) > 0  # else it faces away
         prism = dr.select(moves, mi.UInt32(beyond), prism)
         hops += 1
     return prism
@@ -93,7 +93,7 @@ def cap(prisms, o, prism, code):
 def enter(prisms, o, d, prism, code):
     """The place where a ray enters `prism` through face `code` (an outer face: top, base, or a side at a border).
 
-    Top and base are what an intersector reports, so they are taken at its word; of a side, only an exact crossing counts.
+    An intersector reports top and base, so they are trusted; at a side, only an exact crossing counts.
     """
     p, n = corners(prisms, o, prism)
     top = leave_cap(d, [a + b for a, b in zip(p, n, strict=True)], -1)
@@ -221,10 +221,10 @@ def _divide(a, b):
 
 
 def _pick(x, i):
-    found = x[0]
+    value = x[0]
     for k in range(1, len(x)):
-        found = dr.select(i == k, x[k], found)
-    return found
+        value = dr.select(i == k, x[k], value)
+    return value
 
 
 def _along_side(edge, first, second):

@@ -8,8 +8,8 @@ f           position of a sample on its piece, 0 to 1
 ṙ, a        a cone's radius at t is ṙ (t + a)
 Σ           σ_t² ddᵀ + σ_r² (1 − ddᵀ), the cone's piece as a Gaussian; J⁻¹ Σ J⁻ᵀ in canonical space (texture/footprint)
 
-A ray is walked twice: L is measured first. The second walk stops at each sample that may hold something; what follows (the
-network) is compiled once, at the place where `seek` returns.
+A ray is walked twice: L is measured first. The second walk stops at each sample that may not be empty; the network is compiled
+once, where `seek` returns.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class IntervalFrame:
 
 @dataclass
 class Sampling:
-    """A ray under way. begin: canonical length before the piece; k: number of the next sample, which lies
+    """State of a ray's sampling. begin: canonical length before the piece; k: number of the next sample, which lies
     `shift` of a step after k steps; step: L/N."""
 
     walker: Walker
@@ -56,8 +56,8 @@ class Sampling:
 
 @dataclass
 class Sample:
-    """Where the material is asked: prism, distance, ξ, r, and σ_h; the long side of the footprint and its axis, where taps are
-    along it."""
+    """Where the material is evaluated: prism, distance, ξ, r, and σ_h; the long side of the footprint and its axis, if there
+    are taps along it."""
 
     prism: mi.UInt32
     t: mi.Float
@@ -82,7 +82,7 @@ def no_frame() -> IntervalFrame:
 
 
 def begin(ray, shift=0.5) -> Sampling:
-    """A ray at its start. shift: in [0, 1): the middle, or drawn, so that what lies between samples is noise and no pattern."""
+    """A ray at its start. shift: in [0, 1), the middle, or drawn, so that undersampling shows as noise and not as a pattern."""
     n = dr.width(ray.start)
     zero = dr.zeros(mi.Float64, n)
     return Sampling(
@@ -100,15 +100,15 @@ def begin(ray, shift=0.5) -> Sampling:
 
 @dr.syntax
 def seek(world, ray, s):
-    """The next sample of a ray that may hold something, the state after it, and whether there is one."""
+    """The state after the next sample that may not be empty, that sample, and whether there is one."""
     shells, count, skip = world.shells, world.quality.samples, world.quality.skip
-    found, sample = mi.Bool(False), nothing()
-    while ~found & ~s.over:
+    occupied, sample = mi.Bool(False), nothing()
+    while ~occupied & ~s.over:
         position = (mi.Float64(s.k) + mi.Float64(s.shift)) * s.step
         length = mi.Float64(s.here.length)
         if ~s.measuring & (s.k < count) & (position < s.begin + length):
             sample = _at(world, ray, s.here, mi.Float((position - s.begin) / length), mi.Float(s.step / length))
-            found = world.media.bound(sample, world.taps) * mi.Float(s.total) > skip
+            occupied = world.media.bound(sample, world.taps) * mi.Float(s.total) > skip
             s.k += 1
         else:
             walker, piece, some = advance(shells, ray.o, ray.d, ray.tmax, s.walker)
@@ -127,12 +127,12 @@ def seek(world, ray, s):
                     s.walker = at_start(ray.start, ray.outside)
                 else:
                     s.over = mi.Bool(True)
-    return s, sample, found
+    return s, sample, occupied
 
 
 @dataclass
 class Ray:
-    """From start to tmax. outside: it is known to begin outside all shells. A cone of radius spread · (t + apex)."""
+    """A ray from start to tmax, with a cone of radius spread · (t + apex). outside: known to begin outside all shells."""
 
     o: mi.Vector3d
     d: mi.Vector3d
@@ -150,7 +150,7 @@ def _canonical(shells, piece: Piece, exact: bool = False) -> IntervalFrame:
     h0, h1 = mi.Float(piece.h0), mi.Float(piece.h1)
     xi0, xi1 = _xi(uv, bary0, h0), _xi(uv, bary1, h1)
     bary, h = 0.5 * (bary0 + bary1), 0.5 * (h0 + h1)
-    # far from the origin h times a post is lost on a base
+    # far from the origin, h times a post is lost in rounding when added to a base
     x, y = (base[k] - base[2] + h * (post[k] - post[2]) for k in (0, 1))
     z = bary.x * post[0] + bary.y * post[1] + (1 - bary.x - bary.y) * post[2]
     rows = dr.cross(y, z), dr.cross(z, x), dr.cross(x, y)
@@ -187,7 +187,7 @@ def _exact(shells, ray, here: IntervalFrame, f, t):
 
 
 def _at(world, ray, here: IntervalFrame, f, share) -> Sample:
-    """The sample at position f; share: the part of the piece that it stands for."""
+    """The sample at position f; share: its part of the piece."""
     f, half = dr.clip(f, 0, 1), dr.minimum(share, 1) * (here.t1 - here.t0) / 2
     t = here.t0 + f * (here.t1 - here.t0)
     xi = _exact(world.shells, ray, here, f, t) if world.exact else here.xi0 + f * (here.xi1 - here.xi0)

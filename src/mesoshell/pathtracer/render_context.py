@@ -1,6 +1,6 @@
-"""What rays may meet in a scene with shells, as integrators hold it.
+"""The shells and surface materials of a scene, as integrators hold them.
 
-Not a dataclass: Dr.Jit would take its parts for the state of loops.
+Not a dataclass: Dr.Jit would treat its fields as loop state.
 """
 
 import math
@@ -16,10 +16,10 @@ RADIUS = pixel_radius(1.0)
 
 
 class World:
-    """shells, media: what is in them, or None; worn: surface materials on meshes, or None; quality: render/quality; effects:
+    """shells, and media, their contents, or None; worn: surface materials on meshes, or None; quality: render/quality; effects:
     render/effects; lights: for `direct`, the distant ones, (unit direction toward it, E⊥) each; notes: how all this departs
-    from what was asked for. It does not hold the user's scene: that holds the integrator, which holds this, and no collector
-    sees such a circle."""
+    from the request. It must not hold the user's scene: the scene holds the integrator, which holds this, and such a cycle
+    would never be collected."""
 
     def __init__(self, shells, media, worn, quality, effects, lights=(), notes=()):
         self.shells, self.media, self.worn = shells, media, worn
@@ -28,14 +28,14 @@ class World:
 
     @property
     def taps(self) -> int:
-        """Of the filter along a footprint; 0 where nothing is filtered."""
+        """Taps of the filter along a footprint; 0 without filtering."""
         if not self.effects.filtering.on:
             return 0
         return self.quality.anisotropy if self.effects.anisotropic_filtering.on else 1
 
     @property
     def exact(self) -> bool:
-        """Coordinates invert the prism's map."""
+        """Whether coordinates invert the prism's map."""
         return self.quality.coordinates == "exact"
 
     @property
@@ -45,20 +45,20 @@ class World:
 
     @property
     def surfaces_shadow(self) -> bool:
-        """Whether a surface of the scene may stand in a light's way."""
+        """Whether a surface of the scene may block a light."""
         return self.effects.mesh_shadow.on or self.effects.object_shadow.on
 
     def count(self, queries) -> None:
-        """Add to the number of samples whose density has been evaluated."""
+        """Add to the number of evaluated samples."""
         dr.scatter_add(self._queries, mi.Float64(queries), mi.UInt32(0))
 
     @property
     def queries(self) -> int:
-        """How many that have been, in all pictures so far."""
+        """Samples evaluated in all pictures so far."""
         return int(self._queries[0])
 
     def camera_ray(self, ray, sampler) -> Ray:
-        """A camera's ray with the cone of a pixel: differentials are those of a sample, √count times narrower."""
+        """A camera's ray with the cone of a pixel: Mitsuba's differentials are those of a sample, √count times narrower."""
         n = dr.width(ray.o)
         width = dr.norm(ray.d_x - ray.d) * sampler.sample_count() ** 0.5
         return Ray(

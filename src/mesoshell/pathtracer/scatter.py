@@ -20,7 +20,7 @@ def draw(here, xi):
     phi = 2 * dr.pi * xi.y
     r = dr.sqrt(dr.maximum(1 - z * z, 0))
     local = mi.Vector3f(r * dr.cos(phi), r * dr.sin(phi), z)
-    # J (columns over the determinant of A's rows) takes canonical directions to the world
+    # J maps canonical directions to the world; its columns are cross products of A's rows over their determinant
     volume = dr.dot(here.a, dr.cross(here.b, here.c))
     columns = dr.cross(here.b, here.c), dr.cross(here.c, here.a), dr.cross(here.a, here.b)
     d = local.x * columns[0] + local.y * columns[1] + local.z * columns[2]
@@ -39,7 +39,7 @@ def density(here, d):
 
 
 def exit_distance(here, height, d, size: float):
-    """From h = height along d to the shell's top, as if the shell were flat there (no flatter than FLATTEST); 0 downward."""
+    """Distance from h = height along d to the top of a locally flat shell, at a cosine of at least FLATTEST; 0 downward."""
     rate = dr.dot(here.c, d)
     flattest = dr.maximum(FLATTEST * dr.norm(here.c), 1e-6)
     return dr.select(rate > 0, dr.minimum((1 - height) / dr.maximum(rate, flattest), size), 0)

@@ -1,4 +1,4 @@
-"""Scenes of Mitsuba's from what the command line describes: meshes, a pinhole camera, distant lights, a sky.
+"""Parts of Mitsuba scenes from a described scene: meshes, a pinhole camera, distant lights, a sky.
 
 Notation
 M           camera to world: ours looks along −z with x to the right, Mitsuba's along z with x to the left
@@ -16,7 +16,7 @@ from mesoshell.geometry.mesh import Mesh
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant, Environment
 
-#: From the frame of a latitude-longitude map of ours to Mitsuba's, by the axis that points up, and mirrored in longitude.
+#: From our latitude-longitude frame to Mitsuba's, by the axis that points up; longitude is mirrored.
 _SKY = {1: np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]), 2: np.array([[0, -1, 0], [0, 0, 1], [-1, 0, 0]])}
 
 
@@ -63,7 +63,7 @@ def surface(mesh: Mesh, albedo: tuple[float, float, float]) -> mi.Mesh:
 
 
 def over_uv(image: Float[np.ndarray, "H W"]) -> mi.Texture:
-    """An image over the UV square, again and again, as it is."""
+    """An image over the UV square, repeated, without conversion."""
     bitmap = mi.Bitmap(np.ascontiguousarray(image[::-1, :, None], np.float32))
     return mi.load_dict(
         {"type": "bitmap", "bitmap": bitmap, "filter_type": "nearest", "wrap_mode": "repeat", "raw": True}

@@ -1,13 +1,13 @@
-"""Shells as tables: prisms, and the triangles that bound them, in a scene of their own (shell/geometry/tracer, in Mitsuba).
+"""Shells as tables: prisms, and their boundary triangles in a separate scene (shell/geometry/tracer, in Mitsuba).
 
 Notation
 code        of a triangle: 0, 1, 2: part of the tetrahedron around that side, at a border; 3: the top; 4: the base
 shell       index of the shell that a prism belongs to
 
-All shells of a scene share one set of tables. The boundary is kept apart from the user's scene: no ray of the user's own meets
-it, no emitter is drawn on it, and no BSDF is looked up there. Rays meet it in float32, so it lies about a centre of its own:
-what rounding costs there goes with the size of all shells and a ray's distance from them, not with how far off they are. (The
-tables hold the mesh's own float32 numbers, from which the walk goes on in float64.)
+All shells of a scene share one set of tables. The boundary is kept apart from the user's scene: no ray of the user's scene
+meets it, no emitter is drawn on it, and no BSDF is looked up there. Rays meet it in float32, so it is stored relative to its
+centre: rounding errors grow with the size of the shells and a ray's distance from them, not with their distance from the
+origin. (The tables hold the mesh's own float32 numbers, from which the walk goes on in float64.)
 """
 
 from typing import Any
@@ -60,8 +60,8 @@ class Shells:
 
 
 def scene_of(triangles: np.ndarray) -> Any:
-    """The triangles (T, 3, 3) in a scene of their own. Without Embree's robust mode one ray of 80 that is aimed at an edge or a
-    vertex passes between the triangles that share it."""
+    """The triangles (T, 3, 3) in a separate scene. Without Embree's robust mode, one in 80 rays aimed at an edge or a vertex
+    passes between the triangles that share it."""
     parts: dict[str, Any] = {"type": "scene", "boundary": _boundary(triangles)}
     if not str(mi.variant()).startswith("cuda"):
         parts["embree_use_robust_intersections"] = True

@@ -1,4 +1,4 @@
-"""Meshes that wear surface materials, and these materials (surface_material/network, surface_material/tables, in Dr.Jit).
+"""Meshes with surface materials, and these materials (surface_material/network, surface_material/tables, in Dr.Jit).
 
 Notation
 u            place on the texture, periods                                                                    (2,)
@@ -7,7 +7,7 @@ r            standard deviation of the ray's footprint there, periods
 ω, ω′        toward the viewer, toward the light, in the frame of a hit: t, b, n                              (3,)
 α, ρ         opacity and reflectance
 
-All such meshes of a scene are kept in a scene of their own, as shells are: a ray that meets one may go through it.
+All such meshes are kept in a separate scene, as shells are: a ray that meets one may go through it.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from mesoshell.pathtracer.quadrature import IntervalFrame, no_frame
 from mesoshell.pathtracer.shells import scene_of
 from mesoshell.surface_material.tables import LEAST, SurfaceTables
 
-#: Past a surface, relative to the scene's size and the distance.
+#: Step past a surface, relative to the scene's size and the distance.
 ADVANCE = 4e-6
 #: Directions are drawn with a density in proportion to ω′_z + BELOW: light from below the horizon counts too.
 BELOW = 1.25
@@ -43,7 +43,7 @@ class SurfaceMaterial:
         self.networks = [network(a, f"{name}/hidden", f"{name}/last") for name in names]
 
     def seen(self, u, radius, w, kappa):
-        """α, and what reflectance reads, a list of floats; neither sees the light."""
+        """α, and the features for `rho`, a list of floats; neither depends on the light."""
         level = level_of(radius, self.texels, self.last)
         kappa = self._curvature(kappa)
         inputs = [w.x, w.y, w.z, kappa]
@@ -56,8 +56,8 @@ class SurfaceMaterial:
 
     def rho(self, features, w, light, kappa):
         """ρ(ω, ω′)."""
-        found = self._answer(2, [*features, w.x, w.y, w.z, light.x, light.y, light.z, self._curvature(kappa)])
-        return mi.Color3f(*(softplus(y - 2) for y in found))
+        raw = self._answer(2, [*features, w.x, w.y, w.z, light.x, light.y, light.z, self._curvature(kappa)])
+        return mi.Color3f(*(softplus(y - 2) for y in raw))
 
     def _curvature(self, kappa):
         if not self.sees_curvature:
@@ -83,8 +83,8 @@ class SurfaceMaterial:
 
 @dataclass
 class Met:
-    """What a segment meets: whether it does, its distance, whether from outside, the face's normal; α, ω, κ, the frame as rows
-    of J⁻¹ = 1 (only those of IntervalFrame are set), which material, and what its reflectance reads."""
+    """A segment's hit on a surface material: whether there is one, its distance, whether from outside, the face's normal; α, ω,
+    κ, the frame as rows of J⁻¹ (other fields of IntervalFrame are unset), the material's index, and features for `rho`."""
 
     hit: mi.Bool
     t: mi.Float
@@ -99,7 +99,7 @@ class Met:
 
 
 class SurfaceMeshes:
-    """Wears, and the material of each."""
+    """Meshes as tables, and the material of each."""
 
     def __init__(self, wears: list[SurfaceTables], materials: list[SurfaceMaterial]):
         self.materials = list(dict.fromkeys(materials))
@@ -120,17 +120,17 @@ class SurfaceMeshes:
         self.axes = [_flat(np.concatenate([getattr(w.table, k) for w in wears])) for k in ("tangent", "bitangent")]
         self.period = _flat(np.repeat([w.period for w in wears], counts))
         self.which = _flat(np.repeat([self.materials.index(m) for m in materials], counts), mi.UInt32)
-        centre = triangles.mean(axis=(0, 1))  # rays are met in float32: its numbers are kept small
+        centre = triangles.mean(axis=(0, 1))  # rays are met in float32: keep its numbers small
         self.centre = mi.Vector3d(*(float(x) for x in centre))
         self.scene = scene_of(triangles - centre)
 
     def meet(self, ray, active):
-        """What a segment meets first, before its end."""
+        """The first hit of a segment, before its end."""
         o, d = mi.Point3f(ray.o - self.centre), mi.Vector3f(ray.d)
-        found = self.scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=mi.Bool(False), active=active)
-        hit = active & found.is_valid() & (mi.Float64(found.t) < ray.tmax)
-        prim = dr.select(hit, found.prim_index, 0)
-        bary = [1 - found.prim_uv.x - found.prim_uv.y, found.prim_uv.x, found.prim_uv.y]
+        nearest = self.scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=mi.Bool(False), active=active)
+        hit = active & nearest.is_valid() & (mi.Float64(nearest.t) < ray.tmax)
+        prim = dr.select(hit, nearest.prim_index, 0)
+        bary = [1 - nearest.prim_uv.x - nearest.prim_uv.y, nearest.prim_uv.x, nearest.prim_uv.y]
         corner = dr.gather(mi.Vector3u, self.faces, prim)
         corners = [corner.x, corner.y, corner.z]
         normal = dr.gather(mi.Vector3f, self.outward, prim)
@@ -142,7 +142,7 @@ class SurfaceMeshes:
         uv = [dr.gather(mi.Point2f, self.uv, prim * 3 + k) for k in range(3)]
         u = bary[0] * uv[0] + bary[1] * uv[1] + bary[2] * uv[2]
         kappa = self._curvature(corners, bary, d)
-        radius = 0.5 * ray.spread * (found.t + ray.apex) / dr.gather(mi.Float, self.period, prim)
+        radius = 0.5 * ray.spread * (nearest.t + ray.apex) / dr.gather(mi.Float, self.period, prim)
         which = dr.gather(mi.UInt32, self.which, prim)
 
         def seen(m):
@@ -150,7 +150,7 @@ class SurfaceMeshes:
             return alpha, [*features, *(mi.Float(0) for _ in range(self.channels - len(features)))]
 
         alpha, features = self._choose(which, seen, (mi.Float(0), [mi.Float(0) for _ in range(self.channels)]))
-        return Met(hit, mi.Float(found.t), front, normal, alpha, w, kappa, here, which, features)
+        return Met(hit, mi.Float(nearest.t), front, normal, alpha, w, kappa, here, which, features)
 
     def rho(self, met: Met, lights):
         """ρ toward each of some directions of the frame."""
@@ -162,7 +162,7 @@ class SurfaceMeshes:
         return self._choose(met.which, one, [mi.Color3f(0) for _ in lights])
 
     def beyond(self, t):
-        """How far a ray goes that shall leave what it has met at t behind."""
+        """The distance from which a ray goes on past its hit at t."""
         return t + ADVANCE * (self.size + t)
 
     def _frame(self, prim, corners, bary) -> IntervalFrame:
@@ -204,7 +204,7 @@ class SurfaceMeshes:
 
 
 def nothing_met(n: int) -> Met:
-    """Of rays that meet none."""
+    """The result for rays without a hit."""
     zero = dr.zeros(mi.Float, n)
     no = dr.full(mi.Bool, False, n)
     nowhere = mi.Vector3f(0), mi.Float(zero), no_frame()
@@ -222,7 +222,7 @@ def draw_around(here, xi):
 
 
 def density_around(here, d):
-    """With which `draw_around` draws a world direction."""
+    """Density with which `draw_around` draws a world direction."""
     return mi.Float(dr.maximum(dr.dot(here.c, d) + BELOW, 0)) / (4 * dr.pi * BELOW)
 
 
@@ -231,7 +231,7 @@ def _flat(x: np.ndarray, kind: type = mi.Float):
 
 
 def _unit(x: np.ndarray) -> np.ndarray:
-    """Rows of length 1, or 0: in float32 the squares of others may have no end."""
+    """Rows of length 1, or 0: squares of longer ones may overflow float32."""
     size = np.linalg.norm(x, axis=1, keepdims=True)
     return x / np.where(size > 0, size, 1)
 

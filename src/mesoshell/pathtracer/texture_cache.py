@@ -1,9 +1,9 @@
-"""Textures of materials that have a generator: made by `mesoshell texture`, which needs JAX, once for what a scene asks.
+"""Textures of materials with a generator: made once for a scene's request by `mesoshell texture`, which needs JAX.
 
-They are kept under $XDG_CACHE_HOME/mesoshell/textures (~/.cache without it), by what they are made of: the material's bytes,
+They are kept under $XDG_CACHE_HOME/mesoshell/textures (~/.cache without it), by a hash of their inputs: the material's bytes,
 the extent, the texels, the seed and the geometry parameters. Remove that folder at will.
 
-A geometry parameter that varies is asked for by an image with one pixel a node (shell/generator/nodes), in float32.
+A geometry parameter that varies is passed as an image with one pixel per node (shell/generator/nodes), in float32.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ from mesoshell.shell.geometry.chart import fits, patches_of
 
 @dataclass(frozen=True)
 class TextureKey:
-    """Of a texture: seed and parameters as a scene gives them, and texels a patch, at most the generator's own. fields: of
+    """Request of a texture: seed and parameters as a scene gives them, and texels a patch, at most the generator's. fields: of
     geometry parameters that vary, from (…, 2) coordinates in patches to (…) values in [0, 1]."""
 
     seed: int | None
@@ -39,44 +39,44 @@ class TextureKey:
 
 
 def textured(
-    path: Path, bundle: Bundle, uv: Float[np.ndarray, "P 3 2"], asked: TextureKey
+    path: Path, bundle: Bundle, uv: Float[np.ndarray, "P 3 2"], wanted: TextureKey
 ) -> tuple[Bundle, tuple[int, int], tuple]:
-    """The material with a texture that covers a surface of corners uv (patches), the texture's origin (u, v), and a name for
-    both: what has the same name is the same.
+    """The material with a texture that covers a surface of corners uv (patches), the texture's origin (u, v), and a key for
+    both: equal keys mean equal textures.
 
-    Raises InputError where seed or geometry parameters are asked of a material that is one texture, or none can be made.
+    Raises InputError if a material of one fixed texture is given a seed or geometry parameters, or the texture cannot be made.
     """
-    shape = {p.name: asked.values[p.name] for p in bundle.parameters if p.role == "beta" and p.name in asked.values}
-    seeded = asked.seed is not None and bundle.tiles is None
-    fixed = bundle.baked and not seeded and not shape and not asked.fields
+    shape = {p.name: wanted.values[p.name] for p in bundle.parameters if p.role == "beta" and p.name in wanted.values}
+    seeded = wanted.seed is not None and bundle.tiles is None
+    fixed = bundle.baked and not seeded and not shape and not wanted.fields
     if bundle.generator is None and not fixed:
-        first = next(iter(shape | asked.fields), "geometry")
+        first = next(iter(shape | wanted.fields), "geometry")
         raise InputError(path, f"has no generator: it is one texture, of one seed and one {first}")
     if fixed and bundle.wraps:
-        begins = seed_origin(asked.seed or 0)
+        begins = seed_origin(wanted.seed or 0)
         return bundle, begins, (path, begins)
     origin, needed = patches_of(uv)
     if fixed:
         return bundle, origin, (path, origin)
     patches = needed.shape
-    if not fits(patches, asked.texels, bundle.channels):
+    if not fits(patches, wanted.texels, bundle.channels):
         raise InputError(path, f"the mesh would carry {patches[1]} × {patches[0]} patches: give a larger scale")
-    file = _made(path, patches, replace(asked, seed=asked.seed or 0, values=shape), _images(asked, origin, patches))
+    file = _made(path, patches, replace(wanted, seed=wanted.seed or 0, values=shape), _images(wanted, origin, patches))
     return read_bundle(file), origin, (file, origin)
 
 
 def _images(
-    asked: TextureKey, origin: tuple[int, int], patches: tuple[int, ...]
+    wanted: TextureKey, origin: tuple[int, int], patches: tuple[int, ...]
 ) -> dict[str, Float[np.ndarray, "V U"]]:
-    """What varies, at the corners of patches, as an image over the texture: its last row lies at the least v."""
+    """Varying parameters at the corners of patches, as images over the texture, the last row at the least v."""
     along_v, along_u = (np.arange(n + 1.0) for n in patches)
     at = np.stack(np.meshgrid(origin[0] + along_u, origin[1] + along_v), axis=-1)
-    return {name: values(at)[::-1].astype(np.float32) for name, values in sorted(asked.fields.items())}
+    return {name: values(at)[::-1].astype(np.float32) for name, values in sorted(wanted.fields.items())}
 
 
-def _made(path: Path, patches: tuple[int, ...], asked: TextureKey, images: dict[str, np.ndarray]) -> Path:
-    options = ["--extent", str(patches[1]), str(patches[0]), "--seed", str(asked.seed), "--texels", str(asked.texels)]
-    options += [x for k, v in sorted(asked.values.items()) for x in ("--param", f"{k}={v!r}")]
+def _made(path: Path, patches: tuple[int, ...], wanted: TextureKey, images: dict[str, np.ndarray]) -> Path:
+    options = ["--extent", str(patches[1]), str(patches[0]), "--seed", str(wanted.seed), "--texels", str(wanted.texels)]
+    options += [x for k, v in sorted(wanted.values.items()) for x in ("--param", f"{k}={v!r}")]
     of = (digest(path), __version__, options, *((name, image.tobytes()) for name, image in images.items()))
     key = hashlib.sha256(repr(of).encode()).hexdigest()[:32]
     file = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesoshell" / "textures" / f"{key}.npz"
@@ -90,7 +90,7 @@ def _made(path: Path, patches: tuple[int, ...], asked: TextureKey, images: dict[
 
 
 def _run(path: Path, options: list[str]) -> None:
-    """Raise InputError unless `mesoshell texture` makes it."""
+    """Run `mesoshell texture`. Raises InputError if it fails."""
     command = [sys.executable, "-m", "mesoshell", "texture", str(path), *options]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     if done.returncode:

@@ -1,4 +1,4 @@
-"""How fine a texture the cameras of a scene can see.
+"""The finest and the coarsest texture levels that a scene's cameras can see.
 
 Notation
 ṙ           deviation of a pixel's cone at distance 1: half its radius
@@ -7,8 +7,7 @@ s           greatest world length of a patch on a prism, over directions of (u, 
 needed      s / (2 ṙ d) texels a patch: there a texel is as wide as the footprint's ±1 deviation, and finer levels are not read
 coarsest    2 ṙ D n / s, with the greatest distance D and the least s, at n texels a patch: a footprint's ±1 deviation in texels
 
-What is seen by way of something else has come farther, so its footprints are wider. (A lens or a concave mirror that
-magnifies is not thought of.)
+Indirect views have longer paths, so their footprints are wider. (Magnification by a lens or a concave mirror is ignored.)
 """
 
 from collections.abc import Callable
@@ -23,14 +22,14 @@ from jaxtyping import Float
 from mesoshell.pathtracer.render_context import RADIUS
 from mesoshell.shell.geometry.extrude import Shell
 
-#: Where in the picture cones are measured, as shares of its sides: the narrowest are in the corners.
+#: Positions in the picture where cones are measured, as shares of its sides: the narrowest are in the corners.
 _PLACES = (0.0, 0.5, 1.0)
-#: Cameras whose rays all come from about one point.
+#: Cameras whose rays start from about one point.
 PINHOLES = ("PerspectiveCamera", "ThinLensCamera")
 
 
 def texels_needed(sensors: list[mi.Sensor], shells: list[Shell], most: int) -> int:
-    """Texels a patch, `most` or a half, a quarter, ... of it, that the nearest view of any of the shells calls for."""
+    """Texels a patch, `most` or a half, a quarter, ... of it, that the nearest view of any shell needs."""
     if any(s.class_name() not in PINHOLES for s in sensors):
         return most
     needed = max((_needed(sensor, shell) for sensor in sensors for shell in shells), default=float(most))
@@ -40,7 +39,7 @@ def texels_needed(sensors: list[mi.Sensor], shells: list[Shell], most: int) -> i
 
 
 def coarsest(sensors: list[mi.Sensor], shells: list[Shell], texels: list[float]) -> float:
-    """The widest that a camera's own footprints can be on any of the shells, in texels; texels: of each, a patch."""
+    """The widest footprint of a camera on any shell, in texels; texels: per patch of each shell."""
     if any(s.class_name() not in PINHOLES for s in sensors):
         return np.inf
     seen = ((sensor, shell, n) for sensor in sensors for shell, n in zip(shells, texels, strict=True))
@@ -70,8 +69,7 @@ def _widest(sensor: mi.Sensor, shell: Shell) -> float:
 
 
 def _patch_length(shell: Shell, base: np.ndarray, order: int = 2) -> np.ndarray:
-    """s of each prism: the greatest singular value of ∂P/∂(u, v), or the least (order −2), at the base or at the top, whichever
-    is larger."""
+    """s of each prism: the greatest singular value of ∂P/∂(u, v), or the least (order −2); the larger one of base and top."""
     uv = shell.uv.astype(np.float64)
     across = np.stack([uv[:, 0] - uv[:, 2], uv[:, 1] - uv[:, 2]], axis=-1)
     lengths = []
@@ -85,7 +83,7 @@ def _patch_length(shell: Shell, base: np.ndarray, order: int = 2) -> np.ndarray:
 
 
 def _spread(sensor: mi.Sensor, which: Callable = np.min) -> float:
-    """ṙ, the least over the picture, or the greatest."""
+    """ṙ, the least over the picture by default (`which`)."""
     places = np.stack(np.meshgrid(_PLACES, _PLACES)).reshape(2, -1)
     count = places.shape[1]
     time: Any = dr.full(mi.Float, float(sensor.shutter_open()), count)

@@ -4,15 +4,15 @@ Notation
 o, d        ray origin and unit direction, float64                                (3,), world
 t           distance from o                                                       world
 tmax        where the ray meets a surface of the scene                            world
-start       what lies before it is not the ray's, or has been walked              world
+start       where the rest of the ray begins: before it lies nothing, or was walked   world
 
-A ray in free space asks the boundary what comes next. It enters a shell through the top from outside, through the base from
+A ray in free space is intersected with the boundary. It enters a shell through the top from outside, through the base from
 behind, or through a border's side; it leaves through them the other way. (A border is met as the tetrahedron around its
 bilinear side: the exact side decides.) If it leaves, it began inside: walk back to where it began, then forward. If it enters,
-it may have begun inside all the same, where shells overlap: it did if, further on, it leaves more often than it enters. That
-is counted, but for rays that are known to begin outside; and if so, the places where it leaves are searched for the one from
-which a walk back comes to where it began. A ray that is known to begin outside, and leaves, has come in at an edge that
-rounding has hidden: it is walked back to there.
+it may still have begun inside another shell, where shells overlap: it did if, further on, it leaves more often than it enters.
+This is counted, except for rays that are known to begin outside. If it did, search its exits for the one from which a walk back
+reaches where it began. A ray that is known to begin outside, and leaves, has entered at an edge hidden by rounding: walk back
+to there.
 
 A walk that has left the shell returns the ray to free space. Where two visits overlap, the later one begins where the earlier
 one ended. So density is never counted twice, and pieces come in the order of the ray.
@@ -28,15 +28,15 @@ from mesoshell.pathtracer.prism import LOST, TOP, WALKING, Piece, WalkState, ent
 FREE, COUNT, SEARCH, BACK, FORWARD, OVER = 0, 1, 2, 3, 4, 5
 #: Step past a boundary before free space begins again, relative to the scene's size.
 ADVANCE = 2e-6
-#: A ray along a post goes round it through every prism there without getting on, and one along a side to and fro. After so
-#: many it has lost its way, and free space begins again.
+#: Prisms that a ray crosses without progress before it is lost and free space begins again: a ray along a post goes round it
+#: through every prism there, and one along a side to and fro.
 MOST_STUCK = 64
 
 
 @dataclass
 class Walker:
-    """Where a ray stands. sure: it is outside at `start`; at: where the boundary is asked from; depth: how often it has entered
-    since `start`; stuck: how many prisms it has crossed without getting on."""
+    """State of a ray. sure: it is outside at `start`; at: where the next boundary query begins; depth: how often it has entered
+    since `start`; stuck: how many prisms it has crossed without progress."""
 
     mode: mi.UInt32
     start: mi.Float64
@@ -57,24 +57,24 @@ def no_piece() -> Piece:
 
 
 def at_start(start, outside) -> Walker:
-    """A ray that begins in free space; outside: it is known to be so."""
+    """A ray at its start; outside: it is known to begin outside all shells."""
     none = dr.zeros(mi.UInt32, dr.width(start))
     return Walker(none + FREE, mi.Float64(start), mi.Bool(outside), mi.Float64(start), none + 0, nowhere(), none + 0)
 
 
 @dr.syntax
 def advance(shells, o, d, tmax, w):
-    """One move: the boundary is asked, or one prism crossed. Returns the walker, a piece, and whether there is one."""
-    piece, found = no_piece(), mi.Bool(False)
+    """One step: query the boundary, or cross one prism. Returns the walker, a piece, and whether there is one."""
+    piece, some = no_piece(), mi.Bool(False)
     if w.mode <= SEARCH:
         w = _ask(shells, o, d, tmax, w)
     elif w.mode != OVER:
-        w, piece, found = _cross(shells, o, d, tmax, w)
-    return w, piece, found
+        w, piece, some = _cross(shells, o, d, tmax, w)
+    return w, piece, some
 
 
 def _ask(shells, o, d, tmax, w: Walker) -> Walker:
-    """From free space: what the boundary says."""
+    """Query the boundary from free space."""
     x = o + w.at * d
     met = shells.scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(x - shells.centre), mi.Vector3f(d)))
     hit = met.is_valid()
@@ -106,7 +106,7 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     event = dr.maximum(t, dr.select(into, ahead.t, dr.select(out, -behind.t, t)))
     event = dr.select(settled | (counting & search), w.start, event)
     on = event + ADVANCE * (shells.size + event)
-    start = dr.select((mode == FREE) & ~settled, on, w.start)  # what was met there was nothing
+    start = dr.select((mode == FREE) & ~settled, on, w.start)  # the boundary met there does not count
     depth = dr.select(into, w.depth + 1, dr.select(out & (w.depth > 0), w.depth - 1, w.depth))
     return Walker(
         mode, start, w.sure | settled, on, dr.select(count, depth, 0), dr.select(back, behind, ahead), mi.UInt32(0)
@@ -114,7 +114,7 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
 
 
 def _cross(shells, o, d, tmax, w: Walker):
-    """One prism, forward or back."""
+    """Cross one prism, forward or back."""
     back = w.mode == BACK
     after, piece = step(shells, o, dr.select(back, -d, d), w.place)
     stuck = dr.select(after.t > w.place.t, 0, w.stuck + 1)
@@ -127,14 +127,14 @@ def _cross(shells, o, d, tmax, w: Walker):
     left = ~back & (after.exit != WALKING)
     over = ~back & (after.t >= tmax)
     elsewhere = back & ~w.sure & ~reached & ended
-    end = dr.select((after.exit != LOST) & (after.t > w.start), after.t, w.at)  # without progress, past what was met
+    end = dr.select((after.exit != LOST) & (after.t > w.start), after.t, w.at)  # without progress, past the boundary
     mode = dr.select(reached, mi.UInt32(FORWARD), dr.select(elsewhere, mi.UInt32(SEARCH), w.mode))
     mode = dr.select(over, mi.UInt32(OVER), dr.select(left | nothing, mi.UInt32(FREE), mode))
-    found, piece = _cut(piece, w.start, tmax)
+    some, piece = _cut(piece, w.start, tmax)
     place = dr.select(reached, entry, after)
     start = dr.select(left, end, w.start)
     at = dr.select(left, dr.maximum(end + ADVANCE * (shells.size + end), w.at), w.at)
-    return Walker(mode, start, w.sure & ~left, at, w.depth, place, stuck), piece, found & ~back
+    return Walker(mode, start, w.sure & ~left, at, w.depth, place, stuck), piece, some & ~back
 
 
 def _cut(i: Piece, begin, end):

@@ -1,7 +1,7 @@
-"""Which compiler and which variant of Mitsuba render: settled before Dr.Jit is imported, or it is too late.
+"""Choose the compiler and the variant of Mitsuba, before Dr.Jit is imported and it is too late.
 
-Dr.Jit aborts the process with LLVM 14 to 16, so a libLLVM of the system is not trusted: the one that the extra `mitsuba` brings
-is named by its path, unless the user has named another in DRJIT_LIBLLVM_PATH; that one is tried in a process of its own.
+Dr.Jit aborts the process with LLVM 14 to 16, so the system's libLLVM is not trusted: the path of the one that the extra
+`mitsuba` installs is set, unless the user has set another in DRJIT_LIBLLVM_PATH; that one is tried in a separate process.
 """
 
 import os
@@ -24,12 +24,14 @@ def library() -> str | None:
         listed = files(WHEEL) or []
     except PackageNotFoundError:
         return None
-    found = sorted(str(f.locate()) for f in listed if f.name.startswith(("libLLVM.so", "libLLVM.dylib", "LLVM-C.dll")))
-    return os.path.realpath(found[0]) if found else None
+    libraries = sorted(
+        str(f.locate()) for f in listed if f.name.startswith(("libLLVM.so", "libLLVM.dylib", "LLVM-C.dll"))
+    )
+    return os.path.realpath(libraries[0]) if libraries else None
 
 
 def set_variant() -> None:
-    """Make Mitsuba ready: a variant that vectorises. One that the user has set stays if it does. Raises InputError."""
+    """Set a vectorising variant of Mitsuba, or keep the user's if it vectorises. Raises InputError."""
     path, own = library(), os.environ.get("DRJIT_LIBLLVM_PATH")
     if "drjit" not in sys.modules:
         if own and os.path.realpath(own) != path:
@@ -56,7 +58,7 @@ def set_variant() -> None:
 
 
 def _check_loaded(path: str | None) -> None:
-    """Raise InputError if Dr.Jit was imported before, and found a libLLVM with which it aborts."""
+    """Raise InputError if Dr.Jit was imported before and loaded a libLLVM with which it aborts."""
     import drjit
 
     major = drjit.detail.llvm_version()[0]

@@ -1,4 +1,4 @@
-"""Scenes of Mitsuba's with shells: a `mesoshell` BSDF on a mesh says which, and the rest of the scene stays as it is.
+"""Mitsuba scenes with shells: a `mesoshell` BSDF on a mesh describes its shell; the rest of the scene is unchanged.
 
     <shape type="obj"> <string name="filename" value="spot.obj"/>
         <bsdf type="mesoshell"> <string name="material" value="grass"/> <float name="age" value="0.3"/>
@@ -7,7 +7,7 @@
 material: a bundled name or a .npz file; thickness, scale (world; defaults as of `mesoshell render`) and seed; any other number
 or texture is a parameter of the material; the BSDF within is the surface's own.
 
-Between reading a scene and making its objects, each such node becomes the BSDF within it. What stands on a mesh of a shape
+Between parsing a scene and making its objects, each such node is replaced by the BSDF within it. A shell on a mesh of a shape
 group stands on each of its instances.
 """
 
@@ -28,9 +28,9 @@ _NUMBERS = ("thickness", "scale", "seed")
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """One shell that a scene asks for. where: in the file; shape: the mesh it stands on; placed: to-world matrices of its
-    instances, none if it stands where the shape says; flipped: Mitsuba's v is 1 minus the file's, as of OBJ files; numbers,
-    textures: by the names of parameters; wears: the material is one of surfaces, and the shape is not in the scene."""
+    """One `mesoshell` BSDF of a scene. where: in the file; shape: its mesh; placed: to-world matrices of its instances, none if
+    the shape has its own; flipped: Mitsuba's v is 1 minus the file's, as of OBJ files; numbers, textures: by the names of
+    parameters; wears: it is a surface material, and its shape is taken out of the scene."""
 
     where: str
     material: str
@@ -46,50 +46,50 @@ class Element:
 
 
 def read(source: str, parse: Callable[[Any], Any], wears: Callable[[str], bool]) -> tuple[mi.Scene, list[Element]]:
-    """The scene without its shells, and these. parse: configuration to the parser's state; wears: whether a material is a
-    surface's own, which stands in its place. Raises InputError."""
+    """The scene without its shells, and their elements. parse: configuration to the parser's state; wears: whether a material
+    is a surface material, which replaces its shape. Raises InputError."""
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_equivalent = config.merge_meshes = False
     try:
         state = parse(config)
         mi.parser.transform_all(config, state)
-        asked = [(i, mi.Properties(n.props)) for i, n in enumerate(state.nodes) if n.props.plugin_name() == NAME]
-        users = {i: _users(state, i) for i, _ in asked}
-        for i, props in asked:
+        nodes = [(i, mi.Properties(n.props)) for i, n in enumerate(state.nodes) if n.props.plugin_name() == NAME]
+        users = {i: _users(state, i) for i, _ in nodes}
+        for i, props in nodes:
             _replace(state, i, props)
-        if asked:
+        if nodes:
             _integrate(state)
-        found = [_element(config, state, i, props, shape) for i, props in asked for shape in users[i]]
-        shapes = [shape for i, _ in asked for shape in users[i]]
-        found = [replace(e, wears=_wears(e, wears)) for e in found]
-        _remove(state, {shape for shape, e in zip(shapes, found, strict=True) if e.wears})
+        elements = [_element(config, state, i, props, shape) for i, props in nodes for shape in users[i]]
+        shapes = [shape for i, _ in nodes for shape in users[i]]
+        elements = [replace(e, wears=_wears(e, wears)) for e in elements]
+        _remove(state, {shape for shape, e in zip(shapes, elements, strict=True) if e.wears})
         scene: Any = mi.parser.instantiate(config, state)
-        return scene, found
+        return scene, elements
     except RuntimeError as error:
         raise InputError(source, " ".join(str(error).split())) from error
 
 
 def _links(props: mi.Properties) -> dict[str, int]:
-    """Nodes that a node refers to, by the names that it has for them."""
+    """Nodes that a node refers to, by its names for them."""
     return {k: v.index() for k, v in props.items() if isinstance(v, mi.Properties.ResolvedReference)}
 
 
 def _users(state, index: int) -> list[int]:
-    """The shapes whose BSDF a node is."""
-    found = []
+    """The shapes with this node as their BSDF."""
+    shapes = []
     for i, node in enumerate(state.nodes):
         if index in _links(node.props).values() and node.type != mi.ObjectType.Scene:
             if node.type != mi.ObjectType.Shape:
                 where = mi.parser.file_location(state, state.nodes[index])
                 raise InputError(
-                    where, f"a {NAME} BSDF within a '{node.props.plugin_name()}': it must be a shape's own"
+                    where, f"a {NAME} BSDF within a '{node.props.plugin_name()}': it must belong to a shape directly"
                 )
-            found.append(i)
-    return found
+            shapes.append(i)
+    return shapes
 
 
 def _replace(state, index: int, props: mi.Properties) -> None:
-    """The node becomes the BSDF within it, or one of bare earth."""
+    """Replace the node by the BSDF within it, or by bare earth."""
     inner = [i for i in _links(props).values() if state.nodes[i].type == mi.ObjectType.BSDF]
     where = mi.parser.file_location(state, state.nodes[index])
     if len(inner) > 1:
@@ -110,7 +110,7 @@ def _wears(element: Element, wears: Callable[[str], bool]) -> bool:
 
 
 def _remove(state, shapes: set[int]) -> None:
-    """Take shapes out of the scene, and out of groups; groups that nothing is left in, with their instances."""
+    """Remove shapes from the scene and from groups; remove groups left empty, with their instances."""
     kinds = [node.props.plugin_name() for node in state.nodes]
     groups = {i: _holds(state, i) for i, kind in enumerate(kinds) if kind == "shapegroup"}
     empty = {i for i, held in groups.items() if held and held <= shapes}
@@ -126,13 +126,13 @@ def _holds(state, index: int) -> set[int]:
 
 
 def _integrate(state) -> None:
-    """Paths are traced through shells, as `path` traces them past surfaces."""
+    """Replace the integrator `path` by one that also traces paths through shells."""
     for node in state.nodes:
         if node.type == mi.ObjectType.Integrator:
             name = node.props.plugin_name()
             if name not in ("path", "mesoshell_path"):
                 where = mi.parser.file_location(state, node)
-                raise InputError(where, f"integrator '{name}' does not know shells: use path")
+                raise InputError(where, f"integrator '{name}' does not support shells: use path")
             node.props.set_plugin_name("mesoshell_path")
             return
     node = mi.parser.SceneNode()
@@ -158,10 +158,12 @@ def _element(config, state, index: int, props: mi.Properties, shape: int) -> Ele
     if wrong:
         raise InputError(where, f"{wrong[0]} must be a number or a texture")
     if not isinstance(props.get("material"), str):
-        raise InputError(where, "names no material: a bundled one's name, or a .npz file")
+        raise InputError(where, "names no material: give a bundled one's name, or a .npz file")
     mesh = _made(config, state, shape)
     if not isinstance(mesh, mi.Mesh):
-        raise InputError(where, f"a '{state.nodes[shape].props.plugin_name()}' is no mesh: shells stand on triangles")
+        raise InputError(
+            where, f"a '{state.nodes[shape].props.plugin_name()}' is not a mesh: shells stand on triangles"
+        )
     own = {k: int(v) if k == "seed" else float(v) for k, v in own.items()}
     plugin = state.nodes[shape].props
     return Element(
@@ -177,7 +179,7 @@ def _element(config, state, index: int, props: mi.Properties, shape: int) -> Ele
 
 
 def _made(config, state, index: int) -> Any:
-    """The object of one node alone."""
+    """Instantiate one node alone."""
     alone = mi.parser.ParserState(state)
     alone.nodes[0] = mi.parser.SceneNode(alone.nodes[index])
     return mi.parser.instantiate(config, alone)

@@ -76,13 +76,13 @@ def rays(camera: Camera, xy: Float[np.ndarray, "R 2"]) -> tuple[Float[np.ndarray
 def pixel_grid(camera: Camera, samples: int, sample: int, part: slice = slice(None)) -> Float[np.ndarray, "R 2"]:
     """Image points of sample `sample` of `samples` in every pixel, row by row: centres for one, else an R2 lattice.
 
-    part: of the pixels so numbered, those to make.
+    part: slice of the pixels to make, in this order.
     """
     y, x = np.divmod(np.arange(*part.indices(camera.height * camera.width)), camera.width)
     return np.stack([x, y], axis=1) + in_pixel(samples, sample)
 
 
 def in_pixel(samples: int, sample: int) -> Float[np.ndarray, "2"]:
-    """Place of a sample in its pixel, [0, 1)²."""
+    """Position of a sample in its pixel, [0, 1)²."""
     golden = 1.324717957244746  # plastic number: the R2 sequence covers the square evenly for any count
     return np.array([0.5, 0.5]) if samples == 1 else (0.5 + sample * np.array([1 / golden, 1 / golden**2])) % 1.0

@@ -1,4 +1,4 @@
-"""Which effects a scene calls for (NumPy only; no JAX): one table of effects, whichever engine renders.
+"""Which effects a scene calls for (NumPy only; no JAX): one table of effects for all engines.
 
 `plan_effects` decides from `Facts`, a description of the scene (render/facts), before anything is compiled or traced; each
 decision comes with its reason, which `--explain` prints and the report keeps. What is off is not in the compiled program. An
@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields
 from mesoshell.render.facts import Facts, TwinFacts
 from mesoshell.render.quality import Quality
 
-#: Share of directions from a surface that meet a surface again, above which a note says that light between surfaces is left
-#: out. Of diffuse surfaces of albedo a it adds about a times this share.
+#: Share of directions from a surface that meet a surface again, above which a note says that interreflection is left out. For
+#: diffuse surfaces of albedo a it adds about a times this share.
 ENCLOSED = 0.25
 NO_TWIN = "there is no distilled twin to stand in"
 
@@ -29,7 +29,7 @@ class Effect:
 class Effects:
     """One field an effect.
 
-    shells: rays are marched through them. surface_materials: one query a hit; opacity: rays may pass their silhouettes. twin: a
+    shells: rays are marched through them. surface_materials: a query per hit; opacity: rays may pass silhouettes. twin: a
     distilled surface material stands in for a shell. direct_light: emitters are sampled at each event. environment,
     area_light: emitters that a ray may meet. background: the environment is seen. mesh_shadow, object_shadow, shell_shadow:
     what dims the way to a light. bounces: light goes from one event to another. roulette: paths end by chance. quadrature:
@@ -37,8 +37,7 @@ class Effects:
     features are averaged over the pixel; anisotropic_filtering: along its long side too. varying_parameters,
     varying_geometry: over the surface.
 
-    Some follow from what a scene holds, and are gated by that: an engine without surfaces that emit, a material without
-    opacity or without maps has nothing of them to compile.
+    Some are gated by what the scene holds: without emitting surfaces, opacity or maps there is nothing of them to compile.
     """
 
     shells: Effect
@@ -72,7 +71,7 @@ class Effects:
 
 @dataclass(frozen=True)
 class Engine:
-    """can: the effects that it can compute. draws: it draws collisions where it need not sum all samples of a ray."""
+    """can: the effects that it can compute. draws: it draws a collision where it need not sum all samples of a ray."""
 
     name: str
     can: frozenset[str]
@@ -112,14 +111,14 @@ def _if_it_can(name: str, effect: Effect, engine: Engine) -> Effect:
 
 
 def left_out(effects: Effects) -> tuple[str, ...]:
-    """What the user should know of effects that the engine cannot compute, a line each. Missing shell shadows get no note, only
-    their reason: they show less."""
+    """Notes on effects that the engine cannot compute, a line each. Missing shell shadows get no note, only their reason: they
+    are less visible."""
     bounces = effects.bounces
     return (f"bounces are left out: {bounces.why}",) if bounces.missing else ()
 
 
 def twin_reach(errors: tuple[tuple[float, float], ...], bound: float) -> float:
-    """The least footprint, patches, from which on no error exceeds the bound; infinite if there is none."""
+    """The least footprint, patches, from which on no error exceeds the bound; infinite if there is no such footprint."""
     reach = float("inf")
     for radius, error in reversed(errors):
         if error > bound:
@@ -149,16 +148,16 @@ def _either(on: bool, why: str, why_not: str) -> Effect:
 
 
 def _light(f: Facts, reached: bool) -> dict[str, Effect]:
-    """Emitters, and what stands in their way. reached: paths are long enough for an event."""
+    """Emitters, and what blocks their light. reached: paths are long enough for an event."""
     kinds = ((f.distant, "distant"), (f.point, "point"), (f.area, "area"), (int(f.environment), "environment"))
-    found = "emitters: " + (", ".join(f"{n} {kind}" for n, kind in kinds if n) or "none")
+    emitters = "emitters: " + (", ".join(f"{n} {kind}" for n, kind in kinds if n) or "none")
     dark = "there is no light"
     others = f"{f.objects} other {'surfaces' if f.objects > 1 else 'surface'}" if f.objects else "no other surfaces"
     self_shadow = f.lit and f.shells + f.surfaces > 0 and (not f.convex or f.low)
     shadowing = "light may come from below the horizon of a face" if f.convex else "the mesh is not convex"
     return {
         "direct_light": Effect(
-            f.lit and reached, found if reached or not f.lit else "paths end before their first event"
+            f.lit and reached, emitters if reached or not f.lit else "paths end before their first event"
         ),
         "environment": _either(f.environment, "an environment was given", "no environment"),
         "area_light": _either(f.area > 0, f"rays may meet {f.area} emitters", "no emitter nearby that a ray can meet"),
@@ -178,7 +177,7 @@ def _light(f: Facts, reached: bool) -> dict[str, Effect]:
 
 
 def _detail(f: Facts) -> dict[str, Effect]:
-    """What there is to look up."""
+    """Shells, surface materials and what they look up."""
     varying = ", ".join(f.varying)
     return {
         "shells": _either(
@@ -199,8 +198,8 @@ def _detail(f: Facts) -> dict[str, Effect]:
 
 
 def _bounces(f: Facts, quality: Quality, engine: Engine) -> Effect:
-    """From the scene: what a bounce can bring. Paths are cut where they cannot bring anything; an engine without paths leaves
-    them out, and says so where that is seen."""
+    """Bounces, where the scene gives them light to add. An engine without paths leaves them out, and says so where that is
+    visible."""
     share = f"surfaces meet surfaces in {f.enclosed:.0%} of directions"
     if not f.lit:
         return Effect(False, "there is no light")

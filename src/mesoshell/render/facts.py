@@ -1,12 +1,12 @@
-"""A scene, as far as it decides which effects it calls for (NumPy only; no JAX). Each engine fills it from its own scene."""
+"""Facts of a scene that decide its effects (NumPy only; no JAX). Each engine fills them in from its own scene."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class TwinFacts:
-    """Of a surface material that was distilled from the shell. finest: the least footprint (standard deviation) that the camera
-    can have on the shell, patches; errors: its error by footprint (io/twin); misfit: why it is not this shell's, or nothing."""
+    """A surface material distilled from the shell. finest: the least footprint (standard deviation) that the camera can
+    have on the shell, patches; errors: its error by footprint (io/twin); misfit: why it does not fit this shell, or empty."""
 
     finest: float
     errors: tuple[tuple[float, float], ...]
@@ -15,17 +15,16 @@ class TwinFacts:
 
 @dataclass(frozen=True)
 class Facts:
-    """A scene, as far as the decisions rest on it.
+    """Facts of a scene.
 
-    shells, surfaces: how many meshes carry a shell, and a surface material; objects: other surfaces. distant, point, area:
-    emitters without extent far away, without extent nearby, and those that a ray can meet; environment: there is one, and seen:
-    it is seen behind the scene. convex: no part of a mesh can shadow another of it. enclosed: mean share of the directions
-    from a surface that meet a surface again, of the mesh or object where it is largest; 0 only where nothing can. low:
-    light may come from below the horizon of a shell's face. ground: albedo of what is under the shells, 1 where it does more
-    than reflect diffusely. coarsest: the largest footprint in texels that a camera can have on
-    the shells (one standard deviation to either side); rows: of their height features. inside: a camera may be in a shell.
-    varying: names of parameters of appearance that vary over the surface; shaped: so does geometry. passable: rays may pass
-    the surface materials.
+    shells, surfaces: numbers of meshes with a shell, and with a surface material; objects: number of other surfaces. distant,
+    point, area: numbers of distant lights, of point lights, and of emitters that a ray can meet; environment: there is one;
+    seen: it is visible behind the scene. convex: no part of a mesh can shadow another part of it. enclosed: mean share of the
+    directions from a surface that meet a surface again, for the mesh or object where it is largest; 0 only if none can. low:
+    light may come from below the horizon of a shell's face. ground: albedo under the shells, 1 where it is not plain diffuse.
+    coarsest: the largest footprint in texels that a camera can have on the shells (one standard deviation to either side);
+    rows: of their height features. inside: a camera may be in a shell. varying: names of appearance parameters that vary over
+    the surface; shaped: geometry varies. passable: rays may pass the surface materials.
     """
 
     shells: int = 0
@@ -50,7 +49,7 @@ class Facts:
 
     @property
     def alone(self) -> bool:
-        """There is one shell, on a convex mesh: what has left it does not meet it again."""
+        """There is one shell, on a convex mesh: light that has left it does not meet it again."""
         return self.convex and self.shells == 1 and not self.surfaces
 
     @property

@@ -1,6 +1,6 @@
-"""Every knob that trades accuracy for time, each one field of `Quality` (NumPy only; no JAX).
+"""The settings that trade accuracy for time, as fields of `Quality` (NumPy only; no JAX).
 
-`draft` is for looking around, `normal` for pictures, `reference` for measuring the others against. Which fields bear on a
+`draft` is for previews, `normal` for pictures, `reference` to measure the others against. Which fields affect a
 picture depends on the engine and on what the scene calls for: `render/used`.
 """
 
@@ -15,7 +15,7 @@ _PATHS = ("spp", "max_depth", "rr_depth")
 
 @dataclass(frozen=True)
 class Quality:
-    """What a render may spend. Raises ValueError for a value out of range."""
+    """The settings of a render. Raises ValueError for a value out of range."""
 
     #: Rays a pixel where rays are marched: what smooths silhouettes (inside them, filtering does).
     pixel_samples: int = 4
@@ -25,12 +25,12 @@ class Quality:
     spacing: str = "length"
     #: "interpolated": (u, v, h) linear between an interval's ends (the paper); "exact": the inverse of the prism's map.
     coordinates: str = "interpolated"
-    #: A ray stops once its transmittance is below this; the most its colour and alpha can miss.
+    #: A ray stops once its transmittance is below this, which bounds the error of its colour and alpha.
     early_stop: float = 0.01
-    #: Optical depth that a ray may lose to skipping, as far as the material's σ grid holds: a sample that can have less
-    #: than its share of it, by length, is not decoded.
+    #: Optical depth that a ray may lose to skipping: a sample is not decoded if the material's σ grid bounds it below its
+    #: share of this, by length.
     skip: float = 0.05
-    #: Opacity that a ray may leave unlit: samples whose weight is below weight_cut / samples are not lit.
+    #: Opacity that a ray may leave unlit: skip lighting for samples with weight below weight_cut / samples.
     weight_cut: float = 0.048
     #: Features are filtered over the pixel's footprint.
     filtering: bool = True
@@ -42,7 +42,7 @@ class Quality:
     environment_samples: int = 4
     #: Samples of the shell's shadow on the surface underneath.
     base_samples: int = 8
-    #: Paths a pixel, in path tracing. A scene of Mitsuba's own says how many, and how deep, itself.
+    #: Paths a pixel, in path tracing. A Mitsuba scene file sets its own number and depth.
     spp: int = 64
     #: Segments of a path at most: 2 is light straight from its sources.
     max_depth: int = 8
@@ -51,14 +51,14 @@ class Quality:
     #: In path tracing, albedo of the ground up to which one shell on a convex mesh is not traced for light between the two: at
     #: 0.1 dense grass loses 0.1% of its light, a shell that lets half of it through a few percent.
     dark_ground: float = 0.1
-    #: In path tracing, how wide footprints open at an event: of the radius of a circle that the drawn direction's density
-    #: stands for. 0 is the camera's own cone; wider blurs what is seen by way of something else.
+    #: In path tracing, how wide footprints open at an event, relative to the radius of the circle of solid angle 1 / p for a
+    #: direction drawn with density p. 0 keeps the camera's cone; larger values blur what is seen indirectly.
     bounce_spread: float = 0.25
-    #: FLIP, on average, up to which a distilled surface material may stand in for a march; 0 is never. A step of lightness
-    #: that one can just see (L* by 1) is 0.058, and draft allows two.
+    #: Mean FLIP up to which a distilled surface material may stand in for a march; 0 is never. A just noticeable step of
+    #: lightness (L* by 1) is 0.058, and draft allows two.
     twin: float = 0.05
-    #: Of surface materials: the least curvature on a "curve" through a hit along the ray, or that at the "point". To see what
-    #: these are for: the "mean" of all directions, or that of the curve "unscaled", as if a period were one unit long.
+    #: Curvature for surface materials: the least on a "curve" through a hit along the ray, or that at the "point". For
+    #: comparison: the "mean" of all directions, or the curve's value "unscaled", as if a period were one unit long.
     curvature_filter: str = "curve"
     #: Length of that curve, periods of the texture.
     curve_length: float = 0.5
@@ -83,7 +83,7 @@ class Quality:
 
     @property
     def least_weight(self) -> float:
-        """Of a sample that is lit: however many there are, a ray leaves at most `weight_cut` unlit."""
+        """Least weight of a lit sample: whatever their number, a ray leaves at most `weight_cut` unlit."""
         return self.weight_cut / self.samples
 
     def with_changes(self, **changes: object) -> "Quality":

@@ -1,4 +1,4 @@
-"""A picture as tiles of rays on several threads, and what it took.
+"""A picture as tiles of rays on several threads, with a report of times and counts.
 
 Notation
 k           number of a sample in its pixel, the same for all pixels
@@ -32,7 +32,7 @@ class RenderReport:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def time(self, stage: str, since: float, **counts: int) -> float:
-        """Add the time since then to a stage, and counts; the time now."""
+        """Add the seconds since `since`, and counts, to a stage; return the time now."""
         now = time.perf_counter()
         with self.lock:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
@@ -48,7 +48,7 @@ class RenderReport:
 def render_tiles(
     camera: Camera, samples: int, size: int, tile: Tile, progress: Callable[[float], None]
 ) -> Float[np.ndarray, "H W 4"]:
-    """Means over `samples` a pixel. size: most rays a tile; progress: called with the share done, 0 to 1.
+    """Means over `samples` rays a pixel. size: most rays a tile; progress: called with the share done, 0 to 1.
 
     The picture does not depend on the number of threads: each tile draws its random numbers from its own seed."""
     pixels = camera.height * camera.width

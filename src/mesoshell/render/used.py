@@ -1,11 +1,11 @@
-"""Which fields of a quality bore on a picture, for its report (NumPy only; no JAX)."""
+"""Which fields of a quality affected a picture, for its report (NumPy only; no JAX)."""
 
 from mesoshell.render.effects import NO_TWIN, Effects, Engine
 from mesoshell.render.quality import Quality
 
 
 def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str, object]:
-    """The fields that bear on a picture with these effects by this engine, and their values; others do not apply."""
+    """Fields that affect a picture with these effects by this engine, with their values."""
     shells, surfaces, paths, sums = effects.shells.on, effects.surface_materials.on, engine.draws, effects.quadrature.on
     lit, opens = effects.direct_light.on, effects.bounces.on or effects.area_light.on or effects.environment.on
     applies = {

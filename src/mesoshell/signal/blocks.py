@@ -1,4 +1,4 @@
-"""A filtered leaky ReLU a block of rows and channels at a time: the fast way on a CPU.
+"""A filtered leaky ReLU by blocks of rows and channels: the fast way on a CPU.
 
 Notation
 x, t, y      samples before, at the temporary rate, and after                  (B, H, W, C)
@@ -9,9 +9,9 @@ phase p      of a row of samples: p, p + P, p + 2P, …; its samples use the sam
 
 Both filters are sums of one form: result i is Σ_j g[at + o i + s j] of term j, over the j for which g has that tap; up (o, s) =
 (1, −u), down (d, −1). Along y, where a block has few rows, the sum is one product with a banded matrix; along x, sums of
-shifted phases, which are never put in order at the temporary rate. Taken in the order y, x, bend, y, x, no sum of shifts
-follows another, which XLA would fuse to one slow pass; nor does one follow the cut of a block from x, fused with which it took
-four times as long. t is in the cache and never in memory; rows where blocks overlap are computed twice.
+shifted phases, which are never interleaved at the temporary rate. The order y, x, bend, y, x keeps sums of shifts apart: XLA
+would fuse two of them into one slow pass, and one with the cut of a block from x took four times as long. t stays in the cache;
+rows where blocks overlap are computed twice.
 `docs/results/performance.md` compares.
 """
 
@@ -75,10 +75,10 @@ def up_bend_down(
         t = _product(_band(along_y.up, along_y.middle, along_y.size), part)
         t = bend(jnp.stack(_by_phases(along_x.up, how.up, along_x.middle, [t]), axis=1))
         z = _product(bands, t).reshape(len(how.down_taps), rows, *t.shape[1:])
-        found = [
+        summands = [
             _by_phases(s, q, columns, [y[:, p] for p in range(how.up)]) for s, y in zip(along_x.down, z, strict=True)
         ]
-        y = jnp.stack([functools.reduce(jnp.add, parts) for parts in zip(*found, strict=True)], axis=2)
+        y = jnp.stack([functools.reduce(jnp.add, parts) for parts in zip(*summands, strict=True)], axis=2)
         return y.reshape(rows, columns, -1)
 
     step = rows * how.down // how.up
@@ -93,7 +93,7 @@ def _each(
     seen: tuple[int, int],
     shape: tuple[int, int, int],
 ) -> Array:
-    """y of all blocks. seen: rows of x that one sees, and from one to the next; shape: blocks, their rows and columns."""
+    """y of all blocks. seen: rows of x that a block reads, and the step to the next; shape: blocks, their rows and columns."""
     blocks, rows, columns = shape
     batch, _, width, channels = x.shape
     wide = _block_channels(channels)
@@ -127,7 +127,7 @@ def _whole(n: int, unit: int) -> int:
 
 
 def _block_channels(channels: int) -> int:
-    """Channels of a block: even shares, whole vectors of eight if there are several."""
+    """Channels of a block: equal shares, multiples of eight if there are several."""
     groups = -(-channels // CHANNELS)
     return channels if groups == 1 else _whole(-(-channels // groups), 8)
 
@@ -150,7 +150,7 @@ def _product(band: Float[np.ndarray, "i j"], x: Float[Array, "j ..."]) -> Float[
 
 
 def _by_phases(s: _Sum, phases: int, results: int, terms: list[Float[Array, "r w c"]]) -> list[Float[Array, "r _v c"]]:
-    """Phases of the results, from the phases of the terms; the sum moves on by one term of each phase a result of a phase."""
+    """Phases of the results from phases of the terms: each next result of a phase reads the next term of each phase."""
 
     def shifted(j: int) -> Array:
         first = j // len(terms)

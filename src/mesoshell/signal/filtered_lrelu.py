@@ -22,7 +22,7 @@ from mesoshell.signal.schedule import LayerRow
 from mesoshell.signal.upfirdn import Resampling, resample
 from mesoshell.typing import Array
 
-#: Eigenvalues below this part of the largest are rounding of the filter's design.
+#: Eigenvalues below this share of the largest are rounding errors.
 _NEGLIGIBLE = 1e-12
 GAIN, CLAMP = 2**0.5, 256.0
 
@@ -44,7 +44,7 @@ class Activation:
 
 
 def filtered_lrelu(x: Float[Array, "B H W C"], how: Activation) -> Array:
-    """Up-sample, bend, down-sample, the way that is fastest on the backend. The derivative goes along the axes."""
+    """Up-sample, bend, down-sample, the fastest way on the backend. The derivative is that of `along_axes`."""
     return _fast(x, how)
 
 
@@ -60,7 +60,7 @@ _fast.defvjp(lambda x, how: (_fast(x, how), x), lambda how, x, back: jax.vjp(lam
 
 
 def in_blocks(x: Float[Array, "B H W C"], how: Activation) -> Array:
-    """A block of rows and channels after the other: half the time, or less, on a CPU."""
+    """Block by block of rows and channels: half the time, or less, on a CPU."""
     row = how.row
     assert row.up_filter is not None and row.down_filter is not None
     filters = Filters(row.up_factor, row.down_factor, row.up_factor * row.up_filter, separable(row.down_filter))

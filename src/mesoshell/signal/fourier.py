@@ -3,8 +3,8 @@
 Notation
 K        sinusoids a channel; sinusoid k of channel c is row k C + c of what follows
 f        frequency of a sinusoid, (f_v, f_u), in steps of 2⁻¹⁶ cycles a patch: integers          (K C, 2), int32
-θ        what a sinusoid's phase has drifted along v, and along u, by a place there: a sum of I slow waves, as strong as
-         `drift` says, radians (root mean square)
+θ        drift of a sinusoid's phase along v, and along u, radians: a sum of I slow waves whose root mean square is
+         `drift`
 δ        frequencies of these, the same for all sinusoids, in the same steps                     (I, 2), int32
 φ        phases: of the sinusoid, of its waves along v, and along u                              cycles, (B, 1 + 2 I, K C)
 s = 2ᵇ   samples a patch; sample i lies at x = (i + ½)/s
@@ -12,10 +12,10 @@ i₀       index of the first sample along v and u: any integers, a tile's place
 
 Γ_c = Σ_k sin(2π(f_kc·x + φ_kc) + θ_kc(v) + θ_kc(u)) / √K; the paper has K = 1 and no drift. f·x = m(2i + 1)/2^(17 + b) with
 integers m, so its fractional part is exact in integer arithmetic that wraps around, at any i; in float32, Γ at 4096 patches was
-wrong by 0.08 in a test. And sin(a + b) = sin a cos b + cos a sin b: sines are taken on the two axes, and the plane is products
-of 2K numbers. Every tile that asks for a sample gets the same value.
+wrong by 0.08 in a test. And sin(a + b) = sin a cos b + cos a sin b: sines are computed on the two axes, and the plane takes
+products of 2K numbers. A sample has the same value in every tile.
 
-A sinusoid without drift is in step with itself again somewhere; a phase that drifts by some radians within a patch is not.
+Without drift a texture nearly repeats itself where its sinusoids are in step again; a drift of some radians prevents that.
 """
 
 import numpy as np
@@ -37,7 +37,7 @@ def draw_frequencies(rng: np.random.Generator, count: int, low: float, high: flo
 
 
 def turned(f: Int[np.ndarray, "C 2"], degrees: float) -> Int[np.ndarray, "C 2"]:
-    """Frequencies of maps turned about the origin, from v toward u."""
+    """Frequencies of maps rotated about the origin, from v toward u."""
     sin, cos = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     return np.rint(f @ np.array([[cos, sin], [-sin, cos]])).astype(np.int32)
 
@@ -60,7 +60,7 @@ def fourier_map(
 ) -> Float[Array, "B {size[0]} {size[1]} C"]:
     """Γ on `size` (along v, u) samples of the grid of `rate` samples a patch, from sample `start` on. slow: δ; waves: K.
 
-    Products, since a loop over the plane that XLA fuses takes the sines there: two to twenty times the time.
+    Written as products: XLA would fuse sums of angles to sines on the whole plane, two to twenty times slower.
     """
     v, u = (_angles(f[:, axis], start[axis], size[axis], rate, phase.dtype)[None] for axis in (0, 1))
     v = v + 2 * jnp.pi * phase[:, :1]

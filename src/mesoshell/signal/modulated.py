@@ -1,4 +1,4 @@
-"""Convolution whose input channels are scaled a sample, and whose output is scaled back (StyleGAN2, section 2.2).
+"""Convolution with input channels scaled for each sample, and output scaled back (StyleGAN2, section 2.2).
 
 Notation
 x, y     samples before and after                                              (B, H, W, I), (B, H, W, O)
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from mesoshell.typing import Array, Float
 
 EPSILON = 1e-8
-#: Keeps what is all 0 finite, in value and gradient (its power −3/2 is); a mean square of 1e-20 is still brought to 1.
+#: Keeps values and gradients of all-zero arrays finite (its power −3/2 is); a mean square of 1e-20 still becomes 1.
 _TINY = 1e-24
 #: Numbers in a block of by_rows: 2 MiB of float32.
 _BLOCK = 2**19
@@ -55,7 +55,7 @@ def _unit(w: Array, s: Array) -> tuple[Array, Array]:
 
 
 def convolve(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"], pad: int) -> Array:
-    """Correlation, as networks have it: y[p] = Σ_q w[q] x[p + q]. The way that is fastest on the backend: see by_rows."""
+    """Correlation, as in networks: y[p] = Σ_q w[q] x[p + q], the fastest way on the backend (see by_rows)."""
     x = jnp.pad(x, ((0, 0), (pad, pad), (pad, pad), (0, 0)))
     w = w.astype(x.dtype)
     if w.shape[0] == 1:
@@ -64,14 +64,14 @@ def convolve(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"], pad: int) -
 
 
 def by_library(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"]) -> Array:
-    """XLA's convolution, of what is inside."""
+    """XLA's convolution, without padding."""
     precision = None if x.dtype == jnp.bfloat16 else jax.lax.Precision.HIGHEST
     dimensions = ("NHWC", "HWIO", "NHWC")
     return jax.lax.conv_general_dilated(x, w, (1, 1), "VALID", dimension_numbers=dimensions, precision=precision)
 
 
 def by_rows(x: Float[Array, "B H W I"], w: Float[Array, "k k I O"]) -> Array:
-    """The same as k matrix products a block of rows: neighbours along a row side by side, a block in the cache."""
+    """The same as k matrix products per block of rows: neighbours along a row side by side, a block in the cache."""
     k, (batch, height, width, channels) = w.shape[0], x.shape
     h, wide = height - k + 1, width - k + 1
     rows = min(h, max(2, _BLOCK // (wide * k * channels)))

@@ -87,7 +87,7 @@ def layer_schedule(
 
 
 class _Side(NamedTuple):
-    """What a layer's input or output is like."""
+    """A layer's input or output."""
 
     cutoff: float
     half_width: float

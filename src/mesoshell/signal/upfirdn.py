@@ -24,7 +24,7 @@ from mesoshell.typing import Array
 
 
 class Resampling(NamedTuple):
-    """One axis of an operation; everything is static. filter: a tuple, so that it can be."""
+    """One axis of an operation; everything is static. filter: a tuple, which is hashable."""
 
     filter: tuple[float, ...]
     up: int
@@ -54,7 +54,7 @@ def _phases(x: Array, how: Resampling, axis: int) -> Array:
     count = ceil(outputs / period)
     spans = [_taps(how, phase) for phase in range(period)]
     first = min(t for t, _ in spans)
-    last = max(t + len(g) for t, g in spans) + stride * (count - 1)  # one past the last sample that is asked for
+    last = max(t + len(g) for t, g in spans) + stride * (count - 1)  # one past the last sample needed
     config = [(0, 0, 0)] * x.ndim
     config[axis] = (max(0, -first), max(0, last - inputs), 0)
     x = jax.lax.pad(x, jnp.zeros((), x.dtype), config)

@@ -1,1 +1,1 @@
-"""Materials on a surface that know its curvature: one query a hit gives reflectance and opacity."""
+"""Materials on a surface that depend on its curvature: one query per hit gives reflectance and opacity."""

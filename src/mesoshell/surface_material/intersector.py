@@ -1,6 +1,6 @@
-"""What rays meet on a mesh that wears a surface material, in the material's terms (surface_material/tables).
+"""Intersects rays with a mesh with a surface material, and makes the material's queries (surface_material/tables).
 
-Rays pass through the surface from within: what a material is seen by lies outside.
+Rays pass through the surface from within: the material is seen from outside only.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ ADVANCE = 2e-6
 
 
 class Hits(NamedTuple):
-    """What rays meet first. face: −1 for nothing; front: from outside; bary: of the face's first two corners."""
+    """First hits of rays. face: −1 for nothing; front: from outside; bary: of the face's first two corners."""
 
     t: Float[np.ndarray, "R"]
     face: Int[np.ndarray, "R"]
@@ -37,7 +37,7 @@ class Local(NamedTuple):
 
 
 class SurfaceIntersector:
-    """A mesh ready to be met. others: triangles of further objects, numbered after the mesh's faces."""
+    """A mesh ready for intersection. others: triangles of further objects, numbered after the mesh's faces."""
 
     def __init__(self, worn: SurfaceTables, others: Float[np.ndarray, "N 3 3"]):
         mesh = worn.mesh
@@ -51,17 +51,17 @@ class SurfaceIntersector:
 
     def meet(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> Hits:
         """The nearest triangle of each ray, from either side."""
-        found = self.scene.run((o - self.centre).astype(np.float32), d.astype(np.float32), output=True)
-        face = np.where(found["geomID"] < 0, -1, found["primID"]).astype(np.int64)
-        u, v = (found[k].astype(np.float64) for k in ("u", "v"))
+        hits = self.scene.run((o - self.centre).astype(np.float32), d.astype(np.float32), output=True)
+        face = np.where(hits["geomID"] < 0, -1, hits["primID"]).astype(np.int64)
+        u, v = (hits[k].astype(np.float64) for k in ("u", "v"))
         bary = np.stack([1 - u - v, u, v], axis=1)
-        return Hits(found["tfar"].astype(np.float64), face, _dot(self.normal[face], d) < 0, bary)
+        return Hits(hits["tfar"].astype(np.float64), face, _dot(self.normal[face], d) < 0, bary)
 
     def queries(
         self, hits: Hits, rows: Int[np.ndarray, "H"], d: Float[np.ndarray, "H 3"], cone: Float[np.ndarray, "H"]
     ) -> Local:
-        """What hits ask of the material. d: directions of the rays that met them; cone: standard deviation of each ray's
-        footprint across it, world."""
+        """Queries to the material at hits. d: directions of their rays; cone: standard deviation of each ray's footprint across
+        it, world."""
         worn, mesh = self.worn, self.worn.mesh
         face, bary = hits.face[rows], hits.bary[rows]
         n = _unit(np.einsum("hk,hki->hi", bary, mesh.normals[mesh.faces[face]].astype(np.float64)))
@@ -77,13 +77,13 @@ class SurfaceIntersector:
         return Local(u % 1.0, cone / worn.period, _unit(w), kappa, axes)
 
     def facing(self, hits: Hits, rows: Int[np.ndarray, "H"], d: Float[np.ndarray, "H 3"]) -> np.ndarray:
-        """Normals of faces that rays met, against the ray."""
+        """Normals of hit faces, turned against the ray."""
         normal = self.normal[hits.face[rows]]
         return np.where(_dot(normal, d)[:, None] > 0, -normal, normal)
 
 
 def _least(n: np.ndarray) -> np.ndarray:
-    """The axis that each vector has least of."""
+    """The axis of each vector's smallest component."""
     return np.eye(3)[np.abs(n).argmin(axis=1)]
 
 

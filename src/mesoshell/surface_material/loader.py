@@ -1,4 +1,4 @@
-"""A surface material's bundle, ready to be asked."""
+"""A surface material's bundle, ready to be evaluated."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,18 +20,18 @@ class DeviceMaterial:
 
 
 def ready(bundle: SurfaceBundle) -> DeviceMaterial:
-    """A bundle's network, ready to be asked."""
+    """A bundle's network, ready to be evaluated."""
     hidden = tuple(
         bundle.arrays[f"reflectance/hidden/{i}/bias"].shape[0]
         for i in range(sum(key.startswith("reflectance/hidden/") for key in bundle.arrays) // 2)
     )
-    asked: Any = (bundle.opacity, bundle.sees_curvature, bundle.step, bundle.offset)
-    config = SurfaceConfig(bundle.texels, bundle.channels, hidden, *asked)
+    options: Any = (bundle.opacity, bundle.sees_curvature, bundle.step, bundle.offset)
+    config = SurfaceConfig(bundle.texels, bundle.channels, hidden, *options)
     return DeviceMaterial(config, tables(surface_of(bundle), jnp.asarray(1e-3, jnp.float32)), bundle.curvature)
 
 
 def surface_of(bundle: SurfaceBundle) -> Surface:
-    """The network of a bundle, its textures as they are."""
+    """The network of a bundle, its textures not blurred."""
 
     def module(name: str) -> Module:
         a = {key.removeprefix(name + "/"): x for key, x in bundle.arrays.items() if key.startswith(name + "/")}

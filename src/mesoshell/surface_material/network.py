@@ -4,14 +4,14 @@ Notation
 u            where a ray meets the bounding surface, in periods of the texture; it wraps around                    (2,)
 r            standard deviation of the ray's footprint there, periods
 ω, ω′        unit directions toward the viewer and the light; x and y along u and v, z outward                     (3,)
-κ            curvature along the ray, 1 / period, positive seen from outside; networks see it from −1 to 1 over the range
-             that was trained
-T            a module's texture: a pyramid whose levels are learned each for itself, blurred while it is learned
+κ            curvature along the ray, 1 / period, positive seen from outside; an input of networks, normalised to −1 to 1 over
+             the trained range
+T            a module's texture: a pyramid whose levels are learned separately, and blurred during training
 α            opacity: T_α(u), ω, κ → logit of α; or → the silhouette cosine c, of which α is a step
 u′           u − offset · d · (ω_x, ω_y): T_d(u), ω, κ → d
 ρ            T_ρ(u′), ω, ω′, κ → radiance over irradiance on the plane facing the light, of rays that meet something     1/sr
 
-Opacity and offset do not see the light: `seen` is evaluated once for several lights.
+Opacity and offset do not depend on the light: `seen` is evaluated once for several lights.
 """
 
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ from mesoshell.numerics import softplus
 from mesoshell.texture import mip
 from mesoshell.typing import Array, Float, Key, Scalar, Vec2, Vec3
 
-#: Of the offset, periods.
+#: Factor of the offset, periods.
 OFFSET = 0.1
-#: How wide a step of α is, as a cosine.
+#: Width of α's step, as a cosine.
 STEP = 0.01
-#: Repetitions of a texture to each side that a blur reaches: six standard deviations of the widest that there is need for.
+#: Repetitions of a texture to each side that a blur reaches: six standard deviations of the widest blur.
 AROUND = 6
 
 
@@ -70,14 +70,14 @@ class Surface(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """A surface ready to be asked: pyramids of blurred textures in place of levels."""
+    """A surface ready to be evaluated: pyramids of blurred textures in place of levels."""
 
     pyramids: tuple[mip.Pyramid, ...]
     surface: Surface
 
 
 class SurfaceQuery(NamedTuple):
-    """A query, but for the light. kappa: normalised to the trained range."""
+    """A query without its light. kappa: normalised to the trained range."""
 
     u: Vec2
     radius: Scalar
@@ -86,7 +86,7 @@ class SurfaceQuery(NamedTuple):
 
 
 class OpacityEval(NamedTuple):
-    """What does not depend on the light. cosine: c, if that is what is learned, else 0; features: T_ρ(u′)."""
+    """Results that do not depend on the light. cosine: c, if the network gives it, else 0; features: T_ρ(u′)."""
 
     alpha: Scalar
     cosine: Scalar
@@ -94,7 +94,7 @@ class OpacityEval(NamedTuple):
 
 
 def init_surface(config: SurfaceConfig, key: Key[Array, ""]) -> Surface:
-    """Textures of small random numbers; an opaque surface."""
+    """Textures of small random numbers; initially an opaque surface."""
 
     def module(key: Array, seen: int, out: int, bias: float = 0.0) -> Module:
         first, second, third = jax.random.split(key, 3)
@@ -128,7 +128,7 @@ def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "
 
 
 def seen(config: SurfaceConfig, table: Tables, place: SurfaceQuery) -> OpacityEval:
-    """α and what reflectance will read."""
+    """α, and the features for `reflectance`."""
     surface, kappa = table.surface, place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
     level = mip.level_of(place.radius, float(config.texels), len(config.sizes) - 1)
     x = jnp.concatenate([place.w, kappa[None]])
@@ -136,21 +136,21 @@ def seen(config: SurfaceConfig, table: Tables, place: SurfaceQuery) -> OpacityEv
     def ask(k: int, u: Vec2) -> Array:
         return mip.lookup(table.pyramids[k], config.sizes, u, level)
 
-    found = _answer(surface.opacity, jnp.concatenate([ask(0, place.u), x]))[0]
-    cosine = jax.nn.sigmoid(found - 4) if config.opacity == "cosine" else jnp.zeros_like(found)
+    raw = _answer(surface.opacity, jnp.concatenate([ask(0, place.u), x]))[0]
+    cosine = jax.nn.sigmoid(raw - 4) if config.opacity == "cosine" else jnp.zeros_like(raw)
     alpha = {
-        "direct": jax.nn.sigmoid(found),
+        "direct": jax.nn.sigmoid(raw),
         "cosine": jax.nn.sigmoid((place.w[2] - cosine) / config.step),
-        "none": jnp.ones_like(found),
+        "none": jnp.ones_like(raw),
     }[config.opacity]
     way = _answer(surface.offset, jnp.concatenate([ask(1, place.u), x]))[0]
     return OpacityEval(alpha, cosine, ask(2, place.u - config.offset * way * place.w[:2]))
 
 
-def reflectance(config: SurfaceConfig, table: Tables, place: SurfaceQuery, found: OpacityEval, light: Vec3) -> Vec3:
+def reflectance(config: SurfaceConfig, table: Tables, place: SurfaceQuery, opacity: OpacityEval, light: Vec3) -> Vec3:
     """ρ(ω, ω′)."""
     kappa = place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
-    x = jnp.concatenate([found.features, place.w, light, kappa[None]])
+    x = jnp.concatenate([opacity.features, place.w, light, kappa[None]])
     return softplus(_answer(table.surface.reflectance, x) - 2)
 
 

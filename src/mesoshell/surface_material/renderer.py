@@ -1,13 +1,13 @@
-"""Pictures of a mesh that wears a surface material: one query a hit, in the place of a march.
+"""Pictures of a mesh with a surface material: one query per hit, in place of a march.
 
 Notation
 α, ρ         opacity and reflectance of a hit (surface_material/network)
-T            what comes through the hits before
+T            transmittance of the hits before
 L, E         a light's direction and irradiance on the plane facing it                                       (render/light)
-V            what comes through the material on the way to a light, from the hit on
+V            transmittance of the material from the hit to a light
 
-A ray adds T α Σ ρ E V at each hit from outside, goes on with T (1 − α), and passes from within. A light below the horizon of a
-hit leaves the body through its other side first, which does not stop it: that there is a body in its way ρ knows.
+A ray adds T α Σ ρ E V at each hit from outside, goes on with T (1 − α), and passes from within. Light from below the horizon of
+a hit passes the body's other side unhindered: ρ accounts for the body in its way.
 """
 
 import time
@@ -37,19 +37,19 @@ from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
 from mesoshell.typing import Array
 
-#: Rays of a tile of the picture; surfaces that a ray, or a shadow, passes at most: those that would pass more are counted.
+#: Rays of a tile of the picture; most surfaces that a ray or a shadow passes (rays that would pass more are counted).
 RAYS, MOST = 32768, 1024
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceScene(SurfaceDescription):
-    """What is rendered, with what."""
+    """A mesh to render, with its material and lights."""
 
     ready: DeviceMaterial
 
 
 def facts(scene: SurfaceScene) -> Facts:
-    """What the effects are planned from."""
+    """Facts for planning the effects."""
     convex = is_convex(scene.mesh)
     return Facts(
         surfaces=1,
@@ -74,7 +74,7 @@ def render(
     effects: Effects,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
-    """Linear RGBA, premultiplied, and what it took. progress: called with the share done, 0 to 1."""
+    """Linear RGBA, premultiplied, and a report. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
     others = [m.vertices[m.faces].astype(np.float64) for m in scene.objects]
     dressed = SurfaceIntersector(
@@ -89,7 +89,7 @@ def render(
     image = render_tiles(scene.camera, quality.pixel_samples, RAYS, tile, progress)
     report.time("wall", begin)
     if cut := report.counts.get("cut_short"):
-        report.notes += (f"{cut} rays and shadows passed {MOST} surfaces, and what lies behind these was left out",)
+        report.notes += (f"{cut} rays and shadows passed {MOST} surfaces; whatever lies behind these was left out",)
     return image, report
 
 
@@ -131,7 +131,7 @@ class _Tile:
         return np.concatenate([rgb, alpha[:, None]], axis=1)
 
     def _material(self, hits: Hits, rows: np.ndarray, ray: tuple, lights: list[Beam]) -> tuple[np.ndarray, np.ndarray]:
-        """α of hits and what they reflect."""
+        """α of hits, and the radiance that they reflect."""
         o, d, t = ray
         clock = time.perf_counter()
         local = self.dressed.queries(hits, rows, d, self.spread * t)
@@ -149,7 +149,7 @@ class _Tile:
         return alpha, out
 
     def _diffuse(self, hits: Hits, rows: np.ndarray, ray: tuple, lights: list[Beam]) -> tuple[np.ndarray, np.ndarray]:
-        """Other objects."""
+        """The same for other objects."""
         o, d, t = ray
         normal = self.dressed.facing(hits, rows, d)
         out = np.zeros((len(rows), 3))
@@ -160,15 +160,15 @@ class _Tile:
         return np.ones(len(rows)), out
 
     def _visible(self, o, d, t, normal, toward) -> Float[np.ndarray, "H"]:
-        """V from hits at t toward a light. normal: of the face that was met: over the horizon of an interpolated one there is
-        light that has to come through the face itself."""
+        """V from hits at t toward a light. normal: of the face, not interpolated: light above the horizon of an interpolated
+        normal may still have to pass the face itself."""
         through = np.ones(len(t))
         if not (self.effects.mesh_shadow.on or self.effects.object_shadow.on) or not len(t):
             return through
         clock = time.perf_counter()
         away = 4 * ADVANCE * (self.dressed.size + t) * np.where(np.einsum("ij,ij->i", normal, toward) < 0, -1, 1)
         x, start, alive = o + t[:, None] * d + away[:, None] * normal, np.zeros(len(t)), np.arange(len(t))
-        asked = 0
+        queries = 0
         for _ in range(MOST):
             hits = self.dressed.meet(x[alive] + start[alive, None] * toward[alive], toward[alive])
             met = hits.face >= 0
@@ -179,14 +179,14 @@ class _Tile:
             if self.effects.opacity.on:
                 local = self.dressed.queries(hits, rows, toward[ray], self.spread * t[ray])
                 alpha = _opacity(self.scene.ready, local)
-                asked += len(rows)
+                queries += len(rows)
             else:
                 alpha = np.ones(len(rows))
             through[ray] *= 1 - alpha
             alive = alive[met & (through[alive] > self.quality.early_stop)]
             if not len(alive):
                 break
-        self.report.time("shadow", clock, shadow_rays=len(t), opacity_queries=asked, cut_short=len(alive))
+        self.report.time("shadow", clock, shadow_rays=len(t), opacity_queries=queries, cut_short=len(alive))
         return through
 
 
@@ -224,7 +224,7 @@ def _ask_opacity(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], 
 def _ask(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> tuple[Array, Array]:
     def one(u: Array, radius: Array, w: Array, kappa: Array, light: Array) -> tuple[Array, Array]:
         place = SurfaceQuery(u, radius, w, kappa)
-        found = seen(config, table, place)
-        return found.alpha, jax.vmap(lambda l: reflectance(config, table, place, found, l))(light).reshape(-1)
+        opacity = seen(config, table, place)
+        return opacity.alpha, jax.vmap(lambda l: reflectance(config, table, place, opacity, l))(light).reshape(-1)
 
     return in_tiles(jax.vmap(one), count, rows, ((0, jnp.float32), (3 * rows[-1].shape[1], jnp.float32)))

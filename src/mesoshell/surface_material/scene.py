@@ -1,4 +1,4 @@
-"""What there is to render of a mesh that wears a surface material, in no engine's own terms."""
+"""A mesh with a surface material to render, the same for all engines."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,8 @@ from mesoshell.render.light import Distant, Environment
 
 @dataclass(frozen=True, eq=False)
 class SurfaceDescription:
-    """A mesh, and what it is seen by. period: world length of one period of the texture; base_colour: of further objects,
-    diffuse."""
+    """A mesh, its lights and surroundings. period: world length of one period of the texture; base_colour: diffuse albedo of
+    further objects."""
 
     mesh: Mesh
     period: float
@@ -25,6 +25,6 @@ class SurfaceDescription:
 
 
 def default_period(mesh: Mesh) -> float:
-    """World length of a period where none is given: 2/25 of the bounding box's diagonal."""
+    """Default world length of a period: 2/25 of the bounding box's diagonal."""
     low, high = bounding_box(mesh)
     return float(np.linalg.norm(high - low)) * 2 / 25

@@ -1,4 +1,4 @@
-"""A mesh that wears a surface material, as tables (NumPy only: both engines read them).
+"""A mesh with a surface material, as tables (NumPy only: both engines read them).
 
 Notation
 u, v         texture coordinates in periods; one period is `period` long in the world
@@ -15,7 +15,7 @@ from mesoshell.geometry.curvature import Table, curvature_table, range_of
 from mesoshell.geometry.mesh import Mesh, uv_stretch
 from mesoshell.render.quality import Quality
 
-#: The least ω_z that is asked for: normals are interpolated, and may look away from a ray that meets the face's front.
+#: Least ω_z of a query: interpolated normals may face away from a ray that meets the face's front.
 LEAST = 1e-3
 
 
@@ -32,7 +32,7 @@ class SurfaceTables:
     table: Table
 
     def notes(self, trained: tuple[float, float]) -> tuple[str, ...]:
-        """What the user should know: of curvature that was mended, or for which the material was not trained."""
+        """Notes on curvature that was mended, or for which the material was not trained."""
         kappa: np.ndarray = self.table.kappa * self.period
         wrong = int(((kappa < trained[0] - 1e-3) | (kappa > trained[1] + 1e-3)).any(axis=1).sum())
         if not wrong:
@@ -40,13 +40,13 @@ class SurfaceTables:
         low, high = (self.period * x for x in range_of(self.table))
         said = (
             f"curvature is outside the trained {trained[0]:g} to {trained[1]:g} per period at {wrong} of {len(kappa)} "
-            f"vertices ({low:.2g} to {high:.2g}) and taken for the nearest: a smaller scale lowers it"
+            f"vertices ({low:.2g} to {high:.2g}) and taken as the nearest value inside: a smaller scale lowers it"
         )
         return (*self.table.notes, said)
 
 
 def surface_tables(mesh: Mesh, period: float, quality: Quality) -> SurfaceTables:
-    """A mesh with a texture whose periods are so long, averaged over its surface."""
+    """Tables for a texture whose periods have this world length, averaged over the surface."""
     how = quality.curvature_filter
     table = curvature_table(mesh, quality.curve_length * period if how in ("curve", "unscaled") else 0.0)
     if how == "mean":

@@ -8,10 +8,10 @@ A Σ Aᵀ      covariance in (u, v, h); its (u, v) block is the ellipse on the t
 a ≥ b       the ellipse's standard deviations; r = min(a, b) = b              patches
 σ_h         σ_t |A d|_h, standard deviation along the height                  relative height
 
-The paper takes σ_h from all of Σ. But a cone is a bundle of rays that come through the same heights one after the other: what
-lies across a ray at a sample, higher or deeper, its neighbours meet before it or after, at samples that stand for those
-heights. Blurring by it as well mixes tips with roots, and the network is not linear in features: seen wide and flat, grass
-that was fitted from nearby was four to seven times too bright.
+The paper takes σ_h from all of Σ. But a cone is a bundle of rays that cross the same heights one after the other: what lies
+across a ray at a sample, higher or deeper, its neighbours meet at other samples, which stand for those heights. Blurring
+across the ray too mixes tips with roots, and the network is not linear in features: in wide footprints at grazing angles,
+grass that was fitted from nearby was four to seven times too bright.
 """
 
 from typing import NamedTuple

@@ -3,7 +3,7 @@
 Notation
 F           features, level 0 first; each level the box average of 2 × 2 texels (2 in 1D) of the one before
 (u, v)      texture coordinates in patches; the texture covers one patch and wraps around, or it has `density` texels a
-            patch, begins at (0, 0) and repeats its last texels beyond its edges; v grows along axis 0. Or it holds tiles, each
+            patch, begins at (0, 0) and repeats its last texels beyond its edges; v grows along axis 0; or it holds tiles, each
             a patch with `density` texels, of which a plane shows one at each patch
 h           height in [0, 1]; the height feature is clamped at its ends
 λ           level, 0 = finest; level = max(0, log2(2r · texel_density)), r one standard deviation of the footprint in patches
@@ -124,7 +124,7 @@ def lookup_lattice(
 
 
 def _on_axis(at: Float[Array, "n"], level: Array, size: Array, density: float | None) -> list[tuple[Array, Array]]:
-    """Of places on an axis of `size` texels: the two texels about each, and their weights."""
+    """The two texels around each position on an axis of `size` texels, and their weights."""
     if density is None:
         x = (at - jnp.floor(at)) * size.astype(at.dtype) - 0.5
     else:
@@ -170,7 +170,7 @@ def _bilinear_tiled(
     density: float,
     tile: Callable[[Int[Array, "2"]], Int[Array, "2"]],
 ) -> Float[Array, "C"]:
-    """Each of the four texels is of the tile that shows at its own patch. Where a texel spans patches, all are alike."""
+    """Read each of the four texels from the tile at its own patch. Where a texel spans patches, all tiles are alike."""
     offsets, shapes = _tables(sizes)
     h, w = shapes[level]
     texels = jnp.maximum(jnp.int32(density) >> level, 1)  # a patch

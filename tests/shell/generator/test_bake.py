@@ -161,8 +161,8 @@ def test_halo_costs_less_the_larger_the_tile() -> None:
     [
         ({"texels": 32}, "has shape"),
         ({"channel_max": 8}, "array generator/mix has shape (4, 4); expected (8, 8)"),
-        ({"colour": 1}, "generator is no configuration of ours"),
-        ({"layers": 3}, "generator is no configuration of ours: layers must be at least 4, not 3"),
+        ({"colour": 1}, "generator is not a configuration"),
+        ({"layers": 3}, "generator is not a configuration: layers must be at least 4, not 3"),
         ({"betas": 0}, "has shape"),
     ],
 )
@@ -175,5 +175,5 @@ def test_a_generator_that_does_not_fit_its_weights_is_refused(bundle, change, fa
 
 def test_a_mean_square_of_nothing_is_refused(bundle) -> None:
     arrays = bundle.arrays | {"generator/magnitude/2": np.zeros((), np.float32)}
-    with pytest.raises(InputError, match=r"^it: array generator/magnitude/2 is 0\.0; a mean square is above 0"):
+    with pytest.raises(InputError, match=r"^it: array generator/magnitude/2 is 0\.0; a mean square must be above 0"):
         maker_of(replace(bundle, arrays=arrays), "it")

@@ -210,7 +210,7 @@ def test_faces_that_cannot_be_extruded_are_left_out_and_said():
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     both = mesh_of(np.concatenate([points, POINTS + np.array([9, 0, 0])]), np.concatenate([faces, FACES + 4]))
     shell = extrude(both, 0.1, uv_stretch(both))
-    said = "1 of 6 faces left out (first: face 0): they fold at any thickness, for a vertex normal lies below them"
+    said = "1 of 6 faces left out (first: face 0): they fold at any thickness, because a vertex normal lies below them"
     assert shell.notes == (said,)
     assert shell.mesh_face.tolist() == [1, 2, 3, 4, 5]
     assert shell.neighbour.tolist() == [[-1, 1, 2], [-1, 2, 0], [-1, 0, 1], [-1, -1, 4], [3, -1, -1]]

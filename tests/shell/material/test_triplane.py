@@ -82,5 +82,5 @@ def test_no_texture_can_be_made_of_them() -> None:
     made = generator_arrays(init_generator(config, jax.random.key(0)), init_averages(config))
     kept = {k: v for k, v in bundle.arrays.items() if not k.startswith("generator/")}
     planes = replace(bundle, arrays=kept | made, generator=generator_fields(config))
-    with pytest.raises(InputError, match=r"^it: has three planes a patch, which end at its sides"):
+    with pytest.raises(InputError, match=r"^it: has three planes per patch, which end at its sides"):
         baked(planes, "it", (16, 16), TextureRequest())

@@ -129,9 +129,9 @@ def test_tiles_on_their_way_are_no_patches_that_repeat(tiles: Shots, tmp_path: P
     state = start(config, seen, jax.random.key(0))
     write_exemplars(tmp_path / "a.npz", exemplars(config, seen, state, provenance(config, seen, state)))
     found = read_exemplars(tmp_path / "a.npz")
-    with pytest.raises(InputError, match=r"a.npz: holds the tiles of a fit under way: none is a patch that repeats"):
+    with pytest.raises(InputError, match=r"a.npz: holds corner tiles of an unfinished fit, not patches that repeat"):
         patch_bundle(found, 0)
-    with pytest.raises(InputError, match="none is a patch that repeats"):
+    with pytest.raises(InputError, match="not patches that repeat"):
         fitted_textures(TexturesConfig(), found)
 
 

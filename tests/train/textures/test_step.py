@@ -251,10 +251,10 @@ def test_faulty_exemplars_are_refused_in_one_line(exemplars: Exemplars, tmp_path
     with np.load(path) as file:
         arrays = dict(file)
     for change, fault in (
-        ({"beta": np.zeros((3, 0), np.float32)}, "features, height and beta do not fit"),
+        ({"beta": np.zeros((3, 0), np.float32)}, "features, height and beta do not match"),
         ({"features": np.full_like(arrays["features"], np.nan)}, "array features has NaN or infinite values"),
         ({"features": arrays["features"][0]}, "has no array features of 4 axes: not exemplars"),
-        ({"manifest.json": np.frombuffer(b'{"kind": "shell"}', np.uint8)}, "manifest.json is not that of exemplars"),
+        ({"manifest.json": np.frombuffer(b'{"kind": "shell"}', np.uint8)}, "manifest.json does not describe exemplars"),
     ):
         write_arrays(path, arrays | change)
         with pytest.raises(InputError, match=fault):

@@ -1,4 +1,4 @@
-"""The discriminator: is a picture a render, and one of what its label says? (StyleGAN2's residual network; MesoGAN, 5.1)
+"""The discriminator: whether a picture is a render that fits its label (StyleGAN2's residual network; MesoGAN, 5.1).
 
 Notation
 y        picture, 2x/(1 + x) − 1 of linear radiance x over black                 (B, S, S, 3)
@@ -47,7 +47,7 @@ class Conv(NamedTuple):
 
 
 class Block(NamedTuple):
-    """From side s to s/2: two convolutions, and a skip that is a matrix."""
+    """From side s to s/2: two convolutions, and a 1 × 1 skip."""
 
     first: Conv
     second: Conv
@@ -55,7 +55,7 @@ class Block(NamedTuple):
 
 
 class Discriminator(NamedTuple):
-    """What is learned."""
+    """Learned parameters."""
 
     colour: Conv
     blocks: list[Block]
@@ -103,8 +103,8 @@ def discriminate(
     everyone: Callable[[Array], tuple[Array, Array]] | None = None,
     dtype: DTypeLike = jnp.float32,
 ) -> Float[Array, "B"]:
-    """D. everyone: from this device's rows to all devices' and the indices of its own among them, if they are spread by
-    hand. dtype: of the convolutions of sides above 4; labels, deviation and what follows are as precise as the weights."""
+    """D. everyone: from this device's rows to all devices' and the indices of its own among them, under pmap. dtype: of the
+    convolutions of sides above 4; labels, deviation and the layers after it have the weights' precision."""
     d = discriminator
     x = _lrelu(_apply(d.colour, y.astype(dtype)))
     for block in d.blocks:
@@ -124,15 +124,15 @@ def discriminate(
 def _deviation(x: Float[Array, "B H W C"], everyone: Callable | None) -> Float[Array, "B H W 1"]:
     """Mean over channels and pixels of the standard deviation in each sample's group; 0 for a batch of one.
 
-    Groups are of GROUP samples, or of the whole batch if that is no multiple. Sample i is in group i mod (B / GROUP).
+    Groups are of GROUP samples, or of the whole batch if it is not a multiple. Sample i is in group i mod (B / GROUP).
     """
     rows, own = (x, jnp.arange(x.shape[0])) if everyone is None else everyone(x)
     batch = rows.shape[0]
     size = GROUP if batch % GROUP == 0 else batch
     grouped = rows.reshape(size, batch // size, *x.shape[1:])
     variance = jnp.mean(jnp.square(grouped - jnp.mean(grouped, axis=0, keepdims=True)), axis=0)
-    found = jnp.mean(safe_sqrt(variance + (1e-8 if size > 1 else 0.0)), axis=(1, 2, 3))
-    mine = jnp.tile(found, size)[own]
+    deviation = jnp.mean(safe_sqrt(variance + (1e-8 if size > 1 else 0.0)), axis=(1, 2, 3))
+    mine = jnp.tile(deviation, size)[own]
     return jnp.broadcast_to(mine[:, None, None, None], (*x.shape[:3], 1))
 
 
@@ -155,6 +155,6 @@ def _lrelu(x: Array) -> Array:
 
 
 def _halved(x: Float[Array, "B H W C"]) -> Float[Array, "B h w C"]:
-    """Half the side: a blur of four taps, every second sample; the border is black."""
+    """Halve the side: blur with four taps, keep every second sample; the border is black."""
     how = Resampling(_BLUR, 1, 2, (1, 1))
     return resample(resample(x, how, 1), how, 2)

@@ -1,8 +1,8 @@
 """The generator of feature textures (MesoGAN, section 4.1, on Alias-Free GAN's layers).
 
 Notation
-z, β        what is drawn, and geometry parameters in [0, 1]                     (B, Z), (B, G)
-w           what a layer's styles come from: mapping(z, β)                        (B, W), or on nodes about a tile (nodes.py)
+z, β        latent, drawn at random, and geometry parameters in [0, 1]            (B, Z), (B, G)
+w           mapped latent, source of styles: mapping(z, β)                        (B, W), or on nodes about a tile (nodes.py)
 Γ_l         Fourier map added to the input of layer l (signal/fourier)
 φ_l         its phases                                                            cycles, (B, J, waves · C_l)
 a_l         strength of Γ_l, learned                                               (C_l,)
@@ -11,13 +11,13 @@ F(h)        height feature                                                      
 texels      of F a patch; the plane's grid of rate s has its sample i at (i + ½)/s patches
 tile        a place in the plane, counted in CELL = 1/16 patches along v and u: the coarsest layers' samples
 
-The plane has no edge: a layer is evaluated where the next one asks for it, without padding, so a tile computes a halo of two
-to three patches that its neighbours compute too, and a tile of a large texture is what a training patch is. What the layer
-before the first would give is the Fourier map of the input, mixed by a matrix. Frequencies belong to the generator, phases to
-a texture. What follows from the configuration alone is in shell/generator/plan.
+The plane has no edge: a layer is evaluated where the next one needs it, without padding, so a tile computes a halo of two
+to three patches that its neighbours compute too, and a tile of a large texture is the same as a training patch. The first
+layer's input is a Fourier map, mixed by a matrix. Frequencies belong to the generator, phases to a texture. What follows from
+the configuration alone is in shell/generator/plan.
 
-Magnitudes (running mean squares of the layers' inputs, Alias-Free GAN's equation in appendix C) are state: they come in as
-arguments, and what was seen comes out.
+Magnitudes (running mean squares of the layers' inputs, Alias-Free GAN's equation in appendix C) are state: they are arguments,
+and the observed values are returned.
 """
 
 from typing import NamedTuple
@@ -35,8 +35,8 @@ from mesoshell.signal.modulated import modulated_conv
 from mesoshell.signal.schedule import LayerRow
 from mesoshell.typing import Array, Float, Int, Key
 
-#: F(u, v) is this times its last layer's output, and F(h) this times its own: so σ begins to vary in the plane. (At 0.25 for
-#: both, 93% of log σ's variance was the height's: the material began, and stayed, as layers.)
+#: Scales of the last layers' outputs for F(u, v) and for F(h): so σ begins to vary in the plane. (At 0.25 for both, 93% of
+#: log σ's variance came from the height: the material began, and stayed, as layers.)
 PLANE_SCALE, HEIGHT_SCALE = 3.0, 0.25
 _MAPPING_RATE = 0.01
 
@@ -50,7 +50,7 @@ class Styled(NamedTuple):
 
 
 class Generator(NamedTuple):
-    """What is learned. mix: (C0, C0) of the input's Fourier map; strength: a_l of each layer that has a map; height: modulated
+    """Learned parameters. mix: (C0, C0) of the input's Fourier map; strength: a_l of each layer with a map; height: modulated
     layers along h."""
 
     mapping: list[Dense]
@@ -61,21 +61,21 @@ class Generator(NamedTuple):
 
 
 class Averages(NamedTuple):
-    """State that is not learned: mean squares of the layers' inputs, and the mean of w."""
+    """State that is not trained: mean squares of the layers' inputs, and the mean of w."""
 
     magnitude: list[Float[Array, ""]]
     w: Float[Array, "W"]
 
 
 class Phases(NamedTuple):
-    """φ of the input's map and of each layer's; a layer without a map has none of its channels."""
+    """φ of the input's map and of each layer's; a layer without a map has no channels."""
 
     input: Float[Array, "B J C"]
     layers: list[Float[Array, "B J _c"]]
 
 
 def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
-    """Unit normal weights throughout, scaled when they are used: then all learn at one rate."""
+    """Unit normal weights throughout, scaled when used, so that all learn at one rate."""
     keys = iter(jax.random.split(key, 64))
     rows, maps = rows_of(config), frequencies_of(config).layers
 
@@ -115,15 +115,15 @@ def draw_phases(config: GeneratorConfig, key: Key[Array, ""], batch: int) -> Pha
 
     def drawn(k: Array, sinusoids: int) -> Array:
         shape = (1 + f.slow.size, sinusoids)
-        found = jax.random.uniform(k, (1 if same else batch, *shape), jnp.float32)
-        return jnp.broadcast_to(found, (batch, *shape))
+        phases = jax.random.uniform(k, (1 if same else batch, *shape), jnp.float32)
+        return jnp.broadcast_to(phases, (batch, *shape))
 
     return Phases(drawn(keys[0], len(f.input)), [drawn(k, len(m)) for k, m in zip(keys[1:], f.layers, strict=True)])
 
 
 def map_latent(generator: Generator, z: Float[Array, "B Z"], beta: Float[Array, "B G"]) -> Float[Array, "B W"]:
-    """w from z and β: both brought to unit mean square, then two layers that learn a hundred times slower. Without a latent
-    (z of no numbers) a 1 is in its place."""
+    """w from z and β: both normalised to unit mean square, then two layers that learn a hundred times slower. Without a latent
+    (z of no numbers) a 1 takes its place."""
     layers, x = generator.mapping, _unit(z) if z.shape[1] else jnp.ones((z.shape[0], 1), z.dtype)
     if beta.shape[1]:
         x = jnp.concatenate([x, _unit(_equal(layers[0], in_turns(beta)))], axis=1)
@@ -134,8 +134,8 @@ def map_latent(generator: Generator, z: Float[Array, "B Z"], beta: Float[Array, 
 
 
 def in_turns(x: Float[Array, "B N"]) -> Float[Array, "B _three_n"]:
-    """Parameters in [0, 1] for a network: centred, and as sine and cosine of a turn. So it may take the two ends of a direction
-    for one, and what is brought to unit length is never nothing."""
+    """Encode parameters in [0, 1]: centred, and as sine and cosine of a full turn. So both ends of an angle can look alike to a
+    network, and the vector to normalise is never zero."""
     return jnp.concatenate([2 * x - 1, jnp.sin(2 * jnp.pi * x), jnp.cos(2 * jnp.pi * x)], axis=1)
 
 
@@ -150,7 +150,7 @@ def _equal(layer: Dense, x: Float[Array, "B *nodes I"], rate: float = 1.0) -> Fl
 
 
 class Texture(NamedTuple):
-    """A tile and what was seen on the way: mean squares of the layers' inputs."""
+    """A tile, and the mean squares of the layers' inputs."""
 
     feature: Float[Array, "B V U C"]
     magnitude: list[Float[Array, ""]]
@@ -200,7 +200,7 @@ def synthesise(
 
 
 def synthesise_height(config: GeneratorConfig, generator: Generator, w: Float[Array, "B W"]) -> Float[Array, "B R C"]:
-    """F(h) at the middles of `height_rows` equal parts of [0, 1]: sines of h through modulated layers. None of three planes."""
+    """F(h) at the middles of `height_rows` equal parts of [0, 1]: sines of h through modulated layers. 0 for three planes."""
     rows = config.height_rows
     if config.planes > 1:
         return jnp.zeros((w.shape[0], rows, config.channels), w.dtype)

@@ -36,7 +36,7 @@ from mesoshell.typing import Array
 
 @dataclass(frozen=True, eq=False)
 class GeneratorModel:
-    """All that makes a material: the generator with its averages, the decoder, and octaves of its height encoding."""
+    """A generator with its averages, its decoder, and octaves of the height encoding."""
 
     config: GeneratorConfig
     generator: Generator
@@ -46,7 +46,7 @@ class GeneratorModel:
 
 
 class Latent(NamedTuple):
-    """A texture before it is synthesised: what its seed and parameters stand for. w: on nodes if geometry varies."""
+    """Inputs of a texture's synthesis, from its seed and parameters. w: on nodes if geometry varies."""
 
     w: Float[Array, "1 *nodes W"]
     phases: Phases
@@ -65,12 +65,12 @@ def generator_fields(config: GeneratorConfig) -> dict[str, Any]:
 def maker_of(bundle: Bundle, name: str) -> GeneratorModel:
     """The generator of a bundle. Raises InputError, about `name`, if it has none or its weights do not fit."""
     if bundle.generator is None:
-        raise InputError(name, "holds one texture and no generator; another seed, extent or geometry cannot be had")
+        raise InputError(name, "holds one texture and no generator: it has no other seed, extent or geometry")
     try:
         config = GeneratorConfig(**bundle.generator)
         like = jax.eval_shape(lambda: (init_generator(config, jax.random.key(0)), init_averages(config)))
     except (TypeError, ValueError, ZeroDivisionError, OverflowError) as error:
-        raise InputError(name, f"manifest.json: generator is no configuration of ours: {error}") from error
+        raise InputError(name, f"manifest.json: generator is not a configuration: {error}") from error
     named = _named(like)
     for key, expected in named.items():
         if key not in bundle.arrays:
@@ -81,9 +81,9 @@ def maker_of(bundle: Bundle, name: str) -> GeneratorModel:
         if key.startswith("generator/") and key not in named:
             raise InputError(name, f"unexpected array {key!r}")
         if key.startswith("generator/magnitude/") and not bundle.arrays[key] > 0:
-            raise InputError(name, f"array {key} is {bundle.arrays[key]}; a mean square is above 0")
+            raise InputError(name, f"array {key} is {bundle.arrays[key]}; a mean square must be above 0")
     if (config.texels, config.channels) != (bundle.texel_density, bundle.channels):
-        raise InputError(name, "manifest.json: the generator's texels or channels are not the material's")
+        raise InputError(name, "manifest.json: the generator's texels or channels differ from the material's")
     leaves = [jnp.asarray(bundle.arrays[key], jnp.float32) for key in named]
     generator, averages = jax.tree.unflatten(jax.tree.structure(like), leaves)
     return GeneratorModel(config, generator, averages, decoder_of(bundle.arrays), bundle.height_octaves)

@@ -1,13 +1,13 @@
 """Geometry that varies over a texture: w at the corners of patches, and between them (MesoGAN, figure 10).
 
 Notation
-node         a corner of patches; a texture of P × Q patches, begun ones included, has (P + 1) × (Q + 1)
+node         a corner of patches; a texture of P × Q patches, partial ones included, has (P + 1) × (Q + 1)
 β(u, v)      geometry parameters at a place                                            (G,), normalised
 w            at each node, of one z and the node's own β                               (1, P + 1, Q + 1, W)
 window       the nodes about a tile, the outermost repeated beyond the texture
-hat          how much of each node a sample takes: bilinear interpolation, one matrix an axis
+hat          weights of nodes for a sample: bilinear interpolation, one matrix per axis
 
-What is interpolated is w, not β: halfway between a lean of 350° and one of 10° lies one of both, not one of 180°.
+w is interpolated, not β: halfway between leans of 350° and of 10° lies a mixture of both, not a lean of 180°.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ def count_nodes(size: tuple[int, int], texels: int) -> tuple[int, int]:
 
 
 def window(nodes: Any, first: tuple[int, int], count: int) -> Any:
-    """What (1, P, Q, …), NumPy's or JAX's, has at count × count nodes from `first` on, which may lie outside."""
+    """count × count nodes of an array (1, P, Q, …), NumPy or JAX, from `first` on, which may lie outside."""
     v, u = (np.clip(np.arange(at, at + count), 0, n - 1) for at, n in zip(first, nodes.shape[1:3], strict=True))
     return nodes[:, v][:, :, u]
 

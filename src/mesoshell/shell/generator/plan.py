@@ -1,10 +1,10 @@
-"""What follows from a generator's configuration alone: layers, frequencies, and which samples a layer must see.
+"""What follows from a generator's configuration alone: layers, frequencies, and the samples that each layer needs.
 
 Notation
 texels      of F a patch; the plane's grid of rate s has its sample i at (i + ½)/s patches
 tile        a rectangle of the plane; it begins at whole cells, of which a patch has CELL
-span        where a layer is evaluated along one axis for a tile: the tile with what the layers after it reach
-halo        what a span has beyond its tile
+span        samples of a layer along one axis for a tile: the tile and the reach of the layers after it
+halo        the part of a span beyond its tile
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from mesoshell.signal.schedule import Config, LayerRow, layer_schedule
 
 #: Cells a patch: the rate of the coarsest layer. Tiles begin at whole cells.
 CELL = 16
-#: Slow waves that a drift is made of; cycles a patch by which a drift may turn a sinusoid faster or slower.
+#: Slow waves that make up a drift; cycles a patch by which a drift may change a sinusoid's frequency.
 SLOW, ASIDE = 8, 2.0
 
 
@@ -31,7 +31,7 @@ class GeneratorConfig:
     paper has 1 and 0, and docs/results/generator.md: why presets have more); fourier: maps in every layer with phases drawn a
     texture ("random"), always the same ("frozen"), or none beyond the input ("off"); z: numbers of the latent, 0 for none:
     textures differ by their phases alone; turn: of maps without drift about the origin, degrees from v toward u; precision: of
-    the convolutions. A field that is added has a default that means what was so before it: bundles and records may lack it."""
+    the convolutions. A new field's default must mean the earlier behaviour: bundles and records may lack the field."""
 
     texels: int = 64
     config: Config = "T"
@@ -93,14 +93,14 @@ class Span(NamedTuple):
 
 
 def spans(rows: tuple[LayerRow, ...], texels: int) -> list[Span]:
-    """For `texels` outputs from 0 on: what each layer must see, from the last to the first (docs/concepts/generator.md).
+    """Spans of the layers, first to last, for `texels` outputs from 0 on (docs/concepts/generator.md).
 
     Sample j of a grid lies in the middle of u samples of one u times finer. With taps centred on such middles, output i of
     a down-sampling sees fine samples di − (n − d)/2 … di + (n + d)/2 − 1, and a fine sample f sees the j for which
     0 ≤ uj − f + (u + n)/2 − 1 < n.
     """
     a, b = 0, texels
-    found = []
+    layers = []
     for row in reversed(rows):
         u, d, up, down = row.up_factor, row.down_factor, row.up_taps, row.down_taps
         f0, f1 = d * a - (down - d) // 2, d * (b - 1) + (down + d) // 2
@@ -110,12 +110,12 @@ def spans(rows: tuple[LayerRow, ...], texels: int) -> list[Span]:
         after = (f1 - f0) + up - 1 - u * (j1 - j0) - before
         reach = row.conv_kernel // 2
         a, b = j0 - reach, j1 + reach
-        found.append(Span(a, b - a, (before, after)))
-    return found[::-1]
+        layers.append(Span(a, b - a, (before, after)))
+    return layers[::-1]
 
 
 def reach(config: GeneratorConfig, size: tuple[int, int]) -> int:
-    """Patches, rounded up, that the layers of a tile of `size` texels see beyond it on any side."""
+    """Patches, rounded up, that the layers for a tile of `size` texels read beyond it on any side."""
     most = 0.0
     for side in size:
         for row, span in zip(rows_of(config), spans(rows_of(config), side), strict=True):

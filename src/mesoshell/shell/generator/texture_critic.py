@@ -1,7 +1,7 @@
-"""Is a texture's neighbourhood one that was fitted? A discriminator of what train/textures/critic_view sees, a logit a patch.
+"""Whether neighbourhoods of a texture look fitted: a discriminator of train/textures/critic_view's maps, a logit per place.
 
 Notation
-y        what is seen of a texture, channels of unit variance                     (B, S, S, I)
+y        maps of a texture, channels of unit variance                             (B, S, S, I)
 β        geometry parameters                                                      (B, G)
 D        logits, greater for exemplars: one for each place of a grid              (B, s, s)
 
@@ -35,14 +35,14 @@ class CriticConfig:
 
 
 def grid_side(side: int) -> int:
-    """How many logits there are along a side of S texels; none if S is less than a window."""
+    """Number of logits along a side of S texels; 0 if S is less than a window."""
     for k, stride, _ in _LAYERS:
         side = max(0, side - k + stride) // stride
     return side
 
 
 class Critic(NamedTuple):
-    """What is learned. embed: of β, if there is one."""
+    """Learned parameters. embed: of β, if there is one."""
 
     convs: list[Conv]
     out: Dense
@@ -73,7 +73,7 @@ def criticise(
     beta: Float[Array, "B G"],
     everyone: Callable[[Array], tuple[Array, Array]] | None = None,
 ) -> Float[Array, "B s s"]:
-    """D. everyone: as shell/generator/discriminator has it."""
+    """D. everyone: as in shell/generator/discriminator."""
     x = y
     for i, (layer, (k, stride, _)) in enumerate(zip(critic.convs, _LAYERS, strict=True)):
         if i == len(_LAYERS) - 1:

@@ -1,4 +1,4 @@
-"""A material grown for a surface: one texture over all of its chart, from a seed and parameters.
+"""A material synthesised for a surface: one texture over all of its chart, from a seed and parameters.
 
 Notation
 uv          texture coordinates of the shell's corners, in patches: any range
@@ -23,8 +23,8 @@ from mesoshell.shell.geometry.chart import cells, fits, patches_of
 
 @dataclass(frozen=True)
 class TextureRequest:
-    """What a texture is asked to be. values: of parameters, in their units; fields: of geometry parameters that vary, from
-    (…, 2) coordinates in patches to (…) values in [0, 1]; coarser: how many of the finest levels are left out."""
+    """Settings of a texture. values: of parameters, in their units; fields: of geometry parameters that vary, from (…, 2)
+    coordinates in patches to (…) values in [0, 1]; coarser: how many of the finest levels are left out."""
 
     seed: int = 0
     values: dict[str, float] = field(default_factory=dict)
@@ -47,12 +47,12 @@ def grow(
     low, high = cells(uv)
     across, along = (int(n) for n in high.max(axis=0) - low.min(axis=0) + 1)
     if not fits((along, across), texels, bundle.channels):
-        raise InputError(Argument("scale"), f"the mesh would carry {across} × {along} patches: give larger ones")
+        raise InputError(Argument("scale"), f"the mesh would carry {across} × {along} patches: give a larger scale")
     origin, needed = patches_of(uv)
     size = needed.shape[0] * texels, needed.shape[1] * texels
     moved = {key: lambda at, f=f: f(at + np.array(origin)) for key, f in wanted.fields.items()}
-    found, share = baked(bundle, name, size, replace(wanted, fields=moved), needed, progress)
-    return replace(found, provenance=found.provenance | share._asdict()), origin
+    textured, share = baked(bundle, name, size, replace(wanted, fields=moved), needed, progress)
+    return replace(textured, provenance=textured.provenance | share._asdict()), origin
 
 
 def baked(
@@ -67,7 +67,7 @@ def baked(
     """The bundle with a texture of `size` texels (V, U) in place of its generator; its defaults are the given values."""
     maker = maker_of(bundle, name)
     if maker.config.planes > 1:
-        raise InputError(name, "has three planes a patch, which end at its sides: no texture can be made of them")
+        raise InputError(name, "has three planes per patch, which end at its sides: they make no larger texture")
     beta = _geometry(bundle, wanted, count_nodes(size, maker.config.texels))
     arrays = {key: array for key, array in bundle.arrays.items() if key.startswith(("decoder/", "sigma_scale"))}
 
@@ -88,7 +88,7 @@ def baked(
 
 
 def _geometry(bundle: Bundle, wanted: TextureRequest, nodes: tuple[int, int]) -> Float[np.ndarray, "*nodes G"]:
-    """β everywhere; or at each corner of the texture's patches, if a field has it vary."""
+    """β of the texture; or at each corner of its patches, if it varies."""
     same = normalised(bundle, wanted.values, "beta")
     if not wanted.fields:
         return same
@@ -103,8 +103,8 @@ def _geometry(bundle: Bundle, wanted: TextureRequest, nodes: tuple[int, int]) ->
 def field_of(
     image: Float[np.ndarray, "H W"], square: tuple[float, float], repeats: bool
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """The nearest pixel of an image that lies over `square` patches along (u, v), its last row at v = 0; outside, the image
-    again or its edge."""
+    """Nearest-pixel lookup of an image over `square` patches along (u, v), its last row at v = 0; outside, the image repeats or
+    is clamped."""
     shape = np.array(image.shape[::-1])
 
     def value(at: np.ndarray) -> np.ndarray:

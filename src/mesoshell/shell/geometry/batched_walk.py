@@ -19,7 +19,7 @@ from mesoshell.shell.geometry.march import LOST, WALKING, Prisms, Ray, WalkState
 from mesoshell.typing import Array
 
 CAPACITY, CHUNK, STEPS = 4096, 128, 16
-#: Prisms after which a walk is given up as lost: only a shell of NaNs can need as many.
+#: Prisms after which a walk counts as lost: only a shell of NaNs can need so many.
 LONGEST = 4096
 
 
@@ -91,7 +91,7 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
     rays = Ray(*(x.astype(dtype) for x in parts))
     capacity = CAPACITY if dtype is np.float32 else CHUNK
     place = _in_batches(lambda r, p, c: _begin(prisms, r, p, c), count, (rays, starts.prism, starts.code), capacity)
-    found: list[Intervals] = []
+    compacted: list[Intervals] = []
     for _ in range(0, LONGEST, STEPS):
         walking = np.flatnonzero(place.exit == WALKING)
         if not len(walking):
@@ -103,9 +103,9 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
             for whole, new in zip(place, after, strict=True):
                 whole[part] = new[:n]
             valid = np.arange(STEPS)[:, None] < used[None, :n]
-            found.append(_compact(rows, valid, part))
+            compacted.append(_compact(rows, valid, part))
     place.exit[place.exit == WALKING] = LOST
-    intervals = Intervals(*(np.concatenate(c) for c in zip(*found, strict=True))) if found else no_intervals()
+    intervals = Intervals(*(np.concatenate(c) for c in zip(*compacted, strict=True))) if compacted else no_intervals()
     return Visits(intervals, place.exit, place.t, place.prism, place.bary, place.doubt)
 
 

@@ -2,14 +2,14 @@
 
 Notation
 uv          texture coordinates of a surface's corners, in patches: any range
-needed      patches that the surface touches, or comes nearer to than REACH patches: lookups of far views reach over
+needed      patches that the surface touches, or comes within REACH patches of: lookups from afar reach them
 """
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 REACH = 0.5
-#: Bytes of a texture in memory, with its mips: what wants more has too many patches on its mesh.
+#: Most bytes of a texture in memory, with its mips: more means too many patches on the mesh.
 MOST_BYTES = 6 * 2**30
 
 

@@ -1,4 +1,4 @@
-"""A mesh to a shell of prisms, one on each triangle (MesoGAN §4.2 and appendix A; Porumbescu et al. 2005, shell maps).
+"""From a mesh to a shell of prisms, one on each triangle (MesoGAN §4.2 and appendix A; Porumbescu et al. 2005, shell maps).
 
 Notation
 λ_i, h          barycentric coordinates and relative height of a point in a prism, h in [0, 1]
@@ -29,24 +29,24 @@ from mesoshell.geometry.mesh import Mesh, bounding_box, counted, uv_stretch
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.topology import pair_edges, split_fans
 
-#: Albedo of bare earth, linear Rec. 709: what lies under a shell where nothing is said.
+#: Albedo of bare earth, linear Rec. 709: the default under a shell.
 EARTH = (0.09, 0.06, 0.035)
 
 #: ε: a prism's cross-section, seen along its corner posts, keeps this share of its base. Below, float32 loses J.
 LEAST_AREA = 1e-2
-#: A face stands if its posts lean less than this cosine allows: twice ε, so that a small enough thickness exists.
+#: Least cosine between posts and normal of a face that can be extruded: twice ε, so that a small enough thickness exists.
 LEAST_COSINE = 2 * LEAST_AREA
-#: A round never scales by more than this, so that neighbours that tilt one another come to an end.
+#: A round shrinks at least by this factor, so that the rounds end where neighbours tilt one another.
 LEAST_SHRINK = 0.95
 ROUNDS = 256
-#: A shell is taken as flat as far as light crosses it at this cosine: what comes flatter leaves it no farther off, since a
-#: curved one is left sooner, and since what stands near would be passed by.
+#: Least cosine at which light crosses a shell that is taken as flat: flatter light leaves it no farther away, since a curved
+#: shell ends sooner, and since a longer way would skip nearby objects.
 FLATTEST = 0.25
-#: A change of the patch's size above this share is said.
+#: A relative change of the patch's size above this is noted.
 SAID_CHANGE = 0.05
 #: Thickness over the diagonal of the mesh's bounding box, where neither thickness nor scale is given.
 SHARE = 1 / 25
-#: Patches along the diagonal of the mesh's bounding box, at most: in single precision the texture has no finer place.
+#: Patches along the diagonal of the mesh's bounding box, at most: single precision resolves no finer texture.
 MOST_PATCHES = 1e6
 
 
@@ -54,7 +54,7 @@ MOST_PATCHES = 1e6
 class Shell:
     """P prisms over V vertices: the mesh's, then copies of those where surfaces touch that share no inner edge.
 
-    `notes` has one line for each way in which the shell departs from what was asked for.
+    `notes` has one line for each way in which the shell departs from the request.
     """
 
     base: Float[np.ndarray, "V 3"]  # float32
@@ -68,7 +68,7 @@ class Shell:
 
 
 def proportions(mesh: Mesh, height: float, thickness: float | None, scale: float | None) -> tuple[float, float]:
-    """Thickness and scale (world) of a material that was made `height` patches high. What is not given follows from the
+    """Thickness and scale (world) of a material that is `height` patches high. A value that is not given follows from the
     other; if neither is, from the mesh's size. Raises InputError for a number that is not positive and finite."""
     for name, value in (("thickness", thickness), ("scale", scale)):
         if value is not None and not 0 < value < np.inf:
@@ -90,9 +90,9 @@ def proportions(mesh: Mesh, height: float, thickness: float | None, scale: float
 def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float) -> Shell:
     """Grow a shell of a thickness (world; one for all vertices or one each) with patches of a size (world).
 
-    The thickness is reduced where the shell would fold, faces that cannot be extruded at all carry no prism, and
-    patches are resized so that a whole number fits into a UV unit (where one does): a UV square that closes on itself
-    then has no seam. Raises InputError for a thickness or scale that is not positive and finite.
+    The thickness is reduced where the shell would fold, faces that cannot be extruded at all carry no prism, and patches are
+    resized so that a whole number fits into a UV unit, if a unit holds any: a UV square that closes on itself then has no
+    seam. Raises InputError for a thickness or scale that is not positive and finite.
     """
     wanted = _check_thickness(thickness, len(mesh.vertices))
     patches, notes = _patches(uv_stretch(mesh), scale)
@@ -111,7 +111,7 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
         )
     if not stands.all():
         left = f"{(~stands).sum()} of {len(stands)} faces left out (first: face {np.argmin(stands)})"
-        notes.append(f"{left}: they fold at any thickness, for a vertex normal lies below them")
+        notes.append(f"{left}: they fold at any thickness, because a vertex normal lies below them")
     factor = (grown / wanted)[np.unique(faces[stands])]
     if (factor < 1).any():
         what = f"thickness reduced at {(factor < 1).sum()} of {len(base)} vertices, where the shell would fold"
@@ -124,13 +124,13 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
 
 
 def patches_per_uv(mesh: Mesh, shell: Shell) -> float:
-    """Texture patches along one UV unit: the ratio that extrusion has applied."""
+    """Texture patches along one UV unit, as extruded."""
     size = float(np.abs(mesh.uv).max())
     return float(np.abs(shell.uv).max()) / size if size > 0 else 1.0
 
 
 def transformed(shell: Shell, to_world: Float[np.ndarray, "4 4"]) -> Shell:
-    """The shell under an affine map, which takes height and thickness along. A mirrored one has its corners turned round."""
+    """The shell under an affine map, posts included. A mirrored shell has its corners' order reversed."""
     linear = to_world[:3, :3]
     base = shell.base.astype(np.float64) @ linear.T + to_world[:3, 3]
     offset = shell.offset.astype(np.float64) @ linear.T
@@ -150,7 +150,7 @@ def transformed(shell: Shell, to_world: Float[np.ndarray, "4 4"]) -> Shell:
 def _posts(
     mesh: Mesh,
 ) -> tuple[Int[np.ndarray, "F 3"], Float[np.ndarray, "W 3"], Float[np.ndarray, "W 3"], Int[np.ndarray, "W"]]:
-    """Faces, base points and unit directions with one post for each fan of faces, and the mesh's vertex each is at."""
+    """Faces, base points and unit directions with one post for each fan of faces, and each post's mesh vertex."""
     count = len(mesh.vertices)
     faces, copied = split_fans(mesh.faces, pair_edges(mesh.faces), count)
     origin = np.append(np.arange(count), copied)
@@ -204,7 +204,7 @@ def _unfold(
     wanted: Float[np.ndarray, "V"],
     faces: Int[np.ndarray, "P 3"],
 ) -> Float[np.ndarray, "V"]:
-    """The thickness at each vertex, at most the wanted one, that leaves no prism folded."""
+    """The thickness at each vertex, at most the given one, at which no prism is folded."""
     thickness, suspect = wanted.copy(), faces
     for _ in range(ROUNDS):
         offset = (direction * thickness[:, None]).astype(np.float32).astype(np.float64)
@@ -226,7 +226,7 @@ def _neighbours(faces: Int[np.ndarray, "P 3"]) -> tuple[Int[np.ndarray, "P 3"], 
 
 
 def _patches(stretch: float, scale: float) -> tuple[float, list[str]]:
-    """Patches a UV unit, and what to say if rounding them changed their size."""
+    """Patches per UV unit, and a note if rounding changed their size."""
     if not 0 < scale < np.inf:
         raise InputError(Argument("scale"), f"must be positive and finite, not {scale:g}")
     exact = stretch / scale

@@ -4,8 +4,8 @@ Notation
 n           unit normal of a face, of the base and of the top: between these is the third row of J⁻¹
 L           unit direction toward a distant light
 
-Where n · L > 0 on all faces of a convex mesh, nothing of the mesh stands between its shell and the light. Elsewhere it may: ρ
-fades to 0 only a little below the horizon, and what is behind the body is in its shadow.
+Where n · L > 0 on all faces of a convex mesh, no part of the mesh lies between its shell and the light. Elsewhere one may: ρ
+fades to 0 only a little below the horizon, and the mesh shadows what is behind it.
 """
 
 import numpy as np

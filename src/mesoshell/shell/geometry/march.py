@@ -29,8 +29,8 @@ TOP, BASE = 3, 4
 WALKING, LOST = -1, -2
 #: No face is met beyond its bounds by more than this, whatever its error bound.
 WIDEST = 1e-3
-#: A ray that misses every face by more than this is not in the prism: its walk ends there. (Float64 is told a ray's
-#: point to 1e-11 in a scene 1e5 away from the origin.)
+#: A ray that misses every face by more than this is not in the prism: its walk ends there. (In a scene 1e5 away from the
+#: origin, a ray's point is exact to 1e-11 in float64.)
 FAR_OFF = 1e-6
 
 
@@ -54,7 +54,7 @@ class Ray(NamedTuple):
 
 
 class WalkState(NamedTuple):
-    """Where a walk stands: prism, distance and its error bound, λ and h where it entered the prism, exit code, doubt."""
+    """State of a walk: prism, distance and its error bound, λ and h where it entered the prism, exit code, doubt."""
 
     prism: Index
     t: Scalar
@@ -86,7 +86,7 @@ def _local(prisms: Prisms, ray: Ray, prism: Index) -> tuple[Float[Array, "3 3"],
 def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> WalkState:
     """The place where a ray enters `prism` through face `code` (an outer face: top, base, or a side at a border).
 
-    Top and base are what an intersector reports, so they are taken at its word; of a side, only an exact crossing counts.
+    An intersector reports top and base, so they are trusted; at a side, only an exact crossing counts.
     """
     p, n = _local(prisms, ray, prism)
     d = ray.direction

@@ -55,7 +55,7 @@ class Frame(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A sample: ξ, its footprint."""
+    """A sample: ξ and its footprint."""
 
     xi: Vec3
     footprint: Footprint
@@ -117,7 +117,7 @@ def place_exact(chart: Chart, piece: Piece, at: Frame, f: Scalar) -> Vec3:
 
 
 class SampleBudget(NamedTuple):
-    """How a ray's budget falls on its intervals. count: samples of each interval; first: number of its first sample
+    """How a ray's samples are spread over its intervals. count: samples of each interval; first: number of its first sample
     within the ray; begin: canonical length of the ray before it; step: canonical length a sample stands for; shift: where in
     its share of the ray a sample lies, 0 to 1."""
 

@@ -14,10 +14,10 @@ tetrahedron over its corners, which encloses the bilinear side whatever its twis
     the base from behind       it ends there
     a border's tetrahedron     the exact side decides: it enters, or it leaves (walk backward), or it goes on
 
-A walk that leaves through top or border returns the ray to free space, where Embree is asked again; so any number of
-visits is found. A walk may come past something else (an object in the shell, the shell of another part): then Embree is
-asked from the walk's beginning, and what lies behind a surface is cut off. Where visits overlap, the later one begins
-where the earlier one ended: density is not counted twice.
+A walk that leaves through top or border returns the ray to free space, where Embree is queried again; so any number of
+visits is found. A walk may pass something else (an object in the shell, the shell of another part): then Embree is queried
+from the walk's beginning, and what lies behind a surface is cut off. Where visits overlap, the later one begins where the
+earlier one ended: density is not counted twice.
 
 Embree sees float32, the walk float64 where it must: a ray near an edge of the top first moves to the triangle that owns it
 in float64. A surface underneath that lets rays pass (`opaque` false) is for rays that begin outside the shell.
@@ -36,7 +36,7 @@ from mesoshell.shell.geometry.march import BASE, LOST, TOP, as_tables
 
 #: Step past a surface before free space begins again, relative to the scene's size.
 ADVANCE = 2e-6
-#: Origins beyond this are as good as infinite: float32 cannot square their distance.
+#: Origins beyond this count as infinite: the square of their distance overflows float32.
 REACH = 1e18
 #: Steps from the triangle that Embree reports to the one that owns the ray: at most half way round a vertex.
 HOPS = 16
@@ -109,9 +109,9 @@ class Boundary:
 
     def first_hit(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Triangle met first (−1: none), and its distance refined in float64 on the triangle's plane."""
-        found = self.scene.run((o - self.centre).astype(np.float32), d.astype(np.float32), output=True)
-        triangle = self._owner(np.where(found["geomID"] < 0, -1, found["primID"]), o, d)
-        rough = found["tfar"].astype(np.float64)
+        hits = self.scene.run((o - self.centre).astype(np.float32), d.astype(np.float32), output=True)
+        triangle = self._owner(np.where(hits["geomID"] < 0, -1, hits["primID"]), o, d)
+        rough = hits["tfar"].astype(np.float64)
         normal = self.normal[triangle]
         with np.errstate(divide="ignore", invalid="ignore"):
             exact = _dot(normal, self.corners[triangle, 0] - o) / _dot(normal, d)
@@ -119,7 +119,7 @@ class Boundary:
         return triangle, np.where(triangle < 0, np.inf, np.where(close, exact, rough))
 
     def _owner(self, triangle: np.ndarray, o: np.ndarray, d: np.ndarray) -> np.ndarray:
-        """The top's triangle that a ray meets in float64, from the one that float32 found: it or one close by."""
+        """The top's triangle that a ray meets in float64: the one that float32 met, or one nearby."""
         triangle = triangle.copy()
         rays = np.flatnonzero((triangle >= 0) & (self.code[triangle] == TOP))
         for _ in range(HOPS):
@@ -150,12 +150,12 @@ class Boundary:
         alive = np.flatnonzero(reachable & np.isfinite(d).all(axis=1) & (np.abs(length - 1) < 1e-3))
         while len(alive):
             alive = state.advance(alive)
-        found = _without_overlap([_cut(part, part.t0, state.end[part.ray]) for part in state.parts])
-        return Trace(found, state.end, state.face, state.bary, state.walked, state.redone)
+        intervals = _without_overlap([_cut(part, part.t0, state.end[part.ray]) for part in state.parts])
+        return Trace(intervals, state.end, state.face, state.bary, state.walked, state.redone)
 
 
 class _State:
-    """One `trace` under way: how far each ray has come, where it ended, and the intervals found."""
+    """One `trace` under way: how far each ray has come, where it ended, and its intervals so far."""
 
     def __init__(self, boundary: Boundary, o: np.ndarray, d: np.ndarray, exact: bool):
         self.boundary, self.o, self.d, self.exact = boundary, o, d, exact
@@ -168,7 +168,7 @@ class _State:
         self.walked = self.redone = 0
 
     def advance(self, rays: np.ndarray) -> np.ndarray:
-        """Ask Embree once for rays in free space, walk what enters, and return the rays that are in free space again."""
+        """Query Embree once for rays in free space, walk those that enter, and return the rays that are in free space again."""
         b = self.boundary
         triangle, t = b.first_hit(self.o[rays] + self.start[rays, None] * self.d[rays], self.d[rays])
         rays, triangle = rays[triangle >= 0], triangle[triangle >= 0]
@@ -197,7 +197,7 @@ class _State:
         return rays[passed | ~(on_base | (down & b.opaque))]
 
     def _passed(self, rays: np.ndarray, begin: np.ndarray, end: np.ndarray, entered: np.ndarray) -> np.ndarray:
-        """Whether a walk from `begin` to `end` came past something else: an object in the shell, another part's shell."""
+        """Whether a walk from `begin` to `end` passed something else: an object in the shell, another part's shell."""
         passed = entered & (begin < end)
         d = self.d[rays[passed]]
         _, t = self.boundary.first_hit(self.o[rays[passed]] + begin[passed, None] * d, d)
@@ -213,10 +213,10 @@ class _State:
         self.redone += redone
         i = seen.intervals
         t0, t1 = t[i.ray] + sense * i.t0, t[i.ray] + sense * i.t1
-        found = Intervals(rays[i.ray], i.prism, t0, t1, *i[4:])
+        intervals = Intervals(rays[i.ray], i.prism, t0, t1, *i[4:])
         if sense < 0:
-            found = Intervals(found.ray, i.prism, t1, t0, i.bary1, i.bary0, i.h1, i.h0)
-        self.parts.append(_cut(found, self.start[found.ray] if sense > 0 else np.zeros(len(found.ray))))
+            intervals = Intervals(intervals.ray, i.prism, t1, t0, i.bary1, i.bary0, i.h1, i.h0)
+        self.parts.append(_cut(intervals, self.start[intervals.ray] if sense > 0 else np.zeros(len(intervals.ray))))
         behind = (seen.t + t < self.start[rays]) & (sense > 0)  # a border's side crossed before this ray began
         return seen._replace(left=np.where(behind, LOST, seen.left))
 

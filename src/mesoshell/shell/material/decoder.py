@@ -2,14 +2,14 @@
 
 Notation
 F           F(u, v) + F(h)                                                    (C,)
-h           height; the network sees h and sin, cos of π·2ᵏ·h for `octaves` values of k
+h           height; the network's inputs are h and sin, cos of π·2ᵏ·h for `octaves` values of k
 α           appearance parameters                                             (A,)
 ω, ω′       toward the viewer, toward the light                               (3,), canonical
 σ           scale · softplus(x − 3), 1 / canonical length: a box begins a fifth to a half transparent
 ρ           softplus(y − 2), RGB, 1/sr
 
-Equation 3 gives σ and ρ by one network. Free flight and transmittance need σ before a light is chosen, so the trunk sees
-F, h and α only and carries σ; a head that also sees ω and ω′ carries ρ, and several lights share the trunk.
+Equation 3 gives σ and ρ by one network. Free flight and transmittance need σ before a light is chosen, so the trunk takes F, h
+and α only and gives σ; a head that also takes ω and ω′ gives ρ, and several lights share the trunk.
 Training sees the upper hemisphere: ω is clamped to the horizon, and ρ fades to 0 as ω′ sinks 0.1 below it.
 """
 

@@ -30,11 +30,11 @@ from mesoshell.typing import Array, Float, Scalar, Vec2, Vec3
 
 @dataclass(frozen=True)
 class Layout:
-    """What a compiled program must know of a material: sizes of both pyramids, texels a patch, height octaves, whether the
+    """Static facts of a material in a compiled program: sizes of both pyramids, texels a patch, height octaves, whether the
     texture has edges or is one patch that wraps around, the (u, v) at which one with edges begins, in whole patches, and how
     many cells there are along (v, u) if each has three planes of its own (shell/material/triplane) in place of one texture.
     nodes: how many there are along (v, u) if F(h) varies over the texture (shell/generator/nodes). period: patches along a
-    side of a texture that wraps around; colours: of corner tiles (io/corner_tiles), whose torus it is; their plane begins at
+    side of a texture that wraps around; colours: of corner tiles (io/corner_tiles), if it is their torus; their plane begins at
     origin."""
 
     sizes: Sizes
@@ -73,7 +73,7 @@ class Material(NamedTuple):
 
 
 class Point(NamedTuple):
-    """Where the field is asked: ξ, the filter there, and the appearance parameters."""
+    """Where the field is evaluated: ξ, the filter there, and the appearance parameters."""
 
     xi: Vec3
     radius: Scalar
@@ -89,7 +89,7 @@ class Field(NamedTuple):
 
 
 def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"]:
-    """What the decoder sees of a point: filtered F(u, v) + F(h), encoded height, α."""
+    """Decoder inputs at a point: filtered F(u, v) + F(h), encoded height, α."""
     encoded = net.encode_height(point.xi[2], layout.octaves)
     if layout.cells is not None:
         where = point.xi, point.radius, point.height_deviation
@@ -111,15 +111,15 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
 def _between_nodes(
     pyramid: Pyramid, layout: Layout, nodes: tuple[int, int], uv: Vec2, at: tuple[Scalar, Scalar]
 ) -> Float[Array, "C"]:
-    """F(h) at (u, v), from those of the four nodes around it. at: h and level."""
+    """F(h) at (u, v), from F(h) of the four nodes around it. at: h and level."""
     rows = sum(h for h, _ in layout.height_sizes)
     first = jnp.clip(jnp.floor(uv), 0, jnp.array(nodes[::-1], uv.dtype) - 2)
     fu, fv = jnp.clip(uv - first, 0, 1)
     u, v = first.astype(jnp.int32)
     corners = (((v + j) * nodes[1] + u + i) * rows for j in (0, 1) for i in (0, 1))
-    found = jnp.stack([mip.lookup_height(pyramid, layout.height_sizes, *at, first=row) for row in corners])
+    heights = jnp.stack([mip.lookup_height(pyramid, layout.height_sizes, *at, first=row) for row in corners])
     share = jnp.stack([(1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu])
-    return jnp.matmul(share, found, precision="highest")
+    return jnp.matmul(share, heights, precision="highest")
 
 
 def neural_field(material: Material, layout: Layout) -> Field:
@@ -128,7 +128,7 @@ def neural_field(material: Material, layout: Layout) -> Field:
     def density(point: Point) -> tuple[Scalar, Float[Array, "W"]]:
         return net.trunk(material.decoder, inputs(material, layout, point))
 
-    def transport(found: Float[Array, "W"], w: Vec3, w_light: Vec3) -> Vec3:
-        return net.head(material.decoder, net.toward_viewer(material.decoder, found, w), w_light)
+    def transport(features: Float[Array, "W"], w: Vec3, w_light: Vec3) -> Vec3:
+        return net.head(material.decoder, net.toward_viewer(material.decoder, features, w), w_light)
 
     return Field(density, transport)

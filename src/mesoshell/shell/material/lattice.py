@@ -1,8 +1,8 @@
-"""What the decoder sees at all (u, v) of two axes, at one height: as shell/material/field has it for one point.
+"""Decoder inputs at all (u, v) of two axes, at one height (shell/material/field has them for one point).
 
 Notation
 (v, u)      coordinates along each axis, in patches                               (V,), (U,)
-at          height, filter and appearance, the same for all; its (u, v) is not looked at
+at          height, filter and appearance, the same for all; its (u, v) is ignored
 nodes       of F(h), if geometry varies (shell/generator/nodes)
 """
 
@@ -42,7 +42,7 @@ def inputs_on_lattice(
 def _between_nodes(
     pyramid: Pyramid, layout: Layout, nodes: tuple[int, int], along: tuple[Array, Array], at: tuple[Scalar, Scalar]
 ) -> Float[Array, "V U C"]:
-    """F(h) at every (u, v), from that of all nodes. at: h and level."""
+    """F(h) at every (u, v), from F(h) of all nodes. at: h and level."""
     first = jnp.arange(nodes[0] * nodes[1]) * sum(h for h, _ in layout.height_sizes)
     every = jax.vmap(lambda row: mip.lookup_height(pyramid, layout.height_sizes, *at, first=row))(first)
     hats = [_hat(x, n) for x, n in zip(along, nodes, strict=True)]
@@ -50,6 +50,6 @@ def _between_nodes(
 
 
 def _hat(at: Float[Array, "n"], nodes: int) -> Float[Array, "n m"]:
-    """How much of each node a place on an axis takes."""
+    """Weights of the nodes for each position on an axis."""
     apart = jnp.clip(at, 0, nodes - 1)[:, None] - jnp.arange(nodes, dtype=at.dtype)[None]
     return jnp.maximum(0, 1 - jnp.abs(apart))

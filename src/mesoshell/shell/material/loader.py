@@ -28,7 +28,7 @@ class Grid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DeviceMaterial:
-    """A bundle ready to be evaluated: arrays, and what a compiled program must know of them."""
+    """A bundle ready to be evaluated: arrays, and their static layout."""
 
     material: Material
     layout: Layout

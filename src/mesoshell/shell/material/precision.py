@@ -1,18 +1,18 @@
 """What a decoder loses in 16 bits, against float64.
 
 Notation
-x           what the decoder sees of a point: F(u, v) + F(h), encoded h, α           (N, I)
+x           decoder inputs at a point: F(u, v) + F(h), encoded h, α                   (N, I)
 ω, ω′       toward the viewer, toward the light, both above the horizon              (N, 3), canonical
-a           opacity 1 − e^{−σℓ} of a step ℓ: what of σ a picture shows               (N,)
-aρ          its light; ρ alone is anything where there is nothing                    (N, 3)
+a           opacity 1 − e^{−σℓ} of a step ℓ: what a picture shows of σ               (N,)
+aρ          its light; ρ alone is arbitrary where σ is 0                            (N, 3)
 
-Short here means: weights, biases and what each layer sees are rounded to 16 bits; products are summed in float32, as matrix
-units do, and each output stays there. So σ = 30·softplus cannot overflow, and softplus keeps its tail: eˣ turns an absolute
-error of x into a relative one of σ, and bfloat16 is off by 0.03 at x = −10. Texture coordinates, directions before their
-rounding, optical depths and radiance are float32 in any case.
+Short here means: weights, biases and the inputs of each layer are rounded to 16 bits; products are summed in float32, as matrix
+units do, and each output stays in float32. So σ = 30·softplus cannot overflow, and softplus keeps its tail: eˣ turns an
+absolute error of x into a relative one of σ, and bfloat16 is off by 0.03 at x = −10. Texture coordinates, directions before
+their rounding, optical depths and radiance are float32 in any case.
 
-The network is written out a second time, in NumPy: float64 needs no switch of JAX's there, and a compiler is free to leave out
-roundings that it finds between its operations. Tests hold it to `mesoshell.shell.material.decoder`.
+The network is written a second time in NumPy: float64 needs no JAX setting there, and a compiler may drop roundings between
+its operations. Tests compare it with `mesoshell.shell.material.decoder`.
 """
 
 from typing import Any
@@ -33,8 +33,8 @@ SHORT = {"float16": np.dtype(np.float16), "bfloat16": jnp.dtype(jnp.bfloat16)}
 def decoder_error(
     decoder: Decoder, feature: Float[np.ndarray, "V U C"], height: Float[np.ndarray, "R C"], octaves: int
 ) -> dict[str, Any]:
-    """The bundle's `decoder_error`: by type, of `sigma` (a) and `rho` (aρ) the root mean square of the error over that of the
-    value, and the largest error over the largest value. None: a number overflows, the decoder cannot be used in that type.
+    """The bundle's `decoder_error`: for each type, of `sigma` (a) and `rho` (aρ) the root mean square of the error over that of
+    the value, and the largest error over the largest value. None: a number overflows, so the type cannot be used.
 
     At fixed random texels, heights, parameters and directions of one texture, features in half precision as a bundle's are.
     """
@@ -45,9 +45,9 @@ def decoder_error(
     for name, kind in SHORT.items():
         short_sigma, short_rho = decode(decoder, x, w, w_light, kind)
         short_a = -np.expm1(-STEP * short_sigma.astype(np.float64))
-        found = {"sigma": _error(short_a, a), "rho": _error(short_a[:, None] * short_rho, a[:, None] * rho)}
-        finite = np.isfinite([v for part in found.values() for v in part.values()]).all()
-        said[name] = found if finite and np.isfinite(short_sigma).all() else None
+        errors = {"sigma": _error(short_a, a), "rho": _error(short_a[:, None] * short_rho, a[:, None] * rho)}
+        finite = np.isfinite([v for part in errors.values() for v in part.values()]).all()
+        said[name] = errors if finite and np.isfinite(short_sigma).all() else None
     return said
 
 
@@ -97,8 +97,8 @@ def _points(
     return x, w, w_light
 
 
-def _error(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    off, least = np.abs(found - true), np.finfo(np.float64).tiny
+def _error(value: np.ndarray, true: np.ndarray) -> dict[str, float]:
+    off, least = np.abs(value - true), np.finfo(np.float64).tiny
     rms = np.sqrt(np.mean(off**2) / max(np.mean(true**2), least))
     largest = off.max() / max(np.abs(true).max(), least)
     return {"rms": float(f"{rms:.3g}"), "largest": float(f"{largest:.3g}")}

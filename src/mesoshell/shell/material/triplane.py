@@ -1,8 +1,8 @@
-"""Three planes in place of a plane and a height feature: what the method is compared with (MesoGAN, section 6.2).
+"""Three planes in place of a plane and a height feature: the baseline of MesoGAN, section 6.2.
 
 Notation
 plane        0 on (u, v), 1 on (u, h), 2 on (v, h), each of n × n texels a patch; F is the sum of the three
-cell         a patch of surface. Each has planes of its own: those on (u, h) and (v, h) say nothing beyond their patch
+cell         a patch of surface. Each has planes of its own: those on (u, h) and (v, h) end at its sides
 r, σ_h       standard deviations of the filter on the tangent plane, in patches, and along the height
 T            texels of one plane's pyramid
 
@@ -45,8 +45,8 @@ def lookup_planes(
     flat = mip.level_of(radius, float(texels), len(sizes) - 1)
     side = mip.level_of(jnp.minimum(radius, deviation), float(texels), len(sizes) - 1)
     places = ((u, v, flat), (u, xi[2], side), (v, xi[2], side))
-    found = [
+    features = [
         mip.lookup(pyramid, sizes, jnp.stack([x, y]), level, float(texels), first + k * rows)
         for k, (x, y, level) in enumerate(places)
     ]
-    return found[0] + found[1] + found[2]
+    return features[0] + features[1] + features[2]

@@ -1,7 +1,7 @@
-"""The compiled parts of the renderer: one program for each thing asked of many samples.
+"""The compiled parts of the renderer: one program for each evaluation of many samples.
 
 Each kernel works on padded arrays of a fixed capacity and a count, in tiles (`nets/mlp.in_tiles`), so that it is compiled
-once whatever the scene. What an effect needs is traced only if the effect is on: `StaticConfig` is a static argument, and two
+once whatever the scene. An effect is traced only if it is on: `StaticConfig` is a static argument, and two
 scenes that call for the same effects share a compiled program.
 
 Notation
@@ -67,8 +67,8 @@ def frames(chart: Chart, pieces: Piece, count: Array) -> Frame:
     like = ((3, jnp.float32), (3, jnp.float32), (0, jnp.float32), (9, jnp.float32))
 
     def tile(p: Piece) -> tuple:
-        found = jax.vmap(frame, in_axes=(None, 0))(chart, p)
-        return found.xi0, found.xi1, found.length, found.inverse.reshape(-1, 9)
+        frames = jax.vmap(frame, in_axes=(None, 0))(chart, p)
+        return frames.xi0, frames.xi1, frames.length, frames.inverse.reshape(-1, 9)
 
     xi0, xi1, length, inverse = in_tiles(tile, count, (pieces,), like)
     return Frame(xi0, xi1, length, inverse.reshape(-1, 3, 3))
@@ -160,8 +160,8 @@ def _inputs(program: StaticConfig, table: DeviceTables, xi: Vec3, footprint: Foo
 def gaussian_taps(n: int) -> tuple[Array, Array]:
     """Positions and weights of n taps of a Gaussian cut at ±2.3 standard deviations, scaled to variance 1 (n = 1: 0).
 
-    The cut, and the taps' radius of 0.35 spacings, balance what is cut off, gaps between taps, and blur across the axis:
-    of 16 taps the error stays below 2% of the texture's standard deviation up to an ellipse of 8 : 1.
+    The cut, and the taps' radius of 0.35 spacings, balance truncation, gaps between taps, and blur across the axis:
+    with 16 taps the error stays below 2% of the texture's standard deviation up to an ellipse of 8 : 1.
     """
     positions = (jnp.arange(n, dtype=jnp.float32) + 0.5) / n * 4.6 - 2.3
     weights = jax.nn.softmax(-positions * positions / 2)
@@ -180,8 +180,8 @@ def density(
             xi, footprint = _sample(program, table, pieces, at, s)
             return _inputs(program, table, xi, footprint)
 
-        sigma, found = net.trunk(table.material.decoder, jax.vmap(one)(s))
-        return optical_depth(sigma, s.step), found
+        sigma, features = net.trunk(table.material.decoder, jax.vmap(one)(s))
+        return optical_depth(sigma, s.step), features
 
     return in_tiles(tile, count, (samples,), ((0, jnp.float32), (width, jnp.float32)))
 
@@ -201,18 +201,18 @@ def density_at(program: StaticConfig, table: DeviceTables, xi: Array, radius: Ar
 
 @jax.jit
 def transport(
-    table: DeviceTables, at: Frame, pieces: Piece, found: Array, where: Array, row: Array, light: Array, count: Array
+    table: DeviceTables, at: Frame, pieces: Piece, features: Array, where: Array, row: Array, light: Array, count: Array
 ) -> Array:
     """ρ(ω, ω′) of samples and lights, (S, L, 3).
 
-    found: trunk features as `density` gave them, and where: the samples' rows in them; row: the samples' intervals; light:
+    features: trunk features from `density`, and where: the samples' rows in them; row: the samples' intervals; light:
     (S, L, 3) world directions toward the lights.
     """
     decoder, lights = table.material.decoder, light.shape[1]
 
     def tile(where: Array, row: Array, light: Array) -> tuple[Array]:
         inverse, d = at.inverse[row], pieces.direction[row]
-        shared = net.toward_viewer(decoder, found[where], jax.vmap(net.direction)(inverse, -d))
+        shared = net.toward_viewer(decoder, features[where], jax.vmap(net.direction)(inverse, -d))
         one = lambda toward: net.head(decoder, shared, jax.vmap(net.direction)(inverse, toward))  # noqa: E731
         rho = jax.lax.map(one, light.swapaxes(0, 1))
         return (rho.swapaxes(0, 1).reshape(-1, lights * 3),)

@@ -81,13 +81,13 @@ class Lighting:
         return beams(self.scene.lights, sky, self.quality.environment_samples, count, random)
 
     def transport(
-        self, tile: Tile, found: Array, where: np.ndarray, row: np.ndarray, ray: np.ndarray, pieces: Piece, at: Frame
+        self, tile: Tile, features: Array, where: np.ndarray, row: np.ndarray, ray: np.ndarray, pieces: Piece, at: Frame
     ) -> Float[np.ndarray, "S L 3"]:
-        """ρ of samples toward every light. found: trunk features on the device, where: the samples' rows in them."""
+        """ρ of samples toward every light. features: trunk features on the device, where: the samples' rows in them."""
         toward = np.stack([beam.toward[ray] for beam in tile.beams], axis=1).astype(np.float32)
         self.report.count(transport_queries=len(row) * len(tile.beams))
         return run(
-            lambda k, r, w, n: kernels.transport(self.table, at, pieces, found, k, r, w, n),
+            lambda k, r, w, n: kernels.transport(self.table, at, pieces, features, k, r, w, n),
             where.astype(np.int32),
             row,
             toward,
@@ -127,7 +127,7 @@ class Lighting:
         return rgb
 
     def surfaces(self, tile: Tile, traced: Trace, through: Float[np.ndarray, "R"]) -> Float[np.ndarray, "R 3"]:
-        """What the surface at each ray's end reflects toward it; 0 where it has none, or where the shell hides it."""
+        """What the surface at each ray's end reflects toward it; 0 without a surface, or where the shell hides it."""
         clock = time.perf_counter()
         o, d = tile.o, tile.d
         rgb = np.zeros((len(o), 3))

@@ -6,8 +6,8 @@ R, I, S     rays, intervals, samples of one tile of rays
 ρ           transport; a sample adds w ρ E⊥ for each light that its interval sees
 
 Work is compacted at every stage: rays that meet nothing make no intervals, samples in empty space (by the bundle's σ grid)
-are not decoded, rays whose transmittance has fallen below `early_stop` get no further wave of samples, and light is
-computed only for samples whose weight exceeds `Quality.least_weight`. Image tiles bound the memory, whatever the image's size.
+are not decoded, rays whose transmittance has fallen below `early_stop` get no further wave of samples, and lighting skips
+samples whose weight is below `Quality.least_weight`. Image tiles bound the memory, whatever the image's size.
 """
 
 import time
@@ -38,7 +38,7 @@ RAYS, WAVE = 32768, 8
 def render(
     scene: Scene, quality: Quality, effects: Effects, progress: Callable[[float], None] = lambda share: None
 ) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
-    """Linear RGBA, premultiplied, (H, W, 4), and what it took. progress: called with the share done, 0 to 1."""
+    """Linear RGBA, premultiplied, (H, W, 4), and a report. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
     renderer, samples = _Renderer(scene, quality, effects, report), quality.pixel_samples
 
@@ -85,7 +85,7 @@ class _Renderer:
     def tile(
         self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], shift: float, random: np.random.Generator
     ) -> Float[np.ndarray, "R 4"]:
-        """Premultiplied RGBA of rays. shift: of their samples; the rays of a pixel have theirs at other places."""
+        """Premultiplied RGBA of rays. shift: of samples along their ray; it differs between the rays of a pixel."""
         clock = time.perf_counter()
         traced = self.boundary.trace(o, d)
         clock = self.report.time("trace", clock)
@@ -161,13 +161,13 @@ class _Renderer:
             if not len(chosen):
                 break
             some, owner = take(samples, chosen), ray[chosen]
-            found = batches(density, *some)
-            tau = np.concatenate([np.asarray(x) for x, _ in found])[: len(chosen)]
+            decoded = batches(density, *some)
+            tau = np.concatenate([np.asarray(x) for x, _ in decoded])[: len(chosen)]
             clock = self.report.time("decode", clock)
             weight, depth = accumulate(depth, owner, tau)
             heavy = np.flatnonzero(weight > self.quality.least_weight)
-            edges = np.searchsorted(heavy, np.arange(len(found) + 1) * CAPACITY)
-            for k, (_, features) in enumerate(found):
+            edges = np.searchsorted(heavy, np.arange(len(decoded) + 1) * CAPACITY)
+            for k, (_, features) in enumerate(decoded):
                 own = heavy[edges[k] : edges[k + 1]]
                 if len(own) and tile.beams:
                     rho = self.lighting.transport(
@@ -183,7 +183,9 @@ def accumulate(
     depth: Float[np.ndarray, "R"], owner: np.ndarray, tau: Float[np.ndarray, "S"]
 ) -> tuple[Float[np.ndarray, "S"], Float[np.ndarray, "R"]]:
     """Weights of samples sorted by ray and distance, given each ray's depth so far; and the depths after them."""
-    capped = np.minimum(tau, 1e3).astype(np.float64)  # opaque already: more would only cost the next rays' digits
+    capped = np.minimum(tau, 1e3).astype(
+        np.float64
+    )  # opaque already: more would only cost precision of the next rays' sums
     through = np.cumsum(capped)
     first = np.searchsorted(owner, owner)  # index of the ray's first sample here
     before = depth[owner] + (through - capped) - (through[first] - capped[first])

@@ -1,4 +1,4 @@
-"""What there is to render: a mesh under a shell, a material, a camera and lights.
+"""A scene to render: a mesh under a shell, a material, a camera and lights.
 
 Notation
 α           appearance parameters in the order of the bundle, each normalised to [0, 1] by its range

@@ -26,11 +26,11 @@ demo: .venv/installed
 
 test: .venv/installed-dev
 	+$(MAKE) -j 2 lint docs $(BLENDER) nojax
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=25
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder --durations=25
 
 test-all: .venv/installed-dev
 	+$(MAKE) -j 2 lint docs $(BLENDER) nojax
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=10 -m "slow or not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder --durations=10 -m "slow or not slow"
 
 test-gpu: .venv/installed-dev
 	@$(BIN)/python -m benchmarks.accelerator --find

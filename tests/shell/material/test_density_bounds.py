@@ -38,4 +38,4 @@ def test_rounding_a_bound_never_lowers_it() -> None:
     ratio = rounded_up(sigma).astype(np.float64) / sigma
     assert ratio.min() > 1 - 2**-10
     assert ratio.max() < 1 + 2**-4 + 2**-10
-    assert (rounded_up(np.float32([0.0, 6.5e4, 1e30])) == np.float16([0.0, 63488.0, 63488.0])).all()
+    assert (rounded_up(np.asarray([0.0, 6.5e4, 1e30], np.float32)) == np.asarray([0.0, 63488.0, 63488.0])).all()

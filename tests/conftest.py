@@ -69,7 +69,7 @@ def _forgotten_after():
     yield
     if next(_FILES) % 8 == 0:
         jax.clear_caches()
-        gc.collect()
+    gc.collect()  # what a file left open is told of there, and not in another file
 
 
 def _optimise(on: bool) -> None:

@@ -49,7 +49,8 @@ def test_a_constant_field_is_the_constant(bundle) -> None:
     varying = made(bundle, lambda at: np.full(at.shape[:-1], 0.25), size)
     same = baked(bundle, "it", size, TextureRequest(7, {"length": 1.5}))[0]
     for key in same.arrays:
-        np.testing.assert_allclose(varying.arrays[key], same.arrays[key], rtol=2e-3, atol=2e-3, err_msg=key)
+        rounding = 1 / 16 if key.startswith("grid/") else 0  # bounds keep four bits
+        np.testing.assert_allclose(varying.arrays[key], same.arrays[key], rtol=2e-3 + rounding, atol=2e-3, err_msg=key)
     assert varying.arrays["heights/0"].shape == (4, 6, *same.arrays["height/0"].shape)
     found, expected = ready(varying), ready(same)
     for xi in ([0.3, 0.2, 0.1], [4.3, 2.1, 0.9], [2.0, 1.0, 0.5]):

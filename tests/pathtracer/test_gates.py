@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
+from mesoshell.io.bundle import write_bundle
 from mesoshell.pathtracer import traversal
 from mesoshell.render.effects import Effect
 from mesoshell.render.quality import PRESETS, Quality
-from tests.helpers.path_traced import QUALITY, loaded, placed, scene, shell
+from tests.helpers.path_traced import QUALITY, constant, loaded, placed, scene, shell
 
 SUN = {"type": "directional", "direction": [-0.3, 0.2, -1.0], "irradiance": 3.0}
 #: An effect, and what turns it on beside what it is in a plain scene of a depth: effects that it needs.
@@ -52,6 +53,16 @@ def test_an_effect_that_is_off_is_not_compiled(materials, name: str, depth: int,
         world.effects = replace(plain, **{name: Effect(on, "for the test")})
         counts.append(operations(made))
     assert 0 < counts[0] < counts[1], counts
+
+
+def test_only_corner_tiles_are_hashed(materials, tiled_bundle) -> None:
+    """Of the same constant, as one patch and as sixteen tiles: the same picture, and more operations."""
+    write_bundle(materials / "tiled.npz", constant(tiled_bundle, 1.0, 0.2))
+    made = [loaded(scene(shell(materials, name), light=SUN, depth=2), QUALITY) for name in ("thin", "tiled")]
+    plain, tiled = (mi.render(each, spp=4, seed=1).numpy() for each in made)
+    assert plain[..., :3].mean() > 1e-3
+    np.testing.assert_allclose(plain, tiled, rtol=1e-4, atol=1e-6)
+    assert operations(made[0]) < operations(made[1])
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from mesoshell.io.corner_tiles import FACTORS
 from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport
 from mesoshell.shell.geometry.sampling import spread
@@ -67,6 +68,16 @@ def test_an_effect_that_is_off_is_not_compiled(lowered, off: dict, on: dict):
 
 def test_taps_without_filtering_change_nothing(lowered):
     assert lowered(taps=16) == lowered()
+
+
+def test_only_corner_tiles_are_hashed(tiny_bundle, tiled_bundle):
+    """The hash's factors stand in the program of a material that has tiles, and in no other."""
+    empty, hashed = Samples(*(jnp.zeros(4096, t) for t in (jnp.int32, jnp.float32, jnp.float32, jnp.float32))), []
+    for bundle in (tiny_bundle, tiled_bundle):
+        renderer, (_, _, pieces, at, _) = setting(scenes.slab(bundle), scenes.FULL)
+        text = kernels.density.lower(renderer.program, renderer.table, pieces, at, empty, np.int32(0)).as_text()
+        hashed.append([str(factor) in text for factor in FACTORS])
+    assert hashed == [[False, False], [True, True]]
 
 
 def test_the_same_effects_share_a_program(tiny_bundle):

@@ -1,0 +1,99 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Corner tiles: a fitted material without rows
+#
+# One fitted patch, laid again and again, stands in rows. `turf` is sixteen patches that fit together in many orders. Here: the
+# sixteen, how a plane is laid of them, and what that does to rows.
+
+# %%
+import matplotlib.pyplot as plt
+import numpy as np
+
+import mesoshell as ms
+from mesoshell.io.corner_tiles import SIDE, seed_origin
+from mesoshell.measure import above
+from mesoshell.measure.repetition import largest_repeat
+from mesoshell.shell.material.corner_tiles import on_torus
+from mesoshell.shell.material.loader import ready
+
+turf, grass = ms.load_material("turf").shell, ms.load_material("grass").shell
+colours = np.array(turf.tiles)
+print({name: f"{bundle.arrays['features/0'].shape} texels, channels" for name, bundle in (("turf", turf), ("grass", grass))})
+
+
+# %%
+def picture(bundle, patches, pixels, seed=0):
+    """A field from straight above, under an aslant light, at age 0."""
+    material = ready(bundle, seed_origin(seed) if bundle.tiles else (0, 0))
+    return above.picture(material, np.zeros(1, np.float32), (patches, pixels), (0.6, 0.0, 0.8), 32)
+
+
+def show(ax, image, patches, title):
+    ax.imshow(image, origin="lower", extent=(0, patches, 0, patches))
+    ax.set(title=title, xticks=[], yticks=[])
+
+
+# %% [markdown]
+# ## Sixteen tiles
+#
+# Each corner of the patch lattice has one of two colours, here black and white. A tile is named by the colours of its four
+# corners, so there are 16. Blades that cross an edge follow from that edge's two colours: two tiles that share them fit. On a
+# torus of 4 × 4 patches each tile lies once; the fit learns that torus.
+
+# %%
+TORUS, PIXELS = 4, 48
+# a plane that shows the torus itself: each corner asks for the colour that it has there
+flat = picture(turf, 32, PIXELS)
+where = np.array([[on_torus(turf.tiles, (0, 0), np.float32([i + 0.5, j + 0.5])) for i in range(32)] for j in range(32)])
+tile = np.floor(where).astype(int) @ [1, SIDE]
+
+
+def cut(number):
+    """One tile, where the plane shows it first."""
+    j, i = np.argwhere(tile == number)[0] * PIXELS
+    return flat[j : j + PIXELS, i : i + PIXELS]
+
+
+fig, axes = plt.subplots(SIDE, SIDE, figsize=(6, 6), gridspec_kw={"wspace": 0.12, "hspace": 0.12})
+for number, ax in enumerate(axes[::-1].ravel()):
+    show(ax, cut(number), 1, "")
+    i, j = number % SIDE, number // SIDE
+    for a, b in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        colour = colours[(j + b) % SIDE, (i + a) % SIDE]
+        ax.plot(a, b, "o", color=str(float(colour)), markeredgecolor="grey", markersize=9, clip_on=False)
+plt.show()
+
+# %% [markdown]
+# ## A field, before and after
+#
+# A hash of a corner's place is its colour, so a plane needs no memory and has no end. The largest repeat is the largest
+# autocorrelation of the picture at lags of a patch or more: 1 for a patch that repeats.
+
+# %%
+fields = {"grass: one patch": picture(grass, 12, 24), "turf: sixteen tiles": picture(turf, 12, 24)}
+fig, axes = plt.subplots(1, 2, figsize=(10, 5))
+for ax, (name, image) in zip(axes, fields.items(), strict=True):
+    show(ax, image, 12, f"{name}, repeat {largest_repeat(image, 24)[0]:.2f}")
+plt.show()
+
+# %% [markdown]
+# ## Seeds
+#
+# A seed is another part of the plane, far away. `mesoshell render field.obj --material turf --seed 7` does the same.
+
+# %%
+fig, axes = plt.subplots(1, 3, figsize=(12, 4))
+for seed, ax in enumerate(axes):
+    image = picture(turf, 12, 24, seed)
+    show(ax, image, 12, f"seed {seed}, repeat {largest_repeat(image, 24)[0]:.2f}")
+plt.show()

@@ -16,6 +16,9 @@
 # sixteen, how a plane is laid of them, and what that does to rows.
 
 # %%
+from functools import partial
+
+import jax
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -28,18 +31,23 @@ from mesoshell.shell.material.loader import ready
 
 turf, grass = ms.load_material("turf").shell, ms.load_material("grass").shell
 colours = np.array(turf.tiles)
-print({name: f"{bundle.arrays['features/0'].shape} texels, channels" for name, bundle in (("turf", turf), ("grass", grass))})
+print(
+    {
+        name: f"{bundle.arrays['features/0'].shape} texels, channels"
+        for name, bundle in (("turf", turf), ("grass", grass))
+    }
+)
 
 
 # %%
 def picture(bundle, patches, pixels, seed=0):
-    """A field from straight above, under an aslant light, at age 0."""
+    """A field from straight above, under an aslant light, at age 0, in x/(1 + x)."""
     material = ready(bundle, seed_origin(seed) if bundle.tiles else (0, 0))
     return above.picture(material, np.zeros(1, np.float32), (patches, pixels), (0.6, 0.0, 0.8), 32)
 
 
 def show(ax, image, patches, title):
-    ax.imshow(image, origin="lower", extent=(0, patches, 0, patches))
+    ax.imshow(image ** (1 / 2.2), origin="lower", extent=(0, patches, 0, patches))
     ax.set(title=title, xticks=[], yticks=[])
 
 
@@ -51,17 +59,17 @@ def show(ax, image, patches, title):
 # torus of 4 × 4 patches each tile lies once; the fit learns that torus.
 
 # %%
-TORUS, PIXELS = 4, 48
-# a plane that shows the torus itself: each corner asks for the colour that it has there
-flat = picture(turf, 32, PIXELS)
-where = np.array([[on_torus(turf.tiles, (0, 0), np.float32([i + 0.5, j + 0.5])) for i in range(32)] for j in range(32)])
-tile = np.floor(where).astype(int) @ [1, SIDE]
+PATCHES, PIXELS = 12, 64
+plane = picture(turf, PATCHES, PIXELS)
+middles = np.arange(PATCHES, dtype=np.float32) + 0.5
+looked_up = jax.vmap(partial(on_torus, turf.tiles, (0, 0)))(np.stack(np.meshgrid(middles, middles), -1).reshape(-1, 2))
+tile = np.floor(looked_up).astype(int).reshape(PATCHES, PATCHES, 2) @ [1, SIDE]
 
 
 def cut(number):
     """One tile, where the plane shows it first."""
     j, i = np.argwhere(tile == number)[0] * PIXELS
-    return flat[j : j + PIXELS, i : i + PIXELS]
+    return plane[j : j + PIXELS, i : i + PIXELS]
 
 
 fig, axes = plt.subplots(SIDE, SIDE, figsize=(6, 6), gridspec_kw={"wspace": 0.12, "hspace": 0.12})

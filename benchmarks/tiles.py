@@ -1,11 +1,12 @@
-"""What corner tiles cost a render: the bundled patch, and the same patch as all sixteen tiles, which is the same picture.
+"""What corner tiles cost a render: a patch, and the same patch as all sixteen tiles, which is the same picture.
 
-    python -m benchmarks.tiles
+    python -m benchmarks.tiles [MATERIAL]
 
 Both are rendered in turn, the first time to compile; then the least of three. The ratio is that of the lookup: samples,
 decoding and light are the same.
 """
 
+import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +27,7 @@ def main() -> None:
     corners = np.array([[0, 0, 0], [12, 0, 0], [12, 0, -12], [0, 0, -12]], np.float64)
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     field = check_mesh(corners, faces, (corners[:, [0, 2]] * [1, -1] / 12)[faces], "field")
-    one = read_bundle(find("grass"))
+    one = read_bundle(find(sys.argv[1] if len(sys.argv) > 1 else "grass"))
     with tempfile.TemporaryDirectory() as folder:
         paths = {"one patch": Path(folder) / "one.npz", "sixteen tiles": Path(folder) / "tiles.npz"}
         for path, bundle in zip(paths.values(), (one, as_tiles(one)), strict=True):

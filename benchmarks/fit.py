@@ -27,9 +27,10 @@ def main() -> None:
     from mesoshell.io.dataset import read_dataset
     from mesoshell.io.exemplars import read_exemplars
     from mesoshell.io.records import read_rows
+    from mesoshell.train.fit.feed import fitted
     from mesoshell.train.fit.holdout import score
     from mesoshell.train.fit.patch_rays import shots_of
-    from mesoshell.train.fit.step import FitConfig, fitted, given
+    from mesoshell.train.fit.state import FitConfig, given
     from mesoshell.train.malloc import keep_memory
     from mesoshell.train.run import train
     from mesoshell.train.run_config import snapshots

@@ -26,7 +26,7 @@ from data_gen.tiles import COLOURS  # noqa: E402
 from mesoshell.io.bundle import Bundle, Parameter  # noqa: E402
 from mesoshell.shell.material.decoder import init_decoder  # noqa: E402
 from mesoshell.train.export import to_bundle  # noqa: E402
-from mesoshell.train.fit.step import Common, FitConfig  # noqa: E402
+from mesoshell.train.fit.state import Common, FitConfig  # noqa: E402
 
 gc.freeze()
 gc.set_threshold(100_000, 50, 100)

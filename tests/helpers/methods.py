@@ -16,7 +16,7 @@ from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.surface_material.network import SurfaceConfig
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.export import decoder_arrays
-from mesoshell.train.fit.step import FitConfig
+from mesoshell.train.fit.state import FitConfig
 from mesoshell.train.method import Method, method_of
 from mesoshell.train.surface.step import SurfaceTraining
 from mesoshell.train.textures.state import TexturesConfig

@@ -16,8 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mesoshell.train.fit.feed import feed, fitted
 from mesoshell.train.fit.patch_rays import shots_of
-from mesoshell.train.fit.step import FitConfig, feed, fitted, start, step
+from mesoshell.train.fit.state import FitConfig
+from mesoshell.train.fit.step import start, step
 from mesoshell.train.parallel import spread_step
 from tests.helpers.patch_images import of_tiles
 from tests.helpers.same_trees import apart

@@ -8,7 +8,7 @@ import pytest
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.measure.evaluation import FILE, evaluation, with_scores
-from mesoshell.train.fit.step import FitConfig
+from mesoshell.train.fit.state import FitConfig
 
 
 def test_a_run_without_pictures_is_not_evaluated() -> None:

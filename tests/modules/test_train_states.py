@@ -14,7 +14,7 @@ from mesoshell.errors import InputError
 from mesoshell.shell.generator.generator import draw_phases
 from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.fit import step as fit
+from mesoshell.train.fit.state import FitConfig
 from mesoshell.train.gan import state
 from mesoshell.train.gan.presets import TINY
 from mesoshell.train.nerf_tex import network as parametric
@@ -114,4 +114,4 @@ def test_train_states_of_a_checkpoint(tmp_path: Path) -> None:
 
 def test_a_fit_of_patches_has_none() -> None:
     with pytest.raises(InputError, match="config: a fit of patches has no train state"):
-        ms.modules.train_states(fit.FitConfig(), None)
+        ms.modules.train_states(FitConfig(), None)

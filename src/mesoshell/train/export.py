@@ -26,7 +26,7 @@ from mesoshell.shell.material.field import Layout, Material
 from mesoshell.shell.material.loader import decoder_of
 from mesoshell.shell.material.precision import decoder_error
 from mesoshell.texture import mip
-from mesoshell.train.fit.step import Common, FitConfig
+from mesoshell.train.fit.state import Common, FitConfig
 from mesoshell.train.gan.state import Learner, TrainConfig
 from mesoshell.typing import Array, Float
 

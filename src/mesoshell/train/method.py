@@ -16,6 +16,7 @@ from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.exemplars import Exemplars, read_exemplars
 from mesoshell.io.query_dataset import Patches, read_patches
 from mesoshell.neutex.capture import Capture
+from mesoshell.train.fit import feed as fit_feed
 from mesoshell.train.fit import snapshot as fit_snapshot
 from mesoshell.train.fit import step as fit
 from mesoshell.train.fit.patch_rays import Shots, shots_of
@@ -122,8 +123,8 @@ ATLAS = Method(
 )
 FIT = Method(
     read=lambda config, data: shots_of([read_dataset(data["folder"])], config.held),
-    fitted=fit.fitted,
-    feed=fit.feed,
+    fitted=fit_feed.fitted,
+    feed=fit_feed.feed,
     start=fit.start,
     step=fit.step,
     parts=lambda state: {"shared": state.common, "textures": state.own.feature},

@@ -22,7 +22,7 @@ from mesoshell.io.query_dataset import Patches
 from mesoshell.io.records import read_object, read_rows
 from mesoshell.neutex.capture import Capture
 from mesoshell.train.fit.patch_rays import Shots
-from mesoshell.train.fit.step import FitConfig
+from mesoshell.train.fit.state import FitConfig
 from mesoshell.train.gan.state import TrainConfig
 from mesoshell.train.nerf_tex.network import ParametricConfig
 from mesoshell.train.neutex.step import AtlasTraining

@@ -51,6 +51,7 @@ from mesoshell.train.fit import patch_rays
 from mesoshell.train.fit import step as fit
 from mesoshell.train.fit.patch_rays import Shots
 from mesoshell.train.fit.slab_pixels import predict
+from mesoshell.train.fit.state import FitConfig, material_of
 from mesoshell.train.gan import snapshot
 from mesoshell.train.gan import state as gan
 from mesoshell.train.gan import step as gan_step
@@ -276,7 +277,7 @@ def _of_training() -> Programs:
     def steps(config: gan.TrainConfig) -> Callable[[], Any]:
         return _plain(partial(gan_step.step, config), jax.eval_shape(lambda: gan.start(config, KEY)), SHOWN)
 
-    fitting = fit.FitConfig(
+    fitting = FitConfig(
         texels=16, channels=4, height_rows=8, octaves=1, trunk=(8,), head=(8,), batch=2, rays=256, candidates=16
     )
     fitting = replace(fitting, appearance=1)
@@ -287,7 +288,7 @@ def _of_training() -> Programs:
         i(2), f(2, 256, 3), f(2, 256, 3), f(2, 256), f(2, 256, 3), f(2, 256, 3), f(2, 256, 1), f(2, 256, 4), u(2, 2)
     )
     row = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), rays)
-    material = jax.eval_shape(lambda s: fit.material_of(s.common, s.own.feature[0]), begun)
+    material = jax.eval_shape(lambda s: material_of(s.common, s.own.feature[0]), begun)
     network = jax.eval_shape(lambda: parametric.start(PARAMETRIC, KEY))
     judge = efficientnet.Conv(f(3, 3, 4, 4), f(4))
     return {

@@ -20,12 +20,14 @@ from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.train import run
 from mesoshell.train.export import patch_bundle
+from mesoshell.train.fit.feed import feed, fitted
 from mesoshell.train.fit.holdout import score
 from mesoshell.train.fit.patch_rays import Rays, Shots, shots_of
 from mesoshell.train.fit.result import conclude
 from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.fit.snapshot import exemplars, provenance
-from mesoshell.train.fit.step import FitConfig, FitState, feed, fitted, material_of, start, step, texture_of
+from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
+from mesoshell.train.fit.step import start, step
 from mesoshell.train.textures.state import TexturesConfig
 from mesoshell.train.textures.state import fitted as fitted_textures
 from mesoshell.typing import Scalar

@@ -20,7 +20,7 @@ from mesoshell.measure.image import psnr, psnr_blocks, psnr_masked, ssim
 from mesoshell.shell.material.field import Material
 from mesoshell.train.fit.patch_rays import Rays, Shots, rays_at
 from mesoshell.train.fit.slab_pixels import predict
-from mesoshell.train.fit.step import FitConfig
+from mesoshell.train.fit.state import FitConfig
 
 #: The material of each patch.
 Fitted = Callable[[int], Material]

@@ -17,10 +17,11 @@ from mesoshell.io.exemplars import Exemplars
 from mesoshell.io.names import distinct_names
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared, to_bundle
+from mesoshell.train.fit.feed import fitted
 from mesoshell.train.fit.holdout import Scores, score
 from mesoshell.train.fit.patch_rays import Shots, shots_of
 from mesoshell.train.fit.snapshot import exemplars, provenance
-from mesoshell.train.fit.step import FitConfig, FitState, fitted, material_of, texture_of
+from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
 from mesoshell.train.parallel import rows_of
 
 

@@ -18,7 +18,7 @@ from mesoshell.io.sheet import tiled
 from mesoshell.train.export import declared, decoder_arrays
 from mesoshell.train.fit.holdout import picture_pair
 from mesoshell.train.fit.patch_rays import Shots
-from mesoshell.train.fit.step import FitConfig, FitState, material_of, texture_of
+from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
 
 COLUMNS = 12
 

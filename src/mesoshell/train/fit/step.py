@@ -15,185 +15,28 @@ a falling rate; after `settle` of the run it is frozen and only textures are fit
 Patches may be tiles of a torus: they lie side by side in one texture, and the decoder is trained to the end.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 
-from mesoshell.errors import InputError
-from mesoshell.io.exemplars import Exemplars, read_decoder
-from mesoshell.io.material import digest, find
 from mesoshell.shell.material.decoder import Decoder, init_decoder
-from mesoshell.shell.material.field import Layout, Material, Point, neural_field
+from mesoshell.shell.material.field import Material, Point, neural_field
 from mesoshell.shell.material.loader import decoder_of
 from mesoshell.texture import mip
 from mesoshell.texture.mip import Pyramid
-from mesoshell.train.fit.patch_rays import Rays, Shots, rays_at
+from mesoshell.train.fit.patch_rays import Rays, Shots
 from mesoshell.train.fit.slab_pixels import predict, residual
+from mesoshell.train.fit.state import Common, FitConfig, FitReport, FitState, Own, material_of
 from mesoshell.train.update import HERE, Across, descent, not_finite
-from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
+from mesoshell.typing import Array, Float, Key, Scalar
 
-#: Patches that the decoder learns from at first.
-FEW = 4
 #: Cells of an occupancy along h, and at most along v and u; its layers that are renewed in a step; decay of old values.
 _DEPTH, _CELLS, _LAYERS, _FADE = 32, 64, 2, 0.8
 #: Value of cells before they are first evaluated.
 _UNSEEN = 1.5
-
-
-@dataclass(frozen=True)
-class FitConfig:
-    """Everything that a fit depends on beside the data. batch, rays: B, R; group: most patches a step; decoded: share of
-    its candidates that a row may decode; rates fall to `final` of themselves; patches, appearance: K, and the number of α,
-    which follow from the data, as tiles does: patches along the side of a torus, 0 where each is one of its own; kept: steps
-    between snapshots; given: a material or exemplars whose decoder and F(h) are kept fixed; given_digest: of that file; held:
-    held-out pictures of each patch, in each dataset."""
-
-    texels: int = 256
-    channels: int = 32
-    height_rows: int = 64
-    octaves: int = 4
-    trunk: tuple[int, ...] = (64, 64, 64)
-    head: tuple[int, ...] = (64, 64)
-    batch: int = 8
-    rays: int = 256
-    group: int = 4
-    candidates: int = 96
-    decoded: float = 0.45
-    rate: float = 1e-2
-    texture_rate: float = 3e-2
-    final: float = 0.02
-    stand: float = 0.1
-    settle: float = 0.7
-    steps: int = 4000
-    kept: int = 1000
-    patches: int = 1
-    appearance: int = 0
-    tiles: int = 0
-    given: str = ""
-    given_digest: str = ""
-    held: int = 0
-    seed: int = 0
-
-    @property
-    def kimg(self) -> float:
-        """Length of the run, thousands of rows."""
-        return self.steps * self.batch / 1000
-
-    @property
-    def snapshot_kimg(self) -> float:
-        return self.kept * self.batch / 1000
-
-    @property
-    def at_once(self) -> int:
-        """G, a divisor of the rows of a step."""
-        return max(g for g in range(1, min(self.group, self.patches) + 1) if self.batch % g == 0)
-
-    @property
-    def together(self) -> int:
-        """Consecutive rows of a step that show one patch."""
-        return self.batch // self.at_once
-
-    @property
-    def side(self) -> int:
-        """Texels along the side of a texture."""
-        return self.texels * max(self.tiles, 1)
-
-    @property
-    def layout(self) -> Layout:
-        sizes, rows = mip.level_sizes(self.side, self.side), mip.level_sizes(self.height_rows, 1)
-        return Layout(sizes, rows, float(self.texels), self.octaves, period=max(self.tiles, 1))
-
-
-class Common(NamedTuple):
-    """Parameters that all patches share. height: F(h)."""
-
-    height: Float[Array, "R 1 C"]
-    decoder: Decoder
-
-
-class Own(NamedTuple):
-    """State of each texture, of a patch or of a torus: F(u, v), its Adam state, and its occupancy."""
-
-    feature: Float[Array, "K H W C"]
-    adam: Any
-    occupancy: Float[Array, "K D V U"]
-
-
-class FitState(NamedTuple):
-    """A fit under way; a pytree of arrays. images: rows seen."""
-
-    common: Common
-    common_adam: optax.OptState
-    own: Own
-    step: Int[Array, ""]
-    images: Int[Array, ""]
-
-
-class FitReport(NamedTuple):
-    """Mean squared error; occupied candidates over the decoding budget; which leaves of the gradients are not finite."""
-
-    error: Scalar
-    wanted: Scalar
-    bad: Bool[Array, "_leaves"]
-
-
-def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
-    """The configuration adapted to the data, with the given decoder. Raises InputError if that does not fit them."""
-    config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1], tiles=shots.tiles)
-    if config.given:
-        config, shots = _given(config, shots)
-    return config, shots
-
-
-def _given(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
-    """With a material's decoder and height feature. Raises InputError if the decoder takes other inputs than the data give."""
-    path = find(config.given)
-    arrays, appearance = read_decoder(path)
-    decoder, height = decoder_of(arrays), arrays["height/0"]
-    widths = {name: tuple(len(layer.bias) for layer in getattr(decoder, name)) for name in ("trunk", "head")}
-    config = replace(config, channels=height.shape[1], height_rows=len(height), given_digest=digest(path), **widths)
-    inputs, there = config.channels + 1 + 2 * config.octaves + config.appearance, len(decoder.trunk[0].kernel)
-    if there != inputs:
-        raise InputError(config.given, f"its decoder takes {there} numbers; the data give {inputs}")
-    declared = shots.manifest["parameters"].items()
-    theirs = [(p.name, p.range) for p in appearance]
-    ours = [(name, (float(p["range"][0]), float(p["range"][1]))) for name, p in declared if p["role"] == "alpha"]
-    if theirs != ours:
-        raise InputError(config.given, f"its decoder takes {_listed(theirs)}; the data give {_listed(ours)}")
-    return config, replace(shots, given=arrays)
-
-
-def _listed(parameters: list[tuple[str, tuple[float, float]]]) -> str:
-    return ", ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in parameters) or "no parameter"
-
-
-def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
-    """This host's rows of step i. Raises InputError if hosts cannot share them."""
-    if config.batch % hosts:
-        raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
-    mine = range(host * config.batch // hosts, (host + 1) * config.batch // hosts)
-
-    def at(step: int) -> Rays:
-        learning = step < config.stand * config.steps and not config.given and not config.tiles
-        few = max(FEW, config.at_once) if learning else config.patches
-        drawn = np.random.default_rng([config.seed, step])
-        group = drawn.permutation(min(few, config.patches))[: config.at_once]
-        keys = drawn.integers(0, 2**32, (config.batch, 2), np.uint32)
-        rows = []
-        for row in mine:
-            patch = int(group[row // config.together])
-            random = np.random.default_rng([config.seed, step, row + 1])
-            pixels = shots.learned[patch]
-            rows.append(rays_at(shots, pixels[random.integers(len(pixels), size=config.rays)], patch, keys[row]))
-        return Rays(*(np.stack(column) for column in zip(*rows, strict=True)))
-
-    return at
 
 
 def start(config: FitConfig, shots: Shots, key: Key[Array, ""]) -> FitState:
@@ -267,23 +110,6 @@ def _adam() -> optax.GradientTransformation:
 def _moved(rate: Scalar, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
     updates, memory = descent(_adam(), tree, memory, gradient)
     return jax.tree.map(lambda x, u: x - rate * u, tree, updates), memory
-
-
-def material_of(common: Common, feature: Float[Array, "H W C"]) -> Material:
-    """The material of one texture."""
-    return Material(mip.pack(mip.build(feature)), mip.pack(mip.build(common.height)), common.decoder)
-
-
-def texture_of(config: FitConfig, state: FitState, patch: int) -> Float[Array, "H W C"]:
-    """The texture that holds a patch."""
-    return state.own.feature[0 if config.tiles else patch]
-
-
-def given(exemplars: Exemplars) -> Callable[[int], Material]:
-    """The material of each patch of stored exemplars."""
-    height = jnp.asarray(exemplars.height, jnp.float32)[:, None]
-    common = Common(height, decoder_of(exemplars.decoder))
-    return lambda k: material_of(common, jnp.asarray(exemplars.features[k], jnp.float32))
 
 
 def _pyramids(feature: Float[Array, "G H W C"]) -> Pyramid:

@@ -26,7 +26,7 @@ def jumps(bundle: Bundle) -> list[np.ndarray]:
     return by_axis
 
 
-def test_a_border_is_a_line_like_others(monkeypatch) -> None:
+def test_a_border_is_a_line_like_others(monkeypatch, optimised) -> None:
     turf, ordered = read_bundle(find("turf")), corner_tiles.places
     for border, *inside in jumps(turf):
         assert border < 1.05 * np.median(inside) and border < max(inside)

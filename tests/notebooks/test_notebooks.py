@@ -5,7 +5,7 @@ import pytest
 from notebooks.execute import NO_BLENDER, NOTEBOOKS, can_run, execute
 
 #: Those that take longer to run than to compile.
-OPTIMISED = {"atlas.py"}
+OPTIMISED = {"atlas.py", "corner_tiles.py"}
 
 
 @pytest.mark.apart

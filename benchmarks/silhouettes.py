@@ -23,7 +23,7 @@ from mesoshell.geometry.mesh import Mesh, load_mesh, uv_stretch
 from mesoshell.io.image import tonemap, write_png
 from mesoshell.measure.flip import flip
 from mesoshell.pathtracer import scene_dict
-from mesoshell.render.quality import CURVATURE_FILTERS, PRESETS
+from mesoshell.render.quality import PRESETS, SETTINGS
 from mesoshell.scene.setup import describe_surface
 from mesoshell.surface_material.loader import ready
 from mesoshell.surface_material.renderer import SurfaceScene, plan, render
@@ -126,7 +126,7 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=384, help="pixels along a picture's side")
     parser.add_argument("--spp", type=int, default=1024, help="paths a pixel of the geometry")
     parser.add_argument("--samples", type=int, default=256, help="rays a pixel of the material")
-    parser.add_argument("--filter", choices=CURVATURE_FILTERS, default="curve")
+    parser.add_argument("--filter", choices=SETTINGS["curvature_filter"].words, default="curve")
     parser.add_argument("--folder", type=Path, default=Path("out"))
     parser.add_argument("--camera", type=float, nargs=7, default=None)
     asked = parser.parse_args()

@@ -1,4 +1,4 @@
-"""What the site makes of the program when it is built: the commands' help, the library's names, equations as MathML."""
+"""What the site makes of the program when it is built: help and settings, the library's names, equations as MathML."""
 
 import contextlib
 import html
@@ -12,6 +12,7 @@ from latex2mathml.converter import convert
 
 import mesoshell
 from mesoshell.cli.main import main
+from mesoshell.render.quality import PRESETS, SETTINGS, range_of
 
 #: Columns of the commands' help.
 WIDTH = "100"
@@ -19,9 +20,10 @@ _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Names of the library stand for where they are defined; the page of the command line is written here."""
+    """Names of the library stand for where they are defined; two pages of the reference are written here."""
     markdown = re.sub(r"^::: mesoshell\.(\w+)$", lambda found: described(found[1]), markdown, flags=re.MULTILINE)
-    return markdown + "".join(commands([])) if page.file.src_uri == "reference/cli.md" else markdown
+    written = {"reference/cli.md": lambda: "".join(commands([])), "reference/settings.md": settings}
+    return markdown + written.get(page.file.src_uri, str)()
 
 
 def on_page_content(content: str, **_: Any) -> str:
@@ -46,6 +48,17 @@ def home(name: str) -> str:
 
 def equation(latex: str, alone: bool) -> str:
     return convert(latex.strip(), display="block" if alone else "inline")
+
+
+def settings() -> str:
+    """A table of the fields of a quality."""
+    heads = ["setting", "what it is", "values", *PRESETS, "cheaper values bias"]
+    rows = [heads, ["---"] * len(heads)]
+    for name, about in SETTINGS.items():
+        used = f" ({about.engine} only)" if about.engine else ""
+        presets = [str(getattr(preset, name)) for preset in PRESETS.values()]
+        rows.append([f"`{name}`{used}", about.meaning, range_of(name), *presets, about.bias or "nothing"])
+    return "\n" + "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 def commands(verbs: list[str]) -> list[str]:

@@ -216,9 +216,9 @@ def test_faults_of_a_render_and_of_surface_materials(folder: Path) -> None:
     cases: tuple[tuple[str, dict[str, Any], str], ...] = (
         ("best", {}, "quality: must be a Quality or one of draft, normal, reference, not best"),
         ("draft", {"sampels": 3}, "sampels: is no field of Quality; did you mean samples"),
-        ("draft", {"samples": 0}, "quality: samples must be at least 1"),
+        ("draft", {"samples": 0}, "samples: must be at least 1, not 0"),
         ("draft", {"spp": 3}, "spp: requires `engine` mitsuba"),
-        ("draft", {"engine": "mitsuba", "spp": 0}, "spp: 0 must be at least 1"),
+        ("draft", {"engine": "mitsuba", "spp": 0}, "spp: must be at least 1, not 0"),
         ("draft", {"engine": "mitsuba", "spacing": "interval"}, "spacing: 'interval' requires `engine` jax"),
     )
     for quality, changes, said in cases:

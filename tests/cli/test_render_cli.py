@@ -61,6 +61,19 @@ def test_a_picture_its_radiance_and_its_report(material: Path, tmp_path: Path, c
     assert seconds["setup"] + seconds["wall"] <= seconds["total"]
 
 
+def test_settings_change_a_preset_and_those_without_effect_are_said(material: Path, tmp_path: Path, capsys):
+    more = ["--set", "samples=12", "--set", "coordinates=exact", "--set", "filtering=FALSE", "--set", "max_depth=3"]
+    with pytest.raises(SystemExit):
+        main(arguments(material, tmp_path / "no.png", *more))
+    assert "--set: max_depth: requires --engine mitsuba" in capsys.readouterr().err
+    more[-1] = "curve_length=1"
+    main(arguments(material, tmp_path / "set.png", *more))
+    assert "note: --set curve_length: has no effect on this picture" in capsys.readouterr().err
+    used = json.loads((tmp_path / "set.json").read_text())["quality"]
+    assert (used["samples"], used["coordinates"], used["filtering"]) == (12, "exact", False)
+    assert used["early_stop"] == 0.05  # draft's
+
+
 @pytest.mark.parametrize("height", [0.25, 1.0])
 def test_a_shell_has_the_proportions_of_its_material(tiny_bundle, height: float):
     """Unless it is asked to have others. Patches are resized by half of one in the UV unit at most."""
@@ -105,6 +118,12 @@ FAULTS = {
     "negative scale": (["--scale=-2"], "scale"),
     "infinite scale": (["--scale", "inf"], "scale"),
     "endless light": (["--light", "0", "1", "0", "--irradiance", "inf"], "--irradiance"),
+    "no setting": (["--set", "sample=3"], "--set: sample: is no field of Quality; did you mean samples?"),
+    "a setting's text": (["--set", "samples=many"], "--set: samples: 'many' is no whole number"),
+    "a setting's switch": (["--set", "filtering=1"], "--set: filtering: '1' is no truth value"),
+    "a setting out of range": (["--set", "skip=1"], "--set: skip: must lie in [0, 1), not 1.0"),
+    "a setting of the other engine": (["--set", "spp=3"], "--set: spp: requires --engine mitsuba"),
+    "a setting without a value": (["--set", "samples"], "--set: 'samples' is not NAME=VALUE"),
     "negative colour": (["--base", "0.1", "-0.1", "0.1"], "--base"),
 }
 

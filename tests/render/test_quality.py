@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import pytest
 
-from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.render.quality import PRESETS, SETTINGS, Quality, kind_of, out_of_range, range_of, wrong_kind
 
 BAD = {
     "pixel_samples": 0,
@@ -76,3 +76,15 @@ def test_more_samples_leave_no_more_unlit():
 
 def test_the_record_names_every_field():
     assert Quality().as_dict().keys() == {f.name for f in fields(Quality)}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_a_setting_says_what_it_is_and_its_range_holds_its_presets(name: str):
+    setting = SETTINGS[name]
+    assert setting.meaning and setting.engine in ("", "jax", "mitsuba")
+    for preset in PRESETS.values():
+        value = getattr(preset, name)
+        assert not wrong_kind(name, value) and not out_of_range(name, value)
+        assert kind_of(name) is bool or str(value) in range_of(name) or value >= setting.least
+    assert wrong_kind(name, None) and wrong_kind(name, [])
+    assert (wrong_kind(name, True) == "") == (kind_of(name) is bool)

@@ -1,9 +1,12 @@
 """Checks of options, before any work is done."""
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from mesoshell.errors import Argument, InputError
+from mesoshell.render.quality import kind_of
 
 
 def at_least(options: object, **least: int) -> None:
@@ -21,12 +24,23 @@ def ends_in(path: Path, *suffixes: str) -> None:
         raise InputError(path, f"must end in {' or '.join(suffixes)}")
 
 
-def params_of(given: Sequence[str]) -> dict[str, str]:
-    """NAME=VALUE pairs, by name. Raises InputError for anything else."""
+def pairs_of(option: str, given: Sequence[str]) -> dict[str, str]:
+    """An option's NAME=VALUE pairs, by name. Raises InputError for anything else."""
     pairs = {}
     for text in given:
         name, _, value = text.partition("=")
         if not (name and value):
-            raise InputError("--param", f"'{text}' is not NAME=VALUE")
+            raise InputError(option, f"'{text}' is not NAME=VALUE")
         pairs[name] = value
     return pairs
+
+
+def settings_of(given: Sequence[str]) -> dict[str, Any]:
+    """Fields of a quality, from `--set`; what is no value of its field stays text. Raises InputError for what is no pair."""
+    return {name: _value(kind_of(name), text) for name, text in pairs_of("--set", given).items()}
+
+
+def _value(kind: type, text: str) -> Any:
+    with contextlib.suppress(KeyError, ValueError):
+        return {"true": True, "false": False}[text.lower()] if kind is bool else kind(text)
+    return text

@@ -4,80 +4,125 @@
 picture depends on the engine and on what the scene calls for: `render/used`.
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
+from numbers import Integral, Real
+from typing import Any, NamedTuple
 
-SPACINGS = ("length", "interval")
-COORDINATES = ("interpolated", "exact")
-VISIBILITIES = ("interval", "sample")
-CURVATURE_FILTERS = ("curve", "point", "mean", "unscaled")
-_PATHS = ("spp", "max_depth", "rr_depth")
+_WORDS = {int: "whole number", float: "number", bool: "truth value", str: "word"}
+
+
+class Setting(NamedTuple):
+    """What a field of `Quality` does. bias: what its cheaper values do to the expected picture, "" if they only add noise;
+    engine: the only one that uses it, "" for both; least, below: its range; words: its values, if they are words."""
+
+    meaning: str
+    bias: str = ""
+    engine: str = ""
+    least: float = 0
+    below: float | None = None
+    words: tuple[str, ...] = ()
+
+
+def _setting(default: Any, meaning: str, bias: str = "", **more: Any) -> Any:
+    """A field of `Quality`."""
+    return field(default=default, metadata={"setting": Setting(meaning, bias, **more)})
 
 
 @dataclass(frozen=True)
 class Quality:
     """The settings of a render. Raises ValueError for a value out of range."""
 
-    #: Rays a pixel where rays are marched: what smooths silhouettes (inside them, filtering does).
-    pixel_samples: int = 4
-    #: Samples a ray, spread over all its intervals.
-    samples: int = 48
-    #: "length": samples in proportion to canonical length; "interval": the same number in each interval (the paper).
-    spacing: str = "length"
-    #: "interpolated": (u, v, h) linear between an interval's ends (the paper); "exact": the inverse of the prism's map.
-    coordinates: str = "interpolated"
-    #: A ray stops once its transmittance is below this, which bounds the error of its colour and alpha.
-    early_stop: float = 0.01
-    #: Optical depth that a ray may lose to skipping: a sample is not decoded if the material's σ grid bounds it below its
-    #: share of this, by length.
-    skip: float = 0.05
-    #: Opacity that a ray may leave unlit: skip lighting for samples with weight below weight_cut / samples.
-    weight_cut: float = 0.048
-    #: Features are filtered over the pixel's footprint.
-    filtering: bool = True
-    #: Taps along the footprint's long axis; 1 is the paper's r = min(a, b).
-    anisotropy: int = 1
-    #: Where visibility of a light is tested: once an "interval", or at every "sample".
-    visibility: str = "interval"
-    #: Directions a ray drawn from the environment.
-    environment_samples: int = 4
-    #: Samples of the shell's shadow on the surface underneath.
-    base_samples: int = 8
-    #: Paths a pixel, in path tracing. A Mitsuba scene file sets its own number and depth.
-    spp: int = 64
-    #: Segments of a path at most: 2 is light straight from its sources.
-    max_depth: int = 8
-    #: Length from which on paths end by chance (Russian roulette): no bias, but noise.
-    rr_depth: int = 5
-    #: In path tracing, albedo of the ground up to which one shell on a convex mesh is not traced for light between the two: at
-    #: 0.1 dense grass loses 0.1% of its light, a shell that lets half of it through a few percent.
-    dark_ground: float = 0.1
-    #: In path tracing, how wide footprints open at an event, relative to the radius of the circle of solid angle 1 / p for a
-    #: direction drawn with density p. 0 keeps the camera's cone; larger values blur what is seen indirectly.
-    bounce_spread: float = 0.25
-    #: Mean FLIP up to which a distilled surface material may stand in for a march; 0 is never. A just noticeable step of
-    #: lightness (L* by 1) is 0.058, and draft allows two.
-    twin: float = 0.05
-    #: Curvature for surface materials: the least on a "curve" through a hit along the ray, or that at the "point". For
-    #: comparison: the "mean" of all directions, or the curve's value "unscaled", as if a period were one unit long.
-    curvature_filter: str = "curve"
-    #: Length of that curve, periods of the texture.
-    curve_length: float = 0.5
+    pixel_samples: int = _setting(4, "rays a pixel; more smooth silhouettes", engine="jax", least=1)
+    samples: int = _setting(
+        48, "samples a ray, spread over all its intervals", "opacity of what is thinner than their distance", least=1
+    )
+    #: "interval" is the paper's.
+    spacing: str = _setting(
+        "length",
+        "samples in proportion to length, or as many in each interval",
+        "opacity, where samples are few",
+        words=("length", "interval"),
+    )
+    #: "interpolated" is the paper's.
+    coordinates: str = _setting(
+        "interpolated",
+        "(u, v, h) linear between an interval's ends, or by the inverse of the prism's map",
+        "places of blades in thick shells on curved meshes",
+        words=("interpolated", "exact"),
+    )
+    early_stop: float = _setting(
+        0.01, "transmittance below which a ray stops", "colour and alpha, by at most this", below=1
+    )
+    #: A sample is not decoded if the material's σ grid bounds it below its share of this, by length.
+    skip: float = _setting(0.05, "optical depth that a ray may lose where space is empty", "alpha", below=1)
+    weight_cut: float = _setting(
+        0.048,
+        "opacity that a ray may leave unlit: samples of a weight below weight_cut / samples are not",
+        "colour, by at most this share",
+        below=1,
+    )
+    filtering: bool = _setting(True, "filter features over the pixel's footprint; without it, afar is noise")
+    #: 1 is the paper's r = min(a, b).
+    anisotropy: int = _setting(
+        1, "taps along the footprint's long axis; few leave noise where a surface is seen at a slant", least=1
+    )
+    visibility: str = _setting(
+        "interval",
+        "where a light's visibility is tested: once an interval, or at every sample",
+        "edges of shadows, by an interval's length",
+        words=("interval", "sample"),
+    )
+    environment_samples: int = _setting(4, "directions a ray drawn from the environment", engine="jax", least=1)
+    base_samples: int = _setting(
+        8, "samples of the shell's shadow on the surface underneath", "the shadow's depth", engine="jax", least=1
+    )
+    #: A Mitsuba scene file sets its own number and depth.
+    spp: int = _setting(64, "paths a pixel", engine="mitsuba", least=1)
+    max_depth: int = _setting(
+        8, "segments of a path at most; 2 is direct light", "darker: light of later bounces", engine="mitsuba", least=1
+    )
+    rr_depth: int = _setting(
+        5, "length from which on paths end by chance (Russian roulette)", engine="mitsuba", least=1
+    )
+    #: At 0.1 dense grass loses 0.1% of its light, a shell that lets half of it through a few percent.
+    dark_ground: float = _setting(
+        0.1,
+        "albedo of the ground up to which one shell on a convex mesh is not traced for light between the two",
+        "darker: light between ground and shell",
+        engine="mitsuba",
+        below=1,
+    )
+    bounce_spread: float = _setting(
+        0.25,
+        "growth of a footprint where light scatters, relative to the cone of solid angle 1 / p about a direction drawn with "
+        "density p; 0 keeps the camera's",
+        "blurs what is seen indirectly",
+        engine="mitsuba",
+        below=1,
+    )
+    #: A just noticeable step of lightness (L* by 1) is 0.058, and draft allows two.
+    twin: float = _setting(
+        0.05,
+        "mean FLIP up to which a distilled surface material may stand in for a march; 0: never",
+        "all of the picture, by this much",
+        below=1,
+    )
+    curvature_filter: str = _setting(
+        "curve",
+        "curvature for surface materials: the least on a curve through a hit along the ray, or that at the point; for "
+        "comparison: the mean of all directions, or the curve's, unscaled by the period",
+        "silhouettes of curved meshes",
+        words=("curve", "point", "mean", "unscaled"),
+    )
+    curve_length: float = _setting(
+        0.5,
+        "length of that curve, periods of the texture",
+        "silhouettes, where curvature changes fast",
+        below=float("inf"),
+    )
 
     def __post_init__(self) -> None:
-        counts = ("pixel_samples", "samples", "anisotropy", "environment_samples", "base_samples", *_PATHS)
-        wrong = [f"{n} must be at least 1" for n in counts if getattr(self, n) < 1]
-        bounded = ("early_stop", "skip", "weight_cut", "dark_ground", "bounce_spread", "twin")
-        wrong += [f"{n} must lie in [0, 1)" for n in bounded if not 0 <= getattr(self, n) < 1]
-        for name, allowed in (
-            ("spacing", SPACINGS),
-            ("coordinates", COORDINATES),
-            ("visibility", VISIBILITIES),
-            ("curvature_filter", CURVATURE_FILTERS),
-        ):
-            if getattr(self, name) not in allowed:
-                wrong.append(f"{name} must be one of {', '.join(allowed)}")
-        if not 0 <= self.curve_length < float("inf"):
-            wrong.append("curve_length must be finite and not negative")
+        wrong = [f"{name} {fault}" for name in SETTINGS if (fault := out_of_range(name, getattr(self, name)))]
         if wrong:
             raise ValueError("; ".join(wrong))
 
@@ -91,6 +136,41 @@ class Quality:
 
     def as_dict(self) -> dict[str, object]:
         return asdict(self)
+
+
+SETTINGS: dict[str, Setting] = {field.name: field.metadata["setting"] for field in fields(Quality)}
+
+
+def kind_of(name: str) -> type:
+    """The type of a field's values; text for what is no field."""
+    return type(getattr(Quality, name, ""))
+
+
+def wrong_kind(name: str, value: object) -> str:
+    """How a value is not of its field's type; "" if it is."""
+    kind = kind_of(name)
+    fits = isinstance(value, {int: Integral, float: Real}.get(kind, kind))
+    return "" if fits and isinstance(value, bool) == (kind is bool) else f"{value!r} is no {_WORDS[kind]}"
+
+
+def out_of_range(name: str, value: Any) -> str:
+    """How a value of the right type lies out of its field's range; "" if it does not."""
+    setting = SETTINGS[name]
+    if setting.words:
+        return "" if value in setting.words else f"must be one of {', '.join(setting.words)}"
+    if setting.below is None:
+        return "" if value >= setting.least else f"must be at least {setting.least}"
+    return "" if setting.least <= value < setting.below else f"must lie in {range_of(name)}"
+
+
+def range_of(name: str) -> str:
+    """The values that a field may have, in words."""
+    setting = SETTINGS[name]
+    if kind_of(name) is bool:
+        return "true or false"
+    if setting.words:
+        return ", ".join(setting.words)
+    return f"{setting.least} or more" if setting.below is None else f"[{setting.least}, {setting.below:g})"
 
 
 PRESETS = {

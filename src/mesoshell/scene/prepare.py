@@ -2,19 +2,16 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import fields
 from difflib import get_close_matches
-from numbers import Integral, Real
 from typing import Any
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.surface import KIND
-from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.render.quality import PRESETS, SETTINGS, Quality, out_of_range, wrong_kind
 from mesoshell.scene.picture import Prepared, Progress
 from mesoshell.scene.scene import Scene
 
 ENGINES = ("jax", "mitsuba")
-_WORDS = {int: "whole number", float: "number", bool: "truth value", str: "word"}
 #: Fields of a quality that only the path tracer uses, and the greatest value of each.
 OF_PATHS, MOST = ("spp", "max_depth"), 2**24
 
@@ -31,27 +28,22 @@ def quality_of(quality: str | Quality, engine: str, changes: Mapping[str, Any]) 
     if not isinstance(quality, str | Quality):
         raise InputError(Argument("quality"), f"must be a Quality or one of {', '.join(PRESETS)}, not {quality!r}")
     begun = PRESETS[quality] if isinstance(quality, str) else quality
-    try:
-        return begun.with_changes(**changes)
-    except (TypeError, ValueError) as error:
-        raise InputError(Argument("quality"), str(error)) from error
+    return begun.with_changes(**changes)
 
 
 def _check_field(name: str, value: Any, engine: str) -> None:
-    known = [field.name for field in fields(Quality)]
-    if name not in known:
-        near = get_close_matches(name, known, 1)
+    if name not in SETTINGS:
+        near = get_close_matches(name, SETTINGS, 1)
         raise InputError(Argument(name), "is no field of Quality" + (f"; did you mean {near[0]}?" if near else ""))
-    kind = type(getattr(PRESETS["normal"], name))
-    if not isinstance(value, {int: Integral, float: Real}.get(kind, kind)) or isinstance(value, bool) != (kind is bool):
-        raise InputError(Argument(name), f"{value!r} is no {_WORDS[kind]}")
+    if fault := wrong_kind(name, value):
+        raise InputError(Argument(name), fault)
+    if fault := out_of_range(name, value):
+        raise InputError(Argument(name), f"{fault}, not {value}")
     if name in OF_PATHS:
         if engine != "mitsuba":
             raise InputError(Argument(name), "requires `engine` mitsuba")
-        if value < 1:
-            raise InputError(Argument(name), f"{value} must be at least 1")
         if value > MOST:
-            raise InputError(Argument(name), f"{value} must be at most {MOST}")
+            raise InputError(Argument(name), f"must be at most {MOST}, not {value}")
 
 
 def prepare(scene: Scene, quality: Quality, engine: str = "jax", progress: Progress = lambda share: None) -> Prepared:

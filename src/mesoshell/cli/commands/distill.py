@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from mesoshell.cli.checks import at_least, ends_in, params_of
+from mesoshell.cli.checks import at_least, ends_in, pairs_of
 from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.learn import learn, print_length
 from mesoshell.cli.options.distill import Options
@@ -51,7 +51,7 @@ def source_of(options: Options) -> Source:
     if is_shell(name):
         if options.spp is not None:
             raise InputError("--spp", f"requires geometry; {name} is a shell, which is marched")
-        return shell_source(name, params_of(options.param), options.base, **given)
+        return shell_source(name, pairs_of("--param", options.param), options.base, **given)
     for option in ("twin", "base", "param"):
         if getattr(options, option):
             raise InputError(f"--{option}", f"requires a shell; {name} is not one")

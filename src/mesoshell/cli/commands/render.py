@@ -6,10 +6,10 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from mesoshell.cli.checks import params_of
+from mesoshell.cli.checks import pairs_of, settings_of
 from mesoshell.cli.options.render import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.io.atomic import probe_outputs, replace_file, together
 from mesoshell.render.quality import Quality
 from mesoshell.scene.materials import Material, load_material
@@ -18,7 +18,7 @@ from mesoshell.scene.prepare import OF_PATHS, prepare, quality_of
 from mesoshell.scene.scene import Scene
 
 #: Options that also apply to a scene of Mitsuba's.
-_OF_SCENES = {"mesh", "engine", "spp", "quality", "explain", "out"}
+_OF_SCENES = {"mesh", "engine", "spp", "quality", "set", "explain", "out"}
 
 
 def run(options: Options) -> None:
@@ -29,8 +29,7 @@ def run(options: Options) -> None:
     out = files_of(options.out)[0]
     probe_outputs(files_of(options.out))
     console = stderr()
-    given = {name: getattr(options, name) for name in OF_PATHS if getattr(options, name) is not None}
-    quality, compiling = quality_of(options.quality, options.engine, given), None
+    quality, compiling = _quality(options), None
     if options.mesh.suffix.lower() == ".xml":
         ready = _of_mitsuba(options, quality)
     else:
@@ -46,7 +45,10 @@ def run(options: Options) -> None:
         console.print(str(ready.effects), soft_wrap=True)
     with bar(console, "rendering") as progress:
         made = ready.picture(progress)
-    say_notes(console, made.notes[len(ready.notes) :])
+    unused = sorted(settings_of(options.set).keys() - made.report["quality"].keys())
+    say_notes(
+        console, [*made.notes[len(ready.notes) :], *(f"--set {name}: has no effect on this picture" for name in unused)]
+    )
     report = _report(made, begin, compiling)
     _write(options.out, made, report)
     if options.explain:
@@ -56,6 +58,19 @@ def run(options: Options) -> None:
     print(out)
 
 
+def _quality(options: Options) -> Quality:
+    """The preset, with what is set. Raises InputError for an unknown setting, a value that it has not, or one of the other
+    engine's."""
+    try:
+        quality = quality_of(options.quality, options.engine, settings_of(options.set))
+    except InputError as error:
+        if isinstance(error.source, Argument):
+            raise InputError("--set", f"{error.source}: {error.fault}") from error
+        raise
+    given = {name: getattr(options, name) for name in OF_PATHS if getattr(options, name) is not None}
+    return quality_of(quality, options.engine, given)
+
+
 def scene_of(options: Options, material: Material) -> Scene:
     """The scene that the options describe. Raises InputError for a parameter that has no value."""
     return Scene(
@@ -63,7 +78,7 @@ def scene_of(options: Options, material: Material) -> Scene:
         material=material,
         thickness=options.thickness,
         scale=options.scale,
-        params=params_of(options.param),
+        params=pairs_of("--param", options.param),
         seed=options.seed,
         size=options.size,
         camera=options.camera,
@@ -85,9 +100,13 @@ def _of_mitsuba(options: Options, quality: Quality) -> Prepared:
         default = field.default_factory() if field.default_factory is not MISSING else field.default
         if field.name not in _OF_SCENES and getattr(options, field.name) != default:
             raise InputError(f"--{field.name.replace('_', '-')}", f"is set in {options.mesh}")
+    given = settings_of(options.set)
+    for name in ("max_depth", "rr_depth"):
+        if name in given:
+            raise InputError("--set", f"{name}: is set in {options.mesh}")
     from mesoshell.scene.render_paths import prepare_file
 
-    return prepare_file(options.mesh, quality, options.spp)
+    return prepare_file(options.mesh, quality, options.spp or given.get("spp"))
 
 
 def _report(made: Picture, begin: float, compiling: list[float] | None) -> dict[str, Any]:

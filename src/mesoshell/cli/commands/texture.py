@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mesoshell.cli.checks import params_of
+from mesoshell.cli.checks import pairs_of
 from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.options.texture import Options
 from mesoshell.cli.progress import bar, stderr
@@ -99,7 +99,7 @@ def _coarser(options: Options, texels: int) -> int:
 
 def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> TextureRequest:
     """The parameters as numbers, or as images of geometry, each stretched once over the extent."""
-    values, maps = read_params(bundle, params_of(options.param))
+    values, maps = read_params(bundle, pairs_of("--param", options.param))
     for p in bundle.parameters:
         if p.name in maps and p.role == "alpha":
             raise InputError("--param", f"{p.name}: an image varies appearance in a render only, not in a texture")

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from mesoshell.render.quality import PRESETS, SETTINGS, range_of
 from mesoshell.scene.defaults import IRRADIANCE, SIZE
 from mesoshell.shell.geometry.extrude import EARTH
 
@@ -23,6 +24,20 @@ FILE = tyro.constructors.PrimitiveConstructorSpec(
     instance_from_str=_file,
     is_instance=lambda x: isinstance(x, Path),
     str_from_instance=lambda x: [str(x)],
+)
+
+
+def _described(name: str) -> str:
+    """A field of a quality: meaning, values, those of the presets, and what cheaper ones bias."""
+    setting, presets = SETTINGS[name], [getattr(preset, name) for preset in PRESETS.values()]
+    values = ", ".join(str(x) for x in presets) if len(set(presets)) > 1 else str(presets[0])
+    only = f" ({setting.engine} only)" if setting.engine else ""
+    return f"- {name}{only}: {setting.meaning}; {range_of(name)} [{values}]. Biases {setting.bias or 'nothing'}."
+
+
+SETTINGS_HELP = (
+    "NAME=VALUE of a setting, in place of the --quality's; may be repeated. Each with its values, those of draft, normal and "
+    "reference in brackets, and what cheaper values bias:\n\n" + "\n".join(map(_described, SETTINGS))
 )
 
 
@@ -64,6 +79,7 @@ class Options:
     up: Literal["y", "z"] | None = None
     #: Effort: draft for a quick look, normal for pictures, reference to measure the others by.
     quality: Literal["draft", "normal", "reference"] = "normal"
+    set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(help=SETTINGS_HELP)] = ()
     #: jax marches rays, with direct light only; mitsuba traces paths, with indirect light too.
     engine: Literal["jax", "mitsuba"] = "jax"
     #: Paths a pixel, for mitsuba. Default: 16, 64 or 512 by --quality, or what the XML scene says.

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -107,34 +106,6 @@ def test_a_run_goes_on_from_the_checkpoint_before_a_torn_one_and_its_log_has_eac
         np.testing.assert_array_equal(a, b)
     rows = [json.loads(line)["kimg"] for line in (tmp_path / "torn" / "log.jsonl").read_text().splitlines()]
     assert rows == [json.loads(line)["kimg"] for line in log] == [0.004, 0.008, 0.012, 0.016]
-
-
-def test_a_second_interrupt_ends_a_run_at_once() -> None:
-    with pytest.raises(KeyboardInterrupt), run._Stop() as stop:
-        os.kill(os.getpid(), signal.SIGINT)
-        assert stop.asked
-        os.kill(os.getpid(), signal.SIGINT)
-        raise AssertionError
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_a_program_that_calls_a_run_hears_its_signal_again() -> None:
-    """When the context ends; in another thread there are no signals to be heard."""
-    ended = False
-    with pytest.raises(KeyboardInterrupt), run._Stop(again=True) as stop:
-        os.kill(os.getpid(), signal.SIGINT)
-        ended = stop.asked
-    assert ended
-    with run._Stop() as stop:
-        os.kill(os.getpid(), signal.SIGINT)
-    assert stop.asked
-
-    def elsewhere() -> bool:
-        with run._Stop(again=True) as stop:
-            return stop.asked
-
-    with ThreadPoolExecutor(1) as pool:
-        assert not pool.submit(elsewhere).result()
 
 
 def test_a_run_begins_with_anothers_weights_and_goes_on_with_its_own(data, whole, tmp_path, monkeypatch) -> None:

@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
+from mesoshell.scene.accumulate import accumulate, goal_of
 from mesoshell.scene.picture import Picture, Prepared, Progress
 from mesoshell.scene.prepare import prepare, quality_of
 from mesoshell.scene.scene import Scene
@@ -16,6 +17,9 @@ def render(
     quality: str | Quality = "normal",
     *,
     engine: Engine = "jax",
+    budget: float | None = None,
+    error: float | None = None,
+    max_samples: int | None = None,
     progress: Progress = lambda share: None,
     **changes: Any,
 ) -> Picture:
@@ -25,7 +29,9 @@ def render(
     rays, with direct light only; "mitsuba" traces paths, with indirect light too. progress: called with the
     share done, 0 to 1, while it renders. Raises InputError, which names the argument or the file at fault.
     """
-    return _prepared(scene, quality, engine, changes).picture(progress)
+    goal = goal_of(budget, error, max_samples, changes)
+    ready = _prepared(scene, quality, engine, changes)
+    return ready.picture(progress) if goal is None else ready.presented(accumulate(ready.passes(None), goal, progress))
 
 
 def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine = "jax", **changes: Any) -> Effects:

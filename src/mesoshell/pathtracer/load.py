@@ -31,7 +31,7 @@ from mesoshell.pathtracer.texture_cache import TextureKey, textured
 from mesoshell.pathtracer.texture_lod import texels_needed
 from mesoshell.pathtracer.xml_bsdf import Element
 from mesoshell.render.effects import PATHS, plan_effects
-from mesoshell.render.facts import TwinFacts
+from mesoshell.render.facts import Facts, TwinFacts
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions, transformed
 from mesoshell.surface_material.scene import default_period
@@ -120,9 +120,31 @@ def stand_on(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
     path: Any = scene.integrator()
     quality = quality.with_changes(max_depth=max(path.max_depth, 1), rr_depth=max(path.rr_depth, 1))
     facts = replace(facts_of(scene, grown.stands, grown.wears, grown.convex), twin=grown.twin)
+    path.world = _world(scene, quality, facts, shells, media, worn, grown.notes)
+
+
+def set_quality(scene: mi.Scene, quality: Quality) -> None:
+    """Render a scene with shells with another quality from now on, its path depths too; a scene without stays as it is."""
+    path: Any = scene.integrator()
+    world = getattr(path, "world", None)
+    if world is not None:
+        path.max_depth, path.rr_depth = quality.max_depth, quality.rr_depth
+        path.world = _world(scene, quality, world.facts, world.shells, world.media, world.worn, world.notes)
+
+
+def _world(
+    scene: mi.Scene,
+    quality: Quality,
+    facts: Facts,
+    shells: Shells | None,
+    media: Media | None,
+    worn: SurfaceMeshes | None,
+    notes: tuple[str, ...],
+) -> World:
+    """What a scene's integrator holds, with the effects that the facts call for."""
     effects = plan_effects(facts, quality, PATHS)
     lights = [distant(e) for e in scene.emitters()] if effects.quadrature.on else []
-    path.world = World(shells, media, worn, quality, effects, lights, grown.notes)
+    return World(shells, media, worn, quality, effects, lights, notes, facts)
 
 
 def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: dict) -> list[tuple[Shell, Medium]]:

@@ -73,12 +73,9 @@ def rays(camera: Camera, xy: Float[np.ndarray, "R 2"]) -> tuple[Float[np.ndarray
     return np.broadcast_to(camera.to_world[:3, 3], directions.shape), directions
 
 
-def pixel_grid(camera: Camera, samples: int, sample: int, part: slice = slice(None)) -> Float[np.ndarray, "R 2"]:
-    """Image points of sample `sample` of `samples` in every pixel, row by row: centres for one, else an R2 lattice.
-
-    part: slice of the pixels to make, in this order.
-    """
-    y, x = np.divmod(np.arange(*part.indices(camera.height * camera.width)), camera.width)
+def pixel_grid(camera: Camera, samples: int, sample: int) -> Float[np.ndarray, "R 2"]:
+    """Image points of sample `sample` of `samples` in every pixel, row by row: centres for one, else an R2 lattice."""
+    y, x = np.divmod(np.arange(camera.height * camera.width), camera.width)
     return np.stack([x, y], axis=1) + in_pixel(samples, sample)
 
 

@@ -3,22 +3,27 @@
 Notation
 k           number of a sample in its pixel, the same for all pixels
 R           rays of a tile
+P           pixels of a pass
 """
 
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from mesoshell.render.camera import Camera, pixel_grid, rays
+from mesoshell.render.camera import Camera, in_pixel, rays
 
-#: (origins, directions, k, random numbers of the tile) -> RGBA, premultiplied: (R, 3), (R, 3) -> (R, 4).
-Tile = Callable[[np.ndarray, np.ndarray, int, np.random.Generator], np.ndarray]
+#: (origins, directions, shift, random numbers of the tile) -> RGBA, premultiplied: (R, 3), (R, 3) -> (R, 4). shift: of samples
+#: along their rays, in [0, 1); it differs between the rays of a pixel.
+TileRenderer = Callable[[np.ndarray, np.ndarray, float, np.random.Generator], np.ndarray]
+#: Fractional part of the golden ratio: its multiples cover [0, 1) evenly, however many there are.
+GOLDEN = 0.6180339887498949
 
 
 @dataclass
@@ -46,22 +51,58 @@ class RenderReport:
 
 
 def render_tiles(
-    camera: Camera, samples: int, size: int, tile: Tile, progress: Callable[[float], None]
+    camera: Camera, samples: int, size: int, tile: TileRenderer, progress: Callable[[float], None]
 ) -> Float[np.ndarray, "H W 4"]:
     """Means over `samples` rays a pixel. size: most rays a tile; progress: called with the share done, 0 to 1.
 
     The picture does not depend on the number of threads: each tile draws its random numbers from its own seed."""
-    pixels = camera.height * camera.width
-    work = [(k, i) for k in range(samples) for i in range(0, pixels, size)]
-    image = np.zeros((pixels, 4))
+    pixels = np.arange(camera.height * camera.width)
+    image = np.zeros((len(pixels), 4))
+    numbers = [_Ray(k, in_pixel(samples, k), (k + 0.5) / samples) for k in range(samples)]
+    for part, rgba, share in _tiles(camera, numbers, pixels, size, tile):
+        image[part] += rgba
+        progress(share)
+    return (image / samples).reshape(camera.height, camera.width, 4)
 
-    def one(item: tuple[int, int]) -> tuple[int, np.ndarray]:
-        k, first = item
-        o, d = rays(camera, pixel_grid(camera, samples, k, slice(first, first + size)))
-        return first, tile(np.ascontiguousarray(o), d, k, np.random.default_rng(item))
+
+def render_pass(
+    camera: Camera,
+    k: int,
+    pixels: Int[np.ndarray, "P"],
+    size: int,
+    tile: TileRenderer,
+    progress: Callable[[float], None],
+) -> Float[np.ndarray, "P 4"]:
+    """Ray k of these pixels, numbered row by row, of a sequence that may end anywhere. Otherwise as `render_tiles`."""
+    rgba = np.zeros((len(pixels), 4))
+    for part, some, share in _tiles(camera, [_Ray(k, in_pixel(2, k), (0.5 + k * GOLDEN) % 1)], pixels, size, tile):
+        rgba[part] = some
+        progress(share)
+    return rgba
+
+
+class _Ray(NamedTuple):
+    """Ray k of every pixel: its place in the pixel, and the shift of samples along it."""
+
+    k: int
+    place: Float[np.ndarray, "2"]
+    shift: float
+
+
+def _tiles(
+    camera: Camera, numbers: Sequence[_Ray], pixels: np.ndarray, size: int, tile: TileRenderer
+) -> Iterator[tuple[slice, np.ndarray, float]]:
+    """Tiles in order, as they are done: which of the pixels, their RGBA, and the share done."""
+    work = [(ray, first) for ray in numbers for first in range(0, len(pixels), size)]
+    y, x = np.divmod(pixels, camera.width)
+    corners = np.stack([x, y], axis=1)
+
+    def one(item: tuple[_Ray, int]) -> tuple[slice, np.ndarray]:
+        ray, first = item
+        part = slice(first, first + size)
+        o, d = rays(camera, corners[part] + ray.place)
+        return part, tile(np.ascontiguousarray(o), d, ray.shift, np.random.default_rng((ray.k, first)))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for done, (first, rgba) in enumerate(pool.map(one, work), start=1):
-            image[first : first + len(rgba)] += rgba
-            progress(done / len(work))
-    return (image / samples).reshape(camera.height, camera.width, 4)
+        for done, (part, rgba) in enumerate(pool.map(one, work), start=1):
+            yield part, rgba, done / len(work)

@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mesoshell import __version__
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.image import png_bytes, write_exr, write_png
+from mesoshell.render.camera import Camera
 from mesoshell.render.effects import Effects
+from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import TileRenderer, render_pass
 from mesoshell.scene.scene import Scene
 
 #: Called with the share done, 0 to 1.
@@ -51,11 +54,23 @@ class Rendered(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
+class Passes(NamedTuple):
+    """A picture that is made pass by pass, a sample a pixel each. shape: H, W; chosen: whether a pass may leave pixels out;
+    render: (number of the pass, pixels by row, progress) -> their RGBA; ended: what an engine gives, from the picture that
+    passes came to and its samples a pixel."""
+
+    shape: tuple[int, int]
+    chosen: bool
+    render: Callable[[int, Int[np.ndarray, "P"], Progress], Float[np.ndarray, "P 4"]]
+    ended: Callable[[np.ndarray, int], Rendered]
+
+
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A scene that an engine is ready to render. material: the report's part about it; effects: None for a scene of Mitsuba's
     that holds no shell; notes: what the user should know, a line each; begun: `time.perf_counter` when set-up began; setup:
-    seconds that it took; work: renders the scene."""
+    seconds that it took; work: renders the scene; passes: begins to render it pass by pass, with another
+    quality if one is given."""
 
     engine: str
     material: dict[str, Any]
@@ -64,6 +79,7 @@ class Prepared:
     begun: float
     setup: float
     work: Callable[[Progress], Rendered]
+    passes: Callable[[Quality | None], Passes]
 
     @classmethod
     def now(
@@ -74,17 +90,30 @@ class Prepared:
         notes: tuple[str, ...],
         begun: float,
         work: Callable[[Progress], Rendered],
+        passes: Callable[[Quality | None], Passes],
     ) -> "Prepared":
         """A scene that has just become ready."""
-        return cls(engine, _about(scene), effects, notes, begun, time.perf_counter() - begun, work)
+        return cls(engine, _about(scene), effects, notes, begun, time.perf_counter() - begun, work, passes)
 
     def picture(self, progress: Progress = lambda share: None) -> Picture:
         """Render it."""
-        rendered = self.work(progress)
+        return self.presented(self.work(progress))
+
+    def presented(self, rendered: Rendered) -> Picture:
+        """What an engine gave, with what is known of the scene."""
         seconds = {"setup": self.setup, **rendered.seconds, "total": time.perf_counter() - self.begun}
         about = {"version": __version__, "engine": self.engine}
         report = about | rendered.record | {"material": self.material, "seconds": seconds}
         return Picture(rendered.rgba, report, (*self.notes, *rendered.notes))
+
+
+def tiled_passes(camera: Camera, size: int, tile: TileRenderer, ended: Callable[[np.ndarray, int], Rendered]) -> Passes:
+    """Passes of one ray a pixel. size: most rays a tile."""
+
+    def one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
+        return render_pass(camera, k, pixels, size, tile, progress)
+
+    return Passes((camera.height, camera.width), True, one, ended)
 
 
 def _about(scene: Scene) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.surface import KIND, SurfaceBundle
 from mesoshell.limits import check_memory
 from mesoshell.pathtracer import integrator, load_file, scene_dict
-from mesoshell.pathtracer.load import SceneShells, stand_on
+from mesoshell.pathtracer.load import SceneShells, set_quality, stand_on
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
@@ -21,7 +21,7 @@ from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
 from mesoshell.scene.lod import in_place, twin_facts
-from mesoshell.scene.picture import Prepared, Progress, Rendered
+from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell, describe_surface
 from mesoshell.surface_material.scene import SurfaceDescription
@@ -38,8 +38,8 @@ def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progre
     made, notes = _made(scene, quality, progress)
     world = _world(made)
     assert world is not None
-    work = _work(made, quality.spp)
-    return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, work)
+    work = _work(made, quality.spp), lambda other: _passes(made, other)
+    return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, *work)
 
 
 def prepare_file(path: Path, quality: Quality, samples: int | None) -> Prepared:
@@ -49,8 +49,8 @@ def prepare_file(path: Path, quality: Quality, samples: int | None) -> Prepared:
     samples = _samples(made, path, samples)
     world = _world(made)
     effects, notes = (None, ()) if world is None else (world.effects, world.notes)
-    work = _work(made, samples)
-    return Prepared(PATHS.name, {}, effects, notes, begun, time.perf_counter() - begun, work)
+    work = _work(made, samples), lambda other: _passes(made, other)
+    return Prepared(PATHS.name, {}, effects, notes, begun, time.perf_counter() - begun, *work)
 
 
 def _world(scene: mi.Scene) -> Any:
@@ -62,14 +62,44 @@ def _work(scene: mi.Scene, samples: int) -> Callable[[Progress], Rendered]:
     def work(progress: Progress) -> Rendered:
         begin = time.perf_counter()
         image, rays = _rendered(scene, samples, progress)
-        world = _world(scene)
-        record = {"rays": rays, "queries": 0, "effects": {}, "quality": {}}
-        if world is not None:
-            used = quality_used(world.quality.with_changes(spp=samples), world.effects, PATHS)
-            record |= {"queries": world.queries, "effects": world.effects.as_dict(), "quality": used}
-        return Rendered(image, {"render": time.perf_counter() - begin}, record)
+        return Rendered(image, {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
 
     return work
+
+
+def _record(scene: mi.Scene, samples: int, rays: int) -> dict[str, Any]:
+    """The engine's part of the report."""
+    world = _world(scene)
+    if world is None:
+        return {"rays": rays, "queries": 0, "effects": {}, "quality": {}}
+    used = quality_used(world.quality.with_changes(spp=samples), world.effects, PATHS)
+    return {"rays": rays, "queries": world.queries, "effects": world.effects.as_dict(), "quality": used}
+
+
+def _passes(scene: mi.Scene, quality: Quality | None) -> Passes:
+    """Passes of a path a pixel. Pixels can be left out where each has its own samples alone."""
+    if quality is not None:
+        set_quality(scene, quality)
+    film, begin, rays = scene.sensors()[0].film(), time.perf_counter(), 0
+    width, height = (int(x) for x in film.crop_size())
+    integrator: Any = scene.integrator()
+    chosen = _world(scene) is not None and film.rfilter().is_box_filter()
+
+    def one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
+        nonlocal rays
+        if chosen:
+            among = np.zeros(width * height, bool)
+            among[pixels] = True
+            integrator.chosen = None if among.all() else mi.Bool(among)
+        image = _image(scene, 1, k).reshape(-1, 4)[pixels]
+        rays += len(pixels)
+        progress(1.0)
+        return image
+
+    def ended(image: np.ndarray, samples: int) -> Rendered:
+        return Rendered(image, {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
+
+    return Passes((height, width), chosen, one, ended)
 
 
 def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:
@@ -140,9 +170,14 @@ def _rendered(scene: mi.Scene, samples: int, progress: Progress) -> tuple[np.nda
     counts = [min(each, samples - k) for k in range(0, samples, each)]
     total = np.zeros((height, width, 4))
     for seed, count in enumerate(counts):
-        image = np.array(mi.render(scene, spp=count, seed=mi.UInt32(seed)))
-        if image.shape[-1] == 3:
-            image = np.concatenate([image, np.ones_like(image[..., :1])], axis=-1)
-        total += count / samples * image[..., :4]
+        total += count / samples * _image(scene, count, seed)
         progress(sum(counts[: seed + 1]) / samples)
     return total.astype(np.float32), width * height * samples
+
+
+def _image(scene: mi.Scene, samples: int, seed: int) -> np.ndarray:
+    """A picture, RGBA."""
+    image = np.array(mi.render(scene, spp=samples, seed=mi.UInt32(seed)))
+    if image.shape[-1] == 3:
+        image = np.concatenate([image, np.ones_like(image[..., :1])], axis=-1)
+    return image[..., :4]

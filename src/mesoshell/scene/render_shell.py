@@ -11,18 +11,19 @@ import numpy as np
 from mesoshell.geometry.enclosure import enclosure
 from mesoshell.geometry.mesh import bounding_box, is_convex, uv_stretch
 from mesoshell.render.camera import pixel_radius
-from mesoshell.render.effects import MARCH, left_out, plan_effects, plan_twin
+from mesoshell.render.effects import MARCH, Effects, left_out, plan_effects, plan_twin
 from mesoshell.render.facts import Facts
 from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport
 from mesoshell.render.used import quality_used
 from mesoshell.scene.lod import in_place, twin_facts
-from mesoshell.scene.picture import Prepared, Progress, Rendered
+from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered, tiled_passes
 from mesoshell.scene.render_surface import prepare_wearing
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.shell.material.loader import ready
-from mesoshell.shell.render.renderer import render
+from mesoshell.shell.render.renderer import RAYS, marched_tile, render
 from mesoshell.shell.render.scene import Scene as MarchedScene
 
 
@@ -34,21 +35,35 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
     if twin is not None and plan_twin(seen, quality).on:
         return prepare_wearing(scene, in_place(d), twin.surface, quality, begun, seen, d.notes)
     marched = marched_scene(d)
-    effects = plan_effects(replace(facts(marched), twin=seen), quality)
+    known = replace(facts(marched), twin=seen)
+    effects = plan_effects(known, quality)
 
     def work(progress: Progress) -> Rendered:
-        image, report = render(marched, quality, effects, progress)
-        counts = report.counts
-        record = {
-            "rays": counts.get("rays", 0),
-            "queries": sum(counts.get(k, 0) for k in ("density_queries", "transport_queries", "surface_queries")),
-            "counts": counts,
-            "effects": effects.as_dict(),
-            "quality": quality_used(quality, effects, MARCH),
-        }
-        return Rendered(image.astype(np.float32), report.seconds, record)
+        return _rendered(quality, effects, *render(marched, quality, effects, progress))
 
-    return Prepared.now(scene, MARCH.name, effects, (*d.notes, *left_out(effects)), begun, work)
+    def passes(other: Quality | None) -> Passes:
+        chosen, report = other or quality, RenderReport()
+        planned = plan_effects(known, chosen)
+        tile = marched_tile(marched, chosen, planned, report)
+
+        def ended(image: np.ndarray, samples: int) -> Rendered:
+            return _rendered(chosen.with_changes(pixel_samples=samples), planned, image, report)
+
+        return tiled_passes(marched.camera, RAYS, tile, ended)
+
+    return Prepared.now(scene, MARCH.name, effects, (*d.notes, *left_out(effects)), begun, work, passes)
+
+
+def _rendered(quality: Quality, effects: Effects, image: np.ndarray, report: RenderReport) -> Rendered:
+    counts = report.counts
+    record = {
+        "rays": counts.get("rays", 0),
+        "queries": sum(counts.get(k, 0) for k in ("density_queries", "transport_queries", "surface_queries")),
+        "counts": counts,
+        "effects": effects.as_dict(),
+        "quality": quality_used(quality, effects, MARCH),
+    }
+    return Rendered(image.astype(np.float32), report.seconds, record)
 
 
 def marched_scene(d: ShellDescription) -> MarchedScene:

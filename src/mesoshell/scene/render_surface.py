@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from mesoshell.io.surface import SurfaceBundle
-from mesoshell.render.effects import SURFACE, left_out, plan_effects
+from mesoshell.render.effects import SURFACE, Effects, left_out, plan_effects
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport
 from mesoshell.render.used import quality_used
-from mesoshell.scene.picture import Prepared, Progress, Rendered
+from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered, tiled_passes
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import describe_surface
 from mesoshell.surface_material.loader import ready
-from mesoshell.surface_material.renderer import SurfaceScene, facts, render
+from mesoshell.surface_material.renderer import RAYS, SurfaceScene, cut_short, dressed_tile, facts, render
 from mesoshell.surface_material.scene import SurfaceDescription
 
 
@@ -37,14 +38,27 @@ def prepare_wearing(
     effects = plan_effects(replace(facts(worn), twin=twin), quality, SURFACE)
 
     def work(progress: Progress) -> Rendered:
-        image, report = render(worn, quality, effects, progress)
-        record = {
-            "rays": report.counts.get("rays", 0),
-            "queries": report.counts.get("queries", 0),
-            "counts": report.counts,
-            "effects": effects.as_dict(),
-            "quality": quality_used(quality, effects, SURFACE),
-        }
-        return Rendered(image.astype(np.float32), report.seconds, record, report.notes)
+        return _rendered(quality, effects, *render(worn, quality, effects, progress))
 
-    return Prepared.now(scene, SURFACE.name, effects, (*notes, *left_out(effects)), begun, work)
+    def passes(other: Quality | None) -> Passes:
+        chosen, report = other or quality, RenderReport()
+        tile = dressed_tile(worn, chosen, effects, report)
+
+        def ended(image: np.ndarray, samples: int) -> Rendered:
+            report.notes += cut_short(report)
+            return _rendered(chosen.with_changes(pixel_samples=samples), effects, image, report)
+
+        return tiled_passes(worn.camera, RAYS, tile, ended)
+
+    return Prepared.now(scene, SURFACE.name, effects, (*notes, *left_out(effects)), begun, work, passes)
+
+
+def _rendered(quality: Quality, effects: Effects, image: np.ndarray, report: RenderReport) -> Rendered:
+    record = {
+        "rays": report.counts.get("rays", 0),
+        "queries": report.counts.get("queries", 0),
+        "counts": report.counts,
+        "effects": effects.as_dict(),
+        "quality": quality_used(quality, effects, SURFACE),
+    }
+    return Rendered(image.astype(np.float32), report.seconds, record, report.notes)

@@ -29,7 +29,7 @@ from mesoshell.render.effects import SURFACE, Effects, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality
-from mesoshell.render.tiles import RenderReport, render_tiles
+from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.surface_material.intersector import ADVANCE, Hits, Local, SurfaceIntersector
 from mesoshell.surface_material.loader import DeviceMaterial
 from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, reflectance, seen
@@ -76,6 +76,16 @@ def render(
 ) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
     """Linear RGBA, premultiplied, and a report. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
+    tile = dressed_tile(scene, quality, effects, report)
+    image = render_tiles(scene.camera, quality.pixel_samples, RAYS, tile, progress)
+    report.time("wall", begin)
+    report.notes += cut_short(report)
+    return image, report
+
+
+def dressed_tile(scene: SurfaceScene, quality: Quality, effects: Effects, report: RenderReport) -> TileRenderer:
+    """What renders tiles of rays of a scene, and adds to the report."""
+    begin = time.perf_counter()
     others = [m.vertices[m.faces].astype(np.float64) for m in scene.objects]
     dressed = SurfaceIntersector(
         surface_tables(scene.mesh, scene.period, quality), np.concatenate([np.zeros((0, 3, 3)), *others])
@@ -83,14 +93,16 @@ def render(
     report.notes = dressed.worn.notes(scene.ready.curvature)
     report.time("prepare", begin)
 
-    def tile(o: np.ndarray, d: np.ndarray, k: int, random: np.random.Generator) -> np.ndarray:
+    def tile(o: np.ndarray, d: np.ndarray, shift: float, random: np.random.Generator) -> np.ndarray:
         return _Tile(scene, dressed, quality, effects, report).rgba(o, d, random)
 
-    image = render_tiles(scene.camera, quality.pixel_samples, RAYS, tile, progress)
-    report.time("wall", begin)
-    if cut := report.counts.get("cut_short"):
-        report.notes += (f"{cut} rays and shadows passed {MOST} surfaces; whatever lies behind these was left out",)
-    return image, report
+    return tile
+
+
+def cut_short(report: RenderReport) -> tuple[str, ...]:
+    """What the user should know of rays that passed too many surfaces."""
+    cut = report.counts.get("cut_short")
+    return (f"{cut} rays and shadows passed {MOST} surfaces; whatever lies behind these was left out",) if cut else ()
 
 
 class _Tile:

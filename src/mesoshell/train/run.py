@@ -13,17 +13,15 @@ first keeps the folder; with each step they agree whether to save and to stop.
 """
 
 import json
-import signal
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import jax
 import numpy as np
 
+from mesoshell.interrupt import StopRequest
 from mesoshell.io.image import write_png
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.hosts import is_first, noticing, received, wait_for_all
@@ -73,7 +71,7 @@ def train(
     with (
         noticing(),
         Checkpoints(folder / "checkpoints") as checkpoints,
-        _Stop(again) as stop,
+        StopRequest(again) as stop,
         _Book(folder, method, config, seen, show) as book,
     ):
         done, begin = _begun(checkpoints, method.start(config, seen, jax.random.key(config.seed)), lend)
@@ -82,7 +80,7 @@ def train(
         saved = time.perf_counter()
         for i in range(done, steps):
             batch = spread.share(batch_of(i))
-            state, report, requests = spread.step(state, batch, (stop.asked, _due(saved)))
+            state, report, requests = spread.step(state, batch, (stop.requested, _due(saved)))
             book.hear(report)
             if not book.finite:
                 raise Diverged(_said(i, report, names, checkpoints))
@@ -120,10 +118,10 @@ def _due(saved: float) -> bool:
     return is_first() and time.perf_counter() - saved > SAVE_EVERY
 
 
-def _decided(requests: Sequence[Any], stop: "_Stop", saved: float) -> tuple[bool, bool]:
+def _decided(requests: Sequence[Any], stop: StopRequest, saved: float) -> tuple[bool, bool]:
     """Whether to stop and to save after this step: as all hosts requested, or, with one host, as of now."""
     if jax.process_count() == 1:
-        return stop.asked, _due(saved)
+        return stop.requested, _due(saved)
     return bool(requests[0]), bool(requests[1])
 
 
@@ -206,31 +204,3 @@ def _said(i: int, report: Any, names: list[str], checkpoints: Checkpoints) -> st
         else f"the last good checkpoint is {checkpoints.folder / str(good)}"
     )
     return f"step {i + 1}: {what} not finite; {last}"
-
-
-class _Stop:
-    """Whether SIGTERM or SIGINT has come since the context was entered. A second SIGINT is handled as before. again: the signal
-    is raised again at the end. In a thread other than the main one it notices no signal."""
-
-    def __init__(self, again: bool = False):
-        self.asked, self.again = False, again
-        self._before: dict[int, Any] = {}
-        self._number = 0
-
-    def __enter__(self) -> "_Stop":
-        if threading.current_thread() is threading.main_thread():
-            numbers: list[int] = [signal.SIGTERM, signal.SIGINT]
-            self._before = {number: signal.signal(number, self._heard) for number in numbers}
-        return self
-
-    def _heard(self, number: int, frame: FrameType | None) -> None:
-        before = self._before[number]
-        if number == signal.SIGINT and self.asked and callable(before):
-            before(number, frame)
-        self.asked, self._number = True, number
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        for number, before in self._before.items():
-            signal.signal(number, before)
-        if self.again and self.asked and kind is None:
-            signal.raise_signal(self._number)

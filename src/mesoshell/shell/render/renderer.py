@@ -22,7 +22,7 @@ from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
-from mesoshell.render.tiles import RenderReport, render_tiles
+from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, SampleBudget, spread
 from mesoshell.shell.geometry.tracer import Boundary
@@ -40,14 +40,15 @@ def render(
 ) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
     """Linear RGBA, premultiplied, (H, W, 4), and a report. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
-    renderer, samples = _Renderer(scene, quality, effects, report), quality.pixel_samples
-
-    def tile(o: np.ndarray, d: np.ndarray, k: int, random: np.random.Generator) -> np.ndarray:
-        return renderer.tile(o, d.astype(np.float32).astype(np.float64), (k + 0.5) / samples, random)
-
-    image = render_tiles(scene.camera, samples, RAYS, tile, progress)
+    tile = marched_tile(scene, quality, effects, report)
+    image = render_tiles(scene.camera, quality.pixel_samples, RAYS, tile, progress)
     report.time("wall", begin)
     return image, report
+
+
+def marched_tile(scene: Scene, quality: Quality, effects: Effects, report: RenderReport) -> TileRenderer:
+    """What renders tiles of rays of a scene, and adds to the report."""
+    return _Renderer(scene, quality, effects, report).tile
 
 
 class _Renderer:
@@ -85,7 +86,8 @@ class _Renderer:
     def tile(
         self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], shift: float, random: np.random.Generator
     ) -> Float[np.ndarray, "R 4"]:
-        """Premultiplied RGBA of rays. shift: of samples along their ray; it differs between the rays of a pixel."""
+        """Premultiplied RGBA of rays (render/tiles)."""
+        d = d.astype(np.float32).astype(np.float64)
         clock = time.perf_counter()
         traced = self.boundary.trace(o, d)
         clock = self.report.time("trace", clock)

@@ -1,0 +1,208 @@
+"""Accumulate a picture pass by pass, until a budget of seconds, an error or a number of samples is reached.
+
+Notation
+n           samples of a pixel
+M, H        its mean over all passes, and over every other one
+FLIP(H, M)  estimates FLIP(M, expectation): of independent passes, H − M is distributed as the error of M. Passes of rays that
+            cover a pixel evenly have a smaller error than that.
+
+The estimate knows no bias, which all passes have in common. It is of the tone-mapped picture over a grey backdrop, on which
+silhouettes count too. Blocks of pixels whose own estimate, and that of their neighbours, is within the error are left alone.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import maximum_filter
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.interrupt import StopRequest
+from mesoshell.measure.flip import flip_map
+from mesoshell.render.tiles import GOLDEN
+from mesoshell.scene.picture import Passes, Progress, Rendered
+
+#: Radiance behind a transparent picture; pixels of a block's side; passes before the first estimate, and growth of their number
+#: up to the next; most samples a pixel where no number is given; least share of a pass that is worth its while.
+BACKDROP, BLOCK, FIRST, GROWTH, MOST, LEAST = 0.2, 16, 4, 1.3, 4096, 0.1
+
+
+@dataclass(frozen=True)
+class Goal:
+    """When a picture ends: at the first that is met. budget: seconds of the render loop; error: mean FLIP; max_samples: of a
+    pixel. Raises InputError for a number that none can be."""
+
+    budget: float | None = None
+    error: float | None = None
+    max_samples: int = MOST
+
+    def __post_init__(self) -> None:
+        for name, most in (("budget", np.inf), ("error", 1.0)):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < most:
+                raise InputError(
+                    Argument(name), f"must be above 0 and {'finite' if most > 1 else 'below 1'}, not {value}"
+                )
+        if self.max_samples < 1:
+            raise InputError(Argument("max_samples"), f"must be at least 1, not {self.max_samples}")
+
+
+def goal_of(
+    budget: float | None, error: float | None, max_samples: int | None, changes: Mapping[str, Any]
+) -> Goal | None:
+    """The goal of a picture; None if none is given. changes: of its quality's fields, which must not count samples too."""
+    if budget is error is max_samples is None:
+        return None
+    for name in ("pixel_samples", "spp"):
+        if name in changes:
+            raise InputError(Argument(name), "a picture with a goal takes as many as it needs: give `max_samples`")
+    return Goal(budget, error, MOST if max_samples is None else max_samples)
+
+
+@dataclass
+class _Clock:
+    """Seconds of passes, with the pixels of each, and of estimates. The first pass may hold compiling: it counts as the second
+    would with as many pixels."""
+
+    passes: list[float] = field(default_factory=list)
+    pixels: list[int] = field(default_factory=list)
+    estimates: float = 0.0
+
+    def add(self, since: float, pixels: int) -> None:
+        self.passes.append(time.perf_counter() - since)
+        self.pixels.append(pixels)
+
+    @property
+    def warming(self) -> float:
+        return (
+            max(0.0, self.passes[0] - self.passes[1] / self.pixels[1] * self.pixels[0]) if len(self.passes) > 1 else 0.0
+        )
+
+    @property
+    def spent(self) -> float:
+        return sum(self.passes) - self.warming + self.estimates
+
+    def expected(self, pixels: int) -> float:
+        """Seconds of a pass of so many pixels."""
+        return self.passes[-1] / self.pixels[-1] * pixels
+
+
+class _Sums:
+    """Sums of all passes and of every other one, for each pixel."""
+
+    def __init__(self, shape: tuple[int, int]):
+        self.shape = shape
+        self.total, self.half = np.zeros((shape[0] * shape[1], 4)), np.zeros((shape[0] * shape[1], 4))
+        self.passes = np.zeros(shape[0] * shape[1], int)
+
+    def add(self, pixels: Int[np.ndarray, "P"], rgba: Float[np.ndarray, "P 4"]) -> None:
+        even = self.passes[pixels] % 2 == 0
+        self.total[pixels] += rgba
+        self.half[pixels[even]] += rgba[even]
+        self.passes[pixels] += 1
+
+    def mean(self) -> Float[np.ndarray, "H W 4"]:
+        return (self.total / self.passes[:, None]).reshape(*self.shape, 4)
+
+    def error(self) -> Float[np.ndarray, "H W"]:
+        """FLIP(H, M)."""
+        half = (self.half / ((self.passes + 1) // 2)[:, None]).reshape(*self.shape, 4)
+        return flip_map(over_backdrop(half), over_backdrop(self.mean()))
+
+
+def accumulate(passes: Passes, goal: Goal, progress: Progress) -> Rendered:
+    """The picture that passes come to. SIGINT or SIGTERM ends it with the passes so far."""
+    sums, clock, met = _Sums(passes.shape), _Clock(), ""
+    active, due = np.arange(len(sums.passes)), FIRST
+    with StopRequest() as stop:
+
+        def moved(share: float) -> None:
+            if stop.requested:
+                raise _Stopped
+            progress(_share(goal, clock, share))
+
+        while not met:
+            pixels = _affordable(goal, clock, active, passes) if len(clock.passes) > 1 else active
+            if not len(pixels):
+                met = "budget"
+                break
+            try:
+                begin = time.perf_counter()
+                sums.add(pixels, passes.render(len(clock.passes), pixels, moved))
+                clock.add(begin, len(pixels))
+            except _Stopped:
+                if not clock.passes:
+                    raise KeyboardInterrupt from None
+                met = "interrupt"
+            if not met and len(clock.passes) >= goal.max_samples:
+                met = "max_samples"
+            if goal.error is not None and len(clock.passes) >= due:
+                begin = time.perf_counter()
+                error = sums.error()
+                if error.mean() <= goal.error:
+                    met = "error"
+                elif passes.chosen:
+                    active = np.flatnonzero(_unfinished(error, goal.error))
+                clock.estimates += time.perf_counter() - begin
+                due = max(len(clock.passes) + 2, 2 * round(GROWTH * len(clock.passes) / 2))
+    return _ended(passes, goal, sums, clock, met)
+
+
+class _Stopped(Exception):
+    pass
+
+
+def _affordable(goal: Goal, clock: _Clock, active: Int[np.ndarray, "P"], passes: Passes) -> Int[np.ndarray, "_"]:
+    """Pixels of the next pass that the budget leaves time for: all, or blocks of them, spread over the picture; none if they
+    are few. Where pixels cannot be left out, all if more than half of them would be rendered in time."""
+    if goal.budget is None:
+        return active
+    share = (goal.budget - clock.spent) / clock.expected(len(active))
+    if share >= 1 or (share > 0.5 and not passes.chosen):
+        return active
+    if share < LEAST or not passes.chosen:
+        return active[:0]
+    y, x = np.divmod(active, passes.shape[1])
+    _, block = np.unique(y // BLOCK * passes.shape[1] + x // BLOCK, return_inverse=True)
+    return active[(block * GOLDEN) % 1 < share]
+
+
+def _ended(passes: Passes, goal: Goal, sums: _Sums, clock: _Clock, met: str) -> Rendered:
+    """What was promised and reached, beside what the engine gives."""
+    samples = sums.passes
+    rendered = passes.ended(sums.mean().astype(np.float32), round(float(samples.mean())))
+    reached: dict[str, Any] = {
+        "met": met,
+        "promised": {"budget": goal.budget, "error": goal.error, "max_samples": goal.max_samples},
+        "seconds": clock.spent,
+        "error": float(sums.error().mean()) if sums.passes.min() > 1 else None,
+        "samples": {"least": int(samples.min()), "mean": float(samples.mean()), "most": int(samples.max())},
+    }
+    seconds = {**rendered.seconds, "warming": clock.warming, "loop": clock.spent, "estimates": clock.estimates}
+    return rendered._replace(record={**rendered.record, "goal": reached}, seconds=seconds)
+
+
+def _share(goal: Goal, clock: _Clock, share: float) -> float:
+    """Of the work done, for a bar: of the goal that is nearest."""
+    done = [(len(clock.passes) + share) / goal.max_samples]
+    if goal.budget is not None and clock.passes:
+        done.append((clock.spent + share * clock.passes[-1]) / goal.budget)
+    return min(1.0, max(done))
+
+
+def _unfinished(error: Float[np.ndarray, "H W"], most: float) -> Bool[np.ndarray, "P"]:
+    """Pixels of blocks that are above the error, or have such a neighbour."""
+    height, width = error.shape
+    rows, columns = np.arange(0, height, BLOCK), np.arange(0, width, BLOCK)
+    sums = np.add.reduceat(np.add.reduceat(error, rows, axis=0), columns, axis=1)
+    counts = np.diff([*rows, height])[:, None] * np.diff([*columns, width])
+    above = maximum_filter(sums / counts, size=3, mode="nearest") > most
+    return np.repeat(np.repeat(above, BLOCK, axis=0)[:height], BLOCK, axis=1)[:, :width].ravel()
+
+
+def over_backdrop(rgba: Float[np.ndarray, "H W 4"]) -> Float[np.ndarray, "H W 3"]:
+    """What FLIP compares."""
+    return rgba[..., :3] + (1 - rgba[..., 3:]) * BACKDROP

@@ -76,7 +76,16 @@ def test_rooms_that_are_functions_stay_rooms() -> None:
     """Whichever is used first; and their arguments are known."""
     python("import mesoshell.render.camera as camera, mesoshell as ms; assert callable(ms.render) and camera.look_at")
     python("import mesoshell as ms; callable(ms.train); from mesoshell.train import report; import mesoshell.train.run")
-    assert list(inspect.signature(ms.render).parameters) == ["scene", "quality", "engine", "progress", "changes"]
+    assert list(inspect.signature(ms.render).parameters) == [
+        "scene",
+        "quality",
+        "engine",
+        "budget",
+        "error",
+        "max_samples",
+        "progress",
+        "changes",
+    ]
     assert list(inspect.signature(ms.train).parameters)[:3] == ["config", "data", "folder"]
 
 

@@ -110,7 +110,7 @@ def sky(folder: Path) -> Path:
         (["render", "scene.xml"], "scene.xml: is a scene of Mitsuba's, which requires --engine mitsuba"),
         (["render", "scene.xml", "--engine", "mitsuba"], "scene.xml: no such file"),
         (["render", "scene.xml", "--engine", "mitsuba", "--seed", "3"], "--seed: is set in scene.xml"),
-        (["render", "scene.xml", "--engine", "mitsuba", "--set", "rr_depth=3"], "--set: rr_depth: is set in scene.xml"),
+        (["render", "scene.xml", "--engine", "mitsuba", "--set", "rr_depth=3"], "--set rr_depth: is set in scene.xml"),
         (["render", str(MESH), "--spp", "3"], "--spp: requires --engine mitsuba"),
         (["render", str(MESH), "--max-depth", "3"], "--max-depth: requires --engine mitsuba"),
         (["render", str(MESH), "--engine", "mitsuba", "--spp", "0"], "--spp: must be at least 1, not 0"),

@@ -65,13 +65,29 @@ def test_settings_change_a_preset_and_those_without_effect_are_said(material: Pa
     more = ["--set", "samples=12", "--set", "coordinates=exact", "--set", "filtering=FALSE", "--set", "max_depth=3"]
     with pytest.raises(SystemExit):
         main(arguments(material, tmp_path / "no.png", *more))
-    assert "--set: max_depth: requires --engine mitsuba" in capsys.readouterr().err
+    assert "--max-depth: requires --engine mitsuba" in capsys.readouterr().err
     more[-1] = "curve_length=1"
     main(arguments(material, tmp_path / "set.png", *more))
-    assert "note: --set curve_length: has no effect on this picture" in capsys.readouterr().err
+    assert "note: curve_length: has no effect on this picture" in capsys.readouterr().err
     used = json.loads((tmp_path / "set.json").read_text())["quality"]
     assert (used["samples"], used["coordinates"], used["filtering"]) == (12, "exact", False)
     assert used["early_stop"] == 0.05  # draft's
+
+
+def test_a_goal_is_said_and_kept_in_the_report(material: Path, tmp_path: Path, capsys):
+    out = tmp_path / "goal.png"
+    given = [str(x) for x in ("render", MESH, "--material", material, "--size", 24, 24, "--out", out)]
+    main([*given, "--error", "0.9", "--max-samples", "6"])
+    assert "error reached: " in capsys.readouterr().err
+    goal = json.loads(out.with_suffix(".json").read_text())["goal"]
+    assert goal["promised"] == {"budget": None, "error": 0.9, "max_samples": 6}
+    assert goal["met"] == "error" and goal["samples"]["most"] == 4 and goal["bias"] >= 0
+    assert goal["settings"]["samples"] == json.loads(out.with_suffix(".json").read_text())["quality"]["samples"]
+    main([*given, "--quality", "draft", "--max-samples", "3", "--budget", "1e6"])
+    assert "most samples taken: " in capsys.readouterr().err
+    report = json.loads(out.with_suffix(".json").read_text())
+    assert "settings" not in report["goal"] and report["goal"]["samples"]["mean"] == 3
+    assert (report["quality"]["samples"], report["quality"]["pixel_samples"]) == (24, 3)
 
 
 @pytest.mark.parametrize("height", [0.25, 1.0])
@@ -118,11 +134,15 @@ FAULTS = {
     "negative scale": (["--scale=-2"], "scale"),
     "infinite scale": (["--scale", "inf"], "scale"),
     "endless light": (["--light", "0", "1", "0", "--irradiance", "inf"], "--irradiance"),
-    "no setting": (["--set", "sample=3"], "--set: sample: is no field of Quality; did you mean samples?"),
-    "a setting's text": (["--set", "samples=many"], "--set: samples: 'many' is no whole number"),
-    "a setting's switch": (["--set", "filtering=1"], "--set: filtering: '1' is no truth value"),
-    "a setting out of range": (["--set", "skip=1"], "--set: skip: must lie in [0, 1), not 1.0"),
-    "a setting of the other engine": (["--set", "spp=3"], "--set: spp: requires --engine mitsuba"),
+    "no budget": (["--budget", "0"], "--budget: must be above 0 and finite, not 0.0"),
+    "an error beyond any": (["--error", "1"], "--error: must be above 0 and below 1, not 1.0"),
+    "no samples": (["--max-samples", "0"], "--max-samples: must be at least 1, not 0"),
+    "two counts": (["--budget", "1", "--set", "pixel_samples=2"], "--set pixel_samples: a picture with a goal takes"),
+    "no setting": (["--set", "sample=3"], "--set sample: is no field of Quality; did you mean samples?"),
+    "a setting's text": (["--set", "samples=many"], "--set samples: 'many' is no whole number"),
+    "a setting's switch": (["--set", "filtering=1"], "--set filtering: '1' is no truth value"),
+    "a setting out of range": (["--set", "skip=1"], "--set skip: must lie in [0, 1), not 1.0"),
+    "a setting of the other engine": (["--set", "spp=3"], "--spp: requires --engine mitsuba"),
     "a setting without a value": (["--set", "samples"], "--set: 'samples' is not NAME=VALUE"),
     "negative colour": (["--base", "0.1", "-0.1", "0.1"], "--base"),
 }

@@ -69,8 +69,8 @@ def test_the_most_samples_end_it_with_the_mean_of_all_passes() -> None:
 def test_an_error_is_reached_and_its_estimate_is_true(wanted: float) -> None:
     """Independent passes: the estimate is that of the error itself."""
     made, goal = run(Stand(0.3), error=wanted)
-    assert goal["met"] == "error" and goal["error"] <= wanted
-    assert error(made.rgba) == pytest.approx(goal["error"], rel=0.15)
+    assert goal["met"] == "error" and goal["noise"] <= wanted
+    assert error(made.rgba) == pytest.approx(goal["noise"], rel=0.15)
     assert goal["samples"]["mean"] > FIRST
     assert error(made.rgba) > wanted / 2  # and no more was rendered than that takes
 

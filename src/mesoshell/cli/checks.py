@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.render.quality import kind_of
+from mesoshell.render.quality import kind_of, unknown
 
 
 def at_least(options: object, **least: int) -> None:
@@ -36,8 +36,13 @@ def pairs_of(option: str, given: Sequence[str]) -> dict[str, str]:
 
 
 def settings_of(given: Sequence[str]) -> dict[str, Any]:
-    """Fields of a quality, from `--set`; what is no value of its field stays text. Raises InputError for what is no pair."""
-    return {name: _value(kind_of(name), text) for name, text in pairs_of("--set", given).items()}
+    """Fields of a quality, from `--set`; what is no value of its field stays text. Raises InputError for what is no pair, or no
+    field."""
+    pairs = pairs_of("--set", given)
+    for name in pairs:
+        if fault := unknown(name):
+            raise InputError(f"--set {name}", fault)
+    return {name: _value(kind_of(name), text) for name, text in pairs.items()}
 
 
 def _value(kind: type, text: str) -> Any:

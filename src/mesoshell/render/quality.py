@@ -5,6 +5,7 @@ picture depends on the engine and on what the scene calls for: `render/used`.
 """
 
 from dataclasses import asdict, dataclass, field, fields, replace
+from difflib import get_close_matches
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
@@ -141,9 +142,17 @@ class Quality:
 SETTINGS: dict[str, Setting] = {field.name: field.metadata["setting"] for field in fields(Quality)}
 
 
+def unknown(name: str) -> str:
+    """How a name is that of no field; "" if it is one's."""
+    if name in SETTINGS:
+        return ""
+    near = get_close_matches(name, SETTINGS, 1)
+    return "is no field of Quality" + (f"; did you mean {near[0]}?" if near else "")
+
+
 def kind_of(name: str) -> type:
-    """The type of a field's values; text for what is no field."""
-    return type(getattr(Quality, name, ""))
+    """The type of a field's values."""
+    return type(getattr(Quality, name))
 
 
 def wrong_kind(name: str, value: object) -> str:

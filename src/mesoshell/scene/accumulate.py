@@ -12,7 +12,7 @@ silhouettes count too. Blocks of pixels whose own estimate, and that of their ne
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,10 @@ class Goal:
                 )
         if self.max_samples < 1:
             raise InputError(Argument("max_samples"), f"must be at least 1, not {self.max_samples}")
+
+    def less(self, bias: float) -> "Goal":
+        """The goal of the noise alone: what a bias leaves of the error, or half of it if that is more."""
+        return self if self.error is None else replace(self, error=max(self.error - bias, self.error / 2))
 
 
 def goal_of(
@@ -90,8 +94,8 @@ class _Clock:
         return self.passes[-1] / self.pixels[-1] * pixels
 
 
-class _Sums:
-    """Sums of all passes and of every other one, for each pixel."""
+class Sums:
+    """Sums of all passes and of every other one, for each pixel; a pixel without a pass is empty."""
 
     def __init__(self, shape: tuple[int, int]):
         self.shape = shape
@@ -105,17 +109,17 @@ class _Sums:
         self.passes[pixels] += 1
 
     def mean(self) -> Float[np.ndarray, "H W 4"]:
-        return (self.total / self.passes[:, None]).reshape(*self.shape, 4)
+        return (self.total / np.maximum(self.passes, 1)[:, None]).reshape(*self.shape, 4)
 
     def error(self) -> Float[np.ndarray, "H W"]:
         """FLIP(H, M)."""
-        half = (self.half / ((self.passes + 1) // 2)[:, None]).reshape(*self.shape, 4)
+        half = (self.half / np.maximum((self.passes + 1) // 2, 1)[:, None]).reshape(*self.shape, 4)
         return flip_map(over_backdrop(half), over_backdrop(self.mean()))
 
 
 def accumulate(passes: Passes, goal: Goal, progress: Progress) -> Rendered:
     """The picture that passes come to. SIGINT or SIGTERM ends it with the passes so far."""
-    sums, clock, met = _Sums(passes.shape), _Clock(), ""
+    sums, clock, met = Sums(passes.shape), _Clock(), ""
     active, due = np.arange(len(sums.passes)), FIRST
     with StopRequest() as stop:
 
@@ -165,12 +169,17 @@ def _affordable(goal: Goal, clock: _Clock, active: Int[np.ndarray, "P"], passes:
         return active
     if share < LEAST or not passes.chosen:
         return active[:0]
-    y, x = np.divmod(active, passes.shape[1])
-    _, block = np.unique(y // BLOCK * passes.shape[1] + x // BLOCK, return_inverse=True)
-    return active[(block * GOLDEN) % 1 < share]
+    return spread(active, passes.shape, int(share * len(active)))
 
 
-def _ended(passes: Passes, goal: Goal, sums: _Sums, clock: _Clock, met: str) -> Rendered:
+def spread(pixels: Int[np.ndarray, "P"], shape: tuple[int, int], count: int) -> Int[np.ndarray, "_"]:
+    """About so many of the pixels, in blocks spread over the picture; all if there are no more."""
+    y, x = np.divmod(pixels, shape[1])
+    _, block = np.unique(y // BLOCK * shape[1] + x // BLOCK, return_inverse=True)
+    return pixels[(block * GOLDEN) % 1 < count / len(pixels)]
+
+
+def _ended(passes: Passes, goal: Goal, sums: Sums, clock: _Clock, met: str) -> Rendered:
     """What was promised and reached, beside what the engine gives."""
     samples = sums.passes
     rendered = passes.ended(sums.mean().astype(np.float32), round(float(samples.mean())))
@@ -178,7 +187,7 @@ def _ended(passes: Passes, goal: Goal, sums: _Sums, clock: _Clock, met: str) -> 
         "met": met,
         "promised": {"budget": goal.budget, "error": goal.error, "max_samples": goal.max_samples},
         "seconds": clock.spent,
-        "error": float(sums.error().mean()) if sums.passes.min() > 1 else None,
+        "noise": float(sums.error().mean()) if sums.passes.min() > 1 else None,
         "samples": {"least": int(samples.min()), "mean": float(samples.mean()), "most": int(samples.max())},
     }
     seconds = {**rendered.seconds, "warming": clock.warming, "loop": clock.spent, "estimates": clock.estimates}

@@ -2,12 +2,11 @@
 
 import time
 from collections.abc import Mapping
-from difflib import get_close_matches
 from typing import Any
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.surface import KIND
-from mesoshell.render.quality import PRESETS, SETTINGS, Quality, out_of_range, wrong_kind
+from mesoshell.render.quality import PRESETS, Quality, out_of_range, unknown, wrong_kind
 from mesoshell.scene.picture import Prepared, Progress
 from mesoshell.scene.scene import Scene
 
@@ -32,10 +31,7 @@ def quality_of(quality: str | Quality, engine: str, changes: Mapping[str, Any]) 
 
 
 def _check_field(name: str, value: Any, engine: str) -> None:
-    if name not in SETTINGS:
-        near = get_close_matches(name, SETTINGS, 1)
-        raise InputError(Argument(name), "is no field of Quality" + (f"; did you mean {near[0]}?" if near else ""))
-    if fault := wrong_kind(name, value):
+    if fault := unknown(name) or wrong_kind(name, value):
         raise InputError(Argument(name), fault)
     if fault := out_of_range(name, value):
         raise InputError(Argument(name), f"{fault}, not {value}")

@@ -9,16 +9,18 @@ from typing import Any
 from mesoshell.cli.checks import pairs_of, settings_of
 from mesoshell.cli.options.render import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
-from mesoshell.errors import Argument, InputError
+from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_outputs, replace_file, together
 from mesoshell.render.quality import Quality
+from mesoshell.scene.accumulate import goal_of
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.picture import Picture, Prepared
 from mesoshell.scene.prepare import OF_PATHS, prepare, quality_of
+from mesoshell.scene.reach import picture_of
 from mesoshell.scene.scene import Scene
 
 #: Options that also apply to a scene of Mitsuba's.
-_OF_SCENES = {"mesh", "engine", "spp", "quality", "set", "explain", "out"}
+_OF_SCENES = {"mesh", "engine", "spp", "quality", "set", "budget", "error", "max_samples", "explain", "out"}
 
 
 def run(options: Options) -> None:
@@ -29,7 +31,10 @@ def run(options: Options) -> None:
     out = files_of(options.out)[0]
     probe_outputs(files_of(options.out))
     console = stderr()
-    quality, compiling = _quality(options), None
+    given = settings_of(options.set)
+    given |= {name: getattr(options, name) for name in OF_PATHS if getattr(options, name) is not None}
+    quality, compiling = quality_of(options.quality or "normal", options.engine, given), None
+    goal = goal_of(options.budget, options.error, options.max_samples, given)
     if options.mesh.suffix.lower() == ".xml":
         ready = _of_mitsuba(options, quality)
     else:
@@ -44,11 +49,13 @@ def run(options: Options) -> None:
     if options.explain and ready.effects is not None:
         console.print(str(ready.effects), soft_wrap=True)
     with bar(console, "rendering") as progress:
-        made = ready.picture(progress)
-    unused = sorted(settings_of(options.set).keys() - made.report["quality"].keys())
+        made = picture_of(ready, quality, goal, not (options.quality or given), progress)
+    unused = [name for name in given if name not in made.report["quality"]]
     say_notes(
-        console, [*made.notes[len(ready.notes) :], *(f"--set {name}: has no effect on this picture" for name in unused)]
+        console, [*made.notes[len(ready.notes) :], *(f"{name}: has no effect on this picture" for name in unused)]
     )
+    if goal is not None:
+        console.print(_reached(made.report["goal"]), soft_wrap=True)
     report = _report(made, begin, compiling)
     _write(options.out, made, report)
     if options.explain:
@@ -56,19 +63,6 @@ def run(options: Options) -> None:
         said = "" if compiling is None else f"; {sum(compiling):.1f} s of this compiling"
         console.print(stages + said, soft_wrap=True)
     print(out)
-
-
-def _quality(options: Options) -> Quality:
-    """The preset, with what is set. Raises InputError for an unknown setting, a value that it has not, or one of the other
-    engine's."""
-    try:
-        quality = quality_of(options.quality, options.engine, settings_of(options.set))
-    except InputError as error:
-        if isinstance(error.source, Argument):
-            raise InputError("--set", f"{error.source}: {error.fault}") from error
-        raise
-    given = {name: getattr(options, name) for name in OF_PATHS if getattr(options, name) is not None}
-    return quality_of(quality, options.engine, given)
 
 
 def scene_of(options: Options, material: Material) -> Scene:
@@ -103,10 +97,30 @@ def _of_mitsuba(options: Options, quality: Quality) -> Prepared:
     given = settings_of(options.set)
     for name in ("max_depth", "rr_depth"):
         if name in given:
-            raise InputError("--set", f"{name}: is set in {options.mesh}")
+            raise InputError(f"--set {name}", f"is set in {options.mesh}")
     from mesoshell.scene.render_paths import prepare_file
 
     return prepare_file(options.mesh, quality, options.spp or given.get("spp"))
+
+
+def _reached(goal: dict[str, Any]) -> str:
+    """What was promised and what was reached, in a line."""
+    promised, samples = goal["promised"], goal["samples"]
+    ends = {
+        "budget": "budget spent",
+        "error": "error reached",
+        "max_samples": "most samples taken",
+        "interrupt": "interrupted",
+    }
+    seconds = f"{goal['seconds']:.2f} s" + ("" if promised["budget"] is None else f" of {promised['budget']:g} s")
+    noise = "noise unknown" if goal["noise"] is None else f"noise {goal['noise']:.4f}"
+    bias = f" and bias {goal['bias']:.4f}" if "bias" in goal else ""
+    error = f"estimated FLIP: {noise}{bias}" + ("" if promised["error"] is None else f", of {promised['error']:g}")
+    counts = f"{samples['mean']:.1f} samples a pixel"
+    if samples["least"] < samples["most"]:
+        counts += f" ({samples['least']} to {samples['most']})"
+    chosen = "".join(f", {name}={value}" for name, value in goal.get("settings", {}).items())
+    return f"{ends[goal['met']]}: {seconds}; {error}; {counts}{chosen}"
 
 
 def _report(made: Picture, begin: float, compiling: list[float] | None) -> dict[str, Any]:

@@ -77,9 +77,16 @@ class Options:
     camera: tuple[float, float, float, float, float, float, float] | None = None
     #: The axis that points up; default: y for OBJ and GLB, z for PLY and STL.
     up: Literal["y", "z"] | None = None
-    #: Effort: draft for a quick look, normal for pictures, reference to measure the others by.
-    quality: Literal["draft", "normal", "reference"] = "normal"
+    #: Effort: draft for a quick look, normal for pictures, reference to measure the others by. Default: normal; with --budget
+    #: or --error, a march's settings are chosen for the scene unless --quality or --set is given.
+    quality: Literal["draft", "normal", "reference"] | None = None
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(help=SETTINGS_HELP)] = ()
+    #: Seconds for the render loop: as many samples as they allow. Set-up and compiling are not of it, and reported beside it.
+    budget: float | None = None
+    #: Mean FLIP of the tone-mapped picture, 0 to 1: as few samples as it takes. With --budget too, what is met first ends it.
+    error: float | None = None
+    #: Most samples a pixel with --budget or --error; default: 4096. Ctrl-C writes what there is.
+    max_samples: int | None = None
     #: jax marches rays, with direct light only; mitsuba traces paths, with indirect light too.
     engine: Literal["jax", "mitsuba"] = "jax"
     #: Paths a pixel, for mitsuba. Default: 16, 64 or 512 by --quality, or what the XML scene says.

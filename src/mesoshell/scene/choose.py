@@ -1,0 +1,89 @@
+"""Choose the settings of a march for a budget of seconds or an error: few samples a ray bias a picture, few rays make it noisy.
+
+Notation
+b, c        a rung's bias and its cost, relative to the first rung's                                          FLIP, 1
+ν           error of one ray a pixel, that of n is ν / √n                                                    FLIP
+s           a scene's errors relative to those of the table, by its noise
+
+b, c and ν are of `spot.obj` with grass that fills half of the picture (benchmarks/ladder). A rung that takes c t seconds a pass
+reaches s (b + ν / √n) after n of them. Of a scene only t and s are measured, on blocks of its pixels.
+"""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from mesoshell.render.quality import Quality
+from mesoshell.scene.accumulate import FIRST, Goal, Sums, spread
+from mesoshell.scene.picture import Passes, Prepared
+
+#: ν; FLIP of one ray a pixel against two, of the first rung; and pixels that a scene is probed with, about.
+NOISE, PAIR, PROBE = 0.022, 0.0286, 16384
+
+
+class Rung(NamedTuple):
+    """Settings, with their b and c."""
+
+    settings: dict[str, object]
+    bias: float
+    cost: float
+
+
+_FINE = {"early_stop": 0.005, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
+_EXACT = {"early_stop": 0.0, "skip": 0.0, "weight_cut": 0.0, "base_samples": 32}
+LADDER = (
+    Rung({"samples": 24, "early_stop": 0.05, "base_samples": 4}, 0.0778, 1.0),
+    Rung({"samples": 32, "early_stop": 0.02}, 0.0496, 1.4),
+    Rung({"samples": 48, "anisotropy": 4}, 0.0196, 2.2),
+    Rung({"samples": 64, "anisotropy": 4}, 0.0130, 2.8),
+    Rung({"samples": 96, "anisotropy": 4, **_FINE}, 0.0081, 4.2),
+    Rung({"samples": 192, "anisotropy": 8, **_FINE}, 0.0052, 16.0),
+    Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.0009, 34.0),
+)
+
+
+class Choice(NamedTuple):
+    """A rung's settings for a scene, the bias expected of them there, and seconds of the probe."""
+
+    settings: dict[str, object]
+    bias: float
+    seconds: float
+
+
+def choose(prepared: Prepared, quality: Quality, goal: Goal) -> Choice:
+    """What takes the least time to the goal's error if the budget allows it, else has the least error for the budget."""
+    begin = time.perf_counter()
+    t, s = _probe(prepared.passes(quality.with_changes(**LADDER[0].settings)))
+    budget = np.inf if goal.budget is None else goal.budget
+    due = [_due(rung, t, s, goal.error) for rung in LADDER]
+    if min(due) <= budget < np.inf or min(due) < budget:
+        rung = LADDER[int(np.argmin(due))]
+    elif budget < np.inf:
+        rung = min(LADDER, key=lambda r: _error(r, budget / (r.cost * t)))
+    else:
+        rung = LADDER[-1]
+    return Choice(rung.settings, s * rung.bias, time.perf_counter() - begin)
+
+
+def _due(rung: Rung, t: float, s: float, error: float | None) -> float:
+    """Seconds to an error; infinite for one that the rung does not reach, or none."""
+    noise = 0.0 if error is None else error - s * rung.bias
+    return np.inf if noise <= 0 else max(FIRST, (s * NOISE / noise) ** 2) * rung.cost * t
+
+
+def _error(rung: Rung, passes: float) -> float:
+    """Of a scene with s = 1, after so many passes; that of less than one is no picture's."""
+    return rung.bias + NOISE / passes**0.5 if passes >= 1 else 1 / passes
+
+
+def _probe(passes: Passes) -> tuple[float, float]:
+    """t and s, from two rays a pixel; the first may wait for compiling."""
+    pixels = spread(np.arange(passes.shape[0] * passes.shape[1]), passes.shape, PROBE)
+    sums, seconds = Sums(passes.shape), []
+    for k in range(2):
+        begin = time.perf_counter()
+        sums.add(pixels, passes.render(k, pixels, lambda share: None))
+        seconds.append(time.perf_counter() - begin)
+    whole = passes.shape[0] * passes.shape[1] / len(pixels)
+    return seconds[1] * whole, float(sums.error().flat[pixels].mean()) / PAIR

@@ -1,0 +1,82 @@
+"""Settings chosen for a goal: more time, or less error, never takes coarser ones, and what is promised can be reached."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mesoshell.render.quality import PRESETS
+from mesoshell.scene import choose as room
+from mesoshell.scene.accumulate import Goal
+from mesoshell.scene.choose import LADDER, NOISE, PROBE, choose
+from mesoshell.scene.picture import Passes, Prepared, Rendered
+
+TIMES, SCALES = st.floats(1e-3, 1e3), st.floats(0.05, 5)
+GOALS = st.floats(1e-2, 1e4), st.floats(1e-3, 0.5)
+
+
+def chosen(t: float, s: float, budget: float | None = None, error: float | None = None) -> int:
+    """The rung for a scene of these seconds a pass and this scale."""
+    prepared = Prepared("jax", {}, None, (), 0.0, 0.0, lambda progress: Rendered(*[None] * 3), lambda other: None)  # type: ignore[arg-type]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(room, "_probe", lambda passes: (t, s))
+        choice = choose(prepared, PRESETS["normal"], Goal(budget, error))
+    found = next(i for i, rung in enumerate(LADDER) if rung.settings is choice.settings)
+    assert choice.bias == s * LADDER[found].bias
+    return found
+
+
+def test_finer_rungs_cost_more_and_bias_less() -> None:
+    assert np.all(np.diff([r.cost for r in LADDER]) > 0) and np.all(np.diff([r.bias for r in LADDER]) < 0)
+    assert LADDER[0].cost == 1
+    for rung in LADDER:
+        PRESETS["normal"].with_changes(**rung.settings)
+
+
+@given(TIMES, SCALES, GOALS[0], st.floats(1, 100))
+def test_more_time_takes_no_coarser_settings(t: float, s: float, budget: float, more: float) -> None:
+    assert chosen(t, s, budget) <= chosen(t, s, more * budget)
+
+
+@given(TIMES, SCALES, GOALS[0])
+def test_a_budget_holds_a_pass_if_any_does(t: float, s: float, budget: float) -> None:
+    cost = LADDER[chosen(t, s, budget)].cost
+    assert cost * t <= budget or cost == 1
+
+
+@given(TIMES, SCALES, GOALS[1])
+def test_an_error_is_above_the_bias_if_that_can_be(t: float, s: float, error: float) -> None:
+    found = chosen(t, s, error=error)
+    assert s * LADDER[found].bias < error or found == len(LADDER) - 1
+    for rung in LADDER:  # no other takes less time
+        room_left = error - s * rung.bias
+        if room_left > 0:
+            least = error - s * LADDER[found].bias
+            passes = [max(4, (s * NOISE / x) ** 2) for x in (room_left, least)]
+            assert passes[1] * LADDER[found].cost <= passes[0] * rung.cost * (1 + 1e-9)
+
+
+def test_an_error_that_the_budget_does_not_allow_gives_way_to_the_budget() -> None:
+    assert chosen(1.0, 1.0, 4.0, 0.012) == chosen(1.0, 1.0, 4.0) < chosen(1.0, 1.0, error=0.012)
+    assert chosen(1.0, 1.0, 1e4, 0.012) == chosen(1.0, 1.0, error=0.012) < chosen(1.0, 1.0, 1e4)
+
+
+@pytest.mark.parametrize("side", [64, 256])
+def test_a_scene_is_probed_in_part_for_the_whole(monkeypatch, side: int) -> None:
+    """Seconds of a whole pass, without compiling; and noise relative to the table's, of pixels that see it."""
+    now, asked = [0.0], []
+    monkeypatch.setattr(room.time, "perf_counter", lambda: now[0])
+    random = np.random.default_rng(0)
+
+    def one(k, pixels, progress):
+        asked.append(len(pixels))
+        now[0] += len(pixels) * 1e-4 + 20 * (k == 0)
+        rgb = random.uniform(0.3, 0.7, (len(pixels), 3))
+        return np.concatenate([rgb, np.ones((len(pixels), 1))], axis=1)
+
+    passes = Passes((side, side), True, one, lambda image, samples: Rendered(image, {}, {}))
+    t, s = room._probe(passes)
+    assert t == pytest.approx(1e-4 * side**2)
+    assert asked[0] == asked[1] and asked[0] <= 1.5 * PROBE
+    assert (asked[0] == side**2) == (side**2 <= PROBE)
+    assert 1 < s < 20

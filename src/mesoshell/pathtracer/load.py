@@ -48,7 +48,7 @@ def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters
         raise InputError(path, "no such file")
     try:
         read_file(path).decode()
-    except UnicodeDecodeError as error:  # the parser accepts such a file, and then cannot name its nodes
+    except UnicodeDecodeError as error:  # Mitsuba's parser accepts it, and fails later where it names a node
         raise InputError(path, "is not UTF-8 text") from error
     given = {key: str(value) for key, value in parameters.items()}
     resolver = cast(Any, mi).file_resolver()

@@ -39,8 +39,8 @@ LEAST_COSINE = 2 * LEAST_AREA
 #: A round shrinks at least by this factor, so that the rounds end where neighbours tilt one another.
 LEAST_SHRINK = 0.95
 ROUNDS = 256
-#: Least cosine at which light crosses a shell that is taken as flat: flatter light leaves it no farther away, since a curved
-#: shell ends sooner, and since a longer way would skip nearby objects.
+#: The way of light out of a shell is computed as if the shell were flat: (1 − h) / cosine. The cosine is at least this. Flatter
+#: light would go far along a flat shell; a real one curves away before that, and objects near it would be skipped.
 FLATTEST = 0.25
 #: A relative change of the patch's size above this is noted.
 SAID_CHANGE = 0.05

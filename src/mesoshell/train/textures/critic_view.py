@@ -45,7 +45,7 @@ def see(
 def _lit(decoder: Decoder, above: Above, light: Vec3) -> Float[Array, "S S I"]:
     """Reflectance times opacity of the LIT layers, seen from above; 3ρ/(1 + 3ρ) keeps it below 1."""
     some = jnp.array(LIT)
-    opacity, features = above.opacity[some], above.found[some]
+    opacity, features = above.opacity[some], above.features[some]
     shape = (*opacity.shape, 3)
     up, toward = (jnp.broadcast_to(x, shape) for x in (jnp.array([0.0, 0.0, 1.0], light.dtype), light))
     rho = 3 * net.head(decoder, net.toward_viewer(decoder, features, up), toward)

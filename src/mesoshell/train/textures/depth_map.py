@@ -24,10 +24,10 @@ TOP = 0.96
 
 
 class Above(NamedTuple):
-    """Layers from the lowest up. found: the trunk's features of each layer; depth, cover: seen from above."""
+    """Layers from the lowest up. features: the trunk's of each layer; depth, cover: seen from above."""
 
     opacity: Float[Array, "n S S"]
-    found: Float[Array, "n S S W"]
+    features: Float[Array, "n S S W"]
     depth: Float[Array, "S S"]
     cover: Float[Array, "S S"]
 

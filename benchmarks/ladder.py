@@ -20,7 +20,7 @@ from mesoshell.scene.choose import LADDER
 from mesoshell.scene.picture import Prepared
 from mesoshell.scene.prepare import prepare
 
-SIDE, PASSES, TRUE = 96, 4, 16
+SIDE, PASSES, TRUE = 96, 4, 12
 CAMERAS = {"near": None, "far": (2.2, 1.4, -9, 0, 0.05, 0.15, 25)}
 GOALS = ({"budget": 1.0}, {"budget": 3.0}, {"budget": 10.0}, {"error": 0.05}, {"error": 0.03}, {"error": 0.02})
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
@@ -75,7 +75,7 @@ def goals() -> None:
             picture = ms.render(shown, **goal)
             reached = picture.report["goal"]
             name, value = next(iter(goal.items()))
-            estimated = (reached["noise"] or np.nan) + reached["bias"]
+            estimated = np.hypot(reached["noise"] or np.nan, reached["bias"])
             settings = ", ".join(f"{k} {v}" for k, v in reached["settings"].items())
             row = [view, f"{name} {value:g}", f"{reached['seconds']:.2f}", f"{estimated:.4f}"]
             row += [f"{different(picture.rgba, true):.4f}", f"{reached['samples']['mean']:.1f}", settings]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene import choose as room
 from mesoshell.scene.accumulate import Goal
-from mesoshell.scene.choose import LADDER, NOISE, PROBE, choose
+from mesoshell.scene.choose import FEWEST, LADDER, NOISE, PROBE, choose
 from mesoshell.scene.picture import Passes, Prepared, Rendered
 
 TIMES, SCALES = st.floats(1e-3, 1e3), st.floats(0.05, 5)
@@ -39,26 +39,31 @@ def test_more_time_takes_no_coarser_settings(t: float, s: float, budget: float, 
 
 
 @given(TIMES, SCALES, GOALS[0])
-def test_a_budget_holds_a_pass_if_any_does(t: float, s: float, budget: float) -> None:
+def test_a_budget_holds_its_passes_if_it_can(t: float, s: float, budget: float) -> None:
     cost = LADDER[chosen(t, s, budget)].cost
-    assert cost * t <= budget or cost == 1
+    assert FEWEST * cost * t <= budget * (1 + 1e-9) or cost == 1
 
 
 @given(TIMES, SCALES, GOALS[1])
 def test_an_error_is_above_the_bias_if_that_can_be(t: float, s: float, error: float) -> None:
     found = chosen(t, s, error=error)
     assert s * LADDER[found].bias < error or found == len(LADDER) - 1
-    for rung in LADDER:  # no other takes less time
-        room_left = error - s * rung.bias
-        if room_left > 0:
-            least = error - s * LADDER[found].bias
-            passes = [max(4, (s * NOISE / x) ** 2) for x in (room_left, least)]
-            assert passes[1] * LADDER[found].cost <= passes[0] * rung.cost * (1 + 1e-9)
+    bias = [s * rung.bias for rung in (LADDER[found], *LADDER)]
+    seconds = [max(4, (s * NOISE) ** 2 / (error**2 - b**2)) if b < error else np.inf for b in bias]
+    costs = [rung.cost for rung in (LADDER[found], *LADDER)]
+    if bias[0] < error:  # no other takes less time
+        assert seconds[0] * costs[0] <= min(a * c for a, c in zip(seconds, costs, strict=True)) * (1 + 1e-9)
 
 
-def test_an_error_that_the_budget_does_not_allow_gives_way_to_the_budget() -> None:
-    assert chosen(1.0, 1.0, 4.0, 0.012) == chosen(1.0, 1.0, 4.0) < chosen(1.0, 1.0, error=0.012)
-    assert chosen(1.0, 1.0, 1e4, 0.012) == chosen(1.0, 1.0, error=0.012) < chosen(1.0, 1.0, 1e4)
+@given(TIMES, SCALES, *GOALS)
+def test_an_error_that_the_budget_does_not_allow_gives_way_to_the_budget(
+    t: float, s: float, budget: float, error: float
+) -> None:
+    of_budget, of_error = chosen(t, s, budget), chosen(t, s, error=error)
+    assert chosen(t, s, budget, error) in (of_budget, of_error)
+    assert chosen(t, s, 1e-6 * t, error) == 0
+    if s * LADDER[-1].bias < error:
+        assert chosen(t, s, 1e30, error) == of_error
 
 
 @pytest.mark.parametrize("side", [64, 256])

@@ -50,8 +50,10 @@ class Goal:
             raise InputError(Argument("max_samples"), f"must be at least 1, not {self.max_samples}")
 
     def less(self, bias: float) -> "Goal":
-        """The goal of the noise alone: what a bias leaves of the error, or half of it if that is more."""
-        return self if self.error is None else replace(self, error=max(self.error - bias, self.error / 2))
+        """The goal of the noise alone, which is independent of a bias; half of the error if the bias is most of it, or more."""
+        return (
+            self if self.error is None else replace(self, error=max(self.error**2 - bias**2, self.error**2 / 4) ** 0.5)
+        )
 
 
 def goal_of(
@@ -141,7 +143,8 @@ def accumulate(passes: Passes, goal: Goal, progress: Progress) -> Rendered:
                 if not clock.passes:
                     raise KeyboardInterrupt from None
                 met = "interrupt"
-            if not met and len(clock.passes) >= goal.max_samples:
+                break
+            if len(clock.passes) >= goal.max_samples:
                 met = "max_samples"
             if goal.error is not None and len(clock.passes) >= due:
                 begin = time.perf_counter()

@@ -6,7 +6,8 @@ b, c        a rung's bias and its cost, relative to the first rung's            
 s           a scene's errors relative to those of the table, by its noise
 
 b, c and ν are of `spot.obj` with grass that fills half of the picture (benchmarks/ladder). A rung that takes c t seconds a pass
-reaches s (b + ν / √n) after n of them. Of a scene only t and s are measured, on blocks of its pixels.
+reaches s √(b² + ν² / n) after n of them: bias and noise are independent. Of a scene only t and s are measured, on blocks of its
+pixels.
 """
 
 import time
@@ -18,8 +19,9 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import FIRST, Goal, Sums, spread
 from mesoshell.scene.picture import Passes, Prepared
 
-#: ν; FLIP of one ray a pixel against two, of the first rung; and pixels that a scene is probed with, about.
-NOISE, PAIR, PROBE = 0.022, 0.0286, 16384
+#: ν; FLIP of one ray a pixel against two, of the first rung; pixels that a scene is probed with, about; and passes that a
+#: budget must hold, since two are always made.
+NOISE, PAIR, PROBE, FEWEST = 0.022, 0.0286, 16384, 2.5
 
 
 class Rung(NamedTuple):
@@ -33,13 +35,13 @@ class Rung(NamedTuple):
 _FINE = {"early_stop": 0.005, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
 _EXACT = {"early_stop": 0.0, "skip": 0.0, "weight_cut": 0.0, "base_samples": 32}
 LADDER = (
-    Rung({"samples": 24, "early_stop": 0.05, "base_samples": 4}, 0.0778, 1.0),
-    Rung({"samples": 32, "early_stop": 0.02}, 0.0496, 1.4),
-    Rung({"samples": 48, "anisotropy": 4}, 0.0196, 2.2),
-    Rung({"samples": 64, "anisotropy": 4}, 0.0130, 2.8),
-    Rung({"samples": 96, "anisotropy": 4, **_FINE}, 0.0081, 4.2),
-    Rung({"samples": 192, "anisotropy": 8, **_FINE}, 0.0052, 16.0),
-    Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.0009, 34.0),
+    Rung({"samples": 24, "early_stop": 0.05, "base_samples": 4}, 0.0775, 1.0),
+    Rung({"samples": 32, "early_stop": 0.02}, 0.0496, 1.1),
+    Rung({"samples": 48, "anisotropy": 4}, 0.0189, 2.3),
+    Rung({"samples": 64, "anisotropy": 4}, 0.0124, 2.6),
+    Rung({"samples": 96, "anisotropy": 4, **_FINE}, 0.0074, 3.6),
+    Rung({"samples": 192, "anisotropy": 8, **_FINE}, 0.0046, 9.9),
+    Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.0007, 27.0),
 )
 
 
@@ -68,13 +70,14 @@ def choose(prepared: Prepared, quality: Quality, goal: Goal) -> Choice:
 
 def _due(rung: Rung, t: float, s: float, error: float | None) -> float:
     """Seconds to an error; infinite for one that the rung does not reach, or none."""
-    noise = 0.0 if error is None else error - s * rung.bias
-    return np.inf if noise <= 0 else max(FIRST, (s * NOISE / noise) ** 2) * rung.cost * t
+    if error is None or error <= s * rung.bias:
+        return np.inf
+    return max(FIRST, (s * NOISE) ** 2 / (error**2 - (s * rung.bias) ** 2)) * rung.cost * t
 
 
 def _error(rung: Rung, passes: float) -> float:
-    """Of a scene with s = 1, after so many passes; that of less than one is no picture's."""
-    return rung.bias + NOISE / passes**0.5 if passes >= 1 else 1 / passes
+    """Of a scene with s = 1, after so many passes; above 1 if these are too few to be on time with."""
+    return np.hypot(rung.bias, NOISE / passes**0.5) if passes >= FEWEST else 1 + 1 / passes
 
 
 def _probe(passes: Passes) -> tuple[float, float]:

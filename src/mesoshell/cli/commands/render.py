@@ -113,9 +113,11 @@ def _reached(goal: dict[str, Any]) -> str:
         "interrupt": "interrupted",
     }
     seconds = f"{goal['seconds']:.2f} s" + ("" if promised["budget"] is None else f" of {promised['budget']:g} s")
-    noise = "noise unknown" if goal["noise"] is None else f"noise {goal['noise']:.4f}"
-    bias = f" and bias {goal['bias']:.4f}" if "bias" in goal else ""
-    error = f"estimated FLIP: {noise}{bias}" + ("" if promised["error"] is None else f", of {promised['error']:g}")
+    noise = "unknown" if goal["noise"] is None else f"{goal['noise']:.4f}"
+    bias = f", of bias {goal['bias']:.4f}" if "bias" in goal else ""
+    error = f"estimated FLIP of noise {noise}{bias}" + (
+        "" if promised["error"] is None else f" for {promised['error']:g}"
+    )
     counts = f"{samples['mean']:.1f} samples a pixel"
     if samples["least"] < samples["most"]:
         counts += f" ({samples['least']} to {samples['most']})"

@@ -1,18 +1,21 @@
-"""What a march's settings cost and bias, and whether goals are reached: python -m benchmarks.ladder [--goals]
+"""What a march's settings cost and bias, and whether goals are reached: python -m benchmarks.ladder [--goals | --picture FILE]
 
-Prints, for `spot.obj` with grass from nearby and from afar, each rung of mesoshell.scene.choose: its seconds a pass, median of
-PASSES, and relative to the first rung; density queries a ray; FLIP of the picture against that of the preset `reference` at the
+Prints, for `spot.obj` with grass from nearby and from afar, each rung of mesoshell.scene.choose and preset: seconds a pass,
+median of PASSES, and relative to the first rung; density queries a ray; FLIP of the picture against that of `reference` at the
 same rays, which is bias; and FLIP of one ray a pixel against PASSES, which is noise. With --goals: budgets and errors promised
-and reached, where the error is against `reference` at more rays.
+and reached, where the error is against `reference` at more rays. With --picture: the strip of docs/how_to/time_and_error.
 """
 
 import argparse
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 import mesoshell as ms
 from mesoshell.cli.compilation_cache import keep_compiled
+from mesoshell.io.image import write_png
 from mesoshell.measure.flip import flip
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.accumulate import over_backdrop
@@ -22,6 +25,7 @@ from mesoshell.scene.prepare import prepare
 
 SIDE, PASSES, TRUE = 96, 4, 12
 CAMERAS = {"near": None, "far": (2.2, 1.4, -9, 0, 0.05, 0.15, 25)}
+CLOSE, SHOWN, BUDGETS = (1.5, 0.9, -2.4, 0, 0.05, 0.15, 40), 256, (1.0, 4.0, 16.0, 60.0)
 GOALS = ({"budget": 1.0}, {"budget": 3.0}, {"budget": 10.0}, {"error": 0.05}, {"error": 0.03}, {"error": 0.02})
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 
@@ -49,19 +53,22 @@ def different(a: np.ndarray, b: np.ndarray) -> float:
     return flip(over_backdrop(a), over_backdrop(b))
 
 
+def named(settings: dict[str, object]) -> str:
+    return ", ".join(f"{k} {v}" for k, v in settings.items())
+
+
 def rungs() -> None:
     print("| view | settings | s a pass | relative | queries a ray | bias | noise |\n|---|---|---|---|---|---|---|")
     for view, camera in CAMERAS.items():
         ready, first = prepare(scene(camera), NORMAL), 0.0
         true = passes(ready, REFERENCE, PASSES)[0].mean(axis=0)
-        for rung in (*LADDER, None):
-            quality = REFERENCE if rung is None else NORMAL.with_changes(**rung.settings)
+        changed = [(named(rung.settings), NORMAL.with_changes(**rung.settings)) for rung in LADDER]
+        for name, quality in (*changed, *((f"`{name}`", preset) for name, preset in PRESETS.items())):
             images, seconds, queries = passes(ready, quality, PASSES)
             median, mean = float(np.median(seconds)), images.mean(axis=0)
             first = first or median
-            named = "`reference`" if rung is None else ", ".join(f"{k} {v}" for k, v in rung.settings.items())
             found = f"{different(mean, true):.4f} | {different(images[0], mean):.4f}"
-            print(f"| {view} | {named} | {median:.3f} | {median / first:.1f} | {queries:.1f} | {found} |", flush=True)
+            print(f"| {view} | {name} | {median:.3f} | {median / first:.1f} | {queries:.1f} | {found} |", flush=True)
 
 
 def goals() -> None:
@@ -76,17 +83,31 @@ def goals() -> None:
             reached = picture.report["goal"]
             name, value = next(iter(goal.items()))
             estimated = np.hypot(reached["noise"] or np.nan, reached["bias"])
-            settings = ", ".join(f"{k} {v}" for k, v in reached["settings"].items())
+            settings = named(reached["settings"])
             row = [view, f"{name} {value:g}", f"{reached['seconds']:.2f}", f"{estimated:.4f}"]
             row += [f"{different(picture.rgba, true):.4f}", f"{reached['samples']['mean']:.1f}", settings]
             print(f"| {' | '.join(row)} |", flush=True)
 
 
+def picture(path: Path) -> None:
+    """The same view after each budget, written as a strip."""
+    shown = replace(scene(None), size=(SHOWN, SHOWN), camera=CLOSE)
+    views = [ms.render(shown, budget=seconds) for seconds in BUDGETS]
+    for view in views:
+        print(view.report["goal"])
+    write_png(path, np.concatenate([view.rgba for view in views], axis=1))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--goals", action="store_true", help="promised and reached")
+    parser.add_argument("--picture", type=Path, help="write a strip of pictures")
+    asked = parser.parse_args()
     keep_compiled()
-    (goals if parser.parse_args().goals else rungs)()
+    if asked.picture:
+        picture(asked.picture)
+    else:
+        (goals if asked.goals else rungs)()
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ class Stand:
 
     def __init__(self, noisy, chosen=True, during: Callable[[int], None] = lambda k: None):
         self.noisy, self.asked, self.during = np.broadcast_to(noisy, SHAPE).reshape(-1, 1), [], during
-        self.passes = Passes(SHAPE, chosen, self.one, self.ended)
+        self.passes = Passes(SHAPE, chosen, lambda pixels: 1, self.one, self.ended)
 
     def one(self, k, pixels, progress):
         self.asked.append(pixels)
@@ -117,6 +117,16 @@ def test_a_budget_is_spent_and_compiling_is_not_of_it(clock: list[float], chosen
     assert goal["met"] == "budget" and made.seconds["warming"] == pytest.approx(30)
     assert goal["seconds"] == pytest.approx(budget, abs=0.15 if chosen else 0.5)
     assert goal["samples"]["mean"] == pytest.approx(goal["seconds"])
+
+
+def test_a_pass_may_be_the_only_one_if_all_is_compiled(clock: list[float]) -> None:
+    def during(k: int) -> None:
+        clock[0] += 5
+
+    stand = Stand(0.1, during=during)
+    made = accumulate(stand.passes, Goal(budget=5.2), lambda share: None, warm=True)
+    assert made.record["goal"]["seconds"] == 5 and len(stand.asked) == 1
+    assert made.record["goal"]["noise"] is None and made.seconds["warming"] == 0
 
 
 def test_a_pass_longer_than_the_budget_is_rendered_twice_at_most(clock: list[float]) -> None:

@@ -15,9 +15,15 @@ TIMES, SCALES = st.floats(1e-3, 1e3), st.floats(0.05, 5)
 GOALS = st.floats(1e-2, 1e4), st.floats(1e-3, 0.5)
 
 
+NOTHING = Rendered(np.zeros((4, 4, 4), np.float32), {}, {})
+PASSES = Passes(
+    (4, 4), True, lambda pixels: 1, lambda k, pixels, progress: np.zeros((len(pixels), 4)), lambda x, n: NOTHING
+)
+
+
 def chosen(t: float, s: float, budget: float | None = None, error: float | None = None) -> int:
     """The rung for a scene of these seconds a pass and this scale."""
-    prepared = Prepared("jax", {}, None, (), 0.0, 0.0, lambda progress: Rendered(*[None] * 3), lambda other: None)  # type: ignore[arg-type]
+    prepared = Prepared("jax", {}, None, (), 0.0, 0.0, lambda progress: NOTHING, lambda other: PASSES)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(room, "_probe", lambda passes: (t, s))
         choice = choose(prepared, PRESETS["normal"], Goal(budget, error))
@@ -79,9 +85,13 @@ def test_a_scene_is_probed_in_part_for_the_whole(monkeypatch, side: int) -> None
         rgb = random.uniform(0.3, 0.7, (len(pixels), 3))
         return np.concatenate([rgb, np.ones((len(pixels), 1))], axis=1)
 
-    passes = Passes((side, side), True, one, lambda image, samples: Rendered(image, {}, {}))
+    passes = Passes(
+        (side, side), True, lambda pixels: 1 + (pixels > PROBE * 2), one, lambda image, samples: Rendered(image, {}, {})
+    )
     t, s = room._probe(passes)
-    assert t == pytest.approx(1e-4 * side**2)
+    assert t == pytest.approx(
+        1e-4 * side**2 / (1 + (side**2 > 2 * PROBE))
+    )  # a whole pass of the larger is on two threads
     assert asked[0] == asked[1] and asked[0] <= 1.5 * PROBE
     assert (asked[0] == side**2) == (side**2 <= PROBE)
     assert 1 < s < 20

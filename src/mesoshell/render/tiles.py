@@ -81,6 +81,11 @@ def render_pass(
     return rgba
 
 
+def threads(pixels: int, size: int) -> int:
+    """Threads that a pass of so many pixels keeps busy. size: most rays a tile."""
+    return min(os.cpu_count() or 1, -(-pixels // size))
+
+
 class _Ray(NamedTuple):
     """Ray k of every pixel: its place in the pixel, and the shift of samples along it."""
 

@@ -70,9 +70,10 @@ def goal_of(
 
 @dataclass
 class _Clock:
-    """Seconds of passes, with the pixels of each, and of estimates. The first pass may hold compiling: it counts as the second
-    would with as many pixels."""
+    """Seconds of passes, with the pixels of each, and of estimates. Unless all is compiled (warm) the first pass counts as the
+    second would with as many pixels."""
 
+    warm: bool
     passes: list[float] = field(default_factory=list)
     pixels: list[int] = field(default_factory=list)
     estimates: float = 0.0
@@ -83,9 +84,9 @@ class _Clock:
 
     @property
     def warming(self) -> float:
-        return (
-            max(0.0, self.passes[0] - self.passes[1] / self.pixels[1] * self.pixels[0]) if len(self.passes) > 1 else 0.0
-        )
+        if self.warm or len(self.passes) < 2:
+            return 0.0
+        return max(0.0, self.passes[0] - self.passes[1] / self.pixels[1] * self.pixels[0])
 
     @property
     def spent(self) -> float:
@@ -119,9 +120,9 @@ class Sums:
         return flip_map(over_backdrop(half), over_backdrop(self.mean()))
 
 
-def accumulate(passes: Passes, goal: Goal, progress: Progress) -> Rendered:
-    """The picture that passes come to. SIGINT or SIGTERM ends it with the passes so far."""
-    sums, clock, met = Sums(passes.shape), _Clock(), ""
+def accumulate(passes: Passes, goal: Goal, progress: Progress, warm: bool = False) -> Rendered:
+    """The picture that passes come to. SIGINT or SIGTERM ends it with the passes so far. warm: all is compiled."""
+    sums, clock, met = Sums(passes.shape), _Clock(warm), ""
     active, due = np.arange(len(sums.passes)), FIRST
     with StopRequest() as stop:
 
@@ -131,7 +132,7 @@ def accumulate(passes: Passes, goal: Goal, progress: Progress) -> Rendered:
             progress(_share(goal, clock, share))
 
         while not met:
-            pixels = _affordable(goal, clock, active, passes) if len(clock.passes) > 1 else active
+            pixels = _affordable(goal, clock, active, passes) if len(clock.passes) >= 2 - warm else active
             if not len(pixels):
                 met = "budget"
                 break

@@ -19,9 +19,9 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import FIRST, Goal, Sums, spread
 from mesoshell.scene.picture import Passes, Prepared
 
-#: ν; FLIP of one ray a pixel against two, of the first rung; pixels that a scene is probed with, about; and passes that a
-#: budget must hold, since two are always made.
-NOISE, PAIR, PROBE, FEWEST = 0.022, 0.0286, 16384, 2.5
+#: ν; FLIP of one ray a pixel against two, of the first rung; passes that a budget must hold; and pixels, about, that a scene is
+#: probed with, and that the chosen settings are compiled with.
+NOISE, PAIR, FEWEST, PROBE, COMPILED = 0.022, 0.0286, 1.1, 16384, 2048
 
 
 class Rung(NamedTuple):
@@ -46,9 +46,10 @@ LADDER = (
 
 
 class Choice(NamedTuple):
-    """A rung's settings for a scene, the bias expected of them there, and seconds of the probe."""
+    """A rung's settings for a scene, its passes, the bias expected of them, and seconds of probing and compiling."""
 
     settings: dict[str, object]
+    passes: Passes
     bias: float
     seconds: float
 
@@ -65,7 +66,9 @@ def choose(prepared: Prepared, quality: Quality, goal: Goal) -> Choice:
         rung = min(LADDER, key=lambda r: _error(r, budget / (r.cost * t)))
     else:
         rung = LADDER[-1]
-    return Choice(rung.settings, s * rung.bias, time.perf_counter() - begin)
+    passes = prepared.passes(quality.with_changes(**rung.settings))
+    passes.render(0, _some(passes, COMPILED), lambda share: None)
+    return Choice(rung.settings, passes, s * rung.bias, time.perf_counter() - begin)
 
 
 def _due(rung: Rung, t: float, s: float, error: float | None) -> float:
@@ -82,11 +85,15 @@ def _error(rung: Rung, passes: float) -> float:
 
 def _probe(passes: Passes) -> tuple[float, float]:
     """t and s, from two rays a pixel; the first may wait for compiling."""
-    pixels = spread(np.arange(passes.shape[0] * passes.shape[1]), passes.shape, PROBE)
+    pixels, count = _some(passes, PROBE), passes.shape[0] * passes.shape[1]
     sums, seconds = Sums(passes.shape), []
     for k in range(2):
         begin = time.perf_counter()
         sums.add(pixels, passes.render(k, pixels, lambda share: None))
         seconds.append(time.perf_counter() - begin)
-    whole = passes.shape[0] * passes.shape[1] / len(pixels)
+    whole = count / passes.threads(count) / (len(pixels) / passes.threads(len(pixels)))
     return seconds[1] * whole, float(sums.error().flat[pixels].mean()) / PAIR
+
+
+def _some(passes: Passes, count: int) -> np.ndarray:
+    return spread(np.arange(passes.shape[0] * passes.shape[1]), passes.shape, count)

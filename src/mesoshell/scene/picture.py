@@ -16,7 +16,7 @@ from mesoshell.io.image import png_bytes, write_exr, write_png
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
-from mesoshell.render.tiles import TileRenderer, render_pass
+from mesoshell.render.tiles import TileRenderer, render_pass, threads
 from mesoshell.scene.scene import Scene
 
 #: Called with the share done, 0 to 1.
@@ -56,11 +56,12 @@ class Rendered(NamedTuple):
 
 class Passes(NamedTuple):
     """A picture that is made pass by pass, a sample a pixel each. shape: H, W; chosen: whether a pass may leave pixels out;
-    render: (number of the pass, pixels by row, progress) -> their RGBA; ended: what an engine gives, from the picture that
-    passes came to and its samples a pixel."""
+    threads: that a pass of so many pixels keeps busy; render: (number of the pass, pixels by row, progress) -> their RGBA;
+    ended: what an engine gives, from the picture that passes came to and its samples a pixel."""
 
     shape: tuple[int, int]
     chosen: bool
+    threads: Callable[[int], int]
     render: Callable[[int, Int[np.ndarray, "P"], Progress], Float[np.ndarray, "P 4"]]
     ended: Callable[[np.ndarray, int], Rendered]
 
@@ -113,7 +114,7 @@ def tiled_passes(camera: Camera, size: int, tile: TileRenderer, ended: Callable[
     def one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
         return render_pass(camera, k, pixels, size, tile, progress)
 
-    return Passes((camera.height, camera.width), True, one, ended)
+    return Passes((camera.height, camera.width), True, lambda pixels: threads(pixels, size), one, ended)
 
 
 def _about(scene: Scene) -> dict[str, Any]:

@@ -16,8 +16,7 @@ def picture_of(prepared: Prepared, quality: Quality, goal: Goal | None, free: bo
     if not (free and marches and (goal.budget or goal.error)):
         return prepared.presented(accumulate(prepared.passes(None), goal, progress))
     choice = choose(prepared, quality, goal)
-    passes = prepared.passes(quality.with_changes(**choice.settings))
-    rendered = accumulate(passes, goal.less(choice.bias), progress)
+    rendered = accumulate(choice.passes, goal.less(choice.bias), progress, warm=True)
     reached = rendered.record["goal"]
     reached |= {"settings": choice.settings, "bias": choice.bias}
     reached["promised"]["error"] = goal.error

@@ -99,7 +99,7 @@ def _passes(scene: mi.Scene, quality: Quality | None) -> Passes:
     def ended(image: np.ndarray, samples: int) -> Rendered:
         return Rendered(image, {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
 
-    return Passes((height, width), chosen, one, ended)
+    return Passes((height, width), chosen, lambda pixels: 1, one, ended)
 
 
 def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 import mesoshell as ms
-from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.io.image import write_png
 from mesoshell.measure.flip import flip
 from mesoshell.render.quality import PRESETS, Quality
@@ -103,7 +102,6 @@ def main() -> None:
     parser.add_argument("--goals", action="store_true", help="promised and reached")
     parser.add_argument("--picture", type=Path, help="write a strip of pictures")
     asked = parser.parse_args()
-    keep_compiled()
     if asked.picture:
         picture(asked.picture)
     else:

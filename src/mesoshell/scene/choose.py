@@ -60,7 +60,7 @@ def choose(prepared: Prepared, quality: Quality, goal: Goal) -> Choice:
     t, s = _probe(prepared.passes(quality.with_changes(**LADDER[0].settings)))
     budget = np.inf if goal.budget is None else goal.budget
     due = [_due(rung, t, s, goal.error) for rung in LADDER]
-    if min(due) <= budget < np.inf or min(due) < budget:
+    if min(due) < np.inf and min(due) <= budget:
         rung = LADDER[int(np.argmin(due))]
     elif budget < np.inf:
         rung = min(LADDER, key=lambda r: _error(r, budget / (r.cost * t)))

@@ -71,7 +71,8 @@ def test_two_lights_add_up(tiny_bundle):
     scene = scenes.slab(tiny_bundle)
     a, b = scenes.lights()[0], Distant(np.array([-0.6, 0.0, 0.8]), np.array([0.2, 1.0, 2.0]))
     single = [image(replace(scene, lights=(light,)))[..., :3] for light in (a, b)]
-    np.testing.assert_allclose(image(replace(scene, lights=(a, b)))[..., :3], sum(single), rtol=1e-5, atol=1e-7)
+    # on a GPU sums are in another order: 1.8e-5 was seen at 2 of 768 values
+    np.testing.assert_allclose(image(replace(scene, lights=(a, b)))[..., :3], sum(single), rtol=4e-5, atol=1e-7)
 
 
 def depths(scene: Scene, o: np.ndarray, d: np.ndarray) -> np.ndarray:

@@ -1,8 +1,10 @@
-"""Exemplars: feature textures of many patches under one decoder, in one NAME.npz (standard library and NumPy only).
+"""Exemplars: feature textures under one decoder, of many patches in one NAME.npz, or of a fitted material (standard library and
+NumPy only).
 
 symbol   meaning                                                       shape
 K        patches
 features F(u, v) of each, half precision; wraps around, tiles do not    (K, H, W, C)
+patches  along a side of a feature: 1, or those of a torus of corner tiles
 height   F(h), of all                                                  (R, C)
 beta     geometry parameters of each, mapped to [0, 1]                 (K, G)
 decoder  as a bundle's arrays have it                                  decoder/…, sigma_scale
@@ -23,6 +25,7 @@ from jaxtyping import Float
 from mesoshell.errors import InputError
 from mesoshell.io.archive import read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle import Parameter, read_bundle
+from mesoshell.io.corner_tiles import SIDE
 from mesoshell.io.material import digest
 from mesoshell.io.records import parsed
 
@@ -43,6 +46,7 @@ class Exemplars:
     provenance: dict[str, Any]
     path: Path = Path()
     digest: str = ""
+    patches: int = 1
 
     @property
     def folder(self) -> Path:
@@ -51,7 +55,7 @@ class Exemplars:
 
     def check_periodic(self) -> None:
         """Raise InputError for tiles of a torus, none of which repeats by itself."""
-        if self.provenance.get("config", {}).get("tiles"):
+        if self.patches == 1 and self.provenance.get("config", {}).get("tiles"):
             raise InputError(self.path, "holds corner tiles of an unfinished fit, not patches that repeat")
 
     @property
@@ -84,8 +88,10 @@ def write_exemplars(path: str | PathLike[str], exemplars: Exemplars) -> None:
 
 
 def read_exemplars(path: str | PathLike[str]) -> Exemplars:
-    """Read and check exemplars. Raises InputError, one line, on any fault."""
+    """Read and check exemplars, or a fitted material as the only one. Raises InputError, one line, on any fault."""
     heads = read_heads(path)
+    if "features/0" in heads:
+        return _of_material(path)
     wanted = {"features": 4, "height": 2, "beta": 2, _MANIFEST: 1, "sigma_scale": 0}
     for key, axes in wanted.items():
         if key not in heads or len(heads[key][0]) != axes:
@@ -118,6 +124,15 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
             path, f"array {missing[0]} is missing" if missing else f"its decoder does not take {inputs} numbers"
         )
     return Exemplars(features, height, beta, arrays, octaves, parameters, provenance, Path(path), digest(Path(path)))
+
+
+def _of_material(path: str | PathLike[str]) -> Exemplars:
+    bundle = read_bundle(path)
+    decoder, parameters = read_decoder(path)
+    feature, height = bundle.arrays["features/0"], decoder.pop("height/0")
+    side = SIDE if bundle.tiles else 1
+    about = bundle.height_octaves, parameters, bundle.provenance, Path(path), digest(Path(path))
+    return Exemplars(feature[None], height, np.zeros((1, 0), np.float32), decoder, *about, side)
 
 
 def read_decoder(path: str | PathLike[str]) -> tuple[dict[str, np.ndarray], tuple[Parameter, ...]]:

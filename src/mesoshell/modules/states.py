@@ -23,6 +23,7 @@ from mesoshell.train.neutex.step import AtlasTraining
 from mesoshell.train.run_config import RunConfig
 from mesoshell.train.surface import step as surface
 from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.textures import adversarial
 from mesoshell.train.textures import step as textures
 from mesoshell.train.textures.state import TexturesConfig
 
@@ -65,12 +66,13 @@ def _players(config: RunConfig, state: Any) -> dict[str, Player]:
         }
     if isinstance(config, TexturesConfig):
         generator = Generator.of_patch(config.generator)
-        tx = textures.optimiser(config, config.rate)
-        players = {"generator": Player(("generator",), ("adam",), generator.apply, tx)}
-        if state.versus is not None:
-            critic, tx = TextureCritic(config.critic), textures.optimiser(config, config.critic_rate)
-            players["critic"] = Player(("versus", "critic"), ("versus", "adam"), critic.apply, tx)
-        return players
+        if state.versus is None:
+            return {"generator": Player(("generator",), ("adam",), generator.apply, textures.optimiser(config))}
+        (tx, for_critic), critic = adversarial.optimisers(config), TextureCritic(config.critic)
+        return {
+            "generator": Player(("generator",), ("adam",), generator.apply, tx),
+            "critic": Player(("versus", "critic"), ("versus", "adam"), critic.apply, for_critic),
+        }
     if isinstance(config, SurfaceTraining):
         module, tx = SurfaceMaterial(config.surface), surface.optimiser(config)
         return {"surface": Player(("surface",), ("adam",), module.apply, tx)}

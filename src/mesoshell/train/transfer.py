@@ -29,6 +29,7 @@ from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, start
 from mesoshell.train.run_config import RunConfig, flat, read_record
 from mesoshell.train.textures import step as textures
+from mesoshell.train.textures import synthesis
 from mesoshell.train.textures.exemplars import ScaledExemplars
 from mesoshell.train.textures.state import TexturesConfig, TexturesState
 
@@ -77,7 +78,7 @@ def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> C
         raise InputError(path, f"its decoder is not that of {data.folder}, or was scaled by other exemplars")
 
     def lent(fresh: TexturesState) -> TexturesState:
-        generator = textures.unfolded(maker.generator, fresh)
+        generator = synthesis.unfolded(maker.generator, fresh)
         return fresh._replace(generator=generator, smooth=jax.tree.map(jnp.copy, generator), averages=maker.averages)
 
     return lent

@@ -66,6 +66,7 @@ from mesoshell.train.surface import snapshot as surface_snapshot
 from mesoshell.train.surface import step as surface
 from mesoshell.train.textures import snapshot as textures_snapshot
 from mesoshell.train.textures import step as textures
+from mesoshell.train.textures import synthesis
 from mesoshell.train.textures.exemplars import ExemplarBatch, scaled
 from mesoshell.train.textures.state import TexturesConfig
 
@@ -315,17 +316,18 @@ def _of_training() -> Programs:
 def _of_textures() -> Programs:
     """A generator that learns exemplars, with a critic; what its start and its sheets compile are parts of the same."""
     small = GeneratorConfig(texels=32, channel_base=256, channel_max=8, channels=4, layers=4, z=0, w=8, waves=2)
-    config = TexturesConfig(replace(small, height_rows=8), batch=2, adversarial=1.0, octaves=1, alphas=1)
+    config = TexturesConfig(replace(small, height_rows=8), batch=2, adversarial=True, window=64, octaves=1, alphas=1)
     decoder = init_decoder(KEY, 4 + 1 + 2 + 1, (8,), (8,))
     arrays = np.ones((2, 32, 32, 4), np.float32), np.ones((8, 4), np.float32), np.zeros((2, 0), np.float32)
     data = scaled(Exemplars(*arrays, decoder_arrays(decoder), 1, (), {}))
     begun = jax.eval_shape(lambda: textures.start(config, data, KEY))
-    batch = ExemplarBatch(i(2), f(2, 32, 32, 4), f(2, 0), f(2, 32, 32, 4), f(2, 0), u(2, 2))
-    phases = jax.eval_shape(lambda p: textures.own_phases(config, p), i(2))
+    batch = ExemplarBatch(i(2), f(2, 64, 64, 4), f(2, 0), u(2, 2))
+    phases = jax.eval_shape(lambda p: synthesis.own_phases(config, p), i(2))
     shown = _jitted(textures_snapshot._shown, 1, 1, decoder, f(32, 32, 4), f(8, 4))
     return {
         "train.textures.natural_start.natural_start.look": [],  # a forward pass of the step's
-        "train.textures.step._versus": [_plain(partial(textures.step, config), begun, batch)],
+        "train.textures.adversarial.begun": [_plain(partial(textures.step, config), begun, batch)],
+        "train.textures.synthesis._moments": [_jitted(synthesis._moments, config, begun, KEY)],
         "train.textures.snapshot._made": [_jitted(textures_snapshot._made, config, begun, f(2, 0), phases)],
         "train.textures.snapshot._shown": [shown],
     }

@@ -11,24 +11,25 @@ import pytest
 import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.io.archive import write_arrays
-from mesoshell.io.bundle import Parameter, write_bundle
+from mesoshell.io.bundle import Parameter, read_bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.shell.generator.generator import map_latent, synthesise, synthesise_height
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.shell.generator.texture_critic import CriticConfig, criticise, init_critic
+from mesoshell.shell.generator.texture_critic import WINDOW, CriticConfig, criticise, init_critic
 from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.loader import decoder_of
 from mesoshell.train import run
 from mesoshell.train.export import decoder_arrays
-from mesoshell.train.textures import critic_view
+from mesoshell.train.textures import adversarial, critic_view
 from mesoshell.train.textures import snapshot as textures_snapshot
 from mesoshell.train.textures.depth_map import TOP, from_above
 from mesoshell.train.textures.exemplars import ScaledExemplars, feed, scaled
 from mesoshell.train.textures.natural_start import wide
 from mesoshell.train.textures.snapshot import bundle
 from mesoshell.train.textures.state import TexturesConfig, TexturesState, fitted
-from mesoshell.train.textures.step import folded, latents, made, own_phases, start, step
+from mesoshell.train.textures.step import start, step
+from mesoshell.train.textures.synthesis import folded, latents, made, own_phases, settled, standard
 from mesoshell.train.transfer import lender
 
 pytestmark = pytest.mark.xdist_group("textures")
@@ -36,7 +37,7 @@ SIDE, C = 32, 4
 GENERATOR = GeneratorConfig(
     texels=SIDE, channel_base=512, channel_max=16, channels=C, layers=4, z=0, w=8, waves=2, height_width=16
 )
-CONFIG = TexturesConfig(GENERATOR, CriticConfig(critic_view.CHANNELS, width=4), batch=2, snapshot_kimg=1e9)
+CONFIG = TexturesConfig(GENERATOR, CriticConfig(critic_view.CHANNELS, width=2), batch=2, window=64, snapshot_kimg=1e9)
 DECODER = init_decoder(jax.random.key(5), C + 1 + 2 + 1, (8, 8), (8,))
 
 
@@ -78,7 +79,7 @@ def test_a_start_has_the_exemplars_mean_and_covariance(begun):
     config, data, state = begun
     assert state.a.shape == (2 * C, C)
     w, phases = latents(config, state.generator, jnp.zeros((64, 0))), own_phases(config, jnp.arange(64))
-    x = np.asarray(made(config, state, state.generator, w, phases)[0]).reshape(-1, C)
+    x = np.asarray(made(config, state, state.generator, w, phases, SIDE)[0]).reshape(-1, C)
     np.testing.assert_allclose(x.mean(axis=0), 0, atol=0.3)
     np.testing.assert_allclose(np.cov(x.T), np.corrcoef(data.features.reshape(-1, C).T), atol=0.4)
 
@@ -88,7 +89,7 @@ def test_a_material_makes_the_textures_of_the_run(begun):
     config, data, state = begun
     state = state._replace(averages=state.averages._replace(magnitude=[1.3 * m for m in state.averages.magnitude]))
     w, phases = latents(config, state.generator, jnp.zeros((1, 0))), own_phases(config, jnp.arange(1))
-    expected = made(config, state, state.generator, w, phases)[0]
+    expected = made(config, state, state.generator, w, phases, SIDE)[0]
     g, corner = folded(state.generator, state), jnp.zeros(2, jnp.int32)
     found = synthesise(config.generator, g, state.averages, w, phases, corner, (SIDE, SIDE)).feature
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
@@ -115,9 +116,8 @@ def test_regression_repeats_its_exemplars(begun):
 
 @pytest.fixture(scope="module")
 def against_a_critic(exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars, TexturesState]:
-    wide = replace(exemplars, features=np.tile(exemplars.features, (1, 2, 2, 1)))
-    generator = replace(GENERATOR, texels=2 * SIDE, channel_base=256, channel_max=4)
-    config, data = fitted(replace(CONFIG, generator=generator, adversarial=1.0, warm=1, kimg=0.1), wide)
+    generator = replace(GENERATOR, channel_base=128, channel_max=4)
+    config, data = fitted(replace(CONFIG, generator=generator, adversarial=True, rate=3e-3, kimg=0.1), exemplars)
     return config, data, start(config, data, jax.random.key(0))
 
 
@@ -141,21 +141,79 @@ def test_a_step_against_a_critic_is_finite_and_moves_both(against_a_critic):
     learn, at = jax.jit(lambda s, b: step(config, s, b)), feed(config, data)
     first, report = learn(state, at(0))
     assert not np.asarray(report.bad).any() and np.isfinite(jax.tree.leaves(report._replace(bad=0))).all()
-    np.testing.assert_array_equal(first.generator.mix, state.generator.mix)  # the critic alone learns at first
-    assert first.versus and state.versus
-    assert (np.asarray(first.versus.critic.out.kernel) != np.asarray(state.versus.critic.out.kernel)).any()
-    second, _ = learn(first, at(1))
-    assert (np.asarray(second.generator.mix) != np.asarray(first.generator.mix)).any()
+    second, report = learn(first, at(1))  # rates begin at 0
+    assert second.versus and state.versus and float(report.error) == 0
+    assert (np.asarray(second.versus.critic.out.kernel) != np.asarray(state.versus.critic.out.kernel)).any()
+    assert (np.asarray(second.generator.mix) != np.asarray(state.generator.mix)).any()
     np.testing.assert_array_equal(second.decoder.sigma.kernel, state.decoder.sigma.kernel)
 
 
+@pytest.mark.parametrize(("balance", "grows"), [(0.0, False), (5.0, True)])
+def test_a_critic_that_leads_too_far_is_held_back(against_a_critic, balance: float, grows: bool):
+    """Its loss is about 0.7 at first: less than 5 is too far a lead, and more than 0 too small a one."""
+    config, data, state = against_a_critic
+    config = replace(config, balance=balance)
+    found = jax.jit(lambda s, b: step(config, s, b))(state, feed(config, data)(0))[0].versus.gamma
+    expected = config.gamma * np.exp(adversarial.RATE if grows else -adversarial.RATE)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_a_penalty_is_the_square_of_a_known_slope():
+    """A critic whose logits are sums over windows that do not meet: each has the slope of its own weights."""
+    weights = np.random.default_rng(0).normal(size=(4, 4, 3)).astype(np.float32)
+    y = jnp.asarray(np.random.default_rng(1).normal(size=(2, 8, 8, 3)), jnp.float32)
+
+    def judge(y):
+        return jnp.einsum("bvpuqi,pqi->bvu", y.reshape(2, 2, 4, 2, 4, 3), weights, precision="highest")
+
+    logits, penalty = adversarial._judged(judge, y)
+    np.testing.assert_allclose(logits, judge(y), rtol=1e-5)
+    np.testing.assert_allclose(penalty, np.sum(weights**2), rtol=1e-5)
+
+
+def test_what_is_standard_has_no_mean_and_unit_variance():
+    f = jnp.asarray(np.random.default_rng(0).normal(3, [0.5, 2.0, 7.0], (2, 32, 32, 3)), jnp.float32)
+    found = np.asarray(standard(f))
+    np.testing.assert_allclose(found.mean(axis=(0, 1, 2)), 0, atol=1e-5)
+    np.testing.assert_allclose(found.std(axis=(0, 1, 2)), 1, atol=3e-3)
+    np.testing.assert_allclose(standard(5 * f + 2), found, atol=1e-2)
+
+
+def test_a_material_has_what_the_critic_was_shown(against_a_critic):
+    """Its textures have the exemplars' mean and variance by themselves, however far the run's own have gone."""
+    config, _, state = against_a_critic
+    gone = state._replace(a=3 * state.a, b=state.b + 20)
+    w, phases = latents(config, state.smooth, jnp.zeros((16, 0))), own_phases(config, jnp.arange(16))
+    shown = np.asarray(made(config, settled(config, gone), state.smooth, w, phases, config.window)[0])
+    np.testing.assert_allclose(shown.mean(axis=(0, 1, 2)), 0, atol=0.25)
+    np.testing.assert_allclose(shown.std(axis=(0, 1, 2)), 1, atol=0.25)
+
+
+def test_a_material_of_corner_tiles_is_an_exemplar(exemplars: Exemplars):
+    """Its torus at half the texels is its own next level, and windows of it go around."""
+    path = Path(ms.__file__).parent / "assets" / "turf.npz"
+    turf = read_exemplars(path)
+    assert turf.patches == 4 and turf.features.shape == (1, 512, 512, 32) and turf.recipe == "grass"
+    generator = replace(GENERATOR, texels=64, channels=32)
+    config, data = fitted(replace(CONFIG, generator=generator, adversarial=True, window=80), turf)
+    coarse = read_bundle(path).arrays["features/1"].astype(np.float32)
+    expected = (coarse - coarse.mean(axis=(0, 1))) / coarse.std(axis=(0, 1))
+    np.testing.assert_allclose(data.features[0], expected, atol=0.02)
+    rows = feed(config, data)(3)
+    assert rows.feature.shape == (2, 80, 80, 32)
+    v, u = np.argwhere((data.features[0] == rows.feature[0][0, 0]).all(axis=2))[0]
+    np.testing.assert_array_equal(rows.feature[0], np.roll(data.features[0], (-v, -u), axis=(0, 1))[:80, :80])
+    with pytest.raises(InputError, match="is a torus of many patches; the experiment needs each by itself"):
+        fitted(replace(CONFIG, generator=generator), turf)
+
+
 def test_exemplars_of_other_texels_and_too_few_are_refused(exemplars: Exemplars):
-    with pytest.raises(InputError, match="has 32 texels a patch; the generator has 16"):
-        fitted(replace(CONFIG, generator=replace(GENERATOR, texels=16)), exemplars)
+    with pytest.raises(InputError, match="has 32 texels a patch; the generator has 64"):
+        fitted(replace(CONFIG, generator=replace(GENERATOR, texels=64)), exemplars)
     with pytest.raises(InputError, match="has 2 patches; the experiment needs 3"):
         fitted(replace(CONFIG, exemplars=3), exemplars)
-    with pytest.raises(InputError, match="has 32 texels a patch, which is less than a critic's window"):
-        fitted(replace(CONFIG, adversarial=1.0), exemplars)
+    with pytest.raises(InputError, match="window: 32 texels are less than the critic's 64"):
+        fitted(replace(CONFIG, adversarial=True, window=32), exemplars)
 
 
 def test_no_latent_needs_no_z(begun):
@@ -210,7 +268,7 @@ def test_a_logit_sees_its_window_alone():
     a, b = (criticise(critic, x, jnp.zeros((1, 0))) for x in (y, other))
     assert a.ndim == 3 and a.shape[1] == a.shape[2] > 4
     changed = np.asarray(a != b)[0].any(axis=1)
-    assert changed[-1] and not changed[: a.shape[1] // 2].any()
+    assert changed[-1] and not changed[: (100 - WINDOW) // 8 + 1].any() and changed[(100 - WINDOW) // 8 + 1]
 
 
 def test_a_critic_is_told_of_parameters():

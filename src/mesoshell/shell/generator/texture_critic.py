@@ -5,11 +5,10 @@ y        maps of a texture, channels of unit variance                           
 β        geometry parameters                                                      (B, G)
 D        logits, greater for exemplars: one for each place of a grid              (B, s, s)
 
-Five convolutions without padding, so that a logit depends on what lies in its window alone: 3 × 3, three of 4 × 4 with
-stride 2, 3 × 3. The last also sees the deviation over the batch. β enters by projection, as discriminator.py's label does.
+Seven convolutions without padding, so that a logit depends on what lies in its window of WINDOW² texels alone. β enters by
+projection, as discriminator.py's label does.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,7 +21,8 @@ from mesoshell.shell.generator.generator import in_turns
 from mesoshell.typing import Array, Float, Key
 
 #: (side of the kernel, stride, width over the first's) of each convolution.
-_LAYERS = ((3, 1, 1.0), (4, 2, 1.5), (4, 2, 2.0), (4, 2, 2.0), (3, 1, 2.0))
+_LAYERS = ((3, 1, 1), (4, 2, 2), (4, 2, 4), (3, 1, 4), (4, 2, 4), (3, 1, 4), (3, 1, 4))
+WINDOW = 64
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class CriticConfig:
     """inputs: I; width: channels of the first convolution; betas: G."""
 
     inputs: int
-    width: int = 64
+    width: int = 96
     betas: int = 0
 
 
@@ -53,9 +53,8 @@ def init_critic(config: CriticConfig, key: Key[Array, ""]) -> Critic:
     """Unit normal weights, zero biases."""
     keys = iter(jax.random.split(key, 16))
     convs, inputs = [], config.inputs
-    for i, (k, _, wide) in enumerate(_LAYERS):
-        outputs = round(config.width * wide)
-        inputs += i == len(_LAYERS) - 1
+    for k, _, wide in _LAYERS:
+        outputs = config.width * wide
         weight = jax.random.normal(next(keys), (k, k, inputs, outputs), jnp.float32)
         convs.append(Conv(weight, jnp.zeros(outputs, jnp.float32)))
         inputs = outputs
@@ -67,18 +66,10 @@ def init_critic(config: CriticConfig, key: Key[Array, ""]) -> Critic:
     return Critic(convs, dense(inputs, 1), embed)
 
 
-def criticise(
-    critic: Critic,
-    y: Float[Array, "B S S I"],
-    beta: Float[Array, "B G"],
-    everyone: Callable[[Array], tuple[Array, Array]] | None = None,
-) -> Float[Array, "B s s"]:
-    """D. everyone: as in shell/generator/discriminator."""
+def criticise(critic: Critic, y: Float[Array, "B S S I"], beta: Float[Array, "B G"]) -> Float[Array, "B s s"]:
+    """D."""
     x = y
-    for i, (layer, (k, stride, _)) in enumerate(zip(critic.convs, _LAYERS, strict=True)):
-        if i == len(_LAYERS) - 1:
-            spread = jnp.mean(jnp.sqrt(jnp.var(x if everyone is None else everyone(x)[0], axis=0) + 1e-6))
-            x = jnp.concatenate([x, jnp.broadcast_to(spread, (*x.shape[:3], 1))], axis=-1)
+    for layer, (k, stride, _) in zip(critic.convs, _LAYERS, strict=True):
         weight = layer.weight / (k * k * x.shape[-1]) ** 0.5
         where = ("NHWC", "HWIO", "NHWC")
         x = jax.lax.conv_general_dilated(

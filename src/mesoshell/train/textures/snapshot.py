@@ -29,7 +29,7 @@ from mesoshell.train.patch_renderer import PictureConfig, View, material_of, tak
 from mesoshell.train.textures.depth_map import from_above
 from mesoshell.train.textures.exemplars import ScaledExemplars
 from mesoshell.train.textures.state import TexturesConfig, TexturesState
-from mesoshell.train.textures.step import folded, latents, own_phases, phases_of
+from mesoshell.train.textures.synthesis import folded, latents, own_phases, phases_of, settled
 from mesoshell.typing import Array
 
 PATCHES, SIDE = 2, 128
@@ -47,13 +47,15 @@ def bundle(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) 
     about: dict[str, Any] = {"config": asdict(config), "commit": commit(), "images": int(state.images)}
     about["exemplars"] = data.what.provenance
     octaves, declared = data.what.height_octaves, data.what.parameters
+    state = settled(config, state)
     made = folded(state.smooth, state), state.averages, state.decoder
     return generated_bundle(config.generator, *made, octaves, declared, about)
 
 
 def sheet(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of textures, as linear values to be shown."""
-    count = len(data.features)
+    count, side = len(data.features), config.generator.texels
+    state = settled(config, state)
     patch = np.arange(PATCHES) % count
     beta = jnp.asarray(data.what.beta[patch])
     own = _made(config, state, beta, own_phases(config, jnp.asarray(patch)))
@@ -61,9 +63,10 @@ def sheet(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -
     heights = jnp.broadcast_to(state.height, (PATCHES, *state.height.shape))
     octaves, alphas = data.what.height_octaves, sum(p.role == "alpha" for p in data.what.parameters)
     rows = []
-    for feature, height in ((jnp.asarray(data.features[patch]), heights), own, new):
-        shown = [_shown(octaves, alphas, state.decoder, f, h) for f, h in zip(feature, height, strict=True)]
-        rows.append(np.concatenate([np.asarray(x) for x in shown], axis=1))
+    shown = jnp.asarray(data.features[patch])[:, :side, :side]
+    for feature, height in ((shown, heights), own, new):
+        pictures = [_shown(octaves, alphas, state.decoder, f, h) for f, h in zip(feature, height, strict=True)]
+        rows.append(np.concatenate([np.asarray(x) for x in pictures], axis=1))
     return np.concatenate(rows, axis=0)
 
 

@@ -1,7 +1,7 @@
 """A run on textures: its configuration, its state, its report of a step.
 
 Notation
-γ           of the critic's penalty γ/2 mean (D(y + ε n) − D(y))²/ε², on both sides, n normal
+γ           weight of the critic's penalty (train/textures/adversarial)
 """
 
 from dataclasses import dataclass, field, replace
@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import optax
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.shell.generator.generator import Averages, Generator
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.shell.generator.texture_critic import Critic, CriticConfig, grid_side
+from mesoshell.shell.generator.texture_critic import WINDOW, Critic, CriticConfig, grid_side
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.train.gan.state import TrainConfig
 from mesoshell.train.textures.critic_view import CHANNELS
@@ -24,9 +24,10 @@ from mesoshell.typing import Array, Bool, Float, Int, Scalar
 @dataclass(frozen=True)
 class TexturesConfig:
     """Everything that a run depends on beside the exemplars. batch: B; kimg: thousands of rows; rate: Adam's, which falls along
-    a cosine to `final` of itself; exemplars: how many of them, from the first on, 0 for all. adversarial, anchor: weights of
-    the critic's loss and of the regression; critic_rate, gamma: of the critic; warm: first steps, in which only it learns.
-    octaves: of the decoder, and alphas: its appearance parameters, which follow from the exemplars."""
+    a cosine to `final` of itself; exemplars: how many of them, from the first on, 0 for all. adversarial: whether a critic
+    teaches, and no regression: then rates hold for half of the run, and fall to 0; window: texels along a side of what the
+    critic is shown; critic_rate, gamma: of the critic, the latter at first; balance: its loss that γ is steered to, where 0.69
+    is chance. octaves: of the decoder, and alphas: its appearance parameters, which follow from the exemplars."""
 
     generator: GeneratorConfig = field(
         default_factory=lambda: GeneratorConfig(layers=7, channel_base=8192, waves=8, drift=1.5, z=0, texels=128)
@@ -37,11 +38,11 @@ class TexturesConfig:
     rate: float = 3e-2
     final: float = 0.1
     exemplars: int = 0
-    adversarial: float = 0.0
-    anchor: float = 1.0
-    critic_rate: float = 5e-3
-    gamma: float = 1.0
-    warm: int = 20
+    adversarial: bool = False
+    window: int = 128
+    critic_rate: float = 1.5e-3
+    gamma: float = 2.0
+    balance: float = 0.45
     octaves: int = 4
     alphas: int = 0
     snapshot_kimg: float = 0.5
@@ -57,10 +58,11 @@ def textures_as(preset: TrainConfig) -> TexturesConfig:
 
 
 class CriticState(NamedTuple):
-    """The critic, its optimiser, and mean and deviation of its views of exemplars, which stay fixed."""
+    """The critic, its optimiser, γ, and mean and deviation of its views of exemplars, which stay fixed."""
 
     critic: Critic
     adam: optax.OptState
+    gamma: Scalar
     mean: Float[Array, "I"]
     deviation: Float[Array, "I"]
 
@@ -82,18 +84,9 @@ class TexturesState(NamedTuple):
     images: Int[Array, ""]
 
 
-class CriticReport(NamedTuple):
-    """A critic's update: its loss without the penalty, mean logits, and the penalty without γ/2."""
-
-    critic: Scalar
-    real: Scalar
-    fake: Scalar
-    penalty: Scalar
-
-
 class TexturesReport(NamedTuple):
-    """error, height: unexplained shares of the variance; losses of generator and critic, mean logits and penalty (without γ/2),
-    0 without a critic; bad: which leaves of the gradients are not finite."""
+    """error, height: unexplained shares of the variance, of features 0 with a critic; losses of generator and critic, mean
+    logits, penalty without its weight, and γ, 0 without a critic; bad: which leaves of the gradients are not finite."""
 
     error: Scalar
     height: Scalar
@@ -102,22 +95,26 @@ class TexturesReport(NamedTuple):
     real: Scalar
     fake: Scalar
     penalty: Scalar
+    gamma: Scalar
     bad: Bool[Array, "_leaves"]
 
 
 def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars]:
-    """The configuration adapted to exemplars, and the exemplars scaled. Raises InputError if they are tiles, have another
-    number of texels than the generator, or are fewer than the configuration needs."""
+    """The configuration adapted to exemplars, and the exemplars scaled, and averaged if they have more texels a patch than the
+    generator. Raises InputError if they are tiles, have other texels, or are fewer than the configuration needs."""
     exemplars.check_periodic()
     count = config.exemplars or len(exemplars.features)
-    side, channels = exemplars.features.shape[1], exemplars.features.shape[3]
-    if side != config.generator.texels:
-        raise InputError(exemplars.path, f"has {side} texels a patch; the generator has {config.generator.texels}")
+    texels, channels = exemplars.features.shape[1] // exemplars.patches, exemplars.features.shape[3]
+    coarser = texels // config.generator.texels
+    if coarser * config.generator.texels != texels:
+        raise InputError(exemplars.path, f"has {texels} texels a patch; the generator has {config.generator.texels}")
     if count > len(exemplars.features):
         raise InputError(exemplars.path, f"has {len(exemplars.features)} patches; the experiment needs {count}")
-    if config.adversarial and not grid_side(side):
-        raise InputError(exemplars.path, f"has {side} texels a patch, which is less than a critic's window")
-    some = scaled(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count]))
+    if exemplars.patches > 1 and not config.adversarial:
+        raise InputError(exemplars.path, "is a torus of many patches; the experiment needs each by itself")
+    if config.adversarial and not grid_side(config.window):
+        raise InputError(Argument("window"), f"{config.window} texels are less than the critic's {WINDOW}")
+    some = scaled(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count]), coarser)
     betas, rows = exemplars.beta.shape[1], len(exemplars.height)
     generator = replace(config.generator, channels=channels, betas=betas, height_rows=rows)
     about = {"octaves": exemplars.height_octaves, "alphas": some.alphas}

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from mesoshell.cli.options.doctor import Options
+from mesoshell.io.kept_textures import cache_folder, held
 
 BLENDER_PYTHON = Path("data_gen/.venv/bin/python")
 
@@ -24,6 +25,7 @@ def run(options: Options) -> None:
     print(f"devices     {_probe('import jax; print(*jax.devices())')}")
     print(f"embree      {_probe(_RAY)}")
     print(f"grass       {_probe(_BUNDLE)}")
+    print(f"textures    {held(cache_folder()) / 1e6:.0f} MB kept in {cache_folder()}, which may be removed")
     if importlib.util.find_spec("mitsuba"):
         print(f"mitsuba     {_probe(_PATHS)}")
     else:

@@ -10,8 +10,9 @@ from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.options.texture import Options
 from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
-from mesoshell.io.atomic import new_array, new_folder, probe_folder, probe_outputs
-from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle, write_bundle
+from mesoshell.io.atomic import new_folder, probe_folder, probe_outputs
+from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
+from mesoshell.io.kept_textures import to_folder
 from mesoshell.io.material import find, normalised
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.scene.materials import read_params
@@ -60,19 +61,9 @@ def run(options: Options) -> None:
 
 def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], wanted: TextureRequest, progress) -> None:
     with new_folder(options.out) as folder:
-
-        def allocate(key: str, shape: tuple[int, ...]) -> np.ndarray:
-            path = folder / f"{key}.npy"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            return new_array(path, shape, np.float16)
-
-        made, share = baked(bundle, options.material, size, wanted, None, progress, allocate)
-        for key, array in made.arrays.items():
-            path = folder / f"{key}.npy"
-            if not path.exists():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                np.save(path, array)
-        (folder / "manifest.json").write_bytes(checked_manifest(options.out, _with(made, share)))
+        to_folder(
+            folder, lambda allocate: _with(*baked(bundle, options.material, size, wanted, None, progress, allocate))
+        )
 
 
 def _with(bundle: Bundle, share) -> Bundle:

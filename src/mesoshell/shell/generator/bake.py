@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mesoshell.io.bundle import GRID_CELLS
+from mesoshell.io.kept_textures import Allocate
 from mesoshell.shell.generator.generator import Averages, Generator, synthesise, synthesise_height
 from mesoshell.shell.generator.model import GeneratorModel, Latent
 from mesoshell.shell.generator.nodes import window
@@ -35,7 +36,6 @@ from mesoshell.typing import Array
 
 TILE, MOST_PATCHES = 512, 4
 GRID_HEIGHT, PROBES, CHECKED = 16, 24, 2048
-Allocate = Callable[[str, tuple[int, ...]], np.ndarray]
 
 
 class Share(NamedTuple):

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.kept_textures import Allocate, kept, key_of
 from mesoshell.io.material import normalised
 from mesoshell.shell.generator.bake import Share, bake
 from mesoshell.shell.generator.model import grown, maker_of
@@ -39,7 +40,7 @@ def grow(
     wanted: TextureRequest,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Bundle, tuple[int, int]]:
-    """The bundle with a texture that covers the surface, and its origin (u, v).
+    """The bundle with a texture that covers the surface, and its origin (u, v). A large one is kept for the next render.
 
     Raises InputError, about `name`, if there is no generator, or the texture would not fit in memory.
     """
@@ -51,8 +52,16 @@ def grow(
     origin, needed = patches_of(uv)
     size = needed.shape[0] * texels, needed.shape[1] * texels
     moved = {key: lambda at, f=f: f(at + np.array(origin)) for key, f in wanted.fields.items()}
-    textured, share = baked(bundle, name, size, replace(wanted, fields=moved), needed, progress)
-    return replace(textured, provenance=textured.provenance | share._asdict()), origin
+    wanted = replace(wanted, fields=moved)
+
+    def make(allocate: Allocate | None) -> Bundle:
+        textured, share = baked(bundle, name, size, wanted, needed, progress, allocate)
+        return replace(textured, provenance=textured.provenance | share._asdict())
+
+    beta = _geometry(bundle, wanted, count_nodes(size, texels))
+    said = sorted(wanted.values.items()), sorted(wanted.fields), wanted.coarser, bundle.generator
+    key = key_of(bundle, beta, size, needed.tobytes(), wanted.seed, *said)
+    return kept(key, 8 * bundle.channels * size[0] * size[1] // 3 >> 2 * wanted.coarser, make), origin
 
 
 def baked(
@@ -62,7 +71,7 @@ def baked(
     wanted: TextureRequest,
     needed: Bool[np.ndarray, "P Q"] | None = None,
     progress: Callable[[float], None] = lambda share: None,
-    allocate: Callable[[str, tuple[int, ...]], np.ndarray] | None = None,
+    allocate: Allocate | None = None,
 ) -> tuple[Bundle, Share]:
     """The bundle with a texture of `size` texels (V, U) in place of its generator; its defaults are the given values."""
     maker = maker_of(bundle, name)

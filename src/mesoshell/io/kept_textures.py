@@ -1,0 +1,120 @@
+"""Grown textures kept between renders: the second picture of a mesh does not wait for its texture (standard library and NumPy
+only).
+
+Notation
+key         hash of all that a texture depends on: weights, size, patches needed, seed, parameters, levels kept
+folder      one for each key, under $XDG_CACHE_HOME/mesoshell/grown (~/.cache without it), its arrays mapped
+
+Textures of less than LEAST bytes are not kept, nor those of more than half of MOST, nor any where the disk is nearly full. What
+was not used for longest goes when all are more than MOST. Remove the folder at will.
+"""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell import __version__
+from mesoshell.errors import InputError
+from mesoshell.io.atomic import new_array, new_folder
+from mesoshell.io.bundle import MANIFEST, Bundle, checked_manifest, read_bundle
+
+LEAST, MOST = 32 << 20, 4 << 30
+
+#: An array of a name and shape, of float16 zeros.
+Allocate = Callable[[str, tuple[int, ...]], np.ndarray]
+#: Makes a texture, in arrays of the allocator that it is given, or in memory.
+Make = Callable[[Allocate | None], Bundle]
+
+
+def cache_folder() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesoshell" / "grown"
+
+
+def held(folder: Path) -> int:
+    """Bytes of a folder's files; 0 if there is none."""
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+
+
+def key_of(bundle: Bundle, beta: Float[np.ndarray, "*nodes G"], *rest: object) -> str:
+    """The key of a texture. rest: what else it depends on, of types whose repr says all."""
+    sha = hashlib.sha256(repr((__version__, rest, beta.shape)).encode())
+    sha.update(np.ascontiguousarray(beta).data)
+    for name, array in sorted(bundle.arrays.items()):
+        sha.update(f"{name} {array.dtype} {array.shape}".encode())
+        sha.update(np.ascontiguousarray(array).data)
+    return sha.hexdigest()[:32]
+
+
+def kept(key: str, size: int, make: Make) -> Bundle:
+    """The texture of this key: from the cache, else made, and kept if it can be. size: bytes, about."""
+    folder = cache_folder() / key
+    found = _read(folder)
+    if found is not None:
+        return found
+    if size < LEAST or size > MOST // 2 or not _room(size):
+        return make(None)
+    try:
+        with new_folder(folder) as new:
+            made = to_folder(new, make)
+    except InputError:  # a folder that cannot be written, or that another render has made meanwhile
+        return _read(folder) or make(None)
+    _forget(folder)
+    return _read(folder) or made
+
+
+def to_folder(folder: Path, make: Make) -> Bundle:
+    """A texture made in mapped arrays of a new folder, and its manifest. Raises InputError or OSError."""
+
+    def allocate(key: str, shape: tuple[int, ...]) -> np.ndarray:
+        path = folder / f"{key}.npy"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return new_array(path, shape, np.float16)
+
+    made = make(allocate)
+    for key, array in made.arrays.items():
+        path = folder / f"{key}.npy"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            np.save(path, array)
+    (folder / MANIFEST).write_bytes(checked_manifest(folder, made))
+    return made
+
+
+def _read(folder: Path) -> Bundle | None:
+    """A texture that is there and whole; what is damaged is removed."""
+    if not folder.exists():
+        return None
+    try:
+        found = read_bundle(folder)
+        os.utime(folder)
+    except (InputError, OSError):
+        shutil.rmtree(folder, ignore_errors=True)
+        return None
+    return found
+
+
+def _room(size: int) -> bool:
+    """Whether the disk has three times as much left."""
+    near = cache_folder()
+    while not near.exists() and near != near.parent:
+        near = near.parent
+    try:
+        return shutil.disk_usage(near).free > 3 * size
+    except OSError:
+        return False
+
+
+def _forget(new: Path) -> None:
+    """Remove what was not used for longest, but not the new one, until all are within MOST."""
+    folders = sorted((p for p in new.parent.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime)
+    sizes = {p: held(p) for p in folders}
+    for folder in folders:
+        if sum(sizes.values()) <= MOST or folder == new:
+            continue
+        shutil.rmtree(folder, ignore_errors=True)
+        del sizes[folder]

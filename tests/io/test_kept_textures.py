@@ -1,0 +1,106 @@
+"""Grown textures are kept: read back as they were made, bounded, made anew where they are damaged or cannot be kept."""
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mesoshell.io import kept_textures
+from mesoshell.io.bundle import Bundle
+from mesoshell.io.kept_textures import Allocate, cache_folder, held, kept, key_of
+
+
+@pytest.fixture(autouse=True)
+def _small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(kept_textures, "LEAST", 0)
+
+
+@pytest.fixture
+def maker(tiny_bundle: Bundle) -> tuple[Callable[[Allocate | None], Bundle], list[bool]]:
+    """Fills the bundle's arrays anew, and notes each time whether they are to be kept."""
+    times: list[bool] = []
+
+    def make(allocate: Allocate | None) -> Bundle:
+        times.append(allocate is not None)
+        arrays = dict(tiny_bundle.arrays)
+        for key in [k for k in arrays if k.startswith(("features/", "height/", "grid/"))]:
+            array = np.zeros(arrays[key].shape, np.float16) if allocate is None else allocate(key, arrays[key].shape)
+            array[:] = arrays[key]
+            arrays[key] = array
+        return replace(tiny_bundle, arrays=arrays)
+
+    return make, times
+
+
+def test_a_texture_is_made_once(maker, tiny_bundle: Bundle):
+    make, times = maker
+    first, second = kept("a", 1000, make), kept("a", 1000, make)
+    assert times == [True]
+    for found in (first, second):
+        assert found.arrays.keys() == tiny_bundle.arrays.keys() and found.parameters == tiny_bundle.parameters
+        for key, array in tiny_bundle.arrays.items():
+            np.testing.assert_array_equal(found.arrays[key], array)
+    kept("b", 1000, make)
+    assert times == [True, True] and held(cache_folder()) > 1000
+
+
+def test_small_and_vast_ones_and_a_full_disk_are_not_kept(maker, monkeypatch: pytest.MonkeyPatch):
+    make, times = maker
+    monkeypatch.setattr(kept_textures, "LEAST", 10)
+    for size in (9, kept_textures.MOST // 2 + 1):
+        kept("a", size, make)
+    monkeypatch.setattr(kept_textures.shutil, "disk_usage", lambda path: _Full)
+    kept("a", 1000, make)
+    assert times == [False, False, False] and not cache_folder().exists()
+
+
+class _Full:
+    free = 2999
+
+
+def test_what_is_damaged_is_made_anew(maker):
+    make, times = maker
+    kept("a", 1000, make)
+    (cache_folder() / "a" / "features" / "0.npy").write_bytes(b"torn")
+    found = kept("a", 1000, make)
+    assert times == [True, True] and np.isfinite(found.arrays["features/0"]).all()
+    kept("a", 1000, make)
+    assert times == [True, True]
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(maker, tmp_path: Path):
+    (tmp_path / "mesoshell").write_text("a file")
+    make, times = maker
+    kept("a", 1000, make)
+    assert times[-1] is False
+
+
+def test_what_was_not_used_for_longest_goes(maker, monkeypatch: pytest.MonkeyPatch):
+    make, _ = maker
+    for age, key in enumerate("abc"):
+        kept(key, 1000, make)
+        os.utime(cache_folder() / key, (1000.0 + age, 1000.0 + age))
+    kept("a", 1000, make)  # used again: now the newest
+    one = held(cache_folder() / "a")
+    monkeypatch.setattr(kept_textures, "MOST", round(3.5 * one))
+    kept("d", 1000, make)
+    assert {p.name for p in cache_folder().iterdir()} == {"a", "c", "d"}
+
+
+def test_all_that_a_texture_depends_on_is_in_its_key(tiny_bundle: Bundle):
+    beta = np.zeros(2, np.float32)
+    changed = dict(tiny_bundle.arrays)
+    changed["sigma_scale"] = changed["sigma_scale"] + np.float32(1)
+    keys = [
+        key_of(tiny_bundle, beta, (4, 4), 0),
+        key_of(tiny_bundle, beta, (4, 4), 1),
+        key_of(tiny_bundle, beta, (4, 8), 0),
+        key_of(tiny_bundle, beta + 1, (4, 4), 0),
+        key_of(tiny_bundle, np.zeros((1, 2), np.float32), (4, 4), 0),
+        key_of(replace(tiny_bundle, arrays=changed), beta, (4, 4), 0),
+    ]
+    assert len(set(keys)) == len(keys) and keys[0] == key_of(tiny_bundle, beta.copy(), (4, 4), 0)

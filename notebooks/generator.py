@@ -28,13 +28,22 @@ import mesoshell as ms
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.repetition import autocorrelation, largest_repeat
-from mesoshell.shell.generator.generator import draw_phases, init_averages, init_generator, map_latent, synthesise
+from mesoshell.shell.generator.generator import (
+    draw_phases,
+    init_averages,
+    init_generator,
+    map_latent,
+    synthesise,
+    synthesise_height,
+)
+from mesoshell.shell.generator.model import grown, maker_of
 from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, reach, rows_of
 from mesoshell.train.gan.snapshot import as_colours
 from mesoshell.train.textures.depth_map import from_above
 from mesoshell.train.textures.exemplars import scaled
 from mesoshell.train.textures.state import TexturesConfig
-from mesoshell.train.textures.step import latents, made, own_phases, start
+from mesoshell.train.textures.step import start
+from mesoshell.train.textures.synthesis import latents, made, own_phases
 
 config = GeneratorConfig(32, channel_base=512, channel_max=16, channels=8, layers=7, waves=16, z=16, w=16, betas=1)
 generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
@@ -158,13 +167,31 @@ small = replace(
 learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))
 w, phases = latents(learning, state.generator, jnp.zeros((1, 0))), own_phases(learning, jnp.arange(1))
-field = made(learning, state, state.generator, w, phases)[0]
+field = made(learning, state, state.generator, w, phases, small.texels)[0]
 figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 for axis, f, name in zip(axes, (data.features[0], field[0]), ("fitted", "where learning begins"), strict=True):
     seen = from_above(data.decoder, bundle.height_octaves, jnp.asarray(f), jnp.asarray(data.height), jnp.full(1, 0.2))
     axis.imshow(seen.depth, cmap="gray", vmin=0, vmax=1, origin="lower")
     axis.set_title(f"{name}: height of what is seen from above")
 assert abs(float(jnp.mean(field))) < 0.3 and 0.5 < float(jnp.std(field)) < 2
+
+# %% [markdown]
+# And where it has got to: `lawn`, which learned the bundled corner tiles against a critic. Two seeds, 2 × 2 patches each.
+
+# %%
+bundle = ms.load_material("lawn").shell
+lawn = maker_of(bundle, "lawn")
+figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
+for seed, axis in enumerate(axes):
+    latent = grown(lawn, seed, np.zeros(0, np.float32))
+    feature = synthesise(
+        lawn.config, lawn.generator, lawn.averages, latent.w, latent.phases, jnp.zeros(2, jnp.int32), (128, 128)
+    ).feature[0]
+    height = synthesise_height(lawn.config, lawn.generator, latent.w)[0]
+    seen = from_above(lawn.decoder, lawn.octaves, feature, height, jnp.full(1, 0.2))
+    axis.imshow(seen.depth, cmap="gray", vmin=0, vmax=1, origin="lower")
+    axis.set_title(f"seed {seed}: height of what is seen from above")
+    assert float(jnp.mean(seen.cover)) > 0.6 and float(jnp.std(seen.depth)) > 0.05
 
 # %% [markdown]
 # From here: `mesoshell train` teaches the generator what to grow, `mesoshell texture` writes a texture to disk, and

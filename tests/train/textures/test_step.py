@@ -1,5 +1,8 @@
 """A generator learns exemplars: scaling changes no answer, the start has their statistics, a critic sees what is lawful."""
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -146,6 +149,18 @@ def test_a_step_against_a_critic_is_finite_and_moves_both(against_a_critic):
     assert (np.asarray(second.versus.critic.out.kernel) != np.asarray(state.versus.critic.out.kernel)).any()
     assert (np.asarray(second.generator.mix) != np.asarray(state.generator.mix)).any()
     np.testing.assert_array_equal(second.decoder.sigma.kernel, state.decoder.sigma.kernel)
+
+
+@pytest.mark.slow  # it compiles three steps in float64
+def test_one_device_sharded_and_pmap_agree():
+    """Textures of all devices share their mean and variance. (A bias that these undo has no gradient but rounding.)"""
+    command = [sys.executable, "-m", "tests.helpers.critic_step"]
+    done = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert len(said) == 6
+    for name, value in said.items():
+        assert value < (1e-3 if name.endswith("generator") else 1e-9), name
 
 
 @pytest.mark.parametrize(("balance", "grows"), [(0.0, False), (5.0, True)])

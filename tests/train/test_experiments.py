@@ -92,7 +92,8 @@ def shrunk(config: Any) -> RunConfig:
         return replace(config, side=8, samples=4, batch=4, kimg=0.008)
     if isinstance(config, TexturesConfig):  # a critic's window asks for 64 texels
         generator = replace(config.generator, texels=64, channel_base=256, channel_max=4, layers=4)
-        return replace(config, generator=generator, batch=4, kimg=0.008, warm=0)
+        critic = replace(config.critic, width=2)
+        return replace(config, generator=generator, critic=critic, batch=4, window=64, kimg=0.008)
     if isinstance(config, SurfaceTraining):
         return replace(config, surface=replace(config.surface, texels=8, hidden=(8,)), batch=4, kimg=0.008)
     config = replace(config, picture=replace(config.picture, size=8, samples=4), kimg=0.008)

@@ -70,7 +70,8 @@ def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> C
     """The weights of a snapshot. The exemplars scale its decoder, so comparing decoders tells whether they are the same."""
     maker = maker_of(read_bundle(path), str(path))
     mine, theirs = asdict(config.generator), asdict(maker.config)
-    said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in mine if mine[k] != theirs[k])
+    differ = [k for k in mine if k != "precision" and mine[k] != theirs[k]]
+    said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
     if said:
         raise InputError(path, f"its generator is not this run's: {said}")
     taught = zip(jax.tree.leaves(maker.decoder), jax.tree.leaves(data.decoder), strict=True)

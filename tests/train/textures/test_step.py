@@ -311,6 +311,8 @@ def test_a_run_begins_with_a_snapshot(begun, exemplars: Exemplars, tmp_path: Pat
     for own, given in zip(*(jax.tree.leaves(folded(s.smooth, s)) for s in (state, lent)), strict=True):
         np.testing.assert_allclose(given, own, rtol=1e-3, atol=1e-4)
     assert jax.tree.map(jnp.shape, lent) == jax.tree.map(jnp.shape, fresh)
+    shorter = replace(config, generator=replace(config.generator, precision="bfloat16"))
+    np.testing.assert_array_equal(lender(shorter, data, tmp_path / "grass.npz")(fresh).smooth.mix, lent.smooth.mix)
     other = scaled(replace(exemplars, features=exemplars.features * 2))
     with pytest.raises(InputError, match="scaled by other exemplars"):
         lender(config, other, tmp_path / "grass.npz")

@@ -194,6 +194,15 @@ def test_what_is_standard_has_no_mean_and_unit_variance():
     np.testing.assert_allclose(standard(5 * f + 2), found, atol=1e-2)
 
 
+def test_textures_without_any_variance_are_standard_with_a_finite_gradient():
+    """A generator that has become constant can still learn."""
+    f = jnp.full((2, 8, 8, 3), 4.0)
+    value, pull = jax.vjp(standard, f)
+    slope = pull(jnp.asarray(np.random.default_rng(0).normal(size=f.shape), jnp.float32))[0]
+    np.testing.assert_array_equal(value, 0)
+    assert np.isfinite(slope).all() and float(jnp.abs(slope).max()) > 0
+
+
 def test_a_material_has_what_the_critic_was_shown(against_a_critic):
     """Its textures have the exemplars' mean and variance by themselves, however far the run's own have gone."""
     config, _, state = against_a_critic

@@ -78,9 +78,11 @@ def train(
         book.begin(done)
         names, state = leaf_names(method.parts(begin)), spread.place(begin)
         saved = time.perf_counter()
+        batch = spread.share(batch_of(done)) if done < steps else None
         for i in range(done, steps):
-            batch = spread.share(batch_of(i))
             state, report, requests = spread.step(state, batch, (stop.requested, _due(saved)))
+            if i + 1 < steps:
+                batch = spread.share(batch_of(i + 1))  # while the device is at work
             book.hear(report)
             if not book.finite:
                 raise Diverged(_said(i, report, names, checkpoints))
@@ -160,8 +162,9 @@ class _Book:
         self.logged = time.perf_counter()
 
     def hear(self, report: Any) -> None:
+        report = jax.device_get(report)
         self.heard.append({k: float(v) for k, v in report._asdict().items() if k != "bad"})
-        self.finite = not np.asarray(report.bad).any() and bool(np.isfinite(list(self.heard[-1].values())).all())
+        self.finite = not report.bad.any() and bool(np.isfinite(list(self.heard[-1].values())).all())
 
     def row(self, steps: int) -> None:
         now = time.perf_counter()

@@ -6,7 +6,8 @@ y        maps of a texture, channels of unit variance                           
 D        logits, greater for exemplars: one for each place of a grid              (B, s, s)
 
 Seven convolutions without padding, so that a logit depends on what lies in its window of WINDOW² texels alone. β enters by
-projection, as discriminator.py's label does.
+projection, as discriminator.py's label does. Products are in TF32 at least where a device has it (`high`): they are two thirds of
+a step, the penalty's second derivatives stayed finite with it (docs/results/generator.md).
 """
 
 from dataclasses import dataclass
@@ -73,7 +74,7 @@ def criticise(critic: Critic, y: Float[Array, "B S S I"], beta: Float[Array, "B 
         weight = layer.weight / (k * k * x.shape[-1]) ** 0.5
         where = ("NHWC", "HWIO", "NHWC")
         x = jax.lax.conv_general_dilated(
-            x, weight, (stride, stride), "VALID", dimension_numbers=where, precision="highest"
+            x, weight, (stride, stride), "VALID", dimension_numbers=where, precision="high"
         )
         x = jax.nn.leaky_relu(x + layer.bias[None, None, None], 0.2) * 2**0.5
     if not critic.embed:
@@ -86,4 +87,4 @@ def criticise(critic: Critic, y: Float[Array, "B S S I"], beta: Float[Array, "B 
 
 def _dense(layer: Dense, x: Float[Array, "*B I"]) -> Float[Array, "*B O"]:
     kernel = layer.kernel / layer.kernel.shape[0] ** 0.5
-    return jnp.matmul(x, kernel, precision="highest") + layer.bias[(None,) * (x.ndim - 1)]
+    return jnp.matmul(x, kernel, precision="high") + layer.bias[(None,) * (x.ndim - 1)]

@@ -1,14 +1,18 @@
 """Render and explain scenes. Importing it loads no JAX."""
 
+from os import PathLike
+from pathlib import Path
 from typing import Any, Literal
 
+from mesoshell.errors import InputError
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import goal_of
 from mesoshell.scene.picture import Picture, Progress
-from mesoshell.scene.prepare import prepare, quality_of
+from mesoshell.scene.prepare import OF_FILES, prepare, quality_of
 from mesoshell.scene.reach import picture_of
 from mesoshell.scene.scene import Scene
+from mesoshell.tradeoff.run import Show, Tradeoff, explore
 
 Engine = Literal["jax", "mitsuba"]
 
@@ -43,3 +47,27 @@ def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine =
     effects = prepare(scene, quality_of(quality, engine, changes), engine).effects
     assert effects is not None  # None only for a scene of Mitsuba's own
     return effects
+
+
+def tradeoff(
+    scene: Scene | str | PathLike[str],
+    folder: str | PathLike[str],
+    *,
+    engine: Engine = "jax",
+    minutes: float = 10.0,
+    progress: Show = lambda done, *, what: None,
+) -> Tradeoff:
+    """What accuracy costs in time in a scene, as `mesoshell tradeoff` measures it: `.front` has what no other settings beat in
+    both, `.points` all that were measured; a notebook displays report.html.
+
+    scene: or an XML file of Mitsuba's, with engine "mitsuba". folder: gets report.html, front.json and points.csv; what an
+    earlier call measured there of the same scene is not measured again. minutes: that it takes, but for starting. progress:
+    called with the share done, and what is done. Raises InputError, also for a folder that holds another scene's.
+    """
+    if isinstance(scene, Scene):
+        return explore(lambda quality: prepare(scene, quality, engine), (), Path(folder), minutes, progress)
+    if engine != "mitsuba":
+        raise InputError(Path(scene), "is a scene of Mitsuba's, which requires `engine` mitsuba")
+    from mesoshell.scene.render_paths import prepare_file
+
+    return explore(lambda quality: prepare_file(Path(scene), quality, None), OF_FILES, Path(folder), minutes, progress)

@@ -20,15 +20,17 @@ from mesoshell.cli.options import (
     materials,
     render,
     texture,
+    tradeoff,
     train,
 )
 
-_VERBS = (render, materials, fit, dataset, train, evaluate, judge, export, texture, distill, atlas, doctor)
+_VERBS = (render, tradeoff, materials, fit, dataset, train, evaluate, judge, export, texture, distill, atlas, doctor)
 #: The options of each verb, which has the name of their file.
 VERBS: dict[str, type] = {module.__name__.rpartition(".")[2]: module.Options for module in _VERBS}
 #: "module:function" in cli/commands that does what these options ask for.
 COMMANDS: dict[type, str] = {
     render.Options: "render:run",
+    tradeoff.Options: "tradeoff:run",
     materials.Options: "materials:run",
     fit.Options: "fit:run",
     dataset.Render: "dataset_blender:render",

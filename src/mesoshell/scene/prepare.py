@@ -13,6 +13,8 @@ from mesoshell.scene.scene import Scene
 ENGINES = ("jax", "mitsuba")
 #: Fields of a quality that only the path tracer uses, and the greatest value of each.
 OF_PATHS, MOST = ("spp", "max_depth"), 2**24
+#: Fields that a scene of Mitsuba's fixes itself.
+OF_FILES = ("max_depth", "rr_depth")
 
 
 def quality_of(quality: str | Quality, engine: str, changes: Mapping[str, Any]) -> Quality:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mesoshell.cli.commands.render import scene_of
+from mesoshell.cli.described_scene import scene_of
 from mesoshell.cli.main import main
 from mesoshell.cli.options.render import Options
 from mesoshell.scene.materials import load_material

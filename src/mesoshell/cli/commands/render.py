@@ -2,25 +2,19 @@
 
 import json
 import time
-from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from mesoshell.cli.checks import pairs_of, settings_of
+from mesoshell.cli.checks import settings_of
+from mesoshell.cli.described_scene import compiled_by, is_mitsubas, prepared
 from mesoshell.cli.options.render import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_outputs, replace_file, together
-from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import goal_of
-from mesoshell.scene.materials import Material, load_material
-from mesoshell.scene.picture import Picture, Prepared
-from mesoshell.scene.prepare import OF_PATHS, prepare, quality_of
+from mesoshell.scene.picture import Picture
+from mesoshell.scene.prepare import OF_FILES, OF_PATHS, quality_of
 from mesoshell.scene.reach import picture_of
-from mesoshell.scene.scene import Scene
-
-#: Options that also apply to a scene of Mitsuba's.
-_OF_SCENES = {"mesh", "engine", "spp", "quality", "set", "budget", "error", "max_samples", "explain", "out"}
 
 
 def run(options: Options) -> None:
@@ -33,18 +27,14 @@ def run(options: Options) -> None:
     console = stderr()
     given = settings_of(options.set)
     given |= {name: getattr(options, name) for name in OF_PATHS if getattr(options, name) is not None}
-    quality, compiling = quality_of(options.quality or "normal", options.engine, given), None
+    quality = quality_of(options.quality or "normal", options.engine, given)
     goal = goal_of(options.budget, options.error, options.max_samples, given)
-    if options.mesh.suffix.lower() == ".xml":
-        ready = _of_mitsuba(options, quality)
-    else:
-        material = load_material(options.material)
-        if options.engine == "jax":
-            from mesoshell.cli.compilation_cache import keep_compiled
-
-            compiling = keep_compiled()
-        with bar(console, "growing") as progress:
-            ready = prepare(scene_of(options, material), quality, options.engine, progress)
+    for name in (name for name in OF_FILES if name in given and is_mitsubas(options.mesh)):
+        option = f"--set {name}" if getattr(options, name, None) is None else f"--{name.replace('_', '-')}"
+        raise InputError(option, f"is set in {options.mesh}")
+    compiling = compiled_by(options.engine)
+    with bar(console, "growing") as progress:
+        ready = prepared(options, quality, options.spp or given.get("spp"), progress)
     say_notes(console, ready.notes)
     if options.explain and ready.effects is not None:
         console.print(str(ready.effects), soft_wrap=True)
@@ -63,44 +53,6 @@ def run(options: Options) -> None:
         said = "" if compiling is None else f"; {sum(compiling):.1f} s of this compiling"
         console.print(stages + said, soft_wrap=True)
     print(out)
-
-
-def scene_of(options: Options, material: Material) -> Scene:
-    """The scene that the options describe. Raises InputError for a parameter that has no value."""
-    return Scene(
-        mesh=options.mesh,
-        material=material,
-        thickness=options.thickness,
-        scale=options.scale,
-        params=pairs_of("--param", options.param),
-        seed=options.seed,
-        size=options.size,
-        camera=options.camera,
-        lights=options.light,
-        irradiance=options.irradiance,
-        environment=options.environment,
-        base_colour=options.base,
-        objects=options.object,
-        up=options.up,
-        transparent=options.transparent,
-    )
-
-
-def _of_mitsuba(options: Options, quality: Quality) -> Prepared:
-    """A scene of Mitsuba's own. Raises InputError for options that are set in its file."""
-    if options.engine != "mitsuba":
-        raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
-    for field in fields(Options):
-        default = field.default_factory() if field.default_factory is not MISSING else field.default
-        if field.name not in _OF_SCENES and getattr(options, field.name) != default:
-            raise InputError(f"--{field.name.replace('_', '-')}", f"is set in {options.mesh}")
-    given = settings_of(options.set)
-    for name in ("max_depth", "rr_depth"):
-        if name in given:
-            raise InputError(f"--set {name}", f"is set in {options.mesh}")
-    from mesoshell.scene.render_paths import prepare_file
-
-    return prepare_file(options.mesh, quality, options.spp or given.get("spp"))
 
 
 def _reached(goal: dict[str, Any]) -> str:

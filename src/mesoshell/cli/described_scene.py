@@ -1,0 +1,65 @@
+"""The scene that options describe, ready for the engine that they name. Only that engine is imported."""
+
+from dataclasses import MISSING, fields
+from pathlib import Path
+
+from mesoshell.cli.checks import pairs_of
+from mesoshell.cli.scene_options import SceneOptions
+from mesoshell.errors import InputError
+from mesoshell.render.quality import Quality
+from mesoshell.scene.materials import Material, load_material
+from mesoshell.scene.picture import Prepared, Progress
+from mesoshell.scene.prepare import prepare
+from mesoshell.scene.scene import Scene
+
+
+def is_mitsubas(mesh: Path) -> bool:
+    """Whether a path is that of a scene of Mitsuba's."""
+    return mesh.suffix.lower() == ".xml"
+
+
+def prepared(options: SceneOptions, quality: Quality, samples: int | None, progress: Progress) -> Prepared:
+    """The scene, ready to be rendered. samples: paths a pixel of a scene of Mitsuba's; None: as many as it says. progress: of
+    growing a texture. Raises InputError."""
+    if not is_mitsubas(options.mesh):
+        return prepare(scene_of(options, load_material(options.material)), quality, options.engine, progress)
+    if options.engine != "mitsuba":
+        raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
+    for field in fields(SceneOptions):
+        default = field.default_factory() if field.default_factory is not MISSING else field.default
+        if field.name not in ("mesh", "engine") and getattr(options, field.name) != default:
+            raise InputError(f"--{field.name.replace('_', '-')}", f"is set in {options.mesh}")
+    from mesoshell.scene.render_paths import prepare_file
+
+    return prepare_file(options.mesh, quality, samples)
+
+
+def scene_of(options: SceneOptions, material: Material) -> Scene:
+    """The scene that the options describe. Raises InputError for a parameter that has no value."""
+    return Scene(
+        mesh=options.mesh,
+        material=material,
+        thickness=options.thickness,
+        scale=options.scale,
+        params=pairs_of("--param", options.param),
+        seed=options.seed,
+        size=options.size,
+        camera=options.camera,
+        lights=options.light,
+        irradiance=options.irradiance,
+        environment=options.environment,
+        base_colour=options.base,
+        objects=options.object,
+        up=options.up,
+        transparent=options.transparent,
+    )
+
+
+def compiled_by(engine: str) -> list[float] | None:
+    """Keep what an engine compiles for later commands; a list that collects the seconds, None for Mitsuba, which does so
+    itself."""
+    if engine != "jax":
+        return None
+    from mesoshell.cli.compilation_cache import keep_compiled
+
+    return keep_compiled()

@@ -1,0 +1,52 @@
+"""Options that describe a scene, for the verbs that render one."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from mesoshell.scene.defaults import IRRADIANCE, SIZE
+from mesoshell.shell.geometry.extrude import EARTH
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """A mesh grown with a neural material, its camera, its lights, and the engine that renders it."""
+
+    #: OBJ, PLY, GLB or STL file; without texture coordinates it is unwrapped. Or, with --engine mitsuba, an XML scene of
+    #: Mitsuba's with `mesoshell` BSDFs.
+    mesh: tyro.conf.Positional[Path]
+    #: A bundled material's name, or a .npz file, or the folder of a large texture.
+    material: str = "grass"
+    #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
+    #: generator also varies geometry: an image of a carpet's lean angle combs it.
+    param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    #: Which of a generator's textures grows on the mesh, or in which order corner tiles lie; a material that is one patch has
+    #: no other. Default: 0.
+    seed: int | None = None
+    #: Height of the shell in the mesh's unit; default: the material's own thickness times --scale, or 1/25 of the bounding
+    #: box's diagonal.
+    thickness: float | None = None
+    #: World length of one texture patch in the mesh's unit; default: --thickness over the material's own (1 for bundled ones).
+    scale: float | None = None
+    #: Width and height of the picture in pixels.
+    size: tuple[int, int] = SIZE
+    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: key, fill and bounce.
+    light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
+    #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
+    irradiance: float = IRRADIANCE
+    #: Latitude-longitude EXR that lights the scene and is seen behind it.
+    environment: Path | None = None
+    #: Diffuse colour of the surface under the shell, linear R G B.
+    base: tuple[float, float, float] = EARTH
+    #: Further meshes in the same frame that cast and receive shadows; may be repeated.
+    object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
+    #: Eye x y z, target x y z and vertical field of view in degrees; default: frames the mesh from the upper front.
+    camera: tuple[float, float, float, float, float, float, float] | None = None
+    #: The axis that points up; default: y for OBJ and GLB, z for PLY and STL.
+    up: Literal["y", "z"] | None = None
+    #: Make the background transparent even where an environment is given.
+    transparent: bool = False
+    #: jax marches rays, with direct light only; mitsuba traces paths, with indirect light too.
+    engine: Literal["jax", "mitsuba"] = "jax"

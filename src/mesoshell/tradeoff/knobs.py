@@ -1,0 +1,68 @@
+"""The settings that a tradeoff varies, and their values, from cheap to accurate.
+
+The number of samples a pixel is no knob: a point has an error for each number.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from mesoshell.render.quality import PRESETS, SETTINGS, Quality
+
+VALUES: dict[str, tuple[Any, ...]] = {
+    "samples": (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256),
+    "spacing": ("interval", "length"),
+    "coordinates": ("interpolated", "exact"),
+    "early_stop": (0.1, 0.05, 0.02, 0.01, 0.005, 0.0),
+    "skip": (0.2, 0.1, 0.05, 0.02, 0.0),
+    "weight_cut": (0.2, 0.1, 0.048, 0.02, 0.0),
+    "filtering": (False, True),
+    "anisotropy": (1, 2, 4, 8, 16),
+    "visibility": ("interval", "sample"),
+    "environment_samples": (1, 2, 4, 8, 16),
+    "base_samples": (2, 4, 8, 16, 32),
+    "max_depth": (2, 3, 4, 6, 8, 12, 16, 64),
+    "rr_depth": (2, 3, 5, 8, 16, 64),
+    "dark_ground": (0.5, 0.1, 0.0),
+    "bounce_spread": (0.5, 0.25, 0.1, 0.0),
+    "twin": (0.1, 0.05, 0.0),
+    "curvature_filter": ("point", "curve"),
+    "curve_length": (0.25, 0.5, 1.0),
+}
+#: Fields that change what is prepared, and not only how it is rendered.
+OF_SETUP = ("twin", "curvature_filter", "curve_length")
+
+Settings = Mapping[str, Any]
+
+
+def varied(used: Iterable[str], fixed: Iterable[str] = ()) -> tuple[str, ...]:
+    """The knobs that a picture depends on, in the order of VALUES. fixed: those that the scene sets itself."""
+    return tuple(name for name in VALUES if name in set(used) - set(fixed))
+
+
+def settings_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
+    """Values of the knobs."""
+    return {name: getattr(quality, name) for name in names}
+
+
+def noise_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
+    """Values of the knobs whose cheaper values only add noise."""
+    return settings_of(quality, (name for name in names if not SETTINGS[name].bias))
+
+
+def changes(settings: Settings) -> dict[str, Any]:
+    """What differs from `normal`: what `--set` is given."""
+    return {name: value for name, value in settings.items() if value != getattr(PRESETS["normal"], name)}
+
+
+def named(settings: Settings) -> str:
+    """The changes in words; `normal` if there are none."""
+    return ", ".join(f"{name} {value}" for name, value in changes(settings).items()) or "normal"
+
+
+def beside(settings: Settings, distance: int = 1) -> Iterator[dict[str, Any]]:
+    """Settings of which one knob has the next value but `distance` − 1, cheaper ones last."""
+    for step in (distance, -distance):
+        for name, value in settings.items():
+            at = VALUES[name].index(value) + step
+            if 0 <= at < len(VALUES[name]):
+                yield {**settings, name: VALUES[name][at]}

@@ -1,0 +1,142 @@
+"""Measure settings: seconds and evaluations of a pass, errors after so many.
+
+Notation
+I_k, r_k    passes of these settings, and of the reference                                             (H, W, 4)
+T           reference
+e(n)        FLIP of the mean of n passes against T, the mean over disjoint groups of n passes, less the noise of T, which is
+            independent: the root of the difference of squares
+b, ν        bias and noise, fitted: e(n)² = b² + ν²/n
+relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, before a backdrop is tone-mapped
+bias²       of a point: |mean of (I_k − r_k)|² less its variance over k: free of bias itself, however the two depend
+"""
+
+import time
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from mesoshell.measure.flip import flip, flip_map
+from mesoshell.scene.accumulate import over_backdrop
+from mesoshell.scene.picture import Passes, Progress
+from mesoshell.tradeoff.knobs import Settings
+from mesoshell.tradeoff.reference import FIRST, PAIRED, Reference
+
+#: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
+MOST, FEWEST, ENOUGH = {True: FIRST, False: 64}, PAIRED, 20.0
+_DARK = 0.01
+
+
+@dataclass(frozen=True)
+class Point:
+    """settings: values of the knobs. seconds: a pass's lower quartile, median and upper quartile; first: of the first pass
+    beyond the median: compiling; evaluations: network queries a pixel and pass. samples: n; flip: e(n); spread: standard
+    error of e(n), 0 where there is one group; relative: relative squared errors. bias, noise: b and ν. bias2, variance: of the
+    relative squared error of one pass."""
+
+    settings: dict[str, Any]
+    seconds: tuple[float, float, float]
+    first: float
+    evaluations: float
+    samples: tuple[int, ...]
+    flip: tuple[float, ...]
+    spread: tuple[float, ...]
+    relative: tuple[float, ...]
+    bias: float
+    noise: float
+    bias2: float
+    variance: float
+
+    def error(self, n: int) -> float:
+        """e(n); of more passes than were measured by b and ν."""
+        return (
+            self.flip[self.samples.index(n)] if n in self.samples else float(np.hypot(self.bias, self.noise / n**0.5))
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @classmethod
+    def of(cls, kept: dict[str, Any]) -> "Point":
+        """From JSON."""
+        fields: dict[str, Any] = {name: tuple(x) if isinstance(x, list) else x for name, x in kept.items()}
+        return cls(**fields)
+
+
+def measured(settings: Settings, passes: Passes, reference: Reference, progress: Progress) -> tuple[Point, np.ndarray]:
+    """A point, and its means of n passes, (N, H, W, 4)."""
+    images, seconds, queries = _taken(passes, MOST[reference.same_rays], progress)
+    counts = [2**i for i in range(len(images).bit_length()) if 2**i <= len(images)]
+    groups = {n: images[: len(images) // n * n].reshape(-1, n, *images.shape[1:]).mean(axis=1) for n in counts}
+    true = over_backdrop(reference.image)
+    errors = {n: [flip(over_backdrop(g), true) for g in groups[n][:8]] for n in counts}
+    e = np.array([_less(float(np.mean(errors[n])), reference.noise) for n in counts])
+    spread = [float(np.std(x, ddof=1) / len(x) ** 0.5) if len(x) > 1 else 0.0 for x in errors.values()]
+    bias, noise = _fitted(np.array(counts), e)
+    apart = over_backdrop(images[: len(reference.first)]) - over_backdrop(reference.first)
+    mean = apart.mean(axis=0)
+    bias2 = _relative(mean, true) - _relative(apart.std(axis=0, ddof=1), true) / len(apart)
+    later = np.array(seconds[1:])
+    quartiles = np.percentile(later, [25, 50, 75])
+    point = Point(
+        settings=dict(settings),
+        seconds=(float(quartiles[0]), float(quartiles[1]), float(quartiles[2])),
+        first=max(0.0, seconds[0] - float(quartiles[1])),
+        evaluations=queries,
+        samples=tuple(counts),
+        flip=tuple(map(float, e)),
+        spread=tuple(spread),
+        relative=tuple(
+            float(np.mean([_relative(over_backdrop(g) - true, true) for g in groups[n][:8]])) for n in counts
+        ),
+        bias=bias,
+        noise=noise,
+        bias2=bias2,
+        variance=_relative(over_backdrop(images).std(axis=0, ddof=1), true),
+    )
+    return point, np.array([groups[n][0] for n in counts])
+
+
+def _taken(passes: Passes, most: int, progress: Progress) -> tuple[np.ndarray, list[float], float]:
+    """Pictures of a power of two of passes, the seconds of each, and of one before that, which compiles; network queries a
+    pixel and pass."""
+    pixels, images, seconds, begun = np.arange(passes.shape[0] * passes.shape[1]), [], [], 0.0
+    before = 0
+    for k in range(-1, most):
+        if k >= FEWEST and k.bit_count() == 1 and time.perf_counter() - begun > ENOUGH:
+            break
+        begin = time.perf_counter()
+        image = passes.render(max(k, 0), pixels, lambda share: None).reshape(*passes.shape, 4)
+        seconds.append(time.perf_counter() - begin)
+        progress((k + 2) / (most + 1))
+        if k < 0:
+            begun, before = time.perf_counter(), _queries(passes)
+        else:
+            images.append(image)
+    return np.array(images), seconds, (_queries(passes) - before) / len(images) / len(pixels)
+
+
+def _queries(passes: Passes) -> int:
+    return passes.ended(np.zeros((*passes.shape, 4)), 1).record["queries"]
+
+
+def _fitted(n: np.ndarray, e: np.ndarray) -> tuple[float, float]:
+    """b and ν, by non-negative least squares of relative differences."""
+    scale = np.maximum(e, 1e-9) ** -2
+    found, _ = nnls(np.stack([scale, scale / n], axis=1), e**2 * scale)
+    return float(found[0] ** 0.5), float(found[1] ** 0.5)
+
+
+def _less(error: float, noise: float) -> float:
+    """An error without an independent one; a tenth of it where that is nearly all of it."""
+    return max(error**2 - noise**2, (error / 10) ** 2) ** 0.5
+
+
+def _relative(difference: np.ndarray, true: np.ndarray) -> float:
+    return float(np.mean(difference**2 / (true**2 + _DARK)))
+
+
+def error_map(image: np.ndarray, reference: Reference) -> np.ndarray:
+    """FLIP of each pixel, (H, W)."""
+    return flip_map(over_backdrop(image), over_backdrop(reference.image))

@@ -1,0 +1,78 @@
+"""Which settings to measure next: one knob at a time, then what a model of the points so far expects the most of.
+
+Notation
+x           a point's knobs as zeros and ones: one for each value of each knob that `reference` does not have
+t, b, ν     seconds a pass, bias and noise of a point. ln t and ln ν are modelled as sums over x, b² as a sum of positive terms
+
+The model proposes; what is shown is measured.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from mesoshell.render.quality import PRESETS
+from mesoshell.tradeoff.front import Entry, entries, front, gain
+from mesoshell.tradeoff.knobs import Settings, beside, named, settings_of
+from mesoshell.tradeoff.points import Point
+
+#: Pull of the model's effects towards none; changes that a proposal is away from the front.
+RIDGE, STEPS = 0.02, 2
+
+
+def singles(names: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """`normal` and `draft`, each knob alone beside `normal`, near values first, and `reference`."""
+    normal, draft, reference = (settings_of(PRESETS[name], names) for name in ("normal", "draft", "reference"))
+    yield from (normal, draft)
+    yield from beside(normal)
+    yield reference
+    yield from beside(normal, 2)
+
+
+def around(names: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Each knob alone beside `draft`, and beside `reference`."""
+    for name in ("draft", "reference"):
+        yield from beside(settings_of(PRESETS[name], names))
+
+
+def proposed(points: Sequence[Point]) -> dict[str, Any] | None:
+    """Settings near the front, not measured yet, that the model expects to add most to it; None if none adds anything."""
+    known, kept = {named(p.settings) for p in points}, front(entries(points))
+    candidates: dict[str, dict[str, Any]] = {named(e.point.settings): dict(e.point.settings) for e in kept}
+    for _ in range(STEPS):
+        candidates |= {named(s): s for near in candidates.values() for s in beside(near)}
+    fresh = [s for name, s in candidates.items() if name not in known]
+    if not fresh:
+        return None
+    t, b, v = _model(points, fresh)
+    worth = [_worth(*numbers, kept) for numbers in zip(t, b, v, strict=True)]
+    best = int(np.argmax(worth))
+    return fresh[best] if worth[best] > 0 else None
+
+
+def _worth(t: float, b: float, v: float, kept: Sequence[Entry]) -> float:
+    return max(gain(n * t, float(np.hypot(b, v / n**0.5)), kept) for n in (1, 2, 4, 8))
+
+
+def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """t, b and ν of settings, as those of the points would have it."""
+    columns = sorted({(k, repr(x)) for s in [*(p.settings for p in points), *fresh] for k, x in s.items()})
+    columns = [c for c in columns if c[1] != repr(getattr(PRESETS["reference"], c[0]))]
+
+    def rows(settings: Sequence[Mapping[str, Any]]) -> np.ndarray:
+        ones = [[float(repr(s[k]) == x) for k, x in columns] for s in settings]
+        return np.concatenate([np.ones((len(settings), 1)), np.array(ones).reshape(len(settings), -1)], axis=1)
+
+    x, wanted = rows([p.settings for p in points]), rows(fresh)
+    pull = RIDGE * np.eye(x.shape[1])
+    pull[0, 0] = 1e-9
+
+    def summed(of: Sequence[float]) -> np.ndarray:
+        y = np.log(np.maximum(of, 1e-6))
+        return np.exp(wanted @ np.linalg.solve(x.T @ x + pull, x.T @ y))
+
+    squares = np.array([p.bias**2 for p in points])
+    effects, _ = nnls(np.concatenate([x, pull**0.5]), np.concatenate([squares, np.zeros(x.shape[1])]))
+    return summed([p.seconds[1] for p in points]), (wanted @ effects) ** 0.5, summed([p.noise for p in points])

@@ -216,6 +216,6 @@ def _unfinished(error: Float[np.ndarray, "H W"], most: float) -> Bool[np.ndarray
     return np.repeat(np.repeat(above, BLOCK, axis=0)[:height], BLOCK, axis=1)[:, :width].ravel()
 
 
-def over_backdrop(rgba: Float[np.ndarray, "H W 4"]) -> Float[np.ndarray, "H W 3"]:
+def over_backdrop(rgba: Float[np.ndarray, "*K H W 4"]) -> Float[np.ndarray, "*K H W 3"]:
     """What FLIP compares."""
     return rgba[..., :3] + (1 - rgba[..., 3:]) * BACKDROP

@@ -13,7 +13,6 @@ import numpy as np
 from mesoshell.tradeoff.knobs import named
 from mesoshell.tradeoff.points import Point
 
-
 #: Error of an entry of the front at most, of that before it.
 GAIN = 0.98
 

@@ -51,7 +51,7 @@ def page(made: "Tradeoff") -> str:
     said = (
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
         "beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference of "
-        f"{made.reference.passes} samples a pixel, whose own noise of {noise:.4f} is taken off (in squares): the least error "
+        f"{made.reference.passes} samples a pixel, whose own noise of {noise:.4f} is taken off: the least error "
         f"here is {best.flip / noise:.1f} times that."
     )
     if not made.clear(best):

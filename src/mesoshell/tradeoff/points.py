@@ -4,8 +4,9 @@ Notation
 I_k, r_k    passes of these settings, and of the reference                                             (H, W, 4)
 T           reference
 e(n)        FLIP of the mean of n passes against T, the mean over disjoint groups of n passes, less the noise of T, which is
-            independent: the root of the difference of squares
-b, ν        bias and noise, fitted: e(n)² = b² + ν²/n
+            independent
+q           2/0.7: FLIP grows as the 0.7th power of a small difference of colours, and squares of independent differences add
+b, ν        bias and noise, fitted: e(n)^q = b^q + ν^q/n
 relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, before a backdrop is tone-mapped
 bias²       of a point: |mean of (I_k − r_k)|² less its variance over k: free of bias itself, however the two depend
 """
@@ -25,7 +26,7 @@ from mesoshell.tradeoff.reference import FIRST, PAIRED, Reference
 
 #: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
 MOST, FEWEST, ENOUGH = {True: FIRST, False: 64}, PAIRED, 20.0
-_DARK = 0.01
+Q, _DARK = 2 / 0.7, 0.01
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,11 @@ class Point:
         """From JSON."""
         fields: dict[str, Any] = {name: tuple(x) if isinstance(x, list) else x for name, x in kept.items()}
         return cls(**fields)
+
+
+def together(bias: Any, noise: Any, n: int) -> Any:
+    """e(n), of b and ν."""
+    return (bias**Q + noise**Q / n) ** (1 / Q)
 
 
 def measured(settings: Settings, passes: Passes, reference: Reference, progress: Progress) -> tuple[Point, np.ndarray]:
@@ -123,14 +129,14 @@ def _queries(passes: Passes) -> int:
 
 def _fitted(n: np.ndarray, e: np.ndarray) -> tuple[float, float]:
     """b and ν, by non-negative least squares of relative differences."""
-    scale = np.maximum(e, 1e-9) ** -2
-    found, _ = nnls(np.stack([scale, scale / n], axis=1), e**2 * scale)
-    return float(found[0] ** 0.5), float(found[1] ** 0.5)
+    scale = np.maximum(e, 1e-9) ** -Q
+    found, _ = nnls(np.stack([scale, scale / n], axis=1), np.ones(len(e)))
+    return float(found[0] ** (1 / Q)), float(found[1] ** (1 / Q))
 
 
 def _less(error: float, noise: float) -> float:
     """An error without an independent one; a tenth of it where that is nearly all of it."""
-    return max(error**2 - noise**2, (error / 10) ** 2) ** 0.5
+    return max(error**Q - noise**Q, (error / 10) ** Q) ** (1 / Q)
 
 
 def _relative(difference: np.ndarray, true: np.ndarray) -> float:

@@ -2,7 +2,7 @@
 
 Notation
 x           a point's knobs as zeros and ones: one for each value of each knob that `reference` does not have
-t, b, ν     seconds a pass, bias and noise of a point. ln t and ln ν are modelled as sums over x, b² as a sum of positive terms
+t, b, ν     seconds a pass, bias and noise of a point. ln t and ln ν are modelled as sums over x, b^q as a sum of positive terms
 
 The model proposes; what is shown is measured.
 """
@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 from mesoshell.render.quality import PRESETS
 from mesoshell.tradeoff.front import Entry, entries, front, gain
 from mesoshell.tradeoff.knobs import Settings, beside, named, settings_of
-from mesoshell.tradeoff.points import Point
+from mesoshell.tradeoff.points import Point, Q, together
 
 #: Pull of the model's effects towards none; changes that a proposal is away from the front.
 RIDGE, STEPS = 0.02, 2
@@ -53,7 +53,7 @@ def proposed(points: Sequence[Point]) -> dict[str, Any] | None:
 
 
 def _worth(t: float, b: float, v: float, kept: Sequence[Entry]) -> float:
-    return max(gain(n * t, float(np.hypot(b, v / n**0.5)), kept) for n in (1, 2, 4, 8))
+    return max(gain(n * t, float(together(b, v, n)), kept) for n in (1, 2, 4, 8))
 
 
 def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -73,6 +73,6 @@ def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarr
         y = np.log(np.maximum(of, 1e-6))
         return np.exp(wanted @ np.linalg.solve(x.T @ x + pull, x.T @ y))
 
-    squares = np.array([p.bias**2 for p in points])
-    effects, _ = nnls(np.concatenate([x, pull**0.5]), np.concatenate([squares, np.zeros(x.shape[1])]))
-    return summed([p.seconds[1] for p in points]), (wanted @ effects) ** 0.5, summed([p.noise for p in points])
+    powers = np.array([p.bias**Q for p in points])
+    effects, _ = nnls(np.concatenate([x, pull**0.5]), np.concatenate([powers, np.zeros(x.shape[1])]))
+    return summed([p.seconds[1] for p in points]), (wanted @ effects) ** (1 / Q), summed([p.noise for p in points])

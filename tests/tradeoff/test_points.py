@@ -1,0 +1,69 @@
+"""Bias and noise of an engine whose bias and noise are known."""
+
+import json
+
+import numpy as np
+import pytest
+
+from mesoshell.measure.flip import flip
+from mesoshell.scene.accumulate import over_backdrop
+from mesoshell.tradeoff.points import Point, measured
+from mesoshell.tradeoff.reference import Reference, refer
+from tests.helpers.made_passes import SHAPE, passes, picture
+
+EXACT = Reference(picture(), np.stack([picture()] * 4), 0.0, 1, True)
+
+
+def quiet(share: float) -> None:
+    pass
+
+
+def test_noise_falls_with_samples_and_bias_does_not() -> None:
+    noisy, images = measured({"samples": 48}, passes(0.0, 0.05), EXACT, quiet)
+    biased, _ = measured({"samples": 24}, passes(0.05, 0.0), EXACT, quiet)
+    assert noisy.samples == biased.samples == (1, 2, 4, 8) and images.shape == (4, *SHAPE, 4)
+    np.testing.assert_allclose(noisy.relative[-1] / noisy.relative[0], 1 / 8, rtol=0.1)
+    assert noisy.bias < 0.2 * noisy.flip[0] and noisy.noise > 0.8 * noisy.flip[0]
+    np.testing.assert_allclose(biased.flip, biased.flip[0], rtol=1e-6)
+    np.testing.assert_allclose(biased.bias, biased.flip[0], rtol=1e-3)
+    assert biased.noise < 0.02 * biased.flip[0] and biased.variance == pytest.approx(0, abs=1e-12)
+    true = over_backdrop(picture())
+    assert biased.bias2 == pytest.approx(np.mean(0.05**2 / (true**2 + 0.01)))
+    assert biased.evaluations == noisy.evaluations == 7
+    assert biased.error(4) == biased.flip[2] and noisy.error(64) < noisy.flip[-1] / 2
+
+
+def test_the_estimate_of_bias_is_not_biased() -> None:
+    """Over draws, that of an engine without bias has mean 0, where the square of a mean has not."""
+    found = []
+    for seed in range(40):
+        exact = Reference(picture(), np.stack([picture()] * 4), 0.0, 1, True)
+        found.append(measured({}, passes(0.0, 0.05 + 1e-6 * seed), exact, quiet)[0])
+    each = np.array([p.bias2 for p in found])
+    assert abs(each.mean()) < 4 * each.std(ddof=1) / len(each) ** 0.5
+    assert each.std() < 0.1 * np.mean([p.variance for p in found])
+
+
+def test_the_noise_of_the_reference_is_taken_off() -> None:
+    image = picture()
+    image[..., :3] += 0.03 * np.random.default_rng(1).normal(size=(*SHAPE, 3))
+    noise = flip(over_backdrop(image), over_backdrop(picture()))
+    clean, _ = measured({}, passes(0.0, 0.05), EXACT, quiet)
+    rough, _ = measured({}, passes(0.0, 0.05), EXACT._replace(image=image, noise=noise), quiet)
+    np.testing.assert_allclose(rough.flip[:3], clean.flip[:3], rtol=0.15)
+
+
+def test_two_levels_see_the_expected_picture() -> None:
+    """Of a costly engine that shares its rays' noise with a cheap one: better than its few passes alone."""
+    exact, cheap = passes(0.0, 0.002, 0.08), passes(0.05, 0.002, 0.08)
+    two, one = refer(exact, cheap, 1e9, 0.02, quiet), refer(exact, None, 1e-9, 0.0, quiet)
+    true = over_backdrop(picture())
+    assert flip(over_backdrop(two.image), true) < 0.3 * flip(over_backdrop(two.first.mean(axis=0)), true)
+    assert two.same_rays and two.passes >= 64 and two.noise <= 0.02
+    assert one.passes == 16 and len(one.first) == 2 and not one.same_rays
+    assert 0.5 < two.noise / flip(over_backdrop(two.image), true) < 2
+
+
+def test_points_are_kept_as_json() -> None:
+    point, _ = measured({"samples": 48, "filtering": False}, passes(0.01, 0.02), EXACT, quiet)
+    assert Point.of(json.loads(json.dumps(point.as_dict()))) == point

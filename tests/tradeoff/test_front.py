@@ -16,7 +16,9 @@ MANY = st.lists(st.tuples(NUMBERS, st.floats(0.001, 1.0)), min_size=1, max_size=
 def point(seconds: float, flip: tuple[float, ...] = (0.1,)) -> Point:
     counts = tuple(2**i for i in range(len(flip)))
     zeros = (0.0,) * len(flip)
-    return Point({"samples": 48}, (seconds,) * 3, 0.0, 10 * seconds, counts, flip, zeros, zeros, 0.0, 0.1, 0.0, 0.0)
+    return Point(
+        {"samples": 48}, (seconds, seconds, seconds), 0.0, 10 * seconds, counts, flip, zeros, zeros, 0.0, 0.1, 0.0, 0.0
+    )
 
 
 def entry(seconds: float, flip: float) -> Entry:

@@ -44,7 +44,7 @@ def engine(settings) -> Point:
     counts = (1, 2, 4, 8)
     e = tuple(float(together(b, 0.03, n)) for n in counts)
     zeros = (0.0,) * 4
-    return Point(dict(settings), (t,) * 3, 0.0, t, counts, e, zeros, zeros, float(b), 0.03, 0.0, 0.0)
+    return Point(dict(settings), (t, t, t), 0.0, t, counts, e, zeros, zeros, float(b), 0.03, 0.0, 0.0)
 
 
 def test_proposals_find_the_front_of_all_settings() -> None:

@@ -55,7 +55,7 @@ def tradeoff(
     *,
     engine: Engine = "jax",
     minutes: float = 10.0,
-    progress: Show = lambda done, *, what: None,
+    progress: Show = lambda share, what: None,
 ) -> Tradeoff:
     """What accuracy costs in time in a scene, as `mesoshell tradeoff` measures it: `.front` has what no other settings beat in
     both, `.points` all that were measured; a notebook displays report.html.

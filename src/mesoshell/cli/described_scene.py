@@ -1,6 +1,6 @@
 """The scene that options describe, ready for the engine that they name. Only that engine is imported."""
 
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from pathlib import Path
 
 from mesoshell.cli.checks import pairs_of
@@ -25,9 +25,9 @@ def prepared(options: SceneOptions, quality: Quality, samples: int | None, progr
         return prepare(scene_of(options, load_material(options.material)), quality, options.engine, progress)
     if options.engine != "mitsuba":
         raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
-    for field in fields(SceneOptions):
-        default = field.default_factory() if field.default_factory is not MISSING else field.default
-        if field.name not in ("mesh", "engine") and getattr(options, field.name) != default:
+    fixed = {field.name for field in fields(SceneOptions)} - {"mesh", "engine"}
+    for field in (field for field in fields(options) if field.name in fixed):
+        if getattr(options, field.name) != field.default:
             raise InputError(f"--{field.name.replace('_', '-')}", f"is set in {options.mesh}")
     from mesoshell.scene.render_paths import prepare_file
 

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -41,10 +41,8 @@ SHARE, AIM, MOST, CLEAR = 0.3, 0.001, 400, 10.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 
 
-class Show(Protocol):
-    """Called with the share done, and what is done."""
-
-    def __call__(self, done: float, *, what: str) -> None: ...
+#: Called with the share done, 0 to 1, and what is done.
+Show = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,19 +96,19 @@ def explore(
     quality; fixed: fields that it sets itself. SIGINT or SIGTERM ends it after the point under way. Raises InputError for a
     folder that holds another scene's."""
     begin(folder, minutes)
-    try:
-        (folder / "pictures").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(folder, f"cannot be written: {error.strerror}") from error
     begun, limit = time.perf_counter(), 60 * minutes
     scene = _Scenes(prepare)
     names = varied(scene.used(), fixed)
     same = scene.engine != PATHS.name
     exact = scene.passes(REFERENCE if same else REFERENCE.with_changes(**noise_of(NORMAL, names)))
+    try:
+        (folder / "pictures").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be written: {error.strerror}") from error
     with StopRequest() as stop:
 
         def share(what: str) -> Callable[[float], None]:
-            return lambda part: show(min(1.0, (time.perf_counter() - begun) / limit), what=what)
+            return lambda part: show(min(1.0, (time.perf_counter() - begun) / limit), what)
 
         kept = _kept_reference(folder, exact)
         if kept is None:
@@ -261,9 +259,9 @@ def _entry(made: Tradeoff, e: Entry) -> dict[str, Any]:
 
 
 def _table(made: Tradeoff) -> str:
-    """A row for each point and number of samples."""
+    """A row for each point and number of samples a pixel, which is `pixel_samples`."""
     file = io.StringIO()
-    numbers = ("samples", "seconds", "lower", "upper", "compiling", "evaluations", "flip", "spread", "relative")
+    numbers = ("pixel_samples", "seconds", "lower", "upper", "compiling", "evaluations", "flip", "spread", "relative")
     rows = csv.writer(file, lineterminator="\n")
     rows.writerow([*made.names, *numbers, "bias", "noise", "bias2", "variance"])
     for p in made.points:

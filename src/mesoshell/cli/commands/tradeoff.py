@@ -25,7 +25,7 @@ def run(options: Options) -> None:
             OF_FILES if is_mitsubas(options.mesh) else (),
             options.out,
             options.minutes,
-            show,
+            lambda share, what: show(share, what=what),
         )
     say_notes(console, made.notes)
     noise = f"the reference's noise is FLIP {made.reference.noise:.4f}"

@@ -1,0 +1,85 @@
+"""`mesoshell tradeoff` as a user calls it, and `ms.tradeoff`, on both engines; one line for each fault."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+import mesoshell as ms
+from mesoshell.cli.main import main
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.scene.materials import Material
+from mesoshell.tradeoff import run
+from mesoshell.tradeoff.knobs import VALUES, named
+from tests.helpers import wearing
+
+MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
+WITHOUT_JAX = (
+    "import sys; sys.modules.update(dict.fromkeys(('jax', 'jaxlib', 'flax', 'optax')))\n"
+    "from mesoshell.tradeoff import run; run.MOST, run.AIM = 2, 0.5\n"
+    "from mesoshell.cli.main import main; main(sys.argv[1:])"
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_cache_at_home(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+        yield
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two points, and a reference of few passes, however long they take."""
+    monkeypatch.setattr(run, "MOST", 2)
+    monkeypatch.setattr(run, "AIM", 0.5)
+
+
+@pytest.mark.parametrize(("engine", "passes"), [("jax", (1, 2, 4, 8)), ("mitsuba", (1, 2, 4, 8, 16, 32, 64))])
+def test_a_surface_material(few, tmp_path: Path, engine: Literal["jax", "mitsuba"], passes: tuple[int, ...]) -> None:
+    scene = ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4, size=(16, 12))
+    said: list[tuple[float, str]] = []
+    made = ms.tradeoff(scene, tmp_path, engine=engine, minutes=60, progress=lambda *now: said.append(now))
+    assert made.points[0].samples == passes and made.front[0].flip > made.front[-1].flip > 0
+    assert {"curvature_filter", "curve_length"} <= set(made.names) and "samples" not in made.names
+    assert said[0][1] == "reference" and said[-1][1] == named(made.points[-1].settings)
+    assert (tmp_path / "report.html").exists()
+
+
+def test_a_shell_without_jax(tiny_bundle: Bundle, tmp_path: Path) -> None:
+    material, out = tmp_path / "tiny.npz", tmp_path / "new" / "folder"
+    write_bundle(material, tiny_bundle)
+    given = ["tradeoff", MESH, "--engine", "mitsuba", "--material", material, "--size", 16, 12, "--out", out]
+    command = [sys.executable, "-c", WITHOUT_JAX, *map(str, given)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith("takes 10 minutes (--minutes), until ") and "Traceback" not in done.stderr
+    *table, last = done.stdout.splitlines()
+    assert table[0].startswith("2 settings, ") and last == f"{out}/report.html" and (out / "report.html").exists()
+    told = json.loads((out / "front.json").read_text())
+    assert len(told["seconds"]) == len(table) - 1 and told["seconds"][0]["settings"].keys() <= {*VALUES}
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["scene.xml"], "scene.xml: is a scene of Mitsuba's, which requires --engine mitsuba"),
+        (["scene.xml", "--engine", "mitsuba", "--seed", "3"], "--seed: is set in scene.xml"),
+        ([str(MESH), "--minutes", "0"], "--minutes: must be above 0, not 0"),
+        ([str(MESH), "--minutes", "nan"], "--minutes: must be above 0, not nan"),
+        (["none.obj"], "none.obj: no such file"),
+        ([str(MESH), "--out", str(MESH)], f"{MESH}: is a file"),
+        ([str(MESH), "--size", "0", "3"], "--size: 0 x 3 has no pixels"),
+    ],
+)
+def test_faults_are_one_line(given: list[str], said: str, tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stop:
+        main(["tradeoff", *given])
+    assert stop.value.code == 2
+    told = capsys.readouterr().err.splitlines()
+    assert told[-1] == f"mesoshell: {said}" and len(told) <= 2
+    assert not any(tmp_path.iterdir())

@@ -42,7 +42,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_surface_material(few, tmp_path: Path, engine: Literal["jax", "mitsuba"], passes: tuple[int, ...]) -> None:
     scene = ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4, size=(16, 12))
     said: list[tuple[float, str]] = []
-    made = ms.tradeoff(scene, tmp_path, engine=engine, minutes=60, progress=lambda *now: said.append(now))
+    made = ms.tradeoff(scene, tmp_path, engine=engine, minutes=60.0, progress=lambda *now: said.append(now))
     assert made.points[0].samples == passes and made.front[0].flip > made.front[-1].flip > 0
     assert {"curvature_filter", "curve_length"} <= set(made.names) and "samples" not in made.names
     assert said[0][1] == "reference" and said[-1][1] == named(made.points[-1].settings)

@@ -119,12 +119,16 @@ def _png(path: Path) -> str:
 
 
 def _front_plot(made: "Tradeoff") -> str:
-    """All entries, the front with error bars, and the presets; by seconds, and by evaluations."""
+    """All entries, the front with error bars, and the presets; by seconds, and by evaluations if the engine counts them."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    for axes, kept, what in ((left, made.front, "seconds"), (right, made.by_evaluations, "evaluations")):
+    fronts = {"seconds": made.front}
+    if all(p.evaluations > 0 for p in made.points):
+        fronts["evaluations"] = made.by_evaluations
+    for axes, (what, kept) in zip(
+        figure.subplots(1, len(fronts), sharey=True, squeeze=False)[0], fronts.items(), strict=True
+    ):
         for p in made.points:
             cost = p.seconds[1] if what == "seconds" else p.evaluations
             axes.plot(np.array(p.samples) * cost, p.flip, color="0.85", linewidth=0.8, marker=".", markersize=3)
@@ -144,7 +148,6 @@ def _front_plot(made: "Tradeoff") -> str:
             axis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter("{x:g}")
         axes.legend(fontsize=9)
-    right.set_ylabel("")
     return _svg(figure)
 
 

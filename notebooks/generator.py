@@ -167,7 +167,7 @@ small = replace(
 learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))
 w, phases = latents(learning, state.generator, jnp.zeros((1, 0))), own_phases(learning, jnp.arange(1))
-field = made(learning, state, state.generator, w, phases, small.texels)[0]
+field = jax.jit(made, static_argnums=(0, 5))(learning, state, state.generator, w, phases, small.texels)[0]
 figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 for axis, f, name in zip(axes, (data.features[0], field[0]), ("fitted", "where learning begins"), strict=True):
     seen = from_above(data.decoder, bundle.height_octaves, jnp.asarray(f), jnp.asarray(data.height), jnp.full(1, 0.2))
@@ -181,10 +181,11 @@ assert abs(float(jnp.mean(field))) < 0.3 and 0.5 < float(jnp.std(field)) < 2
 # %%
 bundle = ms.load_material("lawn").shell
 lawn = maker_of(bundle, "lawn")
+compiled = jax.jit(synthesise, static_argnums=(0, 6))
 figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 for seed, axis in enumerate(axes):
     latent = grown(lawn, seed, np.zeros(0, np.float32))
-    feature = synthesise(
+    feature = compiled(
         lawn.config, lawn.generator, lawn.averages, latent.w, latent.phases, jnp.zeros(2, jnp.int32), (128, 128)
     ).feature[0]
     height = synthesise_height(lawn.config, lawn.generator, latent.w)[0]

@@ -133,7 +133,7 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     assert used(replace(lone, distant=0), MARCH) == marched - {"weight_cut", "base_samples"}
     worn = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}
     assert used(WORN, SURFACE) == worn and used(WORN, SURFACE, curvature_filter="point") == worn - {"curve_length"}
-    paths = {"samples", "spacing", "coordinates", "early_stop", "skip", "filtering", "spp", "dark_ground"}
+    paths = {"samples", "coordinates", "early_stop", "skip", "filtering", "spp", "dark_ground"}
     assert used(lone, PATHS) == paths | {"weight_cut"}
     assert used(lone, PATHS, max_depth=2) == paths | {"weight_cut", "max_depth"}
     assert used(room, PATHS) == paths | {"max_depth", "anisotropy", "twin", "rr_depth", "bounce_spread"}

@@ -111,8 +111,8 @@ def alone(request, tmp_path_factory) -> tuple[str, Path, list[list[np.ndarray]]]
     """A method, and of one host the states after a run, after one that Ctrl-C stopped, and when that had gone on; and, in the
     folder, a run that was killed while it trained."""
     folder = prepared(tmp_path_factory.mktemp("alone") / request.param, request.param)
-    cut = {"name": "cut", "what": "SIGINT", "host": 0, "step": 2}
-    killed = {"name": "killed", "what": "SIGKILL", "host": 0, "step": 3, "saves": True}
+    cut = {"name": "cut", "what": "SIGINT", "host": 0, "step": 3}
+    killed = {"name": "killed", "what": "SIGKILL", "host": 0, "step": 4, "saves": True}
     ((status, said),) = launch(folder, request.param, 1, [{"name": "whole"}, cut, {"name": "cut"}, killed])
     assert status == 137 and said.endswith("ended by SIGKILL\n"), said
     return request.param, folder, [methods.kept(folder / f"{i}.0.npz") for i in range(3)]

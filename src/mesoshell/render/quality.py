@@ -42,6 +42,7 @@ class Quality:
         "length",
         "samples in proportion to length, or as many in each interval",
         "opacity, where samples are few",
+        engine="jax",
         words=("length", "interval"),
     )
     #: "interpolated" is the paper's.

@@ -18,8 +18,8 @@ from mesoshell.tradeoff.points import Point
 if TYPE_CHECKING:
     from mesoshell.tradeoff.run import Tradeoff
 
-#: Samples a pixel at which knobs are compared.
-EQUAL = 4
+#: Samples a pixel at which knobs are compared, by whether rays are the same or paths drawn anew, whose noise hides more.
+EQUAL = {True: 4, False: 32}
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:72em;margin:2em auto;padding:0 1em;color:#222}
 figure{display:inline-block;margin:0 1em 1em 0;vertical-align:top}figcaption{font-size:14px;color:#555}
@@ -67,8 +67,8 @@ def page(made: "Tradeoff") -> str:
         "<figcaption>the reference</figcaption></figure>",
         f"<h2>Along the front</h2><div class=strip>{''.join(_pair(made, i, e) for i, e in enumerate(kept))}</div>",
         f"<div class=plots>{_front_plot(made)}</div>",
-        f"<h2>What each setting buys</h2><p>One setting changed at a time, beside <code>normal</code>; {EQUAL} samples a pixel "
-        "each. To the left is faster, down is better; the ring is <code>normal</code>.</p>"
+        f"<h2>What each setting buys</h2><p>One setting changed at a time, beside <code>normal</code>; {_equal(made)} samples "
+        "a pixel each. To the left is faster, down is better; the ring is <code>normal</code>.</p>"
         f"<div class=plots>{_knob_plots(made)}</div>{_knob_table(made)}",
         f"<h2>The front</h2>{_front_table(made)}",
         "<p>Seconds are those of the render loop at this size on this machine, medians of passes; evaluations are network "
@@ -76,6 +76,10 @@ def page(made: "Tradeoff") -> str:
         f"<script type=application/json id=entries>{data}</script><script>{_SCRIPT}</script></html>\n",
     ]
     return head + "\n".join(parts)
+
+
+def _equal(made: "Tradeoff") -> int:
+    return EQUAL[made.reference.same_rays]
 
 
 def _figure(name: str, caption: str) -> str:
@@ -173,16 +177,16 @@ def _knob_plots(made: "Tradeoff") -> str:
     rows = -(-len(alone) // 4)
     figure = Figure(figsize=(12, 2.7 * rows), layout="constrained")
     grid = figure.subplots(rows, 4, squeeze=False).ravel()
-    most = 1.2 * max(p.error(EQUAL) for found in alone.values() for p in found)
+    most = 1.2 * max(p.error(_equal(made)) for found in alone.values() for p in found)
     for axes in grid[len(alone) :]:
         axes.axis("off")
     for axes, (name, found) in zip(grid, alone.items(), strict=False):
-        x, y = [p.seconds[1] / base.seconds[1] for p in found], [p.error(EQUAL) for p in found]
+        x, y = [p.seconds[1] / base.seconds[1] for p in found], [p.error(_equal(made)) for p in found]
         axes.plot(x, y, "o-", color="C0", markersize=4)
-        axes.plot(1, base.error(EQUAL), "o", markersize=10, markerfacecolor="none", color="C3")
+        axes.plot(1, base.error(_equal(made)), "o", markersize=10, markerfacecolor="none", color="C3")
         for p, a, b in zip(found, x, y, strict=True):
             axes.annotate(str(p.settings[name]), (a, b), textcoords="offset points", xytext=(4, 4), fontsize=8)
-        axes.set(title=name, xlabel="time of normal's", ylabel=f"FLIP, {EQUAL} samples", ylim=(0, most))
+        axes.set(title=name, xlabel="time of normal's", ylabel=f"FLIP, {_equal(made)} samples", ylim=(0, most))
         axes.margins(x=0.2)
         axes.grid(color="0.93")
     return _svg(figure)
@@ -201,7 +205,7 @@ def _knob_table(made: "Tradeoff") -> str:
         return ""
     rows = [
         f"<tr><td>{name}<td>{p.settings[name]}<td>{p.seconds[1] / base.seconds[1]:.2f}<td>{p.evaluations:.1f}"
-        f"<td>{p.error(EQUAL):.4f}<td>{p.bias:.4f}<td>{p.noise:.4f}<td>{SETTINGS[name].bias or 'nothing'}"
+        f"<td>{p.error(_equal(made)):.4f}<td>{p.bias:.4f}<td>{p.noise:.4f}<td>{SETTINGS[name].bias or 'nothing'}"
         for name in made.names
         for p in _alone(made, name)
         if len(_alone(made, name)) > 1

@@ -11,6 +11,7 @@ import pytest
 import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.image import read_png
 from mesoshell.scene.materials import Material
 from mesoshell.tradeoff import run
 from mesoshell.tradeoff.knobs import VALUES, named
@@ -83,3 +84,31 @@ def test_faults_are_one_line(given: list[str], said: str, tmp_path: Path, capsys
     told = capsys.readouterr().err.splitlines()
     assert told[-1] == f"mesoshell: {said}" and len(told) <= 2
     assert not any(tmp_path.iterdir())
+
+
+SCENE = """<scene version="3.0.0">
+    <integrator type="path"><integer name="max_depth" value="3"/></integrator>
+    <sensor type="perspective"><float name="fov" value="40"/>
+        <transform name="to_world"><lookat origin="-2.2,2,9" target="-2.5,1.2,4" up="0,1,0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="64"/><integer name="height" value="32"/><rfilter type="box"/></film>
+    </sensor>
+    <emitter type="directional"><vector name="direction" value="-0.3,-1,-0.2"/></emitter>
+    <shape type="obj"><string name="filename" value="MESH"/>
+        <bsdf type="mesoshell"><string name="material" value="tiny.npz"/><float name="thickness" value="0.2"/></bsdf></shape>
+</scene>
+"""
+
+
+def test_a_scene_of_mitsubas(few, tiny_bundle: Bundle, tmp_path: Path, capsys, monkeypatch) -> None:
+    """Its film is made smaller in its own proportions, and its path depth is its own."""
+    monkeypatch.chdir(tmp_path)
+    write_bundle(tmp_path / "tiny.npz", tiny_bundle)
+    (tmp_path / "scene.xml").write_text(SCENE.replace("MESH", str(MESH)))
+    main(["tradeoff", "scene.xml", "--engine", "mitsuba", "--size", "16", "12", "--out", "found"])
+    assert capsys.readouterr().out.splitlines()[-1] == "found/report.html"
+    assert read_png(tmp_path / "found/reference.png").shape[:2] == (10, 20)
+    point = json.loads((tmp_path / "found/points.json").read_text())["points"][0]
+    assert "samples" in point["settings"] and not {"max_depth", "rr_depth"} & point["settings"].keys()
+    assert "--set spp=" in (tmp_path / "found/report.html").read_text()
+    with pytest.raises(ms.InputError, match=r"^pixels: must be at least 1"):
+        ms.tradeoff("scene.xml", "other", engine="mitsuba", pixels=0)

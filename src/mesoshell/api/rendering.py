@@ -4,7 +4,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import goal_of
@@ -55,14 +55,16 @@ def tradeoff(
     *,
     engine: Engine = "jax",
     minutes: float = 10.0,
+    pixels: int = 96 * 96,
     progress: Show = lambda share, what: None,
 ) -> Tradeoff:
     """What accuracy costs in time in a scene, as `mesoshell tradeoff` measures it: `.front` has what no other settings beat in
     both, `.points` all that were measured; a notebook displays report.html.
 
     scene: or an XML file of Mitsuba's, with engine "mitsuba". folder: gets report.html, front.json and points.csv; what an
-    earlier call measured there of the same scene is not measured again. minutes: that it takes, but for starting. progress:
-    called with the share done, and what is done. Raises InputError, also for a folder that holds another scene's.
+    earlier call measured there of the same scene is not measured again. minutes: that it takes, but for starting. pixels: most
+    of a scene of Mitsuba's, which keeps its proportions. progress: called with the share done, and what is done. Raises
+    InputError, also for a folder that holds another scene's.
     """
     if isinstance(scene, Scene):
         return explore(lambda quality: prepare(scene, quality, engine), (), Path(folder), minutes, progress)
@@ -70,4 +72,7 @@ def tradeoff(
         raise InputError(Path(scene), "is a scene of Mitsuba's, which requires `engine` mitsuba")
     from mesoshell.scene.render_paths import prepare_file
 
-    return explore(lambda quality: prepare_file(Path(scene), quality, None), OF_FILES, Path(folder), minutes, progress)
+    if pixels < 1:
+        raise InputError(Argument("pixels"), f"must be at least 1, not {pixels}")
+    of_file = lambda quality: prepare_file(Path(scene), quality, None, pixels)  # noqa: E731
+    return explore(of_file, OF_FILES, Path(folder), minutes, progress)

@@ -18,20 +18,22 @@ def is_mitsubas(mesh: Path) -> bool:
     return mesh.suffix.lower() == ".xml"
 
 
-def prepared(options: SceneOptions, quality: Quality, samples: int | None, progress: Progress) -> Prepared:
+def prepared(
+    options: SceneOptions, quality: Quality, samples: int | None, progress: Progress, shrink: bool = False
+) -> Prepared:
     """The scene, ready to be rendered. samples: paths a pixel of a scene of Mitsuba's; None: as many as it says. progress: of
-    growing a texture. Raises InputError."""
+    growing a texture. shrink: whether the size's number of pixels is the most of a scene of Mitsuba's. Raises InputError."""
     if not is_mitsubas(options.mesh):
         return prepare(scene_of(options, load_material(options.material)), quality, options.engine, progress)
     if options.engine != "mitsuba":
         raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
-    fixed = {field.name for field in fields(SceneOptions)} - {"mesh", "engine"}
+    fixed = {field.name for field in fields(SceneOptions)} - {"mesh", "engine"} - ({"size"} if shrink else set())
     for field in (field for field in fields(options) if field.name in fixed):
         if getattr(options, field.name) != field.default:
             raise InputError(f"--{field.name.replace('_', '-')}", f"is set in {options.mesh}")
     from mesoshell.scene.render_paths import prepare_file
 
-    return prepare_file(options.mesh, quality, samples)
+    return prepare_file(options.mesh, quality, samples, options.size[0] * options.size[1] if shrink else None)
 
 
 def scene_of(options: SceneOptions, material: Material) -> Scene:

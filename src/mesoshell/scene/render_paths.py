@@ -42,11 +42,14 @@ def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progre
     return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, *work)
 
 
-def prepare_file(path: Path, quality: Quality, samples: int | None) -> Prepared:
-    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as the file says. Raises InputError."""
+def prepare_file(path: Path, quality: Quality, samples: int | None, pixels: int | None = None) -> Prepared:
+    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as the file says. pixels: that its film gets at
+    most, in its own proportions; None: its own. Raises InputError."""
     begun = time.perf_counter()
     made = load_file(path, quality)
     samples = _samples(made, path, samples)
+    if pixels is not None:
+        _shrink(made.sensors()[0], pixels)
     world = _world(made)
     effects, notes = (None, ()) if world is None else (world.effects, world.notes)
     work = _work(made, samples), lambda other: _passes(made, other)
@@ -100,6 +103,16 @@ def _passes(scene: mi.Scene, quality: Quality | None) -> Passes:
         return Rendered(image, {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
 
     return Passes((height, width), chosen, lambda pixels: 1, one, ended)
+
+
+def _shrink(sensor: mi.Sensor, pixels: int) -> None:
+    """Give a sensor's film so many pixels at most, and all of its view."""
+    width, height = (int(x) for x in sensor.film().size())
+    less = (pixels / (width * height)) ** 0.5
+    if less < 1:
+        parameters = mi.traverse(sensor)
+        parameters["film.size"] = mi.ScalarVector2u(max(1, round(less * width)), max(1, round(less * height)))
+        parameters.update()
 
 
 def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:

@@ -51,12 +51,12 @@ def page(made: "Tradeoff") -> str:
     said = (
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
         "beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference of "
-        f"{made.reference.passes} samples a pixel, whose own noise of {noise:.4f} is taken off: the least error "
-        f"here is {best.flip / noise:.1f} times that."
+        f"{made.reference.passes} samples a pixel, whose own noise of {noise:.4f} is taken off; the least error "
+        f"here is {best.flip:.4f}."
     )
     if not made.clear(best):
         said += " <b>What is less than 10 times that is not told apart with certainty</b>, and drawn hollow: more minutes help."
-    data = json.dumps([{"said": _said(e), "how": _how(e)} for e in kept]).replace("<", "\\u003c")
+    data = json.dumps([{"said": _said(e), "how": _how(made, e)} for e in kept]).replace("<", "\\u003c")
     parts = [
         f"<h1>What accuracy costs in time</h1><p>{said}</p>",
         "<p class=ends><label for=at>fast</label> <input type=range id=at min=0 "
@@ -92,9 +92,9 @@ def _said(e: Entry) -> str:
     return f"{e.seconds:.2f} s ± {100 * spread:.0f}%, FLIP {e.flip:.4f}: {e.described}"
 
 
-def _how(e: Entry) -> str:
+def _how(made: "Tradeoff", e: Entry) -> str:
     """Options of `mesoshell render`."""
-    count = "spp" if "max_depth" in e.point.settings else "pixel_samples"
+    count = "pixel_samples" if made.reference.same_rays else "spp"
     given = {count: e.samples} | changes(e.point.settings)
     return "--quality normal " + " ".join(f"--set {name}={value}" for name, value in given.items())
 
@@ -160,7 +160,7 @@ def _preset(axes: Any, made: "Tradeoff", name: str, marker: str, what: str) -> N
     point, quality = made.preset(name), PRESETS[name]
     if point is None or name == "reference":
         return
-    n = quality.spp if "max_depth" in point.settings else quality.pixel_samples
+    n = quality.pixel_samples if made.reference.same_rays else quality.spp
     cost = point.seconds[1] if what == "seconds" else point.evaluations
     label = name if n in point.samples else f"{name} (its {n} samples extrapolated)"
     axes.plot(n * cost, point.error(n), marker, color="C3", markersize=7, label=label)

@@ -93,8 +93,8 @@ def explore(
     prepare: Callable[[Quality], Prepared], fixed: Sequence[str], folder: Path, minutes: float, show: Show
 ) -> Tradeoff:
     """Measure a scene's settings for so many minutes, those of earlier runs in the folder not again. prepare: the scene for a
-    quality; fixed: fields that it sets itself. SIGINT or SIGTERM ends it after the point under way. Raises InputError for a
-    folder that holds another scene's."""
+    quality; fixed: fields that it sets itself. SIGINT or SIGTERM ends it after the point under way; there is always one. Raises
+    InputError for a folder that holds another scene's."""
     begin(folder, minutes)
     begun, limit = time.perf_counter(), 60 * minutes
     scene = _Scenes(prepare)
@@ -118,7 +118,8 @@ def explore(
         points = [p for p in _kept_points(folder) if tuple(p.settings) == names]
         for settings in _wanted(names, points):
             usual = np.median([p.first + p.seconds[1] * p.samples[-1] for p in points]) if points else 0.0
-            if stop.requested or len(points) >= MOST or time.perf_counter() - begun + usual > limit:
+            late = time.perf_counter() - begun + usual > limit
+            if points and (stop.requested or len(points) >= MOST or late):
                 break
             quality = NORMAL.with_changes(**settings)
             point, images = measured(settings, scene.passes(quality), kept, share(named(settings)))

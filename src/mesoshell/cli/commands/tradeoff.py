@@ -21,7 +21,7 @@ def run(options: Options) -> None:
     )
     with bar(console, "preparing") as show:
         made = explore(
-            lambda quality: prepared(options, quality, None, lambda share: None),
+            lambda quality: prepared(options, quality, None, lambda share: None, shrink=True),
             OF_FILES if is_mitsubas(options.mesh) else (),
             options.out,
             options.minutes,

@@ -12,7 +12,8 @@ class Options(SceneOptions):
 
     Writes report.html, front.json and points.csv. A run that was stopped goes on where it was."""
 
-    #: Width and height of the pictures in pixels. Details of more pixels are finer, and need more of some settings.
+    #: Width and height of the pictures in pixels. Details of more pixels are finer, and need more of some settings. An XML
+    #: scene keeps its proportions, with at most as many pixels.
     size: tuple[int, int] = (96, 96)
     #: Minutes that it takes, but for starting and the last settings under way; the reference has a third of them at most.
     minutes: float = 10.0

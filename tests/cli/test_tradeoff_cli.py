@@ -6,13 +6,16 @@ import sys
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import pytest
 
 import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_png
+from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import Material
+from mesoshell.scene.render_paths import prepare_file
 from mesoshell.tradeoff import run
 from mesoshell.tradeoff.knobs import VALUES, named
 from tests.helpers import wearing
@@ -110,5 +113,7 @@ def test_a_scene_of_mitsubas(few, tiny_bundle: Bundle, tmp_path: Path, capsys, m
     point = json.loads((tmp_path / "found/points.json").read_text())["points"][0]
     assert "samples" in point["settings"] and not {"max_depth", "rr_depth"} & point["settings"].keys()
     assert "--set spp=" in (tmp_path / "found/report.html").read_text()
+    ready = prepare_file(tmp_path / "scene.xml", PRESETS["normal"], None, 192)
+    assert ready.passes(PRESETS["reference"]).ended(np.zeros((10, 20, 4)), 1).record["quality"]["max_depth"] == 3
     with pytest.raises(ms.InputError, match=r"^pixels: must be at least 1"):
         ms.tradeoff("scene.xml", "other", engine="mitsuba", pixels=0)

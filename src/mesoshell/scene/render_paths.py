@@ -52,7 +52,9 @@ def prepare_file(path: Path, quality: Quality, samples: int | None, pixels: int 
         _shrink(made.sensors()[0], pixels)
     world = _world(made)
     effects, notes = (None, ()) if world is None else (world.effects, world.notes)
-    work = _work(made, samples), lambda other: _passes(made, other)
+    own: Any = made.integrator()
+    depths = {} if world is None else {"max_depth": own.max_depth, "rr_depth": own.rr_depth}
+    work = _work(made, samples), lambda other: _passes(made, other and other.with_changes(**depths))
     return Prepared(PATHS.name, {}, effects, notes, begun, time.perf_counter() - begun, *work)
 
 

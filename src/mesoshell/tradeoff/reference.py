@@ -38,8 +38,16 @@ class Reference(NamedTuple):
     same_rays: bool
 
 
-def refer(exact: Passes, cheaper: Passes | None, seconds: float, aim: float, progress: Progress) -> Reference:
-    """T within about so many seconds; sooner if its noise is at most `aim`. cheaper: C's; None if it sees other rays."""
+def refer(
+    exact: Passes,
+    cheaper: Passes | None,
+    seconds: float,
+    aim: float,
+    progress: Progress,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Reference:
+    """T within about so many seconds; sooner if its noise is at most `aim`, or if `stopped`. cheaper: C's; None if it sees
+    other rays."""
     begin, pixels = time.perf_counter(), np.arange(exact.shape[0] * exact.shape[1])
     quiet: Progress = lambda share: None  # noqa: E731
 
@@ -56,7 +64,9 @@ def refer(exact: Passes, cheaper: Passes | None, seconds: float, aim: float, pro
         level = first - np.array([one(cheaper, k) for k in range(len(first))])
     many: list[np.ndarray] = []
     noise = np.inf
-    while len(many) < LEAST or (noise > aim and len(many) < MOST and time.perf_counter() - begin < seconds):
+    while len(many) < LEAST or (
+        noise > aim and len(many) < MOST and time.perf_counter() - begin < seconds and not stopped()
+    ):
         many += [one(cheaper or exact, at + len(many) + k) for k in range(max(LEAST, len(many) // 4))]
         whole, half = np.mean(many, axis=0) + level.mean(axis=0), np.mean(many[::2], axis=0) + level[::2].mean(axis=0)
         noise = flip(over_backdrop(half), over_backdrop(whole))

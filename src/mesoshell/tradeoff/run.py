@@ -39,8 +39,6 @@ from mesoshell.tradeoff.search import around, proposed, singles
 #: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; what a front must be above, in noises.
 SHARE, AIM, MOST, CLEAR = 0.3, 0.001, 400, 10.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
-
-
 #: Called with the share done, 0 to 1, and what is done.
 Show = Callable[[float, str], None]
 
@@ -113,7 +111,7 @@ def explore(
         kept = _kept_reference(folder, exact)
         if kept is None:
             cheaper = scene.passes(CHEAPER) if same else None
-            kept = refer(exact, cheaper, SHARE * limit, AIM, share("reference"))
+            kept = refer(exact, cheaper, SHARE * limit, AIM, share("reference"), lambda: stop.requested)
             _keep_reference(folder, kept)
         points = [p for p in _kept_points(folder) if tuple(p.settings) == names]
         for settings in _wanted(names, points):

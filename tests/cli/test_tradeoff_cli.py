@@ -109,11 +109,11 @@ def test_a_scene_of_mitsubas(few, tiny_bundle: Bundle, tmp_path: Path, capsys, m
     (tmp_path / "scene.xml").write_text(SCENE.replace("MESH", str(MESH)))
     main(["tradeoff", "scene.xml", "--engine", "mitsuba", "--size", "16", "12", "--out", "found"])
     assert capsys.readouterr().out.splitlines()[-1] == "found/report.html"
-    assert read_png(tmp_path / "found/reference.png").shape[:2] == (10, 20)
+    assert read_png(tmp_path / "found/reference.png").shape[:2] == (9, 19)
     point = json.loads((tmp_path / "found/points.json").read_text())["points"][0]
     assert "samples" in point["settings"] and not {"max_depth", "rr_depth"} & point["settings"].keys()
     assert "--set spp=" in (tmp_path / "found/report.html").read_text()
     ready = prepare_file(tmp_path / "scene.xml", PRESETS["normal"], None, 192)
-    assert ready.passes(PRESETS["reference"]).ended(np.zeros((10, 20, 4)), 1).record["quality"]["max_depth"] == 3
+    assert ready.passes(PRESETS["reference"]).ended(np.zeros((9, 19, 4)), 1).record["quality"]["max_depth"] == 3
     with pytest.raises(ms.InputError, match=r"^pixels: must be at least 1"):
         ms.tradeoff("scene.xml", "other", engine="mitsuba", pixels=0)

@@ -66,6 +66,7 @@ def tradeoff(
     of a scene of Mitsuba's, which keeps its proportions. progress: called with the share done, and what is done. Raises
     InputError, also for a folder that holds another scene's.
     """
+    quality_of("normal", engine, {})  # an engine that there is
     if isinstance(scene, Scene):
         return explore(lambda quality: prepare(scene, quality, engine), (), Path(folder), minutes, progress)
     if engine != "mitsuba":

@@ -63,10 +63,17 @@ class Quality:
         "colour, by at most this share",
         below=1,
     )
-    filtering: bool = _setting(True, "filter features over the pixel's footprint; without it, afar is noise")
+    filtering: bool = _setting(
+        True,
+        "filter features over the pixel's footprint; without it, afar is noise",
+        "what is afar: a network of averaged features is not the average of the network",
+    )
     #: 1 is the paper's r = min(a, b).
     anisotropy: int = _setting(
-        1, "taps along the footprint's long axis; few leave noise where a surface is seen at a slant", least=1
+        1,
+        "taps along the footprint's long axis; few leave noise where a surface is seen at a slant",
+        "a little, as filtering does",
+        least=1,
     )
     visibility: str = _setting(
         "interval",

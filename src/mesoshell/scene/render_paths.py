@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +50,11 @@ def prepare_file(path: Path, quality: Quality, samples: int | None, pixels: int 
     made = load_file(path, quality)
     samples = _samples(made, path, samples)
     if pixels is not None:
-        _shrink(made.sensors()[0], pixels)
+        _shrink(made, pixels)
     world = _world(made)
     effects, notes = (None, ()) if world is None else (world.effects, world.notes)
     own: Any = made.integrator()
-    depths = {} if world is None else {"max_depth": own.max_depth, "rr_depth": own.rr_depth}
+    depths = {} if world is None else {"max_depth": max(own.max_depth, 1), "rr_depth": max(own.rr_depth, 1)}
     work = _work(made, samples), lambda other: _passes(made, other and other.with_changes(**depths))
     return Prepared(PATHS.name, {}, effects, notes, begun, time.perf_counter() - begun, *work)
 
@@ -107,14 +108,19 @@ def _passes(scene: mi.Scene, quality: Quality | None) -> Passes:
     return Passes((height, width), chosen, lambda pixels: 1, one, ended)
 
 
-def _shrink(sensor: mi.Sensor, pixels: int) -> None:
-    """Give a sensor's film so many pixels at most, and all of its view."""
-    width, height = (int(x) for x in sensor.film().size())
+def _shrink(scene: mi.Scene, pixels: int) -> None:
+    """Give the film so many pixels at most, and all of its view; one that is cropped stays as it is."""
+    film = scene.sensors()[0].film()
+    width, height = (int(x) for x in film.size())
     less = (pixels / (width * height)) ** 0.5
-    if less < 1:
-        parameters = mi.traverse(sensor)
-        parameters["film.size"] = mi.ScalarVector2u(max(1, round(less * width)), max(1, round(less * height)))
-        parameters.update()
+    if less >= 1 or tuple(film.crop_size()) != (width, height):
+        return
+    parameters = mi.traverse(scene.sensors()[0])
+    parameters["film.size"] = mi.ScalarVector2u(max(1, int(less * width)), max(1, int(less * height)))
+    parameters.update()
+    world = _world(scene)
+    if world is not None:  # footprints grow as pixels do
+        world.facts = replace(world.facts, coarsest=world.facts.coarsest / less)
 
 
 def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:

@@ -50,12 +50,12 @@ def page(made: "Tradeoff") -> str:
     head = f"<!doctype html><html lang=en><meta charset=utf-8><title>What accuracy costs</title><style>{_STYLE}</style>"
     said = (
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
-        "beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference of "
-        f"{made.reference.passes} samples a pixel, whose own noise of {noise:.4f} is taken off; the least error "
-        f"here is {best.flip:.4f}."
+        f"beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference ({_counted(made)}) whose own "
+        f"noise of {noise:.4f} is taken off, and below which nothing is told; the least error here is {best.flip:.4f}."
     )
     if not made.clear(best):
-        said += " <b>What is less than 10 times that is not told apart with certainty</b>, and drawn hollow: more minutes help."
+        said += " <b>What is less than 10 times that is not told apart with certainty</b>, and drawn hollow: more minutes, in a"
+        said += " new folder, help."
     data = json.dumps([{"said": _said(e), "how": _how(made, e)} for e in kept]).replace("<", "\\u003c")
     parts = [
         f"<h1>What accuracy costs in time</h1><p>{said}</p>",
@@ -71,11 +71,18 @@ def page(made: "Tradeoff") -> str:
         "a pixel each. To the left is faster, down is better; the ring is <code>normal</code>.</p>"
         f"<div class=plots>{_knob_plots(made)}</div>{_knob_table(made)}",
         f"<h2>The front</h2>{_front_table(made)}",
-        "<p>Seconds are those of the render loop at this size on this machine, medians of passes; evaluations are network "
-        "queries a pixel. All points: points.csv; the front by seconds and by evaluations: front.json.</p>",
+        "<p>Seconds are those of passes of a sample a pixel, as <code>--budget</code> takes them, at this size on this "
+        "machine; a picture whose samples are taken at once may take less. Evaluations are network queries a pixel. All: "
+        "points.csv; the front by seconds and by evaluations: front.json.</p>",
         f"<script type=application/json id=entries>{data}</script><script>{_SCRIPT}</script></html>\n",
     ]
     return head + "\n".join(parts)
+
+
+def _counted(made: "Tradeoff") -> str:
+    """Passes of the reference, in words."""
+    passes, cheaper = made.reference.passes, made.reference.cheaper
+    return f"{cheaper} passes of cheaper settings, corrected by {passes} of both" if cheaper else f"{passes} passes"
 
 
 def _equal(made: "Tradeoff") -> int:
@@ -144,7 +151,7 @@ def _front_plot(made: "Tradeoff") -> str:
         axes.errorbar(x, y, over, bars, fmt="none", ecolor="C2", elinewidth=1)
         for e, a, b in zip(kept, x, y, strict=True):
             axes.plot(a, b, "o", color="C2", markerfacecolor="C2" if made.clear(e) else "white", markersize=5)
-        for name, marker in (("draft", "v"), ("normal", "s"), ("reference", "^")):
+        for name, marker in (("draft", "v"), ("normal", "s")):
             _preset(axes, made, name, marker, what)
         axes.set(xscale="log", yscale="log", xlabel=f"{what} {'' if what == 'seconds' else 'a pixel'}", ylabel="FLIP")
         axes.grid(color="0.93", which="both")
@@ -158,7 +165,7 @@ def _front_plot(made: "Tradeoff") -> str:
 def _preset(axes: Any, made: "Tradeoff", name: str, marker: str, what: str) -> None:
     """A preset with its own number of samples, of which more than were measured follow from bias and noise."""
     point, quality = made.preset(name), PRESETS[name]
-    if point is None or name == "reference":
+    if point is None:
         return
     n = quality.pixel_samples if made.reference.same_rays else quality.spp
     cost = point.seconds[1] if what == "seconds" else point.evaluations

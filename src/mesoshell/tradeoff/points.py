@@ -4,11 +4,12 @@ Notation
 I_k, r_k    passes of these settings, and of the reference                                             (H, W, 4)
 T           reference
 e(n)        FLIP of the mean of n passes against T, the mean over disjoint groups of n passes, less the noise of T, which is
-            independent
+            independent, and not below that noise
 q           2/0.7: FLIP grows as the 0.7th power of a small difference of colours, and squares of independent differences add
 b, ν        bias and noise, fitted: e(n)^q = b^q + ν^q/n
 relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, before a backdrop is tone-mapped
-bias²       of a point: |mean of (I_k − r_k)|² less its variance over k: free of bias itself, however the two depend
+bias²       of a point: |mean of (I_k − r_k)|² less its variance over k: free of bias itself if passes are independent of each
+            other, however I_k and r_k depend. Of rays that cover a pixel evenly it takes off too much
 """
 
 import time
@@ -51,9 +52,7 @@ class Point:
 
     def error(self, n: int) -> float:
         """e(n); of more passes than were measured by b and ν."""
-        return (
-            self.flip[self.samples.index(n)] if n in self.samples else float(np.hypot(self.bias, self.noise / n**0.5))
-        )
+        return self.flip[self.samples.index(n)] if n in self.samples else float(together(self.bias, self.noise, n))
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -77,9 +76,12 @@ def measured(settings: Settings, passes: Passes, reference: Reference, progress:
     groups = {n: images[: len(images) // n * n].reshape(-1, n, *images.shape[1:]).mean(axis=1) for n in counts}
     true = over_backdrop(reference.image)
     errors = {n: [flip(over_backdrop(g), true) for g in groups[n][:8]] for n in counts}
-    e = np.array([_less(float(np.mean(errors[n])), reference.noise) for n in counts])
+    found = np.array([np.mean(x) for x in errors.values()])
+    e = _less(found, reference.noise)
     spread = [float(np.std(x, ddof=1) / len(x) ** 0.5) if len(x) > 1 else 0.0 for x in errors.values()]
-    bias, noise = _fitted(np.array(counts), e)
+    spread = np.array(spread) * (found / np.maximum(e, 1e-9)) ** (Q - 1)  # as e changes with what was found
+    told = (e > reference.noise) | (np.arange(len(e)) < 2)
+    bias, noise = _fitted(np.array(counts)[told], e[told])
     apart = over_backdrop(images[: len(reference.first)]) - over_backdrop(reference.first)
     mean = apart.mean(axis=0)
     bias2 = _relative(mean, true) - _relative(apart.std(axis=0, ddof=1), true) / len(apart)
@@ -92,7 +94,7 @@ def measured(settings: Settings, passes: Passes, reference: Reference, progress:
         evaluations=queries,
         samples=tuple(counts),
         flip=tuple(map(float, e)),
-        spread=tuple(spread),
+        spread=tuple(map(float, spread)),
         relative=tuple(
             float(np.mean([_relative(over_backdrop(g) - true, true) for g in groups[n][:8]])) for n in counts
         ),
@@ -134,9 +136,9 @@ def _fitted(n: np.ndarray, e: np.ndarray) -> tuple[float, float]:
     return float(found[0] ** (1 / Q)), float(found[1] ** (1 / Q))
 
 
-def _less(error: float, noise: float) -> float:
-    """An error without an independent one; a tenth of it where that is nearly all of it."""
-    return max(error**Q - noise**Q, (error / 10) ** Q) ** (1 / Q)
+def _less(error: np.ndarray, noise: float) -> np.ndarray:
+    """Errors without an independent one, and not below it: what is less cannot be told."""
+    return np.maximum(np.maximum(error**Q - noise**Q, 0) ** (1 / Q), np.minimum(error, noise))
 
 
 def _relative(difference: np.ndarray, true: np.ndarray) -> float:

@@ -2,7 +2,7 @@
 
 Notation
 R, C        the expected pictures of the preset `reference` and of cheaper settings that differ from it little. R is the same
-            with any values of knobs that only add noise
+            with any values of knobs that only add noise, which a path tracer's r_k have from `normal`
 r_k, c_k    passes of a ray a pixel of both, at the same rays for the same k
 T           R's estimate: the mean of c_k over many k, plus that of r_k − c_k over few: where both see the same rays the
             difference has little noise (two levels of Giles, "Multilevel Monte Carlo methods", 2015). A path tracer's paths are
@@ -22,19 +22,21 @@ from mesoshell.render.quality import PRESETS
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
 
-#: C, of which there is none for a path tracer; first of T's many passes, and so most of a point's, where rays are the same;
-#: most passes of r_k − c_k, and of r_k that are kept, at least half of them; least and most passes of T.
-CHEAPER = PRESETS["normal"].with_changes(samples=64, anisotropy=4)
-FIRST, PAIRED, LEAST, MOST = 8, 4, 16, 1024
+#: C, of which there is none for a path tracer; first of T's passes, and so most of a point's, where rays are the same; passes
+#: r_k that are kept; most of r_k − c_k; least and most of the many.
+CHEAPER = PRESETS["normal"].with_changes(samples=64, anisotropy=4, twin=0.0)
+FIRST, PAIRED, DIFFERENCES, LEAST, MOST = 8, 2, 16, 16, 1024
 
 
 class Reference(NamedTuple):
-    """T; the first r_k; noise; passes that T is of; whether passes of other settings see the same rays."""
+    """T; the first r_k; noise; passes of `reference` that T is of, and of cheaper settings, 0 for a path tracer; whether
+    passes of other settings see the same rays."""
 
     image: Float[np.ndarray, "H W 4"]
     first: Float[np.ndarray, "K H W 4"]
     noise: float
     passes: int
+    cheaper: int
     same_rays: bool
 
 
@@ -55,24 +57,26 @@ def refer(
         progress(min(1.0, (time.perf_counter() - begin) / seconds))
         return passes.render(k, pixels, quiet).reshape(*exact.shape, 4)
 
-    taken: list[np.ndarray] = []
-    while len(taken) < PAIRED // 2 or (len(taken) < PAIRED and time.perf_counter() - begin < seconds / 3):
-        taken.append(one(exact, len(taken)))
-    first = np.array(taken)
-    level, at = np.zeros_like(first), FIRST if cheaper else 2**20
+    first = np.array([one(exact, k) for k in range(PAIRED)])
+    level, at = np.zeros_like(first), 2**20
     if cheaper is not None:
-        level = first - np.array([one(cheaper, k) for k in range(len(first))])
+        apart: list[np.ndarray] = []
+        while len(apart) < 2 or (len(apart) < DIFFERENCES and time.perf_counter() - begin < seconds / 2):
+            apart += [one(exact, k) - one(cheaper, k) for k in (FIRST + len(apart), FIRST + len(apart) + 1)]
+        level, at = np.array(apart), FIRST + len(apart)
     many: list[np.ndarray] = []
     noise = np.inf
-    while len(many) < LEAST or (
-        noise > aim and len(many) < MOST and time.perf_counter() - begin < seconds and not stopped()
-    ):
+    late = lambda: time.perf_counter() - begin > seconds or stopped()  # noqa: E731
+    while len(many) < LEAST or (noise > aim and len(many) < MOST and not late()):
         many += [one(cheaper or exact, at + len(many) + k) for k in range(max(LEAST, len(many) // 4))]
         whole, half = np.mean(many, axis=0) + level.mean(axis=0), np.mean(many[::2], axis=0) + level[::2].mean(axis=0)
         noise = flip(over_backdrop(half), over_backdrop(whole))
-    return Reference(np.mean(many, axis=0) + level.mean(axis=0), first, noise, len(many), cheaper is not None)
+    image, counts = np.mean(many, axis=0) + level.mean(axis=0), (len(level), len(many)) if cheaper else (len(many), 0)
+    return Reference(image, first, noise, *counts, cheaper is not None)
 
 
 def refers_to(kept: Reference, passes: Passes, pass_of: Callable[[Passes], np.ndarray]) -> bool:
     """Whether the exact passes are of the scene that a reference was made of."""
-    return kept.first.shape[1:3] == passes.shape and bool(np.abs(pass_of(passes) - kept.first[0]).mean() < 2e-3)
+    return kept.first.shape[1:3] == passes.shape and bool(
+        np.quantile(np.abs(pass_of(passes) - kept.first[0]).max(axis=-1), 0.99) < 0.01
+    )

@@ -109,11 +109,11 @@ def explore(
             return lambda part: show(min(1.0, (time.perf_counter() - begun) / limit), what)
 
         kept = _kept_reference(folder, exact)
+        points = [] if kept is None else [p for p in _kept_points(folder) if tuple(p.settings) == names]
         if kept is None:
             cheaper = scene.passes(CHEAPER) if same else None
             kept = refer(exact, cheaper, SHARE * limit, AIM, share("reference"), lambda: stop.requested)
             _keep_reference(folder, kept)
-        points = [p for p in _kept_points(folder) if tuple(p.settings) == names]
         for settings in _wanted(names, points):
             usual = np.median([p.first + p.seconds[1] * p.samples[-1] for p in points]) if points else 0.0
             late = time.perf_counter() - begun + usual > limit
@@ -145,8 +145,11 @@ class _Scenes:
 
     def used(self) -> list[str]:
         """Fields that some preset's picture depends on."""
-        found = [self.passes(preset) for preset in PRESETS.values()]
-        return [name for p in found for name in p.ended(np.zeros((*p.shape, 4)), 1).record["quality"]]
+        names: list[str] = []
+        for preset in PRESETS.values():  # in Mitsuba a record is of the last passes that were begun
+            passes = self.passes(preset)
+            names += passes.ended(np.zeros((*passes.shape, 4)), 1).record["quality"]
+        return names
 
     @property
     def engine(self) -> str:
@@ -154,7 +157,7 @@ class _Scenes:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return next(iter(self.prepared.values())).notes
+        return self.prepared[self.key(NORMAL)].notes
 
 
 def _wanted(names: Sequence[str], points: list[Point]) -> Iterator[dict[str, Any]]:
@@ -194,9 +197,8 @@ def _kept_reference(folder: Path, exact: Passes) -> Reference | None:
         return None
     try:
         with np.load(path) as held:
-            kept = Reference(
-                held["image"], held["first"], float(held["noise"]), int(held["passes"]), bool(held["same_rays"])
-            )
+            numbers = float(held["noise"]), int(held["passes"]), int(held["cheaper"]), bool(held["same_rays"])
+            kept = Reference(held["image"], held["first"], *numbers)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(path, "is no reference of a tradeoff") from error
     pixels = np.arange(exact.shape[0] * exact.shape[1])
@@ -208,8 +210,8 @@ def _kept_reference(folder: Path, exact: Passes) -> Reference | None:
 def _keep_reference(folder: Path, reference: Reference) -> None:
     file = io.BytesIO()
     np.savez(file, **reference._asdict())
-    replace_file(folder / "reference.npz", file.getvalue())
     write_png(folder / "reference.png", over_backdrop(reference.image))
+    replace_file(folder / "reference.npz", file.getvalue())
 
 
 def picture_path(folder: Path, point: Point) -> Path:
@@ -235,7 +237,7 @@ def _summarise(made: Tradeoff) -> None:
 
     described = {
         "engine": made.engine,
-        "reference": {"noise": made.reference.noise, "passes": made.reference.passes},
+        "reference": {k: getattr(made.reference, k) for k in ("noise", "passes", "cheaper")},
         "seconds": [_entry(made, e) for e in made.front],
         "evaluations": [_entry(made, e) for e in made.by_evaluations],
     }

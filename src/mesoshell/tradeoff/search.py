@@ -47,13 +47,14 @@ def proposed(points: Sequence[Point]) -> dict[str, Any] | None:
     if not fresh:
         return None
     t, b, v = _model(points, fresh)
-    worth = [_worth(*numbers, kept) for numbers in zip(t, b, v, strict=True)]
+    counts = max((p.samples for p in points), key=len)
+    worth = [_worth(*numbers, counts, kept) for numbers in zip(t, b, v, strict=True)]
     best = int(np.argmax(worth))
     return fresh[best] if worth[best] > 0 else None
 
 
-def _worth(t: float, b: float, v: float, kept: Sequence[Entry]) -> float:
-    return max(gain(n * t, float(together(b, v, n)), kept) for n in (1, 2, 4, 8))
+def _worth(t: float, b: float, v: float, counts: Sequence[int], kept: Sequence[Entry]) -> float:
+    return max(gain(n * t, float(together(b, v, n)), kept) for n in counts)
 
 
 def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

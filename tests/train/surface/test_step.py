@@ -424,7 +424,7 @@ def test_a_run_that_a_signal_stopped_goes_on_to_the_same_bits(data, tmp_path, mo
         at = feed(*arguments)
 
         def batch(i: int) -> QueryBatch:
-            if i == 3:
+            if i == 4:  # read while the fourth step is taken
                 os.kill(os.getpid(), signal.SIGTERM)
             return at(i)
 

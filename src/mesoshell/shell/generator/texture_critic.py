@@ -67,6 +67,7 @@ def init_critic(config: CriticConfig, key: Key[Array, ""]) -> Critic:
     return Critic(convs, dense(inputs, 1), embed)
 
 
+@jax.named_scope("network")
 def criticise(critic: Critic, y: Float[Array, "B S S I"], beta: Float[Array, "B G"]) -> Float[Array, "B s s"]:
     """D."""
     x = y

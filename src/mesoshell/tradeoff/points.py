@@ -7,7 +7,7 @@ e(n)        FLIP of the mean of n passes against T, the mean over disjoint group
             independent, and not below that noise
 q           2/0.7: FLIP grows as the 0.7th power of a small difference of colours, and squares of independent differences add
 b, ν        bias and noise, fitted: e(n)^q = b^q + ν^q/n
-relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, before a backdrop is tone-mapped
+relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, over the backdrop, linear, with T's noise
 bias²       of a point: |mean of (I_k − r_k)|² less its variance over k: free of bias itself if passes are independent of each
             other, however I_k and r_k depend. Of rays that cover a pixel evenly it takes off too much
 """
@@ -23,10 +23,10 @@ from mesoshell.measure.flip import flip, flip_map
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
 from mesoshell.tradeoff.knobs import Settings
-from mesoshell.tradeoff.reference import FIRST, PAIRED, Reference
+from mesoshell.tradeoff.reference import FIRST, Reference
 
 #: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
-MOST, FEWEST, ENOUGH = {True: FIRST, False: 64}, PAIRED, 20.0
+MOST, FEWEST, ENOUGH = {True: FIRST, False: 64}, 4, 20.0
 Q, _DARK = 2 / 0.7, 0.01
 
 

@@ -5,7 +5,7 @@ R, C        the expected pictures of the preset `reference` and of cheaper setti
             with any values of knobs that only add noise, which a path tracer's r_k have from `normal`
 r_k, c_k    passes of a ray a pixel of both, at the same rays for the same k
 T           R's estimate: the mean of c_k over many k, plus that of r_k − c_k over few: where both see the same rays the
-            difference has little noise (two levels of Giles, "Multilevel Monte Carlo methods", 2015). A path tracer's paths are
+            difference has less noise (two levels of Giles, "Multilevel Monte Carlo methods", 2015). A path tracer's paths are
             not the same, and there T is the mean of r_k. The many are other passes than those of points
 noise       FLIP of every other pass's T against T, which estimates that of T against R
 """

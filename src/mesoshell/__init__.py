@@ -6,8 +6,8 @@
     scene = ms.Scene("bunny.obj", material, thickness=0.06, scale=0.25)
     ms.render(scene, quality="draft").save("bunny.png")
 
-Names are imported when they are first used: importing this package loads no JAX. `mesoshell.render`, `mesoshell.tradeoff` and
-`mesoshell.train` are packages that can be called: a call runs the library's function of that name (docs/tutorials/library.md).
+Names are imported when they are first used: importing this package loads no JAX. `mesoshell.render`, `.stability`, `.tradeoff`
+and `.train` are packages that can be called: a call runs the library's function of that name (docs/tutorials/library.md).
 """
 
 import sys
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mesoshell import modules as modules
     from mesoshell import pathtracer as mitsuba
     from mesoshell.api.learning import Fit, Run, fit, train
-    from mesoshell.api.rendering import explain, render, tradeoff
+    from mesoshell.api.rendering import explain, render, stability, tradeoff
     from mesoshell.errors import InputError
     from mesoshell.render.camera import Camera, look_at
     from mesoshell.render.effects import Effects
@@ -53,6 +53,7 @@ __all__ = [
     "mitsuba",
     "modules",
     "render",
+    "stability",
     "tradeoff",
     "train",
 ]
@@ -79,6 +80,7 @@ _ROOMS = {"mitsuba": "mesoshell.pathtracer", "modules": "mesoshell.modules"}
 #: Packages that can be called, and the module that defines each function.
 _FUNCTIONS = {
     "mesoshell.render": "mesoshell.api.rendering",
+    "mesoshell.stability": "mesoshell.api.rendering",
     "mesoshell.tradeoff": "mesoshell.api.rendering",
     "mesoshell.train": "mesoshell.api.learning",
 }

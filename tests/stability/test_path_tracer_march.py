@@ -14,6 +14,7 @@ from mesoshell.pathtracer import quadrature
 from mesoshell.pathtracer.prism import Piece
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import Shell, extrude
+from mesoshell.stability.prisms import prism_point
 from tests.helpers.stability import dr_march
 from tests.helpers.stability.dr_march import trace
 from tests.helpers.stability.hard_rays import (
@@ -37,7 +38,6 @@ from tests.helpers.stability.oracles import (
     assert_ends_on_ray,
     assert_sorted_apart,
     locate,
-    prism_point,
     span_of_convex,
     total_length,
 )

@@ -9,12 +9,12 @@ import pytest
 
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.stability.prisms import prism_point
 from tests.helpers.stability.hard_rays import OVERLAPPING, SCENES, assert_as_sampled, rays_through
 from tests.helpers.stability.oracles import (
     assert_ends_on_ray,
     assert_sorted_apart,
     mp_leave_side,
-    prism_point,
     total_length,
 )
 from tests.helpers.stability.sides import leave_sides

@@ -12,6 +12,7 @@ from mesoshell.scene.picture import Picture, Progress
 from mesoshell.scene.prepare import OF_FILES, prepare, quality_of
 from mesoshell.scene.reach import picture_of
 from mesoshell.scene.scene import Scene
+from mesoshell.stability.report import Stability
 from mesoshell.tradeoff.run import Show, Tradeoff, explore
 
 Engine = Literal["jax", "mitsuba"]
@@ -47,6 +48,18 @@ def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine =
     effects = prepare(scene, quality_of(quality, engine, changes), engine).effects
     assert effects is not None  # None only for a scene of Mitsuba's own
     return effects
+
+
+def stability(scene: Scene, *, rays: int = 100_000, progress: Progress = lambda share: None) -> Stability:
+    """What is hard about a scene with a neural shell, as `mesoshell stability` finds it: folds, edges, grazing rays, precision,
+    by oracles in float64.
+
+    Prints as a line a check; `.broken` holds those whose bound is broken; a notebook displays the map of where. rays: that are
+    aimed at what is hard; the camera's come on top. Raises InputError.
+    """
+    from mesoshell.stability.examine import examine
+
+    return examine(scene, rays, progress)
 
 
 def tradeoff(

@@ -19,18 +19,35 @@ from mesoshell.cli.options import (
     judge,
     materials,
     render,
+    stability,
     texture,
     tradeoff,
     train,
 )
 
-_VERBS = (render, tradeoff, materials, fit, dataset, train, evaluate, judge, export, texture, distill, atlas, doctor)
+_VERBS = (
+    render,
+    tradeoff,
+    stability,
+    materials,
+    fit,
+    dataset,
+    train,
+    evaluate,
+    judge,
+    export,
+    texture,
+    distill,
+    atlas,
+    doctor,
+)
 #: The options of each verb, which has the name of their file.
 VERBS: dict[str, type] = {module.__name__.rpartition(".")[2]: module.Options for module in _VERBS}
 #: "module:function" in cli/commands that does what these options ask for.
 COMMANDS: dict[type, str] = {
     render.Options: "render:run",
     tradeoff.Options: "tradeoff:run",
+    stability.Options: "stability:run",
     materials.Options: "materials:run",
     fit.Options: "fit:run",
     dataset.Render: "dataset_blender:render",

@@ -1,6 +1,7 @@
 """Independent answers for the hard cases: mpmath for one patch, float64 NumPy for whole shells.
 
-Each works on the float32 arrays that the code under test sees, and shares no line with it.
+Each works on the float32 arrays that the code under test sees, and shares no line with it. Those of prisms are the library's
+own checks of scenes (stability/prisms).
 """
 
 import mpmath
@@ -8,6 +9,7 @@ import numpy as np
 
 from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.shell.geometry.tracer import Trace
+from mesoshell.stability.prisms import invert_prism, prism_point
 
 
 def as_mp(x: np.ndarray) -> np.ndarray:
@@ -53,30 +55,6 @@ def span_of_convex(corners: np.ndarray, o: np.ndarray, d: np.ndarray) -> tuple[n
     enters = np.max(np.where(speed < 0, t, -np.inf), axis=1)
     leaves = np.min(np.where(speed > 0, t, np.inf), axis=1)
     return enters, leaves
-
-
-def prism_point(shell: Shell, prism: np.ndarray, bary: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """P(λ, h) in float64, from λ₀ and λ₁."""
-    b, o = (x[shell.faces[prism]].astype(np.float64) for x in (shell.base, shell.offset))
-    bary = bary.astype(np.float64)
-    weights = np.concatenate([bary, 1 - bary.sum(axis=1, keepdims=True)], axis=1)
-    return np.einsum("ik,ikj->ij", weights, b + h.astype(np.float64)[:, None, None] * o)
-
-
-def invert_prism(
-    shell: Shell, prism: np.ndarray, x: np.ndarray, rounds: int = 20
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """λ (λ₀, λ₁) and h of points x in given prisms by Newton's method from the middle, and the distance left."""
-    b, o = (v[shell.faces[prism]].astype(np.float64) for v in (shell.base, shell.offset))
-    bary, h = np.full((len(x), 2), 1 / 3), np.full(len(x), 0.5)
-    for _ in range(rounds):
-        corner = b + h[:, None, None] * o
-        weights = np.concatenate([bary, 1 - bary.sum(axis=1, keepdims=True)], axis=1)
-        post = np.einsum("ik,ikj->ij", weights, o)
-        columns = np.stack([corner[:, 0] - corner[:, 2], corner[:, 1] - corner[:, 2], post], axis=-1)
-        move = np.linalg.solve(columns, (x - np.einsum("ik,ikj->ij", weights, corner))[..., None])[..., 0]
-        bary, h = np.clip(bary + move[:, :2], -2, 3), np.clip(h + move[:, 2], -1, 2)
-    return bary, h, np.linalg.norm(prism_point(shell, prism, bary, h) - x, axis=1)
 
 
 def locate(shell: Shell, x: np.ndarray) -> np.ndarray:

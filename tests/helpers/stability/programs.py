@@ -40,9 +40,11 @@ from mesoshell.shell.geometry.march import Prisms, Ray, WalkState
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece
 from mesoshell.shell.material import density_bounds, loader
 from mesoshell.shell.material.decoder import init_decoder
-from mesoshell.shell.material.field import Layout
+from mesoshell.shell.material.field import Layout, Point
 from mesoshell.shell.render import kernels, lighting
 from mesoshell.signal.fourier import shifted_phase
+from mesoshell.stability import field as field_checks
+from mesoshell.stability import surface as surface_checks
 from mesoshell.surface_material import network as surface_material
 from mesoshell.surface_material import renderer as surface_renderer
 from mesoshell.train import export
@@ -158,6 +160,18 @@ def _of_shells(bundle: Bundle) -> Programs:
         ],
         "shell.render.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(64), f(64, 2))],
         "shell.material.density_bounds._largest": [_jitted(*cell)],
+        "stability.surface._left": [_jitted(surface_checks._left, f(64, 3), f(64, 2, 3), f(64, 2, 3))],
+        "stability.field._asked": [
+            _jitted(
+                field_checks._asked,
+                ready.layout,
+                ready.material,
+                Point(f(64, 3), f(64), f(64), f(64, 1)),
+                f(64, 3),
+                f(64, 3),
+            )
+        ],
+        "stability.field._bounds": [_jitted(field_checks._bounds, wraps, ready.grid, f(64, 3))],
         "shell.material.density_bounds.new_points": [
             _jitted(density_bounds.new_points, ready.layout, ready.material, f(), 64, (f(2), f(2)), KEY)
         ],

@@ -19,8 +19,9 @@ visits is found. A walk may pass something else (an object in the shell, the she
 from the walk's beginning, and what lies behind a surface is cut off. Where visits overlap, the later one begins where the
 earlier one ended: density is not counted twice.
 
-Embree sees float32, the walk float64 where it must: a ray near an edge of the top first moves to the triangle that owns it
-in float64. A surface underneath that lets rays pass (`opaque` false) is for rays that begin outside the shell.
+Rays are traced from right before the scene, however far their origin is: Embree's rounding, and the step past a surface, grow
+with distance. Embree sees float32, the walk float64 where it must: a ray near an edge of the top first moves to the triangle
+that owns it in float64. A surface underneath that lets rays pass (`opaque` false) is for rays that begin outside the shell.
 """
 
 from typing import NamedTuple
@@ -36,6 +37,8 @@ from mesoshell.shell.geometry.march import BASE, LOST, TOP, as_tables
 
 #: Step past a surface before free space begins again, relative to the scene's size.
 ADVANCE = 2e-6
+#: Rays begin at most so many radii of all that they may meet before its middle: what rounding costs grows with distance.
+CLEAR = 1.1
 #: Origins beyond this count as infinite: the square of their distance overflows float32.
 REACH = 1e18
 #: Steps from the triangle that Embree reports to the one that owns the ray: at most half way round a vertex.
@@ -100,6 +103,7 @@ class Boundary:
         self.normal = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
         self.size = float(np.ptp(self.corners.reshape(-1, 3), axis=0).max())
         self.centre = self.corners.mean(axis=(0, 1))  # Embree works in float32: keep its numbers small
+        self.radius = float(np.linalg.norm(self.corners - self.centre, axis=-1).max())
         self.scene = EmbreeScene()
         TriangleMesh(self.scene, np.ascontiguousarray(self.corners - self.centre, np.float32))
         self.solid = None
@@ -146,12 +150,18 @@ class Boundary:
         o, d = np.asarray(o, np.float64), np.asarray(d, np.float64)
         length = np.linalg.norm(np.nan_to_num(d, posinf=0, neginf=0), axis=1)
         reachable = (np.abs(o) < REACH).all(axis=1)  # false for NaN
-        state = _State(self, o, d, exact)
-        alive = np.flatnonzero(reachable & np.isfinite(d).all(axis=1) & (np.abs(length - 1) < 1e-3))
+        usable = reachable & np.isfinite(d).all(axis=1) & (np.abs(length - 1) < 1e-3)
+        alive = np.flatnonzero(usable)
+        skipped = np.zeros(len(o))
+        skipped[alive] = np.maximum(_dot(self.centre - o[alive], d[alive]) - CLEAR * self.radius, 0)
+        begin = o.copy()
+        begin[alive] += skipped[alive, None] * d[alive]
+        state = _State(self, begin, d, exact)
         while len(alive):
             alive = state.advance(alive)
-        intervals = _without_overlap([_cut(part, part.t0, state.end[part.ray]) for part in state.parts])
-        return Trace(intervals, state.end, state.face, state.bary, state.walked, state.redone)
+        i = _without_overlap([_cut(part, part.t0, state.end[part.ray]) for part in state.parts])
+        i = i._replace(t0=i.t0 + skipped[i.ray], t1=i.t1 + skipped[i.ray])
+        return Trace(i, state.end + skipped, state.face, state.bary, state.walked, state.redone)
 
 
 class _State:

@@ -58,7 +58,7 @@ class _Renderer:
         begin = time.perf_counter()
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
         shell, ready = scene.shell, scene.ready
-        self.boundary = Boundary(shell, scene.mesh.faces, others=_soup(scene))
+        self.boundary = Boundary(shell, scene.mesh.faces, others=soup(scene))
         varying = (
             tuple(i for i, n in enumerate(ready.names) if n in scene.maps) if effects.varying_parameters.on else ()
         )
@@ -199,7 +199,7 @@ def take(s: Samples, index: np.ndarray) -> Samples:
     return Samples(*(x[index] for x in s))
 
 
-def _soup(scene: Scene) -> np.ndarray:
+def soup(scene: Scene) -> np.ndarray:
     """Triangles of the other objects, (F, 3, 3)."""
     parts = [m.vertices[m.faces] for m in scene.objects]
     return np.concatenate(parts) if parts else np.zeros((0, 3, 3), np.float32)

@@ -1,0 +1,33 @@
+"""`mesoshell stability`: what is hard about the user's scene."""
+
+import json
+import sys
+
+from mesoshell.cli.checks import ends_in
+from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
+from mesoshell.cli.options.stability import Options
+from mesoshell.cli.progress import bar, stderr
+from mesoshell.errors import InputError
+from mesoshell.io.atomic import probe_outputs, replace_file, together
+from mesoshell.scene.materials import load_material
+from mesoshell.stability.examine import examine
+
+
+def run(options: Options) -> None:
+    """All of `mesoshell stability`. Ends with status 1 if a bound is broken."""
+    ends_in(options.out, ".png")
+    if options.engine != "jax" or is_mitsubas(options.mesh):
+        raise InputError("--engine", "must be jax: the path tracer walks in float64 and is not checked")
+    outputs = options.out, options.out.with_suffix(".json")
+    probe_outputs(outputs)
+    compiled_by(options.engine)
+    with bar(stderr(), "checking") as progress:
+        found = examine(scene_of(options, load_material(options.material)), options.rays, progress)
+    told = {"checks": [check.as_dict() for check in found.checks]}
+    with together(options.out) as folder:
+        replace_file(folder / outputs[0].name, found.map())
+        replace_file(folder / outputs[1].name, (json.dumps(told, indent=1) + "\n").encode())
+    print(found)
+    print(options.out)
+    if found.broken:
+        sys.exit(1)

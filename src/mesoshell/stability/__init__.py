@@ -1,0 +1,1 @@
+"""What is hard about a scene, checked on the scene itself (it is also the library's function)."""

@@ -1,0 +1,48 @@
+"""Where a scene is hard, as a picture: the scene, its shell's thickness, and the worst that checks found.
+
+Notation
+excess      of each prism: the worst that was found there, over its limit; above 1 the limit is broken
+"""
+
+import io
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mesoshell.io.image import linear_to_srgb
+from mesoshell.scene.accumulate import over_backdrop
+
+if TYPE_CHECKING:
+    from mesoshell.stability.examine import Stability
+
+#: Least excess that is told apart.
+LEAST = 1e-4
+
+
+def png_of(found: "Stability") -> bytes:
+    """The picture as a PNG file."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+
+    high, wide = found.first.shape
+    figure = Figure(figsize=(12, 12 / 3.3 * min(high / wide, 2) + 0.6), dpi=100, layout="constrained")
+    panels = figure.subplots(1, 3)
+    panels[0].imshow(linear_to_srgb(np.clip(over_backdrop(np.nan_to_num(found.picture)), 0, 1)))
+    panels[0].set_title("the scene", fontsize=10)
+    kept = panels[1].imshow(_seen(found, found.kept), cmap="viridis", vmin=0, vmax=1)
+    panels[1].set_title("share of the thickness that is kept", fontsize=10)
+    worst = np.clip(found.excess, LEAST, 1.0)
+    over = panels[2].imshow(_seen(found, worst), cmap="magma", norm=LogNorm(LEAST, 1.0))
+    panels[2].set_title("worst of the checks, over its limit", fontsize=10)
+    for panel, shown in ((panels[1], kept), (panels[2], over)):
+        figure.colorbar(shown, ax=panel, shrink=0.8)
+    for panel in panels:
+        panel.set_axis_off()
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
+
+
+def _seen(found: "Stability", value: np.ndarray) -> np.ma.MaskedArray:
+    """A value of each prism, at the pixels that see one."""
+    return np.ma.masked_where(found.first < 0, value[np.maximum(found.first, 0)])

@@ -1,0 +1,204 @@
+"""Walks of hard rays through a shell, judged by oracles in float64 that share no code with the walk.
+
+Notation
+T           thickness asked for: the unit of lengths here                                        world
+excess      of each prism: the worst that was found there, over its limit                        (P,)
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mesoshell.shell.geometry.batched_walk import Intervals
+from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.tracer import Boundary, Trace
+from mesoshell.shell.render.renderer import soup
+from mesoshell.shell.render.scene import Scene
+from mesoshell.stability import rays as of
+from mesoshell.stability.checks import Check
+from mesoshell.stability.prisms import invert_prism, prism_point
+from mesoshell.stability.rays import Rays
+
+#: Of rays aimed at vertices and edges, those that may leak; of their intervals, those that may lie in a neighbour of their
+#: prism: a ray that goes through a vertex itself belongs to all prisms there.
+LEAKS, ASTRAY = 2e-5, 1e-4
+#: How far places may be off, in T; a middle outside its prism, in λ and h; what Embree rounds, in sizes of the scene.
+OFF, OUTSIDE, SHIFT = 1e-3, 1e-3, 3e-7
+#: How far a point that is known to lie in the shell may lie outside of an interval, in T.
+NEXT = 1e-4
+#: Intervals of a kind of rays whose middles are inverted, at most; Newton's steps, from the interval's own λ and h.
+INVERTED, STEPS = 20_000, 8
+#: Shares of the rays that are aimed: from near, from far, at the front of the surface, grazing the top at ANGLE (radians).
+NEAR, FAR, FRONT, GRAZING, ANGLE = 0.5, 0.2, 0.25, 0.05, 1e-3
+
+
+class Walks(NamedTuple):
+    """What was found. first: the prism that each pixel of the camera sees, −1 for none."""
+
+    checks: list[Check]
+    first: Int[np.ndarray, "H W"]
+    excess: Float[np.ndarray, "P"]
+
+
+class Walked(NamedTuple):
+    """Rays of one kind, what they meet, and what they meet if all is walked in float64."""
+
+    rays: Rays
+    trace: Trace
+    exact: Trace
+
+
+class Middles(NamedTuple):
+    """Middles of intervals: how far, in λ or h, they lie outside the prism; how far their interpolated place is off, in T."""
+
+    prism: Int[np.ndarray, "I"]
+    outside: Float[np.ndarray, "I"]
+    off: Float[np.ndarray, "I"]
+
+
+def walk_through(
+    scene: Scene, T: float, count: int, rng: np.random.Generator, progress: Callable[[float], None]
+) -> Walks:
+    """Walk rays of the camera, and so many that are aimed, through the scene's shell."""
+    shell, camera = scene.shell, scene.camera
+    boundary = Boundary(shell, scene.mesh.faces, others=soup(scene))
+    kinds = {
+        "camera": of.of_camera(camera, np.arange(camera.width * camera.height), rng),
+        "near": of.aimed(shell, int(NEAR * count), of.NEAR, rng),
+        "far": of.aimed(shell, int(FAR * count), of.FAR, rng),
+        "front": of.at_the_front(scene.mesh, int(FRONT * count), rng),
+        "grazing": of.grazing(shell, int(GRAZING * count), ANGLE, rng),
+    }
+    many: dict[str, Walked] = {}
+    for done, (name, some) in enumerate(kinds.items(), start=1):
+        many[name] = Walked(some, boundary.trace(some.o, some.d), boundary.trace(some.o, some.d, exact=True))
+        progress(done / len(kinds))
+    excess = np.zeros(len(shell.faces))
+    sharp = [walked for name, walked in many.items() if name != "grazing"]
+    inverted = [middles(shell, walked, T, rng) for walked in many.values()]
+    checks = [
+        _of_edges([many["near"], many["far"]], T, excess),
+        _of_surface(many["front"], T),
+        _of_prisms(inverted, excess),
+        _of_joins(shell, many.values(), T, excess),
+        _of_precision(sharp, many["camera"], T, excess),
+        _of_grazing(many["grazing"], boundary.size, T),
+        _of_coordinates(inverted[0]),
+    ]
+    first = np.full(camera.width * camera.height, -1)
+    seen = many["camera"].trace.intervals
+    first[seen.ray[::-1]] = seen.prism[::-1]
+    return Walks(checks, first.reshape(camera.height, camera.width), excess)
+
+
+def leaks(walked: Walked, T: float) -> Bool[np.ndarray, "R"]:
+    """Rays that do not meet the shell at a point that is known to lie in it, and that they reach."""
+    reach, i = walked.rays.reach, walked.trace.intervals
+    met = np.zeros(len(reach), bool)
+    met[i.ray[(i.t0 - NEXT * T <= reach[i.ray]) & (reach[i.ray] <= i.t1 + NEXT * T)]] = True
+    return np.isfinite(reach) & (walked.trace.end > reach + NEXT * T) & ~met
+
+
+def passing(walked: Walked, T: float) -> Bool[np.ndarray, "R"]:
+    """Rays that pass a point of the surface which they meet from the front."""
+    return walked.trace.end > walked.rays.surface + NEXT * T
+
+
+def joins(shell: Shell, walked: Walked, T: float) -> tuple[Int[np.ndarray, "I"], Float[np.ndarray, "I"]]:
+    """Prisms that rays leave for a neighbour, and how far λ and h there are from the ray, in T. (Where a surface or another
+    shell cuts an interval, they are interpolated.)"""
+    i, rays = walked.trace.intervals, walked.rays
+    next_door = (shell.neighbour[i.prism[:-1]] == i.prism[1:, None]).any(axis=1)
+    on = np.flatnonzero(next_door & (i.ray[1:] == i.ray[:-1]) & (i.t1[:-1] == i.t0[1:]))
+    x = rays.o[i.ray[on]] + i.t1[on, None] * rays.d[i.ray[on]]
+    return i.prism[on], np.linalg.norm(prism_point(shell, i.prism[on], i.bary1[on], i.h1[on]) - x, axis=1) / T
+
+
+def middles(shell: Shell, walked: Walked, T: float, rng: np.random.Generator) -> Middles:
+    """The middles of at most INVERTED intervals, at random."""
+    rays, every = walked.rays, walked.trace.intervals
+    chosen = rng.permutation(len(every.ray))[:INVERTED]
+    i = Intervals(*(x[chosen] for x in every))
+    bary, h = (i.bary0 + i.bary1) / 2, (i.h0 + i.h1) / 2
+    x = rays.o[i.ray] + ((i.t0 + i.t1) / 2)[:, None] * rays.d[i.ray]
+    exact, height, left = invert_prism(shell, i.prism, x, (bary, h), STEPS)
+    least = np.minimum(np.minimum(exact.min(axis=1), 1 - exact.sum(axis=1)), np.minimum(height, 1 - height))
+    off = np.linalg.norm(prism_point(shell, i.prism, bary, h) - x, axis=1) / T
+    return Middles(i.prism, np.where(left < OFF * T, np.maximum(-least, 0), np.inf), off)
+
+
+def differences(walked: Walked, T: float) -> Float[np.ndarray, "R"]:
+    """How far each ray's lengths in the shell, in both precisions, are apart, in T: up to where the first of them ends, since a
+    ray that touches the surface at a vertex may end there or not."""
+    end = np.minimum(walked.trace.end, walked.exact.end)
+
+    def length(i: Intervals) -> np.ndarray:
+        return np.bincount(i.ray, np.maximum(np.minimum(i.t1, end[i.ray]) - i.t0, 0), len(end))
+
+    return np.abs(length(walked.trace.intervals) - length(walked.exact.intervals)) / T
+
+
+def _of_edges(aimed: list[Walked], T: float, excess: np.ndarray) -> Check:
+    leaking = [leaks(walked, T) for walked in aimed]
+    for walked, which in zip(aimed, leaking, strict=True):
+        _raise(excess, walked.rays.prism[which], 1 / OFF)
+    count, tried = sum(x.sum() for x in leaking), sum(np.isfinite(walked.rays.reach).sum() for walked in aimed)
+    said = f"{count} of {tried} rays at posts and sides that prisms share miss the shell there, from near or from afar"
+    return Check("edges", said, count / max(tried, 1), LEAKS)
+
+
+def _of_surface(front: Walked, T: float) -> Check:
+    through = passing(front, T)
+    said = f"{through.sum()} of {len(through)} rays at the front of its vertices and edges go through the surface"
+    return Check("surface", said, through.sum() / max(len(through), 1), LEAKS)
+
+
+def _of_prisms(inverted: list[Middles], excess: np.ndarray) -> Check:
+    for some in inverted:
+        _raise(excess, some.prism, some.outside / OUTSIDE)
+    outside = np.concatenate([some.outside for some in inverted])
+    astray, worst = (outside > OUTSIDE).sum(), outside.max(initial=0)
+    said = f"{astray} of {len(outside)} intervals lie in a neighbour of their prism (worst λ or h: {worst:.1g} outside)"
+    return Check("prisms", said, astray / max(len(outside), 1), ASTRAY)
+
+
+def _of_joins(shell: Shell, many: Iterable[Walked], T: float, excess: np.ndarray) -> Check:
+    worst, count = 0.0, 0
+    for walked in many:
+        prism, off = joins(shell, walked, T)
+        _raise(excess, prism, off / OFF)
+        worst, count = max(worst, float(off.max(initial=0))), count + len(off)
+    said = f"{count} places, from prism to prism, are off by {worst:.1g} of the thickness at most"
+    return Check("crossings", said, worst, OFF)
+
+
+def _of_precision(sharp: list[Walked], camera: Walked, T: float, excess: np.ndarray) -> Check:
+    worst = 0.0
+    for walked in sharp:
+        off, i = differences(walked, T), walked.trace.intervals
+        _raise(excess, i.prism, off[i.ray] / OFF)
+        worst = max(worst, float(off.max(initial=0)))
+    again = camera.trace.redone / max(camera.trace.walked, 1)
+    said = f"float32 changes lengths in the shell by {worst:.1g} of the thickness at most"
+    return Check("precision", f"{said}; {again:.2%} of the camera's walks are redone in float64", worst, OFF)
+
+
+def _of_grazing(grazing: Walked, size: float, T: float) -> Check:
+    off = differences(grazing, T).max(initial=0)
+    said = f"rays at {ANGLE:g} to the top change by {off:.1g} of the thickness at most"
+    return Check("grazing", said, float(off), float(f"{max(OFF, SHIFT * size / ANGLE / T):.2g}"))
+
+
+def _of_coordinates(camera: Middles) -> Check:
+    """What the paper's interpolation of coordinates costs, of the camera's rays."""
+    if not len(camera.off):
+        return Check("coordinates", "the camera does not see the shell", 0.0, None)
+    usual, most = np.quantile(camera.off, (0.5, 0.99))
+    said = f"interpolated ones are off by {usual:.1g} of the thickness (median), {most:.1g} at the 99th percentile"
+    return Check("coordinates", said + (": consider --set coordinates=exact" if most > 0.05 else ""), most, None)
+
+
+def _raise(excess: np.ndarray, prism: Int[np.ndarray, "N"], value: Float[np.ndarray, "N"] | float) -> None:
+    np.maximum.at(excess, prism, value)

@@ -1,0 +1,266 @@
+"""`mesoshell stability`: checks hold on sound scenes, and each of them is broken by what it looks for."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mesoshell as ms
+from mesoshell.cli.main import main
+from mesoshell.geometry.mesh import check_mesh, load_mesh
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.image import read_png
+from mesoshell.scene.materials import Material
+from mesoshell.shell.geometry.extrude import extrude
+from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.shell.render.scene import Scene as MarchedScene
+from mesoshell.stability import field, surface, walks
+from mesoshell.stability.checks import Check
+from mesoshell.stability.prisms import invert_prism, least_jacobian, prism_point
+from mesoshell.stability.rays import FAR, FRONT, NEAR, aimed, at_the_front, grazing
+from mesoshell.stability.walks import Walked
+from tests.helpers import scenes, wearing
+
+DATA = Path(__file__).parents[1] / "data"
+SUZANNE = load_mesh(DATA / "suzanne.obj")
+SHELL = extrude(SUZANNE, 0.1, 0.1)
+TOLD = {"mesh", "thickness", "chart", "coordinates", "16 bits", "skipping"}
+
+
+@pytest.fixture(scope="module")
+def walked() -> Walked:
+    some = aimed(SHELL, 1000, NEAR, np.random.default_rng(0))
+    boundary = Boundary(SHELL, SUZANNE.faces)
+    return Walked(some, boundary.trace(some.o, some.d), boundary.trace(some.o, some.d, exact=True))
+
+
+@pytest.fixture(scope="module")
+def sound(tiny_bundle: Bundle):
+    return ms.stability(ms.Scene(SUZANNE, Material("tiny", tiny_bundle), thickness=0.1, size=(48, 32)), rays=1000)
+
+
+def test_a_sound_scene(sound) -> None:
+    assert sound.broken == () and {c.name for c in sound.checks if c.limit is None} == TOLD
+    lines = str(sound).splitlines()
+    assert len(lines) == len(sound.checks) and all(line.startswith(("ok  ", "    ")) for line in lines)
+    assert "967 faces; 1 repeated face dropped" in lines[0]
+    assert sound.first.shape == (32, 48) and 0 < (sound.first >= 0).mean() < 1
+    assert sound.kept.max() == pytest.approx(1) and sound.kept.min() < 0.5 and sound.excess.max() < 50
+
+
+def test_nothing_depends_on_the_unit_of_length(sound, tiny_bundle: Bundle) -> None:
+    """By a power of two, all rounding is the same."""
+    large = check_mesh(SUZANNE.vertices * 1024, SUZANNE.faces, SUZANNE.uv, "mesh")
+    found = ms.stability(ms.Scene(large, Material("tiny", tiny_bundle), thickness=102.4, size=(48, 32)), rays=1000)
+    for a, b in zip(found.checks[1:], sound.checks[1:], strict=True):
+        assert a.name == b.name and a.broken == b.broken
+        assert a.worst == pytest.approx(b.worst, rel=0.5, abs=1e-7), a.name
+
+
+def test_a_mesh_far_from_the_origin() -> None:
+    assert not surface.of_grid(SHELL, 0.1).broken
+    check = surface.of_grid(replace(SHELL, base=SHELL.base + np.float32(1e4)), 0.1)
+    assert check.broken and check.worst == pytest.approx(2**-10 / 0.1)
+
+
+def test_folds() -> None:
+    """Posts of the thickness that was asked for, without what `extrude` takes away."""
+    post = 0.1 * SHELL.offset / np.linalg.norm(SHELL.offset, axis=1, keepdims=True)
+    check = surface.of_folds(replace(SHELL, offset=post))
+    assert check.broken and check.worst == (least_jacobian(replace(SHELL, offset=post)) <= 0).sum() > 50
+    assert not surface.of_folds(SHELL).broken
+
+
+def test_thickness_and_chart_are_told() -> None:
+    said = surface.of_thickness(SHELL, 0.1, len(SUZANNE.faces) + 2).said
+    assert "169 of 509 vertices thinned, to 0.033 at least" in said or "vertices thinned, to 0.0" in said
+    assert said.endswith("; 2 faces without a prism")
+    turned = replace(SHELL, uv=SHELL.uv * np.array([-1, 1], np.float32))
+    assert surface.of_chart(turned).said.endswith(f"{len(SHELL.faces)} prisms mirrored, 0 without area in UV")
+    flat = replace(SHELL, uv=np.zeros_like(SHELL.uv))
+    assert (
+        surface.of_chart(flat).said
+        == f"seams along 0.0% of inner edges; 0 prisms mirrored, {len(SHELL.faces)} without area in UV"
+    )
+
+
+def test_a_side_that_is_wrong_and_not_in_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = surface.of_sides(SHELL, np.random.default_rng(0))
+    assert not right.broken and "the textbook's quadratic would miss 0." in right.said
+
+    def off(*given):
+        found = surface.leave_side(*given)
+        return found._replace(u=found.u + 0.01)
+
+    monkeypatch.setattr(surface, "_left", _with(off))
+    assert surface.of_sides(SHELL, np.random.default_rng(0)).worst > 0.9 * 3 * len(SHELL.faces)
+
+
+def _with(crossing):
+    """`surface._left` with another `leave_side`."""
+    import jax
+
+    def left(d, p, n):
+        f = jax.vmap(jax.vmap(surface.post_function, in_axes=(None, 0, 0)))(d, p, n)
+        found = jax.vmap(crossing)(d, p, n, f)
+        return jnp.stack([found.u, found.h], axis=1), found.inside, found.doubt, found.u
+
+    return jax.jit(left)
+
+
+def test_rays_are_aimed_at_what_they_say() -> None:
+    rng = np.random.default_rng(3)
+    some = aimed(SHELL, 500, NEAR, rng)
+    known = np.isfinite(some.reach)
+    x = (some.o + NEAR * _size() * some.d)[known]
+    _, _, left = invert_prism(SHELL, some.prism[known], x)
+    assert 0.3 < known.mean() <= 0.4 and left.max() < 1e-9
+    np.testing.assert_allclose(some.reach[known], NEAR * _size())
+    front = at_the_front(SUZANNE, 500, rng)
+    at = front.o + front.surface[:, None] * front.d
+    near = np.linalg.norm(SUZANNE.vertices[None] - at[:, None], axis=2).min(axis=1)
+    assert 0.3 < (near < 1e-9).mean() < 0.7 and len(at) > 300
+    low = grazing(SHELL, 50, 1e-3, rng)
+    top = (SHELL.base.astype(np.float64) + SHELL.offset)[SHELL.faces[low.prism]]
+    normal = np.cross(top[:, 1] - top[:, 0], top[:, 2] - top[:, 0])
+    sine = np.einsum("ri,ri->r", normal, low.d) / np.linalg.norm(normal, axis=1)
+    np.testing.assert_allclose(sine, -1e-3, rtol=1e-5)
+    assert FRONT > 0
+
+
+def _size() -> float:
+    return float(np.ptp(np.concatenate([SHELL.base, SHELL.base + SHELL.offset]), axis=0).max())
+
+
+def test_a_ray_is_the_same_from_however_far() -> None:
+    """From 1000 sizes away, and begun near: the origins are the same points of the same rays in float64."""
+    far = aimed(SHELL, 5000, FAR, np.random.default_rng(2))
+    boundary, along = Boundary(SHELL, SUZANNE.faces), (FAR - NEAR) * _size()
+    there = boundary.trace(far.o, far.d)
+    here = boundary.trace(far.o + along * far.d, far.d, exact=True)
+    moved = here.intervals._replace(t0=here.intervals.t0 + along, t1=here.intervals.t1 + along)
+    here = here._replace(end=here.end + along, intervals=moved)
+    assert walks.differences(Walked(far, there, here), 0.1).max() < 1e-4
+
+
+def test_what_leaks_is_seen(walked: Walked) -> None:
+    assert not walks.leaks(walked, 0.1).any()
+    i = walked.trace.intervals
+    without = walked._replace(trace=walked.trace._replace(intervals=type(i)(*(x[:0] for x in i))))
+    reached = np.isfinite(walked.rays.reach) & (walked.trace.end > walked.rays.reach + 1e-5)
+    np.testing.assert_array_equal(walks.leaks(without, 0.1), reached)
+    assert reached.sum() > 100
+
+
+def test_a_ray_that_passes_the_surface_is_seen() -> None:
+    some = at_the_front(SUZANNE, 500, np.random.default_rng(1))
+    trace = Boundary(SHELL, SUZANNE.faces).trace(some.o, some.d)
+    assert not walks.passing(Walked(some, trace, trace), 0.1).any()
+    through = trace._replace(end=np.full(len(some.d), np.inf))
+    assert walks.passing(Walked(some, through, trace), 0.1).all()
+
+
+def test_an_interval_in_a_wrong_prism_is_seen(walked: Walked) -> None:
+    rng = np.random.default_rng(0)
+    right = walks.middles(SHELL, walked, 0.1, rng)
+    assert right.outside.max() < 1e-4 and len(right.prism) == len(walked.trace.intervals.ray)
+    i = walked.trace.intervals
+    other = walked._replace(trace=walked.trace._replace(intervals=i._replace(prism=(i.prism + 400) % len(SHELL.faces))))
+    assert (walks.middles(SHELL, other, 0.1, rng).outside > 1e-3).mean() > 0.99
+
+
+def test_a_crossing_that_is_off_is_seen(walked: Walked) -> None:
+    assert walks.joins(SHELL, walked, 0.1)[1].max() < 1e-5
+    i = walked.trace.intervals
+    moved = walked._replace(trace=walked.trace._replace(intervals=i._replace(h1=i.h1 + 0.01)))
+    assert np.median(walks.joins(SHELL, moved, 0.1)[1]) == pytest.approx(0.01, rel=0.1)
+
+
+def test_a_precision_that_is_not_enough_is_seen(walked: Walked) -> None:
+    assert walks.differences(walked, 0.1).max() < 1e-4
+    i = walked.trace.intervals
+    longer = walked._replace(trace=walked.trace._replace(intervals=i._replace(t0=i.t0 - 0.001)))
+    assert walks.differences(longer, 0.1).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("damage", "broken"),
+    [
+        ({}, set()),
+        ({"rho": np.nan}, {"material", "network"}),
+        ({"sigma": np.nan}, {"material", "network"}),
+    ],
+)
+def test_a_network_that_gives_nonsense(damage: dict, broken: set, tiny_bundle: Bundle) -> None:
+    scene: MarchedScene = scenes.slab(tiny_bundle)
+    decoder = scene.ready.material.decoder
+    for name, value in damage.items():
+        layer = getattr(decoder, name)
+        decoder = decoder._replace(**{name: layer._replace(bias=layer.bias.at[0].set(value))})
+    ready = replace(scene.ready, material=scene.ready.material._replace(decoder=decoder))
+    found = field.of_material(replace(scene, ready=ready), np.random.default_rng(0))
+    assert {check.name for check in found if check.broken} == broken
+
+
+def test_inversion_is_of_the_map() -> None:
+    rng = np.random.default_rng(0)
+    prism, bary, h = rng.integers(0, 967, 300), rng.dirichlet((1, 1, 1), 300)[:, :2], rng.uniform(size=300)
+    found = invert_prism(SHELL, prism, prism_point(SHELL, prism, bary, h))
+    for a, b in zip(found, (bary, h, 0), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def test_nan_breaks_a_bound_and_nothing_breaks_what_is_told() -> None:
+    assert Check("a", "b", float("nan"), 1.0).broken and not Check("a", "b", float("nan"), None).broken
+    assert str(Check("a", "b", 2.0, 1.0)) == "BAD a           b (at most 1)" and not Check("a", "b", 1.0, 1.0).broken
+
+
+@pytest.fixture
+def tiny(tiny_bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    write_bundle(tmp_path / "tiny.npz", tiny_bundle)
+    return ["stability", "--material", "tiny.npz", "--size", "48", "32", "--rays", "1000"]
+
+
+def test_the_command(tiny: list[str], capsys) -> None:
+    main([*tiny, str(DATA / "suzanne.obj"), "--thickness", "0.1", "--out", "new/map.png"])
+    *lines, last = capsys.readouterr().out.splitlines()
+    told = json.loads(Path("new/map.json").read_text())["checks"]
+    assert last == "new/map.png" and read_png("new/map.png").std() > 0.1
+    assert [line[4:16].strip() for line in lines] == [check["name"] for check in told]
+    assert not any(check["broken"] for check in told)
+
+
+def test_a_broken_bound_is_exit_status_1(tiny: list[str], capsys) -> None:
+    text = (DATA / "suzanne.obj").read_text().splitlines()
+    far = [f"v {float(x.split()[1]) + 30000} {' '.join(x.split()[2:])}" if x.startswith("v ") else x for x in text]
+    Path("far.obj").write_text("\n".join(far))
+    with pytest.raises(SystemExit) as stop:
+        main([*tiny, "far.obj"])
+    assert stop.value.code == 1 and "BAD offset" in capsys.readouterr().out
+    assert Path("out/stability.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--rays", "10"], "--rays: must be at least 1000, not 10"),
+        (["--out", "a.jpg"], "a.jpg: must end in .png"),
+        (["--engine", "mitsuba"], "--engine: must be jax: the path tracer walks in float64 and is not checked"),
+        (["--material", "dots.npz"], "--material: dots.npz is a surface material: it has no shell to walk"),
+        (["--thickness", "-1"], "--thickness: must be positive and finite, not -1"),
+    ],
+)
+def test_faults_are_one_line(given: list[str], said: str, tiny: list[str], capsys) -> None:
+    from mesoshell.io.surface import write_surface
+
+    write_surface("dots.npz", wearing.bundle())
+    before = sorted(Path().iterdir())
+    with pytest.raises(SystemExit) as stop:
+        main([*tiny, str(DATA / "suzanne.obj"), *given])
+    assert stop.value.code == 2 and capsys.readouterr().err == f"mesoshell: {said}\n"
+    assert [p for p in sorted(Path().iterdir()) if p.name != "cache"] == [p for p in before if p.name != "cache"]

@@ -4,17 +4,19 @@ The surface underneath is met in Mitsuba's own scene, in float32: its distance i
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import pytest
 
-from mesoshell.geometry.mesh import Mesh, uv_stretch
+from mesoshell.geometry.mesh import Mesh, load_mesh, uv_stretch
 from mesoshell.pathtracer import quadrature
 from mesoshell.pathtracer.prism import Piece
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import Shell, extrude
 from mesoshell.stability.prisms import prism_point
+from mesoshell.stability.rays import aimed
 from tests.helpers.stability import dr_march
 from tests.helpers.stability.dr_march import trace
 from tests.helpers.stability.hard_rays import (
@@ -77,6 +79,18 @@ def test_a_ball_far_from_the_origin(offset: float) -> None:
     some = (enters > 0) & (clear > 1e-2)
     assert some.sum() > 1000
     np.testing.assert_allclose(total_length(found, 4000)[some], length[some], atol=1e-5)
+
+
+def test_a_ray_is_much_the_same_from_however_far() -> None:
+    """From 1000 sizes away, and begun near: the origins are points of the same rays in float64. Where shells overlap, some rays
+    at vertices and edges still differ."""
+    mesh = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")
+    shell = extrude(mesh, 0.1, 0.1)
+    far = aimed(shell, 4000, 1000.0, np.random.default_rng(2))
+    along = 0.997 * np.nanmax(far.reach)
+    there, here = (trace(Shells([shell]), far.o + x * far.d, far.d, outside=True) for x in (0.0, along))
+    off = np.abs(total_length(there, 4000) - total_length(here, 4000))
+    assert (off > 1e-4).mean() < 0.03
 
 
 def test_an_offset_that_the_numbers_hold_changes_nothing() -> None:

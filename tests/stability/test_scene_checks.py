@@ -147,20 +147,20 @@ def test_a_ray_is_the_same_from_however_far() -> None:
 
 
 def test_what_leaks_is_seen(walked: Walked) -> None:
-    assert not walks.leaks(walked, 0.1).any()
+    assert not walks.leaks(walked, 1e-5).any()
     i = walked.trace.intervals
     without = walked._replace(trace=walked.trace._replace(intervals=type(i)(*(x[:0] for x in i))))
     reached = np.isfinite(walked.rays.reach) & (walked.trace.end > walked.rays.reach + 1e-5)
-    np.testing.assert_array_equal(walks.leaks(without, 0.1), reached)
+    np.testing.assert_array_equal(walks.leaks(without, 1e-5), reached)
     assert reached.sum() > 100
 
 
 def test_a_ray_that_passes_the_surface_is_seen() -> None:
     some = at_the_front(SUZANNE, 500, np.random.default_rng(1))
     trace = Boundary(SHELL, SUZANNE.faces).trace(some.o, some.d)
-    assert not walks.passing(Walked(some, trace, trace), 0.1).any()
+    assert not walks.passing(Walked(some, trace, trace), 1e-5).any()
     through = trace._replace(end=np.full(len(some.d), np.inf))
-    assert walks.passing(Walked(some, through, trace), 0.1).all()
+    assert walks.passing(Walked(some, through, trace), 1e-5).all()
 
 
 def test_an_interval_in_a_wrong_prism_is_seen(walked: Walked) -> None:

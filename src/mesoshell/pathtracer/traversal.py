@@ -26,8 +26,10 @@ import mitsuba as mi
 from mesoshell.pathtracer.prism import LOST, TOP, WALKING, Piece, WalkState, enter, owner, step
 
 FREE, COUNT, SEARCH, BACK, FORWARD, OVER = 0, 1, 2, 3, 4, 5
-#: Step past a boundary before free space begins again, relative to the scene's size.
+#: Step past a boundary before free space begins again, relative to the shells' size and the distance from their centre.
 ADVANCE = 2e-6
+#: Shells are no further than this from where a ray begins: one that seems so has no origin or no direction.
+FARTHEST = 1e18
 #: Prisms that a ray crosses without progress before it is lost and free space begins again: a ray along a post goes round it
 #: through every prism there, and one along a side to and fro.
 MOST_STUCK = 64
@@ -75,7 +77,9 @@ def advance(shells, o, d, tmax, w):
 
 def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     """Query the boundary from free space."""
-    x = o + w.at * d
+    ahead = dr.dot(shells.centre - o, d) - shells.size  # no shell lies before: its box is as wide at most
+    at = dr.select((ahead > w.at) & (ahead < FARTHEST), ahead, w.at)
+    x = o + at * d
     met = shells.scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(x - shells.centre), mi.Vector3f(d)))
     hit = met.is_valid()
     triangle = dr.select(hit, met.prim_index, 0)
@@ -84,7 +88,7 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     exact = dr.dot(normal, dr.gather(mi.Vector3d, shells.point, triangle) - x) / dr.select(slope == 0, 1, slope)
     rough = mi.Float64(met.t)
     close = (slope != 0) & (dr.abs(exact - rough) < 1e-3 * (shells.size + rough))
-    t = w.at + dr.maximum(dr.select(close, exact, rough), 0)
+    t = at + dr.maximum(dr.select(close, exact, rough), 0)
     code, prism = dr.gather(mi.UInt32, shells.code, triangle), dr.gather(mi.UInt32, shells.prism, triangle)
     border, against = code < TOP, slope < 0
     prism = owner(shells, o, d, prism, code, hit & ~border)
@@ -105,7 +109,7 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     mode = dr.select((free & ~hit) | (forward & (ahead.t >= tmax)), mi.UInt32(OVER), mode)
     event = dr.maximum(t, dr.select(into, ahead.t, dr.select(out, -behind.t, t)))
     event = dr.select(settled | (counting & search), w.start, event)
-    on = event + ADVANCE * (shells.size + event)
+    on = _past(shells, o, d, event)
     start = dr.select((mode == FREE) & ~settled, on, w.start)  # the boundary met there does not count
     depth = dr.select(into, w.depth + 1, dr.select(out & (w.depth > 0), w.depth - 1, w.depth))
     return Walker(
@@ -133,8 +137,14 @@ def _cross(shells, o, d, tmax, w: Walker):
     some, piece = _cut(piece, w.start, tmax)
     place = dr.select(reached, entry, after)
     start = dr.select(left, end, w.start)
-    at = dr.select(left, dr.maximum(end + ADVANCE * (shells.size + end), w.at), w.at)
+    at = dr.select(left, dr.maximum(_past(shells, o, d, end), w.at), w.at)
     return Walker(mode, start, w.sure & ~left, at, w.depth, place, stuck), piece, some & ~back
+
+
+def _past(shells, o, d, t):
+    """Where free space begins again after a boundary at t: Embree's rounding grows with the distance from shells.centre."""
+    away = dr.norm(o + t * d - shells.centre)
+    return t + ADVANCE * (shells.size + dr.select(away < t, away, t))
 
 
 def _cut(i: Piece, begin, end):

@@ -24,10 +24,9 @@ from mesoshell.stability.rays import Rays
 #: Of rays aimed at vertices and edges, those that may leak; of their intervals, those that may lie in a neighbour of their
 #: prism: a ray that goes through a vertex itself belongs to all prisms there.
 LEAKS, ASTRAY = 2e-5, 1e-4
-#: How far places may be off, in T; a middle outside its prism, in λ and h; what Embree rounds, in sizes of the scene.
-OFF, OUTSIDE, SHIFT = 1e-3, 1e-3, 3e-7
-#: How far a point that is known to lie in the shell may lie outside of an interval, in T.
-NEXT = 1e-4
+#: How far places may be off, in T; a middle outside its prism, in λ and h; what Embree rounds, in sizes of the scene; what else
+#: may lie between a point and an interval, in T.
+OFF, OUTSIDE, SHIFT, NEXT = 1e-3, 1e-3, 3e-7, 1e-4
 #: Intervals of a kind of rays whose middles are inverted, at most; Newton's steps, from the interval's own λ and h.
 INVERTED, STEPS = 20_000, 8
 #: Shares of the rays that are aimed: from near, from far, at the front of the surface, grazing the top at ANGLE (radians).
@@ -78,9 +77,10 @@ def walk_through(
     excess = np.zeros(len(shell.faces))
     sharp = [walked for name, walked in many.items() if name != "grazing"]
     inverted = [middles(shell, walked, T, rng) for walked in many.values()]
+    near = NEXT * T + SHIFT * boundary.size
     checks = [
-        _of_edges([many["near"], many["far"]], T, excess),
-        _of_surface(many["front"], T),
+        _of_edges([many["near"], many["far"]], near, excess),
+        _of_surface(many["front"], near),
         _of_prisms(inverted, excess),
         _of_joins(shell, many.values(), T, excess),
         _of_precision(sharp, many["camera"], T, excess),
@@ -93,17 +93,17 @@ def walk_through(
     return Walks(checks, first.reshape(camera.height, camera.width), excess)
 
 
-def leaks(walked: Walked, T: float) -> Bool[np.ndarray, "R"]:
-    """Rays that do not meet the shell at a point that is known to lie in it, and that they reach."""
+def leaks(walked: Walked, near: float) -> Bool[np.ndarray, "R"]:
+    """Rays that do not meet the shell at a point that is known to lie in it, and that they reach. near: how far is there."""
     reach, i = walked.rays.reach, walked.trace.intervals
     met = np.zeros(len(reach), bool)
-    met[i.ray[(i.t0 - NEXT * T <= reach[i.ray]) & (reach[i.ray] <= i.t1 + NEXT * T)]] = True
-    return np.isfinite(reach) & (walked.trace.end > reach + NEXT * T) & ~met
+    met[i.ray[(i.t0 - near <= reach[i.ray]) & (reach[i.ray] <= i.t1 + near)]] = True
+    return np.isfinite(reach) & (walked.trace.end > reach + near) & ~met
 
 
-def passing(walked: Walked, T: float) -> Bool[np.ndarray, "R"]:
-    """Rays that pass a point of the surface which they meet from the front."""
-    return walked.trace.end > walked.rays.surface + NEXT * T
+def passing(walked: Walked, near: float) -> Bool[np.ndarray, "R"]:
+    """Rays that pass a point of the surface which they meet from the front. near: how far is there."""
+    return walked.trace.end > walked.rays.surface + near
 
 
 def joins(shell: Shell, walked: Walked, T: float) -> tuple[Int[np.ndarray, "I"], Float[np.ndarray, "I"]]:
@@ -140,8 +140,8 @@ def differences(walked: Walked, T: float) -> Float[np.ndarray, "R"]:
     return np.abs(length(walked.trace.intervals) - length(walked.exact.intervals)) / T
 
 
-def _of_edges(aimed: list[Walked], T: float, excess: np.ndarray) -> Check:
-    leaking = [leaks(walked, T) for walked in aimed]
+def _of_edges(aimed: list[Walked], near: float, excess: np.ndarray) -> Check:
+    leaking = [leaks(walked, near) for walked in aimed]
     for walked, which in zip(aimed, leaking, strict=True):
         _raise(excess, walked.rays.prism[which], 1 / OFF)
     count, tried = sum(x.sum() for x in leaking), sum(np.isfinite(walked.rays.reach).sum() for walked in aimed)
@@ -149,8 +149,8 @@ def _of_edges(aimed: list[Walked], T: float, excess: np.ndarray) -> Check:
     return Check("edges", said, count / max(tried, 1), LEAKS)
 
 
-def _of_surface(front: Walked, T: float) -> Check:
-    through = passing(front, T)
+def _of_surface(front: Walked, near: float) -> Check:
+    through = passing(front, near)
     said = f"{through.sum()} of {len(through)} rays at the front of its vertices and edges go through the surface"
     return Check("surface", said, through.sum() / max(len(through), 1), LEAKS)
 

@@ -104,12 +104,12 @@ class Boundary:
         self.size = float(np.ptp(self.corners.reshape(-1, 3), axis=0).max())
         self.centre = self.corners.mean(axis=(0, 1))  # Embree works in float32: keep its numbers small
         self.radius = float(np.linalg.norm(self.corners - self.centre, axis=-1).max())
-        self.scene = EmbreeScene()
+        self.scene = EmbreeScene(robust=True)
         TriangleMesh(self.scene, np.ascontiguousarray(self.corners - self.centre, np.float32))
-        self.solid = None
-        if (self.code == BASE).any():
-            self.solid = EmbreeScene()
-            TriangleMesh(self.solid, np.ascontiguousarray((self.corners - self.centre)[self.code == BASE], np.float32))
+        self.solid, self.of_solid = None, np.flatnonzero(self.code == BASE)
+        if len(self.of_solid):
+            self.solid = EmbreeScene(robust=True)
+            TriangleMesh(self.solid, np.ascontiguousarray((self.corners - self.centre)[self.of_solid], np.float32))
 
     def first_hit(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Triangle met first (−1: none), and its distance refined in float64 on the triangle's plane."""
@@ -144,6 +144,17 @@ class Boundary:
         if self.solid is None or not len(o):
             return np.zeros(len(o), bool)
         return self.solid.run((o - self.centre).astype(np.float32), d.astype(np.float32), query="OCCLUDED") >= 0
+
+    def solid_within(
+        self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], most: Float[np.ndarray, "R"]
+    ) -> np.ndarray:
+        """The triangle of a surface (not the shell) that each ray meets first, no further than `most` (−1: none)."""
+        if self.solid is None or not len(o):
+            return np.full(len(o), -1)
+        hits = self.solid.run(
+            (o - self.centre).astype(np.float32), d.astype(np.float32), dists=most.astype(np.float32), output=True
+        )
+        return np.where(hits["geomID"] < 0, -1, self.of_solid[np.maximum(hits["primID"], 0)])
 
     def trace(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], exact: bool = False) -> Trace:
         """Every interval of every ray. A ray that is not finite, or has no direction, misses. exact: all in float64."""
@@ -202,9 +213,21 @@ class _State:
         if b.opaque:
             self._end(rays[down], b.mesh_face[seen.prism[at]], reached[down], seen.bary[at])
         step = ADVANCE * (b.size + reached)
+        aside = border.copy()
+        aside[forward] |= (seen.left >= 0) & (seen.left < TOP)
+        stopped = self._stopped(rays, aside, reached, step)
         passed = self._passed(rays, t + step, reached - step, entered)
         self.start[rays] = np.where(passed, t, reached) + step
-        return rays[passed | ~(on_base | (down & b.opaque))]
+        return rays[passed | ~(on_base | stopped | (down & b.opaque))]
+
+    def _stopped(self, rays: np.ndarray, aside: np.ndarray, reached: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Whether a surface begins within a step of where a ray meets a border (aside): at its foot, a step is past it."""
+        rays, at, step, stopped = rays[aside], reached[aside], step[aside], aside.copy()
+        begin = np.maximum(at - step, self.start[rays])
+        triangle = self.boundary.solid_within(self.o[rays] + begin[:, None] * self.d[rays], self.d[rays], 2 * step)
+        stopped[aside] = met = triangle >= 0
+        self._end(rays[met], self.boundary.face[triangle[met]], at[met], self._where(triangle[met], rays[met], at[met]))
+        return stopped
 
     def _passed(self, rays: np.ndarray, begin: np.ndarray, end: np.ndarray, entered: np.ndarray) -> np.ndarray:
         """Whether a walk from `begin` to `end` passed something else: an object in the shell, another part's shell."""

@@ -101,7 +101,9 @@ def traced(names: str, words: str, scene: Any, spp: int = SPP) -> Tried:
 
         return one
 
-    return tried(names, words, "Mitsuba", (way(ways[0]), way(ways[1])))
+    made = tried(names, words, "Mitsuba", (way(ways[0]), way(ways[1])))
+    world.effects = plan
+    return made
 
 
 def floor() -> Mesh:

@@ -11,6 +11,7 @@ import pytest
 import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.geometry.mesh import check_mesh, load_mesh
+from mesoshell.geometry.normals import face_normals
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_png
 from mesoshell.scene.materials import Material
@@ -56,8 +57,19 @@ def test_nothing_depends_on_the_unit_of_length(sound, tiny_bundle: Bundle) -> No
     large = check_mesh(SUZANNE.vertices * 1024, SUZANNE.faces, SUZANNE.uv, "mesh")
     found = ms.stability(ms.Scene(large, Material("tiny", tiny_bundle), thickness=102.4, size=(48, 32)), rays=1000)
     for a, b in zip(found.checks[1:], sound.checks[1:], strict=True):
-        assert a.name == b.name and a.broken == b.broken
-        assert a.worst == pytest.approx(b.worst, rel=0.5, abs=1e-7), a.name
+        assert a.name == b.name and a.limit == b.limit
+        assert a.worst == pytest.approx(b.worst, rel=0.1, abs=1e-6), a.name
+
+
+def test_an_open_mesh_that_the_camera_does_not_see(tiny_bundle: Bundle) -> None:
+    """Two triangles, so no vertex or edge with faces all around; an object beside them; a parameter that varies."""
+    square, age = scenes.slab_mesh(), np.linspace(0, 1, 16, dtype=np.float32).reshape(4, 4)
+    lid = check_mesh(square.vertices + np.array([0, 0, 3]), square.faces, square.uv, "lid")
+    away = (0.5, 0.5, 5.0, 0.5, 0.5, 9.0, 40.0)
+    scene = ms.Scene(square, Material("tiny", tiny_bundle), 0.1, 0.5, {"dryness": age}, camera=away, objects=[lid])
+    found = ms.stability(replace(scene, size=(24, 16)), rays=1000)
+    assert found.broken == () and (found.first < 0).all() and found.map().startswith(b"\x89PNG")
+    assert "0 of 0 rays at the front" not in str(found) and "the camera does not see the shell" in str(found)
 
 
 def test_a_mesh_far_from_the_origin() -> None:
@@ -76,7 +88,7 @@ def test_folds() -> None:
 
 def test_thickness_and_chart_are_told() -> None:
     said = surface.of_thickness(SHELL, 0.1, len(SUZANNE.faces) + 2).said
-    assert "169 of 509 vertices thinned, to 0.033 at least" in said or "vertices thinned, to 0.0" in said
+    assert said.startswith("169 of 509 vertices thinned, to 0.033 at least")
     assert said.endswith("; 2 faces without a prism")
     turned = replace(SHELL, uv=SHELL.uv * np.array([-1, 1], np.float32))
     assert surface.of_chart(turned).said.endswith(f"{len(SHELL.faces)} prisms mirrored, 0 without area in UV")
@@ -128,7 +140,11 @@ def test_rays_are_aimed_at_what_they_say() -> None:
     normal = np.cross(top[:, 1] - top[:, 0], top[:, 2] - top[:, 0])
     sine = np.einsum("ri,ri->r", normal, low.d) / np.linalg.norm(normal, axis=1)
     np.testing.assert_allclose(sine, -1e-3, rtol=1e-5)
-    assert FRONT > 0
+    v = SUZANNE.vertices.astype(np.float64)
+    normal = face_normals(v, SUZANNE.faces)
+    for x, d in zip(at[near < 1e-9][:50], front.d[near < 1e-9][:50], strict=True):
+        around = (np.linalg.norm(v[SUZANNE.faces] - x, axis=2) < 1e-9).any(axis=1)
+        assert (normal[around] @ d).max() < -FRONT
 
 
 def _size() -> float:
@@ -175,8 +191,9 @@ def test_an_interval_in_a_wrong_prism_is_seen(walked: Walked) -> None:
 def test_a_crossing_that_is_off_is_seen(walked: Walked) -> None:
     assert walks.joins(SHELL, walked, 0.1)[1].max() < 1e-5
     i = walked.trace.intervals
-    moved = walked._replace(trace=walked.trace._replace(intervals=i._replace(h1=i.h1 + 0.01)))
-    assert np.median(walks.joins(SHELL, moved, 0.1)[1]) == pytest.approx(0.01, rel=0.1)
+    for moved in (i._replace(h1=i.h1 + 0.01), i._replace(h0=i.h0 + 0.01)):
+        changed = walked._replace(trace=walked.trace._replace(intervals=moved))
+        assert np.median(walks.joins(SHELL, changed, 0.1)[1]) == pytest.approx(0.01, rel=0.2)
 
 
 def test_a_precision_that_is_not_enough_is_seen(walked: Walked) -> None:
@@ -250,6 +267,7 @@ def test_a_broken_bound_is_exit_status_1(tiny: list[str], capsys) -> None:
     [
         (["--rays", "10"], "--rays: must be at least 1000, not 10"),
         (["--out", "a.jpg"], "a.jpg: must end in .png"),
+        (["--out", "."], ".: must end in .png"),
         (["--engine", "mitsuba"], "--engine: must be jax: the path tracer walks in float64 and is not checked"),
         (["--material", "dots.npz"], "--material: dots.npz is a surface material: it has no shell to walk"),
         (["--thickness", "-1"], "--thickness: must be positive and finite, not -1"),

@@ -26,7 +26,8 @@ import mitsuba as mi
 from mesoshell.pathtracer.prism import LOST, TOP, WALKING, Piece, WalkState, enter, owner, step
 
 FREE, COUNT, SEARCH, BACK, FORWARD, OVER = 0, 1, 2, 3, 4, 5
-#: Step past a boundary before free space begins again, relative to the shells' size and the distance from their centre.
+#: Step past a boundary before free space begins again, relative to the shells' size and the distance from their centre, or from
+#: the ray's origin if that is nearer.
 ADVANCE = 2e-6
 #: Shells are no further than this from where a ray begins: one that seems so has no origin or no direction.
 FARTHEST = 1e18
@@ -77,8 +78,8 @@ def advance(shells, o, d, tmax, w):
 
 def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     """Query the boundary from free space."""
-    ahead = dr.dot(shells.centre - o, d) - shells.size  # no shell lies before: its box is as wide at most
-    at = dr.select((ahead > w.at) & (ahead < FARTHEST), ahead, w.at)
+    clear = dr.dot(shells.centre - o, d) - shells.size  # no shell lies before: its box is as wide at most
+    at = dr.select((clear > w.at) & (clear < FARTHEST), clear, w.at)
     x = o + at * d
     met = shells.scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(x - shells.centre), mi.Vector3f(d)))
     hit = met.is_valid()

@@ -45,8 +45,8 @@ def of_material(scene: Scene, rng: np.random.Generator) -> list[Check]:
     error = np.max([np.abs(_opacity(sigma) - a).max(), _of_light(sigma, rho, *rest)])  # NaN stays
     said = f"float32 changes opacity and reflected light by at most {error:.1g}"
     checks.append(Check("network", said, float(error), ERROR))
-    rms = {k: decode(ready.material.decoder, x, w, w_light, kind)[0] for k, kind in SHORT.items()}
-    off = {k: float(np.sqrt(np.mean((_opacity(v) - a) ** 2) / max(np.mean(a**2), 1e-30))) for k, v in rms.items()}
+    short = {k: decode(ready.material.decoder, x, w, w_light, kind)[0] for k, kind in SHORT.items()}
+    off = {k: float(np.sqrt(np.mean((_opacity(v) - a) ** 2) / max(np.mean(a**2), 1e-30))) for k, v in short.items()}
     told = "; ".join(
         f"{k} changes opacity by {v:.2%} (rms)" if np.isfinite(v) else f"{k} overflows" for k, v in off.items()
     )

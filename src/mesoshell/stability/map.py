@@ -1,7 +1,7 @@
-"""Where a scene is hard, as a picture: the scene, its shell's thickness, and the worst that checks found.
+"""Where a scene is hard, as a picture: the scene, its shell's thickness, and the worst place of its walks.
 
 Notation
-excess      of each prism: the worst that was found there, over its limit; above 1 the limit is broken
+excess      of each prism: the worst place of edges, prisms, crossings and precision, over what one may be off
 """
 
 import io
@@ -15,8 +15,8 @@ from mesoshell.scene.accumulate import over_backdrop
 if TYPE_CHECKING:
     from mesoshell.stability.examine import Stability
 
-#: Least excess that is told apart.
-LEAST = 1e-4
+#: Least and greatest excess that are told apart.
+LEAST, MOST = 1e-4, 10.0
 
 
 def png_of(found: "Stability") -> bytes:
@@ -31,9 +31,8 @@ def png_of(found: "Stability") -> bytes:
     panels[0].set_title("the scene", fontsize=10)
     kept = panels[1].imshow(_seen(found, found.kept), cmap="viridis", vmin=0, vmax=1)
     panels[1].set_title("share of the thickness that is kept", fontsize=10)
-    worst = np.clip(found.excess, LEAST, 1.0)
-    over = panels[2].imshow(_seen(found, worst), cmap="magma", norm=LogNorm(LEAST, 1.0))
-    panels[2].set_title("worst of the checks, over its limit", fontsize=10)
+    over = panels[2].imshow(_seen(found, np.clip(found.excess, LEAST, MOST)), cmap="magma", norm=LogNorm(LEAST, MOST))
+    panels[2].set_title("how far off a place is, over what it may be", fontsize=10)
     for panel, shown in ((panels[1], kept), (panels[2], over)):
         figure.colorbar(shown, ax=panel, shrink=0.8)
     for panel in panels:

@@ -22,6 +22,8 @@ from mesoshell.shell.geometry.extrude import Shell
 NEAR, FAR = 3.0, 1000.0
 #: Least cosine between a ray and all faces around the point of the surface that it is said to meet from the front.
 FRONT = 0.05
+#: Most directions toward a vertex.
+ROUNDS = 64
 #: Heights of the points that are known to lie in the shell.
 INSIDE = (0.02, 0.98)
 
@@ -88,7 +90,7 @@ def _at_vertices(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.n
     v, faces = mesh.vertices.astype(np.float64), mesh.faces
     normal, closed = face_normals(v, faces), _surrounded(faces, pair_edges(faces).opposed, len(v))
     points, ways = [v[:0]], [v[:0]]
-    for _ in range(-(-count // max(closed.sum(), 1)) if closed.any() else 0):
+    for _ in range(min(-(-count // closed.sum()), ROUNDS) if closed.any() else 0):
         d = -_unit(mesh.normals + rng.normal(size=v.shape))
         lean = np.full(len(v), -1.0)
         np.maximum.at(lean, faces, np.einsum("fi,fki->fk", normal, d[faces]))

@@ -2,7 +2,7 @@
 
 Notation
 P           prisms of the scene's shell
-excess      of each prism: the worst that any check found there, over its limit         (P,)
+excess      of each prism: the worst place of edges, prisms, crossings and precision, over what one may be off       (P,)
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from mesoshell.stability.map import png_of
 @dataclass(frozen=True, eq=False)
 class Stability:
     """What was found; prints as a line each. picture: RGBA, as rendered; first: the prism that each pixel sees, −1 for none;
-    kept: of each prism, the share of its thickness; excess: of each prism, the worst over its limit."""
+    kept: of each prism, the share of its thickness; excess: as above."""
 
     checks: tuple[Check, ...]
     picture: Float[np.ndarray, "H W 4"] = field(repr=False)

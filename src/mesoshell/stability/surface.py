@@ -41,7 +41,7 @@ def of_grid(shell: Shell, T: float) -> Check:
 def of_folds(shell: Shell) -> Check:
     """Whether a prism is folded."""
     least = least_jacobian(shell)
-    folded = (least <= 0).sum()
+    folded = (~(least > 0)).sum()
     said = f"{folded} of {counted(len(least), 'prism')} folded; the least Jacobian keeps {least.min():.2g} of its base"
     return Check("folds", said, float(folded), 0.0)
 
@@ -94,7 +94,7 @@ def of_sides(shell: Shell, rng: np.random.Generator) -> Check:
     near = (foot - (at - 2 * size[:, None] * d)[:, None]).astype(np.float32)
     place, inside, doubt, naive = (np.asarray(x) for x in _left(d, near, post.astype(np.float32)))
     true = np.stack([u, h], axis=1)
-    wrong = (np.abs(place - true).max(axis=1) > PLACE) | (inside < 0)
+    wrong = ~((np.abs(place - true).max(axis=1) <= PLACE) & (inside >= 0))
     missed = ~(np.abs(naive - u) <= PLACE)
     said = f"{(wrong & ~doubt).sum()} of {count} places on sides wrong and not in doubt; {doubt.mean():.2%} in doubt"
     said += f"; {planar.mean():.1%} of sides near-planar; the textbook's quadratic would miss {missed.mean():.2%}"

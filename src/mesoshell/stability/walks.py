@@ -1,8 +1,9 @@
-"""Walks of hard rays through a shell, judged by oracles in float64 that share no code with the walk.
+"""Walks of hard rays through a shell, judged by oracles in float64 that share no code with the walk; and, for what its float32
+changes, by the walk itself in float64.
 
 Notation
 T           thickness asked for: the unit of lengths here                                        world
-excess      of each prism: the worst that was found there, over its limit                        (P,)
+excess      of each prism: the worst place of edges, prisms, crossings and precision, over what one may be off       (P,)
 """
 
 from collections.abc import Callable, Iterable
@@ -84,7 +85,7 @@ def walk_through(
         _of_prisms(inverted, excess),
         _of_joins(shell, many.values(), T, excess),
         _of_precision(sharp, many["camera"], T, excess),
-        _of_grazing(many["grazing"], boundary.size, T),
+        _of_grazing(shell, many["grazing"], T),
         _of_coordinates(inverted[0]),
     ]
     first = np.full(camera.width * camera.height, -1)
@@ -107,13 +108,15 @@ def passing(walked: Walked, near: float) -> Bool[np.ndarray, "R"]:
 
 
 def joins(shell: Shell, walked: Walked, T: float) -> tuple[Int[np.ndarray, "I"], Float[np.ndarray, "I"]]:
-    """Prisms that rays leave for a neighbour, and how far λ and h there are from the ray, in T. (Where a surface or another
-    shell cuts an interval, they are interpolated.)"""
+    """Prisms that rays leave for a neighbour, and how far λ and h on either side are from the ray, in T. (Where a surface or
+    another shell cuts an interval, they are interpolated.)"""
     i, rays = walked.trace.intervals, walked.rays
     next_door = (shell.neighbour[i.prism[:-1]] == i.prism[1:, None]).any(axis=1)
     on = np.flatnonzero(next_door & (i.ray[1:] == i.ray[:-1]) & (i.t1[:-1] == i.t0[1:]))
-    x = rays.o[i.ray[on]] + i.t1[on, None] * rays.d[i.ray[on]]
-    return i.prism[on], np.linalg.norm(prism_point(shell, i.prism[on], i.bary1[on], i.h1[on]) - x, axis=1) / T
+    x, after = rays.o[i.ray[on]] + i.t1[on, None] * rays.d[i.ray[on]], on + 1
+    left = np.linalg.norm(prism_point(shell, i.prism[on], i.bary1[on], i.h1[on]) - x, axis=1)
+    entered = np.linalg.norm(prism_point(shell, i.prism[after], i.bary0[after], i.h0[after]) - x, axis=1)
+    return i.prism[on], np.maximum(left, entered) / T
 
 
 def middles(shell: Shell, walked: Walked, T: float, rng: np.random.Generator) -> Middles:
@@ -146,22 +149,22 @@ def _of_edges(aimed: list[Walked], near: float, excess: np.ndarray) -> Check:
         _raise(excess, walked.rays.prism[which], 1 / OFF)
     count, tried = sum(x.sum() for x in leaking), sum(np.isfinite(walked.rays.reach).sum() for walked in aimed)
     said = f"{count} of {tried} rays at posts and sides that prisms share miss the shell there, from near or from afar"
-    return Check("edges", said, count / max(tried, 1), LEAKS)
+    return _rare("edges", said, count, tried, LEAKS)
 
 
 def _of_surface(front: Walked, near: float) -> Check:
     through = passing(front, near)
     said = f"{through.sum()} of {len(through)} rays at the front of its vertices and edges go through the surface"
-    return Check("surface", said, through.sum() / max(len(through), 1), LEAKS)
+    return _rare("surface", said, through.sum(), len(through), LEAKS)
 
 
 def _of_prisms(inverted: list[Middles], excess: np.ndarray) -> Check:
     for some in inverted:
         _raise(excess, some.prism, some.outside / OUTSIDE)
     outside = np.concatenate([some.outside for some in inverted])
-    astray, worst = (outside > OUTSIDE).sum(), outside.max(initial=0)
+    astray, worst = (~(outside <= OUTSIDE)).sum(), outside.max(initial=0)
     said = f"{astray} of {len(outside)} intervals lie in a neighbour of their prism (worst λ or h: {worst:.1g} outside)"
-    return Check("prisms", said, astray / max(len(outside), 1), ASTRAY)
+    return _rare("prisms", said, astray, len(outside), ASTRAY)
 
 
 def _of_joins(shell: Shell, many: Iterable[Walked], T: float, excess: np.ndarray) -> Check:
@@ -169,7 +172,7 @@ def _of_joins(shell: Shell, many: Iterable[Walked], T: float, excess: np.ndarray
     for walked in many:
         prism, off = joins(shell, walked, T)
         _raise(excess, prism, off / OFF)
-        worst, count = max(worst, float(off.max(initial=0))), count + len(off)
+        worst, count = float(np.maximum(worst, off.max(initial=0))), count + len(off)
     said = f"{count} places, from prism to prism, are off by {worst:.1g} of the thickness at most"
     return Check("crossings", said, worst, OFF)
 
@@ -179,16 +182,19 @@ def _of_precision(sharp: list[Walked], camera: Walked, T: float, excess: np.ndar
     for walked in sharp:
         off, i = differences(walked, T), walked.trace.intervals
         _raise(excess, i.prism, off[i.ray] / OFF)
-        worst = max(worst, float(off.max(initial=0)))
+        worst = float(np.maximum(worst, off.max(initial=0)))
     again = camera.trace.redone / max(camera.trace.walked, 1)
     said = f"float32 changes lengths in the shell by {worst:.1g} of the thickness at most"
     return Check("precision", f"{said}; {again:.2%} of the camera's walks are redone in float64", worst, OFF)
 
 
-def _of_grazing(grazing: Walked, size: float, T: float) -> Check:
+def _of_grazing(shell: Shell, grazing: Walked, T: float) -> Check:
+    """Such a ray runs along faces, on which places are good to OFF of their width."""
+    corner = shell.base[shell.faces].astype(np.float64)
+    width = float(np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2).mean())
     off = differences(grazing, T).max(initial=0)
-    said = f"rays at {ANGLE:g} to the top change by {off:.1g} of the thickness at most"
-    return Check("grazing", said, float(off), float(f"{max(OFF, SHIFT * size / ANGLE / T):.2g}"))
+    said = f"float32 changes rays at {ANGLE:g} to the top by {off:.1g} of the thickness at most"
+    return Check("grazing", said, float(off), OFF * max(1.0, width / T))
 
 
 def _of_coordinates(camera: Middles) -> Check:
@@ -197,8 +203,14 @@ def _of_coordinates(camera: Middles) -> Check:
         return Check("coordinates", "the camera does not see the shell", 0.0, None)
     usual, most = np.quantile(camera.off, (0.5, 0.99))
     said = f"interpolated ones are off by {usual:.1g} of the thickness (median), {most:.1g} at the 99th percentile"
-    return Check("coordinates", said + (": consider --set coordinates=exact" if most > 0.05 else ""), most, None)
+    return Check("coordinates", said + (": consider coordinates=exact" if most > 0.05 else ""), most, None)
+
+
+def _rare(name: str, said: str, count: int | np.integer, tried: int | np.integer, most: float) -> Check:
+    """A check on a share, of which one may always be lost."""
+    tried = max(int(tried), 1)
+    return Check(name, said, int(count) / tried, max(most, 1 / tried))
 
 
 def _raise(excess: np.ndarray, prism: Int[np.ndarray, "N"], value: Float[np.ndarray, "N"] | float) -> None:
-    np.maximum.at(excess, prism, value)
+    np.maximum.at(excess, prism, np.nan_to_num(value, nan=np.inf))

@@ -16,7 +16,9 @@ from mesoshell.stability.examine import examine
 def run(options: Options) -> None:
     """All of `mesoshell stability`. Ends with status 1 if a bound is broken."""
     ends_in(options.out, ".png")
-    if options.engine != "jax" or is_mitsubas(options.mesh):
+    if is_mitsubas(options.mesh):
+        raise InputError(options.mesh, "is a scene of Mitsuba's, whose walk is not checked: give its mesh")
+    if options.engine != "jax":
         raise InputError("--engine", "must be jax: the path tracer walks in float64 and is not checked")
     outputs = options.out, options.out.with_suffix(".json")
     probe_outputs(outputs)

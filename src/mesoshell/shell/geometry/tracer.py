@@ -164,7 +164,8 @@ class Boundary:
         usable = reachable & np.isfinite(d).all(axis=1) & (np.abs(length - 1) < 1e-3)
         alive = np.flatnonzero(usable)
         skipped = np.zeros(len(o))
-        skipped[alive] = np.maximum(_dot(self.centre - o[alive], d[alive]) - CLEAR * self.radius, 0)
+        nearest = _dot(self.centre - o[alive], d[alive]) / length[alive] ** 2  # d is a unit vector to 1e-3
+        skipped[alive] = np.maximum(nearest - CLEAR * self.radius / length[alive], 0)
         begin = o.copy()
         begin[alive] += skipped[alive, None] * d[alive]
         state = _State(self, begin, d, exact)
@@ -221,7 +222,7 @@ class _State:
         return rays[passed | ~(on_base | stopped | (down & b.opaque))]
 
     def _stopped(self, rays: np.ndarray, aside: np.ndarray, reached: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Whether a surface begins within a step of where a ray meets a border (aside): at its foot, a step is past it."""
+        """Whether a surface begins within a step of where a ray leaves, having met a border (aside): a step on is past it."""
         rays, at, step, stopped = rays[aside], reached[aside], step[aside], aside.copy()
         begin = np.maximum(at - step, self.start[rays])
         triangle = self.boundary.solid_within(self.o[rays] + begin[:, None] * self.d[rays], self.d[rays], 2 * step)

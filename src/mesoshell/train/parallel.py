@@ -39,7 +39,9 @@ def split_cpu(rows: int = 0) -> None:
 
 
 def rows_of(rays: int) -> int:
-    """Rows of a fit's step that its rays are split into."""
+    """Rows of a fit's step that its rays are split into: 8, or one for every 512 rays if that is more."""
+    if rays % 512 == 0:
+        return max(8, rays // 512)
     return 8 if rays % 8 == 0 else 1
 
 

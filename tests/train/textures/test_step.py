@@ -259,20 +259,48 @@ def test_a_slab_from_above_is_its_closed_form():
 
 
 @pytest.mark.parametrize("turn", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
-def test_a_turned_texture_is_seen_turned(
-    exemplars: Exemplars, turn: tuple[int, int, int], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_turned_texture_is_seen_turned(exemplars: Exemplars, turn: tuple[int, int, int]):
     """Layers, depth and views aslant of a flipped texture are the flips of what is seen of it; light is another matter."""
-    monkeypatch.setattr(jax.random, "randint", lambda *_: jnp.asarray(turn[0] + 2 * turn[1] + 4 * turn[2]))
     data = scaled(exemplars)
     f = jnp.asarray(data.features[0])
     moved = jnp.flip(f, [axis for axis in (0, 1) if turn[axis]])
     moved = jnp.swapaxes(moved, 0, 1) if turn[2] else moved
     light, height = jnp.array([0.0, 0.0, 1.0]), jnp.asarray(data.height)
     a, b = (critic_view.see(data.decoder, 1, x, height, jnp.full(1, 0.3), light) for x in (f, moved))
-    expected = critic_view.turned(a, jax.random.key(0))
+    expected = critic_view.turned(a, jnp.int32(turn[0] + 2 * turn[1] + 4 * turn[2]))
     np.testing.assert_allclose(b, expected, rtol=1e-4, atol=1e-5)
     assert not np.allclose(b, a, atol=1e-3)
+
+
+@pytest.mark.parametrize("t", range(8))
+def test_a_direction_turns_with_the_picture_that_shows_it(t: int):
+    """A dot on the side of the middle to which the angle points; v is the first axis."""
+    side, angle = 65, 0.07
+    for _ in range(2):
+        u, v = (round(32 + 25 * f(2 * np.pi * angle)) for f in (np.cos, np.sin))
+        picture = jnp.zeros((side, side, critic_view.CHANNELS)).at[v, u, 0].set(1.0)
+        row, column = np.unravel_index(np.argmax(critic_view.turned(picture, jnp.int32(t))[..., 0]), (side, side))
+        found = np.arctan2(row - 32, column - 32) / (2 * np.pi)
+        angle = float(critic_view.turned_angle(jnp.float32(angle), jnp.int32(t)))
+        assert 0 <= angle < 1 and abs((found - angle + 0.5) % 1 - 0.5) < 0.01
+    drawn = np.asarray(jax.vmap(critic_view.draw_turn)(jax.random.split(jax.random.key(0), 4000)))
+    assert abs(np.mean(drawn == t) - (0.3 if t == 0 else 0.1)) < 0.03
+
+
+def test_parameters_that_are_fixed_are_left_out_and_directions_are_known(exemplars: Exemplars):
+    def beta(name: str, unit: str, low: float, high: float) -> Parameter:
+        return Parameter(name, "beta", (low, high), low, unit, "how it is")
+
+    declared = [beta("length", "1", 0.0, 1.0), beta("lean", "rad", 0.0, 1.0), beta("lean_angle", "rad", 0.0, 2 * np.pi)]
+    values = np.array([[0.5, 0.1, 0.9], [0.5, 0.7, 0.2]], np.float32)
+    some = replace(exemplars, beta=values, parameters=(*declared, *exemplars.parameters))
+    config, data = fitted(CONFIG, some)
+    assert config.generator.betas == config.critic.betas == 2 and config.directions == (1,)
+    assert [p.name for p in data.what.parameters] == ["lean", "lean_angle", "age"]
+    np.testing.assert_array_equal(feed(config, data)(0).beta, values[:, 1:])
+    turned = adversarial._turned_beta(config, jnp.asarray(values[:, 1:]), jnp.array([0, 1]))
+    np.testing.assert_allclose(turned, [[0.1, 0.9], [0.7, 0.8]], rtol=1e-6)
+    assert fitted(CONFIG, replace(some, beta=values[:, :0], parameters=exemplars.parameters))[0].directions == ()
 
 
 def test_a_view_aslant_looks_along_its_slant():

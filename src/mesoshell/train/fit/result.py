@@ -62,6 +62,7 @@ def fit_config(
         texels=texels,
         batch=rows,
         rays=rays // rows,
+        group=max(4, rows // 2),
         steps=steps,
         trunk=(width, width, width),
         head=(width, width),

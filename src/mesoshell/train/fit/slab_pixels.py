@@ -22,7 +22,7 @@ from mesoshell.train.fit.patch_rays import Rays
 from mesoshell.train.patch_renderer import PictureConfig, along
 from mesoshell.typing import Array, Bool, Float, Scalar
 
-#: Samples a tile of the network: forward and backward pass of one tile stay in a core's cache.
+#: Samples a tile of the network on a CPU: forward and backward pass of one tile stay in a core's cache.
 _TILE = 1024
 #: Least 1 − y of a target and of a prediction: it limits fireflies to radiance 99 (renders of the recipe stay below 14), and
 #: keeps predictions finite.
@@ -80,13 +80,14 @@ def cell_of(xi: Float[Array, "*batch 3"], shape: tuple[int, ...], period: int = 
 
 
 def decode(decoder: Decoder, x: Array, w: Array, light: Array) -> tuple[Array, Array]:
-    """σ and ρ of many samples, in tiles that are recomputed in the backward pass: activations stay in the cache."""
+    """σ and ρ of many samples, recomputed in the backward pass: on a CPU in tiles whose activations stay in the cache."""
 
     def tile(rows: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         sigma, features = net.trunk(decoder, rows[0])
         return sigma, net.head(decoder, net.toward_viewer(decoder, features, rows[1]), rows[2])
 
-    split = jax.tree.map(lambda a: a.reshape(-1, _TILE, a.shape[-1]), (x, w, light))
+    side = _TILE if jax.default_backend() == "cpu" else x.shape[0]
+    split = jax.tree.map(lambda a: a.reshape(-1, side, a.shape[-1]), (x, w, light))
     sigma, rho = jax.lax.map(jax.checkpoint(tile), split)
     return sigma.reshape(-1), rho.reshape(-1, 3)
 

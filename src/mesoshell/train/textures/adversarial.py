@@ -10,7 +10,7 @@ penalty     R1 + R2: |∇_y Σ D|² over the number of logits, of exemplars and 
 m, v        of the generator's textures, which are shown as (F − m)/√v (synthesis.py)
 
 The losses are those of Huang et al., "The GAN is dead; long live the GAN!" (2024); γ is steered because no fixed one held
-(docs/results/generator.md). All rows of a step share m and v.
+(docs/results/generator.md). All rows of a step share m and v; both views of a row are turned alike, and β with them.
 """
 
 from functools import partial
@@ -22,7 +22,7 @@ import optax
 
 from mesoshell.shell.generator.generator import Averages, Generator
 from mesoshell.shell.generator.texture_critic import Critic, criticise, init_critic
-from mesoshell.train.textures.critic_view import draw_light, see, turned
+from mesoshell.train.textures.critic_view import draw_light, draw_turn, see, turned, turned_angle
 from mesoshell.train.textures.exemplars import ExemplarBatch
 from mesoshell.train.textures.state import CriticState, TexturesConfig, TexturesReport, TexturesState
 from mesoshell.train.textures.synthesis import height_error, latents, made, phases_of, standard
@@ -50,21 +50,21 @@ def played(
     """Both after an update, the optimiser, magnitudes and mean w of the step, and the report."""
     versus = state.versus
     assert versus
-    keys = jax.vmap(lambda k: jax.random.split(jax.random.wrap_key_data(k), 5))(batch.key)
-    judge = partial(criticise, beta=batch.beta)
+    keys = jax.vmap(lambda k: jax.random.split(jax.random.wrap_key_data(k), 4))(batch.key)
+    turns = jax.vmap(draw_turn)(keys[:, 1])
+    judge = partial(criticise, beta=_turned_beta(config, batch.beta, turns))
 
     def shown(feature: Array, at: int) -> Array:
         y = across.each(lambda f, k: _seen(config, state, f, k))(feature, keys[:, at])
         y = (y - versus.mean[None, None, None]) / versus.deviation[None, None, None]
-        y = _BOUND * jnp.tanh(y / _BOUND)
-        return y if config.generator.betas else jax.vmap(turned)(y, keys[:, at + 1])
+        return jax.vmap(turned)(_BOUND * jnp.tanh(y / _BOUND), turns)
 
     real = jax.lax.stop_gradient(shown(batch.feature, 0))
     of_real = judge(versus.critic, real)
 
     def loss(generator: Generator) -> tuple[Scalar, Any]:
         w = latents(config, generator, batch.beta)
-        feature, magnitude = made(config, state, generator, w, phases_of(config, keys[:, 4]), config.window)
+        feature, magnitude = made(config, state, generator, w, phases_of(config, keys[:, 3]), config.window)
         y = shown(standard(feature, across), 2)
         told = jnp.mean(jax.nn.softplus(of_real - judge(versus.critic, y)))
         height = height_error(config, state, generator, w)
@@ -89,6 +89,13 @@ def played(
     none = jnp.zeros_like(told)
     report = TexturesReport(none, height, told, lost, good, ill, penalty, versus.gamma, bad)
     return generator, adam, versus._replace(critic=critic, adam=memory, gamma=gamma), averages, report
+
+
+def _turned_beta(config: TexturesConfig, beta: Float[Array, "B G"], turns: Array) -> Float[Array, "B G"]:
+    """β of textures that are turned: a direction in the plane turns with them."""
+    for i in config.directions:
+        beta = beta.at[:, i].set(jax.vmap(turned_angle)(beta[:, i], turns))
+    return beta
 
 
 def _judged(judge: Any, y: Float[Array, "B S S I"]) -> tuple[Array, Scalar]:

@@ -17,7 +17,7 @@ from mesoshell.numerics import safe_sqrt
 from mesoshell.shell.material import decoder as net
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.train.textures.depth_map import Above, from_above
-from mesoshell.typing import Array, Float, Key, Vec3
+from mesoshell.typing import Array, Float, Int, Key, Scalar, Vec3
 
 LAYERS = 16
 SLICES, LIT = tuple(range(1, LAYERS, 2)), tuple(range(2, LAYERS, 4))
@@ -79,12 +79,23 @@ def draw_light(key: Key[Array, ""]) -> Vec3:
     return jnp.stack([s * jnp.cos(turn), s * jnp.sin(turn), c])
 
 
-def turned(y: Float[Array, "S S I"], key: Key[Array, ""]) -> Float[Array, "S S I"]:
-    """y under one of the eight flips and quarter turns. The identity has three chances in ten: with equal ones, the critic
-    could not tell turned textures from upright ones. Oblique views change places. For materials without a parameter that is a
-    direction."""
+def draw_turn(key: Key[Array, ""]) -> Int[Array, ""]:
+    """One of the eight flips and quarter turns: 0 to 7, of which 0 is the identity and has three chances in ten. With equal
+    ones, the critic could not tell turned textures from upright ones."""
     t = jax.random.randint(key, (), 0, 10)
-    t = jnp.where(t >= 8, 0, t)
+    return jnp.where(t >= 8, 0, t)
+
+
+def turned_angle(angle: Scalar, t: Int[Array, ""]) -> Scalar:
+    """A direction in the plane, from u toward v in turns, after turn t of what has it."""
+    angle = jnp.where(t & 1 != 0, -angle, angle)
+    angle = jnp.where(t & 2 != 0, 0.5 - angle, angle)
+    angle = jnp.where(t & 4 != 0, 0.25 - angle, angle)
+    return angle - jnp.floor(angle)
+
+
+def turned(y: Float[Array, "S S I"], t: Int[Array, ""]) -> Float[Array, "S S I"]:
+    """y after turn t: v reversed (1), u reversed (2), both exchanged (4). Oblique views change places."""
     y = jnp.where(t & 1 != 0, _with_slants(jnp.flip(y, 0), (2, 1, 0, 3)), y)
     y = jnp.where(t & 2 != 0, _with_slants(jnp.flip(y, 1), (0, 3, 2, 1)), y)
     return jnp.where(t & 4 != 0, _with_slants(jnp.swapaxes(y, 0, 1), (1, 0, 3, 2)), y)

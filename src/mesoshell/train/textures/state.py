@@ -4,12 +4,15 @@ Notation
 γ           weight of the critic's penalty (train/textures/adversarial)
 """
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
 import optax
 
 from mesoshell.errors import Argument, InputError
+from mesoshell.io.bundle import Parameter
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.shell.generator.generator import Averages, Generator
 from mesoshell.shell.generator.plan import GeneratorConfig
@@ -27,7 +30,8 @@ class TexturesConfig:
     a cosine to `final` of itself; exemplars: how many of them, from the first on, 0 for all. adversarial: whether a critic
     teaches, and no regression: then rates hold for half of the run, and fall to 0; window: texels along a side of what the
     critic is shown; critic_rate, gamma: of the critic, the latter at first; balance: its loss that γ is steered to, where 0.69
-    is chance. octaves: of the decoder, and alphas: its appearance parameters, which follow from the exemplars."""
+    is chance. octaves: of the decoder; alphas: its appearance parameters; directions: which β are directions in the plane; these
+    follow from the exemplars."""
 
     generator: GeneratorConfig = field(
         default_factory=lambda: GeneratorConfig(layers=7, channel_base=8192, waves=8, drift=1.5, z=0, texels=128)
@@ -45,6 +49,7 @@ class TexturesConfig:
     balance: float = 0.45
     octaves: int = 4
     alphas: int = 0
+    directions: tuple[int, ...] = ()
     snapshot_kimg: float = 0.5
     seed: int = 0
 
@@ -101,7 +106,8 @@ class TexturesReport(NamedTuple):
 
 def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars]:
     """The configuration adapted to exemplars, and the exemplars scaled, and averaged if they have more texels a patch than the
-    generator. Raises InputError if they are tiles, have other texels, or are fewer than the configuration needs."""
+    generator. A geometry parameter that all share is left out: it teaches nothing. Raises InputError if they are tiles, have other
+    texels, or are fewer than the configuration needs."""
     exemplars.check_periodic()
     count = config.exemplars or len(exemplars.features)
     texels, channels = exemplars.features.shape[1] // exemplars.patches, exemplars.features.shape[3]
@@ -114,8 +120,25 @@ def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig
         raise InputError(exemplars.path, "is a torus of many patches; the experiment needs each by itself")
     if config.adversarial and not grid_side(config.window):
         raise InputError(Argument("window"), f"{config.window} texels are less than the critic's {WINDOW}")
-    some = scaled(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count]), coarser)
-    betas, rows = exemplars.beta.shape[1], len(exemplars.height)
+    some = scaled(_varied(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count])), coarser)
+    beta = [p for p in some.what.parameters if p.role == "beta"]
+    betas, rows = len(beta), len(exemplars.height)
     generator = replace(config.generator, channels=channels, betas=betas, height_rows=rows)
-    about = {"octaves": exemplars.height_octaves, "alphas": some.alphas}
+    directions = tuple(i for i, p in enumerate(beta) if _is_direction(p))
+    about = {"octaves": exemplars.height_octaves, "alphas": some.alphas, "directions": directions}
     return replace(config, generator=generator, critic=replace(config.critic, betas=betas), **about), some
+
+
+def _varied(exemplars: Exemplars) -> Exemplars:
+    """Exemplars without the geometry parameters that are the same for all."""
+    beta = [p for p in exemplars.parameters if p.role == "beta"]
+    varies = np.ptp(exemplars.beta, axis=0) > 0
+    fixed = [p for p, v in zip(beta, varies, strict=True) if not v]
+    parameters = tuple(p for p in exemplars.parameters if p not in fixed)
+    return replace(exemplars, beta=exemplars.beta[:, varies], parameters=parameters)
+
+
+def _is_direction(parameter: Parameter) -> bool:
+    """Whether a parameter is an angle that goes once around."""
+    low, high = parameter.range
+    return parameter.unit == "rad" and math.isclose(high - low, 2 * math.pi, rel_tol=1e-6)

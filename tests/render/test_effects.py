@@ -127,10 +127,10 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
         return set(found)
 
     marched = {"pixel_samples", "samples", "spacing", "coordinates", "early_stop", "skip", "weight_cut", "filtering"}
-    marched |= {"base_samples"}
+    marched |= {"base_samples", "light_samples"}
     assert used(lone, MARCH) == marched
     assert used(sky, MARCH) == marched | {"visibility", "anisotropy", "twin", "environment_samples"}
-    assert used(replace(lone, distant=0), MARCH) == marched - {"weight_cut", "base_samples"}
+    assert used(replace(lone, distant=0), MARCH) == marched - {"weight_cut", "base_samples", "light_samples"}
     worn = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}
     assert used(WORN, SURFACE) == worn and used(WORN, SURFACE, curvature_filter="point") == worn - {"curve_length"}
     paths = {"samples", "coordinates", "early_stop", "skip", "filtering", "spp", "dark_ground"}

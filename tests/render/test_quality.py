@@ -14,6 +14,7 @@ BAD = {
     "early_stop": 1.0,
     "skip": -0.1,
     "weight_cut": float("nan"),
+    "light_samples": -1,
     "anisotropy": 0,
     "visibility": "never",
     "environment_samples": 0,

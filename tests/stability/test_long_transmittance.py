@@ -7,9 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mesoshell.render.composite import weights
-from mesoshell.shell.render.renderer import accumulate
+from mesoshell.shell.render.renderer import accumulate, draw
 from tests.helpers.stability.extremes import STEPS, depths, true_sums
 
 
@@ -38,7 +40,7 @@ def test_many_rays_in_waves_beyond_the_range_of_floats():
     taus = [np.full(STEPS, 1e19, np.float32), depths(300.0, 3), depths(1.0, 4), np.zeros(STEPS, np.float32)]
     depth, found = np.zeros(4), []
     for wave in np.split(np.arange(STEPS), STEPS // 8):
-        w, depth = accumulate(depth, np.repeat(np.arange(4), 8), np.concatenate([x[wave] for x in taus]))
+        w, _, depth = accumulate(depth, np.repeat(np.arange(4), 8), np.concatenate([x[wave] for x in taus]))
         found.append(w.reshape(4, 8))
     found = np.concatenate(found, axis=1)
     for ray in (1, 2, 3):
@@ -49,5 +51,32 @@ def test_many_rays_in_waves_beyond_the_range_of_floats():
 
 
 def test_a_ray_without_samples_stays_clear():
-    _, depth = accumulate(np.array([0.5, 0.25]), np.array([1, 1]), np.array([1.0, 2.0], np.float32))
+    _, _, depth = accumulate(np.array([0.5, 0.25]), np.array([1, 1]), np.array([1.0, 2.0], np.float32))
     np.testing.assert_array_equal(depth, [0.5, 3.25])
+
+
+@given(
+    tau=st.lists(st.sampled_from([0.0, 1e-9, 1e-3, 0.1, 1.0, 30.0, 1e19]), min_size=1, max_size=40),
+    count=st.integers(1, 8),
+    u=st.floats(0.0, 1.0, exclude_max=True),
+)
+def test_drawn_samples_share_the_rays_opacity(tau: list[float], count: int, u: float):
+    """As many as there are levels below the ray's opacity; each sample as many times as its weight is worth, to one."""
+    tau = np.array(tau, np.float32)
+    weight, before, _ = accumulate(np.zeros(1), np.zeros(len(tau), np.int64), tau)
+    drawn = draw(before, tau, np.full(len(tau), u), count) * count
+    np.testing.assert_array_equal(drawn, np.round(drawn))
+    assert (drawn >= 0).all() and (np.abs(drawn - count * weight) <= 1).all()
+    levels = (np.arange(count) + u) / count
+    opacity = -np.expm1(-np.float64(tau).sum())
+    assert abs(drawn.sum() - (levels < opacity).sum()) <= (np.abs(levels - opacity) < 1e-7).any()
+
+
+def test_in_the_mean_a_drawn_sample_weighs_what_it_is():
+    tau = np.concatenate([depths(0.7, 5), depths(3.0, 6)]).astype(np.float32)
+    owner = np.repeat(np.arange(2), STEPS)
+    weight, before, _ = accumulate(np.zeros(2), owner, tau)
+    u = (np.arange(2_000) + 0.5) / 2_000
+    for count in (1, 3):
+        mean = np.mean([draw(before, tau, np.full(len(tau), x), count) for x in u], axis=0)
+        np.testing.assert_allclose(mean, weight, atol=1 / (len(u) * count) * 2)

@@ -63,6 +63,12 @@ class Quality:
         "colour, by at most this share",
         below=1,
     )
+    #: As with any estimate by few samples, pictures of many rays a pixel average it.
+    light_samples: int = _setting(
+        0,
+        "samples a ray that are lit, drawn in proportion to their weights; 0: all that weight_cut leaves",
+        engine="jax",
+    )
     filtering: bool = _setting(
         True,
         "filter features over the pixel's footprint; without it, afar is noise",

@@ -16,6 +16,7 @@ def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str
         "early_stop": shells or not paths,
         "skip": shells,
         "weight_cut": sums and lit,
+        "light_samples": shells and lit and not paths,
         "filtering": shells,
         "anisotropy": effects.filtering.on,
         "visibility": sums and lit and (effects.mesh_shadow.on or effects.object_shadow.on),

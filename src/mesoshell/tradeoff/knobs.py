@@ -15,6 +15,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "early_stop": (0.1, 0.05, 0.02, 0.01, 0.005, 0.0),
     "skip": (0.2, 0.1, 0.05, 0.02, 0.0),
     "weight_cut": (0.2, 0.1, 0.048, 0.02, 0.0),
+    "light_samples": (1, 2, 4, 8, 0),
     "filtering": (False, True),
     "anisotropy": (1, 2, 4, 8, 16),
     "visibility": ("interval", "sample"),

@@ -101,6 +101,25 @@ def test_waves_give_what_a_full_evaluation_gives(tiny_bundle):
     np.testing.assert_allclose(weight, -np.expm1(-true), rtol=1e-5, atol=1e-7)
 
 
+def test_light_of_drawn_samples_is_that_of_all_in_the_mean(tiny_bundle):
+    """Over evenly spaced u, whose sum errs by less than a sample's light; of at most two samples a ray."""
+    scene, count = scenes.slab(tiny_bundle), 2
+    renderer, (*arguments, tile) = setting(scene, scenes.FULL)
+    depth, shaded = renderer.march(*arguments, tile)
+    few, _ = setting(scene, replace(scenes.FULL, light_samples=count))
+    levels = (np.arange(32) + 0.5) / 32
+    total = np.zeros((len(tile.o), 3))
+    for u in levels:
+        same, drawn = few.march(*arguments, tile, np.full(len(tile.o), u))
+        np.testing.assert_array_equal(same, depth)  # opacity knows nothing of it
+        assert (np.bincount(drawn.ray, minlength=1) <= count).all() and (drawn.weight >= 1 / count).all()
+        np.add.at(total, drawn.ray, drawn.weight[:, None] * drawn.rho[:, 0])
+    true = np.zeros_like(total)
+    np.add.at(true, shaded.ray, shaded.weight[:, None] * shaded.rho[:, 0])
+    assert few.report.counts["transport_queries"] <= len(levels) * count * len(tile.o)
+    np.testing.assert_allclose(total / len(levels), true, atol=2 * shaded.rho.max() / (count * len(levels)))
+
+
 @pytest.mark.parametrize("limit", [0.5, 0.1])
 def test_early_stop_misses_at_most_its_limit(tiny_bundle, limit: float):
     scene = scenes.slab(tiny_bundle)

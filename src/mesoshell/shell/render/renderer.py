@@ -4,10 +4,13 @@ Notation
 R, I, S     rays, intervals, samples of one tile of rays
 τ, T, w     optical depth of a sample, transmittance before it, its weight T (1 − e^{−τ})
 ρ           transport; a sample adds w ρ E⊥ for each light that its interval sees
+K, c, u     samples to light a ray, drawn: c of the opacities (k + u)/K, k = 0 … K − 1, lie in a sample, which then has the
+            weight c/K, in the mean over u in [0, 1) its w
 
 Work is compacted at every stage: rays that meet nothing make no intervals, samples in empty space (by the bundle's σ grid)
 are not decoded, rays whose transmittance has fallen below `early_stop` get no further wave of samples, and lighting skips
-samples whose weight is below `Quality.least_weight`. Image tiles bound the memory, whatever the image's size.
+samples whose weight is below `Quality.least_weight`, or takes `Quality.light_samples` a ray. Image tiles bound the memory,
+whatever the image's size.
 """
 
 import time
@@ -99,7 +102,8 @@ class _Renderer:
         samples, ray = self.candidates(i, plan, pieces, at)
         self.report.time("sample", clock)
         lit = Tile(o, d, self.lighting.beams(len(o), random))
-        depth, shaded = self.march(samples, ray, pieces, at, lit)
+        drawn = random.random(len(o)) if self.quality.light_samples else None
+        depth, shaded = self.march(samples, ray, pieces, at, lit, drawn)
         rgb = self.lighting.shell(lit, i, shaded, at)
         through = np.exp(-depth)
         solid = np.isfinite(traced.end)
@@ -147,9 +151,16 @@ class _Renderer:
         return s, i.ray[s.row]
 
     def march(
-        self, samples: Samples, ray: np.ndarray, pieces: Piece, at: Frame, tile: Tile
+        self,
+        samples: Samples,
+        ray: np.ndarray,
+        pieces: Piece,
+        at: Frame,
+        tile: Tile,
+        drawn: Float[np.ndarray, "R"] | None = None,
     ) -> tuple[np.ndarray, Shaded]:
-        """Decode samples wave by wave, front to back. Returns the rays' optical depths and the samples to light."""
+        """Decode samples wave by wave, front to back. drawn: u of each ray, if samples to light are drawn. Returns the rays'
+        optical depths and the samples to light."""
         clock = time.perf_counter()
         depth = np.zeros(len(tile.o))
         rank = np.arange(len(ray)) - np.searchsorted(ray, ray)
@@ -166,8 +177,12 @@ class _Renderer:
             decoded = batches(density, *some)
             tau = np.concatenate([np.asarray(x) for x, _ in decoded])[: len(chosen)]
             clock = self.report.time("decode", clock)
-            weight, depth = accumulate(depth, owner, tau)
-            heavy = np.flatnonzero(weight > self.quality.least_weight)
+            weight, before, depth = accumulate(depth, owner, tau)
+            self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
+            least = self.quality.least_weight
+            if drawn is not None:
+                weight, least = draw(before, tau, drawn[owner], self.quality.light_samples), 0.0
+            heavy = np.flatnonzero(weight > least)
             edges = np.searchsorted(heavy, np.arange(len(decoded) + 1) * CAPACITY)
             for k, (_, features) in enumerate(decoded):
                 own = heavy[edges[k] : edges[k + 1]]
@@ -177,14 +192,14 @@ class _Renderer:
                     )
                     parts.append(Shaded(some.row[own], some.f[own], owner[own], weight[own], rho))
             clock = self.report.time("transport", clock)
-            self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
         return depth, Shaded(*(np.concatenate(c) for c in zip(*parts, strict=True)))
 
 
 def accumulate(
     depth: Float[np.ndarray, "R"], owner: np.ndarray, tau: Float[np.ndarray, "S"]
-) -> tuple[Float[np.ndarray, "S"], Float[np.ndarray, "R"]]:
-    """Weights of samples sorted by ray and distance, given each ray's depth so far; and the depths after them."""
+) -> tuple[Float[np.ndarray, "S"], Float[np.ndarray, "S"], Float[np.ndarray, "R"]]:
+    """Weights of samples sorted by ray and distance, given each ray's depth so far; the depths before each; and those of the
+    rays after them."""
     capped = np.minimum(tau, 1e3).astype(
         np.float64
     )  # opaque already: more would only cost precision of the next rays' sums
@@ -192,7 +207,15 @@ def accumulate(
     first = np.searchsorted(owner, owner)  # index of the ray's first sample here
     before = depth[owner] + (through - capped) - (through[first] - capped[first])
     after = depth + np.bincount(owner, tau, len(depth))
-    return np.exp(-before) * -np.expm1(-tau.astype(np.float64)), after
+    return np.exp(-before) * -np.expm1(-tau.astype(np.float64)), before, after
+
+
+def draw(
+    before: Float[np.ndarray, "S"], tau: Float[np.ndarray, "S"], u: Float[np.ndarray, "S"], count: int
+) -> Float[np.ndarray, "S"]:
+    """c/K of samples, given the depth before each, and u of its ray."""
+    first, last = (-count * np.expm1(-x) - u for x in (before, before + tau))
+    return (np.ceil(last) - np.ceil(first)) / count
 
 
 def take(s: Samples, index: np.ndarray) -> Samples:

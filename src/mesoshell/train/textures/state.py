@@ -30,8 +30,8 @@ class TexturesConfig:
     a cosine to `final` of itself; exemplars: how many of them, from the first on, 0 for all. adversarial: whether a critic
     teaches, and no regression: then rates hold for half of the run, and fall to 0; window: texels along a side of what the
     critic is shown; critic_rate, gamma: of the critic, the latter at first; balance: its loss that γ is steered to, where 0.69
-    is chance. octaves: of the decoder; alphas: its appearance parameters; directions: which β are directions in the plane; these
-    follow from the exemplars."""
+    is chance. octaves: of the decoder; alphas: its appearance parameters; directions: which β are directions in the plane;
+    these follow from the exemplars."""
 
     generator: GeneratorConfig = field(
         default_factory=lambda: GeneratorConfig(layers=7, channel_base=8192, waves=8, drift=1.5, z=0, texels=128)
@@ -106,8 +106,8 @@ class TexturesReport(NamedTuple):
 
 def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars]:
     """The configuration adapted to exemplars, and the exemplars scaled, and averaged if they have more texels a patch than the
-    generator. A geometry parameter that all share is left out: it teaches nothing. Raises InputError if they are tiles, have other
-    texels, or are fewer than the configuration needs."""
+    generator. A geometry parameter that all share is left out: it teaches nothing. Raises InputError if they are tiles, have
+    other texels, or are fewer than the configuration needs."""
     exemplars.check_periodic()
     count = config.exemplars or len(exemplars.features)
     texels, channels = exemplars.features.shape[1] // exemplars.patches, exemplars.features.shape[3]
@@ -120,7 +120,9 @@ def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig
         raise InputError(exemplars.path, "is a torus of many patches; the experiment needs each by itself")
     if config.adversarial and not grid_side(config.window):
         raise InputError(Argument("window"), f"{config.window} texels are less than the critic's {WINDOW}")
-    some = scaled(_varied(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count])), coarser)
+    some = scaled(
+        _varied(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count])), coarser
+    )
     beta = [p for p in some.what.parameters if p.role == "beta"]
     betas, rows = len(beta), len(exemplars.height)
     generator = replace(config.generator, channels=channels, betas=betas, height_rows=rows)

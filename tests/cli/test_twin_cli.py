@@ -205,7 +205,10 @@ def test_a_shell_is_given_wider_networks_than_geometry(folder, preset: Any, widt
         (("spheres", "--param", "age=1"), "--param: requires a shell; spheres is not one"),
         (("spheres", "--thickness", "2"), "--thickness: of geometry is at most 1, not 2"),
         (("spheres", "--thickness", "0.6"), "--curvature: "),
-        (("nothing",), "nothing: neither a material, nor an image of heights, nor one of carpet, grass, lawn, turf, weave, "),
+        (
+            ("nothing",),
+            "nothing: neither a material, nor an image of heights, nor one of carpet, grass, lawn, turf, weave, ",
+        ),
         (("{folder}/square.obj",), "{folder}/square.obj: "),
         (("{folder}",), "{folder}: no such material"),
         (("{folder}/surface.npz",), "{folder}/surface.npz: is a surface material already"),

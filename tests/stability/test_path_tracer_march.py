@@ -3,6 +3,8 @@
 The surface underneath is met in Mitsuba's own scene, in float32: its distance is taken from the oracle, but where it is said.
 """
 
+import mesoshell.pathtracer  # noqa: F401  isort: skip  (it makes Mitsuba ready)
+
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from mesoshell.pathtracer import quadrature
 from mesoshell.pathtracer.prism import Piece
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import Shell, extrude
+from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.stability.prisms import prism_point
 from mesoshell.stability.rays import aimed
 from tests.helpers.stability import dr_march
@@ -82,8 +85,7 @@ def test_a_ball_far_from_the_origin(offset: float) -> None:
 
 
 def test_a_ray_is_much_the_same_from_however_far() -> None:
-    """From 1000 sizes away, and begun near: the origins are points of the same rays in float64. Where shells overlap, some rays
-    at vertices and edges still differ."""
+    """From 1000 sizes away, and begun near: the origins are points of the same rays in float64."""
     mesh = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")
     shell = extrude(mesh, 0.1, 0.1)
     far = aimed(shell, 4000, 1000.0, np.random.default_rng(2))
@@ -91,6 +93,18 @@ def test_a_ray_is_much_the_same_from_however_far() -> None:
     there, here = (trace(Shells([shell]), far.o + x * far.d, far.d, outside=True) for x in (0.0, along))
     off = np.abs(total_length(there, 4000) - total_length(here, 4000))
     assert (off > 1e-4).mean() < 0.03
+
+
+@pytest.mark.parametrize("thickness", [0.1, 0.3])
+def test_few_rays_lose_a_shell_where_shells_overlap(thickness: float) -> None:
+    """At vertices, posts and edges: beside the JAX engine, which looks for entries all along a ray."""
+    mesh = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")
+    shell = extrude(mesh, thickness, thickness)
+    rays = aimed(shell, 8000, 3.0, np.random.default_rng(7))
+    d = single(rays.d)
+    true = Boundary(shell, mesh.faces).trace(rays.o, d)
+    off = total_length(trace(Shells([shell]), rays.o, d, true.end, outside=True), 8000) - total_length(true, 8000)
+    assert (off < 1e-3 * thickness).all() and (off < -1e-3 * thickness).mean() < 0.02 * thickness
 
 
 def test_an_offset_that_the_numbers_hold_changes_nothing() -> None:

@@ -8,14 +8,19 @@ start       where the rest of the ray begins: before it lies nothing, or was wal
 
 A ray in free space is intersected with the boundary. It enters a shell through the top from outside, through the base from
 behind, or through a border's side; it leaves through them the other way. (A border is met as the tetrahedron around its
-bilinear side: the exact side decides.) If it leaves, it began inside: walk back to where it began, then forward. If it enters,
-it may still have begun inside another shell, where shells overlap: it did if, further on, it leaves more often than it enters.
-This is counted, except for rays that are known to begin outside. If it did, search its exits for the one from which a walk back
-reaches where it began. A ray that is known to begin outside, and leaves, has entered at an edge hidden by rounding: walk back
-to there.
+bilinear side: the exact side decides.)
 
-A walk that has left the shell returns the ray to free space. Where two visits overlap, the later one begins where the earlier
-one ended. So density is never counted twice, and pieces come in the order of the ray.
+A ray that is known to begin outside is walked from each of its entries, in their order: after a walk the next boundary is sought
+from its entry on, since shells may overlap. An exit that no walk has reached has an entry at an edge hidden by rounding: walk back
+to there, or to where the last walk ended, then forward. (The ray's own beginning is not such an end: what says that a ray begins
+outside is believed.)
+
+A ray that may begin inside: if it leaves, it did; walk back to where it began, then forward. If it enters, it may still have begun
+inside another shell: it did if, further on, it leaves more often than it enters. This is counted. If it did, search its exits for
+the one from which a walk back reaches where it began. After a walk it is in free space behind it, and may be inside again.
+
+Where two visits overlap, the later one begins where the earlier one ended. So density is never counted twice, and pieces come in
+the order of the ray.
 """
 
 from dataclasses import dataclass
@@ -38,12 +43,14 @@ MOST_STUCK = 64
 
 @dataclass
 class Walker:
-    """State of a ray. sure: it is outside at `start`; at: where the next boundary query begins; depth: how often it has entered
-    since `start`; stuck: how many prisms it has crossed without progress."""
+    """State of a ray. sure: it began outside, and has been walked from all its entries before `at`, where the next boundary query
+    begins; walked: a walk ended at `start`; depth: how often it has entered since `start`; stuck: how many prisms it has crossed
+    without progress."""
 
     mode: mi.UInt32
     start: mi.Float64
     sure: mi.Bool
+    walked: mi.Bool
     at: mi.Float64
     depth: mi.UInt32
     place: WalkState
@@ -62,7 +69,8 @@ def no_piece() -> Piece:
 def at_start(start, outside) -> Walker:
     """A ray at its start; outside: it is known to begin outside all shells."""
     none = dr.zeros(mi.UInt32, dr.width(start))
-    return Walker(none + FREE, mi.Float64(start), mi.Bool(outside), mi.Float64(start), none + 0, nowhere(), none + 0)
+    start, never = mi.Float64(start), dr.full(mi.Bool, False, dr.width(start))
+    return Walker(none + FREE, start, mi.Bool(outside), never, mi.Float64(start), none + 0, nowhere(), none + 0)
 
 
 @dr.syntax
@@ -100,7 +108,8 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     out = leaves & (~enters | (-behind.t < ahead.t))  # of a border's two crossings the nearer one
     into = enters & ~out
     free, counting, searching = w.mode == FREE, w.mode == COUNT, w.mode == SEARCH
-    back = out & (free | searching)
+    known = w.sure & (-behind.t <= _past(shells, o, d, w.start))
+    back = out & ((free & ~known) | searching)
     forward = into & free & w.sure
     count = (into & free & ~w.sure) | (counting & hit & ~(out & (w.depth == 0)))
     search = (counting & out & (w.depth == 0)) | (searching & hit & ~back)
@@ -111,11 +120,10 @@ def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     event = dr.maximum(t, dr.select(into, ahead.t, dr.select(out, -behind.t, t)))
     event = dr.select(settled | (counting & search), w.start, event)
     on = _past(shells, o, d, event)
-    start = dr.select((mode == FREE) & ~settled, on, w.start)  # the boundary met there does not count
+    start = dr.select((mode == FREE) & ~settled & ~w.sure, on, w.start)  # the boundary met there does not count
     depth = dr.select(into, w.depth + 1, dr.select(out & (w.depth > 0), w.depth - 1, w.depth))
-    return Walker(
-        mode, start, w.sure | settled, on, dr.select(count, depth, 0), dr.select(back, behind, ahead), mi.UInt32(0)
-    )
+    depth, place = dr.select(count, depth, 0), dr.select(back, behind, ahead)
+    return Walker(mode, start, w.sure | settled, w.walked, on, depth, place, mi.UInt32(0))
 
 
 def _cross(shells, o, d, tmax, w: Walker):
@@ -126,20 +134,21 @@ def _cross(shells, o, d, tmax, w: Walker):
     after.exit = dr.select(stuck < MOST_STUCK, after.exit, LOST)
     # back: the prism's far end is where the ray enters it
     there, ended, lost = -after.t <= w.start, after.exit != WALKING, after.exit == LOST
-    reached = back & ~lost & dr.select(w.sure, ended & ~there, there)
+    reached = back & ~lost & dr.select(there, w.walked | ~w.sure, w.sure & ended)
     nothing = back & w.sure & ~reached & (ended | there)
     entry = WalkState(piece.prism, -piece.t1, after.slack, piece.bary1, piece.h1, mi.UInt32(WALKING))
     left = ~back & (after.exit != WALKING)
     over = ~back & (after.t >= tmax)
     elsewhere = back & ~w.sure & ~reached & ended
     end = dr.select((after.exit != LOST) & (after.t > w.start), after.t, w.at)  # without progress, past the boundary
+    end = dr.select(w.sure, dr.maximum(end, w.start), end)
     mode = dr.select(reached, mi.UInt32(FORWARD), dr.select(elsewhere, mi.UInt32(SEARCH), w.mode))
     mode = dr.select(over, mi.UInt32(OVER), dr.select(left | nothing, mi.UInt32(FREE), mode))
     some, piece = _cut(piece, w.start, tmax)
     place = dr.select(reached, entry, after)
     start = dr.select(left, end, w.start)
-    at = dr.select(left, dr.maximum(_past(shells, o, d, end), w.at), w.at)
-    return Walker(mode, start, w.sure & ~left, at, w.depth, place, stuck), piece, some & ~back
+    at = dr.select(left & ~w.sure, dr.maximum(_past(shells, o, d, end), w.at), w.at)
+    return Walker(mode, start, w.sure, w.walked | left, at, w.depth, place, stuck), piece, some & ~back
 
 
 def _past(shells, o, d, t):

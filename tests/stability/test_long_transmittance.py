@@ -56,13 +56,13 @@ def test_a_ray_without_samples_stays_clear():
 
 
 @given(
-    tau=st.lists(st.sampled_from([0.0, 1e-9, 1e-3, 0.1, 1.0, 30.0, 1e19]), min_size=1, max_size=40),
+    depths_of=st.lists(st.sampled_from([0.0, 1e-9, 1e-3, 0.1, 1.0, 30.0, 1e19]), min_size=1, max_size=40),
     count=st.integers(1, 8),
     u=st.floats(0.0, 1.0, exclude_max=True),
 )
-def test_drawn_samples_share_the_rays_opacity(tau: list[float], count: int, u: float):
+def test_drawn_samples_share_the_rays_opacity(depths_of: list[float], count: int, u: float):
     """As many as there are levels below the ray's opacity; each sample as many times as its weight is worth, to one."""
-    tau = np.array(tau, np.float32)
+    tau = np.array(depths_of, np.float32)
     weight, before, _ = accumulate(np.zeros(1), np.zeros(len(tau), np.int64), tau)
     drawn = draw(before, tau, np.full(len(tau), u), count) * count
     np.testing.assert_array_equal(drawn, np.round(drawn))

@@ -104,13 +104,13 @@ def test_waves_give_what_a_full_evaluation_gives(tiny_bundle):
 def test_light_of_drawn_samples_is_that_of_all_in_the_mean(tiny_bundle):
     """Over evenly spaced u, whose sum errs by less than a sample's light; of at most two samples a ray."""
     scene, count = scenes.slab(tiny_bundle), 2
-    renderer, (*arguments, tile) = setting(scene, scenes.FULL)
-    depth, shaded = renderer.march(*arguments, tile)
+    renderer, (samples, ray, pieces, at, tile) = setting(scene, scenes.FULL)
+    depth, shaded = renderer.march(samples, ray, pieces, at, tile)
     few, _ = setting(scene, replace(scenes.FULL, light_samples=count))
     levels = (np.arange(32) + 0.5) / 32
     total = np.zeros((len(tile.o), 3))
     for u in levels:
-        same, drawn = few.march(*arguments, tile, np.full(len(tile.o), u))
+        same, drawn = few.march(samples, ray, pieces, at, tile, np.full(len(tile.o), u))
         np.testing.assert_array_equal(same, depth)  # opacity knows nothing of it
         assert (np.bincount(drawn.ray, minlength=1) <= count).all() and (drawn.weight >= 1 / count).all()
         np.add.at(total, drawn.ray, drawn.weight[:, None] * drawn.rho[:, 0])

@@ -40,7 +40,7 @@ from mesoshell.train.neutex.snapshot import board_paint
 from mesoshell.train.neutex.step import atlas_as, fitted
 
 folder = Path(tempfile.mkdtemp())
-shooting = Shooting(views=24, size=32, spp=16, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)
+shooting = Shooting(views=18, size=32, spp=16, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)
 photograph(load_mesh("src/mesoshell/assets/spot.obj"), shooting, folder / "capture", lambda n: None)
 capture = read_capture(folder / "capture")
 
@@ -51,7 +51,7 @@ def show(axis, image, title=""):
 
 
 figure, axes = plt.subplots(1, 6, figsize=(12, 2.2))
-for axis, i in zip(axes, range(0, 24, 4), strict=True):
+for axis, i in zip(axes, range(0, 18, 3), strict=True):
     show(axis, capture.rgb[i], f"view {i}")
 
 # %% [markdown]
@@ -124,8 +124,8 @@ show(axes[3], seen(10, edit), "from another")
 # Samples a ray, against many.
 
 # %%
-reference = seen(7, samples=128, early_stop=0.0, skip=0.0)
-for samples in (8, 16, 32):
+reference = seen(7, samples=96, early_stop=0.0, skip=0.0)
+for samples in (12, 48):
     print(f"{samples:2d} samples: mean error {np.abs(seen(7, samples=samples) - reference).mean():.2g}")
 
 # %% [markdown]

@@ -59,7 +59,7 @@ def show(ax, image, patches, title):
 # torus of 4 × 4 patches each tile lies once; the fit learns that torus.
 
 # %%
-PATCHES, PIXELS = 12, 64
+PATCHES, PIXELS = 8, 48
 plane = picture(turf, PATCHES, PIXELS)
 middles = np.arange(PATCHES, dtype=np.float32) + 0.5
 looked_up = jax.vmap(partial(on_torus, turf.tiles, (0, 0)))(np.stack(np.meshgrid(middles, middles), -1).reshape(-1, 2))
@@ -88,10 +88,10 @@ plt.show()
 # autocorrelation of the picture at lags of a patch or more: 1 for a patch that repeats.
 
 # %%
-fields = {"grass: one patch": picture(grass, 12, 24), "turf: sixteen tiles": picture(turf, 12, 24)}
+fields = {"grass: one patch": picture(grass, 10, 20), "turf: sixteen tiles": picture(turf, 10, 20)}
 fig, axes = plt.subplots(1, 2, figsize=(10, 5))
 for ax, (name, image) in zip(axes, fields.items(), strict=True):
-    show(ax, image, 12, f"{name}, repeat {largest_repeat(image, 24)[0]:.2f}")
+    show(ax, image, 10, f"{name}, repeat {largest_repeat(image, 20)[0]:.2f}")
 plt.show()
 
 # %% [markdown]
@@ -102,6 +102,6 @@ plt.show()
 # %%
 fig, axes = plt.subplots(1, 3, figsize=(12, 4))
 for seed, ax in enumerate(axes):
-    image = picture(turf, 12, 24, seed)
-    show(ax, image, 12, f"seed {seed}, repeat {largest_repeat(image, 24)[0]:.2f}")
+    image = picture(turf, 10, 20, seed) if seed else fields["turf: sixteen tiles"]
+    show(ax, image, 10, f"seed {seed}, repeat {largest_repeat(image, 20)[0]:.2f}")
 plt.show()

@@ -67,7 +67,7 @@ print(sample.parameters, f"radius {sample.radius:.2f}, light {sample.light.round
 
 # %%
 with Blender(settings | {"coverage": (0.85, 0.85)}, threads=2) as blender:
-    show(vary_sheet(blender, steps=4, index=3, show=lambda done, of: None))
+    show(vary_sheet(blender, steps=3, index=3, show=lambda done, of: None))
 print("rows:", ", ".join(blender.manifest["parameters"]))
 
 # %% [markdown]

@@ -94,7 +94,7 @@ for seed, axis in enumerate(axes):
 # a halo.
 
 # %%
-whole, part = texture(config, 0, (96, 96)), texture(config, 0, (32, 32), corner=(1, 2))
+whole, part = texture(config, 0, (64, 128)), texture(config, 0, (32, 32), corner=(1, 2))
 print(
     f"largest difference: {np.abs(whole[32:64, 64:96] - part).max():.1e}, of a standard deviation of {whole.std():.2f}"
 )
@@ -112,9 +112,9 @@ assert np.abs(whole[32:64, 64:96] - part).max() < 1e-4 * whole.std()
 # %%
 figure, axes = plt.subplots(1, 3, figsize=(11, 4))
 for waves, axis in zip((1, 4, 16), axes, strict=True):
-    f = texture(replace(config, waves=waves), 0, (192, 192))
+    f = texture(replace(config, waves=waves), 0, (128, 128))
     value, lag = largest_repeat(f, 32)
-    axis.imshow(autocorrelation(f)[96:287, :96], vmin=-0.5, vmax=0.5, cmap="RdBu_r", extent=(0, 3, -3, 3))
+    axis.imshow(autocorrelation(f)[64:191, :64], vmin=-0.5, vmax=0.5, cmap="RdBu_r", extent=(0, 2, -2, 2))
     axis.set_title(f"{waves} a channel: at most {value:.2f}")
     print(f"{waves} a channel: {value:.2f} at a lag of {lag[1] / 32:.1f} patches along u, {lag[0] / 32:.1f} along v")
 # %% [markdown]
@@ -135,19 +135,19 @@ print(f"EQ-T {eq_t(config, (generator, averages), w, draw_phases(config, jax.ran
 
 # %%
 z, phases = jax.random.normal(jax.random.key(5), (1, config.z)), draw_phases(config, jax.random.key(6), 1)
-size, before = (64, 256), reach(config, (64, 256))
-nodes = 2 * before + 8 + 1, 2 * before + 2 + 1
-ramp = np.clip((np.arange(nodes[0]) - before - 1) / 6, 0, 1)
+size, before = (32, 192), reach(config, (32, 192))
+nodes = 2 * before + 6 + 1, 2 * before + 1 + 1
+ramp = np.clip((np.arange(nodes[0]) - before - 1) / 4, 0, 1)
 varied = {}
 for name, beta in (("0", 0 * ramp), ("ramp", ramp), ("1", 0 * ramp + 1)):
     w = map_latent(generator, jnp.broadcast_to(z, (len(beta), config.z)), jnp.asarray(beta, jnp.float32)[:, None])
     on_nodes = jnp.broadcast_to(w[None, None], (1, nodes[1], *w.shape))
     varied[name] = np.asarray(synthesised(config, size, on_nodes, phases, jnp.zeros(2, jnp.int32)))
 
-figure, axes = plt.subplots(3, 1, figsize=(10, 8), layout="constrained")
+figure, axes = plt.subplots(3, 1, figsize=(10, 6), layout="constrained")
 together = as_colours(np.concatenate(list(varied.values()))) ** (1 / 2.2)  # one scale of colours for all
 for name, picture, axis in zip(varied, np.split(together, 3), axes, strict=True):
-    axis.imshow(picture, origin="lower", extent=(0, 8, 0, 2))
+    axis.imshow(picture, origin="lower", extent=(0, 6, 0, 1))
     axis.set_title(f"parameter: {name}")
 # %% [markdown]
 # ## What it learns from, and where it begins
@@ -159,10 +159,10 @@ for name, picture, axis in zip(varied, np.split(together, 3), axes, strict=True)
 # %%
 bundle = ms.load_material("grass").shell
 weights = {k: v for k, v in bundle.arrays.items() if k.startswith("decoder/") or k == "sigma_scale"}
-exemplar = bundle.arrays["features/2"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
+exemplar = bundle.arrays["features/3"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
 data = scaled(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))
 small = replace(
-    config, texels=64, channel_base=1024, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
+    config, texels=32, channel_base=1024, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
 )
 learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))
@@ -176,7 +176,7 @@ for axis, f, name in zip(axes, (data.features[0], field[0]), ("fitted", "where l
 assert abs(float(jnp.mean(field))) < 0.3 and 0.5 < float(jnp.std(field)) < 2
 
 # %% [markdown]
-# And where it has got to: `lawn`, which learned the bundled corner tiles against a critic. Two seeds, 2 × 2 patches each.
+# And where it has got to: `lawn`, which learned the bundled corner tiles against a critic. Two seeds, a patch each.
 
 # %%
 bundle = ms.load_material("lawn").shell
@@ -186,7 +186,7 @@ figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 for seed, axis in enumerate(axes):
     latent = grown(lawn, seed, np.zeros(0, np.float32))
     feature = compiled(
-        lawn.config, lawn.generator, lawn.averages, latent.w, latent.phases, jnp.zeros(2, jnp.int32), (128, 128)
+        lawn.config, lawn.generator, lawn.averages, latent.w, latent.phases, jnp.zeros(2, jnp.int32), (64, 64)
     ).feature[0]
     height = synthesise_height(lawn.config, lawn.generator, latent.w)[0]
     seen = from_above(lawn.decoder, lawn.octaves, feature, height, jnp.full(1, 0.2))

@@ -135,6 +135,7 @@ def test_faults_are_one_line(folder, tmp_path, capsys) -> None:
     assert "--seed: must be at least 0, not -1" in fault(capsys, *shot, "--seed", -1)
 
 
+@pytest.mark.slow
 def test_what_has_no_texture_says_so(folder, tmp_path, capsys) -> None:
     """A NeRF renders; it has nothing to paint on."""
     experiment = "experiments/atlas_nerf.py"

@@ -208,6 +208,7 @@ def combed(tmp_path_factory) -> tuple[Path, Path]:
     return folder / "it.npz", folder / "map.png"
 
 
+@pytest.mark.slow
 def test_images_vary_geometry_and_appearance(combed, tmp_path) -> None:
     """Each is a picture of its own (that a constant image is the constant, tests of nodes say)."""
     material, image = combed

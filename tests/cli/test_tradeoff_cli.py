@@ -13,6 +13,7 @@ import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_png
+from mesoshell.io.surface import write_surface
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import Material
 from mesoshell.scene.render_paths import prepare_file
@@ -53,10 +54,12 @@ def test_a_surface_material(few, tmp_path: Path, engine: Literal["jax", "mitsuba
     assert (tmp_path / "report.html").exists()
 
 
-def test_a_shell_without_jax(tiny_bundle: Bundle, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", [pytest.param("shell", marks=pytest.mark.slow), "surface"])
+def test_the_command_without_jax(tiny_bundle: Bundle, tmp_path: Path, kind: str) -> None:
     material, out = tmp_path / "tiny.npz", tmp_path / "new" / "folder"
-    write_bundle(material, tiny_bundle)
+    write_bundle(material, tiny_bundle) if kind == "shell" else write_surface(material, wearing.bundle())
     given = ["tradeoff", MESH, "--engine", "mitsuba", "--material", material, "--size", 16, 12, "--out", out]
+    given += [] if kind == "shell" else ["--scale", 0.4]
     command = [sys.executable, "-c", WITHOUT_JAX, *map(str, given)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

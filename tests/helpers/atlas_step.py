@@ -56,12 +56,15 @@ def main() -> None:
 
     begin, batch = exact(start(CONFIG, jax.random.key(0))), exact(rays())
     said = {}
+    alone = jax.jit(lambda s, b: step(CONFIG, s, b))
+    spreads = {
+        how: spread_step(lambda s, b, across: step(CONFIG, s, b, across), CONFIG.batch, how) for how in ("jit", "pmap")
+    }
     # in the first half of the run with the cloud, in the second without
     for phase, images in (("early", 0), ("late", 100)):
         state = begin._replace(images=jnp.asarray(images, jnp.int32))
-        one = jax.jit(lambda s, b: step(CONFIG, s, b))(state, batch)
-        for how in ("jit", "pmap"):
-            spread = spread_step(lambda s, b, across: step(CONFIG, s, b, across), CONFIG.batch, how)
+        one = alone(state, batch)
+        for how, spread in spreads.items():
             after, report, _ = spread.step(spread.place(jax.tree.map(jnp.copy, state)), spread.share(batch))
             after = spread.whole(after)
             pairs = {

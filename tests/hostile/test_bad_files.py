@@ -66,7 +66,7 @@ def damaged(data: bytes, seed: int) -> bytes:
 
 @pytest.mark.filterwarnings("ignore")  # of libraries, about what they read
 @pytest.mark.parametrize("name", READERS)
-@pytest.mark.parametrize("block", range(3))
+@pytest.mark.parametrize("block", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in (1, 2))])
 def test_damaged_files_are_read_or_refused(good: Path, tmp_path: Path, name: str, block: int):
     """420 cases: 20 a block, kind of file."""
     data, path = (good / name).read_bytes(), tmp_path / name

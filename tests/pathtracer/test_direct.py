@@ -25,7 +25,7 @@ from mesoshell.shell.render.scene import Scene
 from tests.helpers import growing
 from tests.helpers.path_traced import AGE, QUALITY, ROOT, box, rough, surface
 
-SIZE = 96
+SIZE = 48
 
 LIGHT = np.array([0.3, 0.8, -0.5]) / np.linalg.norm([0.3, 0.8, -0.5])
 
@@ -62,7 +62,12 @@ ALIKE = [
 
 
 @pytest.mark.parametrize(
-    ("name", "changes"), [("box", {}), ("combed", {"skip": 0.0}), *(("spot", changes) for changes in ALIKE)]
+    ("name", "changes"),
+    [
+        ("box", {}),
+        pytest.param("combed", {"skip": 0.0}, marks=pytest.mark.slow),
+        *(("spot", changes) for changes in ALIKE),
+    ],
 )
 def test_the_engines_agree(name: str, changes: dict) -> None:
     make, thickness, scale, pose = SCENES[name]

@@ -23,7 +23,7 @@ from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, f
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
-from tests.helpers import growing
+from tests.helpers import caches, growing
 from tests.helpers.path_traced import rough
 
 #: One process compiles what its tests share.
@@ -135,9 +135,9 @@ COMB = np.array([[0.05, 0.5, 0.9], [0.1, 0.4, 0.7], [0.3, 0.2, 0.6]], np.float32
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch) -> Path:
+def folder(tmp_path, tmp_path_factory, monkeypatch) -> Path:
     """A square, a material with a generator, and an image."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", caches.own(tmp_path / "cache", tmp_path_factory))
     write_bundle(tmp_path / "it.npz", growing.bundle())
     write_png(tmp_path / "comb.png", np.repeat(COMB[..., None], 3, axis=-1))
     (tmp_path / "square.obj").write_text(
@@ -209,8 +209,7 @@ def test_textures_that_cannot_be_read_are_refused(folder, length, said) -> None:
     assert "\n" not in str(fault.value)
 
 
-def test_a_material_without_a_generator_refuses(folder) -> None:
-    bundle = baked(growing.bundle(), "it", (16, 16), TextureRequest(1))[0]
-    write_bundle(folder / "it.npz", bundle)
+def test_a_material_without_a_generator_refuses(folder, varying) -> None:
+    write_bundle(folder / "it.npz", varying)
     with pytest.raises(InputError, match="has no generator: it is one texture, of one seed and one"):
         scene(folder, BITMAP.replace("MORE", ""))

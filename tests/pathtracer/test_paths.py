@@ -17,7 +17,7 @@ from mesoshell.pathtracer import texture_cache
 from mesoshell.pathtracer.load import load_dict, load_file
 from mesoshell.render.effects import Effect
 from mesoshell.shell.geometry.extrude import extrude
-from tests.helpers import growing
+from tests.helpers import caches, growing
 from tests.helpers.path_traced import QUALITY, ROOT, SIZE, loaded, placed, scene, sensor, shell
 
 
@@ -74,9 +74,9 @@ AFAR = sensor(to_world=mi.ScalarTransform4f().look_at([0.5, -0.4, 0.6], [0.5, 0.
 @pytest.mark.parametrize(
     "material, patches, eye, light, depth, off",
     [
-        ("thin", 1, sensor(), SKY, 4, set()),
+        pytest.param("thin", 1, sensor(), SKY, 4, set(), marks=pytest.mark.slow),
         ("thin", 1, sensor(), POINT, 2, {"environment", "background", "filtering"}),
-        ("rough", 40, AFAR, SKY, 4, set()),
+        pytest.param("rough", 40, AFAR, SKY, 4, set(), marks=pytest.mark.slow),
     ],
 )
 def test_effects_that_are_off_change_nothing(materials, material, patches, eye, light, depth, off) -> None:
@@ -131,6 +131,7 @@ def test_a_white_furnace(materials) -> None:
         np.testing.assert_allclose(found.mean(), 1, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_white_furnace_within_glass(materials) -> None:
     """White ground, a dense field whose ρ integrates to 1, and glass about them: under a sky of 1 nothing can be seen."""
     square = shell(
@@ -165,6 +166,7 @@ def test_an_instance_is_the_shell_moved(materials) -> None:
         assert np.abs(found - plain).mean() < 0.03 * plain.mean(), matrix
 
 
+@pytest.mark.slow
 def test_stretching_an_instance_stretches_its_slab(materials) -> None:
     """A slab of one σ and ρ, twice as high by its thickness or by its instance's scale, is one slab."""
     tall = picture(scene(shell(materials, "thin", asked={"thickness": 2.0, "scale": 2.0})), spp=256)
@@ -172,25 +174,30 @@ def test_stretching_an_instance_stretches_its_slab(materials) -> None:
     assert np.abs(found - tall).mean() < 0.02 * tall.mean()
 
 
+def dried(materials, value, eye: dict | None = None) -> np.ndarray:
+    return picture(scene(shell(materials, "rough", asked={"dryness": value}), eye=eye), spp=128)
+
+
+def texture(*pixels: float, axis: int = 0) -> dict:
+    bitmap = mi.Bitmap(np.expand_dims(np.array(pixels, np.float32), (axis, 2)))
+    return {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "nearest"}
+
+
 def test_a_texture_gives_a_parameter_over_the_surface(materials) -> None:
     """One that is the same everywhere is that number; one with two halves has the look of each number in its half."""
-
-    def drawn(value, eye: dict | None = None) -> np.ndarray:
-        return picture(scene(shell(materials, "rough", asked={"dryness": value}), eye=eye), spp=128)
-
-    def texture(*pixels: float, axis: int = 0) -> dict:
-        bitmap = mi.Bitmap(np.expand_dims(np.array(pixels, np.float32), (axis, 2)))
-        return {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "nearest"}
-
-    low, high = drawn(0.0), drawn(2.0)
+    low, high = (dried(materials, value) for value in (0.0, 2.0))
     assert np.abs(low - high).mean() > 0.05 * low.mean()
-    np.testing.assert_allclose(drawn(texture(1.0, 1.0)), high, atol=1e-4)
-    halves = drawn(texture(0.0, 1.0))
+    np.testing.assert_allclose(dried(materials, texture(1.0, 1.0)), high, atol=1e-4)
+    halves = dried(materials, texture(0.0, 1.0))
     assert np.abs(halves - low)[:, :4].mean() < 0.1 * np.abs(halves - high)[:, :4].mean()
     assert np.abs(halves - high)[:, -4:].mean() < 0.1 * np.abs(halves - low)[:, -4:].mean()
-    # an image's first row lies where the file's v is 1: far up, seen from above
+
+
+@pytest.mark.slow
+def test_an_images_first_row_lies_where_the_files_v_is_1(materials) -> None:
+    """Far up, seen from above."""
     above = sensor(to_world=mi.ScalarTransform4f().look_at([0.5, 0.5, 4.0], [0.5, 0.5, 0.0], [0, 1, 0]))
-    low, high, rows = (drawn(value, above) for value in (0.0, 2.0, texture(1.0, 0.0, axis=1)))
+    low, high, rows = (dried(materials, value, above) for value in (0.0, 2.0, texture(1.0, 0.0, axis=1)))
     assert np.abs(rows - high)[:5].mean() < 0.1 * np.abs(rows - low)[:5].mean()
     assert np.abs(rows - low)[-5:].mean() < 0.1 * np.abs(rows - high)[-5:].mean()
 
@@ -270,9 +277,9 @@ def test_what_cannot_be_is_said_in_one_line(materials, change, said) -> None:
     assert "\n" not in str(fault.value)
 
 
-def test_a_generators_texture_is_made_once(materials, tmp_path, monkeypatch) -> None:
+def test_a_generators_texture_is_made_once(materials, tmp_path, tmp_path_factory, monkeypatch) -> None:
     """By `mesoshell texture`, in a process of its own; the second time it is read."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", caches.own(tmp_path / "cache", tmp_path_factory))
     write_bundle(materials / "grown.npz", growing.bundle())
     parts = scene(shell(materials, "grown", asked={"seed": 3, "length": 2.5, "age": 4.0}))
     made = picture(parts, spp=4)
@@ -285,9 +292,9 @@ def test_a_generators_texture_is_made_once(materials, tmp_path, monkeypatch) -> 
         loaded(scene(shell(materials, "grown", asked={"length": 7.0})))
 
 
-def test_a_texture_is_as_fine_as_its_camera_sees(materials, tmp_path, monkeypatch) -> None:
+def test_a_texture_is_as_fine_as_its_camera_sees(materials, tmp_path, tmp_path_factory, monkeypatch) -> None:
     """From far off a quarter of the texels are made, and the picture is that of them all."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", caches.own(tmp_path / "cache", tmp_path_factory))
     write_bundle(materials / "far.npz", growing.bundle())
     away = mi.ScalarTransform4f().look_at([0.5, -7.0, 11.0], [0.5, 0.5, 0.4], [0, 0, 1])
     parts = scene(shell(materials, "far", asked={"seed": 3}), eye=sensor(to_world=away))

@@ -32,7 +32,7 @@ cases = st.tuples(
 )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(cases)
 def test_is_scipys_for_any_factors_filter_and_padding(case: tuple[int, ...]) -> None:
     n, up, down, a, b, length = case

@@ -53,24 +53,22 @@ DISCRIMINATOR = sized(CONFIG, 1, 0).discriminator
 
 
 @pytest.fixture(scope="module")
-def steps(compiled_soon) -> dict[tuple[str, int], tuple[TrainState, GanReport]]:
+def steps() -> dict[tuple[str, int], tuple[TrainState, GanReport]]:
     """After one step, by precision and by the step's number: R1 is due at step 0 and not at step 1."""
     found = {}
-    with compiled_soon():
-        begin = jax.jit(partial(start, sized(CONFIG, appearance=1, geometry=0)))(jax.random.key(0))
-        for precision in ("float32", "bfloat16"):
-            config = sized(replace(CONFIG, precision=precision), appearance=1, geometry=0)
-            run = jax.jit(lambda state, batch, config=config: step(config, state, batch))
-            for number in (0, 1):
-                found[precision, number] = run(begin._replace(step=jnp.asarray(number, jnp.int32)), batch())
+    begin = jax.jit(partial(start, sized(CONFIG, appearance=1, geometry=0)))(jax.random.key(0))
+    for precision in ("float32", "bfloat16"):
+        config = sized(replace(CONFIG, precision=precision), appearance=1, geometry=0)
+        run = jax.jit(lambda state, batch, config=config: step(config, state, batch))
+        for number in (0, 1):
+            found[precision, number] = run(begin._replace(step=jnp.asarray(number, jnp.int32)), batch())
     return found
 
 
 @pytest.fixture(scope="module")
-def judges(compiled_soon) -> Discriminator:
+def judges() -> Discriminator:
     """Four discriminators as a run begins with, as one pytree."""
-    with compiled_soon():
-        return jax.jit(jax.vmap(partial(init_discriminator, DISCRIMINATOR)))(jax.random.split(jax.random.key(2), 4))
+    return jax.jit(jax.vmap(partial(init_discriminator, DISCRIMINATOR)))(jax.random.split(jax.random.key(2), 4))
 
 
 def flat(tree: object) -> np.ndarray:
@@ -90,6 +88,7 @@ def test_r1_and_its_gradient_do_not_know_the_precision(steps) -> None:
     assert apart(exact.discriminator_adam[0].mu, short.discriminator_adam[0].mu) < 1e-6
 
 
+@pytest.mark.slow
 def test_r1_in_bfloat16_would_be_off(judges) -> None:
     """What the test above would find if R1 took the convolutions' precision: up to 1% in four discriminators."""
     asked = batch()
@@ -117,7 +116,7 @@ def test_a_step_with_bfloat16_convolutions_agrees(steps) -> None:
     assert x @ y > 0.9 * np.linalg.norm(x) * np.linalg.norm(y)
 
 
-@pytest.mark.parametrize("rows", [1, 4])
+@pytest.mark.parametrize("rows", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_r1_of_one_picture_and_of_equal_pictures_has_a_finite_gradient(judges, rows: int) -> None:
     """No deviation to take a root of: second derivatives pass through it."""
     y = jnp.broadcast_to(shown(batch().image[:1, ..., :3]), (rows, 16, 16, 3))

@@ -47,8 +47,24 @@ def explored(folder: Path, **how) -> run.Tradeoff:
     return run.explore(lambda q: prepare(q, **how), (), folder, 60.0, lambda share, what: None)
 
 
-def test_what_is_measured_is_written(few, tmp_path: Path) -> None:
-    made = explored(tmp_path)
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[run.Tradeoff, Path]:
+    """A tradeoff of nine points, and its folder."""
+    folder = tmp_path_factory.mktemp("first")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "MOST", 9)
+        patch.setattr(run, "AIM", 0.01)
+        return explored(folder), folder
+
+
+@pytest.fixture
+def folder(first: tuple[run.Tradeoff, Path], tmp_path: Path) -> Path:
+    """A copy that may be changed."""
+    return Path(shutil.copytree(first[1], tmp_path / "copy"))
+
+
+def test_what_is_measured_is_written(first: tuple[run.Tradeoff, Path]) -> None:
+    made, tmp_path = first
     assert made.names == NAMES and len(made.points) == 9 and made.notes == ("a note",)
     assert [changes(p.settings) for p in made.points[:2]] == [{}, {"samples": 24}]
     normal, fewer = made.preset("normal"), made.preset("draft")
@@ -68,29 +84,27 @@ def test_what_is_measured_is_written(few, tmp_path: Path) -> None:
     assert made._repr_html_().startswith("<iframe")
 
 
-def test_csv_has_a_column_for_each_thing(few, tmp_path: Path) -> None:
+def test_csv_has_a_column_for_each_thing(first: tuple[run.Tradeoff, Path]) -> None:
     """The knob `samples` and the number of samples a pixel are not the same column."""
-    explored(tmp_path)
-    header = (tmp_path / "points.csv").read_text().splitlines()[0].split(",")
+    header = (first[1] / "points.csv").read_text().splitlines()[0].split(",")
     assert len(set(header)) == len(header) and {"samples", "pixel_samples", "anisotropy", "flip"} <= set(header)
 
 
-def test_a_later_run_goes_on(few, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = explored(tmp_path)
+def test_a_later_run_goes_on(few, first, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made, _ = first
     monkeypatch.setattr(run, "MOST", 12)
-    second = explored(tmp_path)
-    assert second.points[:9] == first.points and len(second.points) == 12
-    assert second.reference.noise == first.reference.noise
+    second = explored(folder)
+    assert second.points[:9] == made.points and len(second.points) == 12
+    assert second.reference.noise == made.reference.noise
     settings = [p.settings for p in second.points]
     assert all(s not in settings[:i] for i, s in enumerate(settings))
 
 
-def test_another_scene_is_refused_and_nothing_is_lost(few, tmp_path: Path) -> None:
-    explored(tmp_path)
-    held = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+def test_another_scene_is_refused_and_nothing_is_lost(few, folder: Path) -> None:
+    held = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
     with pytest.raises(ms.InputError, match="holds the tradeoff of another scene"):
-        explored(tmp_path, shift=0.05)
-    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == held
+        explored(folder, shift=0.05)
+    assert {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()} == held
 
 
 @pytest.mark.parametrize(
@@ -102,12 +116,11 @@ def test_another_scene_is_refused_and_nothing_is_lost(few, tmp_path: Path) -> No
         ("reference.npz", "no archive", "is no reference"),
     ],
 )
-def test_a_broken_folder_is_named(few, tmp_path: Path, name: str, text: str, said: str) -> None:
-    explored(tmp_path)
-    (tmp_path / name).write_text(text)
+def test_a_broken_folder_is_named(few, folder: Path, name: str, text: str, said: str) -> None:
+    (folder / name).write_text(text)
     with pytest.raises(ms.InputError, match=said) as caught:
-        explored(tmp_path)
-    assert str(caught.value).startswith(str(tmp_path / name))
+        explored(folder)
+    assert str(caught.value).startswith(str(folder / name))
 
 
 @pytest.mark.parametrize("minutes", [0.0, -1.0, float("nan"), float("inf")])
@@ -128,11 +141,11 @@ CHROMIUM = next(
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
-def test_the_page_runs_in_a_browser(few, tmp_path: Path) -> None:
+def test_the_page_runs_in_a_browser(first: tuple[run.Tradeoff, Path]) -> None:
     """Its slider shows an entry of the front, with its picture and the options that render it."""
-    made = explored(tmp_path)
+    made, folder = first
     assert CHROMIUM
-    page = tmp_path / "report.html"
+    page = folder / "report.html"
     asked = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", page.as_uri()]
     shown = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True).stdout
     entry = made.front[len(made.front) // 2]

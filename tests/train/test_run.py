@@ -91,6 +91,7 @@ def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, 
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_from_the_checkpoint_before_a_torn_one_and_its_log_has_each_row_once(
     data, whole, tmp_path, monkeypatch
 ) -> None:
@@ -212,6 +213,7 @@ def test_a_folder_is_known_by_any_path_to_it(data, whole, tmp_path) -> None:
     assert (tmp_path / "run" / "config.json").read_bytes() == kept and not (tmp_path / "nothing").exists()
 
 
+@pytest.mark.slow
 def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeypatch) -> None:
     def poisoned(*arguments):
         at = renders(*arguments)

@@ -118,6 +118,7 @@ def alone(request, tmp_path_factory) -> tuple[str, Path, list[list[np.ndarray]]]
     return request.param, folder, [methods.kept(folder / f"{i}.0.npz") for i in range(3)]
 
 
+@pytest.mark.slow
 def test_one_host_goes_on_to_the_same_bits_after_an_interrupt_and_a_kill(alone) -> None:
     method, folder, (whole, stopped, resumed) = alone
     assert (methods.counted(stopped), methods.counted(whole)) == (3, methods.STEPS)
@@ -152,15 +153,22 @@ def network(tmp_path) -> Path:
     return prepared(tmp_path / "network", "nerf_tex")
 
 
-def test_a_host_is_killed_and_all_go_on(network) -> None:
+def test_a_host_is_killed_and_all_go_on_until_a_disk_is_full(network) -> None:
+    """Slow checkpoints hold up, and change nothing."""
     (first, said), (second, _) = launch(network, "nerf_tex", 2, [SAVED | {"what": "SIGKILL", "host": 1, "step": 3}])
     assert (first, second) == (LOST, 137) and len(said.splitlines()) == 1, said
-    ended = launch(network, "nerf_tex", 2, [SAVED, {"name": "whole"}])
-    assert [status for status, _ in ended] == [0, 0], ended
-    states = [methods.kept(network / f"{run}.{host}.npz") for run in (0, 1) for host in (0, 1)]
+    slow = [SAVED | {"name": f"slow{host}", "what": "slow", "host": host} for host in (0, 1)]
+    full = SAVED | {"name": "full", "what": "full", "host": 0, "step": 3}
+    (first, said), (second, other) = launch(network, "nerf_tex", 2, [SAVED, {"name": "whole"}, *slow, full])
+    assert (first, second) == (2, LOST)
+    states = [methods.kept(network / f"{run}.{host}.npz") for run in range(4) for host in (0, 1)]
     assert all(same(states[0], state) for state in states) and rows(network / "run") == rows(network / "whole")
+    assert checkpoints(network / "slow0") == ["4", "5", "6"] and checkpoints(network / "full") == ["1", "2"]
+    assert said == f"mesoshell: {network}/full/checkpoints: cannot be written: No space left on device\n"
+    assert len(other.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_the_first_host_is_gone_with_all_its_processes(network) -> None:
     (first, _), (second, said) = launch(network, "nerf_tex", 2, [SAVED | {"what": "parent", "host": 0, "step": 3}])
     assert (first, second) == (-9, LOST) and len(said.splitlines()) == 1, said
@@ -172,18 +180,6 @@ def test_a_host_that_is_silent_is_lost_after_a_while(network) -> None:
     runs = [SAVED | {"what": "SIGSTOP", "host": 1, "step": 3}]
     ((status, said),) = launch(network, "nerf_tex", 2, runs, quick=5)
     assert status == LOST and said == f"mesoshell: {network}: {SAID_LOST.replace('a host', 'host 1')}\n"
-
-
-def test_slow_checkpoints_hold_up_and_a_full_disk_ends_all(network) -> None:
-    slow = [SAVED | {"name": f"slow{host}", "what": "slow", "host": host} for host in (0, 1)]
-    full = SAVED | {"name": "full", "what": "full", "host": 0, "step": 3}
-    (first, said), (second, other) = launch(network, "nerf_tex", 2, [*slow, full])
-    assert (first, second) == (2, LOST)
-    assert said == f"mesoshell: {network}/full/checkpoints: cannot be written: No space left on device\n"
-    assert len(other.splitlines()) == 1
-    states = [methods.kept(network / f"{run}.{host}.npz") for run in (0, 1) for host in (0, 1)]
-    assert all(same(states[0], state) for state in states)
-    assert checkpoints(network / "slow0") == ["4", "5", "6"] and checkpoints(network / "full") == ["1", "2"]
 
 
 def test_a_host_that_does_not_come_is_not_waited_for_for_ever(network) -> None:
@@ -200,27 +196,33 @@ config = ParametricConfig(picture, (4,), (4,), octaves=1, batch=4, kimg=0.012, s
 """
 
 
-def test_the_command_trains_on_two_hosts_and_says_that_one_is_lost(network) -> None:
-    """Of the second run's hosts one has a dataset of its own, with a pixel that is not finite."""
+def commanded(network: Path, *data: Path) -> list[tuple[int, str]]:
+    """What becomes of `mesoshell train` on as many hosts as are given data."""
     (network / "e.py").write_text(EXPERIMENT)
-    bad = Path(shutil.copytree(network / "data" / "packed", network / "bad"))
-    shard = np.load(next((bad / "shards").iterdir()))
-    np.save(next((bad / "shards").iterdir()), np.where(np.arange(4) == 3, shard, np.nan).astype(shard.dtype))
+    port, ways = free_port(), []
+    for host, folder in enumerate(data):
+        given = ["train", "e.py", "--data", str(folder), "--run", "run", "--parallel", "pmap"]
+        given += ["--coordinator", f"localhost:{port}", "--hosts", str(len(data)), str(host)]
+        ways.append([sys.executable, "-c", "from mesoshell.cli.main import main; main()", *given])
+    return together(ways, network)
 
-    def command(host: int, data: Path, port: int, kimg: str) -> list[str]:
-        given = ["train", "e.py", "--data", str(data), "--run", "run", "--kimg", kimg, "--parallel", "pmap"]
-        given += ["--coordinator", f"localhost:{port}", "--hosts", "2", str(host)]
-        return [sys.executable, "-c", "from mesoshell.cli.main import main; main()", *given]
 
-    good, port = network / "data" / "packed", free_port()
-    ended = together([command(host, good, port, "0.012") for host in (0, 1)], network)
+def test_the_command_trains_on_two_hosts(network) -> None:
+    ended = commanded(network, *2 * [network / "data" / "packed"])
     assert [status for status, _ in ended] == [0, 0], ended
     assert all(said.endswith("run: 0.012 kimg\n") for _, said in ended)
     run = network / "run"
     assert checkpoints(run) == ["3"] and rows(run) == [0.012]
     assert len(list((run / "snapshots").iterdir())) == 1 and (run / "report.html").exists()
-    port = free_port()
-    ended = together([command(host, data, port, "0.02") for host, data in ((0, good), (1, bad))], network)
+
+
+@pytest.mark.slow
+def test_the_command_says_that_a_host_is_lost(network) -> None:
+    """One of them has a dataset of its own, with a pixel that is not finite."""
+    bad = Path(shutil.copytree(network / "data" / "packed", network / "bad"))
+    shard = np.load(next((bad / "shards").iterdir()))
+    np.save(next((bad / "shards").iterdir()), np.where(np.arange(4) == 3, shard, np.nan).astype(shard.dtype))
+    ended = commanded(network, network / "data" / "packed", bad)
     assert [status for status, _ in ended] == [LOST, 2], ended
     assert ended[0][1] == f"mesoshell: run: {SAID_LOST}\n" and "NaN or infinite" in ended[1][1]
-    assert checkpoints(run) == ["3"]
+    assert checkpoints(network / "run") == []

@@ -18,7 +18,7 @@ from mesoshell.io.dataset_images import load_images
 from mesoshell.io.image import read_exr
 
 ROOT = Path(__file__).parents[3]
-COUNT, SIZE = 24, 32
+COUNT, SIZE = 12, 32
 pytestmark = pytest.mark.skipif(
     not (ROOT / "data_gen/.venv/installed").exists(), reason="no Blender environment (Python 3.11): make blender"
 )

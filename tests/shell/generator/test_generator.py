@@ -40,7 +40,7 @@ def made(config: GeneratorConfig, tile: tuple[int, int], size: tuple[int, int], 
         return _feature(config, size, generator, averages, w, phases, at)
 
 
-@pytest.mark.parametrize("config", ["T", "R"])
+@pytest.mark.parametrize("config", ["T", pytest.param("R", marks=pytest.mark.slow)])
 def test_a_tile_is_a_part_of_the_whole(config) -> None:
     config = replace(SMALL, config=config)
     whole = made(config, (-CELL, 0), (96, 64))
@@ -156,7 +156,7 @@ def test_one_beta_is_heard_over_all_of_its_range() -> None:
 
 
 def test_gradients_of_all_parameters_are_finite_and_none_is_dead() -> None:
-    config = replace(SMALL, texels=16)
+    config = replace(SMALL, texels=16, layers=6)
     generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
     phases, z = draw_phases(config, jax.random.key(2), 1), jax.random.normal(jax.random.key(1), (1, 8))
 

@@ -101,12 +101,18 @@ def test_a_tile_is_learned_where_it_lies_on_the_torus(tiles: Shots):
     assert not moved[~inside].any()
 
 
-def test_a_torus_of_fog_is_recovered_and_is_a_material(tiles: Shots, tmp_path: Path):
+@pytest.mark.slow
+def test_a_torus_of_fog_is_recovered(tiles: Shots, tmp_path: Path):
     config, seen = fitted(replace(CONFIG, steps=150), tiles)
     state = run.train(config, seen, tmp_path / "run")
     where = tiles.samples[0].file.parents[1]
     scores, _ = score(config, seen, lambda k: material_of(state.common, texture_of(config, state, k)), where)
     assert scores.alpha > 32 and scores.foreground > 32
+
+
+def test_a_torus_is_a_material(tiles: Shots):
+    config, seen = fitted(CONFIG, tiles)
+    state = start(config, seen, jax.random.key(0))
     made = conclude(config, seen, state, [], []).made
     assert isinstance(made, Bundle) and made.tiles == tuple(map(tuple, COLOURS)) and made.texel_density == 4
     cut = exemplars(config, seen, state, {}).features
@@ -162,6 +168,7 @@ def test_a_decoder_that_is_given_stays(patches: Shots, tiny_bundle: Bundle, tmp_
         fitted(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
 
 
+@pytest.mark.slow
 def test_an_interrupted_fit_goes_on(patches: Shots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     config, seen = fitted(replace(CONFIG, steps=12, group=2), patches)
     whole = run.train(config, seen, tmp_path / "whole")
@@ -196,6 +203,10 @@ def same(a: Any, b: Any) -> bool:
     return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
 
 
+#: By layout and budget.
+predicted = jax.jit(predict, static_argnums=(0, 1))
+
+
 def some(shots: Shots) -> tuple[FitConfig, FitState, Rays]:
     """A row of rays whose filters are no wider than a cell: those that are wide are always decoded."""
     config, seen = fitted(replace(CONFIG, rays=128), shots)
@@ -206,9 +217,9 @@ def some(shots: Shots) -> tuple[FitConfig, FitState, Rays]:
 def test_a_smaller_budget_leaves_rays_out_and_changes_none(shots: Shots):
     config, state, row = some(shots)
     material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
-    full, complete, _ = predict(config.layout, 1.0, material, row, state.own.occupancy[0], jitter)
+    full, complete, _ = predicted(config.layout, 1.0, material, row, state.own.occupancy[0], jitter)
     assert bool(complete.all())
-    half, kept, wanted = predict(config.layout, 0.5, material, row, state.own.occupancy[0], jitter)
+    half, kept, wanted = predicted(config.layout, 0.5, material, row, state.own.occupancy[0], jitter)
     assert 0 < int(kept.sum()) < 128 and float(wanted) == pytest.approx(2.0, rel=0.05)
     long = kept & (full[:, 3] > 0.3)  # no candidate of theirs is too short to matter
     np.testing.assert_allclose(half[long], full[long], rtol=1e-5, atol=1e-6)
@@ -218,8 +229,8 @@ def test_empty_cells_are_not_decoded(shots: Shots):
     config, state, row = some(shots)
     empty = state.own.occupancy[0].at[16:].set(0.0)  # the upper half
     material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
-    y, complete, wanted = predict(config.layout, 0.99, material, row, empty, jitter)
-    all_, _, _ = predict(config.layout, 1.0, material, row, empty, jitter)
+    y, complete, wanted = predicted(config.layout, 0.99, material, row, empty, jitter)
+    all_, _, _ = predicted(config.layout, 1.0, material, row, empty, jitter)
     assert 0.5 < float(wanted) < 1.5  # half of the candidates, over a budget of half of them
     assert (y[complete, 3] < all_[complete, 3] - 1e-3).mean() > 0.5
 

@@ -29,10 +29,11 @@ def test_roughness_of_a_constant_density_is_zero_and_grows_with_slope() -> None:
     decoder = init_decoder(jax.random.key(0), 4 + 3, (4,), (4,))
     flat = jax.tree.map(jnp.zeros_like, decoder)._replace(scale=jnp.float32(30.0))
 
-    def of(decoder, slope: float) -> float:
+    @jax.jit
+    def of(decoder, slope):
         ramp = slope * jnp.broadcast_to(jnp.arange(16.0)[None, :, None], (16, 16, 4)) / 16
         material = material_of(config, ramp, jnp.zeros((8, 4)), decoder)
-        return float(roughness(config, material, jnp.zeros(0), jax.random.key(1)))
+        return roughness(config, material, jnp.zeros(0), jax.random.key(1))
 
     assert of(flat, 1.0) == 0
     trunk = [layer._replace(kernel=jnp.ones_like(layer.kernel).at[4:].set(0)) for layer in flat.trunk]

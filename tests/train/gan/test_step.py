@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import cast
 
@@ -26,33 +27,31 @@ ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.xdist_group("train_step")
 
 
-def test_one_device_sharded_and_pmap_agree() -> None:
+@pytest.mark.parametrize("how", [pytest.param("jit", marks=pytest.mark.slow), "pmap"])
+def test_one_device_and_eight_agree(how: str) -> None:
     """Losses, gradients of both players and averages to 1e-6, eight devices with one row each: groups and means are global."""
-    done = subprocess.run([sys.executable, "-m", "tests.helpers.three_ways"], cwd=ROOT, capture_output=True, text=True)
+    command = [sys.executable, "-m", "tests.helpers.three_ways", how]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     said = json.loads(done.stdout.splitlines()[-1])
-    assert len(said) == 11
+    assert len(said) == 6
     for name, value in said.items():
         assert value == 8 if name.endswith("images") else value < 1e-6, name
 
 
-@pytest.fixture(scope="module")
-def stepped() -> dict:
-    """The state after one step, and after one with blur and density."""
-    found = {}
-    changes = {"plain": {}, "helped": {"blur": 2.0, "density": 0.25}, "told": {"mismatch": 0.5}}
-    for name, change in changes.items():
-        config = replace(small_step.CONFIG, **change)
-        batch = jax.tree.map(
-            lambda x: jnp.asarray(x) if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), small_step.batch()
-        )
-        state = start(config, jax.random.key(0))
-        found[name] = jax.jit(lambda s, b, config=config: step(config, s, b))(state, batch)
-    return found
+@cache
+def stepped(**changes: float) -> tuple:
+    """The state after one step of a configuration that is changed so, and what it reports."""
+    config = replace(small_step.CONFIG, **changes)
+    batch = jax.tree.map(
+        lambda x: jnp.asarray(x) if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), small_step.batch()
+    )
+    state = start(config, jax.random.key(0))
+    return jax.jit(lambda s, b: step(config, s, b))(state, batch)
 
 
-def test_everything_moves_and_nothing_is_bad(stepped) -> None:
-    state, report = stepped["plain"]
+def test_everything_moves_and_nothing_is_bad() -> None:
+    state, report = stepped()
     before = start(small_step.CONFIG, jax.random.key(0))
     assert not report.bad.any() and int(state.step) == 1 and int(state.images) == 8
     still = [
@@ -67,18 +66,19 @@ def test_everything_moves_and_nothing_is_bad(stepped) -> None:
     assert still == []
 
 
-def test_helps_change_what_they_are_asked_to_change(stepped) -> None:
+@pytest.mark.slow
+def test_helps_change_what_they_are_asked_to_change() -> None:
     """First moments are gradients. A blur reaches both players; both report nothing bad."""
-    (plain, _), (helped, report) = stepped["plain"], stepped["helped"]
+    (plain, _), (helped, report) = stepped(), stepped(blur=2.0, density=0.25)
     assert not report.bad.any()
     for pick in (lambda s: s.learner_adam[0].mu.decoder, lambda s: s.discriminator_adam[0].mu):
         pairs = zip(jax.tree.leaves(pick(plain)), jax.tree.leaves(pick(helped)), strict=True)
         assert any(np.abs(x - y).max() > 1e-2 * np.abs(x).max() for x, y in pairs)
 
 
-def test_renders_beside_the_next_ones_parameters_count_as_made(stepped) -> None:
+def test_renders_beside_the_next_ones_parameters_count_as_made() -> None:
     """For the discriminator alone, by the weight that was asked for."""
-    (plain, before), (told, after) = stepped["plain"], stepped["told"]
+    (plain, before), (told, after) = stepped(), stepped(mismatch=0.5)
     for a, b in zip(jax.tree.leaves(plain.learner), jax.tree.leaves(told.learner), strict=True):
         np.testing.assert_array_equal(a, b)
     batch = small_step.batch()

@@ -55,10 +55,13 @@ def capture(tmp_path_factory) -> Capture:
     return read_capture(balls.write_capture(tmp_path_factory.mktemp("captures") / "ball", views=16, size=32))
 
 
+once = jax.jit(step, static_argnums=0)
+
+
 def stepped(config: AtlasTraining, share: float, batch: Rays | None = None):
     """A step at this share of the run; the state before, and after."""
     begin = start(config, jax.random.key(0))._replace(images=jnp.asarray(round(share * config.kimg * 1000), jnp.int32))
-    return begin, *step(config, begin, batch or jax.tree.map(jnp.asarray, atlas_step.rays()))
+    return begin, *once(config, begin, batch or jax.tree.map(jnp.asarray, atlas_step.rays()))
 
 
 def moved(a, b) -> dict[str, bool]:
@@ -160,9 +163,8 @@ def test_steps_turn_normals_to_the_cameras() -> None:
         last = state.field.sigma.last
         last = last._replace(bias=last.bias.at[1:].set(batch.d[0]))
         state = state._replace(field=state.field._replace(sigma=state.field.sigma._replace(last=last)))
-        once = jax.jit(lambda state, config=config: step(config, state, batch))
         for _ in range(20):
-            state, report = once(state)
+            state, report = once(config, state, batch)
             seen.setdefault(weight, []).append(float(report.facing))
     assert seen[0.0][0] == seen[0.3][0] > 0.05
     assert seen[0.3][-1] < 0.9 * seen[0.0][-1]
@@ -203,8 +205,10 @@ def test_one_drawn_sample_stands_for_all_of_a_rays() -> None:
     o, d = jnp.array([0.3, 0.2, -2.0]), jnp.array([0.0, 0.0, 1.0])
     occupied = jnp.ones((32,) * 3, bool)
     none, zero = jnp.zeros(3), jnp.zeros(())
-    drawn = jax.vmap(
-        lambda n: atlas._ray(CONFIG, field, occupied, jax.random.key(0), Rays(o, d, none, zero, n, none, none))[1]
+    drawn = jax.jit(
+        jax.vmap(
+            lambda n: atlas._ray(CONFIG, field, occupied, jax.random.key(0), Rays(o, d, none, zero, n, none, none))[1]
+        )
     )(jnp.arange(4096))
     from mesoshell.neutex.march import march
 
@@ -214,7 +218,7 @@ def test_one_drawn_sample_stands_for_all_of_a_rays() -> None:
         apart = jax.vmap(lambda y: jnp.sum((to_surface(field, to_texture(field, y)) - y) ** 2))(found.y)
         return found.w @ apart
 
-    exact = jax.vmap(whole)(jnp.arange(4096))
+    exact = jax.jit(jax.vmap(whole))(jnp.arange(4096))
     error = float(jnp.std(drawn - exact)) / 64
     assert abs(float(jnp.mean(drawn)) - float(jnp.mean(exact))) < 4 * error + 1e-6
 
@@ -251,6 +255,7 @@ def test_presets_grow() -> None:
     assert paper.field.inverse == (512, 512) and 600 <= paper.batch <= 800
 
 
+@pytest.mark.slow
 def test_a_run_is_resumed_to_the_bit_and_kept(capture, tmp_path) -> None:
     """Stopped by SIGTERM half way, it goes on to the same bits as one that was not."""
     config = replace(CONFIG, kimg=16 * 64 / 1000, snapshot_kimg=16 * 32 / 1000, side=16)

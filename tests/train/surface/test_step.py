@@ -417,6 +417,7 @@ def test_a_run_leaves_its_record_its_log_and_materials(data, tmp_path) -> None:
         train(replace(config, surface=replace(config.surface, texels=16)), data, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_run_that_a_signal_stopped_goes_on_to_the_same_bits(data, tmp_path, monkeypatch) -> None:
     config = replace(CONFIG, batch=64, kimg=0.64)
 

@@ -159,10 +159,10 @@ for name, picture, axis in zip(varied, np.split(together, 3), axes, strict=True)
 # %%
 bundle = ms.load_material("grass").shell
 weights = {k: v for k, v in bundle.arrays.items() if k.startswith("decoder/") or k == "sigma_scale"}
-exemplar = bundle.arrays["features/3"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
+exemplar = bundle.arrays["features/2"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
 data = scaled(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))
 small = replace(
-    config, texels=32, channel_base=1024, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
+    config, texels=64, channel_base=1024, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
 )
 learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))
@@ -193,6 +193,24 @@ for seed, axis in enumerate(axes):
     axis.imshow(seen.depth, cmap="gray", vmin=0, vmax=1, origin="lower")
     axis.set_title(f"seed {seed}: height of what is seen from above")
     assert float(jnp.mean(seen.cover)) > 0.6 and float(jnp.std(seen.depth)) > 0.05
+
+# %% [markdown]
+# `carpet` learned in the same way, told the direction in which each exemplar was combed: the same phases, combed four ways.
+
+# %%
+bundle = ms.load_material("carpet").shell
+carpet = maker_of(bundle, "carpet")
+figure, axes = plt.subplots(1, 4, figsize=(12, 3.4), layout="constrained")
+for turn, axis in zip((0, 0.25, 0.5, 0.75), axes, strict=True):
+    latent = grown(carpet, 0, np.array([0.7, turn], np.float32))
+    feature = compiled(
+        carpet.config, carpet.generator, carpet.averages, latent.w, latent.phases, jnp.zeros(2, jnp.int32), (64, 64)
+    ).feature[0]
+    height = synthesise_height(carpet.config, carpet.generator, latent.w)[0]
+    seen = from_above(carpet.decoder, carpet.octaves, feature, height, jnp.full(1, 0.6))
+    axis.imshow(seen.depth, cmap="gray", vmin=0, vmax=1, origin="lower")
+    axis.set_title(f"combed at {360 * turn:.0f}°")
+    assert float(jnp.std(seen.depth)) > 0.05
 
 # %% [markdown]
 # From here: `mesoshell train` teaches the generator what to grow, `mesoshell texture` writes a texture to disk, and

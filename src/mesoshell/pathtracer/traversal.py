@@ -10,17 +10,17 @@ A ray in free space is intersected with the boundary. It enters a shell through 
 behind, or through a border's side; it leaves through them the other way. (A border is met as the tetrahedron around its
 bilinear side: the exact side decides.)
 
-A ray that is known to begin outside is walked from each of its entries, in their order: after a walk the next boundary is sought
-from its entry on, since shells may overlap. An exit that no walk has reached has an entry at an edge hidden by rounding: walk back
-to there, or to where the last walk ended, then forward. (The ray's own beginning is not such an end: what says that a ray begins
-outside is believed.)
+A ray that is known to begin outside is walked from each of its entries, in their order: after a walk the next boundary is
+sought from its entry on, since shells may overlap. An exit that no walk has reached has an entry at an edge hidden by
+rounding: walk back to there, or to where the last walk ended, then forward. (The ray's own beginning is not such an end: that
+it begins outside is believed.)
 
-A ray that may begin inside: if it leaves, it did; walk back to where it began, then forward. If it enters, it may still have begun
-inside another shell: it did if, further on, it leaves more often than it enters. This is counted. If it did, search its exits for
-the one from which a walk back reaches where it began. After a walk it is in free space behind it, and may be inside again.
+A ray that may begin inside: if it leaves, it did; walk back to where it began, then forward. If it enters, it may still have
+begun inside another shell: it did if, further on, it leaves more often than it enters. This is counted. If it did, search its
+exits for the one from which a walk back reaches where it began. After a walk it may be inside another shell again.
 
-Where two visits overlap, the later one begins where the earlier one ended. So density is never counted twice, and pieces come in
-the order of the ray.
+Where two visits overlap, the later one begins where the earlier one ended. So density is never counted twice, and pieces come
+in the order of the ray.
 """
 
 from dataclasses import dataclass
@@ -43,9 +43,9 @@ MOST_STUCK = 64
 
 @dataclass
 class Walker:
-    """State of a ray. sure: it began outside, and has been walked from all its entries before `at`, where the next boundary query
-    begins; walked: a walk ended at `start`; depth: how often it has entered since `start`; stuck: how many prisms it has crossed
-    without progress."""
+    """State of a ray. sure: it began outside, and has been walked from all its entries before `at`, where the next boundary
+    query begins; walked: a walk ended at `start`; depth: how often it has entered since `start`; stuck: how many prisms it has
+    crossed without progress."""
 
     mode: mi.UInt32
     start: mi.Float64

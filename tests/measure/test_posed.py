@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
-from mesoshell.io.bundle import Parameter
+from mesoshell.io.bundle import Parameter, read_bundle
 from mesoshell.io.dataset_images import load_images
+from mesoshell.io.material import find
 from mesoshell.measure import above, fields
 from mesoshell.measure.posed import posed
 from mesoshell.render.composite import weights
@@ -142,3 +143,8 @@ def test_combing_follows_a_pile_that_is_combed(monkeypatch) -> None:
     pile["aside"] = np.pi / 2
     off = fields.combed(bundle, "combed")
     assert off.lean == pytest.approx(90, abs=15) and off.strokes > 65
+
+
+@pytest.mark.slow
+def test_the_bundled_carpet_is_combed_by_a_field() -> None:
+    assert fields.combed(read_bundle(find("carpet")), "carpet").lean < 16  # degrees; 20 are asked, 90 are chance

@@ -217,7 +217,7 @@ def transmittance() -> Iterator[Row]:
     tau = depths(300.0, 3)
     depth, naive, true = np.zeros(1), np.float32(1), true_sums(tau)[-1]
     for some in np.split(tau, STEPS // 8):
-        depth = accumulate(depth, np.zeros(8, int), some)[1]
+        depth = accumulate(depth, np.zeros(8, int), some)[-1]
         for x in some:
             naive *= np.exp(-x)
     said = "thousands of steps", f"{STEPS} steps, τ = 300 in all", "mpmath", "log T, relative"

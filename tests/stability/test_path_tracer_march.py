@@ -41,7 +41,6 @@ from tests.helpers.stability.hard_rays import (
 from tests.helpers.stability.hard_rays import surface as grown_up
 from tests.helpers.stability.oracles import (
     assert_ends_on_ray,
-    assert_sorted_apart,
     locate,
     span_of_convex,
     total_length,
@@ -76,7 +75,6 @@ def test_a_ball_far_from_the_origin(offset: float) -> None:
     o, d = (single(x) for x in rays_at(inside, 20.0, rng))
     enters, leaves, end, clear = spans(shell, o, d)
     found = trace(Shells([shell]), o, d, end)
-    assert_sorted_apart(found)
     assert_ends_on_ray(found, shell, o, d, 1e-9)
     length = np.maximum(np.minimum(leaves, end) - enters, 0)
     some = (enters > 0) & (clear > 1e-2)
@@ -92,11 +90,11 @@ def test_a_ray_is_much_the_same_from_however_far() -> None:
     along = 0.997 * np.nanmax(far.reach)
     there, here = (trace(Shells([shell]), far.o + x * far.d, far.d, outside=True) for x in (0.0, along))
     off = np.abs(total_length(there, 4000) - total_length(here, 4000))
-    assert (off > 1e-4).mean() < 0.03
+    assert (off > 1e-4).mean() < 0.02
 
 
-@pytest.mark.parametrize("thickness", [0.1, 0.3])
-def test_few_rays_lose_a_shell_where_shells_overlap(thickness: float) -> None:
+@pytest.mark.parametrize(("thickness", "most"), [(0.1, 0.002), (0.3, 0.006)])
+def test_few_rays_lose_a_shell_where_shells_overlap(thickness: float, most: float) -> None:
     """At vertices, posts and edges: beside the JAX engine, which looks for entries all along a ray."""
     mesh = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")
     shell = extrude(mesh, thickness, thickness)
@@ -104,7 +102,7 @@ def test_few_rays_lose_a_shell_where_shells_overlap(thickness: float) -> None:
     d = single(rays.d)
     true = Boundary(shell, mesh.faces).trace(rays.o, d)
     off = total_length(trace(Shells([shell]), rays.o, d, true.end, outside=True), 8000) - total_length(true, 8000)
-    assert (off < 1e-3 * thickness).all() and (off < -1e-3 * thickness).mean() < 0.02 * thickness
+    assert (off < 1e-3 * thickness).all() and (off < -1e-3 * thickness).mean() < most
 
 
 def test_an_offset_that_the_numbers_hold_changes_nothing() -> None:
@@ -161,7 +159,6 @@ def leaks(radius: float, centre: tuple[float, float, float], count: int, outside
         o, d = (single(x) for x in rays_at(targets(shell, size, rng), 3 * radius, rng))
         enters, leaves, end, clear = spans(shell, o, d)
         found = trace(shells, o, d, end, outside)
-        assert_sorted_apart(found)
         length = np.maximum(np.minimum(leaves, end) - enters, 0)
         some = clear > 1e-3 * radius
         wrong += (some & (np.abs(total_length(found, size) - length) > 1e-4 * radius)).sum()

@@ -140,8 +140,8 @@ def _cross(shells, o, d, tmax, w: Walker):
     left = ~back & (after.exit != WALKING)
     over = ~back & (after.t >= tmax)
     elsewhere = back & ~w.sure & ~reached & ended
-    end = dr.select((after.exit != LOST) & (after.t > w.start), after.t, w.at)  # without progress, past the boundary
-    end = dr.select(w.sure, dr.maximum(end, w.start), end)
+    beyond = dr.select((after.exit != LOST) & (after.t > w.start), after.t, w.at)  # without progress, past the boundary
+    end = dr.select(w.sure, dr.maximum(after.t, w.start), beyond)
     mode = dr.select(reached, mi.UInt32(FORWARD), dr.select(elsewhere, mi.UInt32(SEARCH), w.mode))
     mode = dr.select(over, mi.UInt32(OVER), dr.select(left | nothing, mi.UInt32(FREE), mode))
     some, piece = _cut(piece, w.start, tmax)

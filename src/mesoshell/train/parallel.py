@@ -39,9 +39,10 @@ def split_cpu(rows: int = 0) -> None:
 
 
 def rows_of(rays: int) -> int:
-    """Rows of a fit's step that its rays are split into: 8, or one for every 512 rays if that is more."""
-    if rays % 512 == 0:
-        return max(8, rays // 512)
+    """Rows of a fit's step that its rays are split into: 8, one for every 512 rays of a multiple of 4096, or 1 if nothing else
+    divides them."""
+    if rays % 4096 == 0:
+        return rays // 512
     return 8 if rays % 8 == 0 else 1
 
 

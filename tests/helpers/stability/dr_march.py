@@ -14,6 +14,7 @@ from mesoshell.pathtracer import prism, traversal
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.tracer import Trace
+from tests.helpers.stability.oracles import assert_sorted_apart
 
 #: Pieces of one ray that are kept, and moves after which a ray is given up.
 MOST, MOVES = 128, 4000
@@ -48,7 +49,7 @@ def hits(mesh: Mesh, o: np.ndarray, d: np.ndarray) -> np.ndarray:
 def trace(
     shells: Shells, o: np.ndarray, d: np.ndarray, end: np.ndarray | float = np.inf, outside: bool = False
 ) -> Trace:
-    """All intervals of rays, each up to its end; outside: they are known to begin outside of the shell."""
+    """All intervals of rays, each up to its end, in order and apart; outside: they are known to begin outside of the shell."""
     count = len(o)
     end = np.broadcast_to(np.asarray(end, np.float64), count)
     table = [dr.zeros(mi.Float64, count * MOST) for _ in range(8)] + [dr.zeros(mi.UInt32, count * MOST)]
@@ -61,7 +62,9 @@ def trace(
     bary0, bary1 = np.stack([a0, b0], axis=1), np.stack([a1, b1], axis=1)
     found = Intervals(np.nonzero(kept)[0], prism.astype(np.int32), t0, t1, bary0, bary1, h0, h1)
     nowhere = np.full(count, -1, np.int32)
-    return Trace(found, np.array(end), nowhere, np.zeros((count, 2), np.float32), len(found.ray), 0)
+    traced = Trace(found, np.array(end), nowhere, np.zeros((count, 2), np.float32), len(found.ray), 0)
+    assert_sorted_apart(traced)
+    return traced
 
 
 @dr.syntax

@@ -23,7 +23,7 @@ from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.feed import feed, fitted
 from mesoshell.train.fit.holdout import score
 from mesoshell.train.fit.patch_rays import Rays, Shots, shots_of
-from mesoshell.train.fit.result import conclude
+from mesoshell.train.fit.result import conclude, fit_config
 from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.fit.snapshot import exemplars, provenance
 from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
@@ -274,3 +274,12 @@ def test_one_patch_of_many_is_a_material(patches: Shots, tmp_path: Path, capsys:
         main(["export", str(tmp_path / "e.npz"), "--out", str(tmp_path / "n.npz")])
     assert ended.value.code == 2
     assert "has 3 patches: say which, 0 to 2" in capsys.readouterr().err and not (tmp_path / "n.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("rays", "rows", "group"), [(7, 1, 4), (2048, 8, 4), (4096, 8, 4), (4608, 8, 4), (32768, 64, 32)]
+)
+def test_many_rays_have_more_rows_and_patches(rays: int, rows: int, group: int) -> None:
+    """In eights, which devices can share."""
+    config = fit_config(rays=rays)
+    assert (config.batch, config.rays * config.batch, config.group) == (rows, rays, group)

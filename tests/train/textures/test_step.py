@@ -294,13 +294,16 @@ def test_parameters_that_are_fixed_are_left_out_and_directions_are_known(exempla
     declared = [beta("length", "1", 0.0, 1.0), beta("lean", "rad", 0.0, 1.0), beta("lean_angle", "rad", 0.0, 2 * np.pi)]
     values = np.array([[0.5, 0.1, 0.9], [0.5, 0.7, 0.2]], np.float32)
     some = replace(exemplars, beta=values, parameters=(*declared, *exemplars.parameters))
-    config, data = fitted(CONFIG, some)
+    assert fitted(CONFIG, some)[0].directions == ()  # regression turns nothing
+    config, data = fitted(replace(CONFIG, adversarial=True), some)
     assert config.generator.betas == config.critic.betas == 2 and config.directions == (1,)
     assert [p.name for p in data.what.parameters] == ["lean", "lean_angle", "age"]
-    np.testing.assert_array_equal(feed(config, data)(0).beta, values[:, 1:])
+    batch = feed(config, data)(0)
+    np.testing.assert_array_equal(batch.beta, values[batch.patch, 1:])
     turned = adversarial._turned_beta(config, jnp.asarray(values[:, 1:]), jnp.array([0, 1]))
     np.testing.assert_allclose(turned, [[0.1, 0.9], [0.7, 0.8]], rtol=1e-6)
-    assert fitted(CONFIG, replace(some, beta=values[:, :0], parameters=exemplars.parameters))[0].directions == ()
+    config = replace(CONFIG, adversarial=True)
+    assert fitted(config, replace(some, beta=values[:, :0], parameters=exemplars.parameters))[0].directions == ()
 
 
 def test_a_view_aslant_looks_along_its_slant():

@@ -2,7 +2,7 @@
 
 Notation
 R           rays a row, all of one patch
-FEW         patches that the decoder learns from at first
+FEW         patches that the decoder learns from at first, or as many as a step has rows for, if these are more
 """
 
 from collections.abc import Callable

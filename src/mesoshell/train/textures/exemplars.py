@@ -37,7 +37,8 @@ class ExemplarBatch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ScaledExemplars:
-    """Exemplars of zero mean and unit variance a channel, with the decoder adapted to them. what: as they were read."""
+    """Exemplars of zero mean and unit variance a channel, with the decoder adapted to them. what: as they were read, without
+    fixed parameters."""
 
     what: Exemplars
     features: Float[np.ndarray, "K H H C"]

@@ -126,7 +126,7 @@ def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig
     beta = [p for p in some.what.parameters if p.role == "beta"]
     betas, rows = len(beta), len(exemplars.height)
     generator = replace(config.generator, channels=channels, betas=betas, height_rows=rows)
-    directions = tuple(i for i, p in enumerate(beta) if _is_direction(p))
+    directions = tuple(i for i, p in enumerate(beta) if config.adversarial and _is_direction(p))
     about = {"octaves": exemplars.height_octaves, "alphas": some.alphas, "directions": directions}
     return replace(config, generator=generator, critic=replace(config.critic, betas=betas), **about), some
 

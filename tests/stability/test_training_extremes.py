@@ -53,22 +53,24 @@ DISCRIMINATOR = sized(CONFIG, 1, 0).discriminator
 
 
 @pytest.fixture(scope="module")
-def steps() -> dict[tuple[str, int], tuple[TrainState, GanReport]]:
+def steps(compiled_soon) -> dict[tuple[str, int], tuple[TrainState, GanReport]]:
     """After one step, by precision and by the step's number: R1 is due at step 0 and not at step 1."""
     found = {}
-    begin = jax.jit(partial(start, sized(CONFIG, appearance=1, geometry=0)))(jax.random.key(0))
-    for precision in ("float32", "bfloat16"):
-        config = sized(replace(CONFIG, precision=precision), appearance=1, geometry=0)
-        run = jax.jit(lambda state, batch, config=config: step(config, state, batch))
-        for number in (0, 1):
-            found[precision, number] = run(begin._replace(step=jnp.asarray(number, jnp.int32)), batch())
+    with compiled_soon():
+        begin = jax.jit(partial(start, sized(CONFIG, appearance=1, geometry=0)))(jax.random.key(0))
+        for precision in ("float32", "bfloat16"):
+            config = sized(replace(CONFIG, precision=precision), appearance=1, geometry=0)
+            run = jax.jit(lambda state, batch, config=config: step(config, state, batch))
+            for number in (0, 1):
+                found[precision, number] = run(begin._replace(step=jnp.asarray(number, jnp.int32)), batch())
     return found
 
 
 @pytest.fixture(scope="module")
-def judges() -> Discriminator:
+def judges(compiled_soon) -> Discriminator:
     """Four discriminators as a run begins with, as one pytree."""
-    return jax.jit(jax.vmap(partial(init_discriminator, DISCRIMINATOR)))(jax.random.split(jax.random.key(2), 4))
+    with compiled_soon():
+        return jax.jit(jax.vmap(partial(init_discriminator, DISCRIMINATOR)))(jax.random.split(jax.random.key(2), 4))
 
 
 def flat(tree: object) -> np.ndarray:

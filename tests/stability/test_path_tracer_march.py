@@ -90,7 +90,7 @@ def test_a_ray_is_much_the_same_from_however_far() -> None:
     along = 0.997 * np.nanmax(far.reach)
     there, here = (trace(Shells([shell]), far.o + x * far.d, far.d, outside=True) for x in (0.0, along))
     off = np.abs(total_length(there, 4000) - total_length(here, 4000))
-    assert (off > 1e-4).mean() < 0.02
+    assert (off > 1e-4).mean() < 0.015
 
 
 @pytest.mark.parametrize(("thickness", "most"), [(0.1, 0.002), (0.3, 0.006)])

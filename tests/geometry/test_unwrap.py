@@ -9,7 +9,7 @@ import trimesh
 from mesoshell.errors import InputError
 from mesoshell.geometry import unwrap as unwrapping
 from mesoshell.geometry.mesh import check_mesh, load_mesh, uv_stretch
-from mesoshell.geometry.unwrap import unwrap
+from mesoshell.geometry.unwrap import parts_of, unwrap
 
 SUZANNE = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")
 STRIP = np.array([[0.0, 0, 0], [8, 0, 0], [8, 1, 0], [0, 1, 0]])
@@ -50,7 +50,7 @@ def test_unwrapping_does_not_depend_on_the_unit(size: float):
 def test_where_xatlas_dies_it_is_asked_again_and_then_given_up(monkeypatch: pytest.MonkeyPatch):
     asked = []
 
-    def die(vertices: np.ndarray, faces: np.ndarray) -> None:
+    def die(vertices: np.ndarray, faces: np.ndarray, parts: np.ndarray) -> None:
         asked.append(vertices)
 
     monkeypatch.setattr(unwrapping, "_in_child", die)
@@ -64,3 +64,28 @@ def test_a_sphere_that_kills_xatlas_is_unwrapped():
     ball = trimesh.creation.icosphere(6)
     uv, charts = unwrap(np.array(ball.vertices), np.array(ball.faces))
     assert charts > 1 and np.isfinite(uv).all()
+
+
+def test_a_large_mesh_is_cut_into_parts_of_one_scale(monkeypatch: pytest.MonkeyPatch):
+    """Charts of all parts lie apart in one atlas, none mirrored, and a part's patches are as large as another's."""
+    monkeypatch.setattr(unwrapping, "PART", 200)
+    parts = parts_of(SUZANNE.vertices[SUZANNE.faces].mean(axis=1).astype(np.float64))
+    assert len(np.unique(parts)) == 4
+    uv, charts = unwrap(SUZANNE.vertices, SUZANNE.faces)
+    assert 50 < charts < 150 and uv.min() >= 0 and 0.9 < uv.max() <= 1
+    along, area = tangents(SUZANNE.vertices, SUZANNE.faces, uv)
+    assert (area > 0).all()
+    sizes = np.linalg.norm(along, axis=2).mean(axis=1)
+    each = [np.median(sizes[parts == k]) for k in range(4)]
+    np.testing.assert_allclose(each, np.median(sizes), rtol=0.05)
+    assert area.sum() / 2 < 1  # twice the areas: charts that lay on each other could fill more
+    shared = np.zeros((512, 512), int)
+    for k in range(4):
+        cells = np.unique((uv[parts == k].mean(axis=1) * 511).astype(int), axis=0)
+        shared[tuple(cells.T)] += 1
+    assert (shared > 1).mean() < 0.001
+
+
+def test_small_meshes_are_one_part():
+    assert not parts_of(np.random.default_rng(0).random((9999, 3))).any()
+    assert len(np.unique(parts_of(np.random.default_rng(0).random((10_000, 3))))) == 2

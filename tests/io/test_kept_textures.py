@@ -10,7 +10,8 @@ import pytest
 
 from mesoshell.io import kept_textures
 from mesoshell.io.bundle import Bundle
-from mesoshell.io.kept_textures import Allocate, cache_folder, held, kept, key_of
+from mesoshell.io.cache import cache_folder, held
+from mesoshell.io.kept_textures import Allocate, kept, key_of
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +46,7 @@ def test_a_texture_is_made_once(maker, tiny_bundle: Bundle):
         for key, array in tiny_bundle.arrays.items():
             np.testing.assert_array_equal(found.arrays[key], array)
     kept("b", 1000, make)
-    assert times == [True, True] and held(cache_folder()) > 1000
+    assert times == [True, True] and held(cache_folder("grown")) > 1000
 
 
 def test_small_and_vast_ones_and_a_full_disk_are_not_kept(maker, monkeypatch: pytest.MonkeyPatch):
@@ -55,7 +56,7 @@ def test_small_and_vast_ones_and_a_full_disk_are_not_kept(maker, monkeypatch: py
         kept("a", size, make)
     monkeypatch.setattr(kept_textures.shutil, "disk_usage", lambda path: _Full)
     kept("a", 1000, make)
-    assert times == [False, False, False] and not cache_folder().exists()
+    assert times == [False, False, False] and not cache_folder("grown").exists()
 
 
 class _Full:
@@ -65,7 +66,7 @@ class _Full:
 def test_what_is_damaged_is_made_anew(maker):
     make, times = maker
     kept("a", 1000, make)
-    (cache_folder() / "a" / "features" / "0.npy").write_bytes(b"torn")
+    (cache_folder("grown") / "a" / "features" / "0.npy").write_bytes(b"torn")
     found = kept("a", 1000, make)
     assert times == [True, True] and np.isfinite(found.arrays["features/0"]).all()
     kept("a", 1000, make)
@@ -83,12 +84,12 @@ def test_what_was_not_used_for_longest_goes(maker, monkeypatch: pytest.MonkeyPat
     make, _ = maker
     for age, key in enumerate("abc"):
         kept(key, 1000, make)
-        os.utime(cache_folder() / key, (1000.0 + age, 1000.0 + age))
+        os.utime(cache_folder("grown") / key, (1000.0 + age, 1000.0 + age))
     kept("a", 1000, make)  # used again: now the newest
-    one = held(cache_folder() / "a")
+    one = held(cache_folder("grown") / "a")
     monkeypatch.setattr(kept_textures, "MOST", round(3.5 * one))
     kept("d", 1000, make)
-    assert {p.name for p in cache_folder().iterdir()} == {"a", "c", "d"}
+    assert {p.name for p in cache_folder("grown").iterdir()} == {"a", "c", "d"}
 
 
 def test_all_that_a_texture_depends_on_is_in_its_key(tiny_bundle: Bundle):

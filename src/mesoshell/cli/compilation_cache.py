@@ -1,16 +1,15 @@
 """Compiled programs kept between commands: a second render, or a run that goes on, starts at once."""
 
-import os
 import warnings
-from pathlib import Path
 
 import jax
+
+from mesoshell.io.cache import cache_folder
 
 
 def keep_compiled() -> list[float]:
     """Keep compiled programs between runs; returns a list that collects the seconds spent compiling."""
-    root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    jax.config.update("jax_compilation_cache_dir", str(root / "mesoshell" / "xla"))
+    jax.config.update("jax_compilation_cache_dir", str(cache_folder("xla")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     # JAX writes entries in place: one that another command is writing, or left half-written when it was killed, cannot be read,
     # and its program is compiled again

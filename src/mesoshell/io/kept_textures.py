@@ -3,10 +3,10 @@ only).
 
 Notation
 key         hash of all that a texture depends on: weights, size, patches needed, seed, parameters, levels kept
-folder      one for each key, under $XDG_CACHE_HOME/mesoshell/grown (~/.cache without it), its arrays mapped
+folder      one for each key, in the cache, its arrays mapped
 
 Textures of less than LEAST bytes are not kept, nor those of more than half of MOST, nor any where the disk is nearly full. What
-was not used for longest goes when all are more than MOST. Remove the folder at will.
+was not used for longest goes when all are more than MOST.
 """
 
 import hashlib
@@ -22,22 +22,15 @@ from mesoshell import __version__
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import new_array, new_folder
 from mesoshell.io.bundle import MANIFEST, Bundle, checked_manifest, read_bundle
+from mesoshell.io.cache import cache_folder, forget
 
 LEAST, MOST = 32 << 20, 4 << 30
+ROOM = "grown"
 
 #: An array of a name and shape, of float16 zeros.
 Allocate = Callable[[str, tuple[int, ...]], np.ndarray]
 #: Makes a texture, in arrays of the allocator that it is given, or in memory.
 Make = Callable[[Allocate | None], Bundle]
-
-
-def cache_folder() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesoshell" / "grown"
-
-
-def held(folder: Path) -> int:
-    """Bytes of a folder's files; 0 if there is none."""
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
 
 
 def key_of(bundle: Bundle, beta: Float[np.ndarray, "*nodes G"], *rest: object) -> str:
@@ -52,7 +45,7 @@ def key_of(bundle: Bundle, beta: Float[np.ndarray, "*nodes G"], *rest: object) -
 
 def kept(key: str, size: int, make: Make) -> Bundle:
     """The texture of this key: from the cache, else made, and kept if it can be. size: bytes, about."""
-    folder = cache_folder() / key
+    folder = cache_folder(ROOM) / key
     found = _read(folder)
     if found is not None:
         return found
@@ -63,7 +56,7 @@ def kept(key: str, size: int, make: Make) -> Bundle:
             made = to_folder(new, make)
     except InputError:  # a folder that cannot be written, or that another render has made meanwhile
         return _read(folder) or make(None)
-    _forget(folder)
+    forget(folder, MOST)
     return _read(folder) or made
 
 
@@ -100,21 +93,10 @@ def _read(folder: Path) -> Bundle | None:
 
 def _room(size: int) -> bool:
     """Whether the disk has three times as much left."""
-    near = cache_folder()
+    near = cache_folder(ROOM)
     while not near.exists() and near != near.parent:
         near = near.parent
     try:
         return shutil.disk_usage(near).free > 3 * size
     except OSError:
         return False
-
-
-def _forget(new: Path) -> None:
-    """Remove what was not used for longest, but not the new one, until all are within MOST."""
-    folders = sorted((p for p in new.parent.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime)
-    sizes = {p: held(p) for p in folders}
-    for folder in folders:
-        if sum(sizes.values()) <= MOST or folder == new:
-            continue
-        shutil.rmtree(folder, ignore_errors=True)
-        del sizes[folder]

@@ -1,13 +1,12 @@
 """Textures of materials with a generator: made once for a scene's request by `mesoshell texture`, which needs JAX.
 
-They are kept under $XDG_CACHE_HOME/mesoshell/textures (~/.cache without it), by a hash of their inputs: the material's bytes,
-the extent, the texels, the seed and the geometry parameters. Remove that folder at will.
+They are kept in the cache, by a hash of their inputs: the material's bytes, the extent, the texels, the seed and the geometry
+parameters.
 
 A geometry parameter that varies is passed as an image with one pixel per node (shell/generator/nodes), in float32.
 """
 
 import hashlib
-import os
 import subprocess
 import sys
 import tempfile
@@ -21,6 +20,7 @@ from jaxtyping import Float
 from mesoshell import __version__
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
+from mesoshell.io.cache import cache_folder
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import write_exr
 from mesoshell.io.material import digest
@@ -79,7 +79,7 @@ def _made(path: Path, patches: tuple[int, ...], wanted: TextureKey, images: dict
     options += [x for k, v in sorted(wanted.values.items()) for x in ("--param", f"{k}={v!r}")]
     of = (digest(path), __version__, options, *((name, image.tobytes()) for name, image in images.items()))
     key = hashlib.sha256(repr(of).encode()).hexdigest()[:32]
-    file = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesoshell" / "textures" / f"{key}.npz"
+    file = cache_folder("textures") / f"{key}.npz"
     if not file.exists():
         with tempfile.TemporaryDirectory() as folder:
             for number, (name, image) in enumerate(images.items()):

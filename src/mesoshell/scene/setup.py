@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box, load_mesh
+from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import read_exr
@@ -19,6 +19,7 @@ from mesoshell.limits import check_memory, check_seed
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
+from mesoshell.scene.kept_meshes import kept_mesh
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Scene
 from mesoshell.shell.geometry.chart import patches_of
@@ -140,7 +141,7 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
 
 
 def _mesh(given: str | PathLike[str] | Mesh) -> Mesh:
-    return given if isinstance(given, Mesh) else load_mesh(given)
+    return given if isinstance(given, Mesh) else kept_mesh(given)
 
 
 def _check_colours(scene: Scene) -> None:

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from mesoshell.cli.options.doctor import Options
-from mesoshell.io.kept_textures import cache_folder, held
+from mesoshell.io.cache import ROOMS, cache_folder, held, remove
 
 BLENDER_PYTHON = Path("data_gen/.venv/bin/python")
 
@@ -25,7 +25,7 @@ def run(options: Options) -> None:
     print(f"devices     {_probe('import jax; print(*jax.devices())')}")
     print(f"embree      {_probe(_RAY)}")
     print(f"grass       {_probe(_BUNDLE)}")
-    print(f"textures    {held(cache_folder()) / 1e6:.0f} MB kept in {cache_folder()}, which may be removed")
+    say_kept(options.clear)
     if importlib.util.find_spec("mitsuba"):
         print(f"mitsuba     {_probe(_PATHS)}")
     else:
@@ -36,6 +36,16 @@ def run(options: Options) -> None:
         print(f"blender     {_probe('import bpy; print(bpy.app.version_string)', str(BLENDER_PYTHON))}")
     else:
         print("blender     no environment here (only `mesoshell dataset render` needs it): make blender")
+
+
+def say_kept(clear: bool) -> None:
+    """Say what is kept on the disk; remove it first if told so."""
+    rooms = {cache_folder(room): what for room, what in ROOMS.items()}
+    if clear:
+        for room in rooms:
+            remove(room)
+    sizes = [f"{held(room) / 1e6:.0f} MB of {what}" for room, what in rooms.items()]
+    print(f"kept        in {cache_folder('xla').parent}: {', '.join(sizes)}")
 
 
 _RAY = """

@@ -1,8 +1,12 @@
-"""Options of `mesoshell doctor`: none."""
+"""Options of `mesoshell doctor`."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Options:
-    """Check the installation: versions, devices, ray tracing, the Blender environment, the bundled material."""
+    """Check the installation: versions, devices, ray tracing, the Blender environment, the bundled material, and what
+    is kept on the disk."""
+
+    #: Remove what is kept: compiled programs, textures and unwrapped meshes, which are made anew when needed.
+    clear: bool = False

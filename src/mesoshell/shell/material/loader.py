@@ -59,7 +59,7 @@ def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
         colours=bundle.tiles,
     )
     material = Material(
-        mip.pack([jnp.asarray(x) for x in levels]),
+        mip.Pyramid(jnp.asarray(np.concatenate([x.reshape(-1, bundle.channels) for x in levels]))),
         mip.Pyramid(jnp.asarray(pack_heights(heights).reshape(-1, bundle.channels))),
         decoder_of(a),
     )

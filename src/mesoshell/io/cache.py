@@ -1,0 +1,50 @@
+"""What is kept between commands, in one folder of the user's (standard library only).
+
+Notation
+room        a folder under $XDG_CACHE_HOME/mesoshell (~/.cache without it); an entry is a file or a folder in it
+
+Nothing there is needed: it can be removed at will, and what is damaged is made anew.
+"""
+
+import os
+import shutil
+from pathlib import Path
+
+#: Rooms, and what they hold.
+ROOMS = {
+    "xla": "compiled programs",
+    "grown": "textures",
+    "textures": "textures of XML scenes",
+    "meshes": "unwrapped meshes",
+}
+
+
+def cache_folder(room: str) -> Path:
+    """Where a room is, or will be."""
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesoshell" / room
+
+
+def held(path: Path) -> int:
+    """Bytes of a file, or of a folder's files; 0 if there is none."""
+    if path.is_file():
+        return path.stat().st_size
+    return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+
+
+def forget(new: Path, most: int) -> None:
+    """Remove what was not used for longest from the room of `new`, but not that entry, until all are within `most` bytes."""
+    entries = sorted(new.parent.iterdir(), key=lambda p: p.stat().st_mtime)
+    sizes = {p: held(p) for p in entries}
+    for entry in entries:
+        if sum(sizes.values()) <= most or entry == new:
+            continue
+        remove(entry)
+        del sizes[entry]
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there and can be removed."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)

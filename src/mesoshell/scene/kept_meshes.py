@@ -1,0 +1,75 @@
+"""Meshes kept between renders: the second picture of a scanned mesh does not wait for its unwrapping (no JAX).
+
+Notation
+key         hash of the file's bytes, its suffix and this version
+entry       KEY.npz in the cache: the arrays of a Mesh and its notes
+
+Files of less than LEAST bytes are read anew: that takes a moment. What was not used for longest goes when all are
+more than MOST.
+"""
+
+import hashlib
+import io
+import os
+import zipfile
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from mesoshell import __version__
+from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import Mesh, load_mesh
+from mesoshell.io.atomic import replace_file
+from mesoshell.io.cache import cache_folder, forget, remove
+
+LEAST, MOST = 1 << 20, 1 << 30
+ARRAYS = ("vertices", "faces", "uv", "normals")
+
+
+def kept_mesh(path: str | PathLike[str]) -> Mesh:
+    """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
+    file = Path(path)
+    if not file.is_file() or file.stat().st_size < LEAST:
+        return load_mesh(path)
+    entry = cache_folder("meshes") / f"{_key(file)}.npz"
+    found = _read(entry)
+    if found is not None:
+        return found
+    mesh = load_mesh(path)
+    _keep(entry, mesh)
+    return mesh
+
+
+def _key(file: Path) -> str:
+    sha = hashlib.sha256(f"{__version__} {file.suffix.lower()} ".encode())
+    with file.open("rb") as data:
+        while part := data.read(1 << 20):
+            sha.update(part)
+    return sha.hexdigest()[:32]
+
+
+def _keep(entry: Path, mesh: Mesh) -> None:
+    """Write an entry if it can be written."""
+    data = io.BytesIO()
+    np.savez(data, **{name: getattr(mesh, name) for name in ARRAYS}, notes=np.array(mesh.notes, np.str_))
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(entry, data.getvalue())
+        forget(entry, MOST)
+    except (InputError, OSError):  # no such disk, or a full one
+        return
+
+
+def _read(entry: Path) -> Mesh | None:
+    """A mesh that is there and whole; what is damaged is removed."""
+    if not entry.exists():
+        return None
+    try:
+        with entry.open("rb") as file, np.load(file) as kept:
+            mesh = Mesh(**{name: kept[name] for name in ARRAYS}, notes=tuple(map(str, kept["notes"])))
+        os.utime(entry)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        remove(entry)
+        return None
+    return mesh

@@ -6,8 +6,9 @@
     scene = ms.Scene("bunny.obj", material, thickness=0.06, scale=0.25)
     ms.render(scene, quality="draft").save("bunny.png")
 
-Names are imported when they are first used: importing this package loads no JAX. `mesoshell.render`, `.stability`, `.tradeoff`
-and `.train` are packages that can be called: a call runs the library's function of that name (docs/tutorials/library.md).
+Names are imported when they are first used: importing this package loads no JAX. `mesoshell.film`, `.render`, `.stability`,
+`.tradeoff` and `.train` are packages that can be called: a call runs the library's function of that name
+(docs/tutorials/library.md).
 """
 
 import sys
@@ -22,8 +23,9 @@ if TYPE_CHECKING:
     from mesoshell import modules as modules
     from mesoshell import pathtracer as mitsuba
     from mesoshell.api.learning import Fit, Run, fit, train
-    from mesoshell.api.rendering import explain, render, stability, tradeoff
+    from mesoshell.api.rendering import explain, film, render, stability, tradeoff
     from mesoshell.errors import InputError
+    from mesoshell.film.shoot import Film
     from mesoshell.render.camera import Camera, look_at
     from mesoshell.render.effects import Effects
     from mesoshell.render.light import Distant
@@ -38,6 +40,7 @@ __all__ = [
     "Camera",
     "Distant",
     "Effects",
+    "Film",
     "Fit",
     "InputError",
     "Material",
@@ -47,6 +50,7 @@ __all__ = [
     "Scene",
     "__version__",
     "explain",
+    "film",
     "fit",
     "load_material",
     "look_at",
@@ -63,6 +67,7 @@ _HOMES = {
     "Camera": "mesoshell.render.camera",
     "Distant": "mesoshell.render.light",
     "Effects": "mesoshell.render.effects",
+    "Film": "mesoshell.film.shoot",
     "Fit": "mesoshell.api.learning",
     "InputError": "mesoshell.errors",
     "Material": "mesoshell.scene.materials",
@@ -79,6 +84,7 @@ _HOMES = {
 _ROOMS = {"mitsuba": "mesoshell.pathtracer", "modules": "mesoshell.modules"}
 #: Packages that can be called, and the module that defines each function.
 _FUNCTIONS = {
+    "mesoshell.film": "mesoshell.api.rendering",
     "mesoshell.render": "mesoshell.api.rendering",
     "mesoshell.stability": "mesoshell.api.rendering",
     "mesoshell.tradeoff": "mesoshell.api.rendering",

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mesoshell.errors import Argument, InputError
+from mesoshell.film.keys import Keys
+from mesoshell.film.shoot import FAR, Film, planned, shoot
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import goal_of
@@ -60,6 +62,36 @@ def stability(scene: Scene, *, rays: int = 100_000, progress: Progress = lambda 
     from mesoshell.stability.examine import examine
 
     return examine(scene, rays, progress)
+
+
+def film(
+    scene: Scene,
+    folder: str | PathLike[str],
+    *,
+    orbit: int | None = None,
+    dolly: int | None = None,
+    far: float = FAR,
+    keys: Keys | None = None,
+    wind: float | None = None,
+    fps: float = 24.0,
+    quality: str | Quality = "normal",
+    engine: Engine = "jax",
+    progress: Show = lambda share, what: None,
+    **changes: Any,
+) -> Film:
+    """Frames of a scene over time, as `mesoshell film` makes them: `.frames` are their paths, `.flicker` what differs between
+    neighbours beside the camera's motion; `.save("film.mp4")` writes an MP4.
+
+    folder: for the frames; those of an earlier call that was stopped are kept. Give one of orbit: frames of a turn around what
+    the camera looks at; dolly: frames of a way toward it from `far` times its distance; keys: {"frame": 0, "camera": seven
+    numbers, "params": {...}, "thickness": ...} each, smooth between them. wind: strength, to 1, of gusts toward the camera's
+    right, for materials with a lean; fps: frames a second. quality, engine, changes: as of `render`. progress:
+    called with the share done, and what is done. Raises InputError, also for a folder that holds another film's frames.
+    """
+    chosen = quality_of(quality, engine, changes)
+    motion = planned(scene, orbit, dolly, far, keys, wind, fps)
+    step = lambda done, count: progress(done / count, f"frame {min(int(done) + 1, count)} of {count}")  # noqa: E731
+    return shoot(scene, motion, Path(folder), chosen, engine, lambda share: progress(share, "growing"), step)
 
 
 def tradeoff(

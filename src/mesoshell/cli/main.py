@@ -15,6 +15,7 @@ from mesoshell.cli.options import (
     doctor,
     evaluate,
     export,
+    film,
     fit,
     judge,
     materials,
@@ -27,6 +28,7 @@ from mesoshell.cli.options import (
 
 _VERBS = (
     render,
+    film,
     tradeoff,
     stability,
     materials,
@@ -46,6 +48,7 @@ VERBS: dict[str, type] = {module.__name__.rpartition(".")[2]: module.Options for
 #: "module:function" in cli/commands that does what these options ask for.
 COMMANDS: dict[type, str] = {
     render.Options: "render:run",
+    film.Options: "film:run",
     tradeoff.Options: "tradeoff:run",
     stability.Options: "stability:run",
     materials.Options: "materials:run",

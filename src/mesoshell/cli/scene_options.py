@@ -6,16 +6,31 @@ from typing import Annotated, Literal
 
 import tyro
 
+from mesoshell.render.quality import PRESETS, SETTINGS, range_of
 from mesoshell.scene.defaults import IRRADIANCE, SIZE
 from mesoshell.shell.geometry.extrude import EARTH
+
+
+def _described(name: str) -> str:
+    """A field of a quality: meaning, values, those of the presets, and what cheaper ones bias."""
+    setting, presets = SETTINGS[name], [getattr(preset, name) for preset in PRESETS.values()]
+    values = ", ".join(str(x) for x in presets) if len(set(presets)) > 1 else str(presets[0])
+    only = f" ({setting.engine} only)" if setting.engine else ""
+    return f"- {name}{only}: {setting.meaning}; {range_of(name)} [{values}]. Biases {setting.bias or 'nothing'}."
+
+
+SETTINGS_HELP = (
+    "NAME=VALUE of a setting, in place of the --quality's; may be repeated. Each with its values, those of draft, normal and "
+    "reference in brackets, and what cheaper values bias:\n\n" + "\n".join(map(_described, SETTINGS))
+)
 
 
 @dataclass(frozen=True)
 class SceneOptions:
     """A mesh grown with a neural material, its camera, its lights, and the engine that renders it."""
 
-    #: OBJ, PLY, GLB or STL file; without texture coordinates it is unwrapped. Or, with --engine mitsuba, an XML scene of
-    #: Mitsuba's with `mesoshell` BSDFs.
+    #: OBJ, PLY, GLB, glTF, OFF or STL file; without texture coordinates it is unwrapped. Or, with --engine mitsuba, an XML
+    #: scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"

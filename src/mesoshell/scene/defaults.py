@@ -16,6 +16,8 @@ SIZE = (512, 512)
 IRRADIANCE = 12.0
 #: Fill light, and the light from below, as shares of the key light.
 FILL, BOUNCE = 0.3, 0.12
+#: Light from behind where a camera goes around, as a share of the key light.
+BACK = 0.6
 #: Vertical field of view, degrees.
 FIELD_OF_VIEW = 35.0
 
@@ -45,3 +47,10 @@ def default_lights(camera: Camera, up: int, irradiance: float) -> tuple[Distant,
         (0.4 * back - above, (0.9, 0.95, 0.85), BOUNCE),
     )
     return tuple(Distant(v / np.linalg.norm(v), np.array(c) * share * irradiance) for v, c, share in lights)
+
+
+def back_light(camera: Camera, up: int, irradiance: float) -> Distant:
+    """A light from behind what the camera sees, for a camera that goes around it."""
+    right, back = camera.to_world[:3, 0], camera.to_world[:3, 2]
+    v = np.eye(3)[up] + 0.5 * right - 0.8 * back
+    return Distant(v / np.linalg.norm(v), np.array([1.0, 0.97, 0.93]) * BACK * irradiance)

@@ -56,18 +56,18 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
     bundle = scene.material.shell
     _check_colours(scene)
     check_seed(scene.seed)
-    mesh = _mesh(scene.mesh)
+    mesh = mesh_of(scene.mesh)
     box = bounding_box(mesh)
     thickness, scale = proportions(mesh, bundle.thickness, scene.thickness, scene.scale)
     shell = extrude(mesh, thickness, scale)
-    up = _up_axis(scene)
+    up = up_axis(scene)
     values, maps = read_params(bundle, scene.params)
     patches = patches_per_uv(mesh, shell)
     shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
     repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
     material, origin, said = _textured(scene, shell.uv, (values, shape, patches, repeats), progress)
-    camera = _camera(scene, box, thickness, up)
-    lights, sky = _lights(scene, camera, up)
+    camera = camera_of(scene, box, thickness, up)
+    lights, sky = lights_of(scene, camera, up)
     return ShellDescription(
         mesh=mesh,
         shell=shell,
@@ -80,7 +80,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
         maps=maps,
         patches_per_uv=patches,
         base_colour=scene.base_colour,
-        objects=tuple(_mesh(x) for x in scene.objects),
+        objects=tuple(mesh_of(x) for x in scene.objects),
         transparent=scene.transparent,
         notes=(*mesh.notes, *shell.notes, *said),
     )
@@ -129,18 +129,19 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     for name in (name for name, is_given in given.items() if is_given):
         raise InputError(Argument(name), f"{scene.material.name} is a surface material: it has none (see `scale`)")
     _check_colours(scene)
-    mesh = _mesh(scene.mesh)
-    box, up = bounding_box(mesh), _up_axis(scene)
+    mesh = mesh_of(scene.mesh)
+    box, up = bounding_box(mesh), up_axis(scene)
     period = default_period(mesh) if scene.scale is None else scene.scale
     if not (np.isfinite(period) and period > 0):
         raise InputError(Argument("scale"), f"must be above 0, not {period:g}")
-    camera = _camera(scene, box, 0.0, up)
-    lights, sky = _lights(scene, camera, up)
-    objects = tuple(_mesh(x) for x in scene.objects)
+    camera = camera_of(scene, box, 0.0, up)
+    lights, sky = lights_of(scene, camera, up)
+    objects = tuple(mesh_of(x) for x in scene.objects)
     return SurfaceDescription(mesh, period, camera, lights, sky, scene.base_colour, objects, scene.transparent)
 
 
-def _mesh(given: str | PathLike[str] | Mesh) -> Mesh:
+def mesh_of(given: str | PathLike[str] | Mesh) -> Mesh:
+    """A loaded mesh, or one from its file. Raises InputError."""
     return given if isinstance(given, Mesh) else kept_mesh(given)
 
 
@@ -162,7 +163,7 @@ def check_irradiance(name: str, irradiance: np.ndarray) -> None:
         raise InputError(Argument(name), f"must be from 0 to {BRIGHTEST:g}, not {wrong[0]:g}")
 
 
-def _up_axis(scene: Scene) -> int:
+def up_axis(scene: Scene) -> int:
     """1 for y, 2 for z: as given, or as usual for the mesh's file format."""
     usual = "y" if isinstance(scene.mesh, Mesh) or Path(scene.mesh).suffix.lower() not in (".ply", ".stl") else "z"
     axes = {"y": 1, "z": 2}
@@ -171,7 +172,7 @@ def _up_axis(scene: Scene) -> int:
     return axes[scene.up or usual]
 
 
-def _lights(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...], Environment | None]:
+def lights_of(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...], Environment | None]:
     """The lights and the environment given, or three lights if there are none. Raises InputError."""
     lights = tuple(light_of(light, scene.irradiance) for light in scene.lights)
     sky = environment_of(scene.environment, up)
@@ -180,7 +181,7 @@ def _lights(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...],
     return lights, sky
 
 
-def _camera(scene: Scene, box: np.ndarray, thickness: float, up: int) -> Camera:
+def camera_of(scene: Scene, box: np.ndarray, thickness: float, up: int) -> Camera:
     """The camera given, or one that frames a box with a layer about it. Raises InputError."""
     given = scene.camera
     source, size = Argument("size"), scene.size

@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from mesoshell.cli.scene_options import SceneOptions
-from mesoshell.render.quality import PRESETS, SETTINGS, range_of
+from mesoshell.cli.scene_options import SETTINGS_HELP, SceneOptions
 
 
 def _file(text: list[str]) -> Path:
@@ -23,20 +22,6 @@ FILE = tyro.constructors.PrimitiveConstructorSpec(
     instance_from_str=_file,
     is_instance=lambda x: isinstance(x, Path),
     str_from_instance=lambda x: [str(x)],
-)
-
-
-def _described(name: str) -> str:
-    """A field of a quality: meaning, values, those of the presets, and what cheaper ones bias."""
-    setting, presets = SETTINGS[name], [getattr(preset, name) for preset in PRESETS.values()]
-    values = ", ".join(str(x) for x in presets) if len(set(presets)) > 1 else str(presets[0])
-    only = f" ({setting.engine} only)" if setting.engine else ""
-    return f"- {name}{only}: {setting.meaning}; {range_of(name)} [{values}]. Biases {setting.bias or 'nothing'}."
-
-
-SETTINGS_HELP = (
-    "NAME=VALUE of a setting, in place of the --quality's; may be repeated. Each with its values, those of draft, normal and "
-    "reference in brackets, and what cheaper values bias:\n\n" + "\n".join(map(_described, SETTINGS))
 )
 
 

@@ -1,0 +1,126 @@
+"""Keys: values of camera and parameters at some frames, and all between them.
+
+    {"keys": [{"frame": 0, "camera": [0, 1, 3, 0, 0, 0, 35], "params": {"age": 0}},
+              {"frame": 47, "params": {"age": 1}, "thickness": 0.1}]}
+
+Notation
+track       the keys that give one number, in order of frames; before its first key and after its last it stays
+
+Between keys a track is a monotone cubic (Fritsch and Carlson 1980): smooth, and never beyond the keys around it, so that a
+parameter stays in its range. The film ends with the last key.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.film.motion import Motion, check_count
+from mesoshell.io.atomic import read_file
+from mesoshell.io.material import normalised
+from mesoshell.io.surface import KIND
+from mesoshell.scene.scene import Scene
+
+#: Numbers of a key beside its frame: camera is eye, target and vertical field of view in degrees, as of a Scene.
+CAMERA, NUMBERS = 7, ("thickness",)
+Keys = Sequence[Any]
+
+
+def read_keys(path: str | PathLike[str]) -> list[dict[str, Any]]:
+    """The keys in a JSON file. Raises InputError, which names the file."""
+    try:
+        read = json.loads(read_file(path))
+    except ValueError as fault:
+        raise InputError(path, f"is no JSON: {fault}") from fault
+    if not isinstance(read, dict) or list(read) != ["keys"] or not isinstance(read["keys"], list):
+        raise InputError(path, 'must be {"keys": [...]}')
+    try:
+        _check(read["keys"])
+    except InputError as fault:
+        raise InputError(path, str(fault).partition(": ")[2]) from fault
+    return read["keys"]
+
+
+def follow(keys: Keys, scene: Scene) -> Motion:
+    """The motion through keys. Raises InputError for keys that are none, for a parameter that the material has not, or one that
+    is out of its range."""
+    _check(keys)
+    count = keys[-1]["frame"] + 1
+    check_count("keys", count)
+    tracks = {name: track for name in ("camera", *NUMBERS) if (track := _track(keys, lambda key, n=name: key.get(n)))}
+    names = dict.fromkeys(name for key in keys for name in key.get("params", {}))
+    params = {name: _track(keys, lambda key, n=name: key.get("params", {}).get(n)) for name in names}
+    _check_params(scene, keys)
+    shape = any(scene.material.parameters[name].role == "beta" for name in names)
+
+    def change(k: int) -> dict[str, Any]:
+        at: dict[str, Any] = {name: track(k) for name, track in tracks.items()}
+        changed = {name: value.tolist() if name == "camera" else float(value) for name, value in at.items()}
+        if params:
+            changed["params"] = {**scene.params, **{name: float(track(k)) for name, track in params.items()}}
+        return changed
+
+    return Motion(count, change, shape)
+
+
+def _check_params(scene: Scene, keys: Keys) -> None:
+    """Raise InputError for a parameter that the material has not, or a value out of its range."""
+    given = [key["params"] for key in keys if "params" in key]
+    if given and scene.material.kind == KIND:
+        raise InputError(Argument("keys"), f"{scene.material.name} is a surface material: it has no parameters")
+    for params in given:
+        normalised(scene.material.shell, dict(params), source=Argument("keys"))
+
+
+def _track(keys: Keys, value: Any) -> Any:
+    """A function of the frame; None if no key gives a value."""
+    frames = [key["frame"] for key in keys if value(key) is not None]
+    values = [np.asarray(value(key), np.float64) for key in keys if value(key) is not None]
+    if not frames:
+        return None
+    if len(frames) == 1:
+        return lambda k: values[0]
+    with np.errstate(over="ignore"):  # of slopes that are no normal numbers
+        between = PchipInterpolator(frames, values)
+    return lambda k: between(min(max(k, frames[0]), frames[-1]))
+
+
+def _check(keys: Keys) -> None:
+    """Raise InputError unless these are keys."""
+    last = -1
+    if not keys:
+        raise InputError(Argument("keys"), "hold no key")
+    for i, key in enumerate(keys):
+        fault = _fault(key, last)
+        if fault:
+            raise InputError(Argument("keys"), f"key {i}: {fault}")
+        last = key["frame"]
+
+
+def _fault(key: Any, last: int) -> str:
+    if not isinstance(key, Mapping):
+        return "is no object"
+    unknown = sorted(set(key) - {"frame", "camera", "params", *NUMBERS})
+    if unknown:
+        return f"has no '{unknown[0]}': it has frame, camera, params, {', '.join(NUMBERS)}"
+    frame = key.get("frame")
+    if type(frame) is not int or frame <= last:
+        return f"frame must be a whole number above {last}, not {frame!r}"
+    camera = key.get("camera")
+    if camera is not None and not (
+        isinstance(camera, Sequence) and len(camera) == CAMERA and all(map(_number, camera))
+    ):
+        return "camera must be 7 numbers: eye, target and field of view in degrees"
+    params = key.get("params", {})
+    if not isinstance(params, Mapping) or not all(map(_number, params.values())):
+        return "params must give numbers by name"
+    wrong = [name for name in NUMBERS if name in key and not (_number(key[name]) and key[name] > 0)]
+    return f"{wrong[0]} must be a positive number" if wrong else ""
+
+
+def _number(x: Any) -> bool:
+    return type(x) in (int, float) and bool(np.isfinite(x))

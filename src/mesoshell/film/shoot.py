@@ -1,0 +1,205 @@
+"""Shoot a film: frames into a folder, one by one; a film that was interrupted goes on where it stopped.
+
+A folder holds 00000.png, 00001.png … and film.json, whose `frames` have the seconds and the flicker of each. `of` is a hash
+of all that the pictures depend on: a folder with another one is refused.
+"""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from mesoshell import __version__
+from mesoshell.errors import Argument, InputError
+from mesoshell.film.flicker import Seen, flicker, seen
+from mesoshell.film.keys import Keys, follow
+from mesoshell.film.motion import Motion
+from mesoshell.film.motion import dolly as toward
+from mesoshell.film.motion import orbit as around
+from mesoshell.film.mp4 import check_mp4, write_mp4
+from mesoshell.film.wind import blown
+from mesoshell.geometry.mesh import bounding_box
+from mesoshell.io.atomic import probe_folder, read_file, replace_file
+from mesoshell.io.image import linear_to_srgb, read_picture, write_png
+from mesoshell.render.camera import Camera
+from mesoshell.render.quality import Quality
+from mesoshell.scene.defaults import back_light
+from mesoshell.scene.picture import Progress
+from mesoshell.scene.prepare import prepare
+from mesoshell.scene.scene import Scene
+from mesoshell.scene.settled import settled
+from mesoshell.scene.setup import camera_of, mesh_of, up_axis
+
+RECORD = "film.json"
+#: How many times its distance away a dolly begins.
+FAR = 8.0
+#: Called with frames done and frames in all.
+Show = Callable[[float, int], None]
+
+
+@dataclass(frozen=True)
+class Film:
+    """A film on the disk. frames: paths in order; seconds: that each took to make; flicker: of each against the one before,
+    None for the first or where they share too little; notes: what the user should know, a line each."""
+
+    frames: tuple[Path, ...]
+    seconds: tuple[float, ...]
+    flicker: tuple[float | None, ...]
+    notes: tuple[str, ...]
+
+    def save(self, path: str | PathLike[str], fps: float = 24.0) -> None:
+        """Write it over white as an MP4, H.264 that browsers play. fps: frames a second. Raises InputError for another
+        suffix, an odd width or height, or if it cannot be written."""
+        height, width = on_white(self.frames[0]).shape[:2]
+        check_mp4(Path(path), (width, height), fps)
+        write_mp4(Path(path), map(_bytes, self.frames), (width, height), fps)
+
+
+def shoot(
+    scene: Scene,
+    motion: Callable[[Scene], Motion],
+    folder: Path,
+    quality: Quality,
+    engine: str = "jax",
+    grown: Progress = lambda share: None,
+    show: Show = lambda done, count: None,
+) -> Film:
+    """Render the frames that are not there yet. motion: of the settled scene; grown: progress of its texture. Raises
+    InputError, also for a folder that holds another film's frames."""
+    probe_folder(folder, "--out")
+    begun = settled(scene, texture=False)
+    moves = motion(begun)
+    of = _identity(begun, [moves.change(k) for k in range(moves.count)], quality, engine)
+    rows = _rows(folder, of)
+    still = begun if moves.shape else settled(begun, grown)
+    notes: dict[str, None] = {}
+    before: tuple[Seen, np.ndarray] | None = None
+    for k in range(moves.count):
+        frame = replace(still, **moves.change(k))
+        path, view = folder / f"{k:05d}.png", _seen(frame)
+        if str(k) not in rows or not path.exists():
+            start = time.perf_counter()
+            made = prepare(frame, quality, engine).picture(lambda share, k=k: show(k + share, moves.count))
+            notes |= dict.fromkeys(made.notes)
+            folder.mkdir(parents=True, exist_ok=True)
+            write_png(path, made.rgba)
+            rows[str(k)] = {"seconds": round(time.perf_counter() - start, 3)}
+        shown = on_white(path)
+        if "flicker" not in rows[str(k)]:
+            rows[str(k)]["flicker"] = None if before is None else flicker(before[1], shown, before[0], view)
+            record = {"version": __version__, "of": of, "engine": engine, "frames": rows}
+            replace_file(folder / RECORD, (json.dumps(record, indent=1) + "\n").encode())
+        before = view, shown
+        show(k + 1, moves.count)
+    made = [rows[str(k)] for k in range(moves.count)]
+    paths = tuple(folder / f"{k:05d}.png" for k in range(moves.count))
+    return Film(paths, tuple(x["seconds"] for x in made), tuple(x["flicker"] for x in made), tuple(notes))
+
+
+def on_white(path: Path) -> Float[np.ndarray, "H W 3"]:
+    """A frame over white, linear, as a screen shows it."""
+    rgba = read_picture(path)
+    return np.clip(rgba[..., :3] + (1 - rgba[..., 3:]), 0, 1)
+
+
+def planned(
+    scene: Scene,
+    orbit: int | None = None,
+    dolly: int | None = None,
+    far: float = FAR,
+    keys: Keys | None = None,
+    wind: float | None = None,
+    fps: float = 24.0,
+) -> Callable[[Scene], Motion]:
+    """The motion of a scene that is settled, by the one of `orbit`, `dolly` and `keys` that is given, with wind toward the
+    camera's right if it has a strength. Raises InputError unless it is one."""
+    given = [name for name, value in (("orbit", orbit), ("dolly", dolly), ("keys", keys)) if value is not None]
+    if len(given) != 1:
+        raise InputError(Argument(given[-1] if given else "orbit"), "give one of `orbit`, `dolly` and `keys`")
+    aimed, unlit = scene.camera, not scene.lights and scene.environment is None
+
+    def motion(still: Scene) -> Motion:
+        moves = moved(still)
+        if wind is None:
+            return moves
+        right = _camera(still).to_world[:3, 0]
+        return blown(moves, still, mesh_of(still.mesh), right, wind, fps)
+
+    def moved(still: Scene) -> Motion:
+        if keys is not None:
+            return follow(keys, still)
+        camera = _camera(still)
+        box = bounding_box(mesh_of(still.mesh)).astype(np.float64)
+        pivot = box.mean(axis=0) if aimed is None or isinstance(aimed, Camera) else np.array(aimed[3:6], np.float64)
+        if orbit is not None:
+            lights = (*still.lights, back_light(camera, up_axis(still), still.irradiance)) if unlit else None
+            return around(camera, pivot, up_axis(still), orbit, lights)
+        assert dolly is not None
+        return toward(camera, pivot, far, dolly)
+
+    return motion
+
+
+def _bytes(path: Path) -> UInt8[np.ndarray, "H W 3"]:
+    """A frame over white, sRGB."""
+    return np.round(255 * linear_to_srgb(on_white(path))).astype(np.uint8)
+
+
+def _camera(still: Scene) -> Camera:
+    mesh = mesh_of(still.mesh)
+    return camera_of(still, bounding_box(mesh), still.thickness or 0.0, up_axis(still))
+
+
+def _seen(frame: Scene) -> Seen:
+    """What the flicker of a frame is measured on."""
+    return seen(_camera(frame), mesh_of(frame.mesh), frame.thickness or 0.0, tuple(map(mesh_of, frame.objects)))
+
+
+def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
+    """Rows of the frames that are there. Raises InputError if they are another film's."""
+    path = folder / RECORD
+    if not path.exists():
+        if any(folder.glob("[0-9]" * 5 + ".png")):
+            raise InputError(folder, f"holds frames without {RECORD}, of what film is not known: choose another folder")
+        return {}
+    try:
+        record = json.loads(read_file(path))
+        same, rows = record["of"] == of, dict(record["frames"])
+    except (ValueError, TypeError, KeyError) as fault:
+        raise InputError(path, "is no record of a film: remove the folder, or choose another") from fault
+    if not same:
+        raise InputError(folder, "holds another film's frames: remove the folder, or choose another")
+    return rows
+
+
+def _identity(*parts: Any) -> str:
+    sha = hashlib.sha256(__version__.encode())
+    _feed(sha, parts)
+    return sha.hexdigest()
+
+
+def _feed(sha: Any, part: Any) -> None:
+    """Add what a part holds: arrays by their bytes, containers by their parts, all else by its text."""
+    if isinstance(part, np.ndarray):
+        sha.update(f"{part.dtype}{part.shape}".encode())
+        sha.update(np.ascontiguousarray(part).data)
+    elif is_dataclass(part) and not isinstance(part, type):
+        _feed(sha, {field.name: getattr(part, field.name) for field in fields(part)})
+    elif isinstance(part, Mapping):
+        for key in sorted(part):
+            _feed(sha, (key, part[key]))
+    elif isinstance(part, str | PathLike):
+        sha.update(f"{part!r}".encode())
+    elif isinstance(part, Sequence):
+        sha.update(f"[{len(part)}".encode())
+        for item in part:
+            _feed(sha, item)
+    else:
+        sha.update(repr(part).encode())

@@ -1,0 +1,110 @@
+"""Wind: gusts that move over a surface and comb what stands on it, for materials that have a lean.
+
+Notation
+ω           unit vector that the wind blows toward, world
+x           point of the surface, world; P_u, P_v tangents along u and v, unit
+strength    0 to 1: the lean, in parts of its range, where the wind blows along the surface and no gust adds to it
+size        of the scene: the diagonal of its bounding box, world
+g(x, t)     gusts, of mean 0 and variance 1: √(2/K) Σ a_j cos(2π κ_j·(x − t speed ω) / size + φ_j), waves that travel with
+            the wind (Taylor's frozen turbulence); κ_j, a_j, φ_j drawn by the seed
+
+Where the surface faces the wind, or away from it, what is along it of ω is short, and so is the lean. Phases of the generator
+stay as they are, so the same blades stand in each frame and lean otherwise.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from jaxtyping import Float
+from scipy.ndimage import distance_transform_edt
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.film.motion import Motion
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.scene.scene import Scene
+
+LEAN, ANGLE = "lean", "lean_angle"
+#: Pixels along a side of the images of lean and angle over the UV square.
+SIDE = 96
+#: Waves of the gusts, and their least and greatest number over the scene.
+WAVES, LEAST, GREATEST = 32, 1.0, 5.0
+#: Share of the lean that gusts add or take, deviation of the wind's direction (radians), and sizes of the scene a second at
+#: full strength.
+GUST, VEER, SPEED = 0.45, 0.35, 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Points and tangents of a surface under the pixels of an image over the UV square, v downward; world."""
+
+    x: Float[np.ndarray, "H W 3"]
+    along_u: Float[np.ndarray, "H W 3"]
+    along_v: Float[np.ndarray, "H W 3"]
+
+
+def blown(
+    motion: Motion, scene: Scene, mesh: Mesh, toward: Float[np.ndarray, "3"], strength: float, fps: float
+) -> Motion:
+    """The motion of a scene with wind. mesh: the scene's; toward: ω. Raises InputError for a material without lean, or a
+    strength out of range."""
+    if not 0 < strength <= 1:
+        raise InputError(Argument("wind"), f"must be above 0, to 1, not {strength:g}")
+    if not {LEAN, ANGLE} <= {name for name, p in scene.material.parameters.items() if p.role == "beta"}:
+        raise InputError(Argument("wind"), f"{scene.material.name} has no lean that wind could change (carpet has)")
+    ground = ground_of(mesh)
+    size = float(np.linalg.norm(np.ptp(mesh.vertices.astype(np.float64), axis=0)))
+
+    def change(k: int) -> dict[str, Any]:
+        moved = motion.change(k)
+        lean, angle = combed(ground, toward, strength, size, k / fps, scene.seed or 0)
+        return moved | {"params": {**scene.params, **moved.get("params", {}), LEAN: lean, ANGLE: angle}}
+
+    return Motion(motion.count, change, shape=True)
+
+
+def combed(
+    ground: Ground, toward: Float[np.ndarray, "3"], strength: float, size: float, t: float, seed: int
+) -> tuple[Float[np.ndarray, "H W"], Float[np.ndarray, "H W"]]:
+    """Lean and its angle from u toward v, both over their range, at time t in seconds."""
+    at = (ground.x - t * SPEED * strength * size * toward) / size
+    u, v = ground.along_u @ toward, ground.along_v @ toward
+    lean = strength * np.hypot(u, v) * (1 + GUST * gusts(at, seed))
+    angle = np.arctan2(v, u) + VEER * gusts(at, seed + 1)
+    return np.clip(lean, 0, 1).astype(np.float32), (angle / (2 * np.pi) % 1.0).astype(np.float32)
+
+
+def gusts(at: Float[np.ndarray, "*shape 3"], seed: int) -> Float[np.ndarray, "*shape"]:
+    """g at points, in sizes of the scene."""
+    random = np.random.default_rng([seed, 0x57])
+    way = random.normal(size=(WAVES, 3))
+    number = LEAST * (GREATEST / LEAST) ** random.random(WAVES)
+    amplitude = number**-0.8
+    amplitude /= np.sqrt((amplitude**2).mean())
+    phase = 2 * np.pi * random.random(WAVES)
+    waves = way / np.linalg.norm(way, axis=1, keepdims=True) * number[:, None]
+    return (np.cos(2 * np.pi * at @ waves.T + phase) * amplitude).sum(axis=-1) * (2 / WAVES) ** 0.5
+
+
+def ground_of(mesh: Mesh, side: int = SIDE) -> Ground:
+    """The surface under the pixels of an image; pixels between charts take the nearest one's."""
+    uv = mesh.uv.astype(np.float64)
+    uv = uv - np.floor(uv.mean(axis=1, keepdims=True))  # charts beyond the square repeat in it
+    scene = EmbreeScene()
+    flat = np.concatenate([uv, np.zeros((*uv.shape[:2], 1))], axis=-1)
+    TriangleMesh(scene, np.ascontiguousarray(flat, np.float32))
+    line = (np.arange(side) + 0.5) / side
+    at = np.stack([*np.meshgrid(line, line[::-1]), np.ones((side, side))], axis=-1).reshape(-1, 3)
+    down = np.broadcast_to(np.float32([0, 0, -1]), at.shape)
+    face = np.asarray(scene.run(at.astype(np.float32), np.ascontiguousarray(down))).reshape(side, side)
+    nearest = np.asarray(distance_transform_edt(face < 0, return_distances=False, return_indices=True))
+    face = face[nearest[0], nearest[1]].ravel()
+    corner, chart = mesh.vertices.astype(np.float64)[mesh.faces[face]], uv[face]
+    along = np.linalg.pinv(chart[:, 1:] - chart[:, :1]) @ (corner[:, 1:] - corner[:, :1])  # ∂x/∂(u, v)
+    tangents = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-300)
+    offset = at[(nearest[0] * side + nearest[1]).ravel(), :2] - chart[:, 0]
+    x = corner[:, 0] + np.einsum("pi,pij->pj", offset, along)
+    shape = side, side, 3
+    return Ground(x.reshape(shape), tangents[:, 0].reshape(shape), tangents[:, 1].reshape(shape))

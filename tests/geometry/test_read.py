@@ -7,11 +7,12 @@ import pytest
 import trimesh
 
 from mesoshell.errors import InputError
-from mesoshell.geometry.read import read_mesh, read_obj
+from mesoshell.geometry.read import FORMATS, read_mesh, read_obj
 
 DATA = Path(__file__).parents[1] / "data"
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+OFF = "OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n"
 FACE = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
 
 
@@ -82,7 +83,9 @@ def test_faults_of_paths(tmp_path: Path):
             read_mesh(path)
         assert str(raised.value) == f"{path}: {fault}"
     (tmp_path / "mesh.fbx").write_text("")
-    with pytest.raises(InputError, match=r"unknown mesh format '\.fbx': use \.obj, \.ply, \.glb, \.stl$"):
+    with pytest.raises(
+        InputError, match=r"unknown mesh format '\.fbx': use \.obj, \.ply, \.glb, \.gltf, \.off, \.stl$"
+    ):
         read_mesh(tmp_path / "mesh.fbx")
 
 
@@ -91,6 +94,24 @@ def test_faults_of_paths(tmp_path: Path):
     [
         ("mesh.ply", b"", r"is not a readable PLY file: its header .+$"),
         ("mesh.ply", PLY.encode(), r"is not a readable PLY file: its header .+$"),
+        ("mesh.off", b"OFF\n", r"is not a readable OFF file: its header has no beginning, or no numbers$"),
+        ("mesh.off", b"PLY\n3 1 0\n", r"is not a readable OFF file: its header has no beginning, or no numbers$"),
+        ("mesh.off", (OFF + "3 0 1 2\n").encode(), r"is cut short: it has 4 of 5 lines of vertices and faces$"),
+        ("mesh.gltf", b'{"buffers": [{"uri": "none.bin", "byteLength": 9}]}', r"its buffer 'none\.bin' is missing$"),
+        ("mesh.gltf", b'{"buffers": [{"byteLength": 9}]}', r"its buffer '' is no file of its folder$"),
+        (
+            "mesh.gltf",
+            b'{"buffers": [{"uri": "../a.bin", "byteLength": 9}]}',
+            r"its buffer '\.\./a\.bin' is no file of its folder$",
+        ),
+        ("mesh.gltf", b'{"buffers": [{"uri": "%2e%2e/a.bin", "byteLength": 9}]}', r" is no file of its folder$"),
+        ("mesh.gltf", b'{"buffers": [{"uri": "/etc/passwd", "byteLength": 9}]}', r" is no file of its folder$"),
+        (
+            "mesh.gltf",
+            b'{"buffers": [{"uri": "mesh.gltf", "byteLength": 99}]}',
+            r"is cut short: it has 53 of 99 bytes$",
+        ),
+        ("mesh.gltf", b"[]", r"is not a readable GLTF file"),
         ("mesh.glb", b"glTF\x02\0\0\0", r"is not a readable GLB file: its header is not that of GLB$"),
         (
             "mesh.ply",
@@ -104,6 +125,23 @@ def test_unreadable_files_are_one_line(tmp_path: Path, name: str, content: bytes
     with pytest.raises(InputError, match=fault) as raised:
         read_mesh(tmp_path / name)
     assert "\n" not in str(raised.value) and str(raised.value).startswith(str(tmp_path / name))
+
+
+def test_the_same_mesh_in_every_format(tmp_path: Path):
+    ball = trimesh.creation.icosphere(1)
+    uv = np.random.default_rng(0).random((len(ball.vertices), 2))
+    textured = trimesh.Trimesh(ball.vertices, ball.faces, visual=trimesh.visual.TextureVisuals(uv=uv), process=False)
+    for kind in ("obj", "ply", "glb", "off", "stl"):
+        textured.export(tmp_path / f"ball.{kind}")
+    parts = trimesh.exchange.gltf.export_gltf(trimesh.Scene(textured))
+    for name, data in parts.items():
+        (tmp_path / ("ball.gltf" if name.endswith(".gltf") else name)).write_bytes(data)
+    for kind in FORMATS:
+        points, faces, read_uv = read_mesh(tmp_path / f"ball{kind}")
+        np.testing.assert_allclose(points[faces], ball.vertices[ball.faces], atol=1e-6)
+        if kind in (".glb", ".gltf", ".obj"):
+            assert read_uv is not None
+            np.testing.assert_allclose(read_uv, uv[ball.faces], atol=1e-6)
 
 
 def test_scenes_are_joined_with_their_transforms(tmp_path: Path):

@@ -31,7 +31,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of files that are well."""
     folder = tmp_path_factory.mktemp("good")
     ball = trimesh.creation.icosphere(1)
-    for kind in ("obj", "ply", "stl", "glb"):
+    for kind in ("obj", "ply", "stl", "glb", "off"):
         ball.export(folder / f"ball.{kind}")
     random = np.random.default_rng(0)
     write_exr(folder / "a.exr", random.random((6, 5, 4), np.float32))

@@ -35,6 +35,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "ball.ply": load_mesh,
     "ball.stl": load_mesh,
     "ball.glb": load_mesh,
+    "ball.off": load_mesh,
     "a.exr": read_exr,
     "a.png": read_png,
     "cameras.npz": read_heads,
@@ -68,7 +69,7 @@ def damaged(data: bytes, seed: int) -> bytes:
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.parametrize("block", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in (1, 2))])
 def test_damaged_files_are_read_or_refused(good: Path, tmp_path: Path, name: str, block: int):
-    """420 cases: 20 a block, kind of file."""
+    """480 cases: 20 a block, kind of file."""
     data, path = (good / name).read_bytes(), tmp_path / name
     for seed in range(20 * block, 20 * block + 20):
         path.write_bytes(damaged(data, seed))
@@ -87,7 +88,7 @@ def test_what_is_no_such_file_is_refused(tmp_path: Path, name: str, content: byt
         refuses(read_heights, path)
 
 
-@pytest.mark.parametrize("kind", ["ply", "stl", "glb"])
+@pytest.mark.parametrize("kind", ["ply", "stl", "glb", "off"])
 def test_a_mesh_that_is_cut_short_is_called_so(good: Path, tmp_path: Path, kind: str, refuses):
     path = tmp_path / f"a.{kind}"
     path.write_bytes((good / f"ball.{kind}").read_bytes()[:400])

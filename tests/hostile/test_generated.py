@@ -20,6 +20,8 @@ PEAK = {"plain": 600, "option": 600, "jax": 1500, "engine": 6000}
 PLAIN = {
     "quad.obj": 28,
     "ball.glb": 28,
+    "ball.gltf": 28,
+    "ball.off": 28,
     "ball.stl": 28,
     "ball.ply": 28,
     "text.ply": 28,

@@ -6,7 +6,7 @@ uv          texture coordinates of each corner, NaN on corners without
 v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are ignored
 n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
 
-PLY, GLB and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's.
+PLY, GLB, glTF, OFF and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's.
 OBJ is read here, for five faults of trimesh's reader (5.2) that leave no trace: number 0 becomes the first vertex; a
 negative number counts from the file's end; one face without vt drops every UV; so does one vt out of range; polygons
 under several `usemtl` come back out of order. A polygon becomes a fan of triangles about its first corner.
@@ -14,9 +14,11 @@ under several `usemtl` come back out of order. A polygon becomes a fan of triang
 Source: the OBJ specification (Wavefront, appendix B1).
 """
 
+import json
 import os
 from os import PathLike
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import trimesh
@@ -24,7 +26,7 @@ from jaxtyping import Float, Int
 
 from mesoshell.errors import InputError
 
-FORMATS = (".obj", ".ply", ".glb", ".stl")
+FORMATS = (".obj", ".ply", ".glb", ".gltf", ".off", ".stl")
 NO_TEXTURE = -1
 
 #: Positions, triangles, and corner UVs (None where no corner has one).
@@ -32,7 +34,7 @@ Arrays = tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "M 3"], Float[np.ndarra
 
 
 def read_mesh(path: str | PathLike[str]) -> Arrays:
-    """The arrays of an OBJ, PLY, GLB or STL file, in float64. Raises InputError, in one line, if it has none."""
+    """The arrays of a mesh file of one of FORMATS, in float64. Raises InputError, in one line, if it has none."""
     file = Path(path)
     kind = file.suffix[1:].upper()
     if os.path.isdir(file):
@@ -84,6 +86,16 @@ def check_whole(path: Path) -> None:
             raise InputError(path, "is not a readable GLB file: its header is not that of GLB")
         if said > size:
             raise InputError(path, f"is cut short: it has {size} of {said} bytes")
+    if kind == ".gltf":
+        _check_buffers(path)
+    if kind == ".off":
+        lines = [line for line in (x.split(b"#")[0].split() for x in path.read_bytes().splitlines()) if line]
+        words = [*lines[0][1:], *(lines[1] if len(lines[0]) == 1 and len(lines) > 1 else ())] if lines else []
+        if len(words) < 2 or not lines[0][0].endswith(b"OFF"):
+            raise InputError(path, "is not a readable OFF file: its header has no beginning, or no numbers")
+        wanted, found = sum(map(int, words[:2])), len(lines) - (1 if len(lines[0]) > 1 else 2)
+        if found < wanted:
+            raise InputError(path, f"is cut short: it has {found} of {wanted} lines of vertices and faces")
     if kind == ".ply":
         lines = head.partition(b"end_header")[0].splitlines()
         if not head.startswith(b"ply") or b"end_header" not in head:
@@ -91,6 +103,24 @@ def check_whole(path: Path) -> None:
         counts = [int(words[2]) for words in map(bytes.split, lines) if words[:1] == [b"element"]]
         if sum(counts) > size:
             raise InputError(path, f"is cut short: it has {size} bytes for {sum(counts)} elements")
+
+
+def _check_buffers(path: Path) -> None:
+    """Raise InputError unless a glTF file's buffers are in it, or whole in files of its folder or below."""
+    described = json.loads(path.read_bytes())
+    for buffer in described.get("buffers", []):
+        uri = buffer.get("uri", "")
+        if uri.startswith("data:"):
+            continue
+        name = unquote(uri)
+        file, folder = (path.parent / name).resolve(), path.parent.resolve()
+        if not name or not file.is_relative_to(folder):
+            raise InputError(path, f"its buffer {uri!r} is no file of its folder")
+        if not file.is_file():
+            raise InputError(path, f"its buffer {uri!r} is missing")
+        if file.stat().st_size < buffer["byteLength"]:
+            sizes = f"it has {file.stat().st_size} of {buffer['byteLength']} bytes"
+            raise InputError(path, f"its buffer {uri!r} is cut short: {sizes}")
 
 
 def _is_text_stl(head: bytes) -> bool:

@@ -4,8 +4,8 @@ Notation
 key         hash of the file's bytes, its suffix and this version
 entry       KEY.npz in the cache: the arrays of a Mesh and its notes
 
-Files of less than LEAST bytes are read anew: that takes a moment. What was not used for longest goes when all are
-more than MOST.
+Files of less than LEAST bytes are read anew, which takes a moment, and glTF files, whose buffers are files of their own. What
+was not used for longest goes when all are more than MOST.
 """
 
 import hashlib
@@ -30,7 +30,7 @@ ARRAYS = ("vertices", "faces", "uv", "normals")
 def kept_mesh(path: str | PathLike[str]) -> Mesh:
     """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
     file = Path(path)
-    if not file.is_file() or file.stat().st_size < LEAST:
+    if file.suffix.lower() == ".gltf" or not file.is_file() or file.stat().st_size < LEAST:
         return load_mesh(path)
     entry = cache_folder("meshes") / f"{_key(file)}.npz"
     found = _read(entry)

@@ -24,7 +24,7 @@ Direction = tuple[float, float, float]
 class Scene:
     """A mesh grown with a material, its camera and its lights.
 
-    mesh: an OBJ, PLY, GLB or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
+    mesh: an OBJ, PLY, GLB, glTF, OFF or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
     material: of `load_material`.
     thickness: height of the shell in the mesh's unit. Default: the material's own thickness times `scale`, or 1/25 of the
         bounding box's diagonal. A surface material has none.

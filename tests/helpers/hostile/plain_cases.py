@@ -27,6 +27,8 @@ from tests.helpers.hostile.trial import Case
 FILES: dict[str, Callable[[Path], Any]] = {
     "quad.obj": lambda p: vars(load_mesh(p)),
     "ball.glb": lambda p: vars(load_mesh(p)),
+    "ball.gltf": lambda p: vars(load_mesh(p)),
+    "ball.off": lambda p: vars(load_mesh(p)),
     "ball.stl": lambda p: vars(load_mesh(p)),
     "ball.ply": lambda p: vars(load_mesh(p)),
     "text.ply": lambda p: vars(load_mesh(p)),

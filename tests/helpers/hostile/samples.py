@@ -36,6 +36,9 @@ def make(folder: Path) -> None:
     uv = random.random((len(ball.vertices), 2))
     textured = trimesh.Trimesh(ball.vertices, ball.faces, visual=trimesh.visual.TextureVisuals(uv=uv), process=False)  # type: ignore[attr-defined]
     textured.export(folder / "ball.glb")
+    parts = trimesh.exchange.gltf.export_gltf(trimesh.Scene(textured), embed_buffers=True)
+    (folder / "ball.gltf").write_bytes(next(data for name, data in parts.items() if name.endswith(".gltf")))
+    ball.export(folder / "ball.off")
     ball.export(folder / "ball.stl")
     ball.export(folder / "ball.ply")
     ball.export(folder / "text.ply", encoding="ascii")

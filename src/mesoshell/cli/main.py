@@ -24,10 +24,12 @@ from mesoshell.cli.options import (
     texture,
     tradeoff,
     train,
+    view,
 )
 
 _VERBS = (
     render,
+    view,
     film,
     tradeoff,
     stability,
@@ -48,6 +50,7 @@ VERBS: dict[str, type] = {module.__name__.rpartition(".")[2]: module.Options for
 #: "module:function" in cli/commands that does what these options ask for.
 COMMANDS: dict[type, str] = {
     render.Options: "render:run",
+    view.Options: "view:run",
     film.Options: "film:run",
     tradeoff.Options: "tradeoff:run",
     stability.Options: "stability:run",

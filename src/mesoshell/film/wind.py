@@ -97,8 +97,9 @@ def ground_of(mesh: Mesh, side: int = SIDE) -> Ground:
     TriangleMesh(scene, np.ascontiguousarray(flat, np.float32))
     line = (np.arange(side) + 0.5) / side
     at = np.stack([*np.meshgrid(line, line[::-1]), np.ones((side, side))], axis=-1).reshape(-1, 3)
-    down = np.broadcast_to(np.float32([0, 0, -1]), at.shape)
-    face = np.asarray(scene.run(at.astype(np.float32), np.ascontiguousarray(down))).reshape(side, side)
+    down = np.broadcast_to(np.array([0, 0, -1], np.float32), at.shape)
+    met: Any = scene.run(at.astype(np.float32), np.ascontiguousarray(down))
+    face = met.reshape(side, side)
     nearest = np.asarray(distance_transform_edt(face < 0, return_distances=False, return_indices=True))
     face = face[nearest[0], nearest[1]].ravel()
     corner, chart = mesh.vertices.astype(np.float64)[mesh.faces[face]], uv[face]

@@ -55,15 +55,20 @@ def write_exr(path: str | PathLike[str], image: Float[np.ndarray, "H W C"], half
     Finite values beyond half's range are written as ±65504; NaN and infinity as they are. Raises InputError if `image`
     has another shape or the file cannot be written.
     """
+    replace_file(path, exr_bytes(image, half, path))
+
+
+def exr_bytes(image: Float[np.ndarray, "H W C"], half: bool = True, source: str | PathLike[str] = "image") -> bytes:
+    """The bytes that `write_exr` writes. Raises InputError(source, …) as it does."""
     import OpenEXR
 
-    pixels = _checked(path, image).astype(np.float32)
+    pixels = _checked(source, image).astype(np.float32)
     if half:
         pixels = np.where(np.isfinite(pixels), np.clip(pixels, -_HALF_MAX, _HALF_MAX), pixels).astype(np.float16)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     stream = io.BytesIO()
     OpenEXR.File(header, {"RGBA"[: pixels.shape[2]]: np.ascontiguousarray(pixels)}).write(stream)
-    replace_file(path, stream.getvalue())
+    return stream.getvalue()
 
 
 def read_png(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:

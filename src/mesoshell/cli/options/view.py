@@ -1,0 +1,16 @@
+"""Options of `mesoshell view`."""
+
+from dataclasses import dataclass
+
+from mesoshell.cli.scene_options import SceneOptions
+
+
+@dataclass(frozen=True)
+class Options(SceneOptions):
+    """Look at a scene in the browser: camera by mouse, parameters by sliders, pictures that refine. Needs the extra `viewer`;
+    ends with Ctrl-C."""
+
+    #: Address to listen on. Whoever reaches it can look, and make this machine work.
+    host: str = "127.0.0.1"
+    #: Port to listen on.
+    port: int = 8080

@@ -1,0 +1,1 @@
+"""A scene in the browser: camera by mouse, parameters by sliders, pictures that refine (extra `viewer`)."""

@@ -1,0 +1,118 @@
+"""What a viewer's user has set, and the scene and the command line that say the same.
+
+Notation
+still       the scene as it was given, settled (scene/settled), with the texture of `Look.texture`
+sun         azimuth and elevation of a light, degrees; azimuth from where the first camera stands, counter-clockwise seen from
+            above
+"""
+
+import math
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mesoshell.io.surface import KIND
+from mesoshell.render.camera import Camera
+from mesoshell.scene.materials import read_params
+from mesoshell.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is set. params: by name; thickness: world; sun: None for the scene's own lights; side: pixels of the longer side."""
+
+    params: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+    thickness: float | None = None
+    base_colour: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sun: tuple[float, float] | None = None
+    quality: str = "normal"
+    side: int = 384
+
+    def texture(self, scene: Scene) -> tuple:
+        """What of it a grown texture depends on; alike for all looks where none is grown."""
+        return (self.seed, *sorted(_of_role(scene, self, "beta").items())) if generated(scene) else ()
+
+
+def first_look(scene: Scene) -> Look:
+    """The look of a scene as it was given. Parameters that an image varies stay as they are, and geometry without a
+    generator. Raises InputError."""
+    values, images = {}, {}
+    if scene.material.kind != KIND:
+        values, images = read_params(scene.material.shell, scene.params)
+    free = {
+        n: p
+        for n, p in scene.material.parameters.items()
+        if n not in images and (p.role == "alpha" or generated(scene))
+    }
+    params = {name: values.get(name, p.default) for name, p in free.items()}
+    return Look(params, scene.seed or 0, scene.thickness, scene.base_colour)
+
+
+def generated(scene: Scene) -> bool:
+    """Whether a generator makes the scene's texture."""
+    return scene.material.kind != KIND and scene.material.shell.generator is not None
+
+
+def asked(begun: Scene, look: Look) -> Scene:
+    """The scene whose texture a look wants, for `settled`."""
+    return replace(begun, params={**begun.params, **_of_role(begun, look, "beta")}, seed=look.seed)
+
+
+def shown(begun: Scene, still: Scene, look: Look, camera: Camera) -> Scene:
+    """The scene that a look and a camera show. begun: as it was given; still: with the look's texture, settled."""
+    tiled = begun.material.kind != KIND and begun.material.shell.tiles is not None
+    return replace(
+        still,
+        camera=camera,
+        params={**still.params, **_of_role(begun, look, "alpha")},
+        seed=look.seed if tiled else still.seed,
+        thickness=look.thickness,
+        base_colour=look.base_colour,
+        lights=still.lights if look.sun is None else (toward_sun(still, look.sun),),
+        environment=still.environment if look.sun is None else None,
+    )
+
+
+def _of_role(scene: Scene, look: Look, role: str) -> dict[str, float]:
+    return {name: x for name, x in look.params.items() if scene.material.parameters[name].role == role}
+
+
+def toward_sun(still: Scene, sun: tuple[float, float]) -> tuple[float, float, float]:
+    """Direction toward a sun."""
+    assert isinstance(still.camera, Camera)
+    up = np.eye(3)[1 if still.up == "y" else 2]
+    back = still.camera.to_world[:3, 2] - (still.camera.to_world[:3, 2] @ up) * up
+    back = back / np.linalg.norm(back) if np.linalg.norm(back) > 1e-9 else np.roll(up, 1)
+    azimuth, elevation = (math.radians(x) for x in sun)
+    level = math.cos(azimuth) * back + math.sin(azimuth) * np.cross(up, back)
+    x, y, z = math.cos(elevation) * level + math.sin(elevation) * up
+    return float(x), float(y), float(z)
+
+
+def sized(camera: Camera, side: int) -> Camera:
+    """The same view with so many pixels along its longer side."""
+    share = side / max(camera.width, camera.height)
+    width, height = (max(1, round(n * share)) for n in (camera.width, camera.height))
+    return Camera(camera.to_world, camera.fov, width, height)
+
+
+def command(mesh: str, material: str, scene: Scene, look: Look, given: Mapping[str, str], samples: int) -> str:
+    """The command line that makes a picture of so many samples a pixel. given: parameters that are images, by name."""
+    assert isinstance(scene.camera, Camera)
+    eye, back = scene.camera.to_world[:3, 3], scene.camera.to_world[:3, 2]
+    numbers = [*eye, *(eye - back), math.degrees(scene.camera.fov)]
+    words = ["mesoshell", "render", mesh, "--material", material]
+    words += ["--camera", *(f"{x:.6g}" for x in numbers), "--size", str(scene.camera.width), str(scene.camera.height)]
+    for name, value in {**given, **{k: f"{v:.6g}" for k, v in look.params.items()}}.items():
+        words += ["--param", f"{name}={value}"]
+    if look.texture(scene) or look.seed:
+        words += ["--seed", str(look.seed)]
+    if look.thickness is not None:
+        words += ["--thickness", f"{look.thickness:.6g}", "--scale", f"{scene.scale:.6g}"]
+    words += ["--base", *(f"{x:.6g}" for x in look.base_colour)]
+    if look.sun is not None:
+        words += ["--light", *(f"{x:.6g}" for x in toward_sun(scene, look.sun))]
+    return shlex.join([*words, "--quality", look.quality, "--max-samples", str(samples)])

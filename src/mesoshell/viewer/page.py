@@ -1,0 +1,237 @@
+"""The page of a viewer, by viser: sliders and buttons of a workshop, and its pictures behind them.
+
+The server listens on the address that it is given, answers sockets that its own page opens (their Origin), and takes no path
+from the browser: what is saved is downloaded there.
+"""
+
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+import websockets.asyncio.server
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.io.image import exr_bytes, linear_to_srgb, png_bytes, srgb_to_linear
+from mesoshell.render.camera import Camera
+from mesoshell.render.quality import PRESETS
+from mesoshell.scene.scene import Scene
+from mesoshell.viewer.look import Look, command, generated
+from mesoshell.viewer.refine import Shown
+from mesoshell.viewer.work import Workshop
+
+SIDES = (128, 256, 384, 512, 768, 1024)
+#: Quality of the pictures' JPEG, 0 to 100.
+JPEG = 85
+
+
+class Page:
+    """A viewer's page. url: where it is; close: end it. Raises InputError for an address that cannot be listened on, and as
+    `settled` does."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        engine: str = "jax",
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        progress: Any = lambda share: None,
+        material: str = "",
+    ):
+        _check_port(host, port)
+        self._name = str(scene.mesh) if isinstance(scene.mesh, str | Path) else "mesh"
+        self._material = material or scene.material.name
+        self._images = {k: str(x) for k, x in scene.params.items() if isinstance(x, str | Path) and not _number(x)}
+        self._pictures: dict[int, Shown] = {}
+        self._scenes: dict[int, Scene] = {}
+        self.work = Workshop(scene, self._show, self._say, self._grown, engine, progress)
+        with _own_sockets(host, port):
+            self._server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
+        self.url = f"http://{host}:{port}"
+        self._begin_camera()
+        self._build()
+        self._server.on_client_connect(self._connected)
+        self._server.on_client_disconnect(lambda client: self.work.leave(client.client_id))
+
+    def close(self) -> None:
+        self._server.stop()
+        self.work.close()
+
+    def _begin_camera(self) -> None:
+        still, server = self.work.still, self._server
+        assert isinstance(still.camera, Camera)
+        eye, m = still.camera.to_world[:3, 3], still.camera.to_world
+        middle = np.asarray(still.mesh.vertices, np.float64)  # type: ignore[union-attr]
+        middle = (middle.min(axis=0) + middle.max(axis=0)) / 2
+        server.scene.set_up_direction("+y" if still.up == "y" else "+z")
+        server.initial_camera.position = eye
+        server.initial_camera.look_at = eye - m[:3, 2] * max(float((eye - middle) @ m[:3, 2]), 1e-9)
+        server.initial_camera.fov = still.camera.fov
+
+    def _build(self) -> None:
+        gui: Any = self._server.gui
+        work, look = self.work, self.work.look
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        parameters = work.begun.material.parameters
+        with gui.add_folder(f"Material: {self._material}"):
+            self._params = {name: _slider(gui, name, parameters[name], value) for name, value in look.params.items()}
+            tiled = not generated(work.begun) and getattr(work.begun.material.bundle, "tiles", None) is not None
+            self._seed = (
+                gui.add_number("seed", look.seed, min=0, max=2**31 - 1, step=1)
+                if generated(work.begun) or tiled
+                else None
+            )
+            self._thickness = None
+            if look.thickness is not None:
+                t = look.thickness
+                self._thickness = gui.add_slider(
+                    "thickness", t / 10, t * 3, t / 50, t, hint="height of the shell, in the mesh's unit"
+                )
+            red, green, blue = (round(255 * float(x)) for x in linear_to_srgb(np.array(look.base_colour)))
+            self._base = gui.add_rgb("ground", (red, green, blue), hint="colour of the surface under the shell")
+            self._bar = gui.add_progress_bar(0.0, visible=False)
+        with gui.add_folder("Light"):
+            self._lit = gui.add_checkbox("sun", False, hint="one light from here, in place of the scene's")
+            self._azimuth = gui.add_slider("azimuth", -180.0, 180.0, 1.0, -40.0, hint="degrees from the first camera")
+            self._elevation = gui.add_slider("elevation", -10.0, 90.0, 1.0, 45.0, hint="degrees above the horizon")
+        with gui.add_folder("Picture"):
+            self._quality = gui.add_dropdown("quality", tuple(PRESETS), initial_value=look.quality)
+            self._side = gui.add_dropdown(
+                "pixels", tuple(map(str, SIDES)), initial_value=str(look.side), hint="of the longer side"
+            )
+            self._cost = gui.add_markdown("")
+        with gui.add_folder("Save"):
+            gui.add_button("PNG").on_click(partial(self._save, "png"))
+            gui.add_button("EXR").on_click(partial(self._save, "exr"))
+            gui.add_button("Command").on_click(self._say_command)
+            self._command = gui.add_markdown("")
+        with gui.add_folder("Effects", expand_by_default=False):
+            self._effects = gui.add_markdown("")
+        self._fault = gui.add_markdown("")
+        inputs = [*self._params.values(), self._seed, self._thickness, self._base, self._lit]
+        for each in [*inputs, self._azimuth, self._elevation, self._quality, self._side]:
+            if each is not None:
+                each.on_update(self._set)
+
+    def _look(self) -> Look:
+        red, green, blue = (float(x) for x in srgb_to_linear(np.array(self._base.value, np.float64) / 255))
+        return Look(
+            params={name: float(slider.value) for name, slider in self._params.items()},
+            seed=0 if self._seed is None else int(self._seed.value),
+            thickness=None if self._thickness is None else float(self._thickness.value),
+            base_colour=(red, green, blue),
+            sun=(self._azimuth.value, self._elevation.value) if self._lit.value else None,
+            quality=self._quality.value,
+            side=int(self._side.value),
+        )
+
+    def _set(self, _: Any) -> None:
+        self.work.set(self._look())
+
+    def _connected(self, client: Any) -> None:
+        client.camera.on_update(lambda _: self._moved(client))
+        self._moved(client)
+
+    def _moved(self, client: Any) -> None:
+        camera = _camera(client.camera)
+        if camera is not None:
+            self.work.see(client.client_id, camera)
+
+    def _show(self, number: int, picture: Shown) -> None:
+        client = self._server.get_clients().get(number)
+        if client is None:
+            return
+        self._pictures[number] = picture
+        rgb = np.clip(picture.rgba[..., :3] + 1 - picture.rgba[..., 3:], 0, 1)
+        image = np.round(255 * linear_to_srgb(rgb)).astype(np.uint8)
+        client.scene.set_background_image(image, format="jpeg", jpeg_quality=JPEG)
+        record = picture.rendered.record
+        each = f", {record['queries'] / record['rays']:.1f} evaluations a ray" if record["rays"] else ""
+        height, width = image.shape[:2]
+        self._cost.content = (
+            f"{width} × {height}, {picture.samples} a pixel; {1000 * picture.seconds:.0f} ms a pass{each}"
+        )
+        said = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
+        if self._effects.content != said:
+            self._effects.content = said
+
+    def _say(self, line: str) -> None:
+        if self._fault.content != line:
+            self._fault.content = line
+
+    def _grown(self, share: float) -> None:
+        self._bar.visible = share < 1
+        self._bar.value = 100 * share
+
+    def _save(self, kind: str, event: Any) -> None:
+        picture = self._pictures.get(event.client_id)
+        if picture is not None and event.client is not None:
+            data = png_bytes(picture.rgba) if kind == "png" else exr_bytes(picture.rgba)
+            event.client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
+
+    def _say_command(self, event: Any) -> None:
+        picture = self._pictures.get(event.client_id)
+        if picture is not None:
+            scene = self.work.scene(event.client_id)
+            line = command(self._name, self._material, scene, self.work.look, self._images, picture.samples)
+            self._command.content = f"    {line}"
+
+
+def _slider(gui: Any, name: str, parameter: Any, value: float) -> Any:
+    low, high = parameter.range
+    unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
+    hint = f"{parameter.meaning} (default {parameter.default:g})"
+    return gui.add_slider(name + unit, low, high, (high - low) / 200, min(max(value, low), high), hint=hint)
+
+
+def _camera(seen: Any) -> Camera | None:
+    """A client's camera; None before its window has a size."""
+    width, height = int(seen.image_width), int(seen.image_height)
+    w, x, y, z = (float(n) for n in seen.wxyz)
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    if width < 1 or height < 1 or not 0 < seen.fov < np.pi or not np.isfinite(rotation).all():
+        return None
+    to_world = np.eye(4)
+    to_world[:3, :3] = rotation * [1, -1, -1]  # from a camera that looks along +z, y down
+    to_world[:3, 3] = seen.position
+    return Camera(to_world, float(seen.fov), width, height)
+
+
+@contextmanager
+def _own_sockets(host: str, port: int) -> Iterator[None]:
+    """Servers that begin here answer sockets of their own page alone, or of programs that send no Origin."""
+    serve: Any = websockets.asyncio.server.serve
+    names = {host, "127.0.0.1", "localhost"}
+    websockets.asyncio.server.serve = partial(serve, origins=[None, *(f"http://{name}:{port}" for name in names)])  # type: ignore
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = serve
+
+
+def _check_port(host: str, port: int) -> None:
+    """Raise InputError unless the port is free: viser would take another one and not say so."""
+    try:
+        with socket.socket() as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            trial.bind((host, port))
+    except (OSError, OverflowError) as fault:
+        raise InputError(Argument("port"), f"{host}:{port} cannot be listened on: {fault}") from fault
+
+
+def _number(x: object) -> bool:
+    try:
+        float(str(x))
+    except ValueError:
+        return False
+    return True

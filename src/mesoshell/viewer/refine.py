@@ -1,0 +1,71 @@
+"""Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned in a tile's time."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.render.camera import Camera
+from mesoshell.render.effects import Effects
+from mesoshell.render.quality import PRESETS
+from mesoshell.scene.picture import Rendered
+from mesoshell.scene.prepare import prepare
+from mesoshell.scene.scene import Scene
+from mesoshell.viewer.look import sized
+
+#: Pixels of the longer side of what is shown first; most samples a pixel.
+COARSE, MOST = 128, 256
+
+
+class Shown(NamedTuple):
+    """A picture on its way. rgba: linear, premultiplied; samples: of each pixel; seconds: of the last pass, with what came
+    before it; rendered: what the engine gives."""
+
+    rgba: Float[np.ndarray, "H W 4"]
+    samples: int
+    seconds: float
+    rendered: Rendered
+    effects: Effects | None
+    notes: tuple[str, ...]
+
+
+class Abandoned(Exception):
+    """Nobody waits for the picture any more."""
+
+
+def refine(
+    scene: Scene, quality: str, stopped: Callable[[], bool], engine: str = "jax", most: int = MOST
+) -> Iterator[Shown]:
+    """Ever better pictures of a settled scene, up to `most` samples a pixel. Ends early once `stopped` says so, and raises
+    InputError as `prepare` does."""
+    assert isinstance(scene.camera, Camera)
+    stages = [(sized(scene.camera, COARSE), "draft", 1), (scene.camera, quality, most)]
+    if max(scene.camera.width, scene.camera.height) <= COARSE:
+        stages = stages[1:]
+    try:
+        for camera, preset, count in stages:
+            yield from _passes(replace(scene, camera=camera), preset, count, stopped, engine)
+    except Abandoned:
+        return
+
+
+def _passes(scene: Scene, preset: str, count: int, stopped: Callable[[], bool], engine: str) -> Iterator[Shown]:
+    def check(share: float) -> None:
+        if stopped():
+            raise Abandoned
+
+    begin = time.perf_counter()
+    check(0.0)
+    ready = prepare(scene, PRESETS[preset], engine)
+    check(0.0)
+    passes = ready.passes(None)
+    total = np.zeros((passes.shape[0] * passes.shape[1], 4))
+    for k in range(count):
+        total += passes.render(k, np.arange(len(total)), check)
+        image = (total / (k + 1)).reshape(*passes.shape, 4)
+        now = time.perf_counter()
+        yield Shown(image, k + 1, now - begin, passes.ended(image, k + 1), ready.effects, ready.notes)
+        begin = time.perf_counter()

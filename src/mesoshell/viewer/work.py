@@ -1,0 +1,165 @@
+"""What a viewer does beside its page: one thread paints, another grows textures; the newest wish counts.
+
+Notation
+view        what one client sees: its camera, and a number that grows with each wish
+"""
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from mesoshell.errors import InputError
+from mesoshell.render.camera import Camera
+from mesoshell.scene.scene import Scene
+from mesoshell.scene.settled import settled
+from mesoshell.viewer.look import Look, asked, first_look, shown, sized
+from mesoshell.viewer.refine import Abandoned, Shown, refine
+
+
+@dataclass
+class View:
+    """camera: of any size with its proportions; wish: its number; painted: that of the picture under way; left: its steps."""
+
+    camera: Camera
+    wish: int = 1
+    painted: int = 0
+    left: Iterator[Shown] | None = None
+
+
+class Workshop:
+    """Paints what clients see of a scene. show: called with a client and a picture; say: with a line for all, empty when a
+    fault is over; growing: with the share of a texture that is grown, 1 at the end. Callbacks come from threads of its own."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        show: Callable[[int, Shown], None],
+        say: Callable[[str], None],
+        growing: Callable[[float], None],
+        engine: str = "jax",
+        progress: Callable[[float], None] = lambda share: None,
+    ):
+        """Settles the scene. Raises InputError."""
+        self.begun = settled(scene, texture=False)
+        self.still = settled(self.begun, progress)
+        self.look = first_look(self.begun)
+        self._texture = self.look.texture(self.begun)
+        self._show, self._say, self._growing, self._engine = show, say, growing, engine
+        self._views: dict[int, View] = {}
+        self._changed, self._open, self._turn = threading.Condition(), True, 0
+        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._paint, self._grow)]
+        for thread in self._threads:
+            thread.start()
+
+    def see(self, client: int, camera: Camera) -> None:
+        """A client looks from here."""
+        with self._changed:
+            view = self._views.setdefault(client, View(camera, wish=0))
+            view.camera, view.wish = camera, view.wish + 1
+            self._changed.notify_all()
+
+    def leave(self, client: int) -> None:
+        """A client is gone."""
+        with self._changed:
+            view = self._views.pop(client, None)
+            if view is not None:
+                view.wish += 1
+            self._changed.notify_all()
+
+    def set(self, look: Look) -> None:
+        """Show another look to all."""
+        with self._changed:
+            if look == self.look:
+                return
+            self.look = look
+            for view in self._views.values():
+                view.wish += 1
+            self._changed.notify_all()
+
+    def scene(self, client: int) -> Scene:
+        """What a client sees now."""
+        with self._changed:
+            return self._scene(self._views[client])
+
+    def close(self) -> None:
+        """End both threads."""
+        with self._changed:
+            self._open = False
+            self._changed.notify_all()
+        for thread in self._threads:
+            thread.join()
+
+    def _scene(self, view: View) -> Scene:
+        return shown(self.begun, self.still, self.look, sized(view.camera, self.look.side))
+
+    def _next(self) -> tuple[int, View] | None:
+        """The client whose turn it is: those with a new wish first, then each in turn. Waits for one; None at the end."""
+        with self._changed:
+            while self._open:
+                fresh = [x for x in self._views.items() if x[1].painted != x[1].wish]
+                unfinished = fresh or [x for x in self._views.items() if x[1].left is not None]
+                if unfinished:
+                    self._turn += 1
+                    client, view = unfinished[self._turn % len(unfinished)]
+                    if view.painted != view.wish:
+                        view.painted = view.wish
+                        view.left = refine(self._scene(view), self.look.quality, self._stopped(view), self._engine)
+                    return client, view
+                self._changed.wait()
+        return None
+
+    def _stopped(self, view: View) -> Callable[[], bool]:
+        wish = view.wish
+        return lambda: view.wish != wish or not self._open
+
+    def _paint(self) -> None:
+        while (turn := self._next()) is not None:
+            client, view = turn
+            assert view.left is not None
+            try:
+                picture = next(view.left, None)
+            except Exception as fault:
+                view.left = None
+                self._say(_line(fault))
+                continue
+            if picture is None:
+                view.left = None
+            elif view.painted == view.wish:
+                self._say("")
+                self._show(client, picture)
+
+    def _grow(self) -> None:
+        while self._open:
+            with self._changed:
+                while self._open and self.look.texture(self.begun) == self._texture:
+                    self._changed.wait()
+                look = self.look
+            if not self._open:
+                return
+            wanted = look.texture(self.begun)
+
+            def check(share: float, wanted: Any = wanted) -> None:
+                if not self._open or self.look.texture(self.begun) != wanted:
+                    raise Abandoned
+                self._growing(share)
+
+            still = None
+            try:
+                still = settled(asked(self.begun, look), check)
+            except Abandoned:
+                continue
+            except Exception as fault:
+                self._say(_line(fault))
+            with self._changed:
+                self._texture = wanted
+                if still is not None:
+                    self.still = still
+                for view in self._views.values():
+                    view.wish += 1
+                self._changed.notify_all()
+            self._growing(1.0)
+
+
+def _line(fault: Exception) -> str:
+    return str(fault) if isinstance(fault, InputError) else f"{type(fault).__name__}: {fault}"

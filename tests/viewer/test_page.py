@@ -1,0 +1,168 @@
+"""A viewer's page: who may open it, what it shows, and, where a browser is, that sliders and the mouse move the picture."""
+
+import asyncio
+import io
+import shutil
+import socket
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import mesoshell as ms
+from mesoshell.cli.main import main
+from mesoshell.errors import InputError
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.scene.materials import Material
+
+viser = pytest.importorskip("viser", reason="requires the extra viewer")
+websockets = pytest.importorskip("websockets", reason="requires the extra viewer")
+
+from mesoshell.viewer import refine as refining  # noqa: E402
+from mesoshell.viewer.page import Page, _camera  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
+CHROMIUM = shutil.which("chromium")
+
+
+@pytest.fixture(scope="module")
+def page(tiny_bundle: Bundle, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+        patch.setattr(refining, "COARSE", 64)
+        patch.setattr(refining, "PRESETS", dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1)))
+        made = Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=free_port())
+        yield made
+        made.close()
+
+
+def free_port() -> int:
+    with socket.socket() as trial:
+        trial.bind(("127.0.0.1", 0))
+        return trial.getsockname()[1]
+
+
+def test_the_page_is_there(page: Page):
+    with urllib.request.urlopen(page.url) as answer:
+        assert answer.status == 200 and b"<html" in answer.read().lower()
+
+
+@pytest.mark.parametrize(("origin", "status"), [("http://evil.example", 403), ("null", 403), (None, 101), ("own", 101)])
+def test_sockets_of_other_pages_are_refused(page: Page, origin: str | None, status: int):
+    async def opened() -> int:
+        given: Any = page.url if origin == "own" else origin
+        try:
+            async with websockets.connect(
+                page.url.replace("http", "ws"), origin=given, subprotocols=[f"viser-v{viser.__version__}"]
+            ):
+                return 101
+        except websockets.exceptions.InvalidStatus as refused:
+            return refused.response.status_code
+
+    assert asyncio.run(opened()) == status
+
+
+def test_a_port_that_is_taken_is_said(page: Page, tiny_bundle: Bundle):
+    port = int(page.url.rpartition(":")[2])
+    with pytest.raises(InputError, match=rf"^port: 127\.0\.0\.1:{port} cannot be listened on"):
+        Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=port)
+    for wrong in (-1, 70_000):
+        with pytest.raises(InputError, match=r"^port: "):
+            Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=wrong)
+
+
+def test_a_browsers_camera_is_ours():
+    """Oracle: viser's own camera frame, which looks along +z with y down."""
+
+    class Seen:
+        image_width, image_height, fov = 120, 80, 0.7
+        position = np.array([1.0, 2.0, 3.0])
+        wxyz = viser.transforms.SO3.exp(np.array([0.3, -0.8, 0.4])).wxyz
+
+    camera = _camera(Seen)
+    assert camera is not None
+    rotation = viser.transforms.SO3(Seen.wxyz).as_matrix()
+    np.testing.assert_allclose(camera.to_world[:3, :3] @ [0, 0, -1], rotation @ [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(camera.to_world[:3, :3] @ [0, 1, 0], rotation @ [0, -1, 0], atol=1e-12)
+    np.testing.assert_array_equal(camera.to_world[:3, 3], Seen.position)
+    assert (camera.width, camera.height, camera.fov) == (120, 80, 0.7)
+    Seen.image_width = 0
+    assert _camera(Seen) is None
+
+
+def test_the_command_says_its_faults(tiny_bundle: Bundle, tmp_path: Path, capsys: pytest.CaptureFixture, page: Page):
+    write_bundle(tmp_path / "tiny.npz", tiny_bundle)
+    port = page.url.rpartition(":")[2]
+    for given, said in (
+        (["scene.xml"], "scene.xml: is a scene of Mitsuba's, which the viewer does not show: give its mesh"),
+        (
+            [MESH, "--material", tmp_path / "tiny.npz", "--port", port],
+            f"--port: 127.0.0.1:{port} cannot be listened on",
+        ),
+        ([tmp_path / "none.obj", "--material", tmp_path / "tiny.npz", "--port", free_port()], "none.obj: no such file"),
+    ):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as caught:
+            main(["view", *map(str, given)])
+        assert caught.value.code == 2
+        fault = capsys.readouterr().err
+        assert said in fault and fault.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    if CHROMIUM is None:
+        pytest.skip("no browser (chromium)")
+    driver = pytest.importorskip("playwright.sync_api", reason="no driver of browsers (playwright)")
+    with driver.sync_playwright() as running:
+        yield running.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
+
+
+def picture(tab: Any) -> np.ndarray:
+    """What lies behind the panel, left of it."""
+    shot = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+    return np.asarray(shot, np.float64)[:, : shot.width // 2]
+
+
+def settles(tab: Any, until: Any, seconds: float = 60.0) -> np.ndarray:
+    """The first picture for which this holds."""
+    end = time.monotonic() + seconds
+    while not until(seen := picture(tab)):
+        assert time.monotonic() < end, "the picture never came"
+        time.sleep(0.3)
+    return seen
+
+
+@pytest.mark.slow
+def test_in_a_browser(page: Page, browser: Any):
+    tab, other = (browser.new_page(viewport={"width": 900, "height": 600}) for _ in range(2))
+    tab.goto(page.url)
+    first = settles(tab, lambda x: x.std() > 10)
+    tab.get_by_text("sun", exact=True).wait_for()
+    tab.get_by_role("checkbox").first.click()
+    lit = settles(tab, lambda x: np.abs(x - first).mean() > 1)
+    tab.mouse.move(200, 300)
+    tab.mouse.down()
+    tab.mouse.move(320, 330, steps=4)
+    tab.mouse.up()
+    settles(tab, lambda x: np.abs(x - lit).mean() > 1)
+    other.goto(page.url)
+    settles(other, lambda x: x.std() > 10)
+    other.mouse.down()
+    other.close()  # in the midst of a frame
+    before = picture(tab)
+    tab.get_by_role("checkbox").first.click()
+    settles(tab, lambda x: np.abs(x - before).mean() > 1)
+    with tab.expect_download(timeout=60_000) as saved:
+        tab.get_by_role("button", name="PNG").click()
+    with Image.open(saved.value.path()) as kept:
+        assert kept.format == "PNG"
+    tab.get_by_role("button", name="Command").click()
+    tab.get_by_text("mesoshell render").wait_for()
+    tab.close()

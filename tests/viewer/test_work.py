@@ -1,0 +1,158 @@
+"""Pictures refine, are abandoned when nobody waits, and textures grow beside them; no client holds up another."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mesoshell as ms
+from mesoshell.io.bundle import Bundle
+from mesoshell.scene.materials import Material
+from mesoshell.scene.settled import settled
+from mesoshell.viewer import refine as refining
+from mesoshell.viewer.refine import Shown, refine
+from mesoshell.viewer.work import Workshop
+from tests.helpers import growing
+
+MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
+CAMERA = ms.Camera(ms.look_at((1.0, 2.0, 12.0), (0.0, 0.0, 0.0)), 0.6, 400, 300)
+AWAY = ms.Camera(ms.look_at((1.0, 2.0, 12.0), (0.0, 9.0, 20.0)), 0.6, 400, 300)
+
+
+@pytest.fixture(autouse=True)
+def _small(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+    monkeypatch.setattr(refining, "COARSE", 8)
+    monkeypatch.setattr(refining, "PRESETS", dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1)))
+
+
+@pytest.fixture
+def scene(tiny_bundle: Bundle) -> ms.Scene:
+    return ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4, size=(20, 15))
+
+
+def never() -> bool:
+    return False
+
+
+def test_a_picture_refines_to_what_render_makes(scene: ms.Scene):
+    still = settled(scene)
+    steps = list(refine(still, "draft", never, most=3))
+    assert [(s.rgba.shape, s.samples) for s in steps] == [((6, 8, 4), 1), *(((15, 20, 4), k) for k in (1, 2, 3))]
+    made = ms.render(still, ms.Quality(samples=4), max_samples=3)
+    np.testing.assert_allclose(steps[-1].rgba, made.rgba, atol=1e-6)
+    assert steps[-1].rendered.record["rays"] == 3 * 300 and steps[-1].effects is not None and steps[-1].seconds > 0
+
+
+def test_a_small_picture_has_no_smaller_one(scene: ms.Scene):
+    still = settled(replace(scene, size=(8, 6)))
+    assert [s.rgba.shape for s in refine(still, "draft", never, most=1)] == [(6, 8, 4)]
+
+
+@pytest.mark.parametrize("asked", [1, 3, 4, 6])
+def test_a_picture_that_nobody_waits_for_ends(scene: ms.Scene, asked: int):
+    times = 0
+
+    def stopped() -> bool:
+        nonlocal times
+        times += 1
+        return times >= asked
+
+    assert len(list(refine(settled(scene), "draft", stopped, most=50))) < 6 and times == asked
+
+
+class Seen:
+    """What a workshop shows and says."""
+
+    def __init__(self) -> None:
+        self.pictures: list[tuple[int, Shown]] = []
+        self.lines: list[str] = []
+        self.shares: list[float] = []
+        self.changed = threading.Condition()
+
+    def show(self, client: int, picture: Shown) -> None:
+        with self.changed:
+            self.pictures.append((client, picture))
+            self.changed.notify_all()
+
+    def say(self, line: str) -> None:
+        with self.changed:
+            self.lines.append(line)
+            self.changed.notify_all()
+
+    def wait(self, until: Callable[[], Any]) -> None:
+        with self.changed:
+            assert self.changed.wait_for(until, timeout=120)
+
+
+@pytest.fixture
+def opened() -> Iterator[Callable[[ms.Scene], tuple[Workshop, Seen]]]:
+    shops: list[Workshop] = []
+
+    def make(scene: ms.Scene) -> tuple[Workshop, Seen]:
+        seen = Seen()
+        shops.append(Workshop(scene, seen.show, seen.say, seen.shares.append))
+        shops[-1].set(replace(shops[-1].look, side=20, quality="draft"))
+        return shops[-1], seen
+
+    yield make
+    for shop in shops:
+        shop.close()
+
+
+def test_the_newest_wish_is_painted(scene: ms.Scene, opened):
+    work, seen = opened(scene)
+    for _ in range(5):
+        work.see(1, AWAY)
+    work.see(1, CAMERA)
+    seen.wait(lambda: len(seen.pictures) >= 5 and seen.pictures[-1][1].samples >= 2)
+    last = seen.pictures[-1][1]
+    assert last.rgba.shape == (15, 20, 4) and last.rgba[..., 3].max() > 0.5
+    before = len(seen.pictures)
+    work.set(replace(work.look, base_colour=(1.0, 0.0, 0.0)))
+    seen.wait(lambda: len(seen.pictures) > before + 3)
+    assert work.scene(1).base_colour == (1.0, 0.0, 0.0)
+
+
+def test_clients_take_turns_and_may_vanish(scene: ms.Scene, opened):
+    work, seen = opened(scene)
+    work.see(1, CAMERA)
+    work.see(2, AWAY)
+    seen.wait(lambda: all(sum(c == k for c, _ in seen.pictures) >= 3 for k in (1, 2)))
+    work.leave(1)
+    with seen.changed:
+        begin = len(seen.pictures)
+    seen.wait(lambda: len(seen.pictures) >= begin + 4)
+    assert {c for c, _ in seen.pictures[begin + 1 :]} == {2}
+    work.leave(7)  # that never was
+
+
+def test_a_fault_is_said_and_forgotten(scene: ms.Scene, opened):
+    work, seen = opened(scene)
+    work.see(1, CAMERA)
+    work.set(replace(work.look, thickness=-1.0))
+    seen.wait(lambda: any("thickness" in line for line in seen.lines))
+    work.set(replace(work.look, thickness=0.2))
+    seen.wait(lambda: seen.lines[-1] == "" and seen.pictures)
+
+
+@pytest.mark.slow
+def test_a_texture_grows_beside_the_view(opened):
+    work, seen = opened(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0, size=(20, 15)))
+    work.see(1, CAMERA)
+    seen.wait(lambda: seen.pictures)
+    old = work.still.material
+    assert old.shell.baked
+    work.set(replace(work.look, params={**work.look.params, "length": 3.0}, seed=2))
+    end = time.monotonic() + 120
+    while work.still.material is old and time.monotonic() < end:
+        time.sleep(0.05)
+    assert work.still.material is not old and work.still.material.shell.baked
+    wanted = settled(replace(work.begun, params={"length": 3.0}, seed=2))
+    for name, array in wanted.material.shell.arrays.items():
+        np.testing.assert_array_equal(work.still.material.shell.arrays[name], array)

@@ -1,7 +1,7 @@
 """How much films flicker, and what less of it costs: python -m benchmarks.films [--frames N] [--size N]
 
-Flicker (film/flicker) and seconds a frame of spot with each bundled material that is endless and with the fitted patch, at three
-qualities: on an orbit of 5° a frame, and on a dolly that halves the distance every four frames.
+Flicker (film/flicker) and seconds a frame of spot with bundled materials, endless and of one fitted patch, at three qualities:
+on an orbit of 5° a frame, and on a dolly that halves the distance every four frames.
 """
 
 import argparse

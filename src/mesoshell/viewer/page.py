@@ -4,9 +4,10 @@ The server listens on the address that it is given, answers sockets that its own
 from the browser: what is saved is downloaded there.
 """
 
+import io
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -210,11 +211,13 @@ def _camera(seen: Any) -> Camera | None:
 @contextmanager
 def _own_sockets(host: str, port: int) -> Iterator[None]:
     """Servers that begin here answer sockets of their own page alone, or of programs that send no Origin."""
+    # viser prints a table of addresses; the command says its own line
     serve: Any = websockets.asyncio.server.serve
     names = {host, "127.0.0.1", "localhost"}
     websockets.asyncio.server.serve = partial(serve, origins=[None, *(f"http://{name}:{port}" for name in names)])  # type: ignore
     try:
-        yield
+        with redirect_stdout(io.StringIO()):
+            yield
     finally:
         websockets.asyncio.server.serve = serve
 

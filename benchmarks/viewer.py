@@ -1,0 +1,81 @@
+"""How soon a viewer shows what is asked: python -m benchmarks.viewer [--material NAME]
+
+Of spot, with compiled programs in the cache, without a browser: seconds from the start of a process to the first picture,
+pictures of 128 pixels a second while the camera turns, and seconds from a slider to the first picture of it. Run it twice: the
+first fills the cache.
+"""
+
+import argparse
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+
+MESH = "tests/data/spot.obj"
+MOVES = 12
+
+
+def measured(material: str) -> None:
+    """All three, in this process, which has just begun."""
+    begin = time.perf_counter()
+    import mesoshell as ms
+    from mesoshell.cli.compilation_cache import keep_compiled
+    from mesoshell.film.motion import turned
+    from mesoshell.viewer.refine import Shown
+    from mesoshell.viewer.work import Workshop
+
+    keep_compiled()
+    shown = threading.Semaphore(0)
+
+    def show(client: int, picture: Shown) -> None:
+        shown.release()
+
+    def wait() -> float:
+        """Seconds to the next picture; further ones are forgotten."""
+        since = time.perf_counter()
+        shown.acquire()
+        seconds = time.perf_counter() - since
+        while shown.acquire(blocking=False):
+            pass
+        return seconds
+
+    work = Workshop(ms.Scene(MESH, ms.load_material(material)), show, lambda line: None, lambda share: None)
+    camera = work.still.camera
+    assert isinstance(camera, ms.Camera)
+    work.see(1, camera)
+    wait()
+    print(f"first picture {time.perf_counter() - begin:.1f} s after the start")
+    moves = []
+    for k in range(MOVES):
+        work.see(1, turned(camera, np.zeros(3), 1, 0.05 * k))
+        moves.append(wait())
+    print(f"{1 / np.median(moves):.1f} pictures a second while the camera turns")
+    waits = []
+    for k in range(MOVES):
+        name, value = next(iter(work.look.params.items()))
+        parameter = work.begun.material.parameters[name]
+        low, high = parameter.range
+        work.set(
+            replace(work.look, params={**work.look.params, name: low + (high - low) * ((value + 0.1 * (k + 1)) % 1)})
+        )
+        waits.append(wait())
+    print(f"{np.median(waits):.2f} s from a slider to its picture")
+    work.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--material", default="turf")
+    parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.here:
+        measured(given.material)
+    else:
+        subprocess.run([sys.executable, "-m", __spec__.name, "--material", given.material, "--here"], check=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -26,7 +26,7 @@ SIZE = (32, 24)
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _as_users_have_it(optimised, tmp_path_factory):
+def _no_cache_at_home(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
         yield

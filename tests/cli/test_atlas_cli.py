@@ -147,6 +147,7 @@ def test_what_has_no_texture_says_so(folder, tmp_path, capsys) -> None:
     assert "has its colours in the volume, but no texture" in said
 
 
+@pytest.mark.slow
 def test_reflectance_is_lit_anew_and_its_parts_are_written(folder, tmp_path, capsys) -> None:
     """Roughness and specular are numbers in an EXR, within what lobes allow; a GLB has the roughness; a light that is not the
     camera's changes the picture and not what it covers."""

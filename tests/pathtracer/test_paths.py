@@ -292,6 +292,7 @@ def test_a_generators_texture_is_made_once(materials, tmp_path, tmp_path_factory
         loaded(scene(shell(materials, "grown", asked={"length": 7.0})))
 
 
+@pytest.mark.slow
 def test_a_texture_is_as_fine_as_its_camera_sees(materials, tmp_path, tmp_path_factory, monkeypatch) -> None:
     """From far off a quarter of the texels are made, and the picture is that of them all."""
     monkeypatch.setenv("XDG_CACHE_HOME", caches.own(tmp_path / "cache", tmp_path_factory))

@@ -159,7 +159,7 @@ def shown(sigma: np.ndarray, rho: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return a, a[:, None] * rho
 
 
-@pytest.mark.parametrize("which", ["grass", "tiny_bundle", "generated"])
+@pytest.mark.parametrize("which", ["grass", "tiny_bundle", pytest.param("generated", marks=pytest.mark.slow)])
 def test_the_statement_in_a_bundle_is_true(which: str, request: pytest.FixtureRequest, tmp_path: Path):
     """Root mean squares from other points of what the file holds, by other code; those of grass, most of it empty, vary
     by a tenth from draw to draw."""

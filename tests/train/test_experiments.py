@@ -106,8 +106,18 @@ def shrunk(config: Any) -> RunConfig:
     )
 
 
-#: What differs from another experiment in a term of the loss, which other tests have, or in a constant.
-VARIANTS = {"smooth", "mismatch", "frozen_phases", "no_fourier", "no_mip", "atlas_frequency", "atlas_no_inverse"}
+#: What differs from another experiment in a term of the loss, which other tests have, or in a constant; and the plain
+#: generator, whose runs and steps are tests of their own.
+VARIANTS = {
+    "carpet",
+    "smooth",
+    "mismatch",
+    "frozen_phases",
+    "no_fourier",
+    "no_mip",
+    "atlas_frequency",
+    "atlas_no_inverse",
+}
 VARIANTS |= {"atlas_no_cloud", "textures", "textures_critic", "textures_carpet", "weave_cosine"}
 
 

@@ -175,6 +175,7 @@ def test_the_first_host_is_gone_with_all_its_processes(network) -> None:
     assert "lost: " in said or ": host 0 was lost, " in said  # whichever notices first: a sum over hosts, or JAX
 
 
+@pytest.mark.slow
 def test_a_host_that_is_silent_is_lost_after_a_while(network) -> None:
     """It neither answers nor closes what it holds open, as after a cut of the network."""
     runs = [SAVED | {"what": "SIGSTOP", "host": 1, "step": 3}]

@@ -18,15 +18,14 @@ from mesoshell.shell.material.loader import ready
 from tests.helpers import growing
 
 #: One process compiles what its tests share.
-pytestmark = [pytest.mark.xdist_group("nodes"), pytest.mark.usefixtures("optimised")]
+pytestmark = pytest.mark.xdist_group("nodes")
 
 TEXELS, SIZE = growing.TEXELS, (70, 150)
 
 
 @pytest.fixture(scope="module")
-def bundle(compiled_soon) -> Bundle:
-    with compiled_soon():
-        return growing.bundle()
+def bundle() -> Bundle:
+    return growing.bundle()
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import cast
 
@@ -16,7 +16,7 @@ import pytest
 from mesoshell.numerics import softplus
 from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.train.gan.generate import label
-from mesoshell.train.gan.state import Learner, optimisers, start
+from mesoshell.train.gan.state import Learner, TrainState, optimisers, start
 from mesoshell.train.gan.step import step
 from mesoshell.train.patch_renderer import shown
 from tests.helpers import small_step
@@ -40,19 +40,24 @@ def test_one_device_and_eight_agree(how: str) -> None:
 
 
 @cache
+def begun() -> TrainState:
+    """In one program: step by step it is hundreds."""
+    return jax.jit(partial(start, small_step.CONFIG))(jax.random.key(0))
+
+
+@cache
 def stepped(**changes: float) -> tuple:
     """The state after one step of a configuration that is changed so, and what it reports."""
     config = replace(small_step.CONFIG, **changes)
     batch = jax.tree.map(
         lambda x: jnp.asarray(x) if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), small_step.batch()
     )
-    state = start(config, jax.random.key(0))
-    return jax.jit(lambda s, b: step(config, s, b))(state, batch)
+    return jax.jit(lambda s, b: step(config, s, b))(begun(), batch)
 
 
 def test_everything_moves_and_nothing_is_bad() -> None:
     state, report = stepped()
-    before = start(small_step.CONFIG, jax.random.key(0))
+    before = begun()
     assert not report.bad.any() and int(state.step) == 1 and int(state.images) == 8
     still = [
         jax.tree_util.keystr(path)
@@ -85,7 +90,7 @@ def test_renders_beside_the_next_ones_parameters_count_as_made() -> None:
     wrong = batch._replace(alpha=np.roll(batch.alpha, -1, axis=0), beta=np.roll(batch.beta, -1, axis=0))
     wrong = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), wrong)
     y, c = shown(wrong.image[..., :3]), label(wrong)
-    logits = discriminate(start(small_step.CONFIG, jax.random.key(0)).discriminator, y, c)
+    logits = jax.jit(discriminate)(begun().discriminator, y, c)
     more = 0.5 * np.mean(np.log1p(np.exp(logits)))
     assert more > 0.1
     np.testing.assert_allclose(after.discriminator - before.discriminator, more, rtol=1e-4)
@@ -103,7 +108,7 @@ def test_r1_is_float32_where_convolutions_are_not() -> None:
 
 
 def test_a_decoder_begins_dark_and_learns_at_the_generators_pace() -> None:
-    state = start(small_step.CONFIG, jax.random.key(0))
+    state = begun()
     adam, _ = optimisers(small_step.CONFIG)
     with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
         updates, _ = adam.update(jax.tree.map(jnp.ones_like, state.learner), state.learner_adam, state.learner)

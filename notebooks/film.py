@@ -12,8 +12,8 @@
 # %% [markdown]
 # # A film, and how much it flickers
 #
-# A camera goes around a cow of grass, and comes nearer; parameters change over time. What differs between two frames beside what
-# the camera's motion explains is their flicker. (Small frames and few samples here: `docs/how_to/film.md` has larger ones.)
+# A camera goes around a cow of grass, and comes nearer; parameters change over time. What differs between two frames beside
+# what the camera's motion explains is their flicker. (Small frames and few samples here; larger ones in `docs/how_to/film.md`.)
 
 # %%
 import tempfile

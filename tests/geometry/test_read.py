@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from trimesh.exchange.gltf import export_gltf
+from trimesh.visual import TextureVisuals
 
 from mesoshell.errors import InputError
 from mesoshell.geometry.read import FORMATS, read_mesh, read_obj
@@ -130,10 +132,10 @@ def test_unreadable_files_are_one_line(tmp_path: Path, name: str, content: bytes
 def test_the_same_mesh_in_every_format(tmp_path: Path):
     ball = trimesh.creation.icosphere(1)
     uv = np.random.default_rng(0).random((len(ball.vertices), 2))
-    textured = trimesh.Trimesh(ball.vertices, ball.faces, visual=trimesh.visual.TextureVisuals(uv=uv), process=False)
+    textured = trimesh.Trimesh(ball.vertices, ball.faces, visual=TextureVisuals(uv=uv), process=False)
     for kind in ("obj", "ply", "glb", "off", "stl"):
         textured.export(tmp_path / f"ball.{kind}")
-    parts = trimesh.exchange.gltf.export_gltf(trimesh.Scene(textured))
+    parts = export_gltf(trimesh.Scene(textured))
     for name, data in parts.items():
         (tmp_path / ("ball.gltf" if name.endswith(".gltf") else name)).write_bytes(data)
     for kind in FORMATS:

@@ -29,6 +29,7 @@ EYE = np.eye(4).tolist()
 def make(folder: Path) -> None:
     """All of them."""
     import trimesh
+    from trimesh.exchange.gltf import export_gltf
 
     random = np.random.default_rng(0)
     (folder / "quad.obj").write_text(QUAD)
@@ -36,7 +37,7 @@ def make(folder: Path) -> None:
     uv = random.random((len(ball.vertices), 2))
     textured = trimesh.Trimesh(ball.vertices, ball.faces, visual=trimesh.visual.TextureVisuals(uv=uv), process=False)  # type: ignore[attr-defined]
     textured.export(folder / "ball.glb")
-    parts = trimesh.exchange.gltf.export_gltf(trimesh.Scene(textured), embed_buffers=True)
+    parts = export_gltf(trimesh.Scene(textured), embed_buffers=True)
     (folder / "ball.gltf").write_bytes(next(data for name, data in parts.items() if name.endswith(".gltf")))
     ball.export(folder / "ball.off")
     ball.export(folder / "ball.stl")

@@ -111,6 +111,10 @@ def test_between_keys_nothing_lies_beyond_them(values: list[float], data: st.Dat
         ([{"frame": 0, "params": {"age": "old"}}], "key 0: params must give numbers by name"),
         ([{"frame": 0, "thickness": 0}], "key 0: thickness must be a positive number"),
         ([3], "key 0: is no object"),
+        ([{"frame": 0, "camera": [0, 1, 2, 0, 0, 0, 180]}], "key 0: camera must have its eye apart from its target"),
+        ([{"frame": 0, "camera": [0, 1, 2, 0, 1, 2, 30]}], "key 0: camera must have its eye apart from its target"),
+        ([{"frame": 0, "camera": [0, 1, 1e30, 0, 1, 2, 30]}], "key 0: camera holds a number beyond 1e"),
+        ([{"frame": 0, "params": {"dryness": 10**400}}], "key 0: params must give numbers by name"),
     ],
 )
 def test_what_is_no_key_is_said(keys: list, fault: str, scene: ms.Scene, tmp_path: Path):
@@ -138,5 +142,6 @@ def test_parameters_are_the_materials(scene: ms.Scene):
         with pytest.raises(InputError, match=f"^keys: {fault}"):
             follow([{"frame": 0, "params": params}], scene)
     dots = ms.Scene(MESH, Material("dots", wearing.bundle()))
-    with pytest.raises(InputError, match=r"^keys: dots is a surface material"):
-        follow([{"frame": 0, "params": {"age": 0.1}}], dots)
+    for key in ({"params": {"age": 0.1}}, {"thickness": 0.1}):
+        with pytest.raises(InputError, match=r"^keys: dots is a surface material"):
+            follow([{"frame": 0, **key}], dots)

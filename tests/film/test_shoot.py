@@ -126,6 +126,34 @@ def test_keys_change_what_they_say(scene: ms.Scene, times: list[ms.Scene], tmp_p
     assert len({p.read_bytes() for p in made.frames}) == 3
 
 
+def test_keys_of_colour_on_a_grown_texture(times: list[ms.Scene], tmp_path: Path):
+    """Geometry that is given once is grown once, and stays."""
+    scene = ms.Scene(
+        MESH, Material("grown", growing.bundle()), scale=1.0, size=(16, 12), params={"length": 2.5, "age": "1"}
+    )
+    made = ms.film(scene, tmp_path / "film", keys=[{"frame": 0}, {"frame": 1, "params": {"age": 9.0}}], **DRAFT)
+    assert [x.params for x in times] == [{"age": 9.0}] * 2 and all(x.material.shell.baked for x in times)
+    assert len(made.frames) == 2
+
+
+def test_an_image_that_changed_is_another_film(scene: ms.Scene, tmp_path: Path):
+    for value in (0.2, 0.9):
+        write_exr(tmp_path / "dry.exr", np.full((4, 4, 3), value, np.float32))
+        dry = replace(scene, params={"dryness": tmp_path / "dry.exr"})
+        if value == 0.2:
+            ms.film(dry, tmp_path / "film", orbit=1, **DRAFT)
+            continue
+        with pytest.raises(InputError, match="holds another film's frames"):
+            ms.film(dry, tmp_path / "film", orbit=1, **DRAFT)
+
+
+def test_keys_keep_the_size_of_a_camera(scene: ms.Scene, tmp_path: Path):
+    camera = ms.Camera(ms.look_at((0.0, 2.0, 12.0), (0.0, 0.0, 0.0)), 0.6, 10, 6)
+    keys = [{"frame": 0, "camera": [0, 2, 9, 0, 0, 0, 35]}]
+    made = ms.film(replace(scene, camera=camera), tmp_path / "film", keys=keys, **DRAFT)
+    assert read_png(made.frames[0]).shape[:2] == (6, 10)
+
+
 @pytest.mark.slow
 def test_geometry_that_changes_is_grown_for_each_frame(times: list[ms.Scene], tmp_path: Path):
     scene = ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0, size=(16, 12))

@@ -137,7 +137,8 @@ def test_the_same_mesh_in_every_format(tmp_path: Path):
         textured.export(tmp_path / f"ball.{kind}")
     parts = export_gltf(trimesh.Scene(textured))
     for name, data in parts.items():
-        (tmp_path / ("ball.gltf" if name.endswith(".gltf") else name)).write_bytes(data)
+        data = data.replace(b'"gltf_buffer', b'"a%20buffer')  # as exporters write names with spaces
+        (tmp_path / ("ball.gltf" if name.endswith(".gltf") else name.replace("gltf_", "a "))).write_bytes(data)
     for kind in FORMATS:
         points, faces, read_uv = read_mesh(tmp_path / f"ball{kind}")
         np.testing.assert_allclose(points[faces], ball.vertices[ball.faces], atol=1e-6)

@@ -24,7 +24,7 @@ viser = pytest.importorskip("viser", reason="requires the extra viewer")
 websockets = pytest.importorskip("websockets", reason="requires the extra viewer")
 
 from mesoshell.viewer import refine as refining  # noqa: E402
-from mesoshell.viewer.page import Page, _camera  # noqa: E402
+from mesoshell.viewer.page import Page, _camera, _own_names  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -68,12 +68,18 @@ def test_sockets_of_other_pages_are_refused(page: Page, origin: str | None, stat
     assert asyncio.run(opened()) == status
 
 
+def test_who_may_open_a_page_of_all_addresses():
+    here = {"127.0.0.1", "localhost"}
+    assert _own_names("127.0.0.1") == here and _own_names("box.example") == {"box.example", *here}
+    assert socket.gethostname() in _own_names("0.0.0.0") and "" not in _own_names("0.0.0.0")
+
+
 def test_a_port_that_is_taken_is_said(page: Page, tiny_bundle: Bundle):
     port = int(page.url.rpartition(":")[2])
     with pytest.raises(InputError, match=rf"^port: 127\.0\.0\.1:{port} cannot be listened on"):
         Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=port)
-    for wrong in (-1, 70_000):
-        with pytest.raises(InputError, match=r"^port: "):
+    for wrong in (-1, 0, 70_000):
+        with pytest.raises(InputError, match=r"^port: must be from 1 to 65535"):
             Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=wrong)
 
 

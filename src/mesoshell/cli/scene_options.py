@@ -59,7 +59,7 @@ class SceneOptions:
     object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
     #: Eye x y z, target x y z and vertical field of view in degrees; default: frames the mesh from the upper front.
     camera: tuple[float, float, float, float, float, float, float] | None = None
-    #: The axis that points up; default: y for OBJ and GLB, z for PLY and STL.
+    #: The axis that points up; default: z for PLY and STL, y for all others.
     up: Literal["y", "z"] | None = None
     #: Make the background transparent even where an environment is given.
     transparent: bool = False

@@ -20,6 +20,7 @@ from scipy.interpolate import PchipInterpolator
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.motion import Motion, check_count
+from mesoshell.geometry.mesh import FARTHEST
 from mesoshell.io.atomic import read_file
 from mesoshell.io.material import normalised
 from mesoshell.io.surface import KIND
@@ -61,19 +62,29 @@ def follow(keys: Keys, scene: Scene) -> Motion:
         at: dict[str, Any] = {name: track(k) for name, track in tracks.items()}
         changed = {name: value.tolist() if name == "camera" else float(value) for name, value in at.items()}
         if params:
-            changed["params"] = {**scene.params, **{name: float(track(k)) for name, track in params.items()}}
+            changed["params"] = {name: float(track(k)) for name, track in params.items()}
         return changed
 
     return Motion(count, change, shape)
 
 
 def _check_params(scene: Scene, keys: Keys) -> None:
-    """Raise InputError for a parameter that the material has not, or a value out of its range."""
+    """Raise InputError for what the material has not, a value out of its range, or geometry that it cannot change."""
     given = [key["params"] for key in keys if "params" in key]
-    if given and scene.material.kind == KIND:
-        raise InputError(Argument("keys"), f"{scene.material.name} is a surface material: it has no parameters")
+    if scene.material.kind == KIND:
+        if given or any(name in key for key in keys for name in NUMBERS):
+            raise InputError(Argument("keys"), f"{scene.material.name} is a surface material: it has only a camera")
+        return
+    bundle = scene.material.shell
     for params in given:
-        normalised(scene.material.shell, dict(params), source=Argument("keys"))
+        normalised(bundle, dict(params), source=Argument("keys"))
+        fixed = [
+            p.name for p in bundle.parameters if p.role == "beta" and p.name in params and bundle.generator is None
+        ]
+        if fixed:
+            raise InputError(
+                Argument("keys"), f"{fixed[0]} is baked into {scene.material.name}, which has no generator"
+            )
 
 
 def _track(keys: Keys, value: Any) -> Any:
@@ -115,6 +126,10 @@ def _fault(key: Any, last: int) -> str:
         isinstance(camera, Sequence) and len(camera) == CAMERA and all(map(_number, camera))
     ):
         return "camera must be 7 numbers: eye, target and field of view in degrees"
+    if camera is not None and not (0 < camera[6] < 180 and list(camera[:3]) != list(camera[3:6])):
+        return "camera must have its eye apart from its target, and a field of view between 0 and 180 degrees"
+    if camera is not None and max(map(abs, camera)) > FARTHEST:
+        return f"camera holds a number beyond {FARTHEST:g}"
     params = key.get("params", {})
     if not isinstance(params, Mapping) or not all(map(_number, params.values())):
         return "params must give numbers by name"
@@ -123,4 +138,4 @@ def _fault(key: Any, last: int) -> str:
 
 
 def _number(x: Any) -> bool:
-    return type(x) in (int, float) and bool(np.isfinite(x))
+    return type(x) in (int, float) and -1e300 < x < 1e300

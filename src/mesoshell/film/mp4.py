@@ -19,16 +19,14 @@ ENCODING = f"-c:v libx264 -crf {QUALITY} -preset slow -pix_fmt yuv420p -movflags
 COLOURS = "-vf scale=out_color_matrix=bt709 -colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1"
 
 
-def check_mp4(path: Path, size: tuple[int, int], fps: float) -> None:
-    """Raise InputError unless an MP4 of this size can be written."""
+def check_mp4(path: Path, size: tuple[int, int], fps: float, source: str) -> None:
+    """Raise InputError unless an MP4 of this size can be written. source: of the path, in errors."""
     if path.suffix.lower() != ".mp4":
-        raise InputError(Argument("path"), f"{path} must end in .mp4")
+        raise InputError(source, f"{path} must end in .mp4")
     if not 0 < fps < np.inf:
         raise InputError(Argument("fps"), f"must be positive and finite, not {fps:g}")
     if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise InputError(
-            Argument("out"), "an MP4 requires imageio-ffmpeg: pip install mesoshell[film]; or give a folder"
-        )
+        raise InputError(source, "an MP4 requires imageio-ffmpeg: pip install mesoshell[film]; or give a folder")
     if any(n % 2 for n in size):
         raise InputError(Argument("size"), f"an MP4 has an even width and height, not {size[0]} x {size[1]}")
 

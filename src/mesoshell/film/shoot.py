@@ -58,7 +58,7 @@ class Film:
         """Write it over white as an MP4, H.264 that browsers play. fps: frames a second. Raises InputError for another
         suffix, an odd width or height, or if it cannot be written."""
         height, width = on_white(self.frames[0]).shape[:2]
-        check_mp4(Path(path), (width, height), fps)
+        check_mp4(Path(path), (width, height), fps, Argument("path"))
         write_mp4(Path(path), map(_bytes, self.frames), (width, height), fps)
 
 
@@ -73,29 +73,31 @@ def shoot(
 ) -> Film:
     """Render the frames that are not there yet. motion: of the settled scene; grown: progress of its texture. Raises
     InputError, also for a folder that holds another film's frames."""
-    probe_folder(folder, "--out")
+    probe_folder(folder, Argument("folder"))
     begun = settled(scene, texture=False)
     moves = motion(begun)
-    of = _identity(begun, [moves.change(k) for k in range(moves.count)], quality, engine)
+    of = _identity(begun, moves, quality, engine)
     rows = _rows(folder, of)
     still = begun if moves.shape else settled(begun, grown)
     notes: dict[str, None] = {}
     before: tuple[Seen, np.ndarray] | None = None
     for k in range(moves.count):
-        frame = replace(still, **moves.change(k))
+        change = moves.change(k)
+        frame = replace(still, **change | {"params": {**still.params, **change.get("params", {})}})
         path, view = folder / f"{k:05d}.png", _seen(frame)
         if str(k) not in rows or not path.exists():
             start = time.perf_counter()
             made = prepare(frame, quality, engine).picture(lambda share, k=k: show(k + share, moves.count))
             notes |= dict.fromkeys(made.notes)
             folder.mkdir(parents=True, exist_ok=True)
+            if not rows:  # what the folder holds is known before its first frame is there
+                _write(folder, of, engine, rows)
             write_png(path, made.rgba)
             rows[str(k)] = {"seconds": round(time.perf_counter() - start, 3)}
         shown = on_white(path)
         if "flicker" not in rows[str(k)]:
             rows[str(k)]["flicker"] = None if before is None else flicker(before[1], shown, before[0], view)
-            record = {"version": __version__, "of": of, "engine": engine, "frames": rows}
-            replace_file(folder / RECORD, (json.dumps(record, indent=1) + "\n").encode())
+            _write(folder, of, engine, rows)
         before = view, shown
         show(k + 1, moves.count)
     made = [rows[str(k)] for k in range(moves.count)]
@@ -129,7 +131,7 @@ def planned(
         moves = moved(still)
         if wind is None:
             return moves
-        right = _camera(still).to_world[:3, 0]
+        right = _camera(replace(still, **{k: x for k, x in moves.change(0).items() if k == "camera"})).to_world[:3, 0]
         return blown(moves, still, mesh_of(still.mesh), right, wind, fps)
 
     def moved(still: Scene) -> Motion:
@@ -162,6 +164,11 @@ def _seen(frame: Scene) -> Seen:
     return seen(_camera(frame), mesh_of(frame.mesh), frame.thickness or 0.0, tuple(map(mesh_of, frame.objects)))
 
 
+def _write(folder: Path, of: str, engine: str, rows: dict[str, dict[str, Any]]) -> None:
+    record = {"version": __version__, "of": of, "engine": engine, "frames": rows}
+    replace_file(folder / RECORD, (json.dumps(record, indent=1) + "\n").encode())
+
+
 def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
     """Rows of the frames that are there. Raises InputError if they are another film's."""
     path = folder / RECORD
@@ -179,9 +186,11 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
     return rows
 
 
-def _identity(*parts: Any) -> str:
+def _identity(begun: Scene, moves: Motion, *rest: Any) -> str:
     sha = hashlib.sha256(__version__.encode())
-    _feed(sha, parts)
+    _feed(sha, (begun, *rest))
+    for k in range(moves.count):
+        _feed(sha, moves.change(k))
     return sha.hexdigest()
 
 

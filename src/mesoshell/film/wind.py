@@ -50,6 +50,8 @@ def blown(
 ) -> Motion:
     """The motion of a scene with wind. mesh: the scene's; toward: ω. Raises InputError for a material without lean, or a
     strength out of range."""
+    if not 0 < fps < np.inf:
+        raise InputError(Argument("fps"), f"must be positive and finite, not {fps:g}")
     if not 0 < strength <= 1:
         raise InputError(Argument("wind"), f"must be above 0, to 1, not {strength:g}")
     if not {LEAN, ANGLE} <= {name for name, p in scene.material.parameters.items() if p.role == "beta"}:
@@ -60,7 +62,7 @@ def blown(
     def change(k: int) -> dict[str, Any]:
         moved = motion.change(k)
         lean, angle = combed(ground, toward, strength, size, k / fps, scene.seed or 0)
-        return moved | {"params": {**scene.params, **moved.get("params", {}), LEAN: lean, ANGLE: angle}}
+        return moved | {"params": {**moved.get("params", {}), LEAN: lean, ANGLE: angle}}
 
     return Motion(motion.count, change, shape=True)
 

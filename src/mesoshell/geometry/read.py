@@ -14,6 +14,7 @@ under several `usemtl` come back out of order. A polygon becomes a fan of triang
 Source: the OBJ specification (Wavefront, appendix B1).
 """
 
+import io
 import json
 import os
 from os import PathLike
@@ -23,6 +24,7 @@ from urllib.parse import unquote
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
+from trimesh.resolvers import FilePathResolver
 
 from mesoshell.errors import InputError
 
@@ -129,7 +131,7 @@ def _is_text_stl(head: bytes) -> bool:
 
 def read_scene(path: str | PathLike[str]) -> Arrays:
     """All triangles of a file that trimesh reads, in world space."""
-    scene = trimesh.load_scene(str(path), process=False)
+    scene = _gltf(Path(path)) if Path(path).suffix.lower() == ".gltf" else trimesh.load_scene(str(path), process=False)
     points, faces, uvs, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros((0, 3, 2))], 0
     for node in scene.graph.nodes_geometry:
         pose, name = scene.graph[node]
@@ -148,6 +150,16 @@ def read_scene(path: str | PathLike[str]) -> Arrays:
         points.append(position @ pose[:3, :3].T + pose[:3, 3])
         count += len(position)
     return np.concatenate(points), np.concatenate(faces), _or_none(np.concatenate(uvs))
+
+
+def _gltf(path: Path) -> trimesh.Scene:
+    """A glTF file's scene. trimesh looks for files by their names as written, in which exporters encode spaces."""
+    described = json.loads(path.read_bytes())
+    for part in [*described.get("buffers", []), *described.get("images", [])]:
+        if not part.get("uri", "data:").startswith("data:"):
+            part["uri"] = unquote(part["uri"])
+    data = io.BytesIO(json.dumps(described).encode())
+    return trimesh.load_scene(data, file_type="gltf", resolver=FilePathResolver(str(path)), process=False)
 
 
 def read_obj(path: str | PathLike[str]) -> Arrays:

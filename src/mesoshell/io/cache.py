@@ -1,11 +1,13 @@
 """What is kept between commands, in one folder of the user's (standard library only).
 
 Notation
-room        a folder under $XDG_CACHE_HOME/mesoshell (~/.cache without it); an entry is a file or a folder in it
+room        a folder under $XDG_CACHE_HOME/mesoshell, or ~/.cache/mesoshell unless that is an absolute path
+entry       a file or a folder in a room
 
 Nothing there is needed: it can be removed at will, and what is damaged is made anew.
 """
 
+import contextlib
 import os
 import shutil
 from pathlib import Path
@@ -21,7 +23,8 @@ ROOMS = {
 
 def cache_folder(room: str) -> Path:
     """Where a room is, or will be."""
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesoshell" / room
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(given) if os.path.isabs(given) else Path.home() / ".cache") / "mesoshell" / room
 
 
 def held(path: Path) -> int:
@@ -47,4 +50,5 @@ def remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
-        path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            path.unlink()

@@ -32,7 +32,10 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
     file = Path(path)
     if file.suffix.lower() == ".gltf" or not file.is_file() or file.stat().st_size < LEAST:
         return load_mesh(path)
-    entry = cache_folder("meshes") / f"{_key(file)}.npz"
+    try:
+        entry = cache_folder("meshes") / f"{_key(file)}.npz"
+    except OSError:
+        return load_mesh(path)  # which says why it cannot be read
     found = _read(entry)
     if found is not None:
         return found

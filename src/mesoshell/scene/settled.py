@@ -7,7 +7,7 @@ import numpy as np
 from mesoshell.geometry.mesh import bounding_box
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
-from mesoshell.scene.materials import Material
+from mesoshell.scene.materials import Material, read_params
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import camera_of, describe_shell, grows, lights_of, mesh_of, up_axis
@@ -24,12 +24,17 @@ def settled(scene: Scene, progress: Progress = lambda share: None, texture: bool
         else proportions(mesh, scene.material.shell.thickness, scene.thickness, scene.scale)
     )
     camera = camera_of(scene, bounding_box(mesh), thickness, up)
-    sky = scene.environment
+    sky, params = scene.environment, dict(scene.params)
+    if not surface:
+        numbers, images = read_params(scene.material.shell, scene.params)
+        params = {**numbers, **images}
     still = replace(
         scene,
         mesh=mesh,
         thickness=None if surface else thickness,
         scale=scale,
+        params=params,
+        size=(camera.width, camera.height),
         camera=camera,
         lights=lights_of(scene, camera, up)[0],
         environment=sky if sky is None or isinstance(sky, np.ndarray) else read_exr(sky)[..., :3],
@@ -40,4 +45,4 @@ def settled(scene: Scene, progress: Progress = lambda share: None, texture: bool
         return still
     grown = Material(scene.material.name, describe_shell(still, progress).material)
     shape = {p.name for p in scene.material.shell.parameters if p.role == "beta"}
-    return replace(still, material=grown, params={k: v for k, v in scene.params.items() if k not in shape}, seed=None)
+    return replace(still, material=grown, params={k: v for k, v in params.items() if k not in shape}, seed=None)

@@ -15,6 +15,7 @@ import numpy as np
 
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
+from mesoshell.render.light import Distant
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Scene
 
@@ -61,8 +62,9 @@ def asked(begun: Scene, look: Look) -> Scene:
     return replace(begun, params={**begun.params, **_of_role(begun, look, "beta")}, seed=look.seed)
 
 
-def shown(begun: Scene, still: Scene, look: Look, camera: Camera) -> Scene:
-    """The scene that a look and a camera show. begun: as it was given; still: with the look's texture, settled."""
+def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
+    """The scene that a look and a camera show. begun: as it was given; still: with the look's texture, settled; lit: whether
+    it was given lights, or default ones stand about each camera."""
     tiled = begun.material.kind != KIND and begun.material.shell.tiles is not None
     return replace(
         still,
@@ -71,7 +73,7 @@ def shown(begun: Scene, still: Scene, look: Look, camera: Camera) -> Scene:
         seed=look.seed if tiled else still.seed,
         thickness=look.thickness,
         base_colour=look.base_colour,
-        lights=still.lights if look.sun is None else (toward_sun(still, look.sun),),
+        lights=(still.lights if lit else ()) if look.sun is None else (toward_sun(still, look.sun),),
         environment=still.environment if look.sun is None else None,
     )
 
@@ -99,20 +101,33 @@ def sized(camera: Camera, side: int) -> Camera:
     return Camera(camera.to_world, camera.fov, width, height)
 
 
-def command(mesh: str, material: str, scene: Scene, look: Look, given: Mapping[str, str], samples: int) -> str:
-    """The command line that makes a picture of so many samples a pixel. given: parameters that are images, by name."""
+def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -> str:
+    """The command line that makes a picture of so many samples a pixel. given: the scene as the viewer got it, of files
+    and numbers; scene: what is shown."""
     assert isinstance(scene.camera, Camera)
     eye, back = scene.camera.to_world[:3, 3], scene.camera.to_world[:3, 2]
-    numbers = [*eye, *(eye - back), math.degrees(scene.camera.fov)]
-    words = ["mesoshell", "render", mesh, "--material", material]
-    words += ["--camera", *(f"{x:.6g}" for x in numbers), "--size", str(scene.camera.width), str(scene.camera.height)]
-    for name, value in {**given, **{k: f"{v:.6g}" for k, v in look.params.items()}}.items():
-        words += ["--param", f"{name}={value}"]
-    if look.texture(scene) or look.seed:
+    words = ["mesoshell", "render", str(given.mesh), "--material", given.material.name]
+    words += _option("camera", *eye, *(eye - back), math.degrees(scene.camera.fov))
+    words += _option("size", scene.camera.width, scene.camera.height)
+    images = {name: value for name, value in given.params.items() if name not in look.params}
+    for name, value in {**images, **look.params}.items():
+        words += ["--param", f"{name}={value:.6g}" if isinstance(value, float) else f"{name}={value}"]
+    if look.texture(given) or look.seed:
         words += ["--seed", str(look.seed)]
-    if look.thickness is not None:
-        words += ["--thickness", f"{look.thickness:.6g}", "--scale", f"{scene.scale:.6g}"]
-    words += ["--base", *(f"{x:.6g}" for x in look.base_colour)]
-    if look.sun is not None:
-        words += ["--light", *(f"{x:.6g}" for x in toward_sun(scene, look.sun))]
-    return shlex.join([*words, "--quality", look.quality, "--max-samples", str(samples)])
+    for name, value in (("thickness", look.thickness), ("scale", scene.scale)):
+        words += [] if value is None else _option(name, value)
+    words += _option("base", *look.base_colour)
+    for light in given.lights if look.sun is None else scene.lights:
+        assert not isinstance(light, Distant)
+        words += _option("light", *light)
+    words += _option("irradiance", given.irradiance)
+    if look.sun is None and given.environment is not None:
+        words += ["--environment", str(given.environment)]
+    for mesh in given.objects:
+        words += ["--object", str(mesh)]
+    words += ["--up", scene.up or "y", *(["--transparent"] if given.transparent else [])]
+    return shlex.join([*words, "--engine", engine, "--quality", look.quality, "--max-samples", str(samples)])
+
+
+def _option(name: str, *numbers: float | int) -> list[str]:
+    return [f"--{name}", *(f"{x:.6g}" for x in numbers)]

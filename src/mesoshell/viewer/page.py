@@ -6,10 +6,10 @@ from the browser: what is saved is downloaded there.
 
 import io
 import socket
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,14 +41,10 @@ class Page:
         host: str = "127.0.0.1",
         port: int = 8080,
         progress: Any = lambda share: None,
-        material: str = "",
     ):
         _check_port(host, port)
-        self._name = str(scene.mesh) if isinstance(scene.mesh, str | Path) else "mesh"
-        self._material = material or scene.material.name
-        self._images = {k: str(x) for k, x in scene.params.items() if isinstance(x, str | Path) and not _number(x)}
+        self._engine, self._changing = engine, threading.Lock()
         self._pictures: dict[int, Shown] = {}
-        self._scenes: dict[int, Scene] = {}
         self.work = Workshop(scene, self._show, self._say, self._grown, engine, progress)
         with _own_sockets(host, port):
             self._server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
@@ -56,7 +52,8 @@ class Page:
         self._begin_camera()
         self._build()
         self._server.on_client_connect(self._connected)
-        self._server.on_client_disconnect(lambda client: self.work.leave(client.client_id))
+        self._server.on_client_disconnect(lambda client: self._forget(client.client_id))
+        self._server.request_share_url = lambda verbose=True: None  # or any client could open a tunnel to this machine
 
     def close(self) -> None:
         self._server.stop()
@@ -78,7 +75,7 @@ class Page:
         work, look = self.work, self.work.look
         gui.configure_theme(show_logo=False, show_share_button=False)
         parameters = work.begun.material.parameters
-        with gui.add_folder(f"Material: {self._material}"):
+        with gui.add_folder(f"Material: {work.given.material.name}"):
             self._params = {name: _slider(gui, name, parameters[name], value) for name, value in look.params.items()}
             tiled = not generated(work.begun) and getattr(work.begun.material.bundle, "tiles", None) is not None
             self._seed = (
@@ -131,20 +128,27 @@ class Page:
         )
 
     def _set(self, _: Any) -> None:
-        self.work.set(self._look())
+        with self._changing:
+            self.work.set(self._look())
 
     def _connected(self, client: Any) -> None:
         client.camera.on_update(lambda _: self._moved(client))
         self._moved(client)
 
     def _moved(self, client: Any) -> None:
-        camera = _camera(client.camera)
-        if camera is not None:
-            self.work.see(client.client_id, camera)
+        with self._changing:
+            camera = _camera(client.camera)
+            if camera is not None:
+                self.work.see(client.client_id, camera)
+
+    def _forget(self, number: int) -> None:
+        self.work.leave(number)
+        self._pictures.pop(number, None)
 
     def _show(self, number: int, picture: Shown) -> None:
         client = self._server.get_clients().get(number)
-        if client is None:
+        if client is None:  # it left in the meantime
+            self._forget(number)
             return
         self._pictures[number] = picture
         rgb = np.clip(picture.rgba[..., :3] + 1 - picture.rgba[..., 3:], 0, 1)
@@ -177,8 +181,8 @@ class Page:
     def _say_command(self, event: Any) -> None:
         picture = self._pictures.get(event.client_id)
         if picture is not None:
-            scene = self.work.scene(event.client_id)
-            line = command(self._name, self._material, scene, self.work.look, self._images, picture.samples)
+            work = self.work
+            line = command(work.given, work.scene(event.client_id), work.look, self._engine, picture.samples)
             self._command.content = f"    {line}"
 
 
@@ -213,8 +217,9 @@ def _own_sockets(host: str, port: int) -> Iterator[None]:
     """Servers that begin here answer sockets of their own page alone, or of programs that send no Origin."""
     # viser prints a table of addresses; the command says its own line
     serve: Any = websockets.asyncio.server.serve
-    names = {host, "127.0.0.1", "localhost"}
-    websockets.asyncio.server.serve = partial(serve, origins=[None, *(f"http://{name}:{port}" for name in names)])  # type: ignore
+    places = [f"http://{name.lower()}" for name in _own_names(host)]
+    origins = [None, *(f"{place}:{port}" for place in places), *(places if port == 80 else ())]
+    websockets.asyncio.server.serve = partial(serve, origins=origins)  # type: ignore
     try:
         with redirect_stdout(io.StringIO()):
             yield
@@ -222,19 +227,31 @@ def _own_sockets(host: str, port: int) -> Iterator[None]:
         websockets.asyncio.server.serve = serve
 
 
+def _own_names(host: str) -> set[str]:
+    """What browsers may call a server that listens on `host`: of all addresses, this machine's names and addresses."""
+    names = {host, "127.0.0.1", "localhost"}
+    if host in ("", "0.0.0.0"):
+        own = socket.gethostname()
+        names |= {own, socket.getfqdn()}
+        with suppress(OSError):
+            names |= {str(found[4][0]) for found in socket.getaddrinfo(own, None)}
+        with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as route:
+            route.connect(("192.0.2.1", 9))  # sends nothing, and tells the address that others see
+            names.add(route.getsockname()[0])
+    return names
+
+
 def _check_port(host: str, port: int) -> None:
     """Raise InputError unless the port is free: viser would take another one and not say so."""
+    if not 0 < port < 65536:
+        raise InputError(Argument("port"), f"must be from 1 to 65535, not {port}")
+    try:
+        socket.getaddrinfo(host, port)
+    except OSError as fault:
+        raise InputError(Argument("host"), f"{host} is no address of this machine: {fault}") from fault
     try:
         with socket.socket() as trial:
             trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             trial.bind((host, port))
-    except (OSError, OverflowError) as fault:
+    except OSError as fault:
         raise InputError(Argument("port"), f"{host}:{port} cannot be listened on: {fault}") from fault
-
-
-def _number(x: object) -> bool:
-    try:
-        float(str(x))
-    except ValueError:
-        return False
-    return True

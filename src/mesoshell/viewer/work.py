@@ -41,11 +41,13 @@ class Workshop:
         progress: Callable[[float], None] = lambda share: None,
     ):
         """Settles the scene. Raises InputError."""
+        self.given, self._lit = scene, bool(scene.lights) or scene.environment is not None
         self.begun = settled(scene, texture=False)
         self.still = settled(self.begun, progress)
         self.look = first_look(self.begun)
         self._texture = self.look.texture(self.begun)
-        self._show, self._say, self._growing, self._engine = show, say, growing, engine
+        self._show, self._tell, self._growing, self._engine = show, say, growing, engine
+        self._faults = {"picture": "", "texture": ""}
         self._views: dict[int, View] = {}
         self._changed, self._open, self._turn = threading.Condition(), True, 0
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._paint, self._grow)]
@@ -91,7 +93,13 @@ class Workshop:
             thread.join()
 
     def _scene(self, view: View) -> Scene:
-        return shown(self.begun, self.still, self.look, sized(view.camera, self.look.side))
+        return shown(self.begun, self.still, self.look, sized(view.camera, self.look.side), self._lit)
+
+    def _say(self, of: str, line: str) -> None:
+        """Say what is wrong with pictures and with textures; an empty line once nothing is."""
+        if self._faults[of] != line:
+            self._faults[of] = line
+            self._tell("  \n".join(x for x in self._faults.values() if x))
 
     def _next(self) -> tuple[int, View] | None:
         """The client whose turn it is: those with a new wish first, then each in turn. Waits for one; None at the end."""
@@ -119,15 +127,14 @@ class Workshop:
             assert view.left is not None
             try:
                 picture = next(view.left, None)
-            except Exception as fault:
+                if picture is None:
+                    view.left = None
+                elif view.painted == view.wish:
+                    self._say("picture", "")
+                    self._show(client, picture)
+            except Exception as fault:  # the page goes on, and says it
                 view.left = None
-                self._say(_line(fault))
-                continue
-            if picture is None:
-                view.left = None
-            elif view.painted == view.wish:
-                self._say("")
-                self._show(client, picture)
+                self._say("picture", _line(fault))
 
     def _grow(self) -> None:
         while self._open:
@@ -148,9 +155,12 @@ class Workshop:
             try:
                 still = settled(asked(self.begun, look), check)
             except Abandoned:
+                self._growing(1.0)
                 continue
             except Exception as fault:
-                self._say(_line(fault))
+                self._say("texture", _line(fault))
+            else:
+                self._say("texture", "")
             with self._changed:
                 self._texture = wanted
                 if still is not None:

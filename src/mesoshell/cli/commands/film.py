@@ -10,7 +10,7 @@ from mesoshell.errors import InputError
 from mesoshell.film.keys import read_keys
 from mesoshell.film.mp4 import check_mp4
 from mesoshell.film.shoot import Film, planned, shoot
-from mesoshell.io.atomic import probe_outputs
+from mesoshell.io.atomic import probe_folder, probe_outputs
 from mesoshell.scene.materials import load_material
 from mesoshell.scene.prepare import quality_of
 
@@ -21,13 +21,14 @@ def run(options: Options) -> None:
         raise InputError(options.mesh, "is a scene of Mitsuba's, whose camera is not moved: give its mesh")
     filmed = options.out.suffix.lower() == ".mp4"
     if filmed:
-        check_mp4(options.out, options.size, options.fps)
+        check_mp4(options.out, options.size, options.fps, "--out")
         probe_outputs((options.out,))
     quality = quality_of(options.quality, options.engine, settings_of(options.set))
     scene = scene_of(options, load_material(options.material))
     keys = None if options.keys is None else read_keys(options.keys)
     motion = planned(scene, options.orbit, options.dolly, options.far, keys, options.wind, options.fps)
     folder = options.out.with_suffix(".frames") if filmed else options.out
+    probe_folder(folder, "--out")
     console = stderr()
     compiled_by(options.engine)
     with bar(console, "growing") as show:

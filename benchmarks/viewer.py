@@ -21,13 +21,16 @@ MOVES = 12
 def measured(material: str) -> None:
     """All three, in this process, which has just begun."""
     begin = time.perf_counter()
+    import jax
+
     import mesoshell as ms
-    from mesoshell.cli.compilation_cache import keep_compiled
     from mesoshell.film.motion import turned
+    from mesoshell.io.cache import cache_folder
     from mesoshell.viewer.refine import Shown
     from mesoshell.viewer.work import Workshop
 
-    keep_compiled()
+    jax.config.update("jax_compilation_cache_dir", str(cache_folder("xla")))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     shown = threading.Semaphore(0)
 
     def show(client: int, picture: Shown) -> None:

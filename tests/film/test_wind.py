@@ -105,3 +105,9 @@ def test_wind_is_refused_where_nothing_leans(tiny_bundle: Bundle):
     for strength in (0.0, -0.2, 1.5, np.nan):
         with pytest.raises(InputError, match=r"^wind: must be above 0"):
             blown(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, strength, 24.0)
+
+
+def test_a_chart_smaller_than_a_pixel_is_refused():
+    flat = replace(FIELD, uv=(FIELD.uv * 1e-4).astype(np.float32))
+    with pytest.raises(InputError, match=r"^wind: texture coordinates lie between the pixels"):
+        ground_of(flat)

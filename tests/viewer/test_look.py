@@ -13,7 +13,7 @@ from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
-from mesoshell.viewer.look import Look, asked, command, first_look, shown, sized, toward_sun
+from mesoshell.viewer.look import asked, command, first_look, shown, sized, toward_sun
 from tests.helpers import growing, wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -113,7 +113,3 @@ def test_the_command_makes_this_very_picture(tiny_bundle: Bundle, tmp_path: Path
     made = ms.render(scene, "draft", max_samples=2).rgba
     away_from = np.abs(read_exr(tmp_path / "a.exr") - made)
     assert np.median(away_from) < 1e-3 * made.max() and np.quantile(away_from, 0.95) < 0.02 * made.max()
-
-
-def test_looks_compare_by_value():
-    assert Look(params={"a": 1.0}) == Look(params={"a": 1.0}) != Look(params={"a": 2.0})

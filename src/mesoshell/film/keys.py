@@ -10,9 +10,9 @@ Between keys a track is a monotone cubic (Fritsch and Carlson 1980): smooth, and
 parameter stays in its range. The film ends with the last key.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,8 @@ from scipy.interpolate import PchipInterpolator
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.motion import Motion, check_count
 from mesoshell.geometry.mesh import FARTHEST
-from mesoshell.io.atomic import read_file
 from mesoshell.io.material import normalised
+from mesoshell.io.records import read_object
 from mesoshell.io.surface import KIND
 from mesoshell.scene.scene import Scene
 
@@ -33,11 +33,8 @@ Keys = Sequence[Any]
 
 def read_keys(path: str | PathLike[str]) -> list[dict[str, Any]]:
     """The keys in a JSON file. Raises InputError, which names the file."""
-    try:
-        read = json.loads(read_file(path))
-    except ValueError as fault:
-        raise InputError(path, f"is no JSON: {fault}") from fault
-    if not isinstance(read, dict) or list(read) != ["keys"] or not isinstance(read["keys"], list):
+    read = read_object(Path(path))
+    if list(read) != ["keys"] or not isinstance(read["keys"], list):
         raise InputError(path, 'must be {"keys": [...]}')
     try:
         _check(read["keys"])

@@ -26,8 +26,9 @@ from mesoshell.film.motion import orbit as around
 from mesoshell.film.mp4 import check_mp4, write_mp4
 from mesoshell.film.wind import blown
 from mesoshell.geometry.mesh import bounding_box
-from mesoshell.io.atomic import probe_folder, read_file, replace_file
+from mesoshell.io.atomic import probe_folder, replace_file
 from mesoshell.io.image import linear_to_srgb, read_picture, write_png
+from mesoshell.io.records import read_object
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import Quality
 from mesoshell.scene.defaults import back_light
@@ -177,9 +178,9 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
             raise InputError(folder, f"holds frames without {RECORD}, of what film is not known: choose another folder")
         return {}
     try:
-        record = json.loads(read_file(path))
+        record = read_object(path)
         same, rows = record["of"] == of, dict(record["frames"])
-    except (ValueError, TypeError, KeyError) as fault:
+    except (InputError, ValueError, TypeError, KeyError) as fault:
         raise InputError(path, "is no record of a film: remove the folder, or choose another") from fault
     if not same:
         raise InputError(folder, "holds another film's frames: remove the folder, or choose another")

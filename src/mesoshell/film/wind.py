@@ -91,7 +91,8 @@ def gusts(at: Float[np.ndarray, "*shape 3"], seed: int) -> Float[np.ndarray, "*s
 
 
 def ground_of(mesh: Mesh, side: int = SIDE) -> Ground:
-    """The surface under the pixels of an image; pixels between charts take the nearest one's."""
+    """The surface under the pixels of an image; pixels between charts take the nearest one's. Raises InputError if there
+    are none."""
     uv = mesh.uv.astype(np.float64)
     uv = uv - np.floor(uv.mean(axis=1, keepdims=True))  # charts beyond the square repeat in it
     scene = EmbreeScene()
@@ -102,6 +103,10 @@ def ground_of(mesh: Mesh, side: int = SIDE) -> Ground:
     down = np.broadcast_to(np.array([0, 0, -1], np.float32), at.shape)
     met: Any = scene.run(at.astype(np.float32), np.ascontiguousarray(down))
     face = met.reshape(side, side)
+    if (face < 0).all():
+        raise InputError(
+            Argument("wind"), f"texture coordinates lie between the pixels of {side} x {side}: spread them out"
+        )
     nearest = np.asarray(distance_transform_edt(face < 0, return_distances=False, return_indices=True))
     face = face[nearest[0], nearest[1]].ravel()
     corner, chart = mesh.vertices.astype(np.float64)[mesh.faces[face]], uv[face]

@@ -89,8 +89,8 @@ class Page:
                 self._thickness = gui.add_slider(
                     "thickness", t / 10, t * 3, t / 50, t, hint="height of the shell, in the mesh's unit"
                 )
-            red, green, blue = (round(255 * float(x)) for x in linear_to_srgb(np.array(look.base_colour)))
-            self._base = gui.add_rgb("ground", (red, green, blue), hint="colour of the surface under the shell")
+            self._ground = tuple(round(255 * float(x)) for x in linear_to_srgb(np.array(look.base_colour)))
+            self._base = gui.add_rgb("ground", self._ground, hint="colour of the surface under the shell")
             self._bar = gui.add_progress_bar(0.0, visible=False)
         with gui.add_folder("Light"):
             self._lit = gui.add_checkbox("sun", False, hint="one light from here, in place of the scene's")
@@ -121,7 +121,8 @@ class Page:
             params={name: float(slider.value) for name, slider in self._params.items()},
             seed=0 if self._seed is None else int(self._seed.value),
             thickness=None if self._thickness is None else float(self._thickness.value),
-            base_colour=(red, green, blue),
+            # eight bits are not the colour that was given
+            base_colour=self.work.look.base_colour if tuple(self._base.value) == self._ground else (red, green, blue),
             sun=(self._azimuth.value, self._elevation.value) if self._lit.value else None,
             quality=self._quality.value,
             side=int(self._side.value),

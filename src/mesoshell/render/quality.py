@@ -35,15 +35,23 @@ class Quality:
 
     pixel_samples: int = _setting(4, "rays a pixel; more smooth silhouettes", engine="jax", least=1)
     samples: int = _setting(
-        48, "samples a ray, spread over all its intervals", "opacity of what is thinner than their distance", least=1
+        24, "samples a ray, spread over all its intervals", "opacity of what is thinner than their distance", least=1
     )
     #: "interval" is the paper's.
     spacing: str = _setting(
-        "length",
-        "samples in proportion to length, or as many in each interval",
+        "density",
+        "samples where the material's σ grid lets expect that the ray loses light, in proportion to length, or as many in "
+        "each interval",
         "opacity, where samples are few",
         engine="jax",
-        words=("length", "interval"),
+        words=("density", "length", "interval"),
+    )
+    #: 1 is the paper's.
+    height_filter: float = _setting(
+        0.25,
+        "share of the heights that a sample stands for over which features are averaged",
+        "towards 1, colour and opacity: a network of averaged features; towards 0, opacity: thin blades are missed",
+        below=1.5,
     )
     #: "interpolated" is the paper's.
     coordinates: str = _setting(
@@ -65,7 +73,7 @@ class Quality:
     )
     #: As with any estimate by few samples, pictures of many rays a pixel average it.
     light_samples: int = _setting(
-        0,
+        8,
         "samples a ray that are lit, drawn in proportion to their weights; 0: all that weight_cut leaves",
         engine="jax",
     )
@@ -199,7 +207,8 @@ def range_of(name: str) -> str:
 PRESETS = {
     "draft": Quality(
         pixel_samples=1,
-        samples=24,
+        samples=12,
+        light_samples=4,
         early_stop=0.05,
         environment_samples=2,
         base_samples=4,
@@ -211,6 +220,8 @@ PRESETS = {
     "reference": Quality(
         pixel_samples=16,
         samples=256,
+        spacing="length",
+        light_samples=0,
         coordinates="exact",
         early_stop=0.0,
         skip=0.0,

@@ -41,7 +41,8 @@ class StaticConfig:
 
 
 class DeviceTables(NamedTuple):
-    """Everything a kernel reads that is not per sample. maps: (M, H, W), repeated over the UV square."""
+    """Everything a kernel reads that is not per sample. maps: (M, H, W), repeated over the UV square; height_filter: of
+    `Quality`."""
 
     chart: Chart
     material: Material
@@ -50,6 +51,7 @@ class DeviceTables(NamedTuple):
     maps: Float[Array, "M H W"]
     patches_per_uv: Scalar
     cone: Scalar
+    height_filter: Scalar
 
 
 class Samples(NamedTuple):
@@ -78,10 +80,12 @@ def _sample(program: StaticConfig, table: DeviceTables, pieces: Piece, at: Frame
     piece, here = jax.tree.map(lambda x: x[s.row], (pieces, at))
     placed = place(piece, here, s.f, s.share, table.cone)
     xi = place_exact(table.chart, piece, here, s.f) if program.exact else placed.xi
-    return xi, placed.footprint
+    wide = placed.footprint
+    return xi, wide._replace(height=table.height_filter * wide.height)
 
 
-def _level(program: StaticConfig, footprint: Footprint) -> Scalar:
+def level_of_footprint(program: StaticConfig, footprint: Footprint) -> Scalar:
+    """The level of the texture at which a texel is as wide as a footprint; 0 without filtering."""
     if not program.filtering:
         return jnp.zeros_like(footprint.minor)
     return mip.level_of(footprint.minor, program.layout.texel_density, len(program.layout.sizes) - 1)
@@ -118,7 +122,7 @@ def depth_bounds(
     def tile(s: Samples) -> tuple[Array]:
         def one(s: Samples) -> Scalar:
             xi, footprint = _sample(program, table, pieces, at, s)
-            return bound(program, table.grid, xi, _level(program, footprint)) * s.step
+            return bound(program, table.grid, xi, level_of_footprint(program, footprint)) * s.step
 
         return (jax.vmap(one)(s),)
 

@@ -27,12 +27,13 @@ from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.shell.geometry.batched_walk import Intervals
-from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, SampleBudget, spread
+from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, spread
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render import kernels
 from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig
 from mesoshell.shell.render.lighting import Lighting, Shaded, Tile
 from mesoshell.shell.render.scene import Scene
+from mesoshell.shell.render.spacing import by_density, even
 
 #: Rays of a tile of the image; samples a ray and wave.
 RAYS, WAVE = 32768, 8
@@ -82,6 +83,7 @@ class _Renderer:
             jnp.asarray(np.stack(maps) if maps else np.zeros((0, 1, 1)), jnp.float32),
             jnp.asarray(scene.patches_per_uv, jnp.float32),
             jnp.asarray(pixel_radius(scene.camera.spread), jnp.float32),
+            jnp.asarray(quality.height_filter, jnp.float32),
         )
         self.lighting = Lighting(scene, quality, effects, self.boundary, self.program, self.table, report)
         report.time("prepare", begin)
@@ -98,8 +100,7 @@ class _Renderer:
         i = traced.intervals
         self.report.count(intervals=len(i.ray))
         pieces, at = self.frames(i, o, d)
-        plan = spread(i, np.asarray(at.length)[: len(i.ray)], self.quality.samples, self.quality.spacing, shift)
-        samples, ray = self.candidates(i, plan, pieces, at)
+        samples, ray = self.candidates(i, pieces, at, shift)
         self.report.time("sample", clock)
         lit = Tile(o, d, self.lighting.beams(len(o), random))
         drawn = random.random(len(o)) if self.quality.light_samples else None
@@ -134,21 +135,23 @@ class _Renderer:
     def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:
         return lambda *a: kernel(self.program, self.table, pieces, at, Samples(*a[:-1]), a[-1])
 
-    def candidates(self, i: Intervals, plan: SampleBudget, pieces: Piece, at: Frame) -> tuple[Samples, np.ndarray]:
+    def candidates(self, i: Intervals, pieces: Piece, at: Frame, shift: float) -> tuple[Samples, np.ndarray]:
         """Samples that may hold something, sorted by ray and distance, and the ray of each."""
-        row = np.repeat(np.arange(len(i.ray), dtype=np.int32), plan.count)
-        within = np.arange(len(row)) - np.repeat(np.cumsum(plan.count) - plan.count, plan.count)
-        length = np.maximum(np.asarray(at.length)[: len(i.ray)], np.finfo(np.float32).tiny)
-        f = ((within + plan.first[row] + plan.shift) * plan.step[row] - plan.begin[row]) / length[row]
-        share = np.minimum(plan.step / length, 1.0)
-        step = plan.step.astype(np.float32)[row]
-        s = Samples(row, np.clip(f, 0, 1).astype(np.float32), share.astype(np.float32)[row], step)
-        self.report.count(samples=len(row))
-        if self.quality.skip > 0:
-            bounds = run(self._kernel(kernels.depth_bounds, pieces, at), *s)
-            length = np.bincount(i.ray[row], step)
-            s = take(s, np.flatnonzero(bounds * length[i.ray[row]] > self.quality.skip * step))
+        quality, length = self.quality, np.asarray(at.length)[: len(i.ray)]
+        if quality.spacing == "density":
+            s, depth = by_density(self.program, self.table, i, (pieces, at), quality.samples, shift)
+        else:
+            s = even(spread(i, length, quality.samples, quality.spacing, shift), length)
+            depth = self.bounds(s, i, pieces, at) if quality.skip > 0 else np.zeros(0)
+        self.report.count(samples=len(s.row))
+        if quality.skip > 0:
+            s = take(s, np.flatnonzero(depth > quality.skip))
         return s, i.ray[s.row]
+
+    def bounds(self, s: Samples, i: Intervals, pieces: Piece, at: Frame) -> Float[np.ndarray, "S"]:
+        """The greatest optical depth that a ray would have if all of it were as dense as each of its samples can be."""
+        depth, ray = run(self._kernel(kernels.depth_bounds, pieces, at), *s), i.ray[s.row]
+        return depth * np.bincount(ray, s.step)[ray] / np.maximum(s.step, np.finfo(np.float32).tiny)
 
     def march(
         self,

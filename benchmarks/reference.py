@@ -85,7 +85,8 @@ def _sample(renderer, material, chart: Chart, lights, piece: Piece, at: Frame, f
     placed = place(piece, at, f, share, jnp.asarray(renderer.table.cone, jnp.float64))
     xi = place_exact(chart, piece, at, f)
     alpha = jnp.asarray(renderer.table.alpha, jnp.float64)
-    x = inputs(material, renderer.program.layout, Point(xi, placed.footprint.minor, placed.footprint.height, alpha))
+    height = jnp.asarray(renderer.table.height_filter, jnp.float64) * placed.footprint.height
+    x = inputs(material, renderer.program.layout, Point(xi, placed.footprint.minor, height, alpha))
     sigma, found = net.trunk(material.decoder, x)
     shared = net.toward_viewer(material.decoder, found, net.direction(at.inverse, -piece.direction))
     return sigma, jax.vmap(lambda w: net.head(material.decoder, shared, net.direction(at.inverse, w)))(lights)

@@ -14,7 +14,16 @@ from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.scene import Scene
 
 #: Every sample decoded, none skipped, nothing filtered: what laws can be tested on exactly.
-FULL = Quality(pixel_samples=1, samples=32, early_stop=0.0, skip=0.0, weight_cut=0.0, filtering=False)
+FULL = Quality(
+    pixel_samples=1,
+    samples=32,
+    spacing="length",
+    early_stop=0.0,
+    skip=0.0,
+    weight_cut=0.0,
+    light_samples=0,
+    filtering=False,
+)
 
 
 def lights(strength: float = 3.0) -> tuple[Distant, ...]:

@@ -111,7 +111,7 @@ def test_tiles_far_out_and_of_a_seed_are_those_of_the_other_engine(tiled_bundle,
     program = StaticConfig(made.layout, made.grid_shapes, True, taps, False, ())
     alpha = np.float32(points["alpha"][0, 0])
     nothing: Any = None  # is read of a chart, maps and the like
-    table = DeviceTables(nothing, made.material, made.grid, jnp.full(1, alpha), nothing, nothing, nothing)
+    table = DeviceTables(nothing, made.material, made.grid, jnp.full(1, alpha), nothing, nothing, nothing, nothing)
 
     def one(xi, radius, major, axis, deviation):
         return _inputs(program, table, xi, Footprint(radius, major, axis, deviation))

@@ -30,7 +30,11 @@ SHARED = [
     ({"coarsest": 3.0}, {"anisotropy": 4}, {"filtering", "anisotropic_filtering"}),
     ({"coarsest": 3.0}, {"anisotropy": 4, "filtering": False}, set()),
     ({"coarsest": 0.9}, {"anisotropy": 4}, {"filtering", "anisotropic_filtering"}),  # long sides have no bound
-    ({}, {"samples": 32}, {"filtering"}),  # down and up again, a sample is more than one of 32 rows wide
+    (
+        {},
+        {"samples": 32, "height_filter": 1.0},
+        {"filtering"},
+    ),  # down and up again, a sample is wider than one of 32 rows
     ({"low": True}, {}, {"mesh_shadow"}),
     ({"varying": ("dryness",)}, {}, {"varying_parameters"}),
     ({"shaped": True}, {}, {"varying_geometry"}),
@@ -49,6 +53,8 @@ MARCHED = [
     ({"convex": False, "enclosed": 0.1}, {}, {"mesh_shadow", "filtering"}),
     ({"convex": False, "distant": 0}, {}, {"direct_light", "filtering"}),
     ({}, {"spacing": "interval"}, {"filtering"}),
+    ({}, {"spacing": "density"}, {"filtering"}),  # some samples stand for a tenth of a ray, and reach over rows
+    ({"rows": 4}, {"spacing": "density"}, set()),
     ({"objects": 1, "enclosed": 0.5}, {}, {"object_shadow"}),
     ({"objects": 1, "distant": 0}, {}, {"direct_light"}),
     ({"distant": 0}, {}, {"direct_light"}),
@@ -82,7 +88,7 @@ def on(effects: Effects) -> set[str]:
 
 @pytest.mark.parametrize(("engine", "facts", "quality", "changed"), RULES)
 def test_one_rule(engine: Engine, facts: dict, quality: dict, changed: set):
-    plan = plan_effects(replace(PLAIN, **facts), Quality(**quality), engine)
+    plan = plan_effects(replace(PLAIN, **facts), Quality(**{"spacing": "length"} | quality), engine)
     assert on(plan) == ALWAYS ^ changed
     assert all(isinstance(r["on"], bool) and str(r["why"]) for r in plan.as_dict().values())
 
@@ -117,7 +123,8 @@ def test_engines_can_what_there_is(engine: Engine):
 
 def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     """What is reported is what was used: fields of paths in paths, of sums where samples are summed."""
-    lone, room = PLAIN, replace(PLAIN, objects=1, enclosed=1.0, coarsest=3.0, twin=TWIN)
+    lone = replace(PLAIN, rows=4)
+    room = replace(lone, objects=1, enclosed=1.0, coarsest=3.0, twin=TWIN)
     sky = replace(room, environment=True)
 
     def used(facts: Facts, engine: Engine, **changes: object) -> set[str]:
@@ -129,14 +136,15 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     marched = {"pixel_samples", "samples", "spacing", "coordinates", "early_stop", "skip", "weight_cut", "filtering"}
     marched |= {"base_samples", "light_samples"}
     assert used(lone, MARCH) == marched
-    assert used(sky, MARCH) == marched | {"visibility", "anisotropy", "twin", "environment_samples"}
+    filtered = {"height_filter", "anisotropy"}
+    assert used(sky, MARCH) == marched | filtered | {"visibility", "twin", "environment_samples"}
     assert used(replace(lone, distant=0), MARCH) == marched - {"weight_cut", "base_samples", "light_samples"}
     worn = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}
     assert used(WORN, SURFACE) == worn and used(WORN, SURFACE, curvature_filter="point") == worn - {"curve_length"}
     paths = {"samples", "coordinates", "early_stop", "skip", "filtering", "spp", "dark_ground"}
     assert used(lone, PATHS) == paths | {"weight_cut"}
     assert used(lone, PATHS, max_depth=2) == paths | {"weight_cut", "max_depth"}
-    assert used(room, PATHS) == paths | {"max_depth", "anisotropy", "twin", "rr_depth", "bounce_spread"}
+    assert used(room, PATHS) == paths | filtered | {"max_depth", "twin", "rr_depth", "bounce_spread"}
     everywhere = used(sky, MARCH) | used(room, PATHS) | used(WORN, SURFACE)
     assert everywhere == {f.name for f in fields(Quality)}
 

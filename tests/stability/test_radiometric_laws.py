@@ -13,7 +13,6 @@ import pytest
 from mesoshell.render.camera import rays
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.tiles import RenderReport
-from mesoshell.shell.geometry.sampling import spread
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.lighting import Tile
@@ -80,9 +79,7 @@ def depths(scene: Scene, o: np.ndarray, d: np.ndarray) -> np.ndarray:
     renderer = _Renderer(scene, scenes.FULL, scenes.effects(scene, scenes.FULL), RenderReport())
     i = renderer.boundary.trace(o, d).intervals
     pieces, at = renderer.frames(i, o, d)
-    plan = spread(i, np.asarray(at.length)[: len(i.ray)], scenes.FULL.samples, scenes.FULL.spacing)
-    samples, ray = renderer.candidates(i, plan, pieces, at)
-    return renderer.march(samples, ray, pieces, at, Tile(o, d, []))[0]
+    return renderer.march(renderer.candidates(i, pieces, at, 0.5), pieces, at, Tile(o, d, []))[0]
 
 
 AFFINE = {

@@ -106,7 +106,7 @@ def stand_on(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
     """Give a scene's integrator, a `mesoshell_path`, its shells and surface materials. Path depths are the integrator's.
 
     Raises InputError for a quality that paths cannot have."""
-    if grown.stands and quality.spacing != "length":
+    if grown.stands and quality.spacing == "interval":
         raise InputError(
             Argument("spacing"),
             f"'{quality.spacing}' requires `engine` jax: paths have samples in proportion to length",

@@ -195,6 +195,7 @@ def _at(world, ray, here: IntervalFrame, f, share) -> Sample:
         return Sample(here.prism, t, xi, mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
     along, across = _cone(dr.maximum(t - half, 0) + ray.apex, t + half + ray.apex, ray.spread)
     radius, deviation, major, axis = footprint(here, mi.Vector3f(ray.d), along, across)
+    deviation *= world.quality.height_filter
     if world.taps == 1:
         major, axis = mi.Float(0), mi.Vector2f(0)
     return Sample(here.prism, t, xi, radius, deviation, major, axis)

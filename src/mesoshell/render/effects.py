@@ -8,7 +8,7 @@ decision comes with its reason, which `--explain` prints and the report keeps. W
 from dataclasses import dataclass, fields
 
 from mesoshell.render.facts import Facts, TwinFacts
-from mesoshell.render.quality import Quality
+from mesoshell.render.quality import WIDEST, Quality
 
 #: Share of directions from a surface that meet a surface again, above which a note says that interreflection is left out. For
 #: diffuse surfaces of albedo a it adds about a times this share.
@@ -245,9 +245,10 @@ def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: En
         return Effect(True, f"footprints reach {f.coarsest:.1f} texels")
     if quality.anisotropy > 1:
         return Effect(True, "taps lie along footprints, whose long side has no bound")
-    if not f.alone or quality.spacing != "length":
+    if not f.alone or quality.spacing == "interval":
         return Effect(True, "how far apart samples lie in height has no bound")
-    spaced = 2 * f.rows / (3**0.5 * quality.samples)  # a ray goes down and comes up again at most
+    apart = (1 if engine.draws or quality.spacing == "length" else WIDEST) / quality.samples
+    spaced = 2 * f.rows * quality.height_filter * apart / 3**0.5  # a ray goes down and comes up again at most
     if spaced > 1:
         return Effect(True, f"samples stand for up to {spaced:.1f} rows of the height feature")
     return Effect(False, f"footprints reach {f.coarsest:.2g} texels at most: the finest level everywhere")

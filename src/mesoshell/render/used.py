@@ -12,6 +12,7 @@ def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str
         "pixel_samples": not paths,
         "samples": shells,
         "spacing": shells and not paths,
+        "height_filter": effects.filtering.on,
         "coordinates": shells,
         "early_stop": shells or not paths,
         "skip": shells,

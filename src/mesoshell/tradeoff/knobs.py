@@ -9,13 +9,14 @@ from typing import Any
 from mesoshell.render.quality import PRESETS, SETTINGS, Quality
 
 VALUES: dict[str, tuple[Any, ...]] = {
-    "samples": (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256),
-    "spacing": ("interval", "length"),
+    "samples": (7, 10, 14, 20, 28, 40, 56, 80, 112, 160, 256),
+    "spacing": ("interval", "length", "density"),
+    "height_filter": (1.0, 0.6, 0.4, 0.3, 0.2, 0.0),
     "coordinates": ("interpolated", "exact"),
     "early_stop": (0.1, 0.05, 0.02, 0.01, 0.005, 0.0),
     "skip": (0.2, 0.1, 0.05, 0.02, 0.0),
     "weight_cut": (0.2, 0.1, 0.048, 0.02, 0.0),
-    "light_samples": (1, 2, 4, 8, 0),
+    "light_samples": (1, 2, 4, 6, 8, 0),
     "filtering": (False, True),
     "anisotropy": (1, 2, 4, 8, 16),
     "visibility": ("interval", "sample"),

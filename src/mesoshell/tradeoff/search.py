@@ -1,7 +1,7 @@
 """Which settings to measure next: one knob at a time, then what a model of the points so far expects the most of.
 
 Notation
-x           a point's knobs as zeros and ones: one for each value of each knob that `reference` does not have
+x           a point's knobs as zeros and ones: one for each step between neighbouring values, from `reference`'s to its own
 t, b, ν     seconds a pass, bias and noise of a point. ln t and ln ν are modelled as sums over x, b^q as a sum of positive terms
 
 The model proposes; what is shown is measured.
@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from mesoshell.render.quality import PRESETS
 from mesoshell.tradeoff.front import Entry, entries, front, gain
-from mesoshell.tradeoff.knobs import Settings, beside, named, settings_of
+from mesoshell.tradeoff.knobs import VALUES, Settings, beside, named, settings_of
 from mesoshell.tradeoff.points import Point, Q, together
 
 #: Pull of the model's effects towards none; changes that a proposal is away from the front.
@@ -59,11 +59,10 @@ def _worth(t: float, b: float, v: float, counts: Sequence[int], kept: Sequence[E
 
 def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """t, b and ν of settings, as those of the points would have it."""
-    columns = sorted({(k, repr(x)) for s in [*(p.settings for p in points), *fresh] for k, x in s.items()})
-    columns = [c for c in columns if c[1] != repr(getattr(PRESETS["reference"], c[0]))]
+    columns = sorted({step for s in [*(p.settings for p in points), *fresh] for step in _steps(s)})
 
     def rows(settings: Sequence[Mapping[str, Any]]) -> np.ndarray:
-        ones = [[float(repr(s[k]) == x) for k, x in columns] for s in settings]
+        ones = [[float(c in steps) for c in columns] for steps in map(_steps, settings)]
         return np.concatenate([np.ones((len(settings), 1)), np.array(ones).reshape(len(settings), -1)], axis=1)
 
     x, wanted = rows([p.settings for p in points]), rows(fresh)
@@ -77,3 +76,12 @@ def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarr
     powers = np.array([p.bias**Q for p in points])
     effects, _ = nnls(np.concatenate([x, pull**0.5]), np.concatenate([powers, np.zeros(x.shape[1])]))
     return summed([p.seconds[1] for p in points]), (wanted @ effects) ** (1 / Q), summed([p.noise for p in points])
+
+
+def _steps(settings: Mapping[str, Any]) -> set[tuple[str, int]]:
+    """From the reference's values to these, step by step, so that a value which was not measured lies between its neighbours."""
+    steps = set()
+    for name, value in settings.items():
+        here, there = (VALUES[name].index(x) for x in (value, getattr(PRESETS["reference"], name)))
+        steps |= {(name, i) for i in (range(here, there) if here < there else range(there + 1, here + 1))}
+    return steps

@@ -41,7 +41,7 @@ from mesoshell.shell.geometry.sampling import Chart, Frame, Piece
 from mesoshell.shell.material import density_bounds, loader
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.field import Layout, Point
-from mesoshell.shell.render import kernels, lighting
+from mesoshell.shell.render import kernels, lighting, spacing
 from mesoshell.signal.fourier import shifted_phase
 from mesoshell.stability import field as field_checks
 from mesoshell.stability import surface as surface_checks
@@ -138,7 +138,7 @@ def _of_shells(bundle: Bundle) -> Programs:
     pieces = Piece(i(ROWS), f(ROWS, 2), f(ROWS, 2, 2), f(ROWS, 2), f(ROWS, 3), f(ROWS, 3))
     at, samples = Frame(f(ROWS, 3), f(ROWS, 3), f(ROWS), f(ROWS, 3, 3)), kernels.Samples(i(ROWS), *(f(ROWS),) * 3)
     wraps = kernels.StaticConfig(ready.layout, ready.grid_shapes, True, 4, True, (0,))
-    table = kernels.DeviceTables(chart, ready.material, ready.grid, f(1), f(1, 2, 2), f(), f())
+    table = kernels.DeviceTables(chart, ready.material, ready.grid, f(1), f(1, 2, 2), f(), f(), f())
     nodes = replace(ready.layout, open=True, origin=(1, 1), nodes=(3, 3))
     planes = Layout(ready.layout.sizes, (), ready.layout.texel_density, ready.layout.octaves, True, cells=(2, 2))
     ways = [wraps, *(replace(wraps, layout=layout) for layout in (nodes, planes))]
@@ -153,6 +153,11 @@ def _of_shells(bundle: Bundle) -> Programs:
         "shell.render.kernels.depth_bounds": [
             _jitted(kernels.depth_bounds, p, table, pieces, at, samples, i()) for p in ways
         ],
+        "shell.render.spacing.interval_segments": [_jitted(spacing.interval_segments, wraps, table, pieces, at, i())],
+        "shell.render.spacing.depth_profile": [
+            _jitted(spacing.depth_profile, p, ready.grid, f(ROWS, 7), i(ROWS), f(ROWS), f(ROWS), i()) for p in ways
+        ],
+        "shell.render.spacing.places": [_jitted(spacing.places, 4, f(ROWS, spacing.BINS), f(), i())],
         "shell.render.kernels.density": [_jitted(kernels.density, p, table, pieces, at, samples, i()) for p in ways],
         "shell.render.kernels.density_at": [_jitted(kernels.density_at, wraps, table, f(ROWS, 3), f(ROWS), i())],
         "shell.render.kernels.transport": [

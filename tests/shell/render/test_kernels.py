@@ -14,7 +14,6 @@ import pytest
 from mesoshell.io.corner_tiles import FACTORS
 from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport
-from mesoshell.shell.geometry.sampling import spread
 from mesoshell.shell.render import kernels
 from mesoshell.shell.render.kernels import Samples, StaticConfig
 from mesoshell.shell.render.lighting import Tile
@@ -32,15 +31,18 @@ def setting(scene: Scene, quality: Quality) -> tuple[_Renderer, tuple]:
     o = np.array([0.4, 0.3, 2.0]) + random.uniform(-0.2, 0.2, (64, 3))
     i = renderer.boundary.trace(o, d).intervals
     pieces, at = renderer.frames(i, o, d)
-    plan = spread(i, np.asarray(at.length)[: len(i.ray)], quality.samples, quality.spacing)
-    samples, ray = renderer.candidates(i, plan, pieces, at)
-    return renderer, (samples, ray, pieces, at, Tile(o, d, renderer.lighting.beams(len(o), random)))
+    return renderer, (
+        renderer.candidates(i, pieces, at, 0.5),
+        pieces,
+        at,
+        Tile(o, d, renderer.lighting.beams(len(o), random)),
+    )
 
 
 @pytest.fixture(scope="module")
 def lowered(tiny_bundle):
     """A function from a program's settings to the number of operations in its lowered density kernel."""
-    renderer, (_, _, pieces, at, _) = setting(scenes.slab(tiny_bundle), scenes.FULL)
+    renderer, (_, pieces, at, _) = setting(scenes.slab(tiny_bundle), scenes.FULL)
     empty = Samples(*(jnp.zeros(4096, t) for t in (jnp.int32, jnp.float32, jnp.float32, jnp.float32)))
     base = replace(renderer.program, filtering=False, taps=1, exact=False, maps=())
 
@@ -74,7 +76,7 @@ def test_only_corner_tiles_are_hashed(tiny_bundle, tiled_bundle):
     """The hash's factors stand in the program of a material that has tiles, and in no other."""
     empty, hashed = Samples(*(jnp.zeros(4096, t) for t in (jnp.int32, jnp.float32, jnp.float32, jnp.float32))), []
     for bundle in (tiny_bundle, tiled_bundle):
-        renderer, (_, _, pieces, at, _) = setting(scenes.slab(bundle), scenes.FULL)
+        renderer, (_, pieces, at, _) = setting(scenes.slab(bundle), scenes.FULL)
         text = kernels.density.lower(renderer.program, renderer.table, pieces, at, empty, np.int32(0)).as_text()
         hashed.append([str(factor) in text for factor in FACTORS])
     assert hashed == [[False, False], [True, True]]
@@ -90,8 +92,9 @@ def test_the_same_effects_share_a_program(tiny_bundle):
 
 def test_waves_give_what_a_full_evaluation_gives(tiny_bundle):
     """Early stop, skipping and the weight's cut at 0: Σ τ and Σ w of each ray as from one call on all its samples."""
-    renderer, (samples, ray, pieces, at, tile) = setting(scenes.slab(tiny_bundle), scenes.FULL)
-    depth, shaded = renderer.march(samples, ray, pieces, at, tile)
+    renderer, (candidates, pieces, at, tile) = setting(scenes.slab(tiny_bundle), scenes.FULL)
+    depth, shaded = renderer.march(candidates, pieces, at, tile)
+    samples, ray, _ = candidates
     padded = Samples(*(np.pad(x, (0, -len(x) % 4096)) for x in samples))
     tau, _ = kernels.density(renderer.program, renderer.table, pieces, at, padded, np.int32(len(samples.row)))
     tau = np.asarray(tau, np.float64)[: len(samples.row)]
@@ -101,16 +104,20 @@ def test_waves_give_what_a_full_evaluation_gives(tiny_bundle):
     np.testing.assert_allclose(weight, -np.expm1(-true), rtol=1e-5, atol=1e-7)
 
 
-def test_light_of_drawn_samples_is_that_of_all_in_the_mean(tiny_bundle):
-    """Over evenly spaced u, whose sum errs by less than a sample's light; of at most two samples a ray."""
-    scene, count = scenes.slab(tiny_bundle), 2
-    renderer, (samples, ray, pieces, at, tile) = setting(scene, scenes.FULL)
-    depth, shaded = renderer.march(samples, ray, pieces, at, tile)
-    few, _ = setting(scene, replace(scenes.FULL, light_samples=count))
+@pytest.mark.parametrize("opacity", [1.0, 0.25])
+def test_light_of_drawn_samples_is_that_of_all_in_the_mean(tiny_bundle, opacity: float):
+    """Over evenly spaced u, whose sum errs by less than a sample's light; of at most two samples an opacity of which as much is
+    expected as there is, and whatever is expected."""
+    scene = scenes.slab(tiny_bundle)
+    renderer, (candidates, pieces, at, tile) = setting(scene, scenes.FULL)
+    candidates = candidates._replace(opacity=np.full(len(candidates.ray), opacity))
+    depth, shaded = renderer.march(candidates, pieces, at, tile)
+    few, _ = setting(scene, replace(scenes.FULL, light_samples=2))
+    count = round(2 / opacity)
     levels = (np.arange(32) + 0.5) / 32
     total = np.zeros((len(tile.o), 3))
     for u in levels:
-        same, drawn = few.march(samples, ray, pieces, at, tile, np.full(len(tile.o), u))
+        same, drawn = few.march(candidates, pieces, at, tile, np.full(len(tile.o), u))
         np.testing.assert_array_equal(same, depth)  # opacity knows nothing of it
         assert (np.bincount(drawn.ray, minlength=1) <= count).all() and (drawn.weight >= 1 / count).all()
         np.add.at(total, drawn.ray, drawn.weight[:, None] * drawn.rho[:, 0])
@@ -146,7 +153,7 @@ def test_skipping_misses_at_most_its_bound(tiny_bundle, skip: float, plan: dict)
 
 
 def test_the_bound_covers_density(tiny_bundle):
-    renderer, (samples, _, pieces, at, _) = setting(scenes.slab(tiny_bundle), scenes.FULL)
+    renderer, ((samples, *_), pieces, at, _) = setting(scenes.slab(tiny_bundle), scenes.FULL)
     padded = Samples(*(np.pad(x, (0, -len(x) % 4096)) for x in samples))
     arguments = (renderer.program, renderer.table, pieces, at, padded, np.int32(len(samples.row)))
     bound, (tau, _) = kernels.depth_bounds(*arguments), kernels.density(*arguments)

@@ -4,8 +4,8 @@ Notation
 R, I, S     rays, intervals, samples of one tile of rays
 τ, T, w     optical depth of a sample, transmittance before it, its weight T (1 − e^{−τ})
 ρ           transport; a sample adds w ρ E⊥ for each light that its interval sees
-K, c, u     samples to light a ray, drawn: c of the opacities (k + u)/K, k = 0 … K − 1, lie in a sample, which then has the
-            weight c/K, in the mean over u in [0, 1) its w
+K, c, u     samples to light, drawn: c of the opacities (k + u)/K, k = 0, 1, …, lie in a sample, which then has the weight c/K:
+            in the mean over u in [0, 1) its w. K is `light_samples` over the opacity expected of the ray
 
 Work is compacted at every stage: rays that meet nothing make no intervals, samples in empty space (by the bundle's σ grid)
 are not decoded, rays whose transmittance has fallen below `early_stop` get no further wave of samples, and lighting skips
@@ -33,10 +33,12 @@ from mesoshell.shell.render import kernels
 from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig
 from mesoshell.shell.render.lighting import Lighting, Shaded, Tile
 from mesoshell.shell.render.scene import Scene
-from mesoshell.shell.render.spacing import by_density, even
+from mesoshell.shell.render.spacing import Candidates, by_density, even
 
 #: Rays of a tile of the image; samples a ray and wave.
 RAYS, WAVE = 32768, 8
+#: Least opacity that is expected of a ray.
+LEAST = 1e-3
 
 
 def render(
@@ -100,11 +102,11 @@ class _Renderer:
         i = traced.intervals
         self.report.count(intervals=len(i.ray))
         pieces, at = self.frames(i, o, d)
-        samples, ray = self.candidates(i, pieces, at, shift)
+        candidates = self.candidates(i, pieces, at, shift)
         self.report.time("sample", clock)
         lit = Tile(o, d, self.lighting.beams(len(o), random))
         drawn = random.random(len(o)) if self.quality.light_samples else None
-        depth, shaded = self.march(samples, ray, pieces, at, lit, drawn)
+        depth, shaded = self.march(candidates, pieces, at, lit, drawn)
         rgb = self.lighting.shell(lit, i, shaded, at)
         through = np.exp(-depth)
         solid = np.isfinite(traced.end)
@@ -135,18 +137,20 @@ class _Renderer:
     def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:
         return lambda *a: kernel(self.program, self.table, pieces, at, Samples(*a[:-1]), a[-1])
 
-    def candidates(self, i: Intervals, pieces: Piece, at: Frame, shift: float) -> tuple[Samples, np.ndarray]:
-        """Samples that may hold something, sorted by ray and distance, and the ray of each."""
+    def candidates(self, i: Intervals, pieces: Piece, at: Frame, shift: float) -> Candidates:
+        """Samples that may hold something."""
         quality, length = self.quality, np.asarray(at.length)[: len(i.ray)]
         if quality.spacing == "density":
-            s, depth = by_density(self.program, self.table, i, (pieces, at), quality.samples, shift)
+            all_, depth = by_density(self.program, self.table, i, (pieces, at), quality.samples, shift)
         else:
             s = even(spread(i, length, quality.samples, quality.spacing, shift), length)
+            all_ = Candidates(s, i.ray[s.row], np.ones(len(s.row)))
             depth = self.bounds(s, i, pieces, at) if quality.skip > 0 else np.zeros(0)
-        self.report.count(samples=len(s.row))
-        if quality.skip > 0:
-            s = take(s, np.flatnonzero(depth > quality.skip))
-        return s, i.ray[s.row]
+        self.report.count(samples=len(all_.ray))
+        if quality.skip == 0:
+            return all_
+        some = np.flatnonzero(depth > quality.skip)
+        return Candidates(take(all_.samples, some), all_.ray[some], all_.opacity[some])
 
     def bounds(self, s: Samples, i: Intervals, pieces: Piece, at: Frame) -> Float[np.ndarray, "S"]:
         """The greatest optical depth that a ray would have if all of it were as dense as each of its samples can be."""
@@ -155,8 +159,7 @@ class _Renderer:
 
     def march(
         self,
-        samples: Samples,
-        ray: np.ndarray,
+        candidates: Candidates,
         pieces: Piece,
         at: Frame,
         tile: Tile,
@@ -165,6 +168,7 @@ class _Renderer:
         """Decode samples wave by wave, front to back. drawn: u of each ray, if samples to light are drawn. Returns the rays'
         optical depths and the samples to light."""
         clock = time.perf_counter()
+        samples, ray, opacity = candidates
         depth = np.zeros(len(tile.o))
         rank = np.arange(len(ray)) - np.searchsorted(ray, ray)
         stop = -np.log(self.quality.early_stop) if self.quality.early_stop > 0 else np.inf
@@ -184,7 +188,8 @@ class _Renderer:
             self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
             least = self.quality.least_weight
             if drawn is not None:
-                weight, least = draw(before, tau, drawn[owner], self.quality.light_samples), 0.0
+                count = self.quality.light_samples / np.maximum(opacity[chosen], LEAST)
+                weight, least = draw(before, tau, drawn[owner], count), 0.0
             heavy = np.flatnonzero(weight > least)
             edges = np.searchsorted(heavy, np.arange(len(decoded) + 1) * CAPACITY)
             for k, (_, features) in enumerate(decoded):
@@ -214,9 +219,12 @@ def accumulate(
 
 
 def draw(
-    before: Float[np.ndarray, "S"], tau: Float[np.ndarray, "S"], u: Float[np.ndarray, "S"], count: int
+    before: Float[np.ndarray, "S"],
+    tau: Float[np.ndarray, "S"],
+    u: Float[np.ndarray, "S"],
+    count: Float[np.ndarray, "S"] | int,
 ) -> Float[np.ndarray, "S"]:
-    """c/K of samples, given the depth before each, and u of its ray."""
+    """c/K of samples, given the depth before each, and u and K of its ray."""
     first, last = (-count * np.expm1(-x) - u for x in (before, before + tau))
     return (np.ceil(last) - np.ceil(first)) / count
 

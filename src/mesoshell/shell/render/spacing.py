@@ -1,16 +1,16 @@
-"""Where the samples of a tile's rays lie: in proportion to length, or where the material's σ grid lets expect that light is lost.
+"""Where the samples of a tile's rays lie: in proportion to length, or where light is expected to be lost, by the σ grid.
 
 Notation
 R, I, S     rays that meet the shell, intervals, samples of a ray
 B, b_k      bins of equal length along a ray, and the largest optical depth that bin k can have, by the σ grid
 e_k, T_k    optical depth expected in a bin, EXPECTED · b_k; transmittance before it, exp(−Σ_{j<k} e_j)
-p_k         density of samples: LOST of them by T_k (1 − e^{−e_k}), the light expected to be lost; OCCUPIED by 1 − e^{−B b_k}, where
-            there may be anything; the rest everywhere. Σ p_k = 1
-x           place on a ray, as a share of its canonical length: sample j lies where ∫p = (j + shift)/S, and stands for the piece
-            in which ∫p grows from j/S to (j + 1)/S
+p_k         density of samples: LOST of them by T_k (1 − e^{−e_k}), the light expected to be lost; OCCUPIED by 1 − e^{−B b_k},
+            where there may be anything; the rest everywhere. Σ p_k = 1
+x           place on a ray, as a share of its canonical length: sample j lies where ∫p = (j + shift)/S, and stands for the share
+            1/(S p) of it
 
-p only says where samples are dense: whatever the grid holds, their sum tends to the integral as S grows. (NeRF places its
-fine samples by the weights of coarse ones, Mildenhall et al. 2020, section 5.2; here the grid stands in for those.)
+Optical depth is so estimated without bias over shifts, whatever the grid holds: p only says where samples are dense. (NeRF
+places its fine samples by the weights of coarse ones, Mildenhall et al. 2020, section 5.2; the grid stands in for those.)
 """
 
 from functools import partial
@@ -24,16 +24,25 @@ from jaxtyping import Float, Int
 from mesoshell.nets.batches import batches, pad
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.numerics import safe_div
+from mesoshell.render.quality import WIDEST
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.sampling import Frame, Piece, SampleBudget, place, spread
 from mesoshell.shell.material.loader import Grid
 from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig, bound, level_of_footprint
 from mesoshell.typing import Array, Scalar
 
-BINS = 64
+BINS = 32
 #: Share of a cell's bound that matter has on average, about: bounds are of the densest point, and leave a margin.
 EXPECTED = 0.025
-LOST, OCCUPIED = 0.5, 0.4
+LOST, OCCUPIED = 0.5, 0.5 - 1 / WIDEST
+
+
+class Candidates(NamedTuple):
+    """Samples sorted by ray and distance; the ray of each, and the opacity expected of that ray."""
+
+    samples: Samples
+    ray: Int[np.ndarray, "N"]
+    opacity: Float[np.ndarray, "N"]
 
 
 class Placed(NamedTuple):
@@ -54,9 +63,9 @@ def even(plan: SampleBudget, length: Float[np.ndarray, "I"]) -> Samples:
 
 def by_density(
     program: StaticConfig, table: DeviceTables, i: Intervals, frames: tuple[Piece, Frame], count: int, shift: float
-) -> tuple[Samples, Float[np.ndarray, "N"]]:
-    """`count` samples a ray, sorted by ray and distance, and the greatest optical depth that the whole ray would have if all of
-    it were as dense as the bin of each of its samples can be. frames: of the intervals, padded (renderer)."""
+) -> tuple[Candidates, Float[np.ndarray, "N"]]:
+    """`count` samples a ray, and the greatest optical depth that the whole ray would have if all of it were as dense as the
+    bin of each can be. frames: of the intervals, padded (renderer)."""
     length = np.asarray(frames[1].length)[: len(i.ray)]
     start = np.flatnonzero(np.concatenate([[True], i.ray[1:] != i.ray[:-1]])[: len(i.ray)])
     bins = even(spread(i, length, BINS, "length"), length)
@@ -67,7 +76,9 @@ def by_density(
     capacity = 1 << max(12, int(len(start) - 1).bit_length())
     placed = places(count, pad(bounds, capacity), np.float32(shift), np.int32(len(start)))
     placed = Placed(*(np.asarray(x)[: len(start)] for x in placed))
-    return on_intervals(placed, length, start), BINS * placed.depth.ravel()
+    opacity = -np.expm1(-EXPECTED * bounds.sum(axis=1, dtype=np.float64))
+    samples = on_intervals(placed, length, start)
+    return Candidates(samples, i.ray[samples.row], np.repeat(opacity, count)), BINS * placed.depth.ravel()
 
 
 def on_intervals(placed: Placed, length: Float[np.ndarray, "I"], start: Int[np.ndarray, "R"]) -> Samples:
@@ -134,19 +145,15 @@ def expected_places(samples: int, depth: Float[Array, "B"], shift: Scalar) -> tu
     """`Placed` of one ray, given its b."""
     bins = len(depth)
     expected = EXPECTED * depth
-    lost = jnp.exp(expected - jnp.cumsum(expected)) * -jnp.expm1(-expected)
+    before = jnp.concatenate([jnp.zeros(1, depth.dtype), jnp.cumsum(expected[:-1])])
+    lost = jnp.exp(-before) * -jnp.expm1(-expected)
     occupied = -jnp.expm1(-bins * depth)
-    p = LOST * _shares(lost) + OCCUPIED * _shares(occupied) + (1 - LOST - OCCUPIED) / bins
-    through = jnp.cumsum(_shares(p))
-
-    def inverse(u: Float[Array, "S"]) -> tuple[Array, Float[Array, "S"]]:
-        k = jnp.minimum(jnp.sum(through[None] <= u[:, None], axis=1), bins - 1)
-        before = jnp.where(k > 0, through[k - 1], 0)
-        return k, (k.astype(u.dtype) + jnp.clip((u - before) / (through[k] - before), 0, 1)) / bins
-
-    number = jnp.arange(samples + 1, dtype=depth.dtype)
-    k, x = inverse((number[:-1] + shift) / samples)
-    return x, jnp.diff(inverse(number / samples)[1]), depth[k]
+    p = _shares(LOST * _shares(lost) + OCCUPIED * _shares(occupied) + 1 / (WIDEST * bins))
+    through = jnp.cumsum(p)
+    u = (jnp.arange(samples, dtype=depth.dtype) + shift) / samples
+    k = jnp.minimum(jnp.sum(through[None] <= u[:, None], axis=1), bins - 1)
+    within = jnp.clip((u - through[k]) / p[k] + 1, 0, 1)
+    return (k.astype(u.dtype) + within) / bins, 1 / (samples * bins * p[k]), depth[k]
 
 
 def _shares(x: Float[Array, "B"]) -> Float[Array, "B"]:

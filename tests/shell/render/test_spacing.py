@@ -1,0 +1,122 @@
+"""Where samples lie: places by what a ray is expected to lose, and how they fall on its intervals.
+
+Oracles: the inverse of the same distribution in float64; integrals of functions that are known; the renderer with many samples,
+spread by length.
+"""
+
+from importlib import resources
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mesoshell as ms
+from mesoshell.render.quality import PRESETS, WIDEST
+from mesoshell.shell.render.renderer import render
+from mesoshell.shell.render.spacing import BINS, Placed, expected_places, on_intervals
+from tests.helpers import scenes
+
+DEPTHS = st.lists(st.one_of(st.just(0.0), st.floats(2.0**-60, 2.0**40, width=32)), min_size=BINS, max_size=BINS).map(
+    lambda x: np.array(x, np.float32)
+)
+
+
+def placed(depth: np.ndarray, samples: int, shift: float) -> Placed:
+    return Placed(*(np.asarray(x) for x in expected_places(samples, jnp.asarray(depth), jnp.float32(shift))))
+
+
+@given(DEPTHS, st.integers(1, 40), st.sampled_from([0.0, 0.5, 0.96875]))
+@settings(max_examples=100)
+def test_samples_lie_in_order_and_none_stands_for_much(depth: np.ndarray, samples: int, shift: float):
+    p = placed(depth, samples, shift)
+    assert (p.x >= 0).all() and (p.x <= 1).all() and (np.diff(p.x) >= -1e-6).all()
+    assert (p.share > 0).all() and p.share.max() <= 1.01 * WIDEST / samples
+    at = np.clip((p.x * BINS).astype(int), 0, BINS - 1)  # a place on a wall between bins may count to either
+    assert ((p.depth == depth[at]) | (np.abs(p.x * BINS - np.round(p.x * BINS)) < 1e-3)).all()
+
+
+@pytest.mark.parametrize("depth", [0.0, 1e-3])
+def test_where_nothing_is_known_samples_are_even(depth: float):
+    """Of e → 0 all bins are alike: as many samples in each."""
+    p = placed(np.full(BINS, depth, np.float32), 8, 0.5)
+    np.testing.assert_allclose(p.x, (np.arange(8) + 0.5) / 8, atol=0.02)
+    np.testing.assert_allclose(p.share, 1 / 8, rtol=0.1)
+
+
+@given(DEPTHS, st.integers(1, 24))
+@settings(max_examples=50)
+def test_places_are_those_of_float64(depth: np.ndarray, samples: int):
+    b = depth.astype(np.float64)
+    e = 0.025 * b
+    parts = np.exp(e - np.cumsum(e)) * -np.expm1(-e), -np.expm1(-BINS * b)
+    lost, occupied = (x / x.sum() if x.sum() > 0 else x for x in parts)
+    p = 0.5 * lost + 0.4 * occupied + 0.1 / BINS
+    through = np.concatenate([[0], np.cumsum(p / p.sum())])
+    x = np.interp((np.arange(samples) + 0.5) / samples, through, np.linspace(0, 1, BINS + 1))
+    np.testing.assert_allclose(placed(depth, samples, 0.5).x, x, atol=2e-5)
+
+
+def test_half_of_the_samples_lie_where_light_is_lost():
+    """A wall in the middle of thin air."""
+    depth = np.full(BINS, 1e-3, np.float32)
+    depth[BINS // 2] = 1e3
+    x = placed(depth, 40, 0.5).x * BINS
+    assert 20 <= ((x >= BINS // 2) & (x < BINS // 2 + 1)).sum() <= 32
+
+
+@given(DEPTHS)
+@settings(max_examples=50)
+def test_sums_are_integrals_in_the_mean(depth: np.ndarray):
+    """Over evenly spaced shifts, whatever the places. It errs where places of two shifts lie on both sides of a bin's wall: by
+    WIDEST over their number at each wall, and either way."""
+    shifts = jnp.asarray((np.arange(512) + 0.5) / 512, jnp.float32)
+    x, share, _ = jax.vmap(lambda shift: expected_places(6, jnp.asarray(depth), shift))(shifts)
+    total = (np.asarray(share, np.float64) * np.cos(7 * np.asarray(x, np.float64))).sum(axis=1).mean()
+    np.testing.assert_allclose(total, np.sin(7) / 7, atol=WIDEST * BINS / (6 * 512) / 4)
+
+
+def test_a_sample_lies_on_the_interval_that_its_place_falls_on():
+    """Two rays; one has an interval of no length, which gets no sample."""
+    length = np.array([1.0, 0.0, 3.0, 0.5], np.float32)
+    x = np.array([[0.0, 0.25, 0.625, 1.0], [0.0, 0.5, 0.75, 1.0]], np.float32)
+    p = Placed(x, np.full((2, 4), 0.25, np.float32), np.ones((2, 4), np.float32))
+    s = on_intervals(p, length, np.array([0, 3]))
+    np.testing.assert_array_equal(s.row, [0, 2, 2, 2, 3, 3, 3, 3])
+    np.testing.assert_allclose(s.f, [0, 0, 0.5, 1, 0, 0.5, 0.75, 1])
+    np.testing.assert_allclose(s.step, [1] * 4 + [0.125] * 4)
+    np.testing.assert_allclose(s.share, [1, 1 / 3, 1 / 3, 1 / 3] + [0.25] * 4, rtol=1e-6)
+
+
+def test_rays_without_length_or_intervals_are_no_fault():
+    none = Placed(*(np.zeros((0, 4), np.float32),) * 3)
+    assert not len(on_intervals(none, np.zeros(0, np.float32), np.zeros(0, int)).row)
+    flat = Placed(np.array([[0.1, 0.9]], np.float32), np.array([[0.5, 0.5]], np.float32), np.zeros((1, 2), np.float32))
+    s = on_intervals(flat, np.zeros(2, np.float32), np.array([0]))
+    assert np.isfinite(s.f).all() and (s.step == 0).all() and (s.row <= 1).all()
+
+
+def test_many_samples_by_density_are_many_by_length(tiny_bundle):
+    """With nothing skipped both tend to the same picture."""
+    scene = scenes.slab(tiny_bundle)
+    many = scenes.FULL.with_changes(samples=512)
+    by_length, by_density = (
+        render(scene, q, scenes.effects(scene, q))[0] for q in (many, many.with_changes(spacing="density"))
+    )
+    np.testing.assert_allclose(by_density, by_length, atol=2e-3 * by_length.max())
+
+
+def test_grass_on_a_curved_mesh_errs_less_than_by_length():
+    """Rays at a silhouette are long, and lose their light early on."""
+    mesh = Path(str(resources.files("mesoshell") / "assets" / "spot.obj"))
+    scene = ms.Scene(mesh, ms.load_material("grass"), thickness=0.1, scale=0.2, size=(32, 32))
+    rays = {"pixel_samples": 4, "light_samples": 0}
+    fine = ms.render(scene, PRESETS["reference"], **rays, samples=160).rgba
+    errors = [
+        float(np.sqrt(np.mean((ms.render(scene, "normal", **rays, samples=12, spacing=way).rgba - fine) ** 2)))
+        for way in ("density", "length")
+    ]
+    assert errors[0] < 0.9 * errors[1]

@@ -115,7 +115,7 @@ def test_answers_are_the_other_engines_and_the_descriptions(opacity: str, curvat
     q = wearing.queries(2000)
     material = SurfaceMaterial(b)
     w, light, kappa = mi.Vector3f(q["w"].T), mi.Vector3f(q["light"].T), mi.Float(q["kappa"])
-    alpha, features = material.seen(mi.Point2f(q["u"].T), mi.Float(q["r"]), w, kappa)
+    alpha, features = material.eval_opacity(mi.Point2f(q["u"].T), mi.Float(q["r"]), w, kappa)
     rho = np.array(material.rho(features, w, light, kappa)).T
     alpha = np.array(alpha) + np.zeros(2000)
     wanted, _, wanted_rho = wearing.answers(b, **q)
@@ -135,7 +135,7 @@ def test_any_footprint_has_an_answer(radius: float) -> None:
     w = dr.normalize(mi.Vector3f(0.6, 0, 1e-3))
 
     def asked(r: float) -> np.ndarray:
-        alpha, features = material.seen(mi.Point2f([0.3, -7.1], [0.9, 1e4]), mi.Float([r, r]), w, mi.Float(9.0))
+        alpha, features = material.eval_opacity(mi.Point2f([0.3, -7.1], [0.9, 1e4]), mi.Float([r, r]), w, mi.Float(9.0))
         return np.stack([np.array(x) for x in (alpha, *features)])
 
     found = asked(radius)
@@ -151,7 +151,7 @@ class Recorder:
 
     levels: Any = [type("Level", (), {"width": 3})] * 3
 
-    def seen(self, u, radius, w, kappa):
+    def eval_opacity(self, u, radius, w, kappa):
         return mi.Float(0.25) + 0 * kappa, [u.x, u.y, radius]
 
 

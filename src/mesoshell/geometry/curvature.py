@@ -160,12 +160,12 @@ def _fitted(
     d1 = np.where(d1.any(axis=1, keepdims=True), d1, np.cross(d2, n))  # a direction of curvature 0 is 0
     d1 -= (d1 * n).sum(axis=1, keepdims=True) * n
     size = np.linalg.norm(d1, axis=1, keepdims=True)
-    told = size > 0.1
-    bad = ~np.isfinite(values).all(axis=1) | (~told[:, 0] & values.any(axis=1))
+    defined = size > 0.1
+    bad = ~np.isfinite(values).all(axis=1) | (~defined[:, 0] & values.any(axis=1))
     bad[unfit] = True
     values[bad] = 0
     some = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
-    d1 = np.where(told, d1 / np.where(told, size, 1), some / np.linalg.norm(some, axis=1, keepdims=True))
+    d1 = np.where(defined, d1 / np.where(defined, size, 1), some / np.linalg.norm(some, axis=1, keepdims=True))
     return values, np.stack([d1, np.cross(n, d1)], axis=1), bad
 
 

@@ -55,7 +55,7 @@ class PathState:
     path: Path
     shadow: Shadow
     light: mi.Color3f
-    seen: mi.Bool
+    valid: mi.Bool
     queries: mi.UInt32
 
 
@@ -129,7 +129,7 @@ def advance(settings, scene, sampler, lane):
         settings.world, plan, scene, sampler, lane.path, end, (going, kept, reached), shadow, passing
     )
     path = _go_on(settings, plan, sampler, lane.path, end, event, p, going, on_material & ~kept)
-    return PathState(path, shadow, light, lane.seen | stopped, lane.queries + end.flight.queries)
+    return PathState(path, shadow, light, lane.valid | stopped, lane.queries + end.flight.queries)
 
 
 def _plan(settings) -> Plan:

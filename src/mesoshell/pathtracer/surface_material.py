@@ -42,7 +42,7 @@ class SurfaceMaterial:
         self.levels = [Levels([a[f"{name}/texture/{i}"] for i in range(self.last + 1)]) for name in names]
         self.networks = [network(a, f"{name}/hidden", f"{name}/last") for name in names]
 
-    def seen(self, u, radius, w, kappa):
+    def eval_opacity(self, u, radius, w, kappa):
         """α, and the features for `rho`, a list of floats; neither depends on the light."""
         level = level_of(radius, self.texels, self.last)
         kappa = self._curvature(kappa)
@@ -145,11 +145,11 @@ class SurfaceMeshes:
         radius = 0.5 * ray.spread * (nearest.t + ray.apex) / dr.gather(mi.Float, self.period, prim)
         which = dr.gather(mi.UInt32, self.which, prim)
 
-        def seen(m):
-            alpha, features = m.seen(u, radius, w, kappa)
+        def eval_opacity(m):
+            alpha, features = m.eval_opacity(u, radius, w, kappa)
             return alpha, [*features, *(mi.Float(0) for _ in range(self.channels - len(features)))]
 
-        alpha, features = self._choose(which, seen, (mi.Float(0), [mi.Float(0) for _ in range(self.channels)]))
+        alpha, features = self._choose(which, eval_opacity, (mi.Float(0), [mi.Float(0) for _ in range(self.channels)]))
         return Met(hit, mi.Float(nearest.t), front, normal, alpha, w, kappa, here, which, features)
 
     def rho(self, met: Met, lights):

@@ -32,7 +32,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.surface_material.intersector import ADVANCE, Hits, Local, SurfaceIntersector
 from mesoshell.surface_material.loader import DeviceMaterial
-from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, reflectance, seen
+from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, eval_opacity, reflectance
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
 from mesoshell.typing import Array
@@ -175,8 +175,8 @@ class _Tile:
         out = np.zeros((len(rows), 3))
         for beam in lights:
             cosine = np.maximum(np.einsum("ij,ij->i", normal, beam.toward), 0)
-            seen = self._visible(o, d, t, normal, beam.toward)
-            out += (cosine * seen)[:, None] * beam.strength * np.asarray(self.scene.base_colour) / np.pi
+            visibility = self._visible(o, d, t, normal, beam.toward)
+            out += (cosine * visibility)[:, None] * beam.strength * np.asarray(self.scene.base_colour) / np.pi
         return np.ones(len(rows)), out
 
     def _visible(self, o, d, t, normal, toward) -> Float[np.ndarray, "H"]:
@@ -236,7 +236,7 @@ def _rows(ready: DeviceMaterial, local: Local) -> tuple[np.ndarray, ...]:
 
 @partial(jax.jit, static_argnums=0)
 def _ask_opacity(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> Array:
-    alpha = jax.vmap(lambda *x: seen(config, table, SurfaceQuery(*x)).alpha)
+    alpha = jax.vmap(lambda *x: eval_opacity(config, table, SurfaceQuery(*x)).alpha)
     return in_tiles(lambda *x: (alpha(*x),), count, rows, ((0, jnp.float32),))[0]
 
 
@@ -244,7 +244,7 @@ def _ask_opacity(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], 
 def _ask(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> tuple[Array, Array]:
     def one(u: Array, radius: Array, w: Array, kappa: Array, light: Array) -> tuple[Array, Array]:
         place = SurfaceQuery(u, radius, w, kappa)
-        opacity = seen(config, table, place)
+        opacity = eval_opacity(config, table, place)
         return opacity.alpha, jax.vmap(lambda l: reflectance(config, table, place, opacity, l))(light).reshape(-1)
 
     return in_tiles(jax.vmap(one), count, rows, ((0, jnp.float32), (3 * rows[-1].shape[1], jnp.float32)))

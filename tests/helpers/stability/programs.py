@@ -161,9 +161,9 @@ def _of_shells(bundle: Bundle) -> Programs:
         "shell.render.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(64), f(64, 2))],
         "shell.material.density_bounds._largest": [_jitted(*cell)],
         "stability.surface._left": [_jitted(surface_checks._left, f(64, 3), f(64, 2, 3), f(64, 2, 3))],
-        "stability.field._asked": [
+        "stability.field._network_queries": [
             _jitted(
-                field_checks._asked,
+                field_checks._network_queries,
                 ready.layout,
                 ready.material,
                 Point(f(64, 3), f(64), f(64), f(64, 1)),

@@ -87,14 +87,8 @@ def step(
     learner, learner_adam = updated(for_learner, state.learner, state.learner_adam, g_gradient)
     judge, judge_adam = updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
 
-    def regularised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
-        return _regularised(config, judge, adam, (real, c), across)
-
-    def passed(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
-        return judge, adam, jnp.zeros((), real.dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
-
     due = state.step % config.r1_every == 0
-    judge, judge_adam, penalty, bad_penalty = jax.lax.cond(due, regularised, passed, judge, judge_adam)
+    judge, judge_adam, penalty, bad_penalty = _regularised(config, judge, judge_adam, due, (real, c), across)
     rows = across.rows(batch.alpha)
     images = state.images + rows
     losses = across.mean((g_loss, d_loss, real_logit, fake_logit))
@@ -123,18 +117,25 @@ def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:
 
 
 def _regularised(
-    config: TrainConfig, judge: Any, adam: Any, labelled: tuple[Array, Array], across: Across
+    config: TrainConfig, judge: Any, adam: Any, due: Array, labelled: tuple[Array, Array], across: Across
 ) -> tuple[Any, Any, Scalar, Bool[Array, "_leaves"]]:
-    """Discriminator and optimiser after an update by R1 of (y, c), R1, and which leaves of its gradient are not finite."""
+    """Discriminator and optimiser after an update by R1 of (y, c) if it is due, R1, and which leaves of its gradient are not
+    finite."""
     y, c = labelled
 
     def penalty(judge: Any) -> Scalar:
         return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone, y.dtype), y, config.gamma)
 
-    value, gradient = jax.value_and_grad(penalty)(judge)
-    value, gradient = across.mean((value, gradient))
-    judge, adam = updated(optimisers(config)[1], judge, adam, gradient)
-    return judge, adam, value, not_finite(gradient)
+    def penalised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
+        value, gradient = jax.value_and_grad(penalty)(judge)
+        value, gradient = across.mean((value, gradient))
+        judge, adam = updated(optimisers(config)[1], judge, adam, gradient)
+        return judge, adam, value, not_finite(gradient)
+
+    def unchanged(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
+        return judge, adam, jnp.zeros((), y.dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
+
+    return jax.lax.cond(due, penalised, unchanged, judge, adam)
 
 
 def _smoothed(smooth: Learner, learner: Learner, rows: int, images: Array) -> Learner:

@@ -114,9 +114,9 @@ def _compiling(node: ast.AST, inside: str) -> Iterator[str]:
 
 def traced(bundle: Bundle) -> dict[str, list[Any]]:
     """Their jaxprs, in all the ways that matter, and those of functions that run as they are. bundle: a shell's."""
-    said = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
-    said |= _of_judges(bundle)
-    return {name: [x() for x in programs] for name, programs in said.items()}
+    makers = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
+    makers |= _of_judges(bundle)
+    return {name: [x() for x in programs] for name, programs in makers.items()}
 
 
 Programs = dict[str, list[Callable[[], Any]]]

@@ -19,8 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from mesoshell.errors import InputError
 from mesoshell.geometry import curvature
-from mesoshell.geometry.curvature import Table, along, curvature_table, lookup, principal, range_of
+from mesoshell.geometry.curvature import Table, curvature_table, lookup, range_of
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh
+from mesoshell.geometry.principal_curvature import along, principal
 
 DATA = Path(__file__).parents[1] / "data"
 RADII = np.array([1.5, 1.0, 0.7])

@@ -32,7 +32,14 @@ from mesoshell.shell.generator.texture_critic import CriticConfig, criticise, in
 from mesoshell.shell.material import decoder as decoding
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.loader import decoder_of
-from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, init_surface, reflectance, seen, tables
+from mesoshell.surface_material.network import (
+    SurfaceConfig,
+    SurfaceQuery,
+    eval_opacity,
+    init_surface,
+    reflectance,
+    tables,
+)
 from tests.helpers import growing, wearing
 from tests.helpers.same_trees import FIELD, same
 
@@ -75,7 +82,7 @@ def _decoded(tree: Any, x: Any, w: Any, light: Any) -> Any:
 
 def _answered(tree: Any, place: SurfaceQuery, light: Any, blur: Any) -> Any:
     table = tables(tree, blur)
-    found = seen(SURFACE, table, place)
+    found = eval_opacity(SURFACE, table, place)
     return found, reflectance(SURFACE, table, place, found, light)
 
 

@@ -111,8 +111,8 @@ def test_what_stands_beside_a_shell_is_not_forgotten(materials, folder) -> None:
     """Its own ground shadows a mesh that wears a surface material; an instance may hold other meshes than the shell's."""
     square = shell(materials, "thin")
     bsdf = {"type": "mesoshell", "material": str(folder / "half.npz"), "scale": 0.5}
-    worn = {"type": "obj", "filename": str(folder / "square.obj"), "bsdf": bsdf}
-    assert loaded(scene(square, worn, light=SUN)).integrator().world.effects.object_shadow.on
+    textured = {"type": "obj", "filename": str(folder / "square.obj"), "bsdf": bsdf}
+    assert loaded(scene(square, textured, light=SUN)).integrator().world.effects.object_shadow.on
     group, instance = placed(materials, "thin", np.eye(4))
     group["other"] = {"type": "rectangle"}
     assert loaded(scene(group, instance, light=SUN)).integrator().world.effects.object_shadow.on

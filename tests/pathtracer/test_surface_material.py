@@ -53,11 +53,11 @@ def seen_from(
 ABOVE = (0.5, 0.5, 2.0)
 
 
-def worn(folder: Path, mesh: str, name: str, asked: dict | None = None, **more: Any) -> dict:
+def surface_shape(folder: Path, mesh: str, name: str, given: dict | None = None, **more: Any) -> dict:
     bsdf = {
         "type": "mesoshell",
         "material": str(folder / f"{name}.npz"),
-        **({"scale": 0.5} if asked is None else asked),
+        **({"scale": 0.5} if given is None else given),
     }
     return {"type": "obj", "filename": str(folder / f"{mesh}.obj"), "bsdf": bsdf} | more
 
@@ -115,7 +115,7 @@ def test_answers_are_the_other_engines_and_the_descriptions(opacity: str, curvat
     q = wearing.queries(2000)
     material = SurfaceMaterial(b)
     w, light, kappa = mi.Vector3f(q["w"].T), mi.Vector3f(q["light"].T), mi.Float(q["kappa"])
-    alpha, features = material.seen(mi.Point2f(q["u"].T), mi.Float(q["r"]), w, kappa)
+    alpha, features = material.eval_opacity(mi.Point2f(q["u"].T), mi.Float(q["r"]), w, kappa)
     rho = np.array(material.rho(features, w, light, kappa)).T
     alpha = np.array(alpha) + np.zeros(2000)
     wanted, _, wanted_rho = wearing.answers(b, **q)
@@ -135,7 +135,7 @@ def test_any_footprint_has_an_answer(radius: float) -> None:
     w = dr.normalize(mi.Vector3f(0.6, 0, 1e-3))
 
     def asked(r: float) -> np.ndarray:
-        alpha, features = material.seen(mi.Point2f([0.3, -7.1], [0.9, 1e4]), mi.Float([r, r]), w, mi.Float(9.0))
+        alpha, features = material.eval_opacity(mi.Point2f([0.3, -7.1], [0.9, 1e4]), mi.Float([r, r]), w, mi.Float(9.0))
         return np.stack([np.array(x) for x in (alpha, *features)])
 
     found = asked(radius)
@@ -151,7 +151,7 @@ class Recorder:
 
     levels: Any = [type("Level", (), {"width": 3})] * 3
 
-    def seen(self, u, radius, w, kappa):
+    def eval_opacity(self, u, radius, w, kappa):
         return mi.Float(0.25) + 0 * kappa, [u.x, u.y, radius]
 
 
@@ -262,7 +262,7 @@ def test_the_engines_show_the_same(folder) -> None:
     s = SurfaceScene(mesh, 1.0, camera, lights, None, (0.5, 0.5, 0.5), (), True, ready(b))
     theirs = render(s, Quality(pixel_samples=64, early_stop=0.0), plan(s, QUALITY))[0]
     assert ((theirs[..., 3] > 0.1) & (theirs[..., 3] < 0.9)).mean() > 0.15
-    shape = worn(folder, "lump", "rough", {"scale": 1.0})
+    shape = surface_shape(folder, "lump", "rough", {"scale": 1.0})
     parts = scene(shape, light=scene_dict.distant(lights[0]), eye=scene_dict.sensor(camera, 64))
     made = loaded(parts | {"second": scene_dict.distant(lights[1])})
     runs = np.stack([np.array(mi.render(made, spp=128, seed=mi.UInt32(k))) for k in range(12)])
@@ -281,7 +281,7 @@ def test_a_white_furnace(folder, depth: int) -> None:
     """A square of which all light comes back, under a sky of 1, cannot be seen, from above or along."""
     for place in (ABOVE, (0.5, -1.0, 0.1)):
         eye = seen_from(*place, up=(0, 0.1, 1), fov=40)
-        found = picture(scene(worn(folder, "square", "white"), light=SKY, depth=depth, eye=eye), spp=1024)
+        found = picture(scene(surface_shape(folder, "square", "white"), light=SKY, depth=depth, eye=eye), spp=1024)
         np.testing.assert_allclose(found[..., :3].mean(), 1, atol=2e-3)
         np.testing.assert_allclose(found[..., :3], 1, atol=0.05)
 
@@ -290,7 +290,7 @@ def test_a_white_furnace_within_glass(folder) -> None:
     """Where no light can be asked for: directions are drawn, from below the horizon too."""
     glass = {"type": "sphere", "center": [0.5, 0.5, 0.0], "radius": 1.5, "bsdf": {"type": "dielectric", "int_ior": 1.5}}
     eye = seen_from(0.5, -3.0, 3.0, fov=15)
-    parts = scene(worn(folder, "square", "white"), glass, light=SKY, depth=-1, eye=eye)
+    parts = scene(surface_shape(folder, "square", "white"), glass, light=SKY, depth=-1, eye=eye)
     parts["integrator"]["rr_depth"] = 64
     found = means(loaded(parts), 0, spp=128)[:, :3].mean(axis=1)
     error = found.std(ddof=1) / np.sqrt(len(found))
@@ -300,11 +300,11 @@ def test_a_white_furnace_within_glass(folder) -> None:
 def test_bodies_are_met_once_each(folder) -> None:
     """Half-opaque balls one behind the other: ½, and ¾; light comes to the one behind through the one before it."""
     eye = seen_from(0.0, 0.0, 12.0, at=(0, 0, 0), fov=0.5, size=4)
-    found = means(loaded(scene(worn(folder, "pair", "half"), eye=eye)), 0, spp=512)
+    found = means(loaded(scene(surface_shape(folder, "pair", "half"), eye=eye)), 0, spp=512)
     agree(found[:, 3:], np.full((2, 1), 0.75))
     agree(found[:, :1], np.full((2, 1), (0.5 + 0.25 * 0.5) * 0.2 * 3))
     beside = seen_from(0.6, 0.0, 12.0, at=(0.6, 0, 0), fov=0.5, size=4)
-    found = means(loaded(scene(worn(folder, "pair", "half"), eye=beside)), 0, spp=512)
+    found = means(loaded(scene(surface_shape(folder, "pair", "half"), eye=beside)), 0, spp=512)
     agree(found[:, 3:], np.full((2, 1), 0.5))
     agree(found[:, :1], np.full((2, 1), 0.5 * 0.2 * 3))
 
@@ -324,7 +324,7 @@ def grounds() -> tuple[dict, dict]:
 def test_what_is_not_there_changes_nothing(folder, light: dict) -> None:
     """α = 0 before objects, in their light, and in a mirror: the scene is what it is without."""
     eye = seen_from(0.5, -4.0, 1.5, up=(0, 0, 1), fov=40)
-    with_it = loaded(scene(worn(folder, "lump", "none"), *grounds(), light=light, depth=4, eye=eye))
+    with_it = loaded(scene(surface_shape(folder, "lump", "none"), *grounds(), light=light, depth=4, eye=eye))
     without = mi.load_dict(scene(*grounds(), light=light, depth=4, eye=eye))
     assert with_it.integrator().world is not None
     one, two = means(with_it, 0), means(without, 50)
@@ -340,7 +340,7 @@ def test_half_a_material_casts_half_a_shadow(folder) -> None:
     lamp = {"type": "point", "position": [0.0, 0.0, 3.0], "intensity": 60.0}
     for place, share in ((0.3, 0.5), (2.5, 1.0)):
         eye = seen_from(place, 4.0, -1.0, at=(place, 0, -2), up=(0, 0, 1), fov=0.5, size=4)
-        ball, far = worn(folder, "ball", "half"), place**2 + 25
+        ball, far = surface_shape(folder, "ball", "half"), place**2 + 25
         for parts, irradiance in (
             (scene(ball, ground, eye=eye), 3.0),
             (scene(ball, ground, ceiling, light=lamp, eye=eye), 60 * 5 / far**1.5),
@@ -355,13 +355,14 @@ def test_shadows_reach_beyond_all_other_objects(folder) -> None:
     small = diffuse("sphere", 0.5, center=[0.05, 0.05, 0.02], radius=0.01)
     eye = seen_from(0.3, -1.0, 0.3, at=(0.05, 0.05, 0), up=(0, 0, 1), fov=1)
     for others in ((), (small,)):
-        shapes = [(worn(folder, name, "opaque"), *others) for name in ("square", "roofed")]
+        shapes = [(surface_shape(folder, name, "opaque"), *others) for name in ("square", "roofed")]
         lit, dark = (picture(scene(*x, eye=eye)) for x in shapes)
         np.testing.assert_allclose(lit[-4:, :, 0], 0.2 * 3.0, rtol=1e-5)
         assert (dark[..., 3] == 1).all() and dark[..., 0].max() == 0
     # of a sky, the solid angle of a rectangle is hidden, by the four about the foot of its perpendicular
     lit, dark = (
-        means(loaded(scene(worn(folder, name, "opaque"), light=SKY, eye=eye)), 0) for name in ("square", "roofed")
+        means(loaded(scene(surface_shape(folder, name, "opaque"), light=SKY, eye=eye)), 0)
+        for name in ("square", "roofed")
     )
     near, far = 0.05, 0.95
     hidden = sum(np.arctan(a * b / np.sqrt(a * a + b * b + 1)) for a in (near, far) for b in (near, far))
@@ -373,17 +374,17 @@ def test_shadows_reach_beyond_all_other_objects(folder) -> None:
 def test_no_light_is_lost_on_a_convex_body(folder, light: dict) -> None:
     """Of few faces, whose normals are interpolated: α ρ E in every pixel, also where the light is at the horizon."""
     eye = seen_from(1.9, -2.0, 1.0, at=(0, 0, 0), up=(0, 0, 1), fov=25, size=24)
-    found = picture(scene(worn(folder, "few", "opaque"), light=light, eye=eye))
+    found = picture(scene(surface_shape(folder, "few", "opaque"), light=light, eye=eye))
     assert 0.1 < found[..., 3].mean() < 0.9
     np.testing.assert_allclose(found[..., 0], found[..., 3] * 0.2 * 3.0, rtol=1e-4)
 
 
 def test_light_from_below_comes_through_a_sheet(folder) -> None:
     up = DOWN | {"direction": [0.0, -0.6, 0.8]}
-    found = picture(scene(worn(folder, "square", "opaque"), light=up))
+    found = picture(scene(surface_shape(folder, "square", "opaque"), light=up))
     np.testing.assert_allclose(found[..., 0], 0.2 * 3.0, rtol=1e-5)
     below = diffuse("rectangle", 0.5, mi.ScalarTransform4f().translate([0, 0, -1]).scale(9))
-    assert picture(scene(worn(folder, "square", "opaque"), below, light=up))[..., :3].max() == 0
+    assert picture(scene(surface_shape(folder, "square", "opaque"), below, light=up))[..., :3].max() == 0
 
 
 @pytest.mark.parametrize("away", [1e3, 1e5])
@@ -394,7 +395,9 @@ def test_a_scene_far_off_is_the_same(folder, away: float) -> None:
     normal, middle = np.array(place.matrix, float)[:3, 2], (np.array(place.matrix, float) @ [0.5, 0.5, 0, 1])[:3]
     eye = seen_from(*(middle + 3 * normal + [0.2, 0.1, 0]).tolist(), at=tuple(middle.tolist()), fov=8)
     light = DOWN | {"direction": (-normal).tolist()}
-    found = means(loaded(scene(worn(folder, "square", "half", to_world=place), light=light, eye=eye)), 0, spp=128)
+    found = means(
+        loaded(scene(surface_shape(folder, "square", "half", to_world=place), light=light, eye=eye)), 0, spp=128
+    )
     agree(found[:, 3:], np.full((2, 1), 0.5))
     agree(found[:, :1], np.full((2, 1), 0.5 * 0.2 * 3))
 
@@ -410,7 +413,7 @@ def test_a_scene_far_off_is_the_same(folder, away: float) -> None:
 def test_effects_that_are_off_change_nothing(folder, light: dict, depth: int, off: set) -> None:
     """What the plan leaves out is not needed: with all of it compiled, the same picture within its noise."""
     eye = seen_from(2.2, -1.9, 1.3, up=(0, 0, 1), fov=35)
-    made = loaded(scene(worn(folder, "lump", "rough"), grounds()[0], light=light, depth=depth, eye=eye))
+    made = loaded(scene(surface_shape(folder, "lump", "rough"), grounds()[0], light=light, depth=depth, eye=eye))
     world = made.integrator().world
     left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
     others = {"area_light", "shells", "shell_shadow", "camera_in_shell", "quadrature", "varying_parameters"}
@@ -430,11 +433,11 @@ def test_a_furnace_of_many_bounces(folder) -> None:
     arrays = {k: (white if k.startswith("reflectance") else patchy).arrays[k] for k in patchy.arrays}
     write_surface(folder / "patchy.npz", replace(patchy, arrays=arrays))
     to = mi.ScalarTransform4f()
-    squares = worn(folder, "roofed", "patchy", to_world=to.translate([2, 0, -0.5]))
+    squares = surface_shape(folder, "roofed", "patchy", to_world=to.translate([2, 0, -0.5]))
     ball = diffuse("sphere", 1.0, center=[1.7, 0.2, 0.3], radius=0.3)
     eye = seen_from(1.5, -4.0, 1.0, at=(1.5, 0.5, 0.0), up=(0, 0, 1), fov=35)
     for depth, rr_depth in ((-1, 8), (-1, 1000)):
-        parts = scene(worn(folder, "lump", "patchy"), squares, ball, light=SKY, depth=depth, eye=eye)
+        parts = scene(surface_shape(folder, "lump", "patchy"), squares, ball, light=SKY, depth=depth, eye=eye)
         parts["integrator"]["rr_depth"] = rr_depth
         found = means(loaded(parts), 0, spp=64)
         assert (found[:, :3].std(axis=0, ddof=1) < 0.02).all()
@@ -447,9 +450,9 @@ def test_two_materials_in_one_scene(folder) -> None:
     left, right, third = (to.translate([x, 0, 0]) for x in (0.0, 2.0, 4.0))
     asked = [("rough", left, 0.5), ("other", right, 0.7), ("rough", third, 0.25)]
     eyes = [seen_from(x + 0.5, 0.2, 2.0, at=(x + 0.5, 0.5, 0), fov=15) for x in (0.0, 2.0, 4.0)]
-    shapes = [worn(folder, "square", name, {"scale": scale}, to_world=where) for name, where, scale in asked]
+    shapes = [surface_shape(folder, "square", name, {"scale": scale}, to_world=where) for name, where, scale in asked]
     together = loaded(scene(*shapes, light=ASLANT))
-    assert len(together.integrator().world.worn.materials) == 2
+    assert len(together.integrator().world.surface_meshes.materials) == 2
     for shape, eye in zip(shapes, eyes, strict=True):
         alone = loaded(scene(shape, light=ASLANT))
         one, two = (np.array(mi.render(s, spp=512, sensor=mi.load_dict(eye))) for s in (together, alone))
@@ -465,7 +468,7 @@ def test_a_material_in_the_middle_of_a_shell(folder) -> None:
         half = mi.ScalarTransform4f().translate([0, 0, 0.5])
         return scene(
             shell(folder, name) | {"filename": str(folder / "square.obj")},
-            worn(folder, "square", what, to_world=half),
+            surface_shape(folder, "square", what, to_world=half),
             eye=eye,
         )
 
@@ -486,7 +489,7 @@ def test_a_material_in_the_middle_of_a_shell(folder) -> None:
 
 
 def placed(folder: Path, matrix: np.ndarray, *others: dict) -> tuple[dict, ...]:
-    group = {"type": "shapegroup", "lump": worn(folder, "lump", "solid", {"scale": 2.0})}
+    group = {"type": "shapegroup", "lump": surface_shape(folder, "lump", "solid", {"scale": 2.0})}
     group |= {f"other{i}": shape for i, shape in enumerate(others)}
     instance = {"type": "instance", "group": {"type": "ref", "id": "shape0"}, "to_world": mi.ScalarTransform4f(matrix)}
     return group, instance
@@ -496,7 +499,7 @@ def placed(folder: Path, matrix: np.ndarray, *others: dict) -> tuple[dict, ...]:
 def test_an_instance_is_the_mesh_moved(folder, mirror: bool) -> None:
     """Turned, moved, twice as large and mirrored: seen with a camera and a light that were moved along, the same picture."""
     eye, size = seen_from(2.2, -1.9, 1.3, up=(0, 0, 1), fov=35), 2.0
-    plain = picture(scene(worn(folder, "lump", "solid", {"scale": 2.0}), light=ASLANT, eye=eye), spp=512)
+    plain = picture(scene(surface_shape(folder, "lump", "solid", {"scale": 2.0}), light=ASLANT, eye=eye), spp=512)
     matrix = np.array(mi.ScalarTransform4f().translate([3, -2, 1]).rotate(AXIS, 70).scale(size).matrix, float)
     matrix = matrix @ np.diag([-1.0, 1, 1, 1]) if mirror else matrix
     turn, pose = matrix[:3, :3] / size, np.array(eye["to_world"].matrix, float)
@@ -508,7 +511,7 @@ def test_an_instance_is_the_mesh_moved(folder, mirror: bool) -> None:
     found = found[:, ::-1] if mirror else found
     assert plain[..., 0].mean() > 0.02 and 0.1 < plain[..., 3].mean() < 0.9
     assert np.abs(found - plain).mean() < 0.03 * plain.mean()
-    other = picture(scene(worn(folder, "lump", "solid", {"scale": 1.0}), light=ASLANT, eye=eye), spp=64)
+    other = picture(scene(surface_shape(folder, "lump", "solid", {"scale": 1.0}), light=ASLANT, eye=eye), spp=64)
     assert np.abs(other - plain).mean() > 0.1 * plain.mean()
 
 
@@ -520,7 +523,7 @@ def test_what_else_is_in_a_group_stays(folder) -> None:
     second = instance | {"to_world": mi.ScalarTransform4f().translate([9, 0, 0])}
     made = loaded(scene(group, instance, second, light=DOWN))
     world = made.integrator().world
-    assert len(world.worn.which) == 2 * len(wearing.lump().faces)
+    assert len(world.surface_meshes.which) == 2 * len(wearing.lump().faces)
     assert len([s for s in made.shapes() if not s.is_mesh()]) >= 2
     for x in (5.5, 9.5):
         eye = mi.load_dict(seen_from(x, 0.5, 4.0, at=(x, 0.5, 0), fov=2))
@@ -537,10 +540,10 @@ def test_a_mirror_shows_the_material(folder) -> None:
     wall["bsdf"] = {"type": "twosided", "inner": {"type": "conductor", "material": "none"}}
     through = eye | {"to_world": mi.ScalarTransform4f(pose)}
     behind = ASLANT | {"direction": [-0.48, -0.6, -0.64]}
-    front = picture(scene(worn(folder, "lump", "rough"), light=behind, eye=eye), spp=512)[..., :3]
-    seen = picture(scene(worn(folder, "lump", "rough"), wall, light=behind, depth=3, eye=through), spp=2048)[..., :3][
-        :, ::-1
-    ]
+    front = picture(scene(surface_shape(folder, "lump", "rough"), light=behind, eye=eye), spp=512)[..., :3]
+    seen = picture(scene(surface_shape(folder, "lump", "rough"), wall, light=behind, depth=3, eye=through), spp=2048)[
+        ..., :3
+    ][:, ::-1]
     assert front.mean() > 0.01
     assert np.abs(seen - front).mean() < 0.06 * front.mean()
 
@@ -562,7 +565,7 @@ def test_what_cannot_be_is_said_in_one_line(folder, asked: dict, said: str) -> N
     if isinstance(asked.get("age"), dict):
         asked = {"age": asked["age"] | {"bitmap": mi.Bitmap(np.ones((2, 2, 1), np.float32))}}
     with pytest.raises(InputError, match=said) as fault:
-        loaded(scene(worn(folder, "square", "rough", asked)))
+        loaded(scene(surface_shape(folder, "square", "rough", asked)))
     text = str(fault.value)
     assert "\n" not in text and "shape0.bsdf" in text and "rough.npz" in text
 
@@ -571,7 +574,7 @@ def test_a_material_that_is_not_there_is_said_with_its_place(folder) -> None:
     (folder / "bad.npz").write_bytes(b"hello")
     for name, said in (("nothing", "no such material"), ("bad", "not a zip file")):
         with pytest.raises(InputError, match=said) as fault:
-            loaded(scene(worn(folder, "square", name)))
+            loaded(scene(surface_shape(folder, "square", name)))
         assert "\n" not in str(fault.value) and "shape0.bsdf" in str(fault.value)
 
 
@@ -602,15 +605,19 @@ def test_files_of_mitsubas_are_read(folder, tmp_path) -> None:
 
 def test_what_was_not_trained_is_said(folder) -> None:
     write_surface(folder / "narrow.npz", wearing.constant(1.0, 0.2, curvature=(-0.1, 0.1)))
-    made = loaded(scene(worn(folder, "ball", "narrow")))
+    made = loaded(scene(surface_shape(folder, "ball", "narrow")))
     assert any("shape0.bsdf" in n and "outside the trained -0.1 to 0.1" in n for n in made.integrator().world.notes)
-    assert not any("trained" in n for n in loaded(scene(worn(folder, "ball", "opaque"))).integrator().world.notes)
+    assert not any(
+        "trained" in n for n in loaded(scene(surface_shape(folder, "ball", "opaque"))).integrator().world.notes
+    )
 
 
 def test_the_scale_is_a_25th_of_two_diagonals_if_none_is_given(folder) -> None:
-    world = loaded(scene(worn(folder, "lump", "rough", {}))).integrator().world
+    world = loaded(scene(surface_shape(folder, "lump", "rough", {}))).integrator().world
     box = bounding_box(load_mesh(folder / "lump.obj"))
-    np.testing.assert_allclose(np.array(world.worn.period), 2 / 25 * np.linalg.norm(box[1] - box[0]), rtol=1e-5)
+    np.testing.assert_allclose(
+        np.array(world.surface_meshes.period), 2 / 25 * np.linalg.norm(box[1] - box[0]), rtol=1e-5
+    )
 
 
 def test_a_scene_without_ours_is_mitsubas_own(folder) -> None:
@@ -621,9 +628,9 @@ def test_a_scene_without_ours_is_mitsubas_own(folder) -> None:
     np.testing.assert_array_equal(one, two)
 
 
-def test_the_worn_are_all_that_is_there(folder) -> None:
+def test_surface_materials_are_all_that_is_there(folder) -> None:
     """What shows which effects there are: with a material alone no shells, with neither Mitsuba's integrator."""
-    effects = loaded(scene(worn(folder, "square", "half"))).integrator().world.effects.as_dict()
+    effects = loaded(scene(surface_shape(folder, "square", "half"))).integrator().world.effects.as_dict()
     assert effects["surface_materials"] == {"on": True, "why": "on 1 of the meshes"}
     assert not effects["shells"]["on"] and not effects["quadrature"]["on"]
     assert effects["opacity"]["on"]

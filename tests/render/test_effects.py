@@ -20,7 +20,7 @@ from mesoshell.render.used import quality_used
 
 #: A shell on a convex mesh under one distant light.
 PLAIN = Facts(shells=1, distant=1, convex=True, ground=0.09, coarsest=0.5, rows=32)
-WORN = replace(PLAIN, shells=0, surfaces=1, passable=True)
+SURFACE_ONLY = replace(PLAIN, shells=0, surfaces=1, passable=True)
 TWIN = TwinFacts(finest=0.5, errors=((0.01, 0.1), (0.1, 0.02), (0.4, 0.01)), misfit="")
 ALWAYS = {"shells", "direct_light", "quadrature"}
 SHARED = [
@@ -96,12 +96,12 @@ def test_one_rule(engine: Engine, facts: dict, quality: dict, changed: set):
 def test_a_surface_material_is_queried_by_either_engine():
     plain, both = (
         {"surface_materials", "opacity", "direct_light"},
-        replace(WORN, environment=True, seen=True, objects=1),
+        replace(SURFACE_ONLY, environment=True, seen=True, objects=1),
     )
-    assert on(plan_effects(WORN, Quality(), SURFACE)) == plain
+    assert on(plan_effects(SURFACE_ONLY, Quality(), SURFACE)) == plain
     assert on(plan_effects(both, Quality(), SURFACE)) == plain | {"environment", "background", "object_shadow"}
-    assert on(plan_effects(WORN, Quality(), PATHS)) == plain | {"bounces", "roulette"}
-    assert on(plan_effects(replace(WORN, passable=False), Quality(), SURFACE)) == plain - {"opacity"}
+    assert on(plan_effects(SURFACE_ONLY, Quality(), PATHS)) == plain | {"bounces", "roulette"}
+    assert on(plan_effects(replace(SURFACE_ONLY, passable=False), Quality(), SURFACE)) == plain - {"opacity"}
 
 
 def test_an_engine_says_what_it_cannot():
@@ -139,13 +139,14 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     filtered = {"height_filter", "anisotropy"}
     assert used(sky, MARCH) == marched | filtered | {"visibility", "twin", "environment_samples"}
     assert used(replace(lone, distant=0), MARCH) == marched - {"weight_cut", "base_samples", "light_samples"}
-    worn = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}
-    assert used(WORN, SURFACE) == worn and used(WORN, SURFACE, curvature_filter="point") == worn - {"curve_length"}
+    own = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}
+    assert used(SURFACE_ONLY, SURFACE) == own
+    assert used(SURFACE_ONLY, SURFACE, curvature_filter="point") == own - {"curve_length"}
     paths = {"samples", "coordinates", "early_stop", "skip", "filtering", "spp", "dark_ground"}
     assert used(lone, PATHS) == paths | {"weight_cut"}
     assert used(lone, PATHS, max_depth=2) == paths | {"weight_cut", "max_depth"}
     assert used(room, PATHS) == paths | filtered | {"max_depth", "twin", "rr_depth", "bounce_spread"}
-    everywhere = used(sky, MARCH) | used(room, PATHS) | used(WORN, SURFACE)
+    everywhere = used(sky, MARCH) | used(room, PATHS) | used(SURFACE_ONLY, SURFACE)
     assert everywhere == {f.name for f in fields(Quality)}
 
 

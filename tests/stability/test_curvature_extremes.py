@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from mesoshell.geometry.curvature import along, curvature_table, principal, range_of
+from mesoshell.geometry.curvature import curvature_table, range_of
 from mesoshell.geometry.mesh import Mesh, check_mesh
+from mesoshell.geometry.principal_curvature import along, principal
 from mesoshell.geometry.topology import pair_edges
 from tests.helpers.stability.surfaces import ball, plain, sheet, together, unit
 

@@ -14,9 +14,9 @@ from mesoshell.surface_material.network import (
     SurfaceConfig,
     SurfaceQuery,
     blurred,
+    eval_opacity,
     init_surface,
     reflectance,
-    seen,
     tables,
 )
 from tests.helpers import wearing
@@ -33,7 +33,7 @@ def asked(b: SurfaceBundle, q: dict[str, np.ndarray], surface=None) -> tuple[np.
 
     def one(u, r, w, k, light):
         place = SurfaceQuery(u, r, w, k)
-        found = seen(made.config, table, place)
+        found = eval_opacity(made.config, table, place)
         return found.alpha, found.cosine, reflectance(made.config, table, place, found, light)
 
     given = (jnp.asarray(x, jnp.float32) for x in (q["u"], q["r"], q["w"], kappa, q["light"]))
@@ -125,14 +125,14 @@ def test_a_silhouette_cosine_is_where_opacity_steps() -> None:
 
 
 def test_several_lights_share_what_is_seen() -> None:
-    """`seen` once, `reflectance` for each light, as the renderers do: each light's ρ is its own, and α is the same."""
+    """`eval_opacity` once, `reflectance` for each light, as the renderers do: each light's ρ is its own, and α is the same."""
     b, q = wearing.bundle(), wearing.queries(200)
     made, lights = ready(b), wearing.directions(np.random.default_rng(2), 5).astype(np.float32)
     kappa = (2 * np.clip(q["kappa"], -1, 2) - 1) / 3
 
     def one(u, r, w, k):
         place = SurfaceQuery(u, r, w, k)
-        found = seen(made.config, made.table, place)
+        found = eval_opacity(made.config, made.table, place)
         return found.alpha, jax.vmap(lambda l: reflectance(made.config, made.table, place, found, l))(lights)
 
     alpha, rho = jax.jit(jax.vmap(one))(*(jnp.asarray(x, jnp.float32) for x in (q["u"], q["r"], q["w"], kappa)))
@@ -157,7 +157,7 @@ def test_extremes_are_finite_and_so_are_their_gradients(opacity: str) -> None:
 
         def one(i, j, kappa):
             place = SurfaceQuery(jnp.array([1e4, -0.25], jnp.float32), radius[i], flat[j], kappa)
-            found = seen(config, table, place)
+            found = eval_opacity(config, table, place)
             return found.alpha, reflectance(config, table, place, found, -flat[j])
 
         return jax.vmap(one)(*grid)
@@ -194,7 +194,7 @@ def test_gradients_are_slopes(opacity: str) -> None:
 
         def one(u, r, w, k, light):
             place = SurfaceQuery(u, r, w, k)
-            found = seen(config, table, place)
+            found = eval_opacity(config, table, place)
             return found.alpha, found.cosine, reflectance(config, table, place, found, light).sum()
 
         given = (jnp.asarray(x, jnp.float32) for x in (q["u"], q["r"], q["w"], kappa, q["light"]))
@@ -218,7 +218,7 @@ def test_a_surface_begins_opaque_and_dim() -> None:
 
     def one(u, r, w, light):
         place = SurfaceQuery(u, r, w, jnp.float32(0.3))
-        found = seen(config, table, place)
+        found = eval_opacity(config, table, place)
         return found.alpha, reflectance(config, table, place, found, light)
 
     alpha, rho = jax.jit(jax.vmap(one))(*(jnp.asarray(q[k]) for k in ("u", "r", "w", "light")))

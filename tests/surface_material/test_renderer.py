@@ -353,7 +353,7 @@ def test_every_ray_by_hand(lump: Mesh) -> None:
     other = Distant(np.array([-0.6, 0.64, 0.48]), np.array([0.5, 1.0, 2.0]))
     s = scene(lump, b, ASLANT, other, camera=camera, period=2.0, objects=(sheet(-0.2, 0.1, -0.9),))
     found = picture(s)
-    worn = SurfaceIntersector(
+    intersector = SurfaceIntersector(
         surface_tables(lump, 2.0, EXACT), np.concatenate([m.vertices[m.faces].astype(np.float64) for m in s.objects])
     )
     spread = pixel_radius(camera.spread) / 2
@@ -362,17 +362,17 @@ def test_every_ray_by_hand(lump: Mesh) -> None:
         """Hits from the ray's start on: distance, α or 1 of an object, the queries, and whether it is an object."""
         t = 0.0
         while True:
-            hits = worn.meet((o + t * d)[None], d[None])
+            hits = intersector.meet((o + t * d)[None], d[None])
             if hits.face[0] < 0:
                 return
             at = t + hits.t[0]
             t = at + 1e-5
-            if hits.face[0] >= worn.count:
-                yield at, worn.facing(hits, np.array([0]), d[None])[0], None
+            if hits.face[0] >= intersector.count:
+                yield at, intersector.facing(hits, np.array([0]), d[None])[0], None
             elif hits.front[0]:
                 radius = spread * at if cone is None else cone
-                local = worn.queries(hits, np.array([0]), d[None], np.array([radius]))
-                yield at, worn.normal[hits.face[0]], local
+                local = intersector.queries(hits, np.array([0]), d[None], np.array([radius]))
+                yield at, intersector.normal[hits.face[0]], local
 
     def asked(local, light: np.ndarray) -> tuple[float, np.ndarray]:
         toward = local.axes[0] @ light

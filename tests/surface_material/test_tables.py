@@ -16,7 +16,7 @@ CURVE, POINT = Quality(), Quality(curvature_filter="point")
 NOTHING = np.zeros((0, 3, 3))
 
 
-def dressed(mesh: Mesh, period: float, quality: Quality = CURVE) -> SurfaceIntersector:
+def intersector(mesh: Mesh, period: float, quality: Quality = CURVE) -> SurfaceIntersector:
     return SurfaceIntersector(surface_tables(mesh, period, quality), NOTHING)
 
 
@@ -70,7 +70,7 @@ def lump() -> Mesh:
 def test_queries_by_brute_force(lump: Mesh) -> None:
     """Each in plain float64: the hit, its place, frame, direction, footprint, and κ out of the table."""
     period = 0.3
-    d, rays = dressed(lump, period), toward(lump, 60)
+    d, rays = intersector(lump, period), toward(lump, 60)
     o, w = rays[0] - 2.0 * rays[1], rays[1]  # from farther off, where others may come first
     hits = d.meet(o, w)
     uv = lump.uv.astype(np.float64)
@@ -112,10 +112,12 @@ def test_queries_by_brute_force(lump: Mesh) -> None:
         np.testing.assert_allclose(found.radius[k], 0.05 / period, rtol=1e-12)
         kappa = 0.0
         for share, vertex in zip(bary, lump.faces[face], strict=True):
-            x, y = (axis[vertex].astype(np.float64) @ w[row] for axis in (d.worn.table.tangent, d.worn.table.bitangent))
-            count = d.worn.table.kappa.shape[1]
+            x, y = (
+                axis[vertex].astype(np.float64) @ w[row] for axis in (d.tables.table.tangent, d.tables.table.bitangent)
+            )
+            count = d.tables.table.kappa.shape[1]
             j = (np.arctan2(y, x) / np.pi * count) % count
-            values = np.append(d.worn.table.kappa[vertex], d.worn.table.kappa[vertex, 0]).astype(np.float64)
+            values = np.append(d.tables.table.kappa[vertex], d.tables.table.kappa[vertex, 0]).astype(np.float64)
             kappa += share * np.interp(j, np.arange(count + 1), values) * period
         np.testing.assert_allclose(found.kappa[k], kappa, atol=2e-4)
     assert checked > 45
@@ -124,7 +126,7 @@ def test_queries_by_brute_force(lump: Mesh) -> None:
 
 def test_frames_are_orthonormal_and_directions_are_unit(lump: Mesh) -> None:
     o, w, *_ = toward(lump, 500)
-    found = local(dressed(lump, 0.2), o, w)
+    found = local(intersector(lump, 0.2), o, w)
     np.testing.assert_allclose(found.axes @ found.axes.transpose(0, 2, 1), np.tile(np.eye(3), (500, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(found.w, axis=1), 1, atol=1e-12)
     assert (np.linalg.det(found.axes) > 0).all() and (found.w[:, 2] > 0).all()
@@ -135,12 +137,12 @@ def test_a_tube_is_curved_around_and_straight_along() -> None:
     radius, period = 2.0, 0.5
     mesh = wearing.tube(radius, 3.0, 48, 12)
     for quality in (CURVE, POINT):
-        worn = dressed(mesh, period, quality)
+        meshed = intersector(mesh, period, quality)
         for angle in np.radians([0, 20, 45, 70, 90, 135, 180, 270]):
             place = np.array([2.5, 0.01, 1.52])  # in the middle of its height: near the x axis u runs along y
             d = np.array([-0.8, 0.6 * np.cos(angle), 0.6 * np.sin(angle)])
             start = place - 0.5 * d - [0.5 - 1e-3, 0, 0]
-            found = local(worn, start[None], d[None])
+            found = local(meshed, start[None], d[None])
             np.testing.assert_allclose(found.kappa, np.cos(angle) ** 2 * period / radius, atol=0.01)
             np.testing.assert_allclose(found.axes[0] @ [1, 0, 0], [0, 0, 1], atol=0.1)
             np.testing.assert_allclose(found.w[0], [-d[1], -d[2], 0.8], atol=0.1)
@@ -152,18 +154,18 @@ def test_a_ball_is_as_curved_everywhere_from_outside_only() -> None:
     mesh = wearing.ball(radius, 40, 20)
     middle = np.flatnonzero(np.abs(mesh.vertices[mesh.faces].mean(axis=1)[:, 2]) < 0.8 * radius)
     o, w, *_ = toward(mesh, 200, face=np.random.default_rng(1).choice(middle, 200))
-    np.testing.assert_allclose(local(dressed(mesh, period), o, w).kappa, period / radius, atol=0.02)
+    np.testing.assert_allclose(local(intersector(mesh, period), o, w).kappa, period / radius, atol=0.02)
     part = check_mesh(mesh.vertices.astype(np.float64), mesh.faces[middle], mesh.uv[middle], "part")
     bowl = wearing.turned(part)
     inner = np.flatnonzero(np.abs(bowl.vertices[bowl.faces].mean(axis=1)[:, 2]) < 0.5 * radius)
     o, w, *_ = toward(bowl, 200, face=np.random.default_rng(1).choice(inner, 200))
-    np.testing.assert_allclose(local(dressed(bowl, period), o, w).kappa, -period / radius, atol=0.03)
+    np.testing.assert_allclose(local(intersector(bowl, period), o, w).kappa, -period / radius, atol=0.03)
 
 
 def test_u_counts_periods() -> None:
     """On an even chart exactly; on any, as many square periods as there is surface."""
     found = local(
-        dressed(wearing.square(), 0.25),
+        intersector(wearing.square(), 0.25),
         np.array([[0.3, 0.7, 1.0], [0.3 + 0.25, 0.7, 1.0]]),
         np.tile([0.0, 0, -1], (2, 1)),
     )
@@ -178,13 +180,13 @@ def test_a_step_along_t_is_a_step_in_u(lump: Mesh) -> None:
     the chart is skewed."""
     o, w, face, _ = toward(lump, 200)
     for period in (0.5, 0.1):
-        d = dressed(lump, period)
+        d = intersector(lump, period)
         found = local(d, o, w)
         h = 1e-3
         p = lump.vertices[lump.faces[face]].astype(np.float64)
         e = np.stack([p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]], axis=2)
         s = np.einsum("ikj,ij->ik", np.linalg.pinv(e), h * found.axes[:, 0])
-        uv = d.worn.uv[face]
+        uv = d.tables.uv[face]
         du = s[:, :1] * (uv[:, 1] - uv[:, 0]) + s[:, 1:] * (uv[:, 2] - uv[:, 0])
         assert (du[:, 0] > 0).all()
         np.testing.assert_allclose(np.median(du[:, 0]) * period / h, 1, rtol=0.5)
@@ -194,7 +196,7 @@ def test_mirrored_charts_turn_the_frame_round(lump: Mesh) -> None:
     """With u mirrored, t and ω_x change sign, and what else is seen stays; the frame is left-handed then."""
     mirrored = replace(lump, uv=(lump.uv * np.array([-1, 1], np.float32)))
     o, w, *_ = toward(lump, 300)
-    one, other = (local(dressed(mesh, 0.3), o, w) for mesh in (lump, mirrored))
+    one, other = (local(intersector(mesh, 0.3), o, w) for mesh in (lump, mirrored))
     turned = np.array([-1.0, 1, 1])
     np.testing.assert_allclose(other.axes, one.axes * turned[:, None], atol=1e-9)
     np.testing.assert_allclose(other.w, one.w * turned, atol=1e-9)
@@ -210,7 +212,7 @@ def test_faces_without_area_in_the_chart_have_a_frame(lump: Mesh, size: float) -
     uv[1::3, :, 1] = 0.25
     mesh = replace(lump, uv=uv)
     o, w, *_ = toward(mesh, 300)
-    found = local(dressed(mesh, 0.3), o, w)
+    found = local(intersector(mesh, 0.3), o, w)
     for array in found:
         assert np.isfinite(array).all()
     np.testing.assert_allclose(found.axes @ found.axes.transpose(0, 2, 1), np.tile(np.eye(3), (300, 1, 1)), atol=1e-9)
@@ -221,7 +223,7 @@ def test_moving_turning_and_scaling_change_no_query(lump: Mesh) -> None:
     """A mesh, its period, rays and cones, turned, moved far off and enlarged: the same queries, and axes that are turned."""
     turn = Rotation.from_rotvec([0.3, -0.7, 1.1]).as_matrix()
     o, w, *_ = toward(lump, 200)
-    one = local(dressed(lump, 0.3), o, w, 0.02)
+    one = local(intersector(lump, 0.3), o, w, 0.02)
     for size, away, error in ((1.0, 0.0, 1e-5), (50.0, 0.0, 1e-5), (1e-3, 0.0, 1e-5), (1.0, 1e3, 3e-3)):
         points = size * lump.vertices.astype(np.float64) @ turn.T + away
         mesh = replace(
@@ -229,7 +231,7 @@ def test_moving_turning_and_scaling_change_no_query(lump: Mesh) -> None:
             vertices=points.astype(np.float32),
             normals=(lump.normals.astype(np.float64) @ turn.T).astype(np.float32),
         )
-        other = local(dressed(mesh, 0.3 * size), size * o @ turn.T + away, w @ turn.T, 0.02 * size)
+        other = local(intersector(mesh, 0.3 * size), size * o @ turn.T + away, w @ turn.T, 0.02 * size)
         np.testing.assert_allclose(np.abs((other.u - one.u + 0.5) % 1 - 0.5), 0, atol=10 * error)
         np.testing.assert_allclose(other.radius, one.radius, rtol=1e-9)
         np.testing.assert_allclose(other.w, one.w, atol=10 * error)
@@ -245,10 +247,10 @@ def test_normals_that_look_away_leave_a_ray_above_the_horizon() -> None:
     across = np.cross(d, wearing.directions(random, 20000))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     o = 0.97 * random.random((20000, 1)) ** 0.1 * across - 3 * d
-    worn = dressed(mesh, 0.3)
-    hits = worn.meet(o, d)
+    meshed = intersector(mesh, 0.3)
+    hits = meshed.meet(o, d)
     rows = np.flatnonzero((hits.face >= 0) & hits.front)
-    found = worn.queries(hits, rows, d[rows], np.zeros(len(rows)))
+    found = meshed.queries(hits, rows, d[rows], np.zeros(len(rows)))
     below = np.einsum("ij,ij->i", found.axes[:, 2], -d[rows]) < 0
     assert below.sum() > 10
     # its length is made 1 again, and was that of what lies in the plane
@@ -259,17 +261,17 @@ def test_normals_that_look_away_leave_a_ray_above_the_horizon() -> None:
 def test_what_was_not_trained_is_counted() -> None:
     radius = 2.0
     mesh = wearing.tube(radius, 3.0, 24, 6)
-    worn = surface_tables(mesh, 1.0, POINT)
-    kappa = worn.table.kappa
-    assert worn.notes((-1.0, 1.0)) == worn.table.notes
+    tables = surface_tables(mesh, 1.0, POINT)
+    kappa = tables.table.kappa
+    assert tables.notes((-1.0, 1.0)) == tables.table.notes
     for low, high in ((-1.0, 0.3), (0.2, 1.0), (0.4, 0.45)):
-        (note,) = set(worn.notes((low, high))) - set(worn.table.notes)
+        (note,) = set(tables.notes((low, high))) - set(tables.table.notes)
         wrong = sum(bool((row < low - 1e-3).any() or (row > high + 1e-3).any()) for row in kappa)
         assert wrong > 0
         assert f"outside the trained {low:g} to {high:g} per period at {wrong} of {len(mesh.vertices)} vertices" in note
         assert "\n" not in note and "a smaller scale" in note
     # a smaller period is less curvature
-    assert surface_tables(mesh, 0.1, POINT).notes((-0.1, 0.1)) == worn.table.notes
+    assert surface_tables(mesh, 0.1, POINT).notes((-0.1, 0.1)) == tables.table.notes
 
 
 def test_other_objects_are_met_and_come_after() -> None:

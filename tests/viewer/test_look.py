@@ -13,7 +13,7 @@ from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
-from mesoshell.viewer.look import asked, command, first_look, shown, sized, toward_sun
+from mesoshell.viewer.look import command, first_look, shown, sized, toward_sun, with_texture_of
 from tests.helpers import growing, wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -63,7 +63,7 @@ def test_geometry_and_seed_ask_for_another_texture():
     look = first_look(begun)
     assert set(look.params) == {"age", "length"} and look.texture(begun) == (0, ("length", 2.0))
     for other in (replace(look, seed=5), replace(look, params={**look.params, "length": 3.0})):
-        wanted = asked(begun, other)
+        wanted = with_texture_of(begun, other)
         assert other.texture(begun) != look.texture(begun)
         assert wanted.seed == other.seed and wanted.params["length"] == other.params["length"]
     assert replace(look, params={**look.params, "age": 1.0}).texture(begun) == look.texture(begun)

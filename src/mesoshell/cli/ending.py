@@ -54,7 +54,7 @@ def concluded(work: Callable[[], None], debug: bool = False) -> int:
     except (InputError, OSError, MemoryError) as fault:
         if debug:
             raise
-        print(f"mesoshell: {_said(fault)}", file=sys.stderr)
+        print(f"mesoshell: {_message(fault)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("mesoshell: interrupted", file=sys.stderr)
@@ -73,7 +73,7 @@ def _done(work: Callable[[], None]) -> None:
     flushed()
 
 
-def _said(fault: Exception) -> str:
+def _message(fault: Exception) -> str:
     """A fault as one line."""
     if isinstance(fault, OSError):
         where = f"{fault.filename}: " if fault.filename is not None else ""
@@ -84,13 +84,13 @@ def _said(fault: Exception) -> str:
 @contextlib.contextmanager
 def usage() -> Iterator[None]:
     """Print an error of the parser, which draws it in a box, as one line."""
-    said = io.StringIO()
+    captured = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(captured):
             yield
     except SystemExit as end:
         if end.code not in (0, None):
-            print(f"mesoshell: {_boxed(said.getvalue())}", file=sys.stderr)
+            print(f"mesoshell: {_boxed(captured.getvalue())}", file=sys.stderr)
         raise
 
 
@@ -100,8 +100,8 @@ def _boxed(text: str) -> str:
     lines = [line for line in lines if not line.startswith(("╭", "╰"))]
     end = next((i for i, line in enumerate(lines) if line.startswith("──")), len(lines))
     helped = re.search(r"(mesoshell[\w -]*--help)", " ".join(lines))
-    said = one_line(" ".join(lines[:end]).strip() or "unknown command")
-    return f"{said} (see {helped.group(1) if helped else 'mesoshell --help'})"
+    message = one_line(" ".join(lines[:end]).strip() or "unknown command")
+    return f"{message} (see {helped.group(1) if helped else 'mesoshell --help'})"
 
 
 def _show(message: Warning | str, category: type[Warning], *_: object) -> None:
@@ -122,16 +122,16 @@ def _interrupts() -> Iterator[None]:
 
     def ignored(what: Any) -> None:
         if not isinstance(what.exc_value, KeyboardInterrupt):
-            said(what)
+            hook(what)
 
-    before, said = signal.signal(signal.SIGALRM, interrupt), sys.unraisablehook
+    before, hook = signal.signal(signal.SIGALRM, interrupt), sys.unraisablehook
     signal.signal(signal.SIGINT, interrupt)
     # Python would print the traceback of an interrupt that a garbage collector's callback swallowed
     sys.unraisablehook = ignored
     try:
         yield
     finally:
-        sys.unraisablehook = said
+        sys.unraisablehook = hook
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -57,7 +57,7 @@ def _error(
         "radius": np.full(n, radius),
         "toward": np.tile([np.sqrt(1 - cosine**2), 0, cosine], (n, 1)),
     }
-    true, ours, there, seen = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.zeros(n)
+    true, ours, alpha_true, alpha_ours = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.zeros(n)
     for irradiance in LIGHTS:
         up, around = random.random(), random.uniform(0, 2 * np.pi)
         level = np.sqrt(1 - up**2)
@@ -68,9 +68,9 @@ def _error(
         alpha, _, rho = painter(rows)
         true += irradiance * rows[:, _RGB]
         ours += irradiance * alpha[:, None] * rho
-        there, seen = there + rows[:, _ALPHA] / len(LIGHTS), seen + alpha / len(LIGHTS)
-    exposure = GREY * there.mean() / max(float(true.mean(axis=0) @ LUMINANCE), 1e-6)
-    return flip(_shown(there, exposure * true), _shown(seen, exposure * ours))
+        alpha_true, alpha_ours = alpha_true + rows[:, _ALPHA] / len(LIGHTS), alpha_ours + alpha / len(LIGHTS)
+    exposure = GREY * alpha_true.mean() / max(float(true.mean(axis=0) @ LUMINANCE), 1e-6)
+    return flip(_shown(alpha_true, exposure * true), _shown(alpha_ours, exposure * ours))
 
 
 def _shown(alpha: Float[np.ndarray, "N"], rgb: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "S S 3"]:

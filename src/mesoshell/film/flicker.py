@@ -29,7 +29,7 @@ LEAST_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class FrameView:
     """A camera, and the triangles before it: (F, 3, 3) corners, in the same order in each frame; world."""
 
     camera: Camera
@@ -47,15 +47,15 @@ class Seen:
         return met["primID"], met["tfar"]
 
 
-def seen(camera: Camera, mesh: Mesh, thickness: float, objects: tuple[Mesh, ...] = ()) -> Seen:
+def frame_view(camera: Camera, mesh: Mesh, thickness: float, objects: tuple[Mesh, ...] = ()) -> FrameView:
     """What a frame sees: the mesh, raised by half a thickness (world), and objects."""
     raised = mesh.vertices.astype(np.float64) + mesh.normals * (thickness / 2)
-    return Seen(
+    return FrameView(
         camera, np.concatenate([raised[mesh.faces], *(x.vertices.astype(np.float64)[x.faces] for x in objects)])
     )
 
 
-def carried(before: Seen, now: Seen) -> tuple[Float[np.ndarray, "P 2"], Bool[np.ndarray, "P"]]:
+def carried(before: FrameView, now: FrameView) -> tuple[Float[np.ndarray, "P 2"], Bool[np.ndarray, "P"]]:
     """Image points in the earlier frame of what each pixel of the later one sees, and whether the earlier one sees it too."""
     o, d = rays(now.camera, pixel_grid(now.camera, 1, 0))
     face, _ = now.hit(o, d)
@@ -77,7 +77,7 @@ def carried(before: Seen, now: Seen) -> tuple[Float[np.ndarray, "P 2"], Bool[np.
 
 
 def flicker(
-    earlier: Float[np.ndarray, "H W 3"], later: Float[np.ndarray, "H W 3"], before: Seen, now: Seen
+    earlier: Float[np.ndarray, "H W 3"], later: Float[np.ndarray, "H W 3"], before: FrameView, now: FrameView
 ) -> float | None:
     """Flicker of two frames, linear Rec. 709 as a screen shows them; None if they share too little."""
     points, valid = carried(before, now)

@@ -44,6 +44,6 @@ def write_mp4(path: Path, frames: Iterable[UInt8[np.ndarray, "H W 3"]], size: tu
             with contextlib.suppress(BrokenPipeError):  # it ended, and says why
                 for frame in frames:
                     encoder.stdin.write(frame.tobytes())
-            said = encoder.communicate()[1].decode(errors="replace").strip()
+            message = encoder.communicate()[1].decode(errors="replace").strip()
         if encoder.returncode:
-            raise InputError(path, f"cannot be encoded: {(said.splitlines() or ['ffmpeg gives no reason'])[-1]}")
+            raise InputError(path, f"cannot be encoded: {(message.splitlines() or ['ffmpeg gives no reason'])[-1]}")

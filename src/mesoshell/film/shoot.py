@@ -18,7 +18,7 @@ from jaxtyping import Float, UInt8
 
 from mesoshell import __version__
 from mesoshell.errors import Argument, InputError
-from mesoshell.film.flicker import Seen, flicker, seen
+from mesoshell.film.flicker import FrameView, flicker, frame_view
 from mesoshell.film.keys import Keys, follow
 from mesoshell.film.motion import Motion
 from mesoshell.film.motion import dolly as toward
@@ -81,11 +81,11 @@ def shoot(
     rows = _rows(folder, of)
     still = begun if moves.shape else settled(begun, grown)
     notes: dict[str, None] = {}
-    before: tuple[Seen, np.ndarray] | None = None
+    before: tuple[FrameView, np.ndarray] | None = None
     for k in range(moves.count):
         change = moves.change(k)
         frame = replace(still, **change | {"params": {**still.params, **change.get("params", {})}})
-        path, view = folder / f"{k:05d}.png", _seen(frame)
+        path, view = folder / f"{k:05d}.png", _view(frame)
         if str(k) not in rows or not path.exists():
             start = time.perf_counter()
             made = prepare(frame, quality, engine).picture(lambda share, k=k: show(k + share, moves.count))
@@ -160,9 +160,9 @@ def _camera(still: Scene) -> Camera:
     return camera_of(still, bounding_box(mesh), still.thickness or 0.0, up_axis(still))
 
 
-def _seen(frame: Scene) -> Seen:
+def _view(frame: Scene) -> FrameView:
     """What the flicker of a frame is measured on."""
-    return seen(_camera(frame), mesh_of(frame.mesh), frame.thickness or 0.0, tuple(map(mesh_of, frame.objects)))
+    return frame_view(_camera(frame), mesh_of(frame.mesh), frame.thickness or 0.0, tuple(map(mesh_of, frame.objects)))
 
 
 def _write(folder: Path, of: str, engine: str, rows: dict[str, dict[str, Any]]) -> None:

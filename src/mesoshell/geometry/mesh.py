@@ -59,19 +59,19 @@ def check_mesh(
     kept, notes = _usable_faces(points, faces)
     if not len(kept):
         raise InputError(source, f"every one of its {len(faces)} faces has zero area")
-    faces, flip, said = _wind(points, faces[kept])
-    notes += said
+    faces, flip, more = _wind(points, faces[kept])
+    notes += more
     if uv is not None:
         with np.errstate(over="ignore"):
             uv = uv[kept].astype(np.float32)
         uv[flip] = uv[flip][:, [0, 2, 1]]
     used, corner = np.unique(faces, return_inverse=True)
     points, faces = points[used], corner.reshape(-1, 3).astype(np.int32)
-    uv, said = _check_uv(points, faces, uv, kept, source)
+    uv, more = _check_uv(points, faces, uv, kept, source)
     normals, turned = vertex_normals(points.astype(np.float64), faces)
     if turned:
-        said.append(f"normals of {counted(turned, 'vertex', 'vertices')} turned to point out of every face around")
-    return Mesh(points, faces, uv, normals.astype(np.float32), (*notes, *said))
+        more.append(f"normals of {counted(turned, 'vertex', 'vertices')} turned to point out of every face around")
+    return Mesh(points, faces, uv, normals.astype(np.float32), (*notes, *more))
 
 
 def moved(mesh: Mesh, to_world: Float[np.ndarray, "4 4"], source: str) -> Mesh:
@@ -194,7 +194,7 @@ def _check_uv(
 ) -> tuple[Float[np.ndarray, "F 3 2"], list[str]]:
     """The UVs if they can be used, else an unwrapping; `kept` are the faces' indices in the file."""
     wild = np.zeros(0, np.int64) if uv is None else np.flatnonzero(~np.isfinite(uv).all(axis=(1, 2)))
-    fault, said = "", []
+    fault, notes = "", []
     if uv is None:
         fault = "no UVs"
     elif len(wild):
@@ -203,11 +203,11 @@ def _check_uv(
         fault = "UVs without area"
     if uv is None or fault:
         uv, charts = unwrap(points, faces, source)
-        said.append(f"{fault}: unwrapped with xatlas into {counted(charts, 'chart')}")
+        notes.append(f"{fault}: unwrapped with xatlas into {counted(charts, 'chart')}")
     flat = np.flatnonzero(_doubled_areas(uv) == 0)
     if len(flat):
-        said.append(f"{counted(len(flat), 'face')} without area in UV (first: index {kept[flat[0]]})")
-    return uv, said
+        notes.append(f"{counted(len(flat), 'face')} without area in UV (first: index {kept[flat[0]]})")
+    return uv, notes
 
 
 def _doubled_areas(corner: Float[np.ndarray, "F 3 D"]) -> Float[np.ndarray, "F"]:

@@ -83,11 +83,11 @@ def check_whole(path: Path) -> None:
                 path, f"is cut short: it has {size} bytes and says {count} faces, which are {84 + 50 * count}"
             )
     if kind == ".glb":
-        said = int.from_bytes(head[8:12], "little")
+        stated = int.from_bytes(head[8:12], "little")
         if head[:4] != b"glTF" or size < 20:
             raise InputError(path, "is not a readable GLB file: its header is not that of GLB")
-        if said > size:
-            raise InputError(path, f"is cut short: it has {size} of {said} bytes")
+        if stated > size:
+            raise InputError(path, f"is cut short: it has {size} of {stated} bytes")
     if kind == ".gltf":
         _check_buffers(path)
     if kind == ".off":
@@ -95,9 +95,9 @@ def check_whole(path: Path) -> None:
         words = [*lines[0][1:], *(lines[1] if len(lines[0]) == 1 and len(lines) > 1 else ())] if lines else []
         if len(words) < 2 or not lines[0][0].endswith(b"OFF"):
             raise InputError(path, "is not a readable OFF file: its header has no beginning, or no numbers")
-        wanted, found = sum(map(int, words[:2])), len(lines) - (1 if len(lines[0]) > 1 else 2)
-        if found < wanted:
-            raise InputError(path, f"is cut short: it has {found} of {wanted} lines of vertices and faces")
+        wanted, present = sum(map(int, words[:2])), len(lines) - (1 if len(lines[0]) > 1 else 2)
+        if present < wanted:
+            raise InputError(path, f"is cut short: it has {present} of {wanted} lines of vertices and faces")
     if kind == ".ply":
         lines = head.partition(b"end_header")[0].splitlines()
         if not head.startswith(b"ply") or b"end_header" not in head:

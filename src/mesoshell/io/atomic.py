@@ -34,7 +34,7 @@ def read_file(path: str | PathLike[str]) -> bytes:
     except FileNotFoundError as error:
         raise InputError(path, "no such file") from error
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        raise InputError(path, f"cannot be read: {_said(error)}") from error
+        raise InputError(path, f"cannot be read: {_reason(error)}") from error
 
 
 def replace_file(path: str | PathLike[str], data: bytes) -> None:
@@ -49,10 +49,10 @@ def replace_file(path: str | PathLike[str], data: bytes) -> None:
             os.fsync(file.fileno())  # or a power cut may leave the name on an empty file
         os.replace(made, path)
     except FileExistsError as error:  # another's file of this random name: it stays
-        raise InputError(path, f"cannot be written: {_said(error)}") from error
+        raise InputError(path, f"cannot be written: {_reason(error)}") from error
     except (OSError, ValueError) as error:
         _forget(made)
-        raise InputError(path, f"cannot be written: {_said(error)}") from error
+        raise InputError(path, f"cannot be written: {_reason(error)}") from error
     except BaseException:  # Ctrl-C, no memory
         _forget(made)
         raise
@@ -72,11 +72,11 @@ def new_folder(path: Path) -> Iterator[Path]:
         yield made
         os.rename(made, path)
     except FileExistsError as error:
-        raise InputError(path, f"cannot be written: {_said(error)}") from error
+        raise InputError(path, f"cannot be written: {_reason(error)}") from error
     except InputError as error:
         raise error if made is None else _in_place(error, made, path) from error
     except (OSError, ValueError) as error:
-        raise InputError(path, f"cannot be written: {_said(error)}") from error
+        raise InputError(path, f"cannot be written: {_reason(error)}") from error
     finally:
         if made is not None:
             shutil.rmtree(made, ignore_errors=True)
@@ -96,7 +96,7 @@ def together(target: Path) -> Iterator[Path]:
     except InputError as error:
         raise _in_place(error, made, target.parent) from error
     except OSError as error:
-        raise InputError(target, f"cannot be written: {_said(error)}") from error
+        raise InputError(target, f"cannot be written: {_reason(error)}") from error
     finally:
         shutil.rmtree(made, ignore_errors=True)
 
@@ -124,7 +124,7 @@ def probe_outputs(paths: Sequence[Path], option: str = "--out") -> None:
             folder = next(p for p in path.parents if os.path.lexists(p))
             _probe(folder)
         except (OSError, ValueError) as error:
-            raise InputError(path, f"cannot be written: {_said(error)}") from error
+            raise InputError(path, f"cannot be written: {_reason(error)}") from error
 
 
 def probe_folder(path: Path, option: str) -> None:
@@ -134,7 +134,7 @@ def probe_folder(path: Path, option: str) -> None:
     try:
         _probe(next(p for p in (path, *path.parents) if os.path.lexists(p)))
     except (OSError, ValueError) as error:
-        raise InputError(path, f"cannot be written: {_said(error)}") from error
+        raise InputError(path, f"cannot be written: {_reason(error)}") from error
 
 
 def _probe(folder: Path) -> None:
@@ -179,7 +179,7 @@ def _forget(made: Path | None) -> None:
             made.unlink()
 
 
-def _said(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return "its folder does not exist"
     return getattr(error, "strerror", None) or str(error)

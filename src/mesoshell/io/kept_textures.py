@@ -46,9 +46,9 @@ def key_of(bundle: Bundle, beta: Float[np.ndarray, "*nodes G"], *rest: object) -
 def kept(key: str, size: int, make: Make) -> Bundle:
     """The texture of this key: from the cache, else made, and kept if it can be. size: bytes, about."""
     folder = cache_folder(ROOM) / key
-    found = _read(folder)
-    if found is not None:
-        return found
+    texture = _read(folder)
+    if texture is not None:
+        return texture
     if size < LEAST or size > MOST // 2 or not _room(size):
         return make(None)
     try:
@@ -83,12 +83,12 @@ def _read(folder: Path) -> Bundle | None:
     if not folder.exists():
         return None
     try:
-        found = read_bundle(folder)
+        texture = read_bundle(folder)
         os.utime(folder)
     except (InputError, OSError):
         shutil.rmtree(folder, ignore_errors=True)
         return None
-    return found
+    return texture
 
 
 def _room(size: int) -> bool:

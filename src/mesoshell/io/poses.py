@@ -75,15 +75,15 @@ def read_poses(folder: Path) -> Poses:
 
 def read_transforms(path: Path) -> Poses:
     """Read transforms.json of nerfstudio or Blender, and the points of its `ply_file_path`."""
-    said = read_object(path)
-    frames = said.get("frames")
+    fields = read_object(path)
+    frames = fields.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InputError(path, "has no frames")
     views = []
     for i, frame in enumerate(frames):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise InputError(path, f"frame {i} has no file_path")
-        own = {**said, **frame}
+        own = {**fields, **frame}
         bent = [k for k in DISTORTION if own.get(k)]
         if bent:
             raise InputError(path, f"frame {i} is distorted ({bent[0]} is {own[bent[0]]}): undistort the images first")
@@ -98,8 +98,8 @@ def read_transforms(path: Path) -> Poses:
         mask = path.parent / frame["mask_path"] if isinstance(frame.get("mask_path"), str) else None
         matrix = _rigid(path, f"transform_matrix of frame {i}", frame.get("transform_matrix"))
         views.append(Posed(image, matrix, lens, size, mask, angle))
-    cloud = said.get("ply_file_path")
-    flash = said.get("flash")
+    cloud = fields.get("ply_file_path")
+    flash = fields.get("flash")
     if flash is not None and not (type(flash) in (int, float) and 0 < flash < 1e300):
         raise InputError(path, f"flash must be a number above 0, not {flash!r}")
     points = _cloud(path.parent / cloud) if isinstance(cloud, str) else None

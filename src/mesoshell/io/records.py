@@ -22,10 +22,10 @@ def parsed(path: str | PathLike[str], text: bytes | str, where: str = "") -> Any
 
 def read_object(path: Path) -> dict[str, Any]:
     """Read a file's JSON object. Raises InputError."""
-    said = parsed(path, read_file(path))
-    if not isinstance(said, dict):
+    record = parsed(path, read_file(path))
+    if not isinstance(record, dict):
         raise InputError(path, "is not a JSON object")
-    return said
+    return record
 
 
 def read_rows(path: Path, fields: tuple[str, ...] = ()) -> list[dict[str, Any]]:

@@ -154,11 +154,11 @@ def _fault(fields: dict[str, Any]) -> str | None:
 def _shapes(fields: dict[str, Any], heads: dict[str, Any]) -> dict[str, tuple[int, ...]]:
     """The required shape of each array; hidden layers may have any width."""
     wanted = {}
-    for module, (seen, out) in MODULES.items():
+    for module, (inputs, out) in MODULES.items():
         for i in range(fields["texels"].bit_length()):
             n = fields["texels"] >> i
             wanted[f"{module}/texture/{i}"] = (n, n, fields["channels"])
-        width, i = fields["channels"] + seen, 0
+        width, i = fields["channels"] + inputs, 0
         while f"{module}/hidden/{i}/kernel" in heads or i == 0:
             shape = heads.get(f"{module}/hidden/{i}/kernel", ((width, 1), None))[0]
             wide = max(1, shape[1]) if len(shape) == 2 else 1

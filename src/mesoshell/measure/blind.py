@@ -65,9 +65,9 @@ def marks(text: str) -> Bool[np.ndarray, "_m"]:
     return np.array([letter == "r" for letter in given], bool)
 
 
-def judged(answer: Bool[np.ndarray, "m"], said: Bool[np.ndarray, "m"]) -> Judged:
+def judged(answer: Bool[np.ndarray, "m"], given: Bool[np.ndarray, "m"]) -> Judged:
     """How often a judge was right."""
-    right, count = int((answer == said).sum()), len(answer)
+    right, count = int((answer == given).sum()), len(answer)
     test = binomtest(right, count, 0.5, alternative="greater")
     interval = binomtest(right, count, 0.5).proportion_ci(0.95, "exact")
     return Judged(right, count, right / count, interval.low, interval.high, float(test.pvalue))

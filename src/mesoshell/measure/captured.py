@@ -57,10 +57,10 @@ def score_views(model: NeuTexModel, capture: Capture, samples: int) -> dict[str,
 def _charted(model: NeuTexModel, capture: Capture, shown) -> tuple[float, ...]:
     ys, us, hits, cycles = [], [], [], []
     for photo in capture.photos:
-        seen, (o, d) = shown(photo), photo_rays(model.to_box(photo), pixels(photo))
-        alpha = seen.rgba[..., 3]
+        rendered, (o, d) = shown(photo), photo_rays(model.to_box(photo), pixels(photo))
+        alpha = rendered.rgba[..., 3]
         hit = alpha > 0.5
-        far = (seen.depth / np.maximum(alpha, 0.5)).reshape(-1, 1)
+        far = (rendered.depth / np.maximum(alpha, 0.5)).reshape(-1, 1)
         y = (o + far * d).astype(np.float32)
         u, back = run(lambda y, n: _there(model.field, y), y)
         ys.append(y.reshape(*hit.shape, 3).astype(np.float64))

@@ -134,9 +134,9 @@ def combed(bundle: Bundle, name: str) -> Combed:
 def _height(opacity: Float[np.ndarray, "K V U"]) -> Float[np.ndarray, "V U 3"]:
     """Mean height of the first thing met from above, as grey."""
     clear = np.cumprod(1 - opacity[::-1], axis=0)
-    seen = np.concatenate([np.ones_like(clear[:1]), clear[:-1]]) * opacity[::-1]
+    weight = np.concatenate([np.ones_like(clear[:1]), clear[:-1]]) * opacity[::-1]
     height = (np.arange(len(opacity))[::-1, None, None] + 0.5) / len(opacity)
-    return np.repeat((seen * height).sum(axis=0)[..., None], 3, axis=2).astype(np.float32)
+    return np.repeat((weight * height).sum(axis=0)[..., None], 3, axis=2).astype(np.float32)
 
 
 def _grown(

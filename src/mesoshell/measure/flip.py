@@ -83,14 +83,14 @@ def _apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _colour_difference(x: np.ndarray, y: np.ndarray, ppd: float) -> np.ndarray:
     """ΔE_c of two pictures in YCxCz (section 4.1)."""
-    a, b = (_lab(_rgb(_seen(image, ppd))) for image in (x, y))
+    a, b = (_lab(_rgb(_filtered(image, ppd))) for image in (x, y))
     green, blue = _lab(np.array([[[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]]]))
     most = _apart(green, blue)[0]  # no two colours of a screen are farther apart
     d, knee = _apart(a, b), _P_C * most
     return np.where(d < knee, d * _P_T / knee, _P_T + (d - knee) / (most - knee) * (1 - _P_T))
 
 
-def _seen(image: np.ndarray, ppd: float) -> np.ndarray:
+def _filtered(image: np.ndarray, ppd: float) -> np.ndarray:
     """YCxCz as the eye resolves it at that distance."""
     r = math.ceil(3 * math.sqrt(_WIDEST / (2 * math.pi**2)) * ppd)
     squared = (np.arange(-r, r + 1) / ppd) ** 2

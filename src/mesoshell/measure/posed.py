@@ -80,19 +80,19 @@ def _shown(bundle: Bundle, samples: list[Sample], seed: tuple[int, int]) -> Imag
 
 
 def _generated(
-    bundle: Bundle, name: str, picture: PictureConfig | None, seen: tuple[int, float]
+    bundle: Bundle, name: str, picture: PictureConfig | None, frame: tuple[int, float]
 ) -> Callable[[ImageBatch], np.ndarray]:
     maker = maker_of(bundle, name)
     g = maker.config
     taken = picture or PictureConfig(0, SAMPLES, 0.0, g.texels, g.height_rows, maker.octaves, planes=g.planes)
-    taken = PictureConfig(**vars(taken) | {"size": seen[0], "fov": seen[1]})
+    taken = PictureConfig(**vars(taken) | {"size": frame[0], "fov": frame[1]})
     config = TrainConfig(generator=g, picture=taken)
     return lambda batch: pictures(config, Learner(maker.generator, maker.decoder), maker.averages, batch)
 
 
-def _fitted(bundle: Bundle, seen: tuple[int, float]) -> Callable[[ImageBatch], np.ndarray]:
+def _fitted(bundle: Bundle, frame: tuple[int, float]) -> Callable[[ImageBatch], np.ndarray]:
     loaded = ready(bundle)
-    size, fov = seen
+    size, fov = frame
     reach = 1.0 if bundle.tiles is None else 64.0  # patches: far enough to see all tiles
     config = PictureConfig(size, SAMPLES, fov, max(1, math.ceil(bundle.texel_density)))
 

@@ -59,7 +59,11 @@ def judge_of(dataset: Dataset, a: list[Sample], networks: list[Extractor]) -> Ju
     declared, fixed = dataset.manifest["parameters"], dataset.manifest.get("fixed_parameters", {})
     known = {k: (float(x["range"][0]), float(x["range"][1])) for k, x in declared.items() if k not in fixed}
     return Judge(
-        networks, features, descriptors(shown(images)), learn(_told(features[0], images), _values(known, a)), known
+        networks,
+        features,
+        descriptors(shown(images)),
+        learn(_reader_inputs(features[0], images), _values(known, a)),
+        known,
     )
 
 
@@ -78,13 +82,15 @@ def score(judge: Judge, b: list[Sample], images: Float[np.ndarray, "N H W 4"]) -
     sides = [images.shape[1] >> i for i in range(len(levels))]
     for side, real, made in zip(sides, judge.levels, levels, strict=True):
         rows[f"SWD-{side}"] = with_interval(swd, real, made)
-    true, said = _values(judge.parameters, b), read(judge.reader, _told(features[0], images))
+    true, read_values = _values(judge.parameters, b), read(judge.reader, _reader_inputs(features[0], images))
     for i, name in enumerate(judge.parameters):
-        rows[f"read {name}"] = _with_interval(lambda k, i=i: float(error(said[k], true[k])[i]), len(b))
+        rows[f"read {name}"] = _with_interval(lambda k, i=i: float(error(read_values[k], true[k])[i]), len(b))
     return rows
 
 
-def _told(features: Float[np.ndarray, "N D"], images: Float[np.ndarray, "N H W 4"]) -> Float[np.ndarray, "N _D"]:
+def _reader_inputs(
+    features: Float[np.ndarray, "N D"], images: Float[np.ndarray, "N H W 4"]
+) -> Float[np.ndarray, "N _D"]:
     """Features, and the mean colour over its sum, repeated to the features' length. Colour halves the error of the age of
     grass; without the repetition, ridge regression would give 3 numbers beside 1280 hardly any weight."""
     colour = images[..., :3].mean(axis=(1, 2), dtype=np.float64)

@@ -114,7 +114,7 @@ class SurfaceMaterial(Network):
 
     def __call__(self, place: SurfaceQuery, light: Vec3, blur: Scalar) -> tuple[OpacityEval, Vec3]:
         table = silhouette.tables(self.tree(), blur)
-        opacity = silhouette.seen(self.config, table, place)
+        opacity = silhouette.eval_opacity(self.config, table, place)
         return opacity, silhouette.reflectance(self.config, table, place, opacity, light)
 
 

@@ -54,8 +54,8 @@ class Capture:
     def manifest(self) -> dict[str, object]:
         """Entries for a run's record."""
         box = [float(f"{x:.5g}") for x in (*self.centre, self.half)]
-        said: dict[str, object] = {"source": f"{len(self.photos)} photographs", "box": box}
-        return said | ({"background": self.background} if self.background else {})
+        entries: dict[str, object] = {"source": f"{len(self.photos)} photographs", "box": box}
+        return entries | ({"background": self.background} if self.background else {})
 
     @property
     def recipe(self) -> str:

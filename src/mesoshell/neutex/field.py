@@ -75,8 +75,8 @@ def init_field(config: FieldConfig, key: Key[Array, ""]) -> Field:
         texture = Net((), *_layers(k[1], config.sigma[-1], config.texture, 3))
     else:
         texture = _net(config, k[1], config.octaves[1], config.texture, 5 if lit else 3)
-    seen = config.texture[-1] + 3 * (1 + 2 * config.octaves[2])
-    view = Net((), *_layers(k[2], seen, (config.views,), 3, FLAT))
+    inputs = config.texture[-1] + 3 * (1 + 2 * config.octaves[2])
+    view = Net((), *_layers(k[2], inputs, (config.views,), 3, FLAT))
     return Field(
         sigma._replace(last=sigma.last._replace(bias=sigma.last.bias.at[0].add(EMPTY))),
         texture,

@@ -97,7 +97,7 @@ def _kept(
     axis = (np.arange(CELLS) + 0.5) / CELLS * 2 - 1
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     x = centre + half * grid
-    seen, missed = np.zeros(len(x), np.int32), np.zeros(len(x), np.int32)
+    views, missed = np.zeros(len(x), np.int32), np.zeros(len(x), np.int32)
     for photo, far in zip(photos, away, strict=True):
         fx, fy, cx, cy = photo.lens
         local = (x - photo.to_world[:3, 3]) @ photo.to_world[:3, :3]
@@ -109,6 +109,6 @@ def _kept(
         view = ahead & (u >= 0) & (u < w) & (v >= 0) & (v < h)
         i, j = np.where(view, v, 0).astype(int), np.where(view, u, 0).astype(int)
         width = fx * half / CELLS / depth  # half a cell's side, pixels
-        seen += view
+        views += view
         missed += view & (far[i, j] > 1 + width * 3**0.5)
-    return ((seen > 0) & (missed <= MISSES * seen)).reshape(CELLS, CELLS, CELLS)
+    return ((views > 0) & (missed <= MISSES * views)).reshape(CELLS, CELLS, CELLS)

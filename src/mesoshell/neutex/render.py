@@ -2,7 +2,7 @@
 
 Notation
 samples     of a ray: `Quality.samples`, in whole CHUNKs, at the middles of equal parts; `Quality.pixel_samples` rays a pixel
-occupied    cells where σ reaches Quality.skip over the box's diagonal at one of ASKED³ points in each, with their neighbours:
+occupied    cells where σ reaches Quality.skip over the box's diagonal at one of PROBES³ points in each, with their neighbours:
             no sample lies elsewhere, and a ray loses at most `skip` of optical depth, by these points
 early_stop  samples are taken CHUNK at a time, until no ray of a tile has more than this transmittance
 """
@@ -26,7 +26,7 @@ from mesoshell.render.light import Distant, Environment, beams
 from mesoshell.render.quality import Quality
 from mesoshell.typing import Array, Bool, Float, Scalar
 
-TILE, CHUNK, ASKED = 1024, 8, 3
+TILE, CHUNK, PROBES = 1024, 8, 3
 #: Offset of shadow rays along a surface's normal, in the box's units: past the fog that represents the surface.
 AWAY = 0.06
 
@@ -95,7 +95,7 @@ def occupancy(config: FieldConfig, field: Field, skip: float) -> Bool[Array, "n 
 
 @partial(jax.jit, static_argnums=0)
 def _greatest(config: FieldConfig, field: Field) -> Float[Array, "n n n"]:
-    fine = CELLS * ASKED
+    fine = CELLS * PROBES
     axis = (jnp.arange(fine, dtype=jnp.float32) + 0.5) / fine * 2 - 1
 
     def plane(x: Array) -> Array:
@@ -103,7 +103,7 @@ def _greatest(config: FieldConfig, field: Field) -> Float[Array, "n n n"]:
         return jax.vmap(lambda y: density(config, field, y)[0])(grid).reshape(fine, fine)
 
     sigma = jax.lax.map(plane, axis)
-    return sigma.reshape(CELLS, ASKED, CELLS, ASKED, CELLS, ASKED).max(axis=(1, 3, 5))
+    return sigma.reshape(CELLS, PROBES, CELLS, PROBES, CELLS, PROBES).max(axis=(1, 3, 5))
 
 
 def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Picture:
@@ -120,22 +120,22 @@ def _once(config: FieldConfig, field: Field, rays: tuple[np.ndarray, np.ndarray]
     o, d = (x.astype(np.float32) for x in rays)
     quality, paint = how.quality, how.paint
     form = StaticConfig(config, -(-quality.samples // CHUNK) * CHUNK, paint and paint.layout, True)
-    thing = FieldArrays(
+    arrays = FieldArrays(
         field, how.occupied, jnp.float32(quality.early_stop), paint and jnp.asarray(paint.image, jnp.float32)
     )
     light = None
     if how.lit is not None:
-        _, passed, depth = _marched(form._replace(shown=False), thing, o, d)
+        _, passed, depth = _marched(form._replace(shown=False), arrays, o, d)
         y = o + d * (depth / np.maximum(1 - passed, 1e-3))
         (n,) = run(lambda y, count: (_normals(config, field, y),), y)
         falling = beams(how.lit.lights, how.lit.sky, quality.environment_samples, len(o), np.random.default_rng(k))
         toward = np.stack([beam.toward for beam in falling], axis=1).astype(np.float32)
         strength = [
-            beam.strength * _marched(form._replace(shown=False), thing, y + AWAY * n, toward[:, i])[1]
+            beam.strength * _marched(form._replace(shown=False), arrays, y + AWAY * n, toward[:, i])[1]
             for i, beam in enumerate(falling)
         ]
         light = toward, np.stack(strength, axis=1).astype(np.float32)
-    rgb, passed, depth = _marched(form, thing, o, d, light)
+    rgb, passed, depth = _marched(form, arrays, o, d, light)
     return np.concatenate([np.maximum(rgb, 0), 1 - passed, depth], axis=1)
 
 
@@ -144,35 +144,35 @@ def _normals(config: FieldConfig, field: Field, y):
     return jax.vmap(lambda y: normal(field, y, density(config, field, y)[1]))(y)
 
 
-def _marched(form: StaticConfig, thing: FieldArrays, o, d, light=None):
+def _marched(form: StaticConfig, arrays: FieldArrays, o, d, light=None):
     """(colour, transmittance, depth) of any number of rays. light: (toward, E⊥) of each ray's lights, or the flash."""
     rows = -(-len(o) // TILE) * TILE
 
     def tiled(x):
         return jnp.asarray(pad(x, rows).reshape(-1, TILE, *x.shape[1:]))
 
-    tiles = _tiles(form, thing, jax.tree.map(tiled, (o, d, light)))
+    tiles = _tiles(form, arrays, jax.tree.map(tiled, (o, d, light)))
     return tuple(np.asarray(x).reshape(rows, -1)[: len(o)] for x in tiles)
 
 
 @partial(jax.jit, static_argnums=0)
-def _tiles(form: StaticConfig, thing: FieldArrays, rays):
-    return jax.lax.map(lambda tile: _tile(form, thing, *tile), rays)
+def _tiles(form: StaticConfig, arrays: FieldArrays, rays):
+    return jax.lax.map(lambda tile: _tile(form, arrays, *tile), rays)
 
 
-def _tile(form: StaticConfig, thing: FieldArrays, o, d, light):
+def _tile(form: StaticConfig, arrays: FieldArrays, o, d, light):
     """(colour, transmittance, depth) of TILE rays, a few samples of all of them at a time."""
-    t, step = jax.vmap(lambda o, d: places(o, d, thing.occupied, jnp.full(form.samples, 0.5, o.dtype)))(o, d)
+    t, step = jax.vmap(lambda o, d: places(o, d, arrays.occupied, jnp.full(form.samples, 0.5, o.dtype)))(o, d)
 
     def more(state):
         k, _, depth, _ = state
-        return (k < form.samples // CHUNK) & (jnp.exp(-jnp.min(depth)) > thing.stop)
+        return (k < form.samples // CHUNK) & (jnp.exp(-jnp.min(depth)) > arrays.stop)
 
     def chunk(state):
         k, colour, through, far = state
         here = jax.lax.dynamic_slice_in_dim(t, k * CHUNK, CHUNK, axis=1)
         y = o[:, None] + here[..., None] * d[:, None]
-        sigma, c = jax.vmap(lambda y, t, d, l: jax.vmap(lambda y, t: _seen(form, thing, y, t, d, l))(y, t))(
+        sigma, c = jax.vmap(lambda y, t, d, l: jax.vmap(lambda y, t: _shaded(form, arrays, y, t, d, l))(y, t))(
             y, here, d, light
         )
         tau = optical_depth(sigma, jnp.broadcast_to(step[:, None], sigma.shape))
@@ -188,23 +188,23 @@ def _tile(form: StaticConfig, thing: FieldArrays, o, d, light):
     return colour, jnp.where(step > 0, jnp.exp(-through), 1.0), far
 
 
-def _seen(form: StaticConfig, thing: FieldArrays, y, t, d, light):
+def _shaded(form: StaticConfig, arrays: FieldArrays, y, t, d, light):
     """σ and colour of a point at distance t."""
-    config, field = form.config, thing.field
+    config, field = form.config, arrays.field
     sigma, features = density(config, field, y)
     if not form.shown:
         return sigma, jnp.zeros(3, y.dtype)
     if config.colour != "reflectance":
-        return sigma, _edited(form, thing, radiance(config, field, y, d, features), y)
+        return sigma, _edited(form, arrays, radiance(config, field, y, d, features), y)
     made, n = lobes(config, field, to_texture(field, y)), normal(field, y, features)
-    made = made._replace(albedo=_edited(form, thing, made.albedo, y))
+    made = made._replace(albedo=_edited(form, arrays, made.albedo, y))
     if light is None:
         return sigma, flashed(config, made, n, d, t)
     return sigma, jnp.sum(jax.vmap(lambda toward, strength: shade(made, n, -d, toward) * strength)(*light), axis=0)
 
 
-def _edited(form: StaticConfig, thing: FieldArrays, c, y):
-    if form.layout is None or thing.image is None:
+def _edited(form: StaticConfig, arrays: FieldArrays, c, y):
+    if form.layout is None or arrays.image is None:
         return c
-    both = lookup(form.layout, thing.image, to_texture(thing.field, y))
+    both = lookup(form.layout, arrays.image, to_texture(arrays.field, y))
     return both[:3] + both[3:] * c

@@ -86,8 +86,8 @@ def read_neutex(path: Path) -> NeuTexModel:
     for key, wanted in named.items():
         head = heads.get(key)
         if head is None or head[0] != wanted.shape or head[1] != np.float32:
-            said = f"{head[0]} of {head[1]}" if head else "missing"
-            raise InputError(path, f"{key} is {said}, not {wanted.shape} of float32")
+            stored = f"{head[0]} of {head[1]}" if head else "missing"
+            raise InputError(path, f"{key} is {stored}, not {wanted.shape} of float32")
     arrays = read_arrays(path, named)
     leaves = [jnp.asarray(arrays[key]) for key in named]
     if not all(np.isfinite(x).all() for x in leaves):

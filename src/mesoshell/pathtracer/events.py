@@ -95,13 +95,13 @@ def at_surface_material(world, met, ray, ds, numbers, opening) -> Event:
 
     def away(d, far, opening, pdf):
         # by the face's own normal: over the horizon of an interpolated one there is light that comes through the face
-        off = dr.select(dr.dot(met.normal, d) < 0, -1, 1) * (world.worn.beyond(met.t) - met.t)
+        off = dr.select(dr.dot(met.normal, d) < 0, -1, 1) * (world.surface_meshes.beyond(met.t) - met.t)
         return segment(ray, met.t, x + mi.Vector3d(off * met.normal), d, far, False, opening, pdf)
 
     toward = canonical(here, ds.d)
 
     def rho(directions):
-        return world.worn.rho(met, directions)
+        return world.surface_meshes.rho(met, directions)
 
     drawn = None if numbers is None else draw_around(here, numbers)
     return scattered(ds, toward, density_around(here, ds.d), rho, drawn, away, opening)

@@ -20,36 +20,36 @@ _DIFFUSE = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide | mi.BSDFFlag
 
 def facts_of(
     scene: mi.Scene,
-    stands: list[tuple[Shell, Medium]],
-    wears: list[tuple[SurfaceTables, SurfaceMaterial]],
+    shells: list[tuple[Shell, Medium]],
+    surfaces: list[tuple[SurfaceTables, SurfaceMaterial]],
     convex: bool,
 ) -> Facts:
-    """stands, wears: its shells with their media, and surface materials with their meshes. convex: all these meshes are."""
+    """shells: with their media; surfaces: meshes with their surface materials. convex: all these meshes are."""
     integrator: Any = scene.integrator()
     kinds = [_kind(e) for e in scene.emitters()]
-    shells, media = [shell for shell, _ in stands], [medium for _, medium in stands]
-    surfaces = len(scene.shapes())  # meshes with surface materials are not among them
+    geometry, media = [shell for shell, _ in shells], [medium for _, medium in shells]
+    others = len(scene.shapes())  # meshes with surface materials are not among them
     heights = [m.material.heights for m in media]
     grouped = any(s.class_name() == "Instance" for s in scene.shapes())  # an instance may hold other meshes too
     return Facts(
-        shells=len(stands),
-        surfaces=len(wears),
-        objects=surfaces - (len(stands) == 1 and not wears and not grouped),
+        shells=len(shells),
+        surfaces=len(surfaces),
+        objects=others - (len(shells) == 1 and not surfaces and not grouped),
         distant=kinds.count("distant"),
         point=kinds.count("point"),
         area=kinds.count("area"),
         environment="environment" in kinds,
         seen=not integrator.hide_emitters,
         convex=convex,
-        enclosed=0.0 if convex and surfaces + len(wears) == 1 else 1.0,
-        low=len(kinds) > kinds.count("distant") or any(lowest(s, _toward(scene)) <= 0 for s in shells),
+        enclosed=0.0 if convex and others + len(surfaces) == 1 else 1.0,
+        low=len(kinds) > kinds.count("distant") or any(lowest(s, _toward(scene)) <= 0 for s in geometry),
         ground=max((_albedo(s.bsdf()) for s in scene.shapes()), default=0.0),
-        coarsest=coarsest(scene.sensors(), shells, [m.material.density for m in media]),
+        coarsest=coarsest(scene.sensors(), geometry, [m.material.density for m in media]),
         rows=max((h.rows for h in heights), default=0),
-        inside=bool(shells) and any(_may_be_inside(s, shells) for s in scene.sensors()),
+        inside=bool(geometry) and any(_may_be_inside(s, geometry) for s in scene.sensors()),
         varying=tuple(sorted({name for m in media for name in m.varying})),
         shaped=any(h.nodes is not None for h in heights),
-        passable=any(m.opacity != "none" for _, m in wears),
+        passable=any(m.opacity != "none" for _, m in surfaces),
     )
 
 

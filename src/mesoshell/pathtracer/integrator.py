@@ -46,7 +46,7 @@ def follow(settings, scene, sampler, ray, active):
     while busy(lane):
         lane = advance(settings, scene, sampler, lane)
     settings.world.count(lane.queries)
-    return lane.light, lane.seen
+    return lane.light, lane.valid
 
 
 def register() -> None:

@@ -72,21 +72,21 @@ def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
     scene, elements = xml_bsdf.read(source, parse, lambda material: kind_of(_file(material)) == KIND)
     if elements:
         materials: dict[Any, Any] = {}
-        stands, wears, convex, notes = [], [], True, []
+        shells, surfaces, convex, notes = [], [], True, []
         for element in elements:
             try:
                 mesh = _mesh(element)
-                if element.wears:
-                    worn, said = _wears(element, mesh, quality, materials)
-                    wears += worn
+                if element.is_surface_material:
+                    added, own_notes = _surfaces(element, mesh, quality, materials)
+                    surfaces += added
                 else:
-                    standing = _stands(element, mesh, scene.sensors(), materials)
-                    stands, said = stands + standing, standing[0][0].notes
+                    added = _shells(element, mesh, scene.sensors(), materials)
+                    shells, own_notes = shells + added, added[0][0].notes
             except InputError as error:
                 raise InputError(element.where, str(error).replace("`", "")) from error
             convex &= is_convex(mesh)
-            notes += [f"{element.where}: {note}" for note in (*mesh.notes, *said)]
-        stand_on(scene, SceneShells(stands, wears, convex, tuple(notes)), quality)
+            notes += [f"{element.where}: {note}" for note in (*mesh.notes, *own_notes)]
+        set_shells(scene, SceneShells(shells, surfaces, convex, tuple(notes)), quality)
     return scene
 
 
@@ -95,32 +95,34 @@ class SceneShells:
     """Shells of a scene with their media, and meshes with their surface materials. convex: all these meshes are. notes: how
     they depart from the request. twin: of the material (render/effects)."""
 
-    stands: list[tuple[Shell, Medium]]
-    wears: list[tuple[SurfaceTables, SurfaceMaterial]] = field(default_factory=list)
+    shells: list[tuple[Shell, Medium]]
+    surfaces: list[tuple[SurfaceTables, SurfaceMaterial]] = field(default_factory=list)
     convex: bool = False
     notes: tuple[str, ...] = ()
     twin: TwinFacts | None = None
 
 
-def stand_on(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
+def set_shells(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
     """Give a scene's integrator, a `mesoshell_path`, its shells and surface materials. Path depths are the integrator's.
 
     Raises InputError for a quality that paths cannot have."""
-    if grown.stands and quality.spacing == "interval":
+    if grown.shells and quality.spacing == "interval":
         raise InputError(
             Argument("spacing"),
             f"'{quality.spacing}' requires `engine` jax: paths have samples in proportion to length",
         )
-    shells = media = worn = None
-    if grown.stands:
-        shells = Shells([shell for shell, _ in grown.stands])
-        media = Media(shells, [medium for _, medium in grown.stands])
-    if grown.wears:
-        worn = SurfaceMeshes([wear for wear, _ in grown.wears], [material for _, material in grown.wears])
+    shells = media = surface_meshes = None
+    if grown.shells:
+        shells = Shells([shell for shell, _ in grown.shells])
+        media = Media(shells, [medium for _, medium in grown.shells])
+    if grown.surfaces:
+        surface_meshes = SurfaceMeshes(
+            [tables for tables, _ in grown.surfaces], [material for _, material in grown.surfaces]
+        )
     path: Any = scene.integrator()
     quality = quality.with_changes(max_depth=max(path.max_depth, 1), rr_depth=max(path.rr_depth, 1))
-    facts = replace(facts_of(scene, grown.stands, grown.wears, grown.convex), twin=grown.twin)
-    path.world = _world(scene, quality, facts, shells, media, worn, grown.notes)
+    facts = replace(facts_of(scene, grown.shells, grown.surfaces, grown.convex), twin=grown.twin)
+    path.world = _world(scene, quality, facts, shells, media, surface_meshes, grown.notes)
 
 
 def set_quality(scene: mi.Scene, quality: Quality) -> None:
@@ -129,7 +131,7 @@ def set_quality(scene: mi.Scene, quality: Quality) -> None:
     world = getattr(path, "world", None)
     if world is not None:
         path.max_depth, path.rr_depth = quality.max_depth, quality.rr_depth
-        path.world = _world(scene, quality, world.facts, world.shells, world.media, world.worn, world.notes)
+        path.world = _world(scene, quality, world.facts, world.shells, world.media, world.surface_meshes, world.notes)
 
 
 def _world(
@@ -138,16 +140,16 @@ def _world(
     facts: Facts,
     shells: Shells | None,
     media: Media | None,
-    worn: SurfaceMeshes | None,
+    surface_meshes: SurfaceMeshes | None,
     notes: tuple[str, ...],
 ) -> World:
     """What a scene's integrator holds, with the effects that the facts call for."""
     effects = plan_effects(facts, quality, PATHS)
     lights = [distant(e) for e in scene.emitters()] if effects.quadrature.on else []
-    return World(shells, media, worn, quality, effects, lights, notes, facts)
+    return World(shells, media, surface_meshes, quality, effects, lights, notes, facts)
 
 
-def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: dict) -> list[tuple[Shell, Medium]]:
+def _shells(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: dict) -> list[tuple[Shell, Medium]]:
     """The shells of an element, one for each placement, with their medium."""
     path = _file(element.material)
     bundle = read_bundle(path)
@@ -173,7 +175,7 @@ def _stands(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: d
     return [(s, medium) for s in places]
 
 
-def _wears(
+def _surfaces(
     element: Element, mesh: Mesh, quality: Quality, materials: dict
 ) -> tuple[list[tuple[SurfaceTables, SurfaceMaterial]], tuple[str, ...]]:
     """The surfaces of an element, one for each placement, with their material; and notes on them."""

@@ -55,7 +55,7 @@ class PathState:
     path: Path
     shadow: Shadow
     light: mi.Color3f
-    seen: mi.Bool
+    valid: mi.Bool
     queries: mi.UInt32
 
 
@@ -129,7 +129,7 @@ def advance(settings, scene, sampler, lane):
         settings.world, plan, scene, sampler, lane.path, end, (going, kept, reached), shadow, passing
     )
     path = _go_on(settings, plan, sampler, lane.path, end, event, p, going, on_material & ~kept)
-    return PathState(path, shadow, light, lane.seen | stopped, lane.queries + end.flight.queries)
+    return PathState(path, shadow, light, lane.valid | stopped, lane.queries + end.flight.queries)
 
 
 def _plan(settings) -> Plan:
@@ -162,7 +162,7 @@ def _trace(world, plan: Plan, scene, sampler, lane: PathState) -> SegmentEnd:
     n = dr.width(path.eta)
     met = nothing_met(n)
     if plan.surface_materials:
-        met = world.worn.meet(segment, mine | ~blocked)
+        met = world.surface_meshes.meet(segment, mine | ~blocked)
         segment.tmax = dr.select(met.hit, mi.Float64(met.t), segment.tmax)
     flight = still(n)
     if plan.shells:
@@ -181,7 +181,7 @@ def _arrive(world, plan: Plan, lane: PathState, end: SegmentEnd):
     ray = shadow.ray
     if plan.surface_materials:
         radiance *= dr.select(end.met.front, 1 - end.met.alpha, 1)
-        ray = beyond(ray, world.worn.beyond(end.met.t))
+        ray = beyond(ray, world.surface_meshes.beyond(end.met.t))
         passing &= dr.max(radiance) > 0
     return Shadow(ray, radiance, shadow.crosses, shadow.pending), light, passing
 
@@ -190,11 +190,11 @@ def _arrive(world, plan: Plan, lane: PathState, end: SegmentEnd):
 def _scatter(world, plan, scene, sampler, path, end, where, shadow, passing):
     """Sample an emitter, and scatter the path. where: lanes that go on, those at surface materials, and those at surfaces.
     Returns the event, its place, and the shadow that the lane waits for now."""
-    shells, worn, direct, onward = plan.shells, plan.surface_materials, plan.direct, plan.onward
+    shells, surface_materials, direct, onward = plan.shells, plan.surface_materials, plan.direct, plan.onward
     shell_shadow = mi.Bool(plan.shell_shadow)
     going, kept, reached = where
     si, met, flight, opening = end.si, end.met, end.flight, world.quality.bounce_spread
-    inside, wearing, surface = going & end.mine & flight.collided, going & kept, going & reached
+    inside, at_material, surface = going & end.mine & flight.collided, going & kept, going & reached
     t = dr.select(inside, flight.sample.t, met.t)
     origin = mi.SurfaceInteraction3f(si)
     origin.p = dr.select(surface, si.p, mi.Point3f(path.ray.o + mi.Float64(t) * path.ray.d))
@@ -202,16 +202,16 @@ def _scatter(world, plan, scene, sampler, path, end, where, shadow, passing):
     ds, arriving = dr.zeros(mi.DirectionSample3f, n), dr.zeros(mi.Color3f, n)
     if direct:
         smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
-        lit = inside | wearing | (surface & smooth)
+        lit = inside | at_material | (surface & smooth)
         ds, arriving = scene.sample_emitter_direction(origin, sampler.next_2d(), False, lit)
     wanted = going & (ds.pdf != 0)
     numbers = (sampler.next_1d(), sampler.next_2d()) if onward else None
     event = at_surface(si, path.ray, ds, surface & wanted, surface, numbers, opening)
     if shells and inside:
         event = at_collision(world, flight, path.ray, ds, numbers and numbers[1], opening)
-    if worn and wearing:
+    if surface_materials and at_material:
         event = at_surface_material(world, met, path.ray, ds, numbers and numbers[1], opening)
-    if worn and direct:  # Mitsuba puts a sky at the size of a scene that these meshes are not in
+    if surface_materials and direct:  # Mitsuba puts a sky at the size of a scene that these meshes are not in
         sky = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
         event.shadow.tmax = dr.select(sky, dr.inf, event.shadow.tmax)
     radiance = path.beta * event.value * arriving * dr.select(ds.delta, 1, power(ds.pdf, event.p))
@@ -231,7 +231,7 @@ def _go_on(settings, plan, sampler, path, end, event, p, going, behind) -> Path:
     strongest = dr.max(path.beta)
     path.alive = dr.select(end.mine, going & mi.Bool(plan.onward) & (strongest > 0), path.alive)
     if plan.surface_materials:
-        path.ray = dr.select(behind, beyond(path.ray, settings.world.worn.beyond(end.met.t)), path.ray)
+        path.ray = dr.select(behind, beyond(path.ray, settings.world.surface_meshes.beyond(end.met.t)), path.ray)
         path.alive |= behind
     if not plan.emitters:  # a last segment could only end on an emitter
         path.alive &= path.depth + 1 < plan.max_depth

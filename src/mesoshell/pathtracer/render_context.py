@@ -16,13 +16,13 @@ RADIUS = pixel_radius(1.0)
 
 
 class World:
-    """shells, and media, their contents, or None; worn: surface materials on meshes, or None; quality: render/quality; effects:
-    render/effects; lights: for `direct`, the distant ones, (unit direction toward it, E⊥) each; notes: how all this departs
-    from the request; facts: what the effects were planned from. It must not hold the user's scene: the scene holds the
+    """shells, and media, their contents, or None; surface_meshes: with surface materials, or None; quality: render/quality;
+    effects: render/effects; lights: for `direct`, the distant ones, (unit direction toward it, E⊥) each; notes: how all this
+    departs from the request; facts: what the effects were planned from. It must not hold the user's scene: the scene holds the
     integrator, which holds this, and such a cycle would never be collected."""
 
-    def __init__(self, shells, media, worn, quality, effects, lights=(), notes=(), facts=None):
-        self.shells, self.media, self.worn = shells, media, worn
+    def __init__(self, shells, media, surface_meshes, quality, effects, lights=(), notes=(), facts=None):
+        self.shells, self.media, self.surface_meshes = shells, media, surface_meshes
         self.quality, self.effects, self.lights, self.notes = quality, effects, lights, notes
         self.facts = facts
         self._queries = dr.zeros(mi.Float64, 1)

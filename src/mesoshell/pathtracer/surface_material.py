@@ -42,7 +42,7 @@ class SurfaceMaterial:
         self.levels = [Levels([a[f"{name}/texture/{i}"] for i in range(self.last + 1)]) for name in names]
         self.networks = [network(a, f"{name}/hidden", f"{name}/last") for name in names]
 
-    def seen(self, u, radius, w, kappa):
+    def eval_opacity(self, u, radius, w, kappa):
         """α, and the features for `rho`, a list of floats; neither depends on the light."""
         level = level_of(radius, self.texels, self.last)
         kappa = self._curvature(kappa)
@@ -101,24 +101,24 @@ class Met:
 class SurfaceMeshes:
     """Meshes as tables, and the material of each."""
 
-    def __init__(self, wears: list[SurfaceTables], materials: list[SurfaceMaterial]):
+    def __init__(self, tables: list[SurfaceTables], materials: list[SurfaceMaterial]):
         self.materials = list(dict.fromkeys(materials))
         self.channels = max(m.levels[2].width for m in self.materials)
-        counts = [len(w.mesh.faces) for w in wears]
-        first = np.cumsum([0, *(len(w.mesh.vertices) for w in wears[:-1])])
-        faces = np.concatenate([w.mesh.faces + a for w, a in zip(wears, first, strict=True)])
-        triangles = np.concatenate([w.mesh.vertices[w.mesh.faces].astype(np.float64) for w in wears])
+        counts = [len(t.mesh.faces) for t in tables]
+        first = np.cumsum([0, *(len(t.mesh.vertices) for t in tables[:-1])])
+        faces = np.concatenate([t.mesh.faces + a for t, a in zip(tables, first, strict=True)])
+        triangles = np.concatenate([t.mesh.vertices[t.mesh.faces].astype(np.float64) for t in tables])
         outward = _unit(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
         self.size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-        self.directions = wears[0].table.kappa.shape[1]
+        self.directions = tables[0].table.kappa.shape[1]
         self.faces = _flat(faces, mi.UInt32)
         self.outward = _flat(outward)
-        self.uv = _flat(np.concatenate([w.uv for w in wears]))
-        self.normals = _flat(np.concatenate([w.mesh.normals for w in wears]))
-        self.along = [_flat(_unit(np.concatenate([getattr(w, k) for w in wears]))) for k in ("along_u", "along_v")]
-        self.kappa = _flat(np.concatenate([w.table.kappa * w.period for w in wears]))
-        self.axes = [_flat(np.concatenate([getattr(w.table, k) for w in wears])) for k in ("tangent", "bitangent")]
-        self.period = _flat(np.repeat([w.period for w in wears], counts))
+        self.uv = _flat(np.concatenate([t.uv for t in tables]))
+        self.normals = _flat(np.concatenate([t.mesh.normals for t in tables]))
+        self.along = [_flat(_unit(np.concatenate([getattr(t, k) for t in tables]))) for k in ("along_u", "along_v")]
+        self.kappa = _flat(np.concatenate([t.table.kappa * t.period for t in tables]))
+        self.axes = [_flat(np.concatenate([getattr(t.table, k) for t in tables])) for k in ("tangent", "bitangent")]
+        self.period = _flat(np.repeat([t.period for t in tables], counts))
         self.which = _flat(np.repeat([self.materials.index(m) for m in materials], counts), mi.UInt32)
         centre = triangles.mean(axis=(0, 1))  # rays are met in float32: keep its numbers small
         self.centre = mi.Vector3d(*(float(x) for x in centre))
@@ -145,11 +145,11 @@ class SurfaceMeshes:
         radius = 0.5 * ray.spread * (nearest.t + ray.apex) / dr.gather(mi.Float, self.period, prim)
         which = dr.gather(mi.UInt32, self.which, prim)
 
-        def seen(m):
-            alpha, features = m.seen(u, radius, w, kappa)
+        def eval_opacity(m):
+            alpha, features = m.eval_opacity(u, radius, w, kappa)
             return alpha, [*features, *(mi.Float(0) for _ in range(self.channels - len(features)))]
 
-        alpha, features = self._choose(which, seen, (mi.Float(0), [mi.Float(0) for _ in range(self.channels)]))
+        alpha, features = self._choose(which, eval_opacity, (mi.Float(0), [mi.Float(0) for _ in range(self.channels)]))
         return Met(hit, mi.Float(nearest.t), front, normal, alpha, w, kappa, here, which, features)
 
     def rho(self, met: Met, lights):

@@ -94,5 +94,5 @@ def _run(path: Path, options: list[str]) -> None:
     command = [sys.executable, "-m", "mesoshell", "texture", str(path), *options]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     if done.returncode:
-        said = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-        raise InputError(path, f"no texture could be made with its generator (mesoshell texture): {said}")
+        reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise InputError(path, f"no texture could be made with its generator (mesoshell texture): {reason}")

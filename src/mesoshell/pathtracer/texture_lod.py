@@ -42,8 +42,8 @@ def coarsest(sensors: list[mi.Sensor], shells: list[Shell], texels: list[float])
     """The widest footprint of a camera on any shell, in texels; texels: per patch of each shell."""
     if any(s.class_name() not in PINHOLES for s in sensors):
         return np.inf
-    seen = ((sensor, shell, n) for sensor in sensors for shell, n in zip(shells, texels, strict=True))
-    return max((_widest(sensor, shell) * n for sensor, shell, n in seen), default=0.0)
+    views = ((sensor, shell, n) for sensor in sensors for shell, n in zip(shells, texels, strict=True))
+    return max((_widest(sensor, shell) * n for sensor, shell, n in views), default=0.0)
 
 
 def eye_of(sensor: mi.Sensor) -> Float[np.ndarray, "3"]:

@@ -63,8 +63,8 @@ def _check_loaded(path: str | None) -> None:
 
     major = drjit.detail.llvm_version()[0]
     if major < LEAST_LLVM:
-        said = f"Mitsuba was imported first and found LLVM {major}, with which it aborts: import mesoshell.pathtracer before it"
-        raise InputError("mitsuba", said + (f", or set DRJIT_LIBLLVM_PATH={path}" if path else ""))
+        text = f"Mitsuba was imported first and found LLVM {major}, with which it aborts: import mesoshell.pathtracer before it"
+        raise InputError("mitsuba", text + (f", or set DRJIT_LIBLLVM_PATH={path}" if path else ""))
 
 
 def _try(path: str) -> None:
@@ -72,5 +72,7 @@ def _try(path: str) -> None:
     code = "import drjit as dr, drjit.llvm as a; assert dr.sum(dr.clip(dr.arange(a.Float, 40) - 3, 0, 9))[0] == 288"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     if done.returncode:
-        said = "Dr.Jit aborts" if done.returncode < 0 else (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-        raise InputError("DRJIT_LIBLLVM_PATH", f"{path} does not work (unset it to use mesoshell[mitsuba]'s): {said}")
+        reason = (
+            "Dr.Jit aborts" if done.returncode < 0 else (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        )
+        raise InputError("DRJIT_LIBLLVM_PATH", f"{path} does not work (unset it to use mesoshell[mitsuba]'s): {reason}")

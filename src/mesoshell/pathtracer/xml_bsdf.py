@@ -30,7 +30,7 @@ _NUMBERS = ("thickness", "scale", "seed")
 class Element:
     """One `mesoshell` BSDF of a scene. where: in the file; shape: its mesh; placed: to-world matrices of its instances, none if
     the shape has its own; flipped: Mitsuba's v is 1 minus the file's, as of OBJ files; numbers, textures: by the names of
-    parameters; wears: it is a surface material, and its shape is taken out of the scene."""
+    parameters; is_surface_material: its shape is taken out of the scene."""
 
     where: str
     material: str
@@ -42,12 +42,14 @@ class Element:
     textures: dict[str, mi.Texture] = field(default_factory=dict)
     placed: tuple[Float[np.ndarray, "4 4"], ...] = ()
     flipped: bool = False
-    wears: bool = False
+    is_surface_material: bool = False
 
 
-def read(source: str, parse: Callable[[Any], Any], wears: Callable[[str], bool]) -> tuple[mi.Scene, list[Element]]:
-    """The scene without its shells, and their elements. parse: configuration to the parser's state; wears: whether a material
-    is a surface material, which replaces its shape. Raises InputError."""
+def read(
+    source: str, parse: Callable[[Any], Any], is_surface_material: Callable[[str], bool]
+) -> tuple[mi.Scene, list[Element]]:
+    """The scene without its shells, and their elements. parse: configuration to the parser's state; is_surface_material: of a
+    material, which then replaces its shape. Raises InputError."""
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_equivalent = config.merge_meshes = False
     try:
@@ -61,8 +63,8 @@ def read(source: str, parse: Callable[[Any], Any], wears: Callable[[str], bool])
             _integrate(state)
         elements = [_element(config, state, i, props, shape) for i, props in nodes for shape in users[i]]
         shapes = [shape for i, _ in nodes for shape in users[i]]
-        elements = [replace(e, wears=_wears(e, wears)) for e in elements]
-        _remove(state, {shape for shape, e in zip(shapes, elements, strict=True) if e.wears})
+        elements = [replace(e, is_surface_material=_is_surface_material(e, is_surface_material)) for e in elements]
+        _remove(state, {shape for shape, e in zip(shapes, elements, strict=True) if e.is_surface_material})
         scene: Any = mi.parser.instantiate(config, state)
         return scene, elements
     except RuntimeError as error:
@@ -102,9 +104,9 @@ def _replace(state, index: int, props: mi.Properties) -> None:
         state.nodes[index].props = bare
 
 
-def _wears(element: Element, wears: Callable[[str], bool]) -> bool:
+def _is_surface_material(element: Element, is_surface_material: Callable[[str], bool]) -> bool:
     try:
-        return wears(element.material)
+        return is_surface_material(element.material)
     except InputError as error:
         raise InputError(element.where, str(error)) from error
 

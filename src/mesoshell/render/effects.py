@@ -139,8 +139,8 @@ def plan_twin(twin: TwinFacts | None, quality: Quality) -> Effect:
     if reach == float("inf"):
         return Effect(False, f"it looks {twin.errors[-1][1]:.3f} FLIP different from afar, above {quality.twin:g}")
     least = f"from {reach:.2g} on it looks {quality.twin:g} FLIP different at most"
-    said = f"footprints begin at {twin.finest:.2g} patches; {least}"
-    return Effect(twin.finest >= reach, said)
+    why = f"footprints begin at {twin.finest:.2g} patches; {least}"
+    return Effect(twin.finest >= reach, why)
 
 
 def _either(on: bool, why: str, why_not: str) -> Effect:

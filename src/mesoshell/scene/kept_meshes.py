@@ -37,9 +37,9 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
         entry = None
     if entry is None:
         return load_mesh(path)  # which says why, if it cannot be read
-    found = _read(entry)
-    if found is not None:
-        return found
+    mesh = _read(entry)
+    if mesh is not None:
+        return mesh
     mesh = load_mesh(path)
     _keep(entry, mesh)
     return mesh

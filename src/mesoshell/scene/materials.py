@@ -89,14 +89,14 @@ def _number(value: Value) -> float | None:
 
 def _image(name: str, value: Value) -> Float[np.ndarray, "H W"]:
     if isinstance(value, np.ndarray):
-        said, image = f"{name}, an image,", value.astype(np.float32)
+        label, image = f"{name}, an image,", value.astype(np.float32)
     else:
-        said = f"{name}={value}"
+        label = f"{name}={value}"
         if not isinstance(value, str | PathLike) or not isfile(value):
-            raise InputError(PARAMS, f"{said} is neither a number nor an image file")
+            raise InputError(PARAMS, f"{label} is neither a number nor an image file")
         image = read_picture(Path(str(value)))[..., :3].mean(axis=-1).astype(np.float32)
     if image.ndim != 2 or not image.size:
-        raise InputError(PARAMS, f"{said} has shape {image.shape}; expected (H, W)")
+        raise InputError(PARAMS, f"{label} has shape {image.shape}; expected (H, W)")
     if not ((image >= 0) & (image <= 1)).all():
-        raise InputError(PARAMS, f"{said} holds values outside 0 to 1")
+        raise InputError(PARAMS, f"{label} holds values outside 0 to 1")
     return image

@@ -13,7 +13,7 @@ from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.surface import KIND, SurfaceBundle
 from mesoshell.limits import check_memory
 from mesoshell.pathtracer import integrator, load_file, scene_dict
-from mesoshell.pathtracer.load import SceneShells, set_quality, stand_on
+from mesoshell.pathtracer.load import SceneShells, set_quality, set_shells
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
@@ -141,21 +141,21 @@ def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene,
     """The scene as Mitsuba's, and what the user should know."""
     if scene.material.kind == KIND:
         d = describe_surface(scene)
-        return _dressed(d, scene.material.surface, quality, d.mesh.notes)
+        return _made_surface(d, scene.material.surface, quality, d.mesh.notes)
     d, bundle = describe_shell(scene, progress), scene.material.shell
-    seen = twin_facts(scene, d, quality)
-    if bundle.twin is not None and plan_twin(seen, quality).on:
-        return _dressed(in_place(d), bundle.twin.surface, quality, d.notes, seen)
+    twin = twin_facts(scene, d, quality)
+    if bundle.twin is not None and plan_twin(twin, quality).on:
+        return _made_surface(in_place(d), bundle.twin.surface, quality, d.notes, twin)
     made = mi.load_dict(_parts(quality, d) | {"surface": scene_dict.surface(d.mesh, d.base_colour)})
     names = [p.name for p in bundle.parameters if p.role == "alpha"]
     maps = {name: scene_dict.over_uv(image) for name, image in d.maps.items()}
     alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
     medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
-    stand_on(made, SceneShells([(d.shell, medium)], convex=is_convex(d.mesh), twin=seen), quality)
+    set_shells(made, SceneShells([(d.shell, medium)], convex=is_convex(d.mesh), twin=twin), quality)
     return made, d.notes
 
 
-def _dressed(
+def _made_surface(
     d: SurfaceDescription,
     bundle: SurfaceBundle,
     quality: Quality,
@@ -163,11 +163,11 @@ def _dressed(
     twin: TwinFacts | None = None,
 ) -> tuple[mi.Scene, tuple[str, ...]]:
     """`_made` for a mesh with a surface material."""
-    worn = surface_tables(d.mesh, d.period, quality)
+    tables = surface_tables(d.mesh, d.period, quality)
     made = mi.load_dict(_parts(quality, d))
-    grown = SceneShells([], [(worn, SurfaceMaterial(bundle))], convex=is_convex(d.mesh), twin=twin)
-    stand_on(made, grown, quality)
-    return made, (*notes, *worn.notes(bundle.curvature))
+    grown = SceneShells([], [(tables, SurfaceMaterial(bundle))], convex=is_convex(d.mesh), twin=twin)
+    set_shells(made, grown, quality)
+    return made, (*notes, *tables.notes(bundle.curvature))
 
 
 def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[str, Any]:

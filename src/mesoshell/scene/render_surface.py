@@ -14,7 +14,7 @@ from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered, tiled_
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import describe_surface
 from mesoshell.surface_material.loader import ready
-from mesoshell.surface_material.renderer import RAYS, SurfaceScene, cut_short, dressed_tile, facts, render
+from mesoshell.surface_material.renderer import RAYS, SurfaceScene, cut_short, facts, render, tile_renderer
 from mesoshell.surface_material.scene import SurfaceDescription
 
 
@@ -34,21 +34,21 @@ def prepare_wearing(
     notes: tuple[str, ...],
 ) -> Prepared:
     """The described mesh with a bundle's material, ready to be rendered. twin: facts, if it replaces the scene's shell."""
-    worn = SurfaceScene(**vars(d), ready=ready(bundle))
-    effects = plan_effects(replace(facts(worn), twin=twin), quality, SURFACE)
+    surface = SurfaceScene(**vars(d), ready=ready(bundle))
+    effects = plan_effects(replace(facts(surface), twin=twin), quality, SURFACE)
 
     def work(progress: Progress) -> Rendered:
-        return _rendered(quality, effects, *render(worn, quality, effects, progress))
+        return _rendered(quality, effects, *render(surface, quality, effects, progress))
 
     def passes(other: Quality | None) -> Passes:
         chosen, report = other or quality, RenderReport()
-        tile = dressed_tile(worn, chosen, effects, report)
+        tile = tile_renderer(surface, chosen, effects, report)
 
         def ended(image: np.ndarray, samples: int) -> Rendered:
             report.notes += cut_short(report)
             return _rendered(chosen.with_changes(pixel_samples=samples), effects, image, report)
 
-        return tiled_passes(worn.camera, RAYS, tile, ended)
+        return tiled_passes(surface.camera, RAYS, tile, ended)
 
     return Prepared.now(scene, SURFACE.name, effects, (*notes, *left_out(effects)), begun, work, passes)
 

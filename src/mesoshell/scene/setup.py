@@ -65,7 +65,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
     patches = patches_per_uv(mesh, shell)
     shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
     repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
-    material, origin, said = _textured(scene, shell.uv, (values, shape, patches, repeats), progress)
+    material, origin, notes = _textured(scene, shell.uv, (values, shape, patches, repeats), progress)
     camera = camera_of(scene, box, thickness, up)
     lights, sky = lights_of(scene, camera, up)
     return ShellDescription(
@@ -82,7 +82,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
         base_colour=scene.base_colour,
         objects=tuple(mesh_of(x) for x in scene.objects),
         transparent=scene.transparent,
-        notes=(*mesh.notes, *shell.notes, *said),
+        notes=(*mesh.notes, *shell.notes, *notes),
     )
 
 
@@ -119,8 +119,8 @@ def _textured(
     texels = bundle.texel_density
     height, width = (n / texels for n in bundle.arrays["features/0"].shape[:2])
     small = needed.shape[1] > width + 2 or needed.shape[0] > height + 2
-    said = f"the mesh spans about {needed.shape[1]} × {needed.shape[0]} patches, the texture {width:g} × {height:g}: "
-    return bundle, (u, v), [said + "its last texels repeat beyond its edges"] if small else []
+    note = f"the mesh spans about {needed.shape[1]} × {needed.shape[0]} patches, the texture {width:g} × {height:g}: "
+    return bundle, (u, v), [note + "its last texels repeat beyond its edges"] if small else []
 
 
 def describe_surface(scene: Scene) -> SurfaceDescription:

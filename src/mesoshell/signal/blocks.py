@@ -90,10 +90,10 @@ def up_bend_down(
 def _each(
     block: Callable[[Array], Array],
     x: Float[Array, "B H W C"],
-    seen: tuple[int, int],
+    window: tuple[int, int],
     shape: tuple[int, int, int],
 ) -> Array:
-    """y of all blocks. seen: rows of x that a block reads, and the step to the next; shape: blocks, their rows and columns."""
+    """y of all blocks. window: rows of x that a block reads, the step to the next; shape: blocks, their rows and columns."""
     blocks, rows, columns = shape
     batch, _, width, channels = x.shape
     wide = _block_channels(channels)
@@ -101,7 +101,7 @@ def _each(
 
     def one(k: Array, y: Array) -> Array:
         image, group, i = k // (groups * blocks), k // blocks % groups, k % blocks
-        part = jax.lax.dynamic_slice(x, (image, i * seen[1], 0, group * wide), (1, seen[0], width, wide))
+        part = jax.lax.dynamic_slice(x, (image, i * window[1], 0, group * wide), (1, window[0], width, wide))
         return jax.lax.dynamic_update_slice(y, block(part[0])[None], (image, i * rows, 0, group * wide))
 
     like = jnp.zeros((batch, blocks * rows, columns, channels), x.dtype)

@@ -45,18 +45,18 @@ def examine(scene: Scene, count: int, progress: Callable[[float], None] = lambda
         surface.of_chart(d.shell),
         surface.of_sides(d.shell, rng),
     ]
-    found = walk_through(made, thickness, count, rng, lambda share: progress(0.2 + 0.5 * share))
-    checks += found.checks
+    walks = walk_through(made, thickness, count, rng, lambda share: progress(0.2 + 0.5 * share))
+    checks += walks.checks
     checks += of_material(made, rng)
     progress(0.8)
     quality = PRESETS["normal"]
     picture = render(made, quality, plan_effects(facts(made), quality))[0]
     wrong = ~np.isfinite(picture).all(axis=2) | (picture < 0).any(axis=2)
     brightest = np.max(picture[..., :3], where=np.isfinite(picture[..., :3]), initial=0)
-    said = f"{wrong.sum()} of {wrong.size} pixels are negative or not finite; the brightest is {brightest:.3g}"
-    checks.append(Check("radiance", said, float(wrong.sum()), 0.0))
+    line = f"{wrong.sum()} of {wrong.size} pixels are negative or not finite; the brightest is {brightest:.3g}"
+    checks.append(Check("radiance", line, float(wrong.sum()), 0.0))
     progress(1.0)
-    return Stability(tuple(checks), picture, found.first, kept, found.excess)
+    return Stability(tuple(checks), picture, walks.first, kept, walks.excess)
 
 
 def _smaller(camera: Camera) -> Camera:

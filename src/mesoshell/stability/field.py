@@ -38,34 +38,34 @@ def of_material(scene: Scene, rng: np.random.Generator) -> list[Check]:
     toward[..., 2] = np.abs(toward[..., 2])
     w, w_light = (toward / np.linalg.norm(toward, axis=-1, keepdims=True)).astype(np.float32)
     point = Point(*(jnp.asarray(x, jnp.float32) for x in (xi, radius, radius / 10, alpha)))
-    x, sigma, rho = (np.asarray(v) for v in _asked(ready.layout, ready.material, point, w, w_light))
+    x, sigma, rho = (np.asarray(v) for v in _network_queries(ready.layout, ready.material, point, w, w_light))
     checks = [_finite(sigma, rho)]
     exact_sigma, exact_rho = decode(ready.material.decoder, x, w, w_light, np.dtype(np.float64))
     a, rest = _opacity(exact_sigma), (exact_sigma, exact_rho)
     error = np.max([np.abs(_opacity(sigma) - a).max(), _of_light(sigma, rho, *rest)])  # NaN stays
-    said = f"float32 changes opacity and reflected light by at most {error:.1g}"
-    checks.append(Check("network", said, float(error), ERROR))
+    line = f"float32 changes opacity and reflected light by at most {error:.1g}"
+    checks.append(Check("network", line, float(error), ERROR))
     short = {k: decode(ready.material.decoder, x, w, w_light, kind)[0] for k, kind in SHORT.items()}
     off = {k: float(np.sqrt(np.mean((_opacity(v) - a) ** 2) / max(np.mean(a**2), 1e-30))) for k, v in short.items()}
-    told = "; ".join(
+    line = "; ".join(
         f"{k} changes opacity by {v:.2%} (rms)" if np.isfinite(v) else f"{k} overflows" for k, v in off.items()
     )
-    checks.append(Check("16 bits", told, 0.0, None))
+    checks.append(Check("16 bits", line, 0.0, None))
     level = point.radius == 0
     limit = np.asarray(
         _bounds(StaticConfig(ready.layout, ready.grid_shapes, False, 1, False, ()), ready.grid, point.xi)
     )
     above = (sigma > limit)[np.asarray(level)]
     lost = (_opacity(sigma) - _opacity(limit))[np.asarray(level)][above]
-    said = f"{above.mean():.2%} of points are denser than the bound by which empty space is skipped"
-    said += f", by {lost.mean():.2f} in opacity" if above.any() else ""
-    return [*checks, Check("skipping", said, 0.0, None)]
+    line = f"{above.mean():.2%} of points are denser than the bound by which empty space is skipped"
+    line += f", by {lost.mean():.2f} in opacity" if above.any() else ""
+    return [*checks, Check("skipping", line, 0.0, None)]
 
 
 def _finite(sigma: np.ndarray, rho: np.ndarray) -> Check:
     wrong = ~(np.isfinite(sigma) & (sigma >= 0) & (np.isfinite(rho) & (rho >= 0)).all(axis=1))
-    said = f"{wrong.sum()} of {len(wrong)} points have a density or reflectance that is negative or not finite"
-    return Check("material", f"{said}; the greatest density is {sigma.max():.3g}", float(wrong.sum()), 0.0)
+    line = f"{wrong.sum()} of {len(wrong)} points have a density or reflectance that is negative or not finite"
+    return Check("material", f"{line}; the greatest density is {sigma.max():.3g}", float(wrong.sum()), 0.0)
 
 
 def _opacity(sigma: Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
@@ -79,7 +79,7 @@ def _of_light(sigma: np.ndarray, rho: np.ndarray, exact_sigma: np.ndarray, exact
 
 
 @partial(jax.jit, static_argnums=0)
-def _asked(
+def _network_queries(
     layout: Layout, material: Material, point: Point, w: Float[Array, "N 3"], w_light: Float[Array, "N 3"]
 ) -> tuple[Float[Array, "N I"], Float[Array, "N"], Float[Array, "N 3"]]:
     """Inputs of the network, σ and ρ of many points."""

@@ -19,19 +19,21 @@ if TYPE_CHECKING:
 LEAST, MOST = 1e-4, 10.0
 
 
-def png_of(found: "Stability") -> bytes:
+def png_of(stability: "Stability") -> bytes:
     """The picture as a PNG file."""
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
 
-    high, wide = found.first.shape
+    high, wide = stability.first.shape
     figure = Figure(figsize=(12, 12 / 3.3 * min(high / wide, 2) + 0.6), dpi=100, layout="constrained")
     panels = figure.subplots(1, 3)
-    panels[0].imshow(linear_to_srgb(np.clip(over_backdrop(np.nan_to_num(found.picture)), 0, 1)))
+    panels[0].imshow(linear_to_srgb(np.clip(over_backdrop(np.nan_to_num(stability.picture)), 0, 1)))
     panels[0].set_title("the scene", fontsize=10)
-    kept = panels[1].imshow(_seen(found, found.kept), cmap="viridis", vmin=0, vmax=1)
+    kept = panels[1].imshow(_where_visible(stability, stability.kept), cmap="viridis", vmin=0, vmax=1)
     panels[1].set_title("share of the thickness that is kept", fontsize=10)
-    over = panels[2].imshow(_seen(found, np.clip(found.excess, LEAST, MOST)), cmap="magma", norm=LogNorm(LEAST, MOST))
+    over = panels[2].imshow(
+        _where_visible(stability, np.clip(stability.excess, LEAST, MOST)), cmap="magma", norm=LogNorm(LEAST, MOST)
+    )
     panels[2].set_title("how far off a place is, over what it may be", fontsize=10)
     for panel, shown in ((panels[1], kept), (panels[2], over)):
         figure.colorbar(shown, ax=panel, shrink=0.8)
@@ -42,6 +44,6 @@ def png_of(found: "Stability") -> bytes:
     return file.getvalue()
 
 
-def _seen(found: "Stability", value: np.ndarray) -> np.ma.MaskedArray:
+def _where_visible(stability: "Stability", value: np.ndarray) -> np.ma.MaskedArray:
     """A value of each prism, at the pixels that see one."""
-    return np.ma.masked_where(found.first < 0, value[np.maximum(found.first, 0)])
+    return np.ma.masked_where(stability.first < 0, value[np.maximum(stability.first, 0)])

@@ -34,27 +34,27 @@ def of_mesh(mesh: Mesh) -> Check:
 def of_grid(shell: Shell, T: float) -> Check:
     """How fine the mesh's coordinates are, so far from the origin."""
     step = float(np.spacing(np.abs(shell.base).max()))
-    said = f"the mesh's coordinates are rounded to {step / T:.1g} of the thickness"
-    return Check("offset", said, step / T, GRID)
+    line = f"the mesh's coordinates are rounded to {step / T:.1g} of the thickness"
+    return Check("offset", line, step / T, GRID)
 
 
 def of_folds(shell: Shell) -> Check:
     """Whether a prism is folded."""
     least = least_jacobian(shell)
     folded = (~(least > 0)).sum()
-    said = f"{folded} of {counted(len(least), 'prism')} folded; the least Jacobian keeps {least.min():.2g} of its base"
-    return Check("folds", said, float(folded), 0.0)
+    line = f"{folded} of {counted(len(least), 'prism')} folded; the least Jacobian keeps {least.min():.2g} of its base"
+    return Check("folds", line, float(folded), 0.0)
 
 
 def of_thickness(shell: Shell, T: float, wanted: int) -> Check:
     """Where the shell is thinner than asked for. wanted: faces of the mesh."""
     kept = np.linalg.norm(shell.offset.astype(np.float64), axis=1) / T
     thin = kept < 1 - 1e-6
-    said = f"{thin.sum()} of {counted(len(kept), 'vertex', 'vertices')} thinned" + (
+    line = f"{thin.sum()} of {counted(len(kept), 'vertex', 'vertices')} thinned" + (
         f", to {kept.min():.2g} at least" if thin.any() else ""
     )
     without = wanted - len(shell.faces)
-    return Check("thickness", said + (f"; {counted(without, 'face')} without a prism" if without else ""), 0.0, None)
+    return Check("thickness", line + (f"; {counted(without, 'face')} without a prism" if without else ""), 0.0, None)
 
 
 def of_chart(shell: Shell) -> Check:
@@ -65,9 +65,9 @@ def of_chart(shell: Shell) -> Check:
     apart = np.maximum(apart, np.abs(shell.uv[prism, (k + 1) % 3] - shell.uv[other, edge]).max(axis=1))
     u, v = np.moveaxis(shell.uv[:, 1:].astype(np.float64) - shell.uv[:, :1], 1, 0)
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    said = f"seams along {(apart > 1e-5).mean() if len(apart) else 0:.1%} of inner edges"
-    said += f"; {(area < 0).sum()} prisms mirrored, {(area == 0).sum()} without area in UV"
-    return Check("chart", said, 0.0, None)
+    line = f"seams along {(apart > 1e-5).mean() if len(apart) else 0:.1%} of inner edges"
+    line += f"; {(area < 0).sum()} prisms mirrored, {(area == 0).sum()} without area in UV"
+    return Check("chart", line, 0.0, None)
 
 
 def of_sides(shell: Shell, rng: np.random.Generator) -> Check:
@@ -96,9 +96,9 @@ def of_sides(shell: Shell, rng: np.random.Generator) -> Check:
     true = np.stack([u, h], axis=1)
     wrong = ~((np.abs(place - true).max(axis=1) <= PLACE) & (inside >= 0))
     missed = ~(np.abs(naive - u) <= PLACE)
-    said = f"{(wrong & ~doubt).sum()} of {count} places on sides wrong and not in doubt; {doubt.mean():.2%} in doubt"
-    said += f"; {planar.mean():.1%} of sides near-planar; the textbook's quadratic would miss {missed.mean():.2%}"
-    return Check("sides", said, float((wrong & ~doubt).sum()), 0.0)
+    line = f"{(wrong & ~doubt).sum()} of {count} places on sides wrong and not in doubt; {doubt.mean():.2%} in doubt"
+    line += f"; {planar.mean():.1%} of sides near-planar; the textbook's quadratic would miss {missed.mean():.2%}"
+    return Check("sides", line, float((wrong & ~doubt).sum()), 0.0)
 
 
 @jax.jit
@@ -107,9 +107,9 @@ def _left(
 ) -> tuple[Float[Array, "S 2"], Float[Array, "S"], Array, Float[Array, "S"]]:
     """Where rays from 0 leave through sides: (u, h), how far inside, whether in doubt; and the textbook's u."""
     f = jax.vmap(jax.vmap(post_function, in_axes=(None, 0, 0)))(d, p, n)
-    found = jax.vmap(leave_side)(d, p, n, f)
+    leaving = jax.vmap(leave_side)(d, p, n, f)
     e, m = p[:, 1] - p[:, 0], n[:, 1] - n[:, 0]
     a = jnp.sum(d * jnp.cross(e, m), axis=1)
     b, c = f[:, 1] - f[:, 0] - a, f[:, 0]
     naive = (-b + jnp.sqrt(b * b - 4 * a * c)) / (2 * a)
-    return jnp.stack([found.u, found.h], axis=1), found.inside, found.doubt, naive
+    return jnp.stack([leaving.u, leaving.h], axis=1), leaving.inside, leaving.doubt, naive

@@ -89,8 +89,8 @@ def walk_through(
         _of_coordinates(inverted[0]),
     ]
     first = np.full(camera.width * camera.height, -1)
-    seen = many["camera"].trace.intervals
-    first[seen.ray[::-1]] = seen.prism[::-1]
+    intervals = many["camera"].trace.intervals
+    first[intervals.ray[::-1]] = intervals.prism[::-1]
     return Walks(checks, first.reshape(camera.height, camera.width), excess)
 
 
@@ -148,14 +148,14 @@ def _of_edges(aimed: list[Walked], near: float, excess: np.ndarray) -> Check:
     for walked, which in zip(aimed, leaking, strict=True):
         _raise(excess, walked.rays.prism[which], 1 / OFF)
     count, tried = sum(x.sum() for x in leaking), sum(np.isfinite(walked.rays.reach).sum() for walked in aimed)
-    said = f"{count} of {tried} rays at posts and sides that prisms share miss the shell there, from near or from afar"
-    return _rare("edges", said, count, tried, LEAKS)
+    line = f"{count} of {tried} rays at posts and sides that prisms share miss the shell there, from near or from afar"
+    return _rare("edges", line, count, tried, LEAKS)
 
 
 def _of_surface(front: Walked, near: float) -> Check:
     through = passing(front, near)
-    said = f"{through.sum()} of {len(through)} rays at the front of its vertices and edges go through the surface"
-    return _rare("surface", said, through.sum(), len(through), LEAKS)
+    line = f"{through.sum()} of {len(through)} rays at the front of its vertices and edges go through the surface"
+    return _rare("surface", line, through.sum(), len(through), LEAKS)
 
 
 def _of_prisms(inverted: list[Middles], excess: np.ndarray) -> Check:
@@ -163,8 +163,8 @@ def _of_prisms(inverted: list[Middles], excess: np.ndarray) -> Check:
         _raise(excess, some.prism, some.outside / OUTSIDE)
     outside = np.concatenate([some.outside for some in inverted])
     astray, worst = (~(outside <= OUTSIDE)).sum(), outside.max(initial=0)
-    said = f"{astray} of {len(outside)} intervals lie in a neighbour of their prism (worst λ or h: {worst:.1g} outside)"
-    return _rare("prisms", said, astray, len(outside), ASTRAY)
+    line = f"{astray} of {len(outside)} intervals lie in a neighbour of their prism (worst λ or h: {worst:.1g} outside)"
+    return _rare("prisms", line, astray, len(outside), ASTRAY)
 
 
 def _of_joins(shell: Shell, many: Iterable[Walked], T: float, excess: np.ndarray) -> Check:
@@ -173,8 +173,8 @@ def _of_joins(shell: Shell, many: Iterable[Walked], T: float, excess: np.ndarray
         prism, off = joins(shell, walked, T)
         _raise(excess, prism, off / OFF)
         worst, count = float(np.maximum(worst, off.max(initial=0))), count + len(off)
-    said = f"{count} places, from prism to prism, are off by {worst:.1g} of the thickness at most"
-    return Check("crossings", said, worst, OFF)
+    line = f"{count} places, from prism to prism, are off by {worst:.1g} of the thickness at most"
+    return Check("crossings", line, worst, OFF)
 
 
 def _of_precision(sharp: list[Walked], camera: Walked, T: float, excess: np.ndarray) -> Check:
@@ -184,8 +184,8 @@ def _of_precision(sharp: list[Walked], camera: Walked, T: float, excess: np.ndar
         _raise(excess, i.prism, off[i.ray] / OFF)
         worst = float(np.maximum(worst, off.max(initial=0)))
     again = camera.trace.redone / max(camera.trace.walked, 1)
-    said = f"float32 changes lengths in the shell by {worst:.1g} of the thickness at most"
-    return Check("precision", f"{said}; {again:.2%} of the camera's walks are redone in float64", worst, OFF)
+    line = f"float32 changes lengths in the shell by {worst:.1g} of the thickness at most"
+    return Check("precision", f"{line}; {again:.2%} of the camera's walks are redone in float64", worst, OFF)
 
 
 def _of_grazing(shell: Shell, grazing: Walked, T: float) -> Check:
@@ -193,8 +193,8 @@ def _of_grazing(shell: Shell, grazing: Walked, T: float) -> Check:
     corner = shell.base[shell.faces].astype(np.float64)
     width = float(np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2).mean())
     off = differences(grazing, T).max(initial=0)
-    said = f"float32 changes rays at {ANGLE:g} to the top by {off:.1g} of the thickness at most"
-    return Check("grazing", said, float(off), OFF * max(1.0, width / T))
+    line = f"float32 changes rays at {ANGLE:g} to the top by {off:.1g} of the thickness at most"
+    return Check("grazing", line, float(off), OFF * max(1.0, width / T))
 
 
 def _of_coordinates(camera: Middles) -> Check:
@@ -202,14 +202,14 @@ def _of_coordinates(camera: Middles) -> Check:
     if not len(camera.off):
         return Check("coordinates", "the camera does not see the shell", 0.0, None)
     usual, most = np.quantile(camera.off, (0.5, 0.99))
-    said = f"interpolated ones are off by {usual:.1g} of the thickness (median), {most:.1g} at the 99th percentile"
-    return Check("coordinates", said + (": consider coordinates=exact" if most > 0.05 else ""), most, None)
+    line = f"interpolated ones are off by {usual:.1g} of the thickness (median), {most:.1g} at the 99th percentile"
+    return Check("coordinates", line + (": consider coordinates=exact" if most > 0.05 else ""), most, None)
 
 
-def _rare(name: str, said: str, count: int | np.integer, tried: int | np.integer, most: float) -> Check:
+def _rare(name: str, line: str, count: int | np.integer, tried: int | np.integer, most: float) -> Check:
     """A check on a share, of which one may always be lost."""
     tried = max(int(tried), 1)
-    return Check(name, said, int(count) / tried, max(most, 1 / tried))
+    return Check(name, line, int(count) / tried, max(most, 1 / tried))
 
 
 def _raise(excess: np.ndarray, prism: Int[np.ndarray, "N"], value: Float[np.ndarray, "N"] | float) -> None:

@@ -39,9 +39,9 @@ class Local(NamedTuple):
 class SurfaceIntersector:
     """A mesh ready for intersection. others: triangles of further objects, numbered after the mesh's faces."""
 
-    def __init__(self, worn: SurfaceTables, others: Float[np.ndarray, "N 3 3"]):
-        mesh = worn.mesh
-        self.worn, self.count = worn, len(mesh.faces)
+    def __init__(self, tables: SurfaceTables, others: Float[np.ndarray, "N 3 3"]):
+        mesh = tables.mesh
+        self.tables, self.count = tables, len(mesh.faces)
         self.corners = np.concatenate([mesh.vertices[mesh.faces].astype(np.float64), others])
         self.normal = _unit(np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]))
         self.size = float(np.ptp(self.corners.reshape(-1, 3), axis=0).max())
@@ -62,19 +62,19 @@ class SurfaceIntersector:
     ) -> Local:
         """Queries to the material at hits. d: directions of their rays; cone: standard deviation of each ray's footprint across
         it, world."""
-        worn, mesh = self.worn, self.worn.mesh
+        tables, mesh = self.tables, self.tables.mesh
         face, bary = hits.face[rows], hits.bary[rows]
         n = _unit(np.einsum("hk,hki->hi", bary, mesh.normals[mesh.faces[face]].astype(np.float64)))
-        t = worn.along_u[face] - _dot(worn.along_u[face], n)[:, None] * n
+        t = tables.along_u[face] - _dot(tables.along_u[face], n)[:, None] * n
         t = _unit(np.where(_dot(t, t)[:, None] > 1e-24, t, np.cross(n, _least(n))))
         b = np.cross(n, t)
-        b = np.where(_dot(b, worn.along_v[face])[:, None] < 0, -b, b)
+        b = np.where(_dot(b, tables.along_v[face])[:, None] < 0, -b, b)
         axes = np.stack([t, b, n], axis=1)
         w = -np.einsum("hij,hj->hi", axes, d)
         w[:, 2] = np.maximum(w[:, 2], LEAST)
-        u = np.einsum("hk,hkc->hc", bary, worn.uv[face])
-        kappa = lookup(worn.table, mesh.faces[face], bary, d) * worn.period
-        return Local(u % 1.0, cone / worn.period, _unit(w), kappa, axes)
+        u = np.einsum("hk,hkc->hc", bary, tables.uv[face])
+        kappa = lookup(tables.table, mesh.faces[face], bary, d) * tables.period
+        return Local(u % 1.0, cone / tables.period, _unit(w), kappa, axes)
 
     def facing(self, hits: Hits, rows: Int[np.ndarray, "H"], d: Float[np.ndarray, "H 3"]) -> np.ndarray:
         """Normals of hit faces, turned against the ray."""

@@ -11,7 +11,7 @@ T            a module's texture: a pyramid whose levels are learned separately, 
 u′           u − offset · d · (ω_x, ω_y): T_d(u), ω, κ → d
 ρ            T_ρ(u′), ω, ω′, κ → radiance over irradiance on the plane facing the light, of rays that meet something     1/sr
 
-Opacity and offset do not depend on the light: `seen` is evaluated once for several lights.
+Opacity and offset do not depend on the light: `eval_opacity` is evaluated once for several lights.
 """
 
 from dataclasses import dataclass
@@ -96,14 +96,14 @@ class OpacityEval(NamedTuple):
 def init_surface(config: SurfaceConfig, key: Key[Array, ""]) -> Surface:
     """Textures of small random numbers; initially an opaque surface."""
 
-    def module(key: Array, seen: int, out: int, bias: float = 0.0) -> Module:
+    def module(key: Array, inputs: int, out: int, bias: float = 0.0) -> Module:
         first, second, third = jax.random.split(key, 3)
         keys = jax.random.split(first, len(config.sizes))
         levels = [
             0.1 * jax.random.normal(k, (*size, config.channels), jnp.float32)
             for k, size in zip(keys, config.sizes, strict=True)
         ]
-        hidden = init_mlp(second, (config.channels + seen, *config.hidden))
+        hidden = init_mlp(second, (config.channels + inputs, *config.hidden))
         last = init_dense(third, config.hidden[-1], out, gain=0.1)
         return Module(levels, hidden, last._replace(bias=last.bias + bias))
 
@@ -127,7 +127,7 @@ def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "
     return jnp.einsum("ij,kl,jlc->ikc", weight, weight, texture, precision="highest")
 
 
-def seen(config: SurfaceConfig, table: Tables, place: SurfaceQuery) -> OpacityEval:
+def eval_opacity(config: SurfaceConfig, table: Tables, place: SurfaceQuery) -> OpacityEval:
     """α, and the features for `reflectance`."""
     surface, kappa = table.surface, place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
     level = mip.level_of(place.radius, float(config.texels), len(config.sizes) - 1)

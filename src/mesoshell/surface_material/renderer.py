@@ -32,7 +32,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.surface_material.intersector import ADVANCE, Hits, Local, SurfaceIntersector
 from mesoshell.surface_material.loader import DeviceMaterial
-from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, reflectance, seen
+from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, eval_opacity, reflectance
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
 from mesoshell.typing import Array
@@ -76,25 +76,25 @@ def render(
 ) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
     """Linear RGBA, premultiplied, and a report. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
-    tile = dressed_tile(scene, quality, effects, report)
+    tile = tile_renderer(scene, quality, effects, report)
     image = render_tiles(scene.camera, quality.pixel_samples, RAYS, tile, progress)
     report.time("wall", begin)
     report.notes += cut_short(report)
     return image, report
 
 
-def dressed_tile(scene: SurfaceScene, quality: Quality, effects: Effects, report: RenderReport) -> TileRenderer:
+def tile_renderer(scene: SurfaceScene, quality: Quality, effects: Effects, report: RenderReport) -> TileRenderer:
     """What renders tiles of rays of a scene, and adds to the report."""
     begin = time.perf_counter()
     others = [m.vertices[m.faces].astype(np.float64) for m in scene.objects]
-    dressed = SurfaceIntersector(
+    intersector = SurfaceIntersector(
         surface_tables(scene.mesh, scene.period, quality), np.concatenate([np.zeros((0, 3, 3)), *others])
     )
-    report.notes = dressed.worn.notes(scene.ready.curvature)
+    report.notes = intersector.tables.notes(scene.ready.curvature)
     report.time("prepare", begin)
 
     def tile(o: np.ndarray, d: np.ndarray, shift: float, random: np.random.Generator) -> np.ndarray:
-        return _Tile(scene, dressed, quality, effects, report).rgba(o, d, random)
+        return _Tile(scene, intersector, quality, effects, report).rgba(o, d, random)
 
     return tile
 
@@ -108,8 +108,16 @@ def cut_short(report: RenderReport) -> tuple[str, ...]:
 class _Tile:
     """Rays that are rendered together."""
 
-    def __init__(self, scene, dressed: SurfaceIntersector, quality: Quality, effects: Effects, report: RenderReport):
-        self.scene, self.dressed, self.quality, self.effects, self.report = scene, dressed, quality, effects, report
+    def __init__(
+        self, scene, intersector: SurfaceIntersector, quality: Quality, effects: Effects, report: RenderReport
+    ):
+        self.scene, self.intersector, self.quality, self.effects, self.report = (
+            scene,
+            intersector,
+            quality,
+            effects,
+            report,
+        )
         self.spread = pixel_radius(scene.camera.spread) / 2
 
     def rgba(self, o: np.ndarray, d: np.ndarray, random: np.random.Generator) -> Float[np.ndarray, "R 4"]:
@@ -121,12 +129,12 @@ class _Tile:
         alive = np.arange(count)
         for _ in range(MOST):
             clock = time.perf_counter()
-            hits = self.dressed.meet(o[alive] + start[alive, None] * d[alive], d[alive])
+            hits = self.intersector.meet(o[alive] + start[alive, None] * d[alive], d[alive])
             self.report.time("trace", clock, rays=len(alive))
             met = hits.face >= 0
-            start[alive] += np.where(met, hits.t + ADVANCE * (self.dressed.size + hits.t), 0)
-            ours = np.flatnonzero(met & hits.front & (hits.face < self.dressed.count))
-            other = np.flatnonzero(hits.face >= self.dressed.count)
+            start[alive] += np.where(met, hits.t + ADVANCE * (self.intersector.size + hits.t), 0)
+            ours = np.flatnonzero(met & hits.front & (hits.face < self.intersector.count))
+            other = np.flatnonzero(hits.face >= self.intersector.count)
             for rows, shade in ((ours, self._material), (other, self._diffuse)):
                 ray = alive[rows]
                 alpha, light = shade(hits, rows, (o[ray], d[ray], start[ray]), _some(lights, ray))
@@ -146,14 +154,14 @@ class _Tile:
         """α of hits, and the radiance that they reflect."""
         o, d, t = ray
         clock = time.perf_counter()
-        local = self.dressed.queries(hits, rows, d, self.spread * t)
+        local = self.intersector.queries(hits, rows, d, self.spread * t)
         if not lights:
             alpha = _opacity(self.scene.ready, local)
             self.report.time("query", clock, queries=len(rows))
             return alpha, np.zeros((len(rows), 3))
         toward = [np.einsum("hij,hj->hi", local.axes, beam.toward) for beam in lights]
         alpha, rho = _answered(self.scene.ready, local, np.stack(toward, axis=1))
-        normal = self.dressed.facing(hits, rows, d)
+        normal = self.intersector.facing(hits, rows, d)
         self.report.time("query", clock, queries=len(rows), transport_queries=len(rows) * len(lights))
         out = np.zeros((len(rows), 3))
         for k, beam in enumerate(lights):
@@ -163,12 +171,12 @@ class _Tile:
     def _diffuse(self, hits: Hits, rows: np.ndarray, ray: tuple, lights: list[Beam]) -> tuple[np.ndarray, np.ndarray]:
         """The same for other objects."""
         o, d, t = ray
-        normal = self.dressed.facing(hits, rows, d)
+        normal = self.intersector.facing(hits, rows, d)
         out = np.zeros((len(rows), 3))
         for beam in lights:
             cosine = np.maximum(np.einsum("ij,ij->i", normal, beam.toward), 0)
-            seen = self._visible(o, d, t, normal, beam.toward)
-            out += (cosine * seen)[:, None] * beam.strength * np.asarray(self.scene.base_colour) / np.pi
+            visibility = self._visible(o, d, t, normal, beam.toward)
+            out += (cosine * visibility)[:, None] * beam.strength * np.asarray(self.scene.base_colour) / np.pi
         return np.ones(len(rows)), out
 
     def _visible(self, o, d, t, normal, toward) -> Float[np.ndarray, "H"]:
@@ -178,18 +186,18 @@ class _Tile:
         if not (self.effects.mesh_shadow.on or self.effects.object_shadow.on) or not len(t):
             return through
         clock = time.perf_counter()
-        away = 4 * ADVANCE * (self.dressed.size + t) * np.where(np.einsum("ij,ij->i", normal, toward) < 0, -1, 1)
+        away = 4 * ADVANCE * (self.intersector.size + t) * np.where(np.einsum("ij,ij->i", normal, toward) < 0, -1, 1)
         x, start, alive = o + t[:, None] * d + away[:, None] * normal, np.zeros(len(t)), np.arange(len(t))
         queries = 0
         for _ in range(MOST):
-            hits = self.dressed.meet(x[alive] + start[alive, None] * toward[alive], toward[alive])
+            hits = self.intersector.meet(x[alive] + start[alive, None] * toward[alive], toward[alive])
             met = hits.face >= 0
-            start[alive] += np.where(met, hits.t + ADVANCE * (self.dressed.size + hits.t), 0)
-            through[alive[hits.face >= self.dressed.count]] = 0
-            rows = np.flatnonzero(met & hits.front & (hits.face < self.dressed.count))
+            start[alive] += np.where(met, hits.t + ADVANCE * (self.intersector.size + hits.t), 0)
+            through[alive[hits.face >= self.intersector.count]] = 0
+            rows = np.flatnonzero(met & hits.front & (hits.face < self.intersector.count))
             ray = alive[rows]
             if self.effects.opacity.on:
-                local = self.dressed.queries(hits, rows, toward[ray], self.spread * t[ray])
+                local = self.intersector.queries(hits, rows, toward[ray], self.spread * t[ray])
                 alpha = _opacity(self.scene.ready, local)
                 queries += len(rows)
             else:
@@ -228,7 +236,7 @@ def _rows(ready: DeviceMaterial, local: Local) -> tuple[np.ndarray, ...]:
 
 @partial(jax.jit, static_argnums=0)
 def _ask_opacity(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> Array:
-    alpha = jax.vmap(lambda *x: seen(config, table, SurfaceQuery(*x)).alpha)
+    alpha = jax.vmap(lambda *x: eval_opacity(config, table, SurfaceQuery(*x)).alpha)
     return in_tiles(lambda *x: (alpha(*x),), count, rows, ((0, jnp.float32),))[0]
 
 
@@ -236,7 +244,7 @@ def _ask_opacity(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], 
 def _ask(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> tuple[Array, Array]:
     def one(u: Array, radius: Array, w: Array, kappa: Array, light: Array) -> tuple[Array, Array]:
         place = SurfaceQuery(u, radius, w, kappa)
-        opacity = seen(config, table, place)
+        opacity = eval_opacity(config, table, place)
         return opacity.alpha, jax.vmap(lambda l: reflectance(config, table, place, opacity, l))(light).reshape(-1)
 
     return in_tiles(jax.vmap(one), count, rows, ((0, jnp.float32), (3 * rows[-1].shape[1], jnp.float32)))

@@ -38,11 +38,11 @@ class SurfaceTables:
         if not wrong:
             return self.table.notes
         low, high = (self.period * x for x in range_of(self.table))
-        said = (
+        note = (
             f"curvature is outside the trained {trained[0]:g} to {trained[1]:g} per period at {wrong} of {len(kappa)} "
             f"vertices ({low:.2g} to {high:.2g}) and taken as the nearest value inside: a smaller scale lowers it"
         )
-        return (*self.table.notes, said)
+        return (*self.table.notes, note)
 
 
 def surface_tables(mesh: Mesh, period: float, quality: Quality) -> SurfaceTables:

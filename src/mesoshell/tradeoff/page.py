@@ -48,17 +48,17 @@ def page(made: "Tradeoff") -> str:
     kept = made.front
     noise, best = made.reference.noise, kept[-1]
     head = f"<!doctype html><html lang=en><meta charset=utf-8><title>What accuracy costs</title><style>{_STYLE}</style>"
-    said = (
+    intro = (
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
         f"beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference ({_counted(made)}) whose own "
         f"noise of {noise:.4f} is taken off, and below which nothing is told; the least error here is {best.flip:.4f}."
     )
     if not made.clear(best):
-        said += " <b>What is less than 10 times that is not told apart with certainty</b>, and drawn hollow: more minutes, in a"
-        said += " new folder, help."
-    data = json.dumps([{"said": _said(e), "how": _how(made, e)} for e in kept]).replace("<", "\\u003c")
+        intro += " <b>What is less than 10 times that is not told apart with certainty</b>, and drawn hollow: more minutes, in"
+        intro += " a new folder, help."
+    data = json.dumps([{"said": _summary(e), "how": _how(made, e)} for e in kept]).replace("<", "\\u003c")
     parts = [
-        f"<h1>What accuracy costs in time</h1><p>{said}</p>",
+        f"<h1>What accuracy costs in time</h1><p>{intro}</p>",
         "<p class=ends><label for=at>fast</label> <input type=range id=at min=0 "
         f'max={len(kept) - 1} value={len(kept) // 2} aria-label="along the front, from fast to accurate"> '
         "<span>accurate</span></p><p class=said id=said></p><p>Render it so: <code id=how></code></p>",
@@ -93,7 +93,7 @@ def _figure(name: str, caption: str) -> str:
     return f"<figure><img class=shot id={name} alt='{caption}'><figcaption>{caption}</figcaption></figure>"
 
 
-def _said(e: Entry) -> str:
+def _summary(e: Entry) -> str:
     low, median, high = e.point.seconds
     spread = (high - low) / 2 / median
     return f"{e.seconds:.2f} s ± {100 * spread:.0f}%, FLIP {e.flip:.4f}: {e.described}"
@@ -177,21 +177,21 @@ def _knob_plots(made: "Tradeoff") -> str:
     """Time against error of one knob a plot."""
     from matplotlib.figure import Figure
 
-    alone = {name: found for name in made.names if len(found := _alone(made, name)) > 1}
+    alone = {name: points for name in made.names if len(points := _alone(made, name)) > 1}
     base = made.preset("normal")
     if base is None or not alone:
         return ""
     rows = -(-len(alone) // 4)
     figure = Figure(figsize=(12, 2.7 * rows), layout="constrained")
     grid = figure.subplots(rows, 4, squeeze=False).ravel()
-    most = 1.2 * max(p.error(_equal(made)) for found in alone.values() for p in found)
+    most = 1.2 * max(p.error(_equal(made)) for points in alone.values() for p in points)
     for axes in grid[len(alone) :]:
         axes.axis("off")
-    for axes, (name, found) in zip(grid, alone.items(), strict=False):
-        x, y = [p.seconds[1] / base.seconds[1] for p in found], [p.error(_equal(made)) for p in found]
+    for axes, (name, points) in zip(grid, alone.items(), strict=False):
+        x, y = [p.seconds[1] / base.seconds[1] for p in points], [p.error(_equal(made)) for p in points]
         axes.plot(x, y, "o-", color="C0", markersize=4)
         axes.plot(1, base.error(_equal(made)), "o", markersize=10, markerfacecolor="none", color="C3")
-        for p, a, b in zip(found, x, y, strict=True):
+        for p, a, b in zip(points, x, y, strict=True):
             axes.annotate(str(p.settings[name]), (a, b), textcoords="offset points", xytext=(4, 4), fontsize=8)
         axes.set(title=name, xlabel="time of normal's", ylabel=f"FLIP, {_equal(made)} samples", ylim=(0, most))
         axes.margins(x=0.2)
@@ -202,8 +202,8 @@ def _knob_plots(made: "Tradeoff") -> str:
 def _alone(made: "Tradeoff", name: str) -> list[Point]:
     """The points that differ from `normal` in one knob at most, from its cheapest value on."""
     others = {k: v for k, v in settings_of(PRESETS["normal"], made.names).items() if k != name}
-    found = [p for p in made.points if {k: v for k, v in p.settings.items() if k != name} == others]
-    return sorted(found, key=lambda p: VALUES[name].index(p.settings[name]))
+    points = [p for p in made.points if {k: v for k, v in p.settings.items() if k != name} == others]
+    return sorted(points, key=lambda p: VALUES[name].index(p.settings[name]))
 
 
 def _knob_table(made: "Tradeoff") -> str:

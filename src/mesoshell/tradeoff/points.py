@@ -76,12 +76,12 @@ def measured(settings: Settings, passes: Passes, reference: Reference, progress:
     groups = {n: images[: len(images) // n * n].reshape(-1, n, *images.shape[1:]).mean(axis=1) for n in counts}
     true = over_backdrop(reference.image)
     errors = {n: [flip(over_backdrop(g), true) for g in groups[n][:8]] for n in counts}
-    found = np.array([np.mean(x) for x in errors.values()])
-    e = _less(found, reference.noise)
+    means = np.array([np.mean(x) for x in errors.values()])
+    e = _less(means, reference.noise)
     spread = [float(np.std(x, ddof=1) / len(x) ** 0.5) if len(x) > 1 else 0.0 for x in errors.values()]
-    spread = np.array(spread) * (found / np.maximum(e, 1e-9)) ** (Q - 1)  # as e changes with what was found
-    told = (e > reference.noise) | (np.arange(len(e)) < 2)
-    bias, noise = _fitted(np.array(counts)[told], e[told])
+    spread = np.array(spread) * (means / np.maximum(e, 1e-9)) ** (Q - 1)  # as e changes with what was found
+    reliable = (e > reference.noise) | (np.arange(len(e)) < 2)
+    bias, noise = _fitted(np.array(counts)[reliable], e[reliable])
     apart = over_backdrop(images[: len(reference.first)]) - over_backdrop(reference.first)
     mean = apart.mean(axis=0)
     bias2 = _relative(mean, true) - _relative(apart.std(axis=0, ddof=1), true) / len(apart)
@@ -132,8 +132,8 @@ def _queries(passes: Passes) -> int:
 def _fitted(n: np.ndarray, e: np.ndarray) -> tuple[float, float]:
     """b and ν, by non-negative least squares of relative differences."""
     scale = np.maximum(e, 1e-9) ** -Q
-    found, _ = nnls(np.stack([scale, scale / n], axis=1), np.ones(len(e)))
-    return float(found[0] ** (1 / Q)), float(found[1] ** (1 / Q))
+    fit, _ = nnls(np.stack([scale, scale / n], axis=1), np.ones(len(e)))
+    return float(fit[0] ** (1 / Q)), float(fit[1] ** (1 / Q))
 
 
 def _less(error: np.ndarray, noise: float) -> np.ndarray:

@@ -125,14 +125,14 @@ class Checkpoints:
     def _unwritten(self, error: Exception) -> InputError:
         if isinstance(error, InputError):
             return error
-        said = getattr(error, "strerror", None) or str(error)
-        return InputError(self.folder, f"cannot be written: {said}")
+        reason = getattr(error, "strerror", None) or str(error)
+        return InputError(self.folder, f"cannot be written: {reason}")
 
 
 @contextlib.contextmanager
 def _unheard() -> Iterator[None]:
     """Silence errors of reads that orbax had begun and abandons after one fails, which Python prints one by one."""
-    before, sys.unraisablehook = sys.unraisablehook, lambda told: None
+    before, sys.unraisablehook = sys.unraisablehook, lambda error: None
     level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:

@@ -54,9 +54,9 @@ def to_bundle(
     if colours is not None:
         layout = replace(layout, colours=tuple(tuple(row) for row in colours))
         grids = [_any_neighbour(grid) for grid in grids]
-    said: dict[str, Any] = _excess(layout, material, grids)
+    entries: dict[str, Any] = _excess(layout, material, grids)
     flat = np.asarray(feature), np.asarray(common.height)[:, 0]
-    said["decoder_error"] = decoder_error(common.decoder, *flat, config.octaves)
+    entries["decoder_error"] = decoder_error(common.decoder, *flat, config.octaves)
     arrays: dict[str, np.ndarray] = {}
     for i, level in enumerate(levels[0]):
         arrays[f"features/{i}"] = np.asarray(level, np.float16)
@@ -73,7 +73,7 @@ def to_bundle(
         parameters=declared,
         thickness=HEIGHT,
         colour_space="linear Rec. 709",
-        provenance=provenance | said,
+        provenance=provenance | entries,
         arrays={k: np.asarray(v) for k, v in arrays.items()},
         tiles=layout.colours,
     )
@@ -131,7 +131,7 @@ def generated_bundle(
 ) -> Bundle:
     """A bundle that makes textures: the generator's and the decoder's weights, and no texture."""
     feature, height = (np.asarray(x) for x in _patch(config, generator, averages, decoder, octaves))
-    said = {"decoder_error": decoder_error(decoder, feature, height, octaves)}
+    entries = {"decoder_error": decoder_error(decoder, feature, height, octaves)}
     return Bundle(
         kind="shell",
         texel_density=float(config.texels),
@@ -140,7 +140,7 @@ def generated_bundle(
         parameters=declared,
         thickness=HEIGHT,
         colour_space="linear Rec. 709",
-        provenance=provenance | said,
+        provenance=provenance | entries,
         arrays=decoder_arrays(decoder) | generator_arrays(generator, averages),
         wraps=False,
         generator=generator_fields(config),

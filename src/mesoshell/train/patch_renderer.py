@@ -106,8 +106,8 @@ def take_picture(
         rho = net.head(decoder, net.toward_viewer(decoder, features, toward), light)
         tau = optical_depth(sigma.reshape(j.shape), jnp.broadcast_to(length[:, None], j.shape))
         share, through = jax.vmap(weights)(tau)
-        seen = jnp.einsum("rn,rnc->rc", share, rho.reshape(*j.shape, 3), precision="highest")
-        return jnp.concatenate([seen * view.irradiance[None], 1 - through[:, None]], axis=1)
+        reflected = jnp.einsum("rn,rnc->rc", share, rho.reshape(*j.shape, 3), precision="highest")
+        return jnp.concatenate([reflected * view.irradiance[None], 1 - through[:, None]], axis=1)
 
     def unless_missed(part: tuple[Array, Array, Array]) -> Array:
         d, j, missed = part

@@ -57,10 +57,10 @@ def train(
     not fit; Diverged if something is not finite; HostLost if another host is lost.
     """
     method = method_of(config)
-    config, seen = method.fitted(config, dataset)
-    lend = lender(config, seen, transfer) if transfer and is_first() else None
+    config, data = method.fitted(config, dataset)
+    lend = lender(config, data, transfer) if transfer and is_first() else None
     keep_record(config, dataset, folder, transfer)
-    batch_of = method.feed(config, seen, jax.process_index(), jax.process_count())
+    batch_of = method.feed(config, data, jax.process_index(), jax.process_count())
     spread = spread_step(
         lambda state, batch, across: method.step(config, state, batch, across),
         config.batch,
@@ -72,9 +72,9 @@ def train(
         noticing(),
         Checkpoints(folder / "checkpoints") as checkpoints,
         StopRequest(again) as stop,
-        _Book(folder, method, config, seen, show) as book,
+        _Book(folder, method, config, data, show) as book,
     ):
-        done, begin = _begun(checkpoints, method.start(config, seen, jax.random.key(config.seed)), lend)
+        done, begin = _begun(checkpoints, method.start(config, data, jax.random.key(config.seed)), lend)
         book.begin(done)
         names, state = leaf_names(method.parts(begin)), spread.place(begin)
         saved = time.perf_counter()
@@ -85,7 +85,7 @@ def train(
                 batch = spread.share(batch_of(i + 1))  # while the device is at work
             book.hear(report)
             if not book.finite:
-                raise Diverged(_said(i, report, names, checkpoints))
+                raise Diverged(_divergence(i, report, names, checkpoints))
             stopping, due = _decided(requests, stop, saved)
             last = i + 1 == steps or stopping
             if (i + 1) % LOG_EVERY == 0 or last:
@@ -197,7 +197,7 @@ class _Book:
             self.board.close()
 
 
-def _said(i: int, report: Any, names: list[str], checkpoints: Checkpoints) -> str:
+def _divergence(i: int, report: Any, names: list[str], checkpoints: Checkpoints) -> str:
     bad = np.flatnonzero(np.asarray(report.bad))
     what = f"the gradient of {names[bad[0]]} is" if len(bad) else "a loss is"
     good = checkpoints.last

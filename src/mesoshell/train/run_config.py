@@ -85,8 +85,8 @@ def keep_record(
             raise InputError(path, f"the run was begun by another method: {names[0]}, asked for {names[1]}")
         differ = [k for k in sorted(old.keys() | new.keys()) if old.get(k) != new.get(k) and k not in MAY_CHANGE]
         if differ:
-            said = ", ".join(f"{k} is {old.get(k)}, asked for {new.get(k)}" for k in differ)
-            raise InputError(path, f"the run was begun with another configuration: {said}")
+            differences = ", ".join(f"{k} is {old.get(k)}, asked for {new.get(k)}" for k in differ)
+            raise InputError(path, f"the run was begun with another configuration: {differences}")
     if jax.process_index() == 0:
         folder.mkdir(parents=True, exist_ok=True)
         replace_file(path, (json.dumps(record, indent=1) + "\n").encode())

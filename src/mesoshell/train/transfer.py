@@ -53,8 +53,8 @@ def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
     may_differ = MAY_DIFFER if isinstance(config, TrainConfig) else ()
     differ = [k for k in mine if k.startswith(WEIGHTS) and k not in may_differ and mine[k] != theirs[k]]
     if differ:
-        said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
-        raise InputError(folder, f"its networks are not this run's: {said}")
+        differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
+        raise InputError(folder, f"its networks are not this run's: {differences}")
     with Checkpoints(folder / "checkpoints", reading=True) as checkpoints:
         latest = checkpoints.newest(jax.eval_shape(lambda: _started(other, data)))
     if latest is None:
@@ -71,9 +71,9 @@ def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> C
     maker = maker_of(read_bundle(path), str(path))
     mine, theirs = asdict(config.generator), asdict(maker.config)
     differ = [k for k in mine if k != "precision" and mine[k] != theirs[k]]
-    said = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
-    if said:
-        raise InputError(path, f"its generator is not this run's: {said}")
+    differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
+    if differences:
+        raise InputError(path, f"its generator is not this run's: {differences}")
     taught = zip(jax.tree.leaves(maker.decoder), jax.tree.leaves(data.decoder), strict=True)
     if not all(x.shape == y.shape and np.allclose(x, y, rtol=1e-3, atol=1e-4) for x, y in taught):
         raise InputError(path, f"its decoder is not that of {data.folder}, or was scaled by other exemplars")

@@ -57,7 +57,7 @@ def generated(scene: Scene) -> bool:
     return scene.material.kind != KIND and scene.material.shell.generator is not None
 
 
-def asked(begun: Scene, look: Look) -> Scene:
+def with_texture_of(begun: Scene, look: Look) -> Scene:
     """The scene whose texture a look wants, for `settled`."""
     return replace(begun, params={**begun.params, **_of_role(begun, look, "beta")}, seed=look.seed)
 

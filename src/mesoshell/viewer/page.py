@@ -161,9 +161,9 @@ class Page:
         self._cost.content = (
             f"{width} × {height}, {picture.samples} a pixel; {1000 * picture.seconds:.0f} ms a pass{each}"
         )
-        said = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
-        if self._effects.content != said:
-            self._effects.content = said
+        text = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
+        if self._effects.content != text:
+            self._effects.content = text
 
     def _say(self, line: str) -> None:
         if self._fault.content != line:
@@ -194,10 +194,10 @@ def _slider(gui: Any, name: str, parameter: Any, value: float) -> Any:
     return gui.add_slider(name + unit, low, high, (high - low) / 200, min(max(value, low), high), hint=hint)
 
 
-def _camera(seen: Any) -> Camera | None:
+def _camera(client: Any) -> Camera | None:
     """A client's camera; None before its window has a size."""
-    width, height = int(seen.image_width), int(seen.image_height)
-    w, x, y, z = (float(n) for n in seen.wxyz)
+    width, height = int(client.image_width), int(client.image_height)
+    w, x, y, z = (float(n) for n in client.wxyz)
     rotation = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -205,12 +205,12 @@ def _camera(seen: Any) -> Camera | None:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    if width < 1 or height < 1 or not 0 < seen.fov < np.pi or not np.isfinite(rotation).all():
+    if width < 1 or height < 1 or not 0 < client.fov < np.pi or not np.isfinite(rotation).all():
         return None
     to_world = np.eye(4)
     to_world[:3, :3] = rotation * [1, -1, -1]  # from a camera that looks along +z, y down
-    to_world[:3, 3] = seen.position
-    return Camera(to_world, float(seen.fov), width, height)
+    to_world[:3, 3] = client.position
+    return Camera(to_world, float(client.fov), width, height)
 
 
 @contextmanager
@@ -235,7 +235,7 @@ def _own_names(host: str) -> set[str]:
         own = socket.gethostname()
         names |= {own, socket.getfqdn()}
         with suppress(OSError):
-            names |= {str(found[4][0]) for found in socket.getaddrinfo(own, None)}
+            names |= {str(entry[4][0]) for entry in socket.getaddrinfo(own, None)}
         with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as route:
             route.connect(("192.0.2.1", 9))  # sends nothing, and tells the address that others see
             names.add(route.getsockname()[0])

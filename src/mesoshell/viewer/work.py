@@ -13,7 +13,7 @@ from mesoshell.errors import InputError
 from mesoshell.render.camera import Camera
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled
-from mesoshell.viewer.look import Look, asked, first_look, shown, sized
+from mesoshell.viewer.look import Look, first_look, shown, sized, with_texture_of
 from mesoshell.viewer.refine import Abandoned, Shown, refine
 
 
@@ -153,7 +153,7 @@ class Workshop:
 
             still = None
             try:
-                still = settled(asked(self.begun, look), check)
+                still = settled(with_texture_of(self.begun, look), check)
             except Abandoned:
                 self._growing(1.0)
                 continue

@@ -114,9 +114,9 @@ def _compiling(node: ast.AST, inside: str) -> Iterator[str]:
 
 def traced(bundle: Bundle) -> dict[str, list[Any]]:
     """Their jaxprs, in all the ways that matter, and those of functions that run as they are. bundle: a shell's."""
-    said = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
-    said |= _of_judges(bundle)
-    return {name: [x() for x in programs] for name, programs in said.items()}
+    makers = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
+    makers |= _of_judges(bundle)
+    return {name: [x() for x in programs] for name, programs in makers.items()}
 
 
 Programs = dict[str, list[Callable[[], Any]]]
@@ -166,9 +166,9 @@ def _of_shells(bundle: Bundle) -> Programs:
         "shell.render.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(64), f(64, 2))],
         "shell.material.density_bounds._largest": [_jitted(*cell)],
         "stability.surface._left": [_jitted(surface_checks._left, f(64, 3), f(64, 2, 3), f(64, 2, 3))],
-        "stability.field._asked": [
+        "stability.field._network_queries": [
             _jitted(
-                field_checks._asked,
+                field_checks._network_queries,
                 ready.layout,
                 ready.material,
                 Point(f(64, 3), f(64), f(64), f(64, 1)),

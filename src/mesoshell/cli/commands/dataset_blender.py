@@ -64,18 +64,18 @@ def _count(options: Render) -> int:
 
 def _rendered(settings: dict[str, Any], options: Render, count: int, farm: Farm) -> tuple[DatasetReport, float]:
     console = stderr()
-    start = said = time.monotonic()
+    start = reported = time.monotonic()
     with bar(console, options.recipe, None, count=True) as move:
 
         def show(finished: int, missing: int, fault: Fault | None) -> None:
-            nonlocal said
+            nonlocal reported
             now = time.monotonic()
             rate = 60.0 * finished / max(now - start, 1e-9)
             move(finished, missing, f"{options.recipe}, {rate:.0f} images/min")
             if fault:
                 console.print(f"sample {fault.index}: {fault.reason}", markup=False, soft_wrap=True)
-            if not console.is_terminal and finished and now - said > _SILENCE_S:
-                said = now
+            if not console.is_terminal and finished and now - reported > _SILENCE_S:
+                reported = now
                 left = (missing - finished) / rate
                 console.print(f"{finished}/{missing} images, {rate:.0f} images/min, {left:.1f} min left")
 

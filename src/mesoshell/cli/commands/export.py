@@ -20,8 +20,8 @@ from mesoshell.train.textures.state import TexturesConfig
 def run(options: Options) -> None:
     """All of `mesoshell export`."""
     probe_outputs((options.out,))
-    said = _patch(options) if options.run.is_file() else _snapshot(options)
-    print(f"{options.out}: {said}")
+    what = _patch(options) if options.run.is_file() else _snapshot(options)
+    print(f"{options.out}: {what}")
 
 
 def _patch(options: Options) -> str:

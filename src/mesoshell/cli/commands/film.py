@@ -37,10 +37,10 @@ def run(options: Options) -> None:
     say_notes(console, made.notes)
     if filmed:
         made.save(options.out, options.fps)
-    print(f"{options.out}: {_said(made)}")
+    print(f"{options.out}: {_summary(made)}")
 
 
-def _said(made: Film) -> str:
+def _summary(made: Film) -> str:
     """A film in a line."""
     count = f"{len(made.frames)} frame{'s' * (len(made.frames) != 1)}, {np.mean(made.seconds):.1f} s each"
     known = [(x, k) for k, x in enumerate(made.flicker) if x is not None]

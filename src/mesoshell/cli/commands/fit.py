@@ -33,7 +33,7 @@ def run(options: Options) -> None:
     state = learn(config, shots, options.run)
     made, scores, sheets = conclude(config, shots, state, datasets, tests)
     for (folder, scored), name in zip(scores.items(), distinct_names(list(scores)), strict=True):
-        console.print(f"{folder}: {_said(scored)}")
+        console.print(f"{folder}: {_summary(scored)}")
         write_png(options.run / f"{name}.png", sheets[folder])
     options.out.parent.mkdir(parents=True, exist_ok=True)
     if isinstance(made, Bundle):
@@ -43,7 +43,7 @@ def run(options: Options) -> None:
     print(options.out)
 
 
-def _said(scores: Scores) -> str:
+def _summary(scores: Scores) -> str:
     return ", ".join(
         f"{k} {v:+.1%}" if k == "mean" else f"{k} {v:.2f}{'' if k == 'ssim' else ' dB'}"
         for k, v in scores._asdict().items()

@@ -37,7 +37,7 @@ def make_sheet(options: Blind) -> None:
     else:
         real = posed_material(options.against, dataset).pictures(samples, options.seed)
     sheet = shuffled(real, made, options.seed)
-    said = {
+    answers = {
         "made": options.material,
         "real": options.against or str(options.data),
         "data": str(options.data),
@@ -47,7 +47,7 @@ def make_sheet(options: Blind) -> None:
         "answer": letters(sheet.answer),
     }
     with together(files[1]) as folder:
-        replace_file(folder / "answers.json", (json.dumps(said, indent=1) + "\n").encode())
+        replace_file(folder / "answers.json", (json.dumps(answers, indent=1) + "\n").encode())
         write_png(folder / "sheet.png", drawn(sheet))
     print(files[1])
 
@@ -57,8 +57,8 @@ def count_marks(options: Marks) -> None:
     if not options.marks:
         raise InputError("MARKS", "give a file of marks for each judge")
     path = options.sheet / "answers.json"
-    said = read_object(path).get("answer")
-    answer = _marks(path, said) if isinstance(said, str) else np.zeros(0, bool)
+    stored = read_object(path).get("answer")
+    answer = _marks(path, stored) if isinstance(stored, str) else np.zeros(0, bool)
     if not len(answer):
         raise InputError(path, "holds no answers to a blind sheet")
     rows = {}

@@ -50,8 +50,8 @@ def run(options: Options) -> None:
     _write(options.out, made, report)
     if options.explain:
         stages = ", ".join(f"{k} {v:.2f} s" for k, v in report["seconds"].items())
-        said = "" if compiling is None else f"; {sum(compiling):.1f} s of this compiling"
-        console.print(stages + said, soft_wrap=True)
+        compiled = "" if compiling is None else f"; {sum(compiling):.1f} s of this compiling"
+        console.print(stages + compiled, soft_wrap=True)
     print(out)
 
 

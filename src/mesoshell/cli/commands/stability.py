@@ -24,12 +24,12 @@ def run(options: Options) -> None:
     probe_outputs(outputs)
     compiled_by(options.engine)
     with bar(stderr(), "checking") as progress:
-        found = examine(scene_of(options, load_material(options.material)), options.rays, progress)
-    told = {"checks": [check.as_dict() for check in found.checks]}
+        stability = examine(scene_of(options, load_material(options.material)), options.rays, progress)
+    record = {"checks": [check.as_dict() for check in stability.checks]}
     with together(options.out) as folder:
-        replace_file(folder / outputs[0].name, found.map())
-        replace_file(folder / outputs[1].name, (json.dumps(told, indent=1) + "\n").encode())
-    print(found)
+        replace_file(folder / outputs[0].name, stability.map())
+        replace_file(folder / outputs[1].name, (json.dumps(record, indent=1) + "\n").encode())
+    print(stability)
     print(options.out)
-    if found.broken:
+    if stability.broken:
         sys.exit(1)

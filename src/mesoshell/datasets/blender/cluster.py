@@ -35,8 +35,8 @@ def run_on_cluster(shards: Sequence[Shard], client: Any) -> Generator[Done | Fau
         if future.status == "finished":
             yield from future.result()
         else:
-            said = str(future.exception()).splitlines() or [type(future.exception()).__name__]
-            reason = f"its worker failed: {said[0]}"
+            lines = str(future.exception()).splitlines() or [type(future.exception()).__name__]
+            reason = f"its worker failed: {lines[0]}"
             yield from (Fault(index, reason) for index in futures[future].indices)
 
 

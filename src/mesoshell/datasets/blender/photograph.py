@@ -115,8 +115,8 @@ def _shot(command: tuple[list[str], Path], settings: str) -> Iterator[int]:
             process.wait()
         if status:
             errors.seek(0)
-            said = [line for line in errors.read().splitlines() if line.strip()] or [f"exit status {status}"]
-            raise InputError("blender", f"ended before all photographs were finished: {said[-1].strip()}")
+            lines = [line for line in errors.read().splitlines() if line.strip()] or [f"exit status {status}"]
+            raise InputError("blender", f"ended before all photographs were finished: {lines[-1].strip()}")
 
 
 def _cloud(mesh: Mesh, shooting: Shooting, side: float):

@@ -49,8 +49,8 @@ def check_settings(settings: Mapping[str, Any]) -> None:
     if root is None:
         return
     words = [sys.executable, "-m", "data_gen.worker", json.dumps({**settings, "threads": 1})]
-    said = subprocess.run(words, cwd=root, stdin=subprocess.DEVNULL, capture_output=True, text=True).stdout
-    if said and "unusable" in (first := json.loads(said.splitlines()[0])):
+    output = subprocess.run(words, cwd=root, stdin=subprocess.DEVNULL, capture_output=True, text=True).stdout
+    if output and "unusable" in (first := json.loads(output.splitlines()[0])):
         raise InputError("dataset", first["unusable"])
 
 
@@ -120,6 +120,6 @@ class Blender:
     def _last_words(self) -> str:
         status = self._process.wait()
         self._errors.seek(0)
-        said = [line.strip() for line in self._errors.read().splitlines() if line.strip()]
+        lines = [line.strip() for line in self._errors.read().splitlines() if line.strip()]
         how = f"Blender was ended by signal {-status}" if status < 0 else f"Blender ended with exit status {status}"
-        return f"{how}: {said[-1]}" if said else how
+        return f"{how}: {lines[-1]}" if lines else how

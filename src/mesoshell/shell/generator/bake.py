@@ -88,8 +88,8 @@ def _heights(maker: GeneratorModel, grown: Latent, allocate: Allocate) -> list[F
     sums = [np.zeros(m.shape) for m in means]
     for p, row in enumerate(nodes):
         made = _height(maker.config, maker.generator, row).swapaxes(0, 1)
-        for level, total, found in zip(every, sums, mip.build(made.reshape(len(made), 1, -1)), strict=True):
-            at_nodes = np.asarray(found).reshape(len(found), len(row), -1).swapaxes(0, 1)
+        for level, total, averaged in zip(every, sums, mip.build(made.reshape(len(made), 1, -1)), strict=True):
+            at_nodes = np.asarray(averaged).reshape(len(averaged), len(row), -1).swapaxes(0, 1)
             level[p] = at_nodes
             total += at_nodes.sum(axis=0)
     for mean, total in zip(means, sums, strict=True):
@@ -122,9 +122,9 @@ def _fill(
         before = reach(maker.config, (side, side))
         count = side // texels + 2 * before + 1
         grown = grown._replace(w=window(grown.w, (place[0] - before, place[1] - before), count))
-    found = _tile(maker.config, side, maker.generator, maker.averages, grown, tile)
+    feature = _tile(maker.config, side, maker.generator, maker.averages, grown, tile)
     rows, columns = (min(side, n - at) for n, at in zip(size, first, strict=True))
-    levels = mip.build_open(found[:rows, :columns], texels.bit_length() - 1)
+    levels = mip.build_open(feature[:rows, :columns], texels.bit_length() - 1)
     for i in range(texels.bit_length() - len(features), len(levels)):
         level, kept = levels[i], features[i - len(levels)]
         v, u = first[0] >> i, first[1] >> i
@@ -163,12 +163,12 @@ def _grids(
         height = mip.Pyramid(jnp.asarray(pack_heights(some).reshape(-1, maker.config.channels)))
         material = Material(mip.pack([jnp.asarray(x) for x in levels]), height, maker.decoder)
         for i, (grid, c) in enumerate(zip(grids, cells, strict=True)):
-            found = bounds(layout, material, i, (GRID_HEIGHT, step * c, step * c), corner, PROBES)
+            bound = bounds(layout, material, i, (GRID_HEIGHT, step * c, step * c), corner, PROBES)
             v, u = place[0] * c, place[1] * c
             part = grid[:, v : v + step * c, u : u + step * c]
-            part[:] = found[:, : part.shape[1], : part.shape[2]]
+            part[:] = bound[:, : part.shape[1], : part.shape[2]]
             if i < 3:
-                over = _over(layout, material, i, found, c)
+                over = _over(layout, material, i, bound, c)
                 above, most, points = above + int((over > 0).sum()), max(most, float(over.max())), points + len(over)
         progress(0.8 + 0.2 * (done + 1) / len(places))
     return Share(above / max(1, points), most)

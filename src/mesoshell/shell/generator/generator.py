@@ -188,15 +188,15 @@ def synthesise(
     short = jnp.bfloat16 if config.precision == "bfloat16" else w.dtype
     mix = generator.mix / generator.mix.shape[0] ** 0.5
     x = jnp.matmul(wave(frequencies.input, phases.input, rows[0], along[0]), mix, precision="highest")
-    seen, strength = [], iter(generator.strength)
+    magnitudes, strength = [], iter(generator.strength)
     for i, (row, layer, at) in enumerate(zip(rows, generator.layers, along, strict=True)):
         if len(frequencies.layers[i]):
             x = x + wave(frequencies.layers[i], phases.layers[i], row, at) * next(strength)[None, None, None]
-        seen.append(jax.lax.stop_gradient(jnp.mean(x.astype(jnp.float32) ** 2)))
+        magnitudes.append(jax.lax.stop_gradient(jnp.mean(x.astype(jnp.float32) ** 2)))
         how = Activation(row, (*at[1].pad, *at[0].pad))
         layer = layer._replace(weight=layer.weight.astype(short))
         x = filtered_lrelu(_modulated(layer, x, styled(layer, row, at), averages.magnitude[i], row.is_torgb), how)
-    return Texture(PLANE_SCALE * x, seen)
+    return Texture(PLANE_SCALE * x, magnitudes)
 
 
 def synthesise_height(config: GeneratorConfig, generator: Generator, w: Float[Array, "B W"]) -> Float[Array, "B R C"]:

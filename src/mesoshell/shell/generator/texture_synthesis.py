@@ -59,8 +59,8 @@ def grow(
         return replace(textured, provenance=textured.provenance | share._asdict())
 
     beta = _geometry(bundle, wanted, count_nodes(size, texels))
-    said = sorted(wanted.values.items()), sorted(wanted.fields), wanted.coarser, bundle.generator
-    key = key_of(bundle, beta, size, needed.tobytes(), wanted.seed, *said)
+    settings = sorted(wanted.values.items()), sorted(wanted.fields), wanted.coarser, bundle.generator
+    key = key_of(bundle, beta, size, needed.tobytes(), wanted.seed, *settings)
     return kept(key, 8 * bundle.channels * size[0] * size[1] // 3 >> 2 * wanted.coarser, make), origin
 
 

@@ -101,25 +101,25 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
     if len(origin) > len(mesh.vertices):
         touching = counted(len(np.unique(origin[len(mesh.vertices) :])), "vertex", "vertices")
         notes.append(f"{touching} where several surfaces touch: each surface has its own posts there")
-    stands = _stands(base, direction, faces)
-    grown = _unfold(base, direction, wanted, faces[stands])
+    usable = _usable(base, direction, faces)
+    grown = _unfold(base, direction, wanted, faces[usable])
     offset = (direction * grown[:, None]).astype(np.float32)
-    stands[stands] = first_fold(base, offset.astype(np.float64), faces[stands]) >= 1
-    if not stands.any():
+    usable[usable] = first_fold(base, offset.astype(np.float64), faces[usable]) >= 1
+    if not usable.any():
         raise InputError(
             Argument("thickness"), "no face of the mesh can be extruded: vertex normals lie below all of them"
         )
-    if not stands.all():
-        left = f"{(~stands).sum()} of {len(stands)} faces left out (first: face {np.argmin(stands)})"
+    if not usable.all():
+        left = f"{(~usable).sum()} of {len(usable)} faces left out (first: face {np.argmin(usable)})"
         notes.append(f"{left}: they fold at any thickness, because a vertex normal lies below them")
-    factor = (grown / wanted)[np.unique(faces[stands])]
+    factor = (grown / wanted)[np.unique(faces[usable])]
     if (factor < 1).any():
         what = f"thickness reduced at {(factor < 1).sum()} of {len(base)} vertices, where the shell would fold"
         notes.append(f"{what} (least factor {factor.min():.2g})")
-    faces = faces[stands].astype(np.int32)
+    faces = faces[usable].astype(np.int32)
     neighbour, neighbour_edge = _neighbours(faces)
-    uv = (mesh.uv[stands].astype(np.float64) * patches).astype(np.float32)
-    mesh_face = np.flatnonzero(stands).astype(np.int32)
+    uv = (mesh.uv[usable].astype(np.float64) * patches).astype(np.float32)
+    mesh_face = np.flatnonzero(usable).astype(np.int32)
     return Shell(mesh.vertices[origin], offset, faces, uv, neighbour, neighbour_edge, mesh_face, tuple(notes))
 
 
@@ -189,7 +189,7 @@ def _least_root(
     return np.where(c > 0, root, 0.0)
 
 
-def _stands(
+def _usable(
     base: Float[np.ndarray, "V 3"], direction: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
 ) -> Bool[np.ndarray, "F"]:
     corner = base[faces]

@@ -31,8 +31,9 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Int
 
-from mesoshell.shell.geometry.batched_walk import Intervals, Starts, Visits, no_intervals, visit
+from mesoshell.shell.geometry.batched_walk import Intervals, Starts, Visits, visit
 from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.intervals import cut, without_overlap
 from mesoshell.shell.geometry.march import BASE, LOST, TOP, as_tables
 
 #: Step past a surface before free space begins again, relative to the scene's size.
@@ -84,10 +85,10 @@ class Boundary:
         top = foot + shell.offset
         parts = [(top[shell.faces], np.arange(count), np.full(count, TOP), shell.mesh_face)]
         if opaque:
-            stands = np.full(len(base_faces), -1)
-            stands[shell.mesh_face] = np.arange(count)
+            prism_on_face = np.full(len(base_faces), -1)
+            prism_on_face[shell.mesh_face] = np.arange(count)
             here = np.arange(len(base_faces))
-            parts.append((foot[base_faces], stands, np.full(len(base_faces), BASE), here))
+            parts.append((foot[base_faces], prism_on_face, np.full(len(base_faces), BASE), here))
         if others is not None and len(others):
             none, here = np.full(len(others), -1), len(base_faces) + np.arange(len(others))
             parts.append((others, none, np.full(len(others), BASE), here))
@@ -171,7 +172,7 @@ class Boundary:
         state = _State(self, begin, d, exact)
         while len(alive):
             alive = state.advance(alive)
-        i = _without_overlap([_cut(part, part.t0, state.end[part.ray]) for part in state.parts])
+        i = without_overlap([cut(part, part.t0, state.end[part.ray]) for part in state.parts])
         i = i._replace(t0=i.t0 + skipped[i.ray], t1=i.t1 + skipped[i.ray])
         return Trace(i, state.end + skipped, state.face, state.bary, state.walked, state.redone)
 
@@ -200,22 +201,22 @@ class _State:
         on_base, border = code == BASE, code < TOP
         self._end(rays[on_base], b.face[triangle[on_base]], t[on_base], self._where(triangle, rays, t)[on_base])
         forward = ((code == TOP) & outside) | border
-        seen = self._visit(rays[forward], prism[forward], code[forward], t[forward], 1.0)
+        visits = self._visit(rays[forward], prism[forward], code[forward], t[forward], 1.0)
         missed = np.zeros(len(rays), bool)
-        missed[forward] = seen.left == LOST
+        missed[forward] = visits.left == LOST
         backward = ((code == TOP) & ~outside) | (on_base & outside & (prism >= 0)) | (border & missed)
         self._visit(rays[backward], prism[backward], code[backward], t[backward], -1.0)
         reached = t.copy()
         entered = forward & ~missed
-        reached[entered] += seen.t[seen.left != LOST]
+        reached[entered] += visits.t[visits.left != LOST]
         down = np.zeros(len(rays), bool)
-        down[forward] = seen.left == BASE
-        at = seen.left == BASE
+        down[forward] = visits.left == BASE
+        at = visits.left == BASE
         if b.opaque:
-            self._end(rays[down], b.mesh_face[seen.prism[at]], reached[down], seen.bary[at])
+            self._end(rays[down], b.mesh_face[visits.prism[at]], reached[down], visits.bary[at])
         step = ADVANCE * (b.size + reached)
         aside = border.copy()
-        aside[forward] |= (seen.left >= 0) & (seen.left < TOP)
+        aside[forward] |= (visits.left >= 0) & (visits.left < TOP)
         stopped = self._stopped(rays, aside, reached, step)
         passed = self._passed(rays, t + step, reached - step, entered)
         self.start[rays] = np.where(passed, t, reached) + step
@@ -242,17 +243,17 @@ class _State:
         """Walk along d (sense 1) or against it (−1) from distance t. Keeps the intervals ahead of `start`, or of the origin."""
         d = self.d[rays] * sense
         starts = Starts(self.o[rays] + t[:, None] * self.d[rays], d, prism, code)
-        seen, redone = visit(self.boundary.prisms, starts, self.exact)
+        visits, redone = visit(self.boundary.prisms, starts, self.exact)
         self.walked += len(rays)
         self.redone += redone
-        i = seen.intervals
+        i = visits.intervals
         t0, t1 = t[i.ray] + sense * i.t0, t[i.ray] + sense * i.t1
         intervals = Intervals(rays[i.ray], i.prism, t0, t1, *i[4:])
         if sense < 0:
             intervals = Intervals(intervals.ray, i.prism, t1, t0, i.bary1, i.bary0, i.h1, i.h0)
-        self.parts.append(_cut(intervals, self.start[intervals.ray] if sense > 0 else np.zeros(len(intervals.ray))))
-        behind = (seen.t + t < self.start[rays]) & (sense > 0)  # a border's side crossed before this ray began
-        return seen._replace(left=np.where(behind, LOST, seen.left))
+        self.parts.append(cut(intervals, self.start[intervals.ray] if sense > 0 else np.zeros(len(intervals.ray))))
+        behind = (visits.t + t < self.start[rays]) & (sense > 0)  # a border's side crossed before this ray began
+        return visits._replace(left=np.where(behind, LOST, visits.left))
 
     def _end(self, rays: np.ndarray, face: np.ndarray, t: np.ndarray, bary: np.ndarray) -> None:
         nearer = t < self.end[rays]
@@ -266,47 +267,6 @@ class _State:
         n = self.boundary.normal[triangle]
         area = np.maximum(_dot(n, n), np.finfo(np.float64).tiny)
         return np.stack([_dot(np.cross(b - x, c - x), n) / area, _dot(np.cross(c - x, a - x), n) / area], axis=1)
-
-
-def _cut(i: Intervals, begin: Float[np.ndarray, "I"], end: Float[np.ndarray, "I"] | float = np.inf) -> Intervals:
-    """The parts of intervals between `begin` and `end`, λ and h interpolated there; empty ones are dropped."""
-    t0, t1 = np.maximum(i.t0, begin), np.minimum(i.t1, end)
-    kept = t1 > t0
-    i, t0, t1 = Intervals(*(x[kept] for x in i)), t0[kept], t1[kept]
-    first, last = (((t - i.t0) / (i.t1 - i.t0)).astype(i.h0.dtype) for t in (t0, t1))
-
-    def at(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        bary = (1 - share)[:, None] * i.bary0 + share[:, None] * i.bary1
-        return bary, (1 - share) * i.h0 + share * i.h1
-
-    (bary0, h0), (bary1, h1) = at(first), at(last)
-    return Intervals(i.ray, i.prism, t0, t1, bary0, bary1, h0, h1)
-
-
-def _without_overlap(parts: list[Intervals]) -> Intervals:
-    """Sorted by ray and visit, each cut to begin no earlier than all before it on the same ray have ended. In a part each ray
-    has one visit at most."""
-    if not parts:
-        return no_intervals()
-    i = Intervals(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-    if not len(i.ray):
-        return i
-    begin = np.concatenate([_first(part)[part.ray] for part in parts])
-    order = np.lexsort((i.t0, begin, i.ray))
-    i = Intervals(*(x[order] for x in i))
-    span = 2 * (np.abs(i.t1).max() + 1)
-    reached = np.maximum.accumulate(i.t1 + span * i.ray) - span * i.ray
-    before = np.concatenate([[-np.inf], reached[:-1]])
-    before[np.concatenate([[True], i.ray[1:] != i.ray[:-1]])] = -np.inf
-    overlaps = before > i.t0 + 1e-9 * span
-    return _cut(i, np.where(overlaps, before, i.t0))
-
-
-def _first(part: Intervals) -> Float[np.ndarray, "R"]:
-    """Where each ray's visit begins."""
-    begin = np.full(part.ray.max(initial=-1) + 1, np.inf)
-    np.minimum.at(begin, part.ray, part.t0)
-    return begin
 
 
 def _dot(a: Float[np.ndarray, "R 3"], b: Float[np.ndarray, "R 3"]) -> Float[np.ndarray, "R"]:

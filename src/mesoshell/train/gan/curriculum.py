@@ -45,12 +45,12 @@ def fitted(config: TrainConfig, dataset: Dataset) -> tuple[TrainConfig, Dataset]
         raise InputError(
             "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
         )
-    seen = varying(dataset)
-    roles = [entry["role"] for entry in seen.manifest["parameters"].values()]
+    varied = varying(dataset)
+    roles = [entry["role"] for entry in varied.manifest["parameters"].values()]
     if config.mismatch and not roles:
         raise InputError("mismatch", "needs a dataset with parameters, which it exchanges between renders")
     config = replace(config, picture=fitted_picture(config.picture, dataset))
-    return sized(config, roles.count("alpha"), roles.count("beta")), seen
+    return sized(config, roles.count("alpha"), roles.count("beta")), varied
 
 
 def varying(dataset: Dataset) -> Dataset:

@@ -64,16 +64,16 @@ def step(
         return discriminate(discriminator, y, c, across.everyone, config.precision)
 
     def make(learner: Learner) -> tuple[tuple[Array, Scalar], GeneratorStats]:
-        pictures, seen = generate(config, learner, state.averages, wanted, across.each)
-        return (softened(shown(pictures[..., :3])), seen.roughness), seen
+        pictures, stats = generate(config, learner, state.averages, wanted, across.each)
+        return (softened(shown(pictures[..., :3])), stats.roughness), stats
 
-    (fake, _), back, seen = jax.vjp(make, state.learner, has_aux=True)
+    (fake, _), back, stats = jax.vjp(make, state.learner, has_aux=True)
 
     def fooled(y: Array) -> tuple[Scalar, Scalar]:
         logits = judged(state.discriminator, y, c_fake)
         return generator_loss(logits), jnp.mean(logits)
 
-    def told_apart(discriminator: Any) -> tuple[Scalar, Scalar]:
+    def discriminated(discriminator: Any) -> tuple[Scalar, Scalar]:
         logits = judged(discriminator, real, c)
         loss = discriminator_loss(logits, judged(discriminator, fake, c_fake))
         if config.mismatch:
@@ -81,20 +81,14 @@ def step(
         return loss, jnp.mean(logits)
 
     (g_loss, fake_logit), by_picture = jax.value_and_grad(fooled, has_aux=True)(fake)
-    (d_loss, real_logit), d_gradient = jax.value_and_grad(told_apart, has_aux=True)(state.discriminator)
+    (d_loss, real_logit), d_gradient = jax.value_and_grad(discriminated, has_aux=True)(state.discriminator)
     (g_gradient,) = back((by_picture, jnp.asarray(config.density, real.dtype)))
-    g_gradient, d_gradient, seen = across.mean((g_gradient, d_gradient, seen))
+    g_gradient, d_gradient, stats = across.mean((g_gradient, d_gradient, stats))
     learner, learner_adam = updated(for_learner, state.learner, state.learner_adam, g_gradient)
     judge, judge_adam = updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
 
-    def regularised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
-        return _regularised(config, judge, adam, (real, c), across)
-
-    def passed(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
-        return judge, adam, jnp.zeros((), real.dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
-
     due = state.step % config.r1_every == 0
-    judge, judge_adam, penalty, bad_penalty = jax.lax.cond(due, regularised, passed, judge, judge_adam)
+    judge, judge_adam, penalty, bad_penalty = _regularised(config, judge, judge_adam, due, (real, c), across)
     rows = across.rows(batch.alpha)
     images = state.images + rows
     losses = across.mean((g_loss, d_loss, real_logit, fake_logit))
@@ -102,7 +96,7 @@ def step(
     new = TrainState(
         learner,
         _smoothed(state.smooth, learner, rows, images),
-        _averaged(state.averages, seen, rows),
+        _averaged(state.averages, stats, rows),
         judge,
         learner_adam,
         judge_adam,
@@ -123,18 +117,25 @@ def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:
 
 
 def _regularised(
-    config: TrainConfig, judge: Any, adam: Any, seen: tuple[Array, Array], across: Across
+    config: TrainConfig, judge: Any, adam: Any, due: Array, labelled: tuple[Array, Array], across: Across
 ) -> tuple[Any, Any, Scalar, Bool[Array, "_leaves"]]:
-    """Discriminator and optimiser after an update by R1 of (y, c), R1, and which leaves of its gradient are not finite."""
-    y, c = seen
+    """Discriminator and optimiser after an update by R1 of (y, c) if it is due, R1, and which leaves of its gradient are not
+    finite."""
+    y, c = labelled
 
     def penalty(judge: Any) -> Scalar:
         return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone, y.dtype), y, config.gamma)
 
-    value, gradient = jax.value_and_grad(penalty)(judge)
-    value, gradient = across.mean((value, gradient))
-    judge, adam = updated(optimisers(config)[1], judge, adam, gradient)
-    return judge, adam, value, not_finite(gradient)
+    def penalised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
+        value, gradient = jax.value_and_grad(penalty)(judge)
+        value, gradient = across.mean((value, gradient))
+        judge, adam = updated(optimisers(config)[1], judge, adam, gradient)
+        return judge, adam, value, not_finite(gradient)
+
+    def unchanged(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
+        return judge, adam, jnp.zeros((), y.dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
+
+    return jax.lax.cond(due, penalised, unchanged, judge, adam)
 
 
 def _smoothed(smooth: Learner, learner: Learner, rows: int, images: Array) -> Learner:
@@ -143,10 +144,10 @@ def _smoothed(smooth: Learner, learner: Learner, rows: int, images: Array) -> Le
     return jax.tree.map(lambda old, new: new + (old - new) * keep.astype(new.dtype), smooth, learner)
 
 
-def _averaged(averages: Averages, seen: GeneratorStats, rows: int) -> Averages:
+def _averaged(averages: Averages, stats: GeneratorStats, rows: int) -> Averages:
     keep = 0.5 ** (rows / MAGNITUDE_HALF_LIFE)
     magnitude = [
         new.astype(old.dtype) + (old - new.astype(old.dtype)) * keep
-        for old, new in zip(averages.magnitude, seen.magnitude, strict=True)
+        for old, new in zip(averages.magnitude, stats.magnitude, strict=True)
     ]
-    return Averages(magnitude, seen.w + (averages.w - seen.w) * W_KEEP)
+    return Averages(magnitude, stats.w + (averages.w - stats.w) * W_KEEP)

@@ -90,8 +90,8 @@ def sized_as(preset: TrainConfig, seeded: bool = False) -> ParametricConfig:
 
 
 def start(config: ParametricConfig, key: Key[Array, ""]) -> ParametricState:
-    seen = 3 * (1 + 2 * config.octaves) + config.parameters * (1 + 2 * PARAMETER_OCTAVES)
-    decoder = init_decoder(key, seen, config.trunk, config.head)
+    inputs = 3 * (1 + 2 * config.octaves) + config.parameters * (1 + 2 * PARAMETER_OCTAVES)
+    decoder = init_decoder(key, inputs, config.trunk, config.head)
     adam = optimiser(config).init(decoder)
     return ParametricState(decoder, adam, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 

@@ -29,9 +29,9 @@ from mesoshell.surface_material.network import (
     Surface,
     SurfaceConfig,
     SurfaceQuery,
+    eval_opacity,
     init_surface,
     reflectance,
-    seen,
     tables,
 )
 from mesoshell.train.gan.state import TrainConfig
@@ -200,7 +200,7 @@ def ask(
     low, high = config.curvature
     kappa = (2 * batch.kappa - low - high) / (high - low)
     place = SurfaceQuery(batch.u, batch.radius, batch.w, kappa)
-    opacity = jax.vmap(lambda p: seen(config.surface, table, p))(place)
+    opacity = jax.vmap(lambda p: eval_opacity(config.surface, table, p))(place)
     rho = jax.vmap(lambda p, s, l: reflectance(config.surface, table, p, s, l))(place, opacity, batch.light)
     return opacity, rho
 

@@ -38,7 +38,7 @@ def begun(config: TexturesConfig, state: TexturesState, features: Array, key: Ke
     """A critic that has learned nothing."""
     keys = jax.random.split(key, _LOOKS + 1)
     looks = jnp.stack([features[i % len(features)] for i in range(_LOOKS)])
-    y = jax.jit(lambda f, k: jax.lax.map(lambda x: _seen(config, state, *x), (f, k)))(looks, keys[1:])
+    y = jax.jit(lambda f, k: jax.lax.map(lambda x: _critic_view(config, state, *x), (f, k)))(looks, keys[1:])
     critic = init_critic(config.critic, keys[0])
     gamma, about = jnp.float32(config.gamma), (jnp.mean(y, axis=(0, 1, 2)), jnp.std(y, axis=(0, 1, 2)) + 0.02)
     return CriticState(critic, optimisers(config)[1].init(critic), gamma, *about)
@@ -55,7 +55,7 @@ def played(
     judge = partial(criticise, beta=_turned_beta(config, batch.beta, turns))
 
     def shown(feature: Array, at: int) -> Array:
-        y = across.each(lambda f, k: _seen(config, state, f, k))(feature, keys[:, at])
+        y = across.each(lambda f, k: _critic_view(config, state, f, k))(feature, keys[:, at])
         y = (y - versus.mean[None, None, None]) / versus.deviation[None, None, None]
         return jax.vmap(turned)(_BOUND * jnp.tanh(y / _BOUND), turns)
 
@@ -66,12 +66,12 @@ def played(
         w = latents(config, generator, batch.beta)
         feature, magnitude = made(config, state, generator, w, phases_of(config, keys[:, 3]), config.window)
         y = shown(standard(feature, across), 2)
-        told = jnp.mean(jax.nn.softplus(of_real - judge(versus.critic, y)))
+        adversarial = jnp.mean(jax.nn.softplus(of_real - judge(versus.critic, y)))
         height = height_error(config, state, generator, w)
-        return told + height, ((told, height, Averages(magnitude, jnp.mean(w, axis=0))), y)
+        return adversarial + height, ((adversarial, height, Averages(magnitude, jnp.mean(w, axis=0))), y)
 
-    (_, (said, fake)), gradient = jax.value_and_grad(loss, has_aux=True)(state.generator)
-    (told, height, averages), gradient = across.mean((said, gradient))
+    (_, (parts, fake)), gradient = jax.value_and_grad(loss, has_aux=True)(state.generator)
+    (adversarial, height, averages), gradient = across.mean((parts, gradient))
 
     def against(critic: Critic) -> tuple[Scalar, Any]:
         (good, r1), (ill, r2) = (_judged(partial(judge, critic), y) for y in (real, jax.lax.stop_gradient(fake)))
@@ -86,8 +86,8 @@ def played(
     lead = jnp.clip((config.balance - lost) / REACH, -1.0, 1.0)
     gamma = jnp.clip(versus.gamma * jnp.exp(RATE * lead), LEAST, MOST)
     bad = jnp.concatenate([not_finite(gradient), not_finite(back)])
-    none = jnp.zeros_like(told)
-    report = TexturesReport(none, height, told, lost, good, ill, penalty, versus.gamma, bad)
+    none = jnp.zeros_like(adversarial)
+    report = TexturesReport(none, height, adversarial, lost, good, ill, penalty, versus.gamma, bad)
     return generator, adam, versus._replace(critic=critic, adam=memory, gamma=gamma), averages, report
 
 
@@ -105,7 +105,7 @@ def _judged(judge: Any, y: Float[Array, "B S S I"]) -> tuple[Array, Scalar]:
     return logits, jnp.mean(jnp.sum(slope**2, axis=(1, 2, 3))) / (logits.shape[1] * logits.shape[2])
 
 
-def _seen(config: TexturesConfig, state: TexturesState, feature: Array, key: Array) -> Array:
+def _critic_view(config: TexturesConfig, state: TexturesState, feature: Array, key: Array) -> Array:
     """y of one texture before it is scaled, with a random light and appearance."""
     k = jax.random.split(key)
     alpha = jax.random.uniform(k[0], (config.alphas,), jnp.float32).astype(feature.dtype)

@@ -49,8 +49,8 @@ def _lit(decoder: Decoder, above: Above, light: Vec3) -> Float[Array, "S S I"]:
     shape = (*opacity.shape, 3)
     up, toward = (jnp.broadcast_to(x, shape) for x in (jnp.array([0.0, 0.0, 1.0], light.dtype), light))
     rho = 3 * net.head(decoder, net.toward_viewer(decoder, features, up), toward)
-    seen = opacity[..., None] * rho / (1 + rho)
-    return jnp.moveaxis(seen, 0, 2).reshape(*opacity.shape[1:], -1)
+    reflected = opacity[..., None] * rho / (1 + rho)
+    return jnp.moveaxis(reflected, 0, 2).reshape(*opacity.shape[1:], -1)
 
 
 def _aslant(above: Above, slant: tuple[int, int], side: int) -> Float[Array, "S S"]:

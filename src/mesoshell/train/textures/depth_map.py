@@ -48,8 +48,8 @@ def from_above(
 
     @jax.checkpoint
     def layer(at: tuple[Array, Array]) -> tuple[Array, Array]:
-        told = jnp.broadcast_to(jnp.concatenate([at[1], alpha]), (*side, len(at[1]) + len(alpha)))
-        return net.trunk(decoder, jnp.concatenate([feature + at[0][None, None], told], axis=-1))
+        inputs = jnp.broadcast_to(jnp.concatenate([at[1], alpha]), (*side, len(at[1]) + len(alpha)))
+        return net.trunk(decoder, jnp.concatenate([feature + at[0][None, None], inputs], axis=-1))
 
     sigma, features = jax.lax.map(layer, (profile, encoded))
     opacity = 1 - jnp.exp(-sigma * (TOP / layers))

@@ -109,8 +109,8 @@ def _bands(x: Float[Array, "B S S C"]) -> Float[Array, "n"]:
     )
     k = jnp.fft.fftfreq(n, 1 / n)
     r = jnp.hypot(k[:, None], k[None])
-    found = jnp.stack([jnp.sum(jnp.where((r >= 2**i) & (r < 2 ** (i + 1)), power, 0.0)) for i in range(_BANDS)])
-    return found / jnp.sum(found)
+    bands = jnp.stack([jnp.sum(jnp.where((r >= 2**i) & (r < 2 ** (i + 1)), power, 0.0)) for i in range(_BANDS)])
+    return bands / jnp.sum(bands)
 
 
 def _places(config: GeneratorConfig, side: int) -> Float[Array, "l"]:

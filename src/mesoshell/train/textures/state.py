@@ -62,6 +62,22 @@ def textures_as(preset: TrainConfig) -> TexturesConfig:
     return replace(config, generator=generator, kimg=0.04 if most < 64 else config.kimg)
 
 
+def critic_as(preset: TrainConfig) -> TexturesConfig:
+    """A run against a critic at a preset's size: 64 texels a patch, with half as many channels again."""
+    most = 3 * preset.generator.channel_max // 2
+    generator = GeneratorConfig(
+        layers=10,
+        channel_base=64 * most,
+        channel_max=most,
+        waves=8,
+        drift=1.5,
+        z=0,
+        texels=64,
+        precision="bfloat16",
+    )
+    return TexturesConfig(generator, CriticConfig(CHANNELS, width=most), rate=2.5e-3, adversarial=True)
+
+
 class CriticState(NamedTuple):
     """The critic, its optimiser, γ, and mean and deviation of its views of exemplars, which stay fixed."""
 

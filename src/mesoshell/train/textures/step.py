@@ -89,8 +89,8 @@ def _regressed(
         height = height_error(config, state, generator, w)
         return error + height, (error, height, Averages(magnitude, jnp.mean(w, axis=0)))
 
-    (_, said), gradient = jax.value_and_grad(loss, has_aux=True)(state.generator)
-    (error, height, averages), gradient = across.mean((said, gradient))
+    (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.generator)
+    (error, height, averages), gradient = across.mean((parts, gradient))
     generator, adam = updated(optimiser(config), state.generator, state.adam, gradient)
     none = jnp.zeros((), error.dtype)
     return (

@@ -88,7 +88,7 @@ def on(effects: Effects) -> set[str]:
 
 @pytest.mark.parametrize(("engine", "facts", "quality", "changed"), RULES)
 def test_one_rule(engine: Engine, facts: dict, quality: dict, changed: set):
-    plan = plan_effects(replace(PLAIN, **facts), Quality(**{"spacing": "length"} | quality), engine)
+    plan = plan_effects(replace(PLAIN, **facts), Quality(spacing="length").with_changes(**quality), engine)
     assert on(plan) == ALWAYS ^ changed
     assert all(isinstance(r["on"], bool) and str(r["why"]) for r in plan.as_dict().values())
 

@@ -79,7 +79,7 @@ def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarr
 
 
 def _steps(settings: Mapping[str, Any]) -> set[tuple[str, int]]:
-    """From the reference's values to these, step by step, so that a value which was not measured lies between its neighbours."""
+    """Steps from the reference's values to these: so a value that was not measured lies between its neighbours."""
     steps = set()
     for name, value in settings.items():
         here, there = (VALUES[name].index(x) for x in (value, getattr(PRESETS["reference"], name)))

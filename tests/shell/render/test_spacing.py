@@ -108,8 +108,8 @@ def test_many_samples_by_density_are_many_by_length(tiny_bundle):
 @given(st.floats(0, 0.9), st.integers(0, 1000))
 @settings(max_examples=20)
 def test_blades_after_free_space_need_fewer_samples(free: float, seed: int):
-    """A fifth of a ray is crossed by blades a four hundredth of it wide, the rest is free: where its light comes from, in the mean
-    over shifts, against the sum over 16 384 pieces. A wave of 12 is nearer to it than one of 24 spread evenly."""
+    """Blades a four hundredth of a ray wide cross a fifth of it, the rest is free. Where its light comes from, against the sum
+    over 16 384 pieces: 12 samples are nearer to it than 24 spread evenly."""
     x = (np.arange(16384) + 0.5) / 16384
     random = np.random.default_rng(seed)
     blades = np.repeat(random.random(400) < 0.3, 41)[:16384] & (x > free) & (x < free + 0.2)

@@ -32,15 +32,15 @@ class Rung(NamedTuple):
     cost: float
 
 
-_FINE = {"early_stop": 0.005, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
-_EXACT = {"early_stop": 0.0, "skip": 0.0, "weight_cut": 0.0, "base_samples": 32}
+_FINE = {"light_samples": 12, "early_stop": 0.005, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
+_EXACT = {"light_samples": 0, "early_stop": 0.0, "skip": 0.0, "weight_cut": 0.0, "base_samples": 32}
 LADDER = (
-    Rung({"samples": 24, "early_stop": 0.05, "base_samples": 4}, 0.0775, 1.0),
-    Rung({"samples": 32, "early_stop": 0.02}, 0.0496, 1.1),
-    Rung({"samples": 48, "anisotropy": 4}, 0.0189, 2.3),
-    Rung({"samples": 64, "anisotropy": 4}, 0.0124, 2.6),
-    Rung({"samples": 96, "anisotropy": 4, **_FINE}, 0.0074, 3.6),
-    Rung({"samples": 192, "anisotropy": 8, **_FINE}, 0.0046, 9.9),
+    Rung({"samples": 10, "early_stop": 0.05, "base_samples": 4}, 0.0775, 1.0),
+    Rung({"samples": 14, "early_stop": 0.02}, 0.0496, 1.1),
+    Rung({"samples": 20, "anisotropy": 4}, 0.0189, 2.3),
+    Rung({"samples": 28, "anisotropy": 4}, 0.0124, 2.6),
+    Rung({"samples": 48, "anisotropy": 4, **_FINE}, 0.0074, 3.6),
+    Rung({"samples": 96, "anisotropy": 8, **_FINE}, 0.0046, 9.9),
     Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.0007, 27.0),
 )
 

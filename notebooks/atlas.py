@@ -72,7 +72,7 @@ for axis, along in zip(axes, range(3), strict=True):
 # ## Learning it
 
 # %%
-config = replace(atlas_as(TINY), batch=192, kimg=192 * 0.4, snapshot_kimg=192 * 0.4)
+config = replace(atlas_as(TINY), batch=128, samples=16, kimg=128 * 0.4, snapshot_kimg=128 * 0.4)
 rows = []
 run = ms.train(config, capture, folder / "run", show=rows.append)
 found = read_neutex(max(run.snapshots.values()))
@@ -92,7 +92,7 @@ axis.legend()
 
 # %%
 def seen(i, edit=None, **changes):
-    how = view(found.config, found.field, Quality(**{"samples": 48, "pixel_samples": 1, **changes}), edit)
+    how = view(found.config, found.field, Quality(**{"samples": config.samples, "pixel_samples": 1, **changes}), edit)
     return picture(found.config, found.field, found.to_box(capture.photos[i]), how).rgba[..., :3]
 
 
@@ -124,8 +124,8 @@ show(axes[3], seen(10, edit), "from another")
 # Samples a ray, against many.
 
 # %%
-reference = seen(7, samples=96, early_stop=0.0, skip=0.0)
-for samples in (12, 48):
+reference = seen(7, samples=48, early_stop=0.0, skip=0.0)
+for samples in (8, config.samples):
     print(f"{samples:2d} samples: mean error {np.abs(seen(7, samples=samples) - reference).mean():.2g}")
 
 # %% [markdown]

@@ -43,7 +43,7 @@ print(
 def picture(bundle, patches, pixels, seed=0):
     """A field from straight above, under an aslant light, at age 0, in x/(1 + x)."""
     material = ready(bundle, seed_origin(seed) if bundle.tiles else (0, 0))
-    return above.picture(material, np.zeros(1, np.float32), (patches, pixels), (0.6, 0.0, 0.8), 32)
+    return above.picture(material, np.zeros(1, np.float32), (patches, pixels), (0.6, 0.0, 0.8), 24)
 
 
 def show(ax, image, patches, title):
@@ -59,7 +59,7 @@ def show(ax, image, patches, title):
 # torus of 4 × 4 patches each tile lies once; the fit learns that torus.
 
 # %%
-PATCHES, PIXELS = 8, 48
+PATCHES, PIXELS = 8, 32
 plane = picture(turf, PATCHES, PIXELS)
 middles = np.arange(PATCHES, dtype=np.float32) + 0.5
 looked_up = jax.vmap(partial(on_torus, turf.tiles, (0, 0)))(np.stack(np.meshgrid(middles, middles), -1).reshape(-1, 2))

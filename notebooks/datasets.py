@@ -39,7 +39,7 @@ folder = Path(tempfile.mkdtemp())
 # What all images of a dataset share. `None` means the recipe's own choice; `patch` is None, so every image shows new hairs.
 
 # %%
-settings = {"recipe": "fur", "seed": 0, "size": 64, "samples_per_pixel": 8, "denoise": False}
+settings = {"recipe": "fur", "seed": 0, "size": 48, "samples_per_pixel": 6, "denoise": False}
 settings |= {"coverage": (0.3, 1.0), "fixed": {}, "patch": None, "views": None}
 report = render_dataset(settings, 12, folder / "fur", Farm(workers=1, threads=2), lambda finished, missing, fault: None)
 assert not report.faults and check_dataset(folder / "fur") == []
@@ -75,8 +75,8 @@ print("rows:", ", ".join(blender.manifest["parameters"]))
 # training that stopped goes on where it was.
 
 # %%
-pack_dataset(dataset, folder / "fur32", size=32)
-feed = Feed(read_dataset(folder / "fur32"), batch=4, seed=0)
+pack_dataset(dataset, folder / "fur24", size=24)
+feed = Feed(read_dataset(folder / "fur24"), batch=4, seed=0)
 batch = feed[0]
 print(batch.image.shape, batch.image.dtype, "beta", batch.beta[0].round(2), "alpha", batch.alpha[0].round(2))
 assert np.array_equal(next(feed.after(5)).index, feed[5].index)

@@ -168,9 +168,11 @@ learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))
 w, phases = latents(learning, state.generator, jnp.zeros((1, 0))), own_phases(learning, jnp.arange(1))
 field = jax.jit(made, static_argnums=(0, 5))(learning, state, state.generator, w, phases, small.texels)[0]
+looked_at = jax.jit(from_above, static_argnums=(1, 5))
 figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 for axis, f, name in zip(axes, (data.features[0], field[0]), ("fitted", "where learning begins"), strict=True):
-    seen = from_above(data.decoder, bundle.height_octaves, jnp.asarray(f), jnp.asarray(data.height), jnp.full(1, 0.2))
+    given = jnp.asarray(f), jnp.asarray(data.height), jnp.full(1, 0.2)
+    seen = looked_at(data.decoder, bundle.height_octaves, *given, 16)
     axis.imshow(seen.depth, cmap="gray", vmin=0, vmax=1, origin="lower")
     axis.set_title(f"{name}: height of what is seen from above")
 assert abs(float(jnp.mean(field))) < 0.3 and 0.5 < float(jnp.std(field)) < 2
@@ -179,21 +181,22 @@ assert abs(float(jnp.mean(field))) < 0.3 and 0.5 < float(jnp.std(field)) < 2
 # And where it has got to: `lawn`, which learned the bundled corner tiles against a critic. Two seeds, a patch each.
 
 # %%
-compiled = jax.jit(synthesise, static_argnums=(0, 6))
+synthesised = jax.jit(synthesise, static_argnums=(0, 6))
+heights = jax.jit(synthesise_height, static_argnums=0)
 
 
-def seen_from_above(name, seed, beta, alpha):
+def seen_from_above(maker, seed, beta, alpha):
     """A patch of a bundled generator."""
-    maker = maker_of(ms.load_material(name).shell, name)
     latent = grown(maker, seed, np.array(beta, np.float32))
     given = maker.config, maker.generator, maker.averages, latent.w, latent.phases, jnp.zeros(2, jnp.int32), (64, 64)
-    height = synthesise_height(maker.config, maker.generator, latent.w)[0]
-    return from_above(maker.decoder, maker.octaves, compiled(*given).feature[0], height, jnp.full(1, alpha))
+    height = heights(maker.config, maker.generator, latent.w)[0]
+    return looked_at(maker.decoder, maker.octaves, synthesised(*given).feature[0], height, jnp.full(1, alpha), 16)
 
 
+lawn = maker_of(ms.load_material("lawn").shell, "lawn")
 figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 for seed, axis in enumerate(axes):
-    seen = seen_from_above("lawn", seed, [], 0.2)
+    seen = seen_from_above(lawn, seed, [], 0.2)
     axis.imshow(seen.depth, cmap="gray", vmin=0, vmax=1, origin="lower")
     axis.set_title(f"seed {seed}: height of what is seen from above")
     assert float(jnp.mean(seen.cover)) > 0.6 and float(jnp.std(seen.depth)) > 0.05
@@ -202,8 +205,9 @@ for seed, axis in enumerate(axes):
 # `carpet` learned in the same way, told the direction in which each exemplar was combed: the same phases, combed four ways.
 
 # %%
+carpet = maker_of(ms.load_material("carpet").shell, "carpet")
 figure, axes = plt.subplots(1, 4, figsize=(12, 3.4), layout="constrained")
-depths = [seen_from_above("carpet", 0, [0.7, turn / 4], 0.6).depth for turn in range(4)]
+depths = [seen_from_above(carpet, 0, [0.7, turn / 4], 0.6).depth for turn in range(4)]
 for turn, axis in enumerate(axes):
     axis.imshow(depths[turn], cmap="gray", vmin=0, vmax=1, origin="lower")
     axis.set_title(f"combed at {90 * turn}°")

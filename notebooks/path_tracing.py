@@ -27,7 +27,7 @@ from mesoshell.render.quality import PRESETS
 load_dict = ms.mitsuba.load_dict
 import mitsuba as mi  # noqa: E402  (after ms.mitsuba, which names a libLLVM that works)
 
-SIZE = 64
+SIZE = 48
 MESH = str(resources.files("mesoshell") / "assets" / "spot.obj")
 
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.xdist_group("atlas_cli")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("made")
     balls.write_capture(made / "capture", views=10, size=24)
-    main(["atlas", "train", str(made / "capture"), "--run", str(made / "run"), "--preset", "tiny", "--kimg", "30.72"])
+    main(["atlas", "train", str(made / "capture"), "--run", str(made / "run"), "--preset", "tiny", "--kimg", "10.24"])
     return made
 
 

@@ -1,5 +1,7 @@
 """A generator small enough to bake in a second, in a bundle with an appearance and a geometry parameter."""
 
+from functools import cache
+
 import jax
 
 from mesoshell.io.bundle import Bundle, Parameter
@@ -17,6 +19,7 @@ PARAMETERS = (
 )
 
 
+@cache
 def bundle() -> Bundle:
     config = sized(
         TrainConfig(
@@ -29,5 +32,6 @@ def bundle() -> Bundle:
         appearance=1,
         geometry=1,
     )
-    learner = start(config, jax.random.key(3)).learner
+    # in one program, and without what only training has: step by step it is hundreds
+    learner = jax.jit(lambda key: start(config, key).learner)(jax.random.key(3))
     return generator_bundle(config, learner, init_averages(config.generator), PARAMETERS, {"images": 0})

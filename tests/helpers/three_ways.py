@@ -8,6 +8,7 @@ import json
 import os
 import sys
 from dataclasses import replace
+from functools import partial
 
 os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=8"
 
@@ -26,7 +27,7 @@ CONFIG = replace(PLAIN, mismatch=0.5)
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    begin = start(CONFIG, jax.random.key(0))
+    begin = jax.jit(partial(start, CONFIG))(jax.random.key(0))  # in one program: step by step it is hundreds
     exact = jax.tree.map(lambda x: x.astype(jnp.float64) if jnp.issubdtype(x.dtype, jnp.floating) else x, begin)
     one, how = jax.jit(lambda s, b: step(CONFIG, s, b))(exact, batch()), sys.argv[1]
     spread = spread_step(lambda s, b, across: step(CONFIG, s, b, across), CONFIG.batch, how)

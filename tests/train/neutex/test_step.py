@@ -190,7 +190,7 @@ def test_the_cycle_moves_the_maps_alone() -> None:
 
     def slope(weight):
         made = replace(config, cycle=weight)
-        return step(made, begin, batch)[0].adam.inner_states["network"].inner_state[0].mu  # type: ignore[attr-defined]
+        return once(made, begin, batch)[0].adam.inner_states["network"].inner_state[0].mu  # type: ignore[attr-defined]
 
     with_, without = slope(1.0), slope(0.0)
     for name in ("sigma", "texture", "view"):

@@ -34,6 +34,7 @@ from mesoshell.train.textures.state import TexturesConfig, TexturesState, fitted
 from mesoshell.train.textures.step import start, step
 from mesoshell.train.textures.synthesis import folded, latents, made, own_phases, settled, standard
 from mesoshell.train.transfer import lender
+from tests.helpers.quick_start import begin_soon
 
 pytestmark = pytest.mark.xdist_group("textures")
 SIDE, C = 32, 4
@@ -125,7 +126,9 @@ def against_a_critic(exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExempl
     config, data = fitted(
         replace(CONFIG, generator=generator, adversarial=True, balance=0.6, rate=3e-3, kimg=0.1), exemplars
     )
-    return config, data, start(config, data, jax.random.key(0))
+    with pytest.MonkeyPatch.context() as patch:
+        begin_soon(patch)
+        return config, data, start(config, data, jax.random.key(0))
 
 
 def test_both_players_are_train_states_of_flax(against_a_critic):
@@ -344,6 +347,7 @@ def test_a_critic_is_told_of_parameters():
 
 def test_a_run_keeps_a_material_and_a_sheet(exemplars: Exemplars, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(textures_snapshot, "SIDE", 16)
+    begin_soon(monkeypatch)
     write_exemplars(tmp_path / "e.npz", exemplars)
     config = replace(CONFIG, kimg=0.004, snapshot_kimg=0.004)
     run.train(config, read_exemplars(tmp_path / "e.npz"), tmp_path / "run")
@@ -351,10 +355,11 @@ def test_a_run_keeps_a_material_and_a_sheet(exemplars: Exemplars, tmp_path: Path
     assert (tmp_path / "run" / "sheets" / "000000004.png").stat().st_size > 1000
 
 
-def test_a_run_begins_with_a_snapshot(begun, exemplars: Exemplars, tmp_path: Path):
+def test_a_run_begins_with_a_snapshot(begun, exemplars: Exemplars, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """What its textures are is kept; other exemplars, other networks and bundles without a generator are refused."""
     config, data, state = begun
     write_bundle(tmp_path / "grass.npz", bundle(config, data, state))
+    begin_soon(monkeypatch)
     fresh = start(config, data, jax.random.key(9))
     lent = lender(config, data, tmp_path / "grass.npz")(fresh)
     for own, given in zip(*(jax.tree.leaves(folded(s.smooth, s)) for s in (state, lent)), strict=True):

@@ -54,7 +54,7 @@ def test_a_picture_its_radiance_and_its_report(material: Path, tmp_path: Path, c
     assert (record["engine"], record["rays"]) == ("jax", 32 * 32)
     assert record["queries"] > 0
     assert record["material"]["parameters"] == {"dryness": "1.5"}
-    assert record["quality"]["samples"] == 24
+    assert record["quality"]["samples"] == 10
     assert all(set(e) == {"on", "why"} for e in record["effects"].values())
     seconds = record["seconds"]
     assert all(v >= 0 for v in seconds.values())
@@ -87,7 +87,7 @@ def test_a_goal_is_said_and_kept_in_the_report(material: Path, tmp_path: Path, c
     assert "most samples taken: " in capsys.readouterr().err
     report = json.loads(out.with_suffix(".json").read_text())
     assert "settings" not in report["goal"] and report["goal"]["samples"]["mean"] == 3
-    assert (report["quality"]["samples"], report["quality"]["pixel_samples"]) == (24, 3)
+    assert (report["quality"]["samples"], report["quality"]["pixel_samples"]) == (10, 3)
 
 
 @pytest.mark.parametrize("height", [0.25, 1.0])

@@ -20,9 +20,9 @@ import mpmath
 import numpy as np
 
 import mesoshell
-from mesoshell.geometry.curvature import principal
 from mesoshell.geometry.mesh import uv_stretch
 from mesoshell.geometry.normals import face_normals
+from mesoshell.geometry.principal_curvature import principal
 from mesoshell.io.bundle import read_bundle
 from mesoshell.numerics import opacity, optical_depth, softplus
 from mesoshell.render.composite import weights

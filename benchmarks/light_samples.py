@@ -19,8 +19,8 @@ from mesoshell.measure.flip import flip
 #: Rays a pixel; of the picture that others are measured against; turns, the first of which compiles.
 RAYS, TRUE, TURNS = 4, 64, 4
 TRIED = {
-    "three distant lights": [{"light_samples": k} for k in (0, 8, 4, 2, 1)],
-    "a sky": [{"environment_samples": e, "light_samples": k} for e in (4, 8, 16) for k in (0, 4, 2)],
+    "three distant lights": [{"light_samples": k} for k in (0, 8, 6, 4, 2, 1)],
+    "a sky": [{"environment_samples": e, "light_samples": k} for e in (4, 8, 16) for k in (0, 6, 2)],
 }
 
 
@@ -52,7 +52,7 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|")
     for name, settings in TRIED.items():
-        true = shown(ms.render(scenes[name], "normal", pixel_samples=TRUE, environment_samples=6))
+        true = shown(ms.render(scenes[name], "normal", pixel_samples=TRUE, environment_samples=6, light_samples=0))
         rows = [measured(scenes[name], changes, true) for changes in settings]
         for changes, (seconds, asked, error) in zip(settings, rows, strict=True):
             directions, drawn = changes.get("environment_samples", "–"), changes["light_samples"] or "all"

@@ -15,7 +15,16 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.render.renderer import render
 
-REFERENCE = Quality(pixel_samples=1, samples=2048, coordinates="exact", early_stop=0.0, skip=0.0, weight_cut=0.0)
+REFERENCE = Quality(
+    pixel_samples=1,
+    samples=2048,
+    spacing="length",
+    coordinates="exact",
+    early_stop=0.0,
+    skip=0.0,
+    weight_cut=0.0,
+    light_samples=0,
+)
 SIZE = 128
 
 
@@ -41,10 +50,12 @@ def main() -> None:
     print(f"2048 samples in float32: error {np.sqrt(np.mean((single - truth)[covered] ** 2)):.1e}\n")
     print("| coordinates | spacing | samples | early stop | error | seconds |\n|---|---|---|---|---|---|")
     plans = [(c, "length", n, 0.01) for n in (8, 16, 32, 64, 128, 256) for c in ("interpolated", "exact")]
-    plans += [("interpolated", "interval", n, 0.01) for n in (16, 64, 256)]
+    plans += [("interpolated", way, n, 0.01) for way in ("interval", "density") for n in (16, 64, 256)]
     plans += [("interpolated", "length", 64, stop) for stop in (0.0, 0.03, 0.1)]
     for coordinates, spacing, samples, stop in plans:
-        quality = Quality(pixel_samples=1, samples=samples, coordinates=coordinates, spacing=spacing, early_stop=stop)
+        quality = REFERENCE.with_changes(
+            samples=samples, coordinates=coordinates, spacing=spacing, early_stop=stop, skip=0.05, weight_cut=0.048
+        )
         found, seconds = picture(scene, quality)
         error = float(np.sqrt(np.mean((found - truth)[covered] ** 2)))
         print(f"| {coordinates} | {spacing} | {samples} | {stop} | {error:.4f} | {seconds:.2f} |")

@@ -52,7 +52,9 @@ WHOLE = {"near": 0.3, "far": 0.06}
 SIDES = {"near": 128, "far": 64}
 SAMPLES = (8, 16, 32, 64, 128)
 PATHS = 256
-TRUE = PRESETS["normal"].with_changes(samples=256, pixel_samples=16, early_stop=0.0, skip=0.0, weight_cut=0.0)
+TRUE = PRESETS["normal"].with_changes(
+    samples=256, pixel_samples=16, spacing="length", early_stop=0.0, skip=0.0, weight_cut=0.0, light_samples=0
+)
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,8 @@ print(report.counts)
 # Every knob is one field of `Quality`. Here the sample budget; the docs' performance page measures the others.
 
 # %%
-reference, _ = render(marched, quality.with_changes(samples=128, early_stop=0.0, skip=0.0), effects)
+quality = quality.with_changes(light_samples=0)
+reference, _ = render(marched, quality.with_changes(samples=128, early_stop=0.0), effects)
 for samples in (8, 24):
     image, report = render(marched, quality.with_changes(samples=samples), effects)
     error = np.sqrt(np.mean((image - reference) ** 2))

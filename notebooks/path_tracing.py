@@ -83,9 +83,9 @@ assert all(np.isfinite(image).all() for image in pictures.values())
 
 # %%
 sun = {"type": "directional", "direction": [-0.5, -0.8, 0.6], "irradiance": 9.0}
-coarse = PRESETS["draft"].with_changes(samples=12)
+coarse, fine = (PRESETS["draft"].with_changes(samples=n) for n in (8, 32))
 figure, axes = plt.subplots(1, 2, figsize=(8, 4))
-for axis, (name, quality) in zip(axes, {"12 samples a ray": coarse, "48": PRESETS["normal"]}.items(), strict=True):
+for axis, (name, quality) in zip(axes, {"8 samples a ray": coarse, "32": fine}.items(), strict=True):
     lit = load_dict(scene(sky=sun, integrator={"type": "path", "max_depth": 2}), quality)
     image = np.array(mi.render(lit, spp=8))
     axis.imshow(shown(image))

@@ -57,7 +57,7 @@ ALIKE = [
     {"anisotropy": 4},
     {"visibility": "sample"},
     {"filtering": False},
-    {"samples": 20, "skip": 0.0, "weight_cut": 0.0},
+    {"samples": 33, "height_filter": 1.0, "skip": 0.0, "weight_cut": 0.0},
 ]
 
 

@@ -53,7 +53,7 @@ MARCHED = [
     ({"convex": False, "enclosed": 0.1}, {}, {"mesh_shadow", "filtering"}),
     ({"convex": False, "distant": 0}, {}, {"direct_light", "filtering"}),
     ({}, {"spacing": "interval"}, {"filtering"}),
-    ({}, {"spacing": "density"}, {"filtering"}),  # some samples stand for a tenth of a ray, and reach over rows
+    ({}, {"spacing": "density"}, {"filtering"}),  # some samples stand for half of a ray, and reach over rows
     ({"rows": 4}, {"spacing": "density"}, set()),
     ({"objects": 1, "enclosed": 0.5}, {}, {"object_shadow"}),
     ({"objects": 1, "distant": 0}, {}, {"direct_light"}),
@@ -64,6 +64,7 @@ MARCHED = [
 GOING = {"bounces", "roulette", "quadrature", "filtering"}
 TRACED = [
     ({"distant": 0}, {}, {"direct_light", "quadrature"}),
+    ({"rows": 16}, {"spacing": "density"}, set()),  # of which paths have none
     ({}, {"max_depth": 1}, {"direct_light", "quadrature"}),
     ({"environment": True}, {}, {"environment", "quadrature", "filtering"}),
     ({"area": 1}, {}, {"area_light", "quadrature", "filtering"}),
@@ -133,9 +134,10 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
         assert all(found[name] == getattr(quality, name) for name in found)
         return set(found)
 
-    marched = {"pixel_samples", "samples", "spacing", "coordinates", "early_stop", "skip", "weight_cut", "filtering"}
+    marched = {"pixel_samples", "samples", "spacing", "coordinates", "early_stop", "weight_cut", "filtering"}
     marched |= {"base_samples", "light_samples"}
     assert used(lone, MARCH) == marched
+    assert used(lone, MARCH, spacing="length") == marched | {"skip"}
     filtered = {"height_filter", "anisotropy"}
     assert used(sky, MARCH) == marched | filtered | {"visibility", "twin", "environment_samples"}
     assert used(replace(lone, distant=0), MARCH) == marched - {"weight_cut", "base_samples", "light_samples"}

@@ -250,5 +250,5 @@ def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: En
     apart = (1 if engine.draws or quality.spacing == "length" else WIDEST) / quality.samples
     spaced = 2 * f.rows * quality.height_filter * apart / 3**0.5  # a ray goes down and comes up again at most
     if spaced > 1:
-        return Effect(True, f"samples stand for up to {spaced:.1f} rows of the height feature")
+        return Effect(True, f"heights are averaged over up to {spaced:.1f} rows of the height feature")
     return Effect(False, f"footprints reach {f.coarsest:.2g} texels at most: the finest level everywhere")

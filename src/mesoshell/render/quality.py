@@ -42,8 +42,8 @@ class Quality:
     #: "interval" is the paper's.
     spacing: str = _setting(
         "density",
-        "samples where the material's σ grid lets expect that a ray loses its light, in proportion to length, or as many in "
-        "each interval; paths have them in proportion to length",
+        "density: samples where the material's σ grid suggests that a ray loses its light; length: in proportion to length, as "
+        "paths always have them; interval: as many in each interval",
         "opacity, where samples are few",
         engine="jax",
         words=("density", "length", "interval"),
@@ -66,17 +66,21 @@ class Quality:
         0.01, "transmittance below which a ray stops", "colour and alpha, by at most this", below=1
     )
     #: A sample is not decoded if the material's σ grid bounds it below its share of this, by length.
-    skip: float = _setting(0.05, "optical depth that a ray may lose where space is empty", "alpha", below=1)
+    skip: float = _setting(
+        0.05, "optical depth that a ray may lose where space is empty; none by samples of density", "alpha", below=1
+    )
     weight_cut: float = _setting(
         0.048,
-        "opacity that a ray may leave unlit: samples of a weight below weight_cut / samples are not",
+        "opacity that a ray may leave unlit: what has a weight below weight_cut / samples is not (with light_samples, the "
+        "ground alone)",
         "colour, by at most this share",
         below=1,
     )
     #: As with any estimate by few samples, pictures of many rays a pixel average it.
     light_samples: int = _setting(
         6,
-        "samples a ray that are lit, drawn in proportion to their weights; 0: all that weight_cut leaves",
+        "about so many samples a ray are lit, drawn in proportion to their weights; more where the σ grid expects less than "
+        "there is; 0: all that weight_cut leaves",
         engine="jax",
     )
     filtering: bool = _setting(

@@ -15,7 +15,7 @@ def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str
         "height_filter": effects.filtering.on,
         "coordinates": shells,
         "early_stop": shells or not paths,
-        "skip": shells,
+        "skip": shells and (paths or quality.spacing != "density"),
         "weight_cut": sums and lit,
         "light_samples": shells and lit and not paths,
         "filtering": shells,

@@ -1,4 +1,4 @@
-"""The settings that a tradeoff varies, and their values, from cheap to accurate.
+"""The settings that a tradeoff varies, and their values in order, mostly from cheap to accurate.
 
 The number of samples a pixel is no knob: a point has an error for each number.
 """

@@ -24,7 +24,7 @@ from mesoshell.scene.picture import Passes, Progress
 
 #: C, of which there is none for a path tracer; first of T's passes, and so most of a point's, where rays are the same; passes
 #: r_k that are kept; most of r_k − c_k; least and most of the many.
-CHEAPER = PRESETS["normal"].with_changes(samples=64, anisotropy=4, twin=0.0)
+CHEAPER = PRESETS["normal"].with_changes(samples=64, spacing="length", light_samples=0, anisotropy=4, twin=0.0)
 FIRST, PAIRED, DIFFERENCES, LEAST, MOST = 8, 2, 16, 16, 1024
 
 

@@ -104,7 +104,7 @@ def test_waves_give_what_a_full_evaluation_gives(tiny_bundle):
     np.testing.assert_allclose(weight, -np.expm1(-true), rtol=1e-5, atol=1e-7)
 
 
-@pytest.mark.parametrize("opacity", [1.0, 0.25])
+@pytest.mark.parametrize("opacity", [1.0, 0.3])
 def test_light_of_drawn_samples_is_that_of_all_in_the_mean(tiny_bundle, opacity: float):
     """Over evenly spaced u, whose sum errs by less than a sample's light; of at most two samples an opacity of which as much is
     expected as there is, and whatever is expected."""
@@ -113,17 +113,17 @@ def test_light_of_drawn_samples_is_that_of_all_in_the_mean(tiny_bundle, opacity:
     candidates = candidates._replace(opacity=np.full(len(candidates.ray), opacity))
     depth, shaded = renderer.march(candidates, pieces, at, tile)
     few, _ = setting(scene, replace(scenes.FULL, light_samples=2))
-    count = round(2 / opacity)
+    count = 2 / opacity
     levels = (np.arange(32) + 0.5) / 32
     total = np.zeros((len(tile.o), 3))
     for u in levels:
         same, drawn = few.march(candidates, pieces, at, tile, np.full(len(tile.o), u))
         np.testing.assert_array_equal(same, depth)  # opacity knows nothing of it
-        assert (np.bincount(drawn.ray, minlength=1) <= count).all() and (drawn.weight >= 1 / count).all()
+        assert (np.bincount(drawn.ray, minlength=1) <= np.ceil(count)).all() and (drawn.weight >= 0.999 / count).all()
         np.add.at(total, drawn.ray, drawn.weight[:, None] * drawn.rho[:, 0])
     true = np.zeros_like(total)
     np.add.at(true, shaded.ray, shaded.weight[:, None] * shaded.rho[:, 0])
-    assert few.report.counts["transport_queries"] <= len(levels) * count * len(tile.o)
+    assert few.report.counts["transport_queries"] <= len(levels) * np.ceil(count) * len(tile.o)
     np.testing.assert_allclose(total / len(levels), true, atol=2 * shaded.rho.max() / (count * len(levels)))
 
 

@@ -31,8 +31,6 @@ def test_samples_lie_in_order_and_none_stands_for_much(depth: np.ndarray, sample
     p = placed(depth, samples, shift)
     assert (p.x >= 0).all() and (p.x <= 1).all() and (np.diff(p.x) >= -1e-6).all()
     assert (p.share > 0).all() and p.share.max() <= 1.01 * WIDEST / samples
-    at = np.clip((p.x * BINS).astype(int), 0, BINS - 1)  # a place on a wall between bins may count to either
-    assert ((p.depth == depth[at]) | (np.abs(p.x * BINS - np.round(p.x * BINS)) < 1e-3)).all()
 
 
 @pytest.mark.parametrize("depth", [0.0, 1e-3])
@@ -66,20 +64,22 @@ def test_half_of_the_samples_lie_where_light_is_lost():
 
 @given(DEPTHS)
 @settings(max_examples=50)
-def test_sums_are_integrals_in_the_mean(depth: np.ndarray):
-    """Over evenly spaced shifts, whatever the places. It errs where places of two shifts lie on both sides of a bin's wall: by
-    WIDEST over their number at each wall, and either way."""
+def test_every_bin_counts_as_it_is_long(depth: np.ndarray):
+    """Over 512 evenly spaced shifts the shares of the samples in a bin add up to its own, to two of them."""
     shifts = jnp.asarray((np.arange(512) + 0.5) / 512, jnp.float32)
-    x, share, _ = jax.vmap(lambda shift: expected_places(6, jnp.asarray(depth), shift))(shifts)
-    total = (np.asarray(share, np.float64) * np.cos(7 * np.asarray(x, np.float64))).sum(axis=1).mean()
-    np.testing.assert_allclose(total, np.sin(7) / 7, atol=WIDEST * BINS / (6 * 512) / 4)
+    x, share = jax.vmap(lambda shift: expected_places(6, jnp.asarray(depth), shift))(shifts)
+    k = np.minimum((np.asarray(x) * BINS).astype(int), BINS - 1).ravel()
+    total = np.bincount(k, np.asarray(share, np.float64).ravel(), BINS) / 512
+    largest = np.zeros(BINS)
+    np.maximum.at(largest, k, np.asarray(share).ravel())
+    assert (np.abs(total - 1 / BINS) <= 2.1 * largest / 512 + 1e-5).all()
 
 
 def test_a_sample_lies_on_the_interval_that_its_place_falls_on():
     """Two rays; one has an interval of no length, which gets no sample."""
     length = np.array([1.0, 0.0, 3.0, 0.5], np.float32)
     x = np.array([[0.0, 0.25, 0.625, 1.0], [0.0, 0.5, 0.75, 1.0]], np.float32)
-    p = Placed(x, np.full((2, 4), 0.25, np.float32), np.ones((2, 4), np.float32))
+    p = Placed(x, np.full((2, 4), 0.25, np.float32))
     s = on_intervals(p, length, np.array([0, 3]))
     np.testing.assert_array_equal(s.row, [0, 2, 2, 2, 3, 3, 3, 3])
     np.testing.assert_allclose(s.f, [0, 0, 0.5, 1, 0, 0.5, 0.75, 1])
@@ -88,19 +88,20 @@ def test_a_sample_lies_on_the_interval_that_its_place_falls_on():
 
 
 def test_rays_without_length_or_intervals_are_no_fault():
-    none = Placed(*(np.zeros((0, 4), np.float32),) * 3)
+    none = Placed(*(np.zeros((0, 4), np.float32),) * 2)
     assert not len(on_intervals(none, np.zeros(0, np.float32), np.zeros(0, int)).row)
-    flat = Placed(np.array([[0.1, 0.9]], np.float32), np.array([[0.5, 0.5]], np.float32), np.zeros((1, 2), np.float32))
+    flat = Placed(np.array([[0.1, 0.9]], np.float32), np.array([[0.5, 0.5]], np.float32))
     s = on_intervals(flat, np.zeros(2, np.float32), np.array([0]))
     assert np.isfinite(s.f).all() and (s.step == 0).all() and (s.row <= 1).all()
 
 
 def test_many_samples_by_density_are_many_by_length(tiny_bundle):
-    """With nothing skipped both tend to the same picture."""
+    """Both tend to the same picture; `skip` is of samples by length."""
     scene = scenes.slab(tiny_bundle)
-    many = scenes.FULL.with_changes(samples=512)
+    many = scenes.FULL.with_changes(samples=512, skip=0.9)
     by_length, by_density = (
-        render(scene, q, scenes.effects(scene, q))[0] for q in (many, many.with_changes(spacing="density"))
+        render(scene, q, scenes.effects(scene, q))[0]
+        for q in (many.with_changes(skip=0.0), many.with_changes(spacing="density"))
     )
     np.testing.assert_allclose(by_density, by_length, atol=2e-3 * by_length.max())
 

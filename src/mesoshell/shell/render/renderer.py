@@ -141,16 +141,14 @@ class _Renderer:
         """Samples that may hold something."""
         quality, length = self.quality, np.asarray(at.length)[: len(i.ray)]
         if quality.spacing == "density":
-            all_, depth = by_density(self.program, self.table, i, (pieces, at), quality.samples, shift)
-        else:
-            s = even(spread(i, length, quality.samples, quality.spacing, shift), length)
-            all_ = Candidates(s, i.ray[s.row], np.ones(len(s.row)))
-            depth = self.bounds(s, i, pieces, at) if quality.skip > 0 else np.zeros(0)
-        self.report.count(samples=len(all_.ray))
-        if quality.skip == 0:
-            return all_
-        some = np.flatnonzero(depth > quality.skip)
-        return Candidates(take(all_.samples, some), all_.ray[some], all_.opacity[some])
+            found = by_density(self.program, self.table, i, (pieces, at), quality.samples, shift)
+            self.report.count(samples=len(found.ray))
+            return found
+        s = even(spread(i, length, quality.samples, quality.spacing, shift), length)
+        self.report.count(samples=len(s.row))
+        if quality.skip > 0:
+            s = take(s, np.flatnonzero(self.bounds(s, i, pieces, at) > quality.skip))
+        return Candidates(s, i.ray[s.row], np.ones(len(s.row)))
 
     def bounds(self, s: Samples, i: Intervals, pieces: Piece, at: Frame) -> Float[np.ndarray, "S"]:
         """The greatest optical depth that a ray would have if all of it were as dense as each of its samples can be."""

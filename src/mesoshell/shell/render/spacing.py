@@ -6,11 +6,12 @@ B, b_k      bins of equal length along a ray, and the largest optical depth that
 e_k, T_k    optical depth expected in a bin, EXPECTED · b_k; transmittance before it, exp(−Σ_{j<k} e_j)
 p_k         density of samples: LOST of them by T_k (1 − e^{−e_k}), the light expected to be lost; OCCUPIED by 1 − e^{−B b_k},
             where there may be anything; the rest everywhere. Σ p_k = 1
-x           place on a ray, as a share of its canonical length: sample j lies where ∫p = (j + shift)/S, and stands for the share
-            1/(S p) of it
+x           place on a ray, as a share of its canonical length: sample j lies where the sum of p up to x is (j + shift)/S, and
+            stands for the share 1/(S B p_k) of it
 
-Optical depth is so estimated without bias over shifts, whatever the grid holds: p only says where samples are dense. (NeRF
-places its fine samples by the weights of coarse ones, Mildenhall et al. 2020, section 5.2; the grid stands in for those.)
+Over evenly drawn shifts the estimate of optical depth has no bias, whatever the grid holds: p only says where samples are
+dense, and none of them is skipped. (NeRF places its fine samples by the weights of coarse ones, Mildenhall et al. 2020,
+section 5.2; the grid stands in for those.)
 """
 
 from functools import partial
@@ -46,11 +47,10 @@ class Candidates(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Places of a ray's samples as shares of its length, the shares they stand for, and what depth their bins can have."""
+    """Places of a ray's samples as shares of its length, and the shares they stand for."""
 
     x: Float[np.ndarray, "R S"]
     share: Float[np.ndarray, "R S"]
-    depth: Float[np.ndarray, "R S"]
 
 
 def even(plan: SampleBudget, length: Float[np.ndarray, "I"]) -> Samples:
@@ -63,9 +63,8 @@ def even(plan: SampleBudget, length: Float[np.ndarray, "I"]) -> Samples:
 
 def by_density(
     program: StaticConfig, table: DeviceTables, i: Intervals, frames: tuple[Piece, Frame], count: int, shift: float
-) -> tuple[Candidates, Float[np.ndarray, "N"]]:
-    """`count` samples a ray, and the greatest optical depth that the whole ray would have if all of it were as dense as the
-    bin of each can be. frames: of the intervals, padded (renderer)."""
+) -> Candidates:
+    """`count` samples a ray. frames: of the intervals, padded (renderer)."""
     length = np.asarray(frames[1].length)[: len(i.ray)]
     start = np.flatnonzero(np.concatenate([[True], i.ray[1:] != i.ray[:-1]])[: len(i.ray)])
     bins = even(spread(i, length, BINS, "length"), length)
@@ -78,7 +77,7 @@ def by_density(
     placed = Placed(*(np.asarray(x)[: len(start)] for x in placed))
     opacity = -np.expm1(-EXPECTED * bounds.sum(axis=1, dtype=np.float64))
     samples = on_intervals(placed, length, start)
-    return Candidates(samples, i.ray[samples.row], np.repeat(opacity, count)), BINS * placed.depth.ravel()
+    return Candidates(samples, i.ray[samples.row], np.repeat(opacity, count))
 
 
 def on_intervals(placed: Placed, length: Float[np.ndarray, "I"], start: Int[np.ndarray, "R"]) -> Samples:
@@ -121,7 +120,7 @@ def interval_segments(
 def depth_profile(
     program: StaticConfig, grid: Grid, segments: Float[Array, "I 7"], row: Array, f: Array, step: Array, count: Array
 ) -> Float[Array, "N"]:
-    """Largest optical depth that pieces of length `step` can have, by the σ grid's cell in their middle."""
+    """Largest optical depth that pieces of length `step` would have if all of each were as its middle, by the σ grid."""
 
     def one(row: Array, f: Scalar, step: Scalar) -> Scalar:
         a = segments[row]
@@ -131,17 +130,17 @@ def depth_profile(
 
 
 @partial(jax.jit, static_argnums=0)
-def places(samples: int, depth: Float[Array, "R B"], shift: Scalar, count: Array) -> tuple[Array, Array, Array]:
+def places(samples: int, depth: Float[Array, "R B"], shift: Scalar, count: Array) -> tuple[Array, Array]:
     """`Placed` of rays, given b of each."""
     return in_tiles(
         lambda b: (*jax.vmap(partial(expected_places, samples, shift=shift))(b),),
         count,
         (depth,),
-        ((samples, jnp.float32),) * 3,
+        ((samples, jnp.float32),) * 2,
     )
 
 
-def expected_places(samples: int, depth: Float[Array, "B"], shift: Scalar) -> tuple[Array, Array, Array]:
+def expected_places(samples: int, depth: Float[Array, "B"], shift: Scalar) -> tuple[Array, Array]:
     """`Placed` of one ray, given its b."""
     bins = len(depth)
     expected = EXPECTED * depth
@@ -153,7 +152,7 @@ def expected_places(samples: int, depth: Float[Array, "B"], shift: Scalar) -> tu
     u = (jnp.arange(samples, dtype=depth.dtype) + shift) / samples
     k = jnp.minimum(jnp.sum(through[None] <= u[:, None], axis=1), bins - 1)
     within = jnp.clip((u - through[k]) / p[k] + 1, 0, 1)
-    return (k.astype(u.dtype) + within) / bins, 1 / (samples * bins * p[k]), depth[k]
+    return (k.astype(u.dtype) + within) / bins, 1 / (samples * bins * p[k])
 
 
 def _shares(x: Float[Array, "B"]) -> Float[Array, "B"]:

@@ -36,12 +36,12 @@ _FINE = {"light_samples": 12, "early_stop": 0.005, "skip": 0.02, "weight_cut": 0
 _EXACT = {"light_samples": 0, "early_stop": 0.0, "skip": 0.0, "weight_cut": 0.0, "base_samples": 32}
 LADDER = (
     Rung({"samples": 10, "height_filter": 0.3, "early_stop": 0.05, "base_samples": 4}, 0.0269, 1.0),
-    Rung({"samples": 14, "height_filter": 0.3, "early_stop": 0.02}, 0.0219, 1.3),
-    Rung({"samples": 20, "anisotropy": 4}, 0.0153, 2.2),
-    Rung({"samples": 28, "anisotropy": 4}, 0.0127, 2.3),
-    Rung({"samples": 48, "anisotropy": 4, **_FINE}, 0.0092, 3.1),
-    Rung({"samples": 96, "anisotropy": 8, **_FINE, "light_samples": 0}, 0.0048, 9.6),
-    Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.0014, 42.0),
+    Rung({"samples": 14, "height_filter": 0.3, "early_stop": 0.02}, 0.0219, 1.1),
+    Rung({"samples": 20, "anisotropy": 4}, 0.0154, 1.6),
+    Rung({"samples": 28, "anisotropy": 4}, 0.0127, 1.9),
+    Rung({"samples": 48, "anisotropy": 4, **_FINE}, 0.0092, 2.6),
+    Rung({"samples": 96, "anisotropy": 8, **_FINE, "light_samples": 0}, 0.0048, 8.0),
+    Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.0014, 37.4),
 )
 
 

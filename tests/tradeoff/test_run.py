@@ -15,6 +15,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.picture import Passes, Prepared, Rendered
 from mesoshell.tradeoff import run
 from mesoshell.tradeoff.knobs import changes, settings_of
+from mesoshell.tradeoff.points import picture_path
 from tests.helpers import made_passes
 
 NAMES = ("samples", "anisotropy")
@@ -80,7 +81,7 @@ def test_what_is_measured_is_written(first: tuple[run.Tradeoff, Path]) -> None:
     assert len(rows) == sum(len(p.samples) for p in made.points)
     assert {int(row["pixel_samples"]) for row in rows} == {1, 2, 4, 8}
     height, width = made_passes.SHAPE
-    assert all(read_png(run.picture_path(tmp_path, p)).shape[:2] == (2 * height, 4 * width) for p in made.points)
+    assert all(read_png(picture_path(tmp_path, p)).shape[:2] == (2 * height, 4 * width) for p in made.points)
     assert made._repr_html_().startswith("<iframe")
 
 

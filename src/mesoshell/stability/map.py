@@ -5,37 +5,39 @@ excess      of each prism: the worst place of edges, prisms, crossings and preci
 """
 
 import io
-from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.scene.accumulate import over_backdrop
-
-if TYPE_CHECKING:
-    from mesoshell.stability.examine import Stability
 
 #: Least and greatest excess that are told apart.
 LEAST, MOST = 1e-4, 10.0
 
 
-def png_of(stability: "Stability") -> bytes:
-    """The picture as a PNG file."""
+def png_of(
+    picture: Float[np.ndarray, "H W 4"],
+    first: Int[np.ndarray, "H W"],
+    kept: Float[np.ndarray, "P"],
+    excess: Float[np.ndarray, "P"],
+) -> bytes:
+    """The map as a PNG file. picture, first, kept, excess: of `Stability` (stability/report)."""
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
 
-    high, wide = stability.first.shape
+    high, wide = first.shape
     figure = Figure(figsize=(12, 12 / 3.3 * min(high / wide, 2) + 0.6), dpi=100, layout="constrained")
     panels = figure.subplots(1, 3)
-    panels[0].imshow(linear_to_srgb(np.clip(over_backdrop(np.nan_to_num(stability.picture)), 0, 1)))
+    panels[0].imshow(linear_to_srgb(np.clip(over_backdrop(np.nan_to_num(picture)), 0, 1)))
     panels[0].set_title("the scene", fontsize=10)
-    kept = panels[1].imshow(_where_visible(stability, stability.kept), cmap="viridis", vmin=0, vmax=1)
+    shares = panels[1].imshow(_where_visible(first, kept), cmap="viridis", vmin=0, vmax=1)
     panels[1].set_title("share of the thickness that is kept", fontsize=10)
     over = panels[2].imshow(
-        _where_visible(stability, np.clip(stability.excess, LEAST, MOST)), cmap="magma", norm=LogNorm(LEAST, MOST)
+        _where_visible(first, np.clip(excess, LEAST, MOST)), cmap="magma", norm=LogNorm(LEAST, MOST)
     )
     panels[2].set_title("how far off a place is, over what it may be", fontsize=10)
-    for panel, shown in ((panels[1], kept), (panels[2], over)):
+    for panel, shown in ((panels[1], shares), (panels[2], over)):
         figure.colorbar(shown, ax=panel, shrink=0.8)
     for panel in panels:
         panel.set_axis_off()
@@ -44,6 +46,6 @@ def png_of(stability: "Stability") -> bytes:
     return file.getvalue()
 
 
-def _where_visible(stability: "Stability", value: np.ndarray) -> np.ma.MaskedArray:
+def _where_visible(first: Int[np.ndarray, "H W"], value: np.ndarray) -> np.ma.MaskedArray:
     """A value of each prism, at the pixels that see one."""
-    return np.ma.masked_where(stability.first < 0, value[np.maximum(stability.first, 0)])
+    return np.ma.masked_where(first < 0, value[np.maximum(first, 0)])

@@ -32,7 +32,7 @@ class Stability:
 
     def map(self) -> bytes:
         """Where it is hard, as a PNG file, which a notebook displays."""
-        return png_of(self)
+        return png_of(self.picture, self.first, self.kept, self.excess)
 
     def _repr_png_(self) -> bytes:
         return self.map()

@@ -13,7 +13,7 @@ from PIL import Image
 from mesoshell.render.quality import PRESETS, SETTINGS
 from mesoshell.tradeoff.front import Entry
 from mesoshell.tradeoff.knobs import VALUES, changes, named, settings_of
-from mesoshell.tradeoff.points import Point
+from mesoshell.tradeoff.points import Point, picture_path
 
 if TYPE_CHECKING:
     from mesoshell.tradeoff.run import Tradeoff
@@ -108,8 +108,6 @@ def _how(made: "Tradeoff", e: Entry) -> str:
 
 def _pair(made: "Tradeoff", i: int, e: Entry) -> str:
     """An entry's picture and error map, from its point's strip."""
-    from mesoshell.tradeoff.run import picture_path
-
     with Image.open(picture_path(made.folder, e.point)) as strip:
         at, width, height = e.point.samples.index(e.samples), strip.width // len(e.point.samples), strip.height // 2
         picture, errors = (

@@ -12,8 +12,10 @@ bias²       of a point: |mean of (I_k − r_k)|² less its variance over k: fre
             other, however I_k and r_k depend. Of rays that cover a pixel evenly it takes off too much
 """
 
+import hashlib
 import time
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from scipy.optimize import nnls
 from mesoshell.measure.flip import flip, flip_map
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
-from mesoshell.tradeoff.knobs import Settings
+from mesoshell.tradeoff.knobs import Settings, named
 from mesoshell.tradeoff.reference import FIRST, Reference
 
 #: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
@@ -148,3 +150,8 @@ def _relative(difference: np.ndarray, true: np.ndarray) -> float:
 def error_map(image: np.ndarray, reference: Reference) -> np.ndarray:
     """FLIP of each pixel, (H, W)."""
     return flip_map(over_backdrop(image), over_backdrop(reference.image))
+
+
+def picture_path(folder: Path, point: Point) -> Path:
+    """The strip of a point's pictures."""
+    return folder / "pictures" / f"{hashlib.sha256(named(point.settings).encode()).hexdigest()[:12]}.png"

@@ -6,7 +6,6 @@ folder      reference.npz (reference.py), points.json, pictures/NAME.png (a poin
 """
 
 import csv
-import hashlib
 import html
 import io
 import json
@@ -32,7 +31,7 @@ from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Prepared
 from mesoshell.tradeoff.front import Entry, entries, front
 from mesoshell.tradeoff.knobs import OF_SETUP, changes, named, noise_of, settings_of, varied
-from mesoshell.tradeoff.points import Point, error_map, measured
+from mesoshell.tradeoff.points import Point, error_map, measured, picture_path
 from mesoshell.tradeoff.reference import CHEAPER, Reference, refer, refers_to
 from mesoshell.tradeoff.search import around, proposed, singles
 
@@ -212,11 +211,6 @@ def _keep_reference(folder: Path, reference: Reference) -> None:
     np.savez(file, **reference._asdict())
     write_png(folder / "reference.png", over_backdrop(reference.image))
     replace_file(folder / "reference.npz", file.getvalue())
-
-
-def picture_path(folder: Path, point: Point) -> Path:
-    """The strip of a point's pictures."""
-    return folder / "pictures" / f"{hashlib.sha256(named(point.settings).encode()).hexdigest()[:12]}.png"
 
 
 def _keep(folder: Path, points: Sequence[Point], images: np.ndarray, reference: Reference) -> None:

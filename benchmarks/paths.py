@@ -1,9 +1,10 @@
-"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates]
+"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates | --spacing]
 
 Prints, in one run: samples of a material decoded a second, over what this machine's matrix products would allow; first and
 second picture; paths a second against Mitsuba's own `path` on the bare meshes; and seconds to 5% error on three scenes.
 --later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`). --gates: instead, how much
-longer pictures take with all effects compiled than with those that their scenes call for, in turn.
+longer pictures take with all effects compiled than with those that their scenes call for, in turn. --spacing: instead, what
+samples by density cost and err beside those by length (`Quality.spacing`), and beside the settings before there were any.
 """
 
 import argparse
@@ -19,6 +20,7 @@ import numpy as np
 from benchmarks.rates import matrix_rate
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
+from mesoshell.measure.flip import flip
 from mesoshell.pathtracer import load_dict, load_file
 from mesoshell.render.effects import Effect, Effects
 from mesoshell.render.quality import PRESETS
@@ -122,6 +124,34 @@ def later(name: str, side: int, spp: int = 16, passes: int = 12) -> None:
         )
 
 
+def spacings(name: str, side: int, spp: int = 16, passes: int = 8) -> None:
+    """Against many samples by length: how far pictures are from it, noise taken off, and what a path costs."""
+    changes: list[dict[str, Any]] = [{"samples": 160, "spacing": "length", "skip": 0.01}]
+    changes += [{"samples": 48, "spacing": "length", "height_filter": 1.0}, {"spacing": "length"}, {}]
+    changes += [{"samples": 14}, {"samples": 10}, {"samples": 10, "height_filter": 0.2}]
+    plain = None
+    for changed in changes:
+        scene: Any = load_file(
+            SCENES / f"{name}.xml", PRESETS["normal"].with_changes(**changed), width=side, height=side
+        )
+        shot(scene, spp)
+        before, took, many = scene.integrator().world.queries, [], []
+        for seed in range(1, passes * (1 if plain else 2) + 1):
+            begin = time.perf_counter()
+            many.append(shot(scene, spp, seed + 1000 * (plain is None)))
+            took.append(time.perf_counter() - begin)
+        mean, noise = np.mean(many, axis=0), np.var(many, axis=0, ddof=1).mean() / len(many)
+        queries = (scene.integrator().world.queries - before) / len(many) / side**2 / spp
+        plain = plain or (mean, noise)
+        apart = max(np.square(mean - plain[0]).mean() - noise - plain[1], 0) ** 0.5 / plain[0].mean()
+        what = ", ".join(f"{k} {v}" for k, v in changed.items()) or "normal"
+        print(
+            f"| {name} | {what} | {queries:.1f} | {min(took) / side**2 / spp * 1e6:.1f} | {apart:.1%} | "
+            f"{mean.mean() / plain[0].mean() - 1:+.1%} | {flip(*(np.clip(x, 0, 1) for x in (plain[0], mean))):.3f} |",
+            flush=True,
+        )
+
+
 def slab(light: dict[str, Any], side: int) -> dict[str, Any]:
     """A flat lawn of 40 × 40 patches, all that there is, under one light."""
     view = mi.ScalarTransform4f().look_at([0, 4, 9], [0, 0, 0], [0, 1, 0])
@@ -172,6 +202,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--side", type=int, default=192, help="pixels along a side of the three scenes' pictures")
     parser.add_argument("--later", action="store_true", help="measure footprints after events")
+    parser.add_argument("--spacing", action="store_true", help="measure samples by density and by length")
     parser.add_argument("--gates", action="store_true", help="measure what effects that are off save")
     asked = parser.parse_args()
     if asked.gates:
@@ -182,12 +213,14 @@ def main() -> None:
         for name in ("spot", "room", "field"):
             gates(name, load_file(SCENES / f"{name}.xml", width=asked.side, height=asked.side))
         return
-    if asked.later:
+    if asked.spacing:
+        print("| scene | settings | σ a path | µs a path | pixel | mean | FLIP |\n|---|---|---|---|---|---|---|")
+    elif asked.later:
         print("| scene | spread | pixel, off 0 | mean, off 0 | noise | µs a path |\n|---|---|---|---|---|---|")
     else:
         decoding(256)
     for name in ("spot", "room", "field"):
-        (later if asked.later else to_goal)(name, asked.side)
+        (spacings if asked.spacing else later if asked.later else to_goal)(name, asked.side)
 
 
 if __name__ == "__main__":

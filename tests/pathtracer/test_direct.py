@@ -10,8 +10,8 @@ from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.pathtracer.direct import gather_light
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.quadrature import Ray
 from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, rays
 from mesoshell.render.effects import plan_effects

@@ -18,7 +18,7 @@ from mesoshell.io.image import read_png, write_png
 from mesoshell.pathtracer import load_file, maps
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.material import Material
-from mesoshell.pathtracer.quadrature import Sample
+from mesoshell.pathtracer.samples import Sample
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of, grow
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.field import Point, neural_field

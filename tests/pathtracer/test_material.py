@@ -14,7 +14,7 @@ import pytest
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.pathtracer.material import Material
-from mesoshell.pathtracer.quadrature import Sample
+from mesoshell.pathtracer.samples import Sample
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.kernels import DeviceTables, StaticConfig, _inputs, bound

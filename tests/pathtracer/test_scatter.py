@@ -11,8 +11,8 @@ from mesoshell.pathtracer.direct import gather_light
 from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.quadrature import IntervalFrame, Ray, canonical, no_frame
 from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.samples import IntervalFrame, Ray, canonical, no_frame
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.render.effects import PATHS, plan_effects
 from mesoshell.render.facts import Facts
@@ -67,13 +67,15 @@ def test_a_shell_is_left_through_its_top_but_no_farther_off_than_at_a_quarter() 
     assert float(np.array(scatter.exit_distance(here, mi.Float(0.4), mi.Vector3f(0, 0, 1), 0.1))[0]) == np.float32(0.1)
 
 
-def test_collisions_are_drawn_by_their_weights() -> None:
+@pytest.mark.parametrize("spacing", ["length", "density"])
+def test_collisions_are_drawn_by_their_weights(spacing: str) -> None:
     """Transmittance and light of the flat box by 512 drawn flights a ray, and by quadrature: z-tests of 64 rays."""
     mesh = box()
     shells = Shells([extrude(mesh, 1.0, 1.0)])
     media = Media(shells, [Medium(Material(read_bundle(ROOT / "src/mesoshell/assets/grass.npz")), (AGE,))])
-    plan = plan_effects(Facts(shells=1, distant=1, coarsest=2.0, seen=False), QUALITY, PATHS)
-    world = World(shells, media, None, QUALITY, plan, [(LIGHT, (1.0, 1.0, 1.0))])
+    quality = QUALITY.with_changes(spacing=spacing)
+    plan = plan_effects(Facts(shells=1, distant=1, coarsest=2.0, seen=False), quality, PATHS)
+    world = World(shells, media, None, quality, plan, [(LIGHT, (1.0, 1.0, 1.0))])
     rng, count, draws = np.random.default_rng(0), 64, 512
     target = rng.uniform(0.2, 0.8, (3, count))
     d = rng.normal(size=(3, count)) - np.array([[0], [0], [2.0]])

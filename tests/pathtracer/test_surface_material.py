@@ -18,7 +18,7 @@ from mesoshell.geometry.mesh import Mesh, bounding_box, load_mesh
 from mesoshell.io.surface import write_surface
 from mesoshell.pathtracer import scene_dict
 from mesoshell.pathtracer.load import load_dict, load_file
-from mesoshell.pathtracer.quadrature import Ray, no_frame
+from mesoshell.pathtracer.samples import Ray, no_frame
 from mesoshell.pathtracer.surface_material import SurfaceMaterial, SurfaceMeshes, density_around, draw_around
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import Effect

@@ -64,7 +64,7 @@ MARCHED = [
 GOING = {"bounces", "roulette", "quadrature", "filtering"}
 TRACED = [
     ({"distant": 0}, {}, {"direct_light", "quadrature"}),
-    ({"rows": 16}, {"spacing": "density"}, set()),  # of which paths have none
+    ({"rows": 16}, {"spacing": "density"}, {"filtering"}),
     ({}, {"max_depth": 1}, {"direct_light", "quadrature"}),
     ({"environment": True}, {}, {"environment", "quadrature", "filtering"}),
     ({"area": 1}, {}, {"area_light", "quadrature", "filtering"}),
@@ -144,7 +144,7 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     own = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}
     assert used(SURFACE_ONLY, SURFACE) == own
     assert used(SURFACE_ONLY, SURFACE, curvature_filter="point") == own - {"curve_length"}
-    paths = {"samples", "coordinates", "early_stop", "skip", "filtering", "spp", "dark_ground"}
+    paths = {"samples", "spacing", "coordinates", "early_stop", "skip", "filtering", "spp", "dark_ground"}
     assert used(lone, PATHS) == paths | {"weight_cut"}
     assert used(lone, PATHS, max_depth=2) == paths | {"weight_cut", "max_depth"}
     assert used(room, PATHS) == paths | filtered | {"max_depth", "twin", "rr_depth", "bounce_spread"}

@@ -20,8 +20,8 @@ from mesoshell.pathtracer.direct import gather_light, opacity
 from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.levels import softplus
 from mesoshell.pathtracer.material import Material
-from mesoshell.pathtracer.quadrature import Ray, nothing
 from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.samples import Ray, nothing
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.surface_material import _sigmoid
 from mesoshell.render.effects import PATHS, plan_effects
@@ -66,7 +66,7 @@ def through(sigma: np.ndarray) -> tuple[float, float]:
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     shells = Shells([extrude(check_mesh(corners, faces, corners[faces][..., :2], "box"), 1.0, 1.0)])
-    quality = PRESETS["normal"].with_changes(samples=STEPS, early_stop=0.0, skip=0.0)
+    quality = PRESETS["normal"].with_changes(samples=STEPS, spacing="length", early_stop=0.0, skip=0.0)
     plan = plan_effects(Facts(shells=1, distant=1, convex=True), quality, PATHS)
     world = World(shells, Layers(sigma), None, quality, plan)
     zero, far, yes = dr.zeros(mi.Float64, 1), dr.full(mi.Float64, 1.5, 1), dr.full(mi.Bool, True, 1)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from mesoshell.geometry.mesh import Mesh, load_mesh, uv_stretch
-from mesoshell.pathtracer import quadrature
 from mesoshell.pathtracer.prism import Piece
+from mesoshell.pathtracer.samples import canonical_frame
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import Shell, extrude
 from mesoshell.shell.geometry.tracer import Boundary
@@ -132,7 +132,7 @@ def test_canonical_frames_do_not_lose_digits_far_away() -> None:
     found = []
     for mesh in (near, far):
         shells = Shells([replace(extrude(near, 0.15, 0.25), base=mesh.vertices)])
-        here = quadrature._canonical(shells, some_piece(len(near.faces)))
+        here = canonical_frame(shells, some_piece(len(near.faces)))
         found.append([np.array(x) for x in (here.a, here.b, here.c, here.xi0, here.xi1)])
     for a, b in zip(*found, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -306,7 +306,7 @@ def jumps(mesh: Mesh, seed: int) -> tuple[np.ndarray, np.ndarray]:
     i = trace(shells, o, d).intervals
     begin, end = (mi.Vector2d(np.ascontiguousarray(x.T)) for x in (i.bary0, i.bary1))
     t0, t1, h0, h1 = (mi.Float64(x) for x in (i.t0, i.t1, i.h0, i.h1))
-    here = quadrature._canonical(shells, Piece(mi.UInt32(i.prism.astype(np.uint32)), t0, t1, begin, end, h0, h1))
+    here = canonical_frame(shells, Piece(mi.UInt32(i.prism.astype(np.uint32)), t0, t1, begin, end, h0, h1))
     first, last = np.array(here.xi0).T, np.array(here.xi1).T
     follows = (i.ray[1:] == i.ray[:-1]) & (np.abs(i.t0[1:] - i.t1[:-1]) < 1e-9)
     follows &= (shell.neighbour[i.prism[:-1]] == i.prism[1:, None]).any(axis=1)
@@ -333,6 +333,6 @@ def test_a_seam_jumps_by_the_circumference_and_nothing_else_does() -> None:
 
 def test_frames_on_a_mirrored_chart_are_mirrored() -> None:
     piece = some_piece(len(WAVY.faces))
-    one, other = (quadrature._canonical(Shells([extrude(m, 0.15, 0.25)]), piece) for m in (WAVY, mirrored(WAVY)))
+    one, other = (canonical_frame(Shells([extrude(m, 0.15, 0.25)]), piece) for m in (WAVY, mirrored(WAVY)))
     for name, sign in (("a", -1), ("b", 1), ("c", 1)):
         np.testing.assert_allclose(np.array(getattr(other, name)), sign * np.array(getattr(one, name)), atol=1e-5)

@@ -21,8 +21,8 @@ from mesoshell.pathtracer import scatter
 from mesoshell.pathtracer.free_flight import Flight, fly
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.quadrature import Ray
 from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.render.composite import weights
 from mesoshell.render.effects import PATHS, plan_effects

@@ -14,7 +14,8 @@ import mitsuba as mi
 
 from mesoshell.pathtracer.events import segment, single
 from mesoshell.pathtracer.free_flight import fly
-from mesoshell.pathtracer.quadrature import begin, canonical, seek
+from mesoshell.pathtracer.quadrature import begin, seek
+from mesoshell.pathtracer.samples import canonical
 from mesoshell.pathtracer.scatter import exit_distance
 from mesoshell.pathtracer.traversal import ADVANCE
 
@@ -22,7 +23,7 @@ from mesoshell.pathtracer.traversal import ADVANCE
 @dr.syntax
 def gather_light(world, scene, ray, shift=0.5):
     """Radiance toward a ray from what it passes, its transmittance, and the count of decoded samples. shift: as in `begin`."""
-    s = begin(ray, shift)
+    s = begin(world, ray, shift)
     n = dr.width(ray.o)
     depth, rgb, queries = dr.zeros(mi.Float64, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
     cut, stop = world.quality.least_weight, world.dark

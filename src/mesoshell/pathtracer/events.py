@@ -17,7 +17,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.quadrature import Ray, canonical
+from mesoshell.pathtracer.samples import Ray, canonical
 from mesoshell.pathtracer.scatter import density, draw, exit_distance
 from mesoshell.pathtracer.surface_material import density_around, draw_around
 from mesoshell.pathtracer.traversal import ADVANCE

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.quadrature import IntervalFrame, Sample, begin, no_frame, nothing, seek
+from mesoshell.pathtracer.quadrature import begin, seek
+from mesoshell.pathtracer.samples import IntervalFrame, Sample, no_frame, nothing
 
 
 @dataclass
@@ -37,7 +38,7 @@ def still(n: int) -> Flight:
 @dr.syntax
 def fly(world, ray, target, active, shift=0.5):
     """The flight of active rays; the others end at once."""
-    s = begin(ray, shift)
+    s = begin(world, ray, shift)
     s.over = ~active
     n = dr.width(ray.o)
     end = still(n)

@@ -109,7 +109,7 @@ def set_shells(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
     if grown.shells and quality.spacing == "interval":
         raise InputError(
             Argument("spacing"),
-            f"'{quality.spacing}' requires `engine` jax: paths have samples in proportion to length",
+            f"'{quality.spacing}' requires `engine` jax: paths have samples by density or length",
         )
     shells = media = surface_meshes = None
     if grown.shells:

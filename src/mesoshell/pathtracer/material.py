@@ -65,6 +65,16 @@ class Material:
         first = dr.gather(mi.UInt32, self.grid.offset, l)
         return mi.Float(dr.gather(self.grid.scalar, self.grid.rows, first + (cell[0] * v + cell[1]) * u + cell[2]))
 
+    def cells_along(self, level):
+        """Cells of this level's grid along one unit of u, v and h."""
+        l = mi.UInt32(0 if level is None else level)
+        h, v, u = (mi.Float(dr.gather(mi.UInt32, self.grid.sizes[k], l)) for k in range(3))
+        if not self.wraps:
+            u = v = dr.gather(mi.Float, self.cells, l)
+        elif self.tiles is not None:
+            u, v = u / SIDE, v / SIDE
+        return mi.Vector3f(u, v, h)
+
     @property
     def cells(self):
         """Cells a patch of each level's grid, of a texture with edges."""

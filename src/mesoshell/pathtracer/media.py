@@ -44,6 +44,10 @@ class Media:
         """Largest σ that is possible near a sample."""
         return self._choose(sample, lambda m: m.bound(sample.xi, m.level(sample.radius, taps)), mi.Float(0))
 
+    def cells(self, sample, taps=1):
+        """Cells of the σ grid along one unit of u, v and h where a sample lies."""
+        return self._choose(sample, lambda m: m.cells_along(m.level(sample.radius, taps)), mi.Vector3f(1))
+
     def sigma(self, sample, taps=1):
         """σ of a sample."""
         return self._choose(sample, lambda m: m.density_of(self._inputs(m, sample, taps))[0], mi.Float(0))

@@ -19,7 +19,7 @@ import mitsuba as mi
 
 from mesoshell.pathtracer.events import at_collision, at_surface, at_surface_material, beyond, power, single
 from mesoshell.pathtracer.free_flight import fly, still
-from mesoshell.pathtracer.quadrature import Ray
+from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.surface_material import nothing_met
 
 

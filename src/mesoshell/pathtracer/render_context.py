@@ -8,7 +8,7 @@ import math
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.quadrature import Ray
+from mesoshell.pathtracer.samples import Ray
 from mesoshell.render.camera import pixel_radius
 
 #: Radius of a pixel's cone over the distance of neighbouring pixels' rays.

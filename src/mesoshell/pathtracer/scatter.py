@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from mesoshell.io.bundle import FADE
-from mesoshell.pathtracer.quadrature import canonical
+from mesoshell.pathtracer.samples import canonical
 from mesoshell.shell.geometry.extrude import FLATTEST
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.pathtracer.levels import Levels, between_levels, level_of, network, softplus
-from mesoshell.pathtracer.quadrature import IntervalFrame, no_frame
+from mesoshell.pathtracer.samples import IntervalFrame, no_frame
 from mesoshell.pathtracer.shells import scene_of
 from mesoshell.surface_material.tables import LEAST, SurfaceTables
 

@@ -247,7 +247,7 @@ def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: En
         return Effect(True, "taps lie along footprints, whose long side has no bound")
     if not f.alone or quality.spacing == "interval":
         return Effect(True, "how far apart samples lie in height has no bound")
-    apart = (1 if engine.draws or quality.spacing == "length" else WIDEST) / quality.samples
+    apart = (1 if quality.spacing == "length" else WIDEST) / quality.samples
     spaced = 2 * f.rows * quality.height_filter * apart / 3**0.5  # a ray goes down and comes up again at most
     if spaced > 1:
         return Effect(True, f"heights are averaged over up to {spaced:.1f} rows of the height feature")

@@ -11,6 +11,10 @@ from typing import Any, NamedTuple
 
 #: A sample stands for at most so many times its even share of a ray, if `spacing` is "density".
 WIDEST = 10
+#: Share of a cell's bound that matter has on average, about: bounds are of the densest point, and leave a margin.
+EXPECTED = 0.025
+#: Samples of density: this share of them by the light that is expected to be lost, and by whether there may be anything.
+LOST, OCCUPIED = 0.5, 0.5 - 1 / WIDEST
 _WORDS = {int: "whole number", float: "number", bool: "truth value", str: "word"}
 
 
@@ -42,10 +46,9 @@ class Quality:
     #: "interval" is the paper's.
     spacing: str = _setting(
         "density",
-        "density: samples where the material's σ grid suggests that a ray loses its light; length: in proportion to length, as "
-        "paths always have them; interval: as many in each interval",
+        "density: samples where the material's σ grid suggests that a ray loses its light; length: in proportion to length; "
+        "interval: as many in each interval, by engine jax alone",
         "opacity, where samples are few",
-        engine="jax",
         words=("density", "length", "interval"),
     )
     #: 1 is the paper's, which takes few samples for many heights: grass of 24 samples a ray was a fifth too bright.

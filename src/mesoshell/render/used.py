@@ -11,7 +11,7 @@ def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str
     applies = {
         "pixel_samples": not paths,
         "samples": shells,
-        "spacing": shells and not paths,
+        "spacing": shells,
         "height_filter": effects.filtering.on,
         "coordinates": shells,
         "early_stop": shells or not paths,

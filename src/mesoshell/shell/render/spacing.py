@@ -25,7 +25,7 @@ from jaxtyping import Float, Int
 from mesoshell.nets.batches import batches, pad
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.numerics import safe_div
-from mesoshell.render.quality import WIDEST
+from mesoshell.render.quality import EXPECTED, LOST, OCCUPIED, WIDEST
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.sampling import Frame, Piece, SampleBudget, place, spread
 from mesoshell.shell.material.loader import Grid
@@ -33,9 +33,6 @@ from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig, 
 from mesoshell.typing import Array, Scalar
 
 BINS = 32
-#: Share of a cell's bound that matter has on average, about: bounds are of the densest point, and leave a margin.
-EXPECTED = 0.025
-LOST, OCCUPIED = 0.5, 0.5 - 1 / WIDEST
 
 
 class Candidates(NamedTuple):

@@ -1,0 +1,114 @@
+"""Samples on a ray where light is expected to be lost, by the σ grid; a ray is walked once (shell/render/spacing).
+
+Notation
+S           samples on a ray straight through a shell, about
+segment     the part of a piece in one cell of the σ grid; ℓ: its canonical length
+b, e        the largest σ in that cell; optical depth expected in a segment, EXPECTED · b · ℓ
+T           transmittance expected before a segment, exp(−Σ e) of those before
+c           samples so far: it grows along a segment by S (LOST T (1 − e^{−e}) + OCCUPIED (1 − e^{−b}) ℓ + ℓ / WIDEST),
+            evenly. A sample lies wherever c + shift passes a whole number, and stands for dℓ/dc
+
+c does not depend on the shift: over evenly drawn ones the estimate of optical depth has no bias, whatever the grid holds.
+What a ray's whole length is need not be known, as LOST is spent but once on any ray, and what ends a ray is matter.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from mesoshell.pathtracer.samples import IntervalFrame, canonical_frame, no_frame, nothing, sample_at
+from mesoshell.pathtracer.traversal import OVER, Walker, advance, at_start
+from mesoshell.render.quality import EXPECTED, LOST, OCCUPIED, WIDEST
+
+#: A segment is at least so much of a cell long: far from the origin the next border of a cell is lost in rounding.
+LEAST = 0.01
+
+
+@dataclass
+class DensitySampling:
+    """State of a ray's sampling. f, end: how far the piece has been searched, and where its segment ends; rate: dc/df there;
+    expected: Σ e; until: growth of c to the next sample; step: canonical length that the last one stands for."""
+
+    walker: Walker
+    here: IntervalFrame
+    f: mi.Float
+    end: mi.Float
+    rate: mi.Float
+    expected: mi.Float
+    until: mi.Float
+    step: mi.Float
+    over: mi.Bool
+
+
+def begin(ray, shift) -> DensitySampling:
+    """A ray at its start. shift: in [0, 1)."""
+    n = dr.width(ray.start)
+    one, zero = dr.full(mi.Float, 1, n), dr.zeros(mi.Float, n)
+    return DensitySampling(
+        at_start(ray.start, ray.outside),
+        no_frame(),
+        one,
+        mi.Float(one),
+        zero,
+        mi.Float(zero),
+        1 - (mi.Float(shift) + zero),
+        mi.Float(zero),
+        mi.Bool(False),
+    )
+
+
+@dr.syntax
+def seek(world, ray, s):
+    """The state after the next sample that may not be empty, that sample, and whether there is one."""
+    shells, media, taps = world.shells, world.media, world.taps
+    count, skip = world.quality.samples, world.quality.skip
+    occupied, sample = mi.Bool(False), nothing()
+    while ~occupied & ~s.over:
+        if (s.f >= s.end) & (s.end < 1):
+            s = _next_segment(world, ray, s)
+        if s.f < s.end:
+            more = s.rate * (s.end - s.f)
+            if s.until < more:
+                s.f = dr.minimum(s.f + s.until / s.rate, s.end)
+                s.until = mi.Float(1)
+                share = 1 / s.rate
+                s.step = share * s.here.length
+                sample = sample_at(world, ray, s.here, s.f, share)
+                occupied = media.bound(sample, taps) * s.step * count > skip
+            else:
+                s.until -= more
+                s.f = mi.Float(s.end)
+        else:
+            walker, piece, some = advance(shells, ray.o, ray.d, ray.tmax, s.walker)
+            s.walker = walker
+            if some:
+                s.here = canonical_frame(shells, piece, world.exact)
+                s.f, s.end = mi.Float(0), dr.select(s.here.length > 0, mi.Float(0), 1)
+            elif s.walker.mode == OVER:
+                s.over = mi.Bool(True)
+    return s, sample, occupied
+
+
+def _next_segment(world, ray, s: DensitySampling) -> DensitySampling:
+    """The state at the beginning of the next cell of the σ grid."""
+    here, count = s.here, world.quality.samples
+    at = sample_at(world, ray, here, s.f, 0.0)
+    cells = world.media.cells(at, world.taps)
+    way, place = (here.xi1 - here.xi0) * cells, at.xi * cells
+    ahead = dr.select(way < 0, -place, place)
+    speed = dr.abs(way)
+    left = dr.select(speed > 0, (dr.floor(ahead) + 1 - ahead) / dr.select(speed > 0, speed, 1), 1)
+    end = dr.minimum(s.f + dr.maximum(dr.min(left), LEAST / dr.maximum(dr.max(speed), LEAST)), 1)
+    at.xi = here.xi0 + 0.5 * (s.f + end) * (here.xi1 - here.xi0)
+    bound = world.media.bound(at, world.taps)
+    length = (end - s.f) * here.length
+    lost = dr.exp(-s.expected) * _rise(EXPECTED * bound * length)
+    samples = count * (LOST * lost + (OCCUPIED * _rise(bound) + 1 / WIDEST) * length)
+    rate = samples / dr.maximum(end - s.f, 1e-9)
+    expected = s.expected + EXPECTED * bound * length
+    return DensitySampling(s.walker, here, s.f, end, rate, expected, s.until, s.step, s.over)
+
+
+def _rise(x):
+    return 1 - dr.exp(-x)

@@ -12,6 +12,14 @@ import numpy as np
 CAPACITY = 65536
 
 
+def capacity(rows: int) -> int:
+    """Rows to pad arrays to that kernels index, so that there are few shapes, each of which is compiled."""
+    most = CAPACITY
+    while most < rows:
+        most *= 4
+    return most
+
+
 def pad(x: np.ndarray, rows: int) -> np.ndarray:
     """x with rows of zeros appended, up to `rows`."""
     out = np.zeros((rows, *x.shape[1:]), x.dtype)

@@ -10,6 +10,7 @@ that `direct` gives it. So both have the same mean.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -36,7 +37,7 @@ def still(n: int) -> Flight:
 
 
 @dr.syntax
-def fly(world, ray, target, active, shift=0.5):
+def fly(world, ray, target, active, shift: Any = 0.5):
     """The flight of active rays; the others end at once."""
     s = begin(world, ray, shift)
     s.over = ~active

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.nets.batches import CAPACITY, batches, pad, run
+from mesoshell.nets.batches import CAPACITY, batches, capacity, pad, run
 from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
@@ -120,8 +120,8 @@ class _Renderer:
         return np.concatenate([rgb, alpha[:, None]], axis=1)
 
     def frames(self, i: Intervals, o: np.ndarray, d: np.ndarray) -> tuple[Piece, Frame]:
-        """Rows of the intervals, padded to a power of two, and their canonical frames."""
-        capacity = 1 << max(12, int(len(i.ray) - 1).bit_length())
+        """Rows of the intervals, padded, and their canonical frames."""
+        rows_padded = capacity(len(i.ray))
         start = o[i.ray] + i.t0[:, None] * d[i.ray]
         rows = (
             i.prism,
@@ -131,7 +131,7 @@ class _Renderer:
             start,
             d[i.ray],
         )
-        padded = Piece(*(jnp.asarray(pad(x if k == 0 else x.astype(np.float32), capacity)) for k, x in enumerate(rows)))
+        padded = Piece(*(jnp.asarray(pad(x if k == 0 else x.astype(np.float32), rows_padded)) for k, x in enumerate(rows)))
         return padded, kernels.frames(self.table.chart, padded, np.int32(len(i.ray)))
 
     def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.nets.batches import batches, pad
+from mesoshell.nets.batches import batches, capacity, pad
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.numerics import safe_div
 from mesoshell.render.quality import EXPECTED, LOST, OCCUPIED, WIDEST
@@ -69,8 +69,8 @@ def by_density(
     profile = lambda *a: depth_profile(program, table.grid, segments, *a)  # noqa: E731
     bounds = np.concatenate([np.asarray(x) for x in batches(profile, bins.row, bins.f, bins.step)])
     bounds = bounds[: len(start) * BINS].reshape(-1, BINS)
-    capacity = 1 << max(12, int(len(start) - 1).bit_length())
-    placed = places(count, pad(bounds, capacity), np.float32(shift), np.int32(len(start)))
+    padded = pad(bounds, capacity(len(start)))
+    placed = places(count, padded, np.float32(shift), np.int32(len(start)))
     placed = Placed(*(np.asarray(x)[: len(start)] for x in placed))
     opacity = -np.expm1(-EXPECTED * bounds.sum(axis=1, dtype=np.float64))
     samples = on_intervals(placed, length, start)

@@ -30,7 +30,7 @@ import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 GOAL = 0.05
 #: Every sample is decoded: as the figure's 32 steps a ray ask for.
-STEPS = PRESETS["normal"].with_changes(samples=32, skip=0.0, early_stop=0.0, weight_cut=1.0 - 1e-7)
+STEPS = PRESETS["normal"].with_changes(samples=32, spacing="length", skip=0.0, early_stop=0.0, weight_cut=1.0 - 1e-7)
 
 
 #: What a path may leave out; quadrature is in the place of drawn collisions.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mesoshell.geometry.mesh import check_mesh
-from mesoshell.pathtracer.free_flight import Flight, fly
+from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.render_context import World
 from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.shells import Shells

@@ -83,6 +83,16 @@ def visit(prisms: Prisms, starts: Starts, exact: bool = False) -> tuple[Visits, 
     return Visits(intervals, *ends), len(again)
 
 
+def compile_walk(prisms: Prisms, exact: bool) -> None:
+    """Compile what visits call, in float64 if exact."""
+    dtype, rows = (np.float64, CHUNK) if exact else (np.float32, CAPACITY)
+    with jax.enable_x64(exact):
+        rays = Ray(*(np.zeros((rows, 3), dtype) for _ in range(3)))
+        none = np.zeros(rows, np.int32)
+        place = jax.tree.map(np.asarray, _begin(prisms, rays, none, none))
+        _advance(prisms, rays, place, np.int32(0))
+
+
 def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
     """Visits in one precision, in batches of at most CAPACITY rays that are still walking."""
     count = len(starts.code)

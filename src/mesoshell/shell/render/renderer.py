@@ -30,6 +30,7 @@ from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, spread
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render import kernels
+from mesoshell.shell.render.compile_ahead import compile_ahead
 from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig
 from mesoshell.shell.render.lighting import Lighting, Shaded, Tile
 from mesoshell.shell.render.scene import Scene
@@ -37,6 +38,8 @@ from mesoshell.shell.render.spacing import Candidates, by_density, even
 
 #: Rays of a tile of the image; samples a ray and wave.
 RAYS, WAVE = 32768, 8
+#: Intervals that a tile of so many rays is padded to, at least: 8 of each.
+MANY = 4 * CAPACITY
 #: Least opacity that is expected of a ray.
 LEAST = 1e-3
 
@@ -46,8 +49,10 @@ def render(
 ) -> tuple[Float[np.ndarray, "H W 4"], RenderReport]:
     """Linear RGBA, premultiplied, (H, W, 4), and a report. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
-    tile = marched_tile(scene, quality, effects, report)
-    image = render_tiles(scene.camera, quality.pixel_samples, RAYS, tile, progress)
+    renderer = _Renderer(scene, quality, effects, report)
+    if scene.camera.width * scene.camera.height * quality.pixel_samples > RAYS:
+        renderer.compile()
+    image = render_tiles(scene.camera, quality.pixel_samples, RAYS, renderer.tile, progress)
     report.time("wall", begin)
     return image, report
 
@@ -63,6 +68,7 @@ class _Renderer:
     def __init__(self, scene: Scene, quality: Quality, effects: Effects, report: RenderReport):
         begin = time.perf_counter()
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
+        self.rows = CAPACITY
         shell, ready = scene.shell, scene.ready
         self.boundary = Boundary(shell, scene.mesh.faces, others=soup(scene))
         varying = (
@@ -89,6 +95,14 @@ class _Renderer:
         )
         self.lighting = Lighting(scene, quality, effects, self.boundary, self.program, self.table, report)
         report.time("prepare", begin)
+
+    def compile(self) -> None:
+        """Compile what tiles of many rays call."""
+        begin = time.perf_counter()
+        self.rows = MANY
+        lights = len(self.lighting.beams(1, np.random.default_rng(0)))
+        compile_ahead(self.program, self.table, self.boundary.prisms, self.quality, lights, self.rows)
+        self.report.time("compile", begin)
 
     def tile(
         self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], shift: float, random: np.random.Generator
@@ -121,7 +135,7 @@ class _Renderer:
 
     def frames(self, i: Intervals, o: np.ndarray, d: np.ndarray) -> tuple[Piece, Frame]:
         """Rows of the intervals, padded, and their canonical frames."""
-        rows_padded = capacity(len(i.ray))
+        self.rows = max(self.rows, capacity(len(i.ray)))
         start = o[i.ray] + i.t0[:, None] * d[i.ray]
         rows = (
             i.prism,
@@ -131,7 +145,9 @@ class _Renderer:
             start,
             d[i.ray],
         )
-        padded = Piece(*(jnp.asarray(pad(x if k == 0 else x.astype(np.float32), rows_padded)) for k, x in enumerate(rows)))
+        padded = Piece(
+            *(jnp.asarray(pad(x if k == 0 else x.astype(np.float32), self.rows)) for k, x in enumerate(rows))
+        )
         return padded, kernels.frames(self.table.chart, padded, np.int32(len(i.ray)))
 
     def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:

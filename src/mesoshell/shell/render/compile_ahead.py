@@ -1,0 +1,64 @@
+"""Compile what a picture needs side by side, before its tiles ask for it one after the other, each of them on every thread.
+
+Each program is called with rows of zeros and a count of 0: what is compiled is what tiles will call.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mesoshell.nets.batches import CAPACITY
+from mesoshell.render.quality import Quality
+from mesoshell.shell.geometry.batched_walk import compile_walk
+from mesoshell.shell.geometry.march import Prisms
+from mesoshell.shell.geometry.sampling import Piece
+from mesoshell.shell.render import kernels, spacing
+from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig
+from mesoshell.shell.render.lighting import jacobians
+
+NONE = np.int32(0)
+
+
+def compile_ahead(
+    program: StaticConfig, table: DeviceTables, prisms: Prisms, quality: Quality, lights: int, rows: int
+) -> None:
+    """Compile the programs of a tile. lights: toward which a ray is lit; rows: of its padded intervals."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for done in [pool.submit(call) for call in _calls(program, table, prisms, quality, lights, rows)]:
+            done.result()
+
+
+def _calls(
+    program: StaticConfig, table: DeviceTables, prisms: Prisms, quality: Quality, lights: int, rows: int
+) -> list[Callable[[], object]]:
+    """A call of each program, those that take longest to compile first."""
+    f = lambda *shape: np.zeros((CAPACITY, *shape), np.float32)  # noqa: E731
+    i = np.zeros(CAPACITY, np.int32)
+    wide = ((), (2,), (2, 2), (2,), (3,), (3,))
+    pieces = Piece(*(jnp.zeros((rows, *shape), jnp.float32 if shape else jnp.int32) for shape in wide))
+    at = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(kernels.frames, table.chart, pieces, NONE))
+    samples = Samples(i, f(), f(), f())
+    features = jnp.asarray(f(table.material.decoder.trunk[-1].bias.shape[0]))
+    calls: list[Callable[[], object]] = [
+        lambda: compile_walk(prisms, exact=True),
+        lambda: kernels.density(program, table, pieces, at, samples, NONE),
+        lambda: compile_walk(prisms, exact=False),
+    ]
+    if lights:
+        calls.append(lambda: kernels.transport(table, at, pieces, features, i, i, f(lights, 3), NONE))
+        calls.append(lambda: kernels.density_at(program, table, f(3), f(), NONE))
+        calls.append(lambda: jacobians(table.chart, i[:1], f(2)[:1]))
+    if quality.spacing == "density":
+        calls.append(lambda: spacing.interval_segments(program, table, pieces, at, NONE))
+        calls.append(
+            lambda: spacing.depth_profile(program, table.grid, jnp.zeros((rows, 7), jnp.float32), i, f(), f(), NONE)
+        )
+        calls.append(lambda: spacing.places(quality.samples, f(spacing.BINS), np.float32(0), NONE))
+    elif quality.skip > 0:
+        calls.append(lambda: kernels.depth_bounds(program, table, pieces, at, samples, NONE))
+    calls.append(lambda: kernels.frames(table.chart, pieces, NONE))
+    return calls

@@ -1,0 +1,41 @@
+"""What is compiled ahead is what tiles call, and changes no picture."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesoshell.render.quality import Quality
+from mesoshell.shell.geometry import batched_walk
+from mesoshell.shell.render import kernels, lighting, renderer, spacing
+from tests.helpers import scenes
+
+ALWAYS: list[Any] = [batched_walk._begin, batched_walk._advance, lighting._jacobians]
+ALWAYS += [kernels.frames, kernels.density, kernels.transport, kernels.density_at]
+PROGRAMS = {
+    "density": [*ALWAYS, spacing.interval_segments, spacing.depth_profile, spacing.places],
+    "length": [*ALWAYS, kernels.depth_bounds],
+}
+
+
+@pytest.mark.parametrize("by", PROGRAMS)
+def test_tiles_compile_nothing_more(tiny_bundle, monkeypatch, by: str) -> None:
+    """Several tiles of a picture whose ground is seen through the shell."""
+    scene = scenes.slab(tiny_bundle)
+    quality = Quality(spacing=by, pixel_samples=1, light_samples=0)
+    plan = scenes.effects(scene, quality)
+    expected, _ = renderer.render(scene, quality, plan)
+    for program in PROGRAMS[by]:
+        program.clear_cache()
+    monkeypatch.setattr(renderer, "RAYS", 64)
+    ahead, compile_ = [], renderer._Renderer.compile
+
+    def counted(self) -> None:
+        compile_(self)
+        ahead.extend(program._cache_size() for program in PROGRAMS[by])
+
+    monkeypatch.setattr(renderer._Renderer, "compile", counted)
+    image, report = renderer.render(scene, quality, plan)
+    assert min(ahead) >= 1 and [program._cache_size() for program in PROGRAMS[by]] == ahead
+    assert min(report.counts[name] for name in ("intervals", "transport_queries", "surface_queries")) > 0
+    np.testing.assert_allclose(image, expected, atol=1e-6)

@@ -123,11 +123,16 @@ def test_convolution_by_rows_is_the_librarys_in_value_and_gradient(size: tuple[i
     rng = np.random.default_rng(6)
     with jax.enable_x64(True):
         x, w = jnp.asarray(rng.normal(size=(2, *size, 4))), jnp.asarray(rng.normal(size=(3, 3, 4, 5)))
-        a, back_a = jax.vjp(modulated.by_rows, x, w)
-        b, back_b = jax.vjp(modulated.by_library, x, w)
-        seed = jnp.asarray(rng.normal(size=a.shape))
+        seed = jnp.asarray(rng.normal(size=jax.eval_shape(modulated.by_library, x, w).shape))
+
+        def value_and_gradient(convolution):
+            value, back = jax.vjp(convolution, x, w)
+            return value, back(seed)
+
+        ways = modulated.by_rows, modulated.by_library
+        (a, back_a), (b, back_b) = jax.jit(lambda: tuple(map(value_and_gradient, ways)))()
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
-        for found, expected in zip(back_a(seed), back_b(seed), strict=True):
+        for found, expected in zip(back_a, back_b, strict=True):
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
 
 
@@ -139,7 +144,7 @@ def test_demodulated_output_has_unit_size_for_noise() -> None:
         jnp.asarray(rng.normal(size=(3, 3, 32, 16)) * 40, jnp.float32),
         jnp.asarray(rng.normal(size=(2, 32)), jnp.float32),
     )
-    y = modulated_conv(x, w, s, jnp.asarray(1.0, jnp.float32), True, 0)
+    y = jax.jit(modulated_conv, static_argnums=(4, 5))(x, w, s, jnp.asarray(1.0, jnp.float32), True, 0)
     np.testing.assert_allclose(jnp.std(y, axis=(1, 2)), 1, rtol=0.15)
 
 
@@ -147,8 +152,13 @@ def test_demodulated_output_has_unit_size_for_noise() -> None:
 def test_activation_of_extremes_is_finite(value: float) -> None:
     how = small(layer_schedule(32, "T")[0])
     x = jnp.full((1, 10, 10, 1), value, jnp.float32)
-    y, back = jax.vjp(lambda x: filtered_lrelu(x, how), x)
-    assert jnp.isfinite(y).all() and jnp.isfinite(back(jnp.ones_like(y))[0]).all()
+
+    @jax.jit
+    def value_and_gradient(x):
+        y, back = jax.vjp(lambda x: filtered_lrelu(x, how), x)
+        return y, back(jnp.ones_like(y))[0]
+
+    assert all(np.isfinite(found).all() for found in value_and_gradient(x))
 
 
 def test_a_radial_filter_is_six_products() -> None:

@@ -84,9 +84,8 @@ def test_without_its_weights_lite2_is_one_line(monkeypatch) -> None:
 
 def test_lite0_is_the_plain_network(weights) -> None:
     picture = pattern(224)
-    found = efficientnet.features(
-        efficientnet.efficientnet(weights), jnp.asarray(picture.transpose(1, 2, 0)[None], jnp.float32)
-    )
+    x = jnp.asarray(picture.transpose(1, 2, 0)[None], jnp.float32)
+    found = jax.jit(efficientnet.features)(efficientnet.efficientnet(weights), x)
     np.testing.assert_allclose(found[0], plain(weights, picture, LITE0), rtol=0, atol=2e-4 * float(found.max()))
 
 

@@ -9,19 +9,19 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from mesoshell.io.surface import SurfaceBundle
+from mesoshell.surface_material import network
 from mesoshell.surface_material.loader import ready, surface_of
 from mesoshell.surface_material.network import (
     SurfaceConfig,
     SurfaceQuery,
-    blurred,
     eval_opacity,
     init_surface,
     reflectance,
-    tables,
 )
 from tests.helpers import wearing
 
 FORMS = ("direct", "cosine", "none")
+blurred, tables = jax.jit(network.blurred), jax.jit(network.tables)
 
 
 def asked(b: SurfaceBundle, q: dict[str, np.ndarray], surface=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

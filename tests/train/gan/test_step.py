@@ -111,7 +111,8 @@ def test_a_decoder_begins_dark_and_learns_at_the_generators_pace() -> None:
     state = begun()
     adam, _ = optimisers(small_step.CONFIG)
     with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integer powers
-        updates, _ = adam.update(jax.tree.map(jnp.ones_like, state.learner), state.learner_adam, state.learner)
+        ones = jax.tree.map(np.ones_like, state.learner)
+        updates, _ = jax.jit(adam.update)(ones, state.learner_adam, state.learner)
     generator, decoder = cast(Learner, updates)
     rate = small_step.CONFIG.generator_rate
     np.testing.assert_allclose(generator.layers[0].weight, -rate, rtol=1e-5)

@@ -87,8 +87,8 @@ def compile_walk(prisms: Prisms, exact: bool) -> None:
     """Compile what visits call, in float64 if exact."""
     dtype, rows = (np.float64, CHUNK) if exact else (np.float32, CAPACITY)
     with jax.enable_x64(exact):
-        rays = Ray(*(np.zeros((rows, 3), dtype) for _ in range(3)))
-        none = np.zeros(rows, np.int32)
+        parts: Any = [np.zeros((rows, 3), dtype) for _ in range(3)]
+        rays, none = Ray(*parts), np.zeros(rows, np.int32)
         place = jax.tree.map(np.asarray, _begin(prisms, rays, none, none))
         _advance(prisms, rays, place, np.int32(0))
 

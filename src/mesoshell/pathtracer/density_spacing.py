@@ -1,28 +1,31 @@
 """Samples on a ray where light is expected to be lost, by the σ grid; a ray is walked once (shell/render/spacing).
 
 Notation
-S           samples on a ray straight through a shell, about
+S           samples on a ray straight through a shell, at most
 segment     the part of a piece in one cell of the σ grid; ℓ: its canonical length
 b, e        the largest σ in that cell; optical depth expected in a segment, EXPECTED · b · ℓ
 T           transmittance expected before a segment, exp(−Σ e) of those before
-c           samples so far: it grows along a segment by S (LOST T (1 − e^{−e}) + OCCUPIED (1 − e^{−b}) ℓ + ℓ / WIDEST),
-            evenly. A sample lies wherever c + shift passes a whole number, and stands for dℓ/dc
+c           samples so far: it grows along a segment, evenly, by S times
+            LOST_SHARE T (1 − e^{−e}) + OCCUPIED_SHARE (1 − e^{−b}) ℓ + ℓ / WIDEST. A sample lies
+            wherever c + shift passes a whole number, and stands for dℓ/dc
 
-c does not depend on the shift: over evenly drawn ones the estimate of optical depth has no bias, whatever the grid holds.
-What a ray's whole length is need not be known, as LOST is spent but once on any ray, and what ends a ray is matter.
+c does not depend on the shift: over evenly drawn ones the estimate of optical depth has no bias, whatever the grid holds,
+but for what `Quality.skip` leaves out.
+What a ray's whole length is need not be known, as LOST_SHARE is spent but once on any ray, and what ends a ray is matter.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from mesoshell.pathtracer.samples import IntervalFrame, canonical_frame, no_frame, nothing, sample_at
 from mesoshell.pathtracer.traversal import OVER, Walker, advance, at_start
-from mesoshell.render.quality import EXPECTED, LOST, OCCUPIED, WIDEST
+from mesoshell.render.quality import EXPECTED, LOST_SHARE, OCCUPIED_SHARE, WIDEST
 
-#: A segment is at least so much of a cell long: far from the origin the next border of a cell is lost in rounding.
-LEAST = 0.01
+#: A segment is at least this share of a cell, and this share of its piece: the next border of a cell may be lost in rounding.
+LEAST, LEAST_OF_PIECE = 0.01, 2.0**-12
 
 
 @dataclass
@@ -84,7 +87,8 @@ def seek(world, ray, s):
             s.walker = walker
             if some:
                 s.here = canonical_frame(shells, piece, world.exact)
-                s.f, s.end = mi.Float(0), dr.select(s.here.length > 0, mi.Float(0), 1)
+                s.f = dr.select(s.here.length > 0, mi.Float(0), 1)
+                s.end = mi.Float(s.f)
             elif s.walker.mode == OVER:
                 s.over = mi.Bool(True)
     return s, sample, occupied
@@ -94,21 +98,24 @@ def _next_segment(world, ray, s: DensitySampling) -> DensitySampling:
     """The state at the beginning of the next cell of the σ grid."""
     here, count = s.here, world.quality.samples
     at = sample_at(world, ray, here, s.f, 0.0)
+    along: Any = here.xi1 - here.xi0
+    at.xi = here.xi0 + s.f * along
     cells = world.media.cells(at, world.taps)
-    way, place = (here.xi1 - here.xi0) * cells, at.xi * cells
+    way, place = along * cells, at.xi * cells
     ahead = dr.select(way < 0, -place, place)
     speed = dr.abs(way)
     left = dr.select(speed > 0, (dr.floor(ahead) + 1 - ahead) / dr.select(speed > 0, speed, 1), 1)
-    end = dr.minimum(s.f + dr.maximum(dr.min(left), LEAST / dr.maximum(dr.max(speed), LEAST)), 1)
-    at.xi = here.xi0 + 0.5 * (s.f + end) * (here.xi1 - here.xi0)
+    least = dr.maximum(LEAST / dr.maximum(dr.max(speed), LEAST), LEAST_OF_PIECE)
+    end = dr.minimum(s.f + dr.maximum(dr.min(left), least), 1)
+    at.xi = here.xi0 + 0.5 * (s.f + end) * along
     bound = world.media.bound(at, world.taps)
     length = (end - s.f) * here.length
-    lost = dr.exp(-s.expected) * _rise(EXPECTED * bound * length)
-    samples = count * (LOST * lost + (OCCUPIED * _rise(bound) + 1 / WIDEST) * length)
+    lost = dr.exp(-s.expected) * _opacity(EXPECTED * bound * length)
+    samples = count * (LOST_SHARE * lost + (OCCUPIED_SHARE * _opacity(bound) + 1 / WIDEST) * length)
     rate = samples / dr.maximum(end - s.f, 1e-9)
     expected = s.expected + EXPECTED * bound * length
     return DensitySampling(s.walker, here, s.f, end, rate, expected, s.until, s.step, s.over)
 
 
-def _rise(x):
-    return 1 - dr.exp(-x)
+def _opacity(depth):
+    return 1 - dr.exp(-depth)

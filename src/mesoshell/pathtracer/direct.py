@@ -85,7 +85,7 @@ def light_directly(settings, scene, sampler, ray, active):
         away = si.spawn_ray(toward)
         if world.surfaces_shadow:
             lit &= ~scene.ray_test(away, lit)
-        dimmed = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit)
+        dimmed = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit, sampler.next_1d())
         queries += dimmed.queries
         light += dr.select(lit, through * value * dr.exp(-mi.Float(dimmed.depth)), 0)
     world.count(queries)

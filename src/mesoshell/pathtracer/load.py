@@ -106,11 +106,6 @@ def set_shells(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
     """Give a scene's integrator, a `mesoshell_path`, its shells and surface materials. Path depths are the integrator's.
 
     Raises InputError for a quality that paths cannot have."""
-    if grown.shells and quality.spacing == "interval":
-        raise InputError(
-            Argument("spacing"),
-            f"'{quality.spacing}' requires `engine` jax: paths have samples by density or length",
-        )
     shells = media = surface_meshes = None
     if grown.shells:
         shells = Shells([shell for shell, _ in grown.shells])
@@ -143,7 +138,12 @@ def _world(
     surface_meshes: SurfaceMeshes | None,
     notes: tuple[str, ...],
 ) -> World:
-    """What a scene's integrator holds, with the effects that the facts call for."""
+    """What a scene's integrator holds, with the effects that the facts call for. Raises InputError (`set_shells`)."""
+    if shells is not None and quality.spacing == "interval":
+        raise InputError(
+            Argument("spacing"),
+            f"'{quality.spacing}' requires `engine` jax: paths have samples by density or length",
+        )
     effects = plan_effects(facts, quality, PATHS)
     lights = [distant(e) for e in scene.emitters()] if effects.quadrature.on else []
     return World(shells, media, surface_meshes, quality, effects, lights, notes, facts)

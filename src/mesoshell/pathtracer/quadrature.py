@@ -17,4 +17,4 @@ def seek(world, ray, s):
 
 
 def _spacing(world):
-    return density_spacing if world.quality.spacing == "density" else length_spacing
+    return {"density": density_spacing, "length": length_spacing}[world.quality.spacing]

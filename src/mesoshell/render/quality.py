@@ -14,7 +14,7 @@ WIDEST = 10
 #: Share of a cell's bound that matter has on average, about: bounds are of the densest point, and leave a margin.
 EXPECTED = 0.025
 #: Samples of density: this share of them by the light that is expected to be lost, and by whether there may be anything.
-LOST, OCCUPIED = 0.5, 0.5 - 1 / WIDEST
+LOST_SHARE, OCCUPIED_SHARE = 0.5, 0.5 - 1 / WIDEST
 _WORDS = {int: "whole number", float: "number", bool: "truth value", str: "word"}
 
 
@@ -70,7 +70,10 @@ class Quality:
     )
     #: A sample is not decoded if the material's σ grid bounds it below its share of this, by length.
     skip: float = _setting(
-        0.05, "optical depth that a ray may lose where space is empty; none by samples of density", "alpha", below=1
+        0.05,
+        "optical depth that a ray may lose where space is empty; by density marches lose none, and paths this along a patch",
+        "alpha",
+        below=1,
     )
     weight_cut: float = _setting(
         0.048,
@@ -160,7 +163,7 @@ class Quality:
 
     @property
     def least_weight(self) -> float:
-        """Least weight of a lit sample: whatever their number, a ray leaves at most `weight_cut` unlit."""
+        """Least weight of a lit sample: a ray of `samples` leaves at most `weight_cut` unlit."""
         return self.weight_cut / self.samples
 
     def with_changes(self, **changes: object) -> "Quality":

@@ -1,6 +1,6 @@
 """The settings that a tradeoff varies, and their values in order, mostly from cheap to accurate.
 
-The number of samples a pixel is no knob: a point has an error for each number.
+The number of samples a pixel is no knob: a point has an error for each number. Of spacings, both engines have these two.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,7 +10,7 @@ from mesoshell.render.quality import PRESETS, SETTINGS, Quality
 
 VALUES: dict[str, tuple[Any, ...]] = {
     "samples": (7, 10, 14, 20, 28, 40, 56, 80, 112, 160, 256),
-    "spacing": ("interval", "length", "density"),
+    "spacing": ("length", "density"),
     "height_filter": (1.0, 0.6, 0.4, 0.3, 0.2, 0.0),
     "coordinates": ("interpolated", "exact"),
     "early_stop": (0.1, 0.05, 0.02, 0.01, 0.005, 0.0),

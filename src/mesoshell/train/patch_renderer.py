@@ -6,8 +6,8 @@ o, d         ray origin and unit direction; world and canonical frame are the sa
 t0, t1       where a ray enters and leaves the box; t1 = t0 if it misses
 y            2x/(1 + x) − 1 of the radiance x over black                        (S, S, 3)
 
-A pixel is computed as in the renderer: samples at equal canonical spacing, each filtered by its piece of the pixel's cone,
-decoded, depths summed, composited. A flat box needs no march: `box_span` is tested against the shell's boundary.
+A pixel is computed as in the renderer: samples, equally spaced here, each filtered by its piece of the pixel's cone, decoded,
+depths summed, composited. A flat box needs no march: `box_span` is tested against the shell's boundary.
 """
 
 import math

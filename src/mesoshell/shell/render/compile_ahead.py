@@ -28,8 +28,8 @@ def compile_ahead(
 ) -> None:
     """Compile the programs of a tile. lights: toward which a ray is lit; rows: of its padded intervals."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for done in [pool.submit(call) for call in _calls(program, table, prisms, quality, lights, rows)]:
-            done.result()
+        for _ in pool.map(lambda call: call(), _calls(program, table, prisms, quality, lights, rows)):
+            pass
 
 
 def _calls(

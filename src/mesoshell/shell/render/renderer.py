@@ -38,8 +38,8 @@ from mesoshell.shell.render.spacing import Candidates, by_density, even
 
 #: Rays of a tile of the image; samples a ray and wave.
 RAYS, WAVE = 32768, 8
-#: Intervals that a tile of so many rays is padded to, at least: 8 of each.
-MANY = 4 * CAPACITY
+#: Intervals of a ray for which a tile has rows from the start.
+USUAL = 8
 #: Least opacity that is expected of a ray.
 LEAST = 1e-3
 
@@ -68,7 +68,7 @@ class _Renderer:
     def __init__(self, scene: Scene, quality: Quality, effects: Effects, report: RenderReport):
         begin = time.perf_counter()
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
-        self.rows = CAPACITY
+        self.rows = capacity(USUAL * min(RAYS, scene.camera.width * scene.camera.height))
         shell, ready = scene.shell, scene.ready
         self.boundary = Boundary(shell, scene.mesh.faces, others=soup(scene))
         varying = (
@@ -97,9 +97,8 @@ class _Renderer:
         report.time("prepare", begin)
 
     def compile(self) -> None:
-        """Compile what tiles of many rays call."""
+        """Compile what tiles call."""
         begin = time.perf_counter()
-        self.rows = MANY
         lights = len(self.lighting.beams(1, np.random.default_rng(0)))
         compile_ahead(self.program, self.table, self.boundary.prisms, self.quality, lights, self.rows)
         self.report.time("compile", begin)
@@ -135,7 +134,8 @@ class _Renderer:
 
     def frames(self, i: Intervals, o: np.ndarray, d: np.ndarray) -> tuple[Piece, Frame]:
         """Rows of the intervals, padded, and their canonical frames."""
-        self.rows = max(self.rows, capacity(len(i.ray)))
+        count = max(self.rows, capacity(len(i.ray)))
+        self.rows = count
         start = o[i.ray] + i.t0[:, None] * d[i.ray]
         rows = (
             i.prism,
@@ -145,9 +145,7 @@ class _Renderer:
             start,
             d[i.ray],
         )
-        padded = Piece(
-            *(jnp.asarray(pad(x if k == 0 else x.astype(np.float32), self.rows)) for k, x in enumerate(rows))
-        )
+        padded = Piece(*(jnp.asarray(pad(x if k == 0 else x.astype(np.float32), count)) for k, x in enumerate(rows)))
         return padded, kernels.frames(self.table.chart, padded, np.int32(len(i.ray)))
 
     def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:

@@ -4,8 +4,8 @@ Notation
 R, I, S     rays that meet the shell, intervals, samples of a ray
 B, b_k      bins of equal length along a ray, and the largest optical depth that bin k can have, by the σ grid
 e_k, T_k    optical depth expected in a bin, EXPECTED · b_k; transmittance before it, exp(−Σ_{j<k} e_j)
-p_k         density of samples: LOST of them by T_k (1 − e^{−e_k}), the light expected to be lost; OCCUPIED by 1 − e^{−B b_k},
-            where there may be anything; the rest everywhere. Σ p_k = 1
+p_k         density of samples: LOST_SHARE of them by T_k (1 − e^{−e_k}), the light expected to be lost;
+            OCCUPIED_SHARE by 1 − e^{−B b_k}, where there may be anything; the rest everywhere. Σ p_k = 1
 x           place on a ray, as a share of its canonical length: sample j lies where the sum of p up to x is (j + shift)/S, and
             stands for the share 1/(S B p_k) of it
 
@@ -25,7 +25,7 @@ from jaxtyping import Float, Int
 from mesoshell.nets.batches import batches, capacity, pad
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.numerics import safe_div
-from mesoshell.render.quality import EXPECTED, LOST, OCCUPIED, WIDEST
+from mesoshell.render.quality import EXPECTED, LOST_SHARE, OCCUPIED_SHARE, WIDEST
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.sampling import Frame, Piece, SampleBudget, place, spread
 from mesoshell.shell.material.loader import Grid
@@ -144,7 +144,7 @@ def expected_places(samples: int, depth: Float[Array, "B"], shift: Scalar) -> tu
     before = jnp.concatenate([jnp.zeros(1, depth.dtype), jnp.cumsum(expected[:-1])])
     lost = jnp.exp(-before) * -jnp.expm1(-expected)
     occupied = -jnp.expm1(-bins * depth)
-    p = _shares(LOST * _shares(lost) + OCCUPIED * _shares(occupied) + 1 / (WIDEST * bins))
+    p = _shares(LOST_SHARE * _shares(lost) + OCCUPIED_SHARE * _shares(occupied) + 1 / (WIDEST * bins))
     through = jnp.cumsum(p)
     u = (jnp.arange(samples, dtype=depth.dtype) + shift) / samples
     k = jnp.minimum(jnp.sum(through[None] <= u[:, None], axis=1), bins - 1)

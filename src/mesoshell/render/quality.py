@@ -71,7 +71,7 @@ class Quality:
     #: A sample is not decoded if the material's σ grid bounds it below its share of this, by length.
     skip: float = _setting(
         0.05,
-        "optical depth that a ray may lose where space is empty; by density marches lose none, and paths this along a patch",
+        "optical depth that a ray may lose where space is empty; by density a march loses none, a path so much a patch at most",
         "alpha",
         below=1,
     )

@@ -7,6 +7,8 @@ import pytest
 
 from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry import batched_walk
+from mesoshell.shell.geometry.march import TOP
+from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render import kernels, lighting, renderer, spacing
 from tests.helpers import scenes
 
@@ -37,5 +39,11 @@ def test_tiles_compile_nothing_more(tiny_bundle, monkeypatch, by: str) -> None:
     monkeypatch.setattr(renderer._Renderer, "compile", counted)
     image, report = renderer.render(scene, quality, plan)
     assert min(ahead) >= 1 and [program._cache_size() for program in PROGRAMS[by]] == ahead
+    down = np.array([[0.3, 0.2, 1.0]]), np.array([[0.0, 0.0, -1.0]])
+    start = batched_walk.Starts(*down, np.zeros(1, np.int32), np.full(1, TOP, np.int32))
+    again, _ = batched_walk.visit(
+        Boundary(scene.shell, scene.mesh.faces).prisms, start, exact=True
+    )  # as of a doubtful ray
+    assert len(again.intervals.ray) and [program._cache_size() for program in PROGRAMS[by]] == ahead
     assert min(report.counts[name] for name in ("intervals", "transport_queries", "surface_queries")) > 0
     np.testing.assert_allclose(image, expected, atol=1e-6)

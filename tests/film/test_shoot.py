@@ -217,6 +217,7 @@ def test_the_command(tiny_bundle: Bundle, tmp_path: Path, capsys: pytest.Capture
     out = "--out", tmp_path / "no"
     assert "--orbit: give one of --orbit, --dolly and --keys" in fault(capsys, *given, *out)
     assert "--dolly: give one of --orbit, --dolly and --keys" in fault(capsys, *given, *out, "--orbit", 3, "--dolly", 3)
+    assert "--far: is where a --dolly begins: give --dolly too" in fault(capsys, *given, *out, "--orbit", 3, "--far", 4)
     assert "--orbit: must be from 1 to 100000 frames, not 0" in fault(capsys, *given, *out, "--orbit", 0)
     assert "--wind: " + str(tmp_path / "tiny.npz") + " has no lean" in fault(
         capsys, *given, *out, "--orbit", 2, "--wind", 0.5

@@ -87,7 +87,15 @@ def test_effects_that_are_off_change_nothing(materials, material, patches, eye, 
     world = made.integrator().world
     left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
     others = {"shell_shadow", "object_shadow", "bounces", "roulette", "camera_in_shell", "quadrature"}
-    others |= {"area_light", "varying_parameters", "varying_geometry", "surface_materials", "opacity", "twin"}
+    others |= {
+        "area_light",
+        "varying_parameters",
+        "varying_geometry",
+        "surface_materials",
+        "opacity",
+        "twin",
+        "corner_tiles",
+    }
     assert left_out == off | others | {"anisotropic_filtering"}
 
     def means(first: int) -> np.ndarray:

@@ -38,6 +38,7 @@ SHARED = [
     ({"low": True}, {}, {"mesh_shadow"}),
     ({"varying": ("dryness",)}, {}, {"varying_parameters"}),
     ({"shaped": True}, {}, {"varying_geometry"}),
+    ({"tiled": True}, {}, {"corner_tiles"}),
     ({"inside": True}, {}, {"camera_in_shell"}),
     ({"twin": TWIN}, {}, {"twin"}),
     ({"twin": TWIN}, {"twin": 0.0}, set()),

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.keys import Keys
-from mesoshell.film.shoot import FAR, Film, planned, shoot
+from mesoshell.film.shoot import Film, planned, shoot
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import goal_of
@@ -70,7 +70,7 @@ def film(
     *,
     orbit: int | None = None,
     dolly: int | None = None,
-    far: float = FAR,
+    far: float | None = None,
     keys: Keys | None = None,
     wind: float | None = None,
     fps: float = 24.0,
@@ -83,9 +83,9 @@ def film(
     neighbours beside the camera's motion; `.save("film.mp4")` writes an MP4.
 
     folder: for the frames; those of an earlier call that was stopped are kept. Give one of orbit: frames of a turn around what
-    the camera looks at; dolly: frames of a way toward it from `far` times its distance; keys: {"frame": 0, "camera": seven
-    numbers, "params": {...}, "thickness": ...} each, smooth between them. wind: strength, to 1, of gusts toward the camera's
-    right, for materials with a lean; fps: frames a second. quality, engine, changes: as of `render`. progress:
+    the camera looks at; dolly: frames of a way toward it from `far` times its distance (8 if not given); keys: {"frame": 0,
+    "camera": seven numbers, "params": {...}, "thickness": ...} each, smooth between them. wind: strength, to 1, of gusts toward
+    the camera's right, for materials with a lean; fps: frames a second. quality, engine, changes: as of `render`. progress:
     called with the share done, and what is done. Raises InputError, also for a folder that holds another film's frames.
     """
     chosen = quality_of(quality, engine, changes)

@@ -116,16 +116,19 @@ def planned(
     scene: Scene,
     orbit: int | None = None,
     dolly: int | None = None,
-    far: float = FAR,
+    far: float | None = None,
     keys: Keys | None = None,
     wind: float | None = None,
     fps: float = 24.0,
 ) -> Callable[[Scene], Motion]:
     """The motion of a scene that is settled, by the one of `orbit`, `dolly` and `keys` that is given, with wind toward the
-    camera's right if it has a strength. Raises InputError unless it is one."""
+    camera's right if it has a strength. far: of a dolly, FAR if not given. Raises InputError unless it is one, or for `far`
+    without `dolly`."""
     given = [name for name, value in (("orbit", orbit), ("dolly", dolly), ("keys", keys)) if value is not None]
     if len(given) != 1:
         raise InputError(Argument(given[-1] if given else "orbit"), "give one of `orbit`, `dolly` and `keys`")
+    if far is not None and dolly is None:
+        raise InputError(Argument("far"), "is where a `dolly` begins: give `dolly` too")
     aimed, unlit = scene.camera, not scene.lights and scene.environment is None
 
     def motion(still: Scene) -> Motion:
@@ -145,7 +148,7 @@ def planned(
             lights = (*still.lights, back_light(camera, up_axis(still), still.irradiance)) if unlit else None
             return around(camera, pivot, up_axis(still), orbit, lights)
         assert dolly is not None
-        return toward(camera, pivot, far, dolly)
+        return toward(camera, pivot, FAR if far is None else far, dolly)
 
     return motion
 

@@ -49,6 +49,7 @@ def facts_of(
         inside=bool(geometry) and any(_may_be_inside(s, geometry) for s in scene.sensors()),
         varying=tuple(sorted({name for m in media for name in m.varying})),
         shaped=any(h.nodes is not None for h in heights),
+        tiled=any(m.material.tiles is not None for m in media),
         passable=any(m.opacity != "none" for _, m in surfaces),
     )
 

@@ -35,7 +35,7 @@ class Effects:
     what dims the way to a light. bounces: light goes from one event to another. roulette: paths end by chance. quadrature:
     all samples of a ray are summed, in place of one that is drawn. camera_in_shell: rays may begin in a shell. filtering:
     features are averaged over the pixel; anisotropic_filtering: along its long side too. varying_parameters,
-    varying_geometry: over the surface.
+    varying_geometry: over the surface. corner_tiles: a hash chooses the patch of a torus that is read.
 
     Some are gated by what the scene holds: without emitting surfaces, opacity or maps there is nothing of them to compile.
     """
@@ -59,6 +59,7 @@ class Effects:
     anisotropic_filtering: Effect
     varying_parameters: Effect
     varying_geometry: Effect
+    corner_tiles: Effect
 
     def as_dict(self) -> dict[str, dict[str, object]]:
         return {name: {"on": e.on, "why": e.why} for name, e in vars(self).items()}
@@ -80,7 +81,7 @@ class Engine:
 
 _MARCHED = (
     "shells twin direct_light environment background mesh_shadow object_shadow quadrature camera_in_shell filtering "
-    "anisotropic_filtering varying_parameters varying_geometry"
+    "anisotropic_filtering varying_parameters varying_geometry corner_tiles"
 )
 _QUERIED = "surface_materials opacity twin direct_light environment background mesh_shadow object_shadow"
 #: Shells marched in JAX; meshes with a surface material, in JAX; paths in Mitsuba.
@@ -194,6 +195,7 @@ def _detail(f: Facts) -> dict[str, Effect]:
         ),
         "varying_parameters": _either(bool(varying), f"maps for {varying}", "every parameter is one number"),
         "varying_geometry": _either(f.shaped, "the texture holds geometry that varies", "geometry does not vary"),
+        "corner_tiles": _either(f.tiled, "the texture is sixteen tiles, laid by a hash", "no texture is of tiles"),
     }
 
 

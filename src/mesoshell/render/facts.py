@@ -24,7 +24,7 @@ class Facts:
     light may come from below the horizon of a shell's face. ground: albedo under the shells, 1 where it is not plain diffuse.
     coarsest: the largest footprint in texels that a camera can have on the shells (one standard deviation to either side);
     rows: of their height features. inside: a camera may be in a shell. varying: names of appearance parameters that vary over
-    the surface; shaped: geometry varies. passable: rays may pass the surface materials.
+    the surface; shaped: geometry varies; tiled: a texture is corner tiles. passable: rays may pass the surface materials.
     """
 
     shells: int = 0
@@ -44,6 +44,7 @@ class Facts:
     inside: bool = False
     varying: tuple[str, ...] = ()
     shaped: bool = False
+    tiled: bool = False
     passable: bool = False
     twin: TwinFacts | None = None
 

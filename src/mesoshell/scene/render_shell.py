@@ -109,4 +109,5 @@ def facts(scene: MarchedScene) -> Facts:
         inside=bool(((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()),
         varying=tuple(scene.maps),
         shaped=scene.ready.layout.nodes is not None,
+        tiled=scene.ready.layout.colours is not None,
     )

@@ -20,8 +20,8 @@ class Options(SceneOptions):
     orbit: int | None = None
     #: Frames of a way toward the scene, from --far times the camera's distance to where it is.
     dolly: int | None = None
-    #: How many times its distance away a dolly begins.
-    far: float = 8.0
+    #: How many times its distance away a dolly begins; 8 if not given.
+    far: float | None = None
     #: JSON file of keys: camera, parameters and thickness at some frames, smooth between them (docs/how_to/film.md).
     keys: Path | None = None
     #: Strength of a wind, above 0 to 1, that blows toward the right of the picture, for materials with a lean, as carpet: gusts

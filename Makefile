@@ -3,6 +3,7 @@
 # make test-all   the same with the slow tests, which take minutes each
 # make test-gpu   the hard cases, a training of `tiny` and benchmarks, on the GPU or TPU that JAX finds
 # make docs   the documentation as a site, site/index.html
+# make gallery   the pictures of docs/index.md anew
 # make blender   the separate environment that `mesoshell dataset render` calls
 # make nojax   an environment without JAX, in which path tracing is tested
 
@@ -19,7 +20,7 @@ ifeq ($(MAKELEVEL),0)
 .NOTPARALLEL:
 endif
 
-.PHONY: demo test test-all test-gpu lint docs blender nojax clean
+.PHONY: demo test test-all test-gpu lint docs gallery blender nojax clean
 
 demo: .venv/installed
 	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
@@ -49,6 +50,9 @@ lint: .venv/installed-dev
 
 docs: .venv/installed-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+gallery: .venv/installed
+	$(BIN)/python docs/gallery.py
 
 blender: data_gen/.venv/installed
 

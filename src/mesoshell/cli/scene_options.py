@@ -29,8 +29,8 @@ SETTINGS_HELP = (
 class SceneOptions:
     """A mesh grown with a neural material, its camera, its lights, and the engine that renders it."""
 
-    #: OBJ, PLY, GLB, glTF, OFF or STL file; without texture coordinates it is unwrapped. Or, with --engine mitsuba, an XML
-    #: scene of Mitsuba's with `mesoshell` BSDFs.
+    #: OBJ, PLY, GLB, glTF, OFF or STL file; without texture coordinates it is unwrapped. For `render` and `tradeoff` with
+    #: --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"
@@ -43,17 +43,19 @@ class SceneOptions:
     #: Height of the shell in the mesh's unit; default: the material's own thickness times --scale, or 1/25 of the bounding
     #: box's diagonal.
     thickness: float | None = None
-    #: World length of one texture patch in the mesh's unit; default: --thickness over the material's own (1 for bundled ones).
+    #: World length of one texture patch in the mesh's unit; default: --thickness over the material's own (1 for bundled ones);
+    #: of a surface material 2/25 of the bounding box's diagonal.
     scale: float | None = None
     #: Width and height of the picture in pixels.
     size: tuple[int, int] = SIZE
-    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: key, fill and bounce.
+    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: key, fill and bounce,
+    #: or none with an --environment.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
     #: Latitude-longitude EXR that lights the scene and is seen behind it.
     environment: Path | None = None
-    #: Diffuse colour of the surface under the shell, linear R G B.
+    #: Diffuse colour of the surface under the shell, and of each --object, linear R G B.
     base: tuple[float, float, float] = EARTH
     #: Further meshes in the same frame that cast and receive shadows; may be repeated.
     object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()

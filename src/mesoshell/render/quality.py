@@ -77,8 +77,8 @@ class Quality:
     )
     weight_cut: float = _setting(
         0.048,
-        "opacity that a ray may leave unlit: what has a weight below weight_cut / samples is not (with light_samples, the "
-        "ground alone)",
+        "samples of a weight below weight_cut / samples are not lit, so a ray loses at most this share of its opacity; with "
+        "light_samples above 0 this is of the ground alone",
         "colour, by at most this share",
         below=1,
     )

@@ -36,7 +36,7 @@ def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | Non
         raise InputError(
             path,
             f"defines no `{wanted}` {of} a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an "
-            "AtlasTraining (mesoshell.train.gan.state, .textures_state, .parametric, .surface and .atlas)",
+            "AtlasTraining (mesoshell.train: gan.state, textures.state, nerf_tex.network, surface.step, neutex.step)",
         )
     return config, defined.get("recipe")
 

@@ -37,7 +37,7 @@ class Options(SceneOptions):
     budget: float | None = None
     #: Mean FLIP of the tone-mapped picture, 0 to 1: as few samples as it takes. With --budget too, what is met first ends it.
     error: float | None = None
-    #: Most samples a pixel with --budget or --error; default: 4096. Ctrl-C writes what there is.
+    #: Most samples a pixel, alone or with --budget or --error, whose default is 4096. Ctrl-C writes what there is.
     max_samples: int | None = None
     #: Paths a pixel, for mitsuba. Default: 16, 64 or 512 by --quality, or what the XML scene says.
     spp: int | None = None

@@ -9,12 +9,13 @@ import tyro
 
 @dataclass(frozen=True)
 class Options:
-    """Train a generator on a packed dataset; a run that was stopped goes on."""
+    """Train by the method of an experiment; a run that was stopped goes on."""
 
-    #: The experiment: a Python file that defines `config`, a mesoshell.train.gan.state.TrainConfig (or, to be compared with,
-    #: a mesoshell.train.nerf_tex.network.ParametricConfig), and `variant`, which makes one of a preset.
+    #: The experiment: a Python file that defines `config`, which chooses the method (a generator, textures, NeRF-Tex, a surface
+    #: material, a captured object), and `variant`, which makes one of a preset.
     experiment: tyro.conf.Positional[Path]
-    #: Packed dataset folder (mesoshell dataset pack).
+    #: What the method learns from: a folder of renders, packed or not, of queries, or of photographs; or a .npz of exemplars
+    #: or of a fitted material.
     data: Path
     #: Folder of checkpoints and log; if it holds some, the training goes on from there.
     run: Path

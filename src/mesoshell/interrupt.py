@@ -6,6 +6,12 @@ from types import FrameType
 from typing import Any
 
 
+def arrived() -> None:
+    """An interrupt was heard: it is not raised again (cli/ending raises it until then), so that what follows can end."""
+    if threading.current_thread() is threading.main_thread():
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
 class StopRequest:
     """Whether SIGTERM or SIGINT has come since the context was entered. A second SIGINT is handled as before. again: the signal
     is raised again at the end. In a thread other than the main one it notices no signal."""

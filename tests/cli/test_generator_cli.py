@@ -114,6 +114,12 @@ def test_scores_are_kept_and_not_made_twice(run, capsys) -> None:
     assert f"{rows[-1]['value']:.4g}" in said and "KID-EffLite0" in (run / "report.html").read_text()
     main(["evaluate", str(run), "--images", "8", "--snapshots", "2"])
     assert capsys.readouterr().out == f"{run / 'report.html'}\n"
+    own = (run / "evaluation.jsonl").read_bytes()
+    data = json.loads((run / "config.json").read_text())["data"]["folder"]
+    main(["evaluate", str(run), "--images", "8", "--snapshots", "1", "--data", data])
+    other = run / f"evaluation_{Path(data).name}.jsonl"
+    assert capsys.readouterr().out.endswith(f"{other}\n") and len(other.read_text().splitlines()) == 2
+    assert (run / "evaluation.jsonl").read_bytes() == own
 
 
 def test_a_network_that_is_compared_with_is_scored_like_any_run(network, capsys) -> None:

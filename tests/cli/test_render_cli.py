@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mesoshell.cli.commands.render import files_of
 from mesoshell.cli.main import main
 from mesoshell.geometry.mesh import uv_stretch
 from mesoshell.io.bundle import write_bundle
@@ -35,6 +36,14 @@ def _no_cache_at_home(monkeypatch, tmp_path_factory):
 def arguments(material: Path, out: Path, *more: object) -> list[str]:
     given = ["render", MESH, "--material", material, "--size", 32, 32, "--quality", "draft", "--out", out, *more]
     return [str(x) for x in given]
+
+
+@pytest.mark.parametrize(
+    ("given", "stem"),
+    [("a", "a"), ("a.png", "a"), ("a.exr", "a"), ("a.json", "a"), ("age_0.25", "age_0.25"), ("v1.2.png", "v1.2")],
+)
+def test_a_dot_in_a_name_is_kept(given: str, stem: str):
+    assert files_of(Path("out") / given) == tuple(Path(f"out/{stem}{kind}") for kind in (".png", ".exr", ".json"))
 
 
 def test_a_picture_its_radiance_and_its_report(material: Path, tmp_path: Path, capsys):

@@ -30,6 +30,7 @@ def test_gusts_have_mean_zero_and_variance_one():
         g = gusts(at, seed)
         assert abs(g.mean()) < 0.02 and abs(g.var() - 1) < 0.03
     assert np.corrcoef(gusts(at, 0), gusts(at, 1))[0, 1] < 0.05
+    assert np.isfinite(gusts(at, -1)).all()  # a seed that renders take
 
 
 def test_pixels_lie_where_they_are_painted():
@@ -102,6 +103,13 @@ def test_wind_is_refused_where_nothing_leans(tiny_bundle: Bundle):
     for fps in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match=r"^fps: must be positive and finite"):
             blown(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, 0.4, fps)
+    for name in ("lean", "lean_angle"):
+        given = replace(scene(tiny_bundle, ("lean", "lean_angle")), params={name: 0.5})
+        with pytest.raises(InputError, match=f"^wind: sets {name}, which is given too"):
+            blown(motion, given, FIELD, EAST, 0.4, 24.0)
+        with pytest.raises(InputError, match=f"^wind: sets {name}, which is given too"):
+            keyed = Motion(3, lambda k, name=name: {"params": {name: 0.1 * k}})
+            blown(keyed, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, 0.4, 24.0)
     for strength in (0.0, -0.2, 1.5, np.nan):
         with pytest.raises(InputError, match=r"^wind: must be above 0"):
             blown(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, strength, 24.0)

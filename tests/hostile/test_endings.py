@@ -67,11 +67,12 @@ main(["doctor"])
 PRINTS = "def run() -> None:\n    print('x' * {})\n"
 
 
+@pytest.mark.parametrize("end", ["", "    raise SystemExit(1)\n"])
 @pytest.mark.parametrize("length", [1, 100_000])
-def test_a_full_disk_behind_standard_output_is_one_line(length: int):
+def test_a_full_disk_behind_standard_output_is_one_line(length: int, end: str):
     """What is printed fails when it is written out at the end; or at once, and then nothing says what was not written."""
     with Path("/dev/full").open("w") as full:
-        found = _started(PRINTS.format(length), stdout=full)
+        found = _started(PRINTS.format(length) + end, stdout=full)
         said = found.communicate()[1]
     assert found.returncode == 2
     where = "standard output: cannot be written: " if length == 1 else ""

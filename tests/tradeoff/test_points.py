@@ -8,7 +8,7 @@ import pytest
 from mesoshell.measure.flip import flip
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.tradeoff.points import Point, measured, together
-from mesoshell.tradeoff.reference import Reference, refer
+from mesoshell.tradeoff.reference import Reference, refer, refers_to
 from tests.helpers.made_passes import SHAPE, passes, picture
 
 EXACT = Reference(picture(), np.stack([picture()] * 2), 0.0, 1, 16, True)
@@ -16,6 +16,18 @@ EXACT = Reference(picture(), np.stack([picture()] * 2), 0.0, 1, 16, True)
 
 def quiet(share: float) -> None:
     pass
+
+
+@pytest.mark.parametrize(("covered", "scale"), [(1.0, 1.0), (1.0, 1e-3), (0.005, 1.0)])
+def test_a_reference_is_of_one_scene_however_dim_or_far(covered: float, scale: float) -> None:
+    """A fifth of its light more is another scene; a thousandth, as other processors round, is not."""
+    begun, image = passes(0.0, 0.0), scale * picture()
+    hidden = np.arange(image[..., 0].size).reshape(SHAPE) >= covered * image[..., 0].size
+    image[hidden] = 0
+    kept = Reference(image, np.stack([image] * 2), 0.0, 1, 16, True)
+    assert refers_to(kept, begun, lambda p: image * 1.001)
+    assert not refers_to(kept, begun, lambda p: image * 1.2)
+    assert not refers_to(kept, begun._replace(shape=(3, 3)), lambda p: image)
 
 
 def test_noise_falls_with_samples_and_bias_does_not() -> None:

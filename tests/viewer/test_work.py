@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import mesoshell as ms
+from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
@@ -130,6 +131,18 @@ def test_clients_take_turns_and_may_vanish(scene: ms.Scene, opened):
     seen.wait(lambda: len(seen.pictures) >= begin + 4)
     assert {c for c, _ in seen.pictures[begin + 1 :]} == {2}
     work.leave(7)  # that never was
+
+
+def test_a_scene_that_no_picture_can_be_made_of_is_refused(scene: ms.Scene, opened):
+    for change, said in (
+        ({"params": {"dryness": float("nan")}}, "dryness"),
+        ({"params": {"dryness": 5.0}}, "dryness"),
+        ({"seed": 3}, "seed"),
+        ({"irradiance": -1.0}, "lights"),
+        ({"base_colour": (float("nan"), 0.0, 0.0)}, "base_colour"),
+    ):
+        with pytest.raises(InputError, match=said):
+            opened(replace(scene, **change))
 
 
 def test_a_fault_is_said_and_forgotten(scene: ms.Scene, opened):

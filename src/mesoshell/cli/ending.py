@@ -66,6 +66,9 @@ def _done(work: Callable[[], None]) -> None:
     """Do the work, and flush what it printed."""
     try:
         work()
+    except SystemExit:
+        flushed()
+        raise
     except OSError as fault:
         if fault.filename is None:  # perhaps an error of printing: flushing what is still buffered fails again
             flushed()

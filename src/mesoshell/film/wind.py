@@ -56,6 +56,9 @@ def blown(
         raise InputError(Argument("wind"), f"must be above 0, to 1, not {strength:g}")
     if not {LEAN, ANGLE} <= {name for name, p in scene.material.parameters.items() if p.role == "beta"}:
         raise InputError(Argument("wind"), f"{scene.material.name} has no lean that wind could change (carpet has)")
+    given = sorted({LEAN, ANGLE} & {*scene.params, *motion.change(0).get("params", {})})
+    if given:
+        raise InputError(Argument("wind"), f"sets {given[0]}, which is given too: leave one out")
     ground = ground_of(mesh)
     size = float(np.linalg.norm(np.ptp(mesh.vertices.astype(np.float64), axis=0)))
 
@@ -80,7 +83,7 @@ def combed(
 
 def gusts(at: Float[np.ndarray, "*shape 3"], seed: int) -> Float[np.ndarray, "*shape"]:
     """g at points, in sizes of the scene."""
-    random = np.random.default_rng([seed, 0x57])
+    random = np.random.default_rng([seed % 2**32, 0x57])
     way = random.normal(size=(WAVES, 3))
     number = LEAST * (GREATEST / LEAST) ** random.random(WAVES)
     amplitude = number**-0.8

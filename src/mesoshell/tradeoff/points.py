@@ -134,7 +134,7 @@ def _queries(passes: Passes) -> int:
 def _fitted(n: np.ndarray, e: np.ndarray) -> tuple[float, float]:
     """b and ν, by non-negative least squares of relative differences."""
     scale = np.maximum(e, 1e-9) ** -Q
-    fit, _ = nnls(np.stack([scale, scale / n], axis=1), np.ones(len(e)))
+    fit, _ = nnls(np.stack([scale, scale / n], axis=1), np.ones(len(e)), maxiter=1000)
     return float(fit[0] ** (1 / Q)), float(fit[1] ** (1 / Q))
 
 

@@ -77,6 +77,11 @@ def refer(
 
 def refers_to(kept: Reference, passes: Passes, pass_of: Callable[[Passes], np.ndarray]) -> bool:
     """Whether the exact passes are of the scene that a reference was made of."""
-    return kept.first.shape[1:3] == passes.shape and bool(
-        np.quantile(np.abs(pass_of(passes) - kept.first[0]).max(axis=-1), 0.99) < 0.01
-    )
+    if kept.first.shape[1:3] != passes.shape:
+        return False
+    now, then = pass_of(passes), kept.first[0]
+    seen = (now[..., 3] > 0) | (then[..., 3] > 0)
+    if not seen.any():
+        return True
+    apart = np.abs(now - then).max(axis=-1)[seen]
+    return bool(np.quantile(apart, 0.99) < 0.01 * min(1.0, float(np.abs(then[seen]).mean())))

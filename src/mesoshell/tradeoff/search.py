@@ -74,7 +74,7 @@ def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarr
         return np.exp(wanted @ np.linalg.solve(x.T @ x + pull, x.T @ y))
 
     powers = np.array([p.bias**Q for p in points])
-    effects, _ = nnls(np.concatenate([x, pull**0.5]), np.concatenate([powers, np.zeros(x.shape[1])]))
+    effects, _ = nnls(np.concatenate([x, pull**0.5]), np.concatenate([powers, np.zeros(x.shape[1])]), maxiter=1000)
     return summed([p.seconds[1] for p in points]), (wanted @ effects) ** (1 / Q), summed([p.noise for p in points])
 
 

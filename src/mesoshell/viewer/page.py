@@ -79,7 +79,7 @@ class Page:
             self._params = {name: _slider(gui, name, parameters[name], value) for name, value in look.params.items()}
             tiled = not generated(work.begun) and getattr(work.begun.material.bundle, "tiles", None) is not None
             self._seed = (
-                gui.add_number("seed", look.seed, min=0, max=2**31 - 1, step=1)
+                gui.add_number("seed", look.seed, min=-(2**31), max=2**32 - 1, step=1)
                 if generated(work.begun) or tiled
                 else None
             )
@@ -89,6 +89,7 @@ class Page:
                 self._thickness = gui.add_slider(
                     "thickness", t / 10, t * 3, t / 50, t, hint="height of the shell, in the mesh's unit"
                 )
+            self._given_base = look.base_colour
             self._ground = tuple(round(255 * float(x)) for x in linear_to_srgb(np.array(look.base_colour)))
             self._base = gui.add_rgb("ground", self._ground, hint="colour of the surface under the shell")
             self._bar = gui.add_progress_bar(0.0, visible=False)
@@ -122,7 +123,7 @@ class Page:
             seed=0 if self._seed is None else int(self._seed.value),
             thickness=None if self._thickness is None else float(self._thickness.value),
             # eight bits are not the colour that was given
-            base_colour=self.work.look.base_colour if tuple(self._base.value) == self._ground else (red, green, blue),
+            base_colour=self._given_base if tuple(self._base.value) == self._ground else (red, green, blue),
             sun=(self._azimuth.value, self._elevation.value) if self._lit.value else None,
             quality=self._quality.value,
             side=int(self._side.value),

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from mesoshell.errors import InputError
+from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled
+from mesoshell.scene.setup import describe_shell, describe_surface
 from mesoshell.viewer.look import Look, first_look, shown, sized, with_texture_of
 from mesoshell.viewer.refine import Abandoned, Shown, refine
 
@@ -44,6 +46,8 @@ class Workshop:
         self.given, self._lit = scene, bool(scene.lights) or scene.environment is not None
         self.begun = settled(scene, texture=False)
         self.still = settled(self.begun, progress)
+        describe = describe_surface if scene.material.kind == KIND else describe_shell
+        describe(self.still)  # raises what a picture of it would
         self.look = first_look(self.begun)
         self._texture = self.look.texture(self.begun)
         self._show, self._tell, self._growing, self._engine = show, say, growing, engine

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mesoshell.datasets.blender import shard
+from mesoshell.datasets.blender import process, shard
 from mesoshell.datasets.blender.render import SHARD, Farm, render_dataset
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import read_dataset
@@ -19,6 +19,12 @@ from mesoshell.io.dataset_check import check_dataset
 from mesoshell.io.dataset_images import load_images
 from mesoshell.io.dataset_writer import Collector, collecting
 from tests.helpers.stand_ins import STAND_IN, contents, ignore, settings
+
+
+def test_the_checkout_is_found_from_any_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = process._checkout(Path("data_gen/worker.py"))
+    assert found == Path(__file__).resolve().parents[3]
 
 
 def test_the_folder_is_the_same_bytes_whoever_renders_it(farm, tmp_path):

@@ -6,12 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 from mesoshell.cli.options.doctor import Options
+from mesoshell.datasets.blender.process import blender_command
+from mesoshell.errors import InputError
 from mesoshell.io.cache import ROOMS, cache_folder, held, remove
-
-BLENDER_PYTHON = Path("data_gen/.venv/bin/python")
 
 
 def run(options: Options) -> None:
@@ -32,9 +31,10 @@ def run(options: Options) -> None:
         print(
             "mitsuba     not installed (only `mesoshell render --engine mitsuba` needs it): pip install mesoshell[mitsuba]"
         )
-    if BLENDER_PYTHON.exists():
-        print(f"blender     {_probe('import bpy; print(bpy.app.version_string)', str(BLENDER_PYTHON))}")
-    else:
+    try:
+        (python, *_), _ = blender_command()
+        print(f"blender     {_probe('import bpy; print(bpy.app.version_string)', python)}")
+    except InputError:
         print("blender     no environment here (only `mesoshell dataset render` needs it): make blender")
 
 

@@ -28,7 +28,8 @@ def run(options: Options) -> None:
     config, dataset = method.fitted(config, method.read(config, source))
     measure = evaluation(config, dataset, options.run, options.images, options.inception)
     chosen = [saved[i] for i in sorted(set(np.linspace(len(saved) - 1, 0, options.snapshots).round().astype(int)))]
-    path = options.run / FILE
+    # scores against other data are none of the run's own, which its report and its export show
+    path = options.run / (FILE if options.data is None else f"evaluation_{options.data.resolve().name}.jsonl")
     rows = read_rows(path, ("name", "images", "kimg"))
     done = {(row["name"], row["images"], row["kimg"]) for row in rows}
     console = stderr()
@@ -46,4 +47,4 @@ def run(options: Options) -> None:
             )
         ordered = sorted(rows, key=lambda row: (row["name"], row["kimg"]))
         replace_file(path, "".join(json.dumps(row) + "\n" for row in ordered).encode())
-    print(write_report(options.run))
+    print(write_report(options.run) if options.data is None else path)

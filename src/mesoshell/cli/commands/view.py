@@ -7,6 +7,7 @@ from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.view import Options
 from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
+from mesoshell.interrupt import arrived
 from mesoshell.scene.materials import load_material
 
 
@@ -26,6 +27,7 @@ def run(options: Options) -> None:
     try:
         threading.Event().wait()
     except KeyboardInterrupt:
+        arrived()
         print()
     finally:
         page.close()

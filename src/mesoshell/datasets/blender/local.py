@@ -9,6 +9,7 @@ import threading
 from collections.abc import Generator, Iterator, Sequence
 
 from mesoshell.datasets.blender.shard import Done, Fault, Shard, render_shard
+from mesoshell.interrupt import arrived
 
 
 def run_here(shards: Sequence[Shard], workers: int) -> Generator[Done | Fault, None, None]:
@@ -42,6 +43,7 @@ def run_here(shards: Sequence[Shard], workers: int) -> Generator[Done | Fault, N
             else:
                 yield event
     finally:
+        arrived()
         stop.set()
         for thread in threads:
             thread.join()

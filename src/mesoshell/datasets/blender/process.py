@@ -39,7 +39,7 @@ def blender_command(program: str = "data_gen.worker") -> tuple[list[str], Path]:
 
 
 def _checkout(holding: Path) -> Path | None:
-    return next((root for root in (Path.cwd(), Path(__file__).resolve().parents[3]) if (root / holding).exists()), None)
+    return next((root for root in (Path.cwd(), Path(__file__).resolve().parents[4]) if (root / holding).exists()), None)
 
 
 def check_settings(settings: Mapping[str, Any]) -> None:

@@ -26,7 +26,7 @@ import OpenEXR
 from mesoshell.datasets.blender.process import Blender, Crash
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file
-from mesoshell.io.image import read_exr, write_exr
+from mesoshell.io.image import write_exr
 
 
 @dataclass(frozen=True)
@@ -90,17 +90,20 @@ def _sample(shard: Shard, blender: Blender, index: int, scratch: Path) -> Done |
 
 
 def _is_readable(image: Path) -> bool:
+    """Asked by threads: read_exr would silence the whole process's output for a moment."""
     try:
-        read_exr(image)
-    except InputError:
+        with OpenEXR.File(str(image)) as file:
+            return "RGBA" in file.channels()
+    except Exception:
         return False
-    return True
 
 
 def _finish(scratch: Path, image: Path, answer: dict[str, Any], start: float) -> dict[str, Any]:
     """Move the scratch image to its name, and say what the sample cost."""
     rendered = time.perf_counter()
-    with OpenEXR.File(str(scratch)) as file:  # read_exr would silence the whole process's output for a moment
+    if not _is_readable(scratch):
+        raise InputError(scratch, "is no readable image")
+    with OpenEXR.File(str(scratch)) as file:
         write_exr(image, file.channels()["RGBA"].pixels.astype(np.float32))
         cycles = _cycles_seconds(file.header())
     seconds = answer["seconds"]

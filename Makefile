@@ -51,7 +51,7 @@ lint: .venv/installed-dev
 docs: .venv/installed-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-gallery: .venv/installed
+gallery: .venv/installed-dev
 	$(BIN)/python docs/gallery.py
 
 blender: data_gen/.venv/installed

@@ -29,6 +29,9 @@ def render(name: str, words: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    unknown = set(sys.argv[1:]) - shots().keys()
+    if unknown:
+        sys.exit(f"{PAGE}: no picture {', '.join(sorted(unknown))}")
     for name, words in shots().items():
         if name in (sys.argv[1:] or shots()):
             render(name, words)

@@ -6,7 +6,22 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from mesoshell.interrupt import StopRequest
+from mesoshell.interrupt import StopRequest, arrived
+
+
+def test_an_interrupt_that_arrived_is_not_raised_again() -> None:
+    """By the main thread alone, which is where it is raised."""
+    before = signal.signal(signal.SIGALRM, signal.SIG_IGN)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 100)
+        with ThreadPoolExecutor(1) as other:
+            other.submit(arrived).result()
+        assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
+        arrived()
+        assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_a_second_interrupt_ends_a_run_at_once() -> None:

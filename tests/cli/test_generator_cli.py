@@ -103,7 +103,7 @@ def test_a_run_shows_itself(run) -> None:
     assert page.count("<img") == 3 and "0.016 kimg" in page
 
 
-def test_scores_are_kept_and_not_made_twice(run, capsys) -> None:
+def test_scores_are_kept_and_not_made_twice(run, tmp_path, capsys) -> None:
     main(["evaluate", str(run), "--images", "8", "--snapshots", "2"])
     said = capsys.readouterr().out
     rows = [json.loads(line) for line in (run / "evaluation.jsonl").read_text().splitlines()]
@@ -117,7 +117,10 @@ def test_scores_are_kept_and_not_made_twice(run, capsys) -> None:
     own = (run / "evaluation.jsonl").read_bytes()
     data = json.loads((run / "config.json").read_text())["data"]["folder"]
     main(["evaluate", str(run), "--images", "8", "--snapshots", "1", "--data", data])
-    other = run / f"evaluation_{Path(data).name}.jsonl"
+    assert capsys.readouterr().out == f"{run / 'report.html'}\n"
+    moved = shutil.copytree(data, tmp_path / "moved")
+    main(["evaluate", str(run), "--images", "8", "--snapshots", "1", "--data", str(moved)])
+    (other,) = run.glob("evaluation_moved_*.jsonl")
     assert capsys.readouterr().out.endswith(f"{other}\n") and len(other.read_text().splitlines()) == 2
     assert (run / "evaluation.jsonl").read_bytes() == own
 

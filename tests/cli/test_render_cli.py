@@ -40,7 +40,15 @@ def arguments(material: Path, out: Path, *more: object) -> list[str]:
 
 @pytest.mark.parametrize(
     ("given", "stem"),
-    [("a", "a"), ("a.png", "a"), ("a.exr", "a"), ("a.json", "a"), ("age_0.25", "age_0.25"), ("v1.2.png", "v1.2")],
+    [
+        ("a", "a"),
+        ("a.png", "a"),
+        ("a.PNG", "a"),
+        ("a.exr", "a"),
+        ("a.json", "a"),
+        ("age_0.25", "age_0.25"),
+        ("v1.2.png", "v1.2"),
+    ],
 )
 def test_a_dot_in_a_name_is_kept(given: str, stem: str):
     assert files_of(Path("out") / given) == tuple(Path(f"out/{stem}{kind}") for kind in (".png", ".exr", ".json"))

@@ -21,12 +21,14 @@ def quiet(share: float) -> None:
 @pytest.mark.parametrize(("covered", "scale"), [(1.0, 1.0), (1.0, 1e-3), (0.005, 1.0)])
 def test_a_reference_is_of_one_scene_however_dim_or_far(covered: float, scale: float) -> None:
     """A fifth of its light more is another scene; a thousandth, as other processors round, is not."""
-    begun, image = passes(0.0, 0.0), scale * picture()
+    begun, image = passes(0.0, 0.0), picture()
+    image[..., :3] *= scale
+    lit = lambda share: lambda p: image * np.array([share, share, share, 1.0])  # noqa: E731
     hidden = np.arange(image[..., 0].size).reshape(SHAPE) >= covered * image[..., 0].size
     image[hidden] = 0
     kept = Reference(image, np.stack([image] * 2), 0.0, 1, 16, True)
-    assert refers_to(kept, begun, lambda p: image * 1.001)
-    assert not refers_to(kept, begun, lambda p: image * 1.2)
+    assert refers_to(kept, begun, lit(1.001)) and not refers_to(kept, begun, lit(1.2))
+    assert not refers_to(kept, begun, lambda p: image * np.array([1.0, 1.0, 1.0, 0.9]))
     assert not refers_to(kept, begun._replace(shape=(3, 3)), lambda p: image)
 
 

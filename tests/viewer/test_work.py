@@ -138,7 +138,7 @@ def test_a_scene_that_no_picture_can_be_made_of_is_refused(scene: ms.Scene, open
         ({"params": {"dryness": float("nan")}}, "dryness"),
         ({"params": {"dryness": 5.0}}, "dryness"),
         ({"seed": 3}, "seed"),
-        ({"irradiance": -1.0}, "lights"),
+        ({"irradiance": -1.0}, "irradiance"),
         ({"base_colour": (float("nan"), 0.0, 0.0)}, "base_colour"),
     ):
         with pytest.raises(InputError, match=said):

@@ -83,5 +83,6 @@ def refers_to(kept: Reference, passes: Passes, pass_of: Callable[[Passes], np.nd
     seen = (now[..., 3] > 0) | (then[..., 3] > 0)
     if not seen.any():
         return True
-    apart = np.abs(now - then).max(axis=-1)[seen]
-    return bool(np.quantile(apart, 0.99) < 0.01 * min(1.0, float(np.abs(then[seen]).mean())))
+    colour, alpha = (np.abs(now - then)[seen][..., part].max(axis=-1) for part in (slice(3), slice(3, 4)))
+    same = np.quantile(colour, 0.99) <= 0.01 * np.abs(then[seen][..., :3]).mean()
+    return bool(same and np.quantile(alpha, 0.99) < 0.01)

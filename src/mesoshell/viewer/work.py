@@ -9,12 +9,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from mesoshell.errors import InputError
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled
-from mesoshell.scene.setup import describe_shell, describe_surface
+from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface
 from mesoshell.viewer.look import Look, first_look, shown, sized, with_texture_of
 from mesoshell.viewer.refine import Abandoned, Shown, refine
 
@@ -44,10 +46,13 @@ class Workshop:
     ):
         """Settles the scene. Raises InputError."""
         self.given, self._lit = scene, bool(scene.lights) or scene.environment is not None
+        check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
+        if scene.material.kind == KIND:
+            describe_surface(scene)  # raises what a picture of it would
         self.begun = settled(scene, texture=False)
         self.still = settled(self.begun, progress)
-        describe = describe_surface if scene.material.kind == KIND else describe_shell
-        describe(self.still)  # raises what a picture of it would
+        if scene.material.kind != KIND:
+            describe_shell(self.still)  # once its texture is grown
         self.look = first_look(self.begun)
         self._texture = self.look.texture(self.begun)
         self._show, self._tell, self._growing, self._engine = show, say, growing, engine

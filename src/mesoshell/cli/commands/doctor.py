@@ -34,7 +34,7 @@ def run(options: Options) -> None:
     try:
         (python, *_), _ = blender_command()
         print(f"blender     {_probe('import bpy; print(bpy.app.version_string)', python)}")
-    except InputError:
+    except (InputError, OSError):
         print("blender     no environment here (only `mesoshell dataset render` needs it): make blender")
 
 

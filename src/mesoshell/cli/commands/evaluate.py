@@ -1,6 +1,8 @@
 """`mesoshell evaluate`: score the snapshots of a run. Imports JAX."""
 
+import hashlib
 import json
+from pathlib import Path
 
 import numpy as np
 
@@ -28,8 +30,8 @@ def run(options: Options) -> None:
     config, dataset = method.fitted(config, method.read(config, source))
     measure = evaluation(config, dataset, options.run, options.images, options.inception)
     chosen = [saved[i] for i in sorted(set(np.linspace(len(saved) - 1, 0, options.snapshots).round().astype(int)))]
-    # scores against other data are none of the run's own, which its report and its export show
-    path = options.run / (FILE if options.data is None else f"evaluation_{options.data.resolve().name}.jsonl")
+    other = _other(options.data, data["folder"])
+    path = options.run / (FILE if other is None else f"evaluation_{other}.jsonl")
     rows = read_rows(path, ("name", "images", "kimg"))
     done = {(row["name"], row["images"], row["kimg"]) for row in rows}
     console = stderr()
@@ -47,4 +49,11 @@ def run(options: Options) -> None:
             )
         ordered = sorted(rows, key=lambda row: (row["name"], row["kimg"]))
         replace_file(path, "".join(json.dumps(row) + "\n" for row in ordered).encode())
-    print(write_report(options.run) if options.data is None else path)
+    print(write_report(options.run) if other is None else path)
+
+
+def _other(given: Path | None, own: str) -> str | None:
+    """A name for data that are not the run's own, whose report and export do not show their scores; None if they are."""
+    if given is None or given.resolve() == Path(own).resolve():
+        return None
+    return f"{given.resolve().name}_{hashlib.sha256(str(given.resolve()).encode()).hexdigest()[:6]}"

@@ -95,7 +95,6 @@ def _write(out: Path, made: Picture, report: dict[str, Any]) -> None:
 
 def files_of(out: Path) -> tuple[Path, Path, Path]:
     """The picture, its radiance and its report."""
-    ended = out.suffix.lower() in (".exr", ".json")
-    named = out.suffix == ".png" or not out.name
-    shown = out if named else out.with_suffix(".png") if ended else out.with_name(f"{out.name}.png")
+    ended = out.suffix.lower() in (".png", ".exr", ".json")
+    shown = out if not out.name else out.with_suffix(".png") if ended else out.with_name(f"{out.name}.png")
     return shown, shown.with_suffix(".exr"), shown.with_suffix(".json")

@@ -8,8 +8,8 @@ import tyro
 
 @dataclass(frozen=True)
 class Options:
-    """Score a run's snapshots by KID and FID; writes RUN/evaluation.jsonl and RUN/report.html, or for other --data
-    RUN/evaluation_FOLDER.jsonl."""
+    """Score a run's snapshots by KID and FID; writes RUN/evaluation.jsonl and RUN/report.html, or for --data in another
+    folder RUN/evaluation_FOLDER_HASH.jsonl."""
 
     #: Folder of a training run.
     run: tyro.conf.Positional[Path]

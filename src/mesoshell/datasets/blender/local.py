@@ -42,8 +42,10 @@ def run_here(shards: Sequence[Shard], workers: int) -> Generator[Done | Fault, N
                 running -= 1
             else:
                 yield event
-    finally:
+    except BaseException:
         arrived()
+        raise
+    finally:
         stop.set()
         for thread in threads:
             thread.join()

@@ -101,11 +101,12 @@ def _is_readable(image: Path) -> bool:
 def _finish(scratch: Path, image: Path, answer: dict[str, Any], start: float) -> dict[str, Any]:
     """Move the scratch image to its name, and say what the sample cost."""
     rendered = time.perf_counter()
-    if not _is_readable(scratch):
-        raise InputError(scratch, "is no readable image")
-    with OpenEXR.File(str(scratch)) as file:
-        write_exr(image, file.channels()["RGBA"].pixels.astype(np.float32))
-        cycles = _cycles_seconds(file.header())
+    try:
+        with OpenEXR.File(str(scratch)) as file:
+            pixels, cycles = file.channels()["RGBA"].pixels.astype(np.float32), _cycles_seconds(file.header())
+    except Exception as error:
+        raise InputError(scratch, "is no readable image") from error
+    write_exr(image, pixels)
     seconds = answer["seconds"]
     stages = {"geometry": seconds["geometry"], "sync": max(0.0, seconds["blender"] - cycles), "cycles": cycles}
     stages["writing"] = time.perf_counter() - rendered

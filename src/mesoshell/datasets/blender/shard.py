@@ -90,7 +90,8 @@ def _sample(shard: Shard, blender: Blender, index: int, scratch: Path) -> Done |
 
 
 def _is_readable(image: Path) -> bool:
-    """Asked by threads: read_exr would silence the whole process's output for a moment."""
+    """False for whatever OpenEXR raises: the image is then rendered anew. Threads ask; read_exr would silence the whole
+    process's output for a moment."""
     try:
         with OpenEXR.File(str(image)) as file:
             return "RGBA" in file.channels()

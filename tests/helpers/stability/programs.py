@@ -344,7 +344,7 @@ def _of_textures() -> Programs:
     phases = jax.eval_shape(lambda p: synthesis.own_phases(config, p), i(2))
     shown = _jitted(textures_snapshot._shown, 1, 1, decoder, f(32, 32, 4), f(8, 4))
     return {
-        "train.textures.natural_start.natural_start.look": [],  # a forward pass of the step's
+        "train.textures.natural_start._natural": [],  # a forward pass of the step's
         "train.textures.adversarial.begun": [_plain(partial(textures.step, config), begun, batch)],
         "train.textures.synthesis._moments": [_jitted(synthesis._moments, config, begun, KEY)],
         "train.textures.snapshot._made": [_jitted(textures_snapshot._made, config, begun, f(2, 0), phases)],

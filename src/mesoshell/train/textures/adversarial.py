@@ -34,11 +34,12 @@ RATE, REACH, LEAST, MOST = 0.012, 0.2, 0.01, 1000.0
 _WARM, _BOUND, _LOOKS = 50, 8.0, 24
 
 
+@partial(jax.jit, static_argnums=0)
 def begun(config: TexturesConfig, state: TexturesState, features: Array, key: Key[Array, ""]) -> CriticState:
     """A critic that has learned nothing."""
     keys = jax.random.split(key, _LOOKS + 1)
     looks = jnp.stack([features[i % len(features)] for i in range(_LOOKS)])
-    y = jax.jit(lambda f, k: jax.lax.map(lambda x: _critic_view(config, state, *x), (f, k)))(looks, keys[1:])
+    y = jax.lax.map(lambda x: _critic_view(config, state, *x), (looks, keys[1:]))
     critic = init_critic(config.critic, keys[0])
     gamma, about = jnp.float32(config.gamma), (jnp.mean(y, axis=(0, 1, 2)), jnp.std(y, axis=(0, 1, 2)) + 0.02)
     return CriticState(critic, optimisers(config)[1].init(critic), gamma, *about)

@@ -53,44 +53,45 @@ def wide(config: GeneratorConfig) -> GeneratorConfig:
 
 def natural_start(config: GeneratorConfig, features: Float[Array, "K S S C"], key: Key[Array, ""]) -> Natural:
     """A start for exemplars of zero mean and unit variance a channel."""
-    k = jax.random.split(key, 4)
-    looked = jnp.stack([_crop(f, i) for i, f in zip(range(_TEXTURES), _cycled(features), strict=True)])
-    wanted = _bands(looked)
-    many = wide(config)
-    generator, averages = init_generator(many, k[0]), init_averages(many)
-    phases, beta = draw_phases(many, k[1], _TEXTURES), jax.random.uniform(k[2], (_TEXTURES, config.betas), jnp.float32)
-    side = min(_SIDE, features.shape[1])
+    return _natural(config, (_TEXTURES, _ROUNDS, _PASSES), features, key)
 
-    @jax.jit
-    def look(generator: Generator, averages: Averages) -> tuple[Array, Averages]:
-        w = map_latent(generator, jnp.zeros((_TEXTURES, config.z), jnp.float32), beta)
-        made = synthesise(many, generator, averages, w, phases, jnp.zeros(2, jnp.int32), (side, side))
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _natural(
+    config: GeneratorConfig, effort: tuple[int, int, int], features: Float[Array, "K S S C"], key: Key[Array, ""]
+) -> Natural:
+    """In one program, which has the generator once. effort: textures, rounds and passes."""
+    textures, rounds, passes = effort
+    k, many, side = jax.random.split(key, 4), wide(config), min(_SIDE, features.shape[1])
+    wanted = _bands(jnp.stack([_crop(features[i % len(features)], i) for i in range(textures)]))
+    generator, averages = init_generator(many, k[0]), init_averages(many)
+    phases, beta = draw_phases(many, k[1], textures), jax.random.uniform(k[2], (textures, config.betas), jnp.float32)
+    first, places = generator.strength, _places(config, side)
+
+    def look(logs: Array, averages: Averages) -> tuple[Array, Averages]:
+        louder = generator._replace(strength=_louder(first, logs))
+        w = map_latent(louder, jnp.zeros((textures, config.z), jnp.float32), beta)
+        made = synthesise(many, louder, averages, w, phases, jnp.zeros(2, jnp.int32), (side, side))
         return made.feature, Averages(made.magnitude, jnp.mean(w, axis=0))
 
-    settle = partial(_settled, look)
-    averages = settle(generator, averages, 4 * _PASSES)
-    first = generator.strength
-    logs = jnp.zeros(len(first))
-    for _ in range(_ROUNDS):
-        missing = 0.5 * jnp.log(jnp.maximum(wanted, 1e-6) / jnp.maximum(_bands(look(generator, averages)[0]), 1e-6))
-        logs = jnp.clip(
-            logs + 0.5 * jnp.interp(_places(config, side), jnp.arange(_BANDS, dtype=logs.dtype), missing), -3, 3
-        )
-        generator = generator._replace(strength=[s * jnp.exp(g) for s, g in zip(first, logs, strict=True)])
-        averages = settle(generator, averages, _PASSES)
-    x = look(generator, averages)[0].reshape(-1, many.channels)
-    a, b = _as_covariant(x, features.reshape(-1, features.shape[3]), k[3])
-    return Natural(generator, averages, a, b)
+    def one(so_far: tuple[Array, Averages, Array], settles: Array) -> tuple[tuple[Array, Averages, Array], None]:
+        """Magnitudes settle, or strengths are corrected by what is missing in each octave."""
+        logs, averages, _ = so_far
+        x, seen = look(logs, averages)
+        missing = 0.5 * jnp.log(jnp.maximum(wanted, 1e-6) / jnp.maximum(_bands(x), 1e-6))
+        more = jnp.clip(logs + 0.5 * jnp.interp(places, jnp.arange(_BANDS, dtype=logs.dtype), missing), -3, 3)
+        averages = jax.tree.map(lambda new, old: jnp.where(settles, new, old), seen, averages)
+        return (jnp.where(settles, logs, more), averages, x), None
+
+    settles = [True] * 4 * passes + ([False] + [True] * passes) * rounds + [True]
+    nothing = jnp.zeros((textures, side, side, many.channels), jnp.float32)
+    (logs, averages, x), _ = jax.lax.scan(one, (jnp.zeros(len(first)), averages, nothing), jnp.asarray(settles))
+    a, b = _as_covariant(x.reshape(-1, many.channels), features.reshape(-1, features.shape[3]), k[3])
+    return Natural(generator._replace(strength=_louder(first, logs)), averages, a, b)
 
 
-def _settled(look, generator: Generator, averages: Averages, passes: int) -> Averages:
-    for _ in range(passes):
-        averages = look(generator, averages)[1]
-    return averages
-
-
-def _cycled(features: Float[Array, "K S S C"]) -> list[Array]:
-    return [features[i % len(features)] for i in range(_TEXTURES)]
+def _louder(strengths: list[Array], logs: Float[Array, "l"]) -> list[Array]:
+    return [s * jnp.exp(g) for s, g in zip(strengths, logs, strict=True)]
 
 
 def _crop(f: Float[Array, "S S C"], i: int) -> Float[Array, "s s C"]:

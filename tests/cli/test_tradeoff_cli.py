@@ -43,7 +43,10 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "AIM", 0.5)
 
 
-@pytest.mark.parametrize(("engine", "passes"), [("jax", (1, 2, 4, 8)), ("mitsuba", (1, 2, 4, 8, 16, 32, 64))])
+@pytest.mark.parametrize(
+    ("engine", "passes"),
+    [pytest.param("jax", (1, 2, 4, 8), marks=pytest.mark.slow), ("mitsuba", (1, 2, 4, 8, 16, 32, 64))],
+)
 def test_a_surface_material(few, tmp_path: Path, engine: Literal["jax", "mitsuba"], passes: tuple[int, ...]) -> None:
     scene = ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4, size=(16, 12))
     said: list[tuple[float, str]] = []

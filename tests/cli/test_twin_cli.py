@@ -207,7 +207,7 @@ def test_a_shell_is_given_wider_networks_than_geometry(folder, preset: Any, widt
         (("spheres", "--thickness", "0.6"), "--curvature: "),
         (
             ("nothing",),
-            "nothing: neither a material, nor an image of heights, nor one of carpet, fur, grass, lawn, turf, weave, ",
+            "nothing: neither a material, nor an image of heights, nor one of carpet, fur, grass, lawn, pelt, turf, weave, ",
         ),
         (("{folder}/square.obj",), "{folder}/square.obj: "),
         (("{folder}",), "{folder}: no such material"),

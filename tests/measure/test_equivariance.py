@@ -54,6 +54,7 @@ def test_parts_of_a_texel_lose_what_lies_near_half_the_rate(random: Any) -> None
     assert of(eq_t, random, (0.4, 1.7)) > 28
 
 
+@pytest.mark.slow
 @of_config("R")
 def test_turning_is_for_config_r(random: Any) -> None:
     """90° takes the grid to itself: exact where filters are round and kernels 1 × 1, nonsense where they are not."""

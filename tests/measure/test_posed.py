@@ -15,6 +15,7 @@ from mesoshell.io.material import find
 from mesoshell.measure import above, fields
 from mesoshell.measure.posed import posed
 from mesoshell.render.composite import weights
+from mesoshell.shell.generator.texture_synthesis import TextureRequest
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import ready
 from tests.helpers import fog, growing
@@ -148,3 +149,20 @@ def test_combing_follows_a_pile_that_is_combed(monkeypatch) -> None:
 @pytest.mark.slow
 def test_the_bundled_carpet_is_combed_by_a_field() -> None:
     assert fields.combed(read_bundle(find("carpet")), "carpet").lean < 16  # degrees; 20 are asked, 90 are chance
+
+
+@pytest.mark.slow
+def test_the_bundled_fur_is_as_long_as_asked() -> None:
+    """Of what is met first from above, the height that a twentieth exceeds: hairs lean, so less than their length."""
+    fur, layers = read_bundle(find("fur")), 32
+
+    def height(length: float) -> float:
+        request = TextureRequest(fields={"length": lambda at: np.full(at.shape[:-1], length)})
+        found, alpha = fields._grown(fur, "fur", 2, request)
+        down = above.opacities(found, alpha, (2, 64), layers)[::-1]
+        met = down * np.cumprod(1 - down, axis=0) / np.maximum(1 - down, 1e-6)
+        return float(np.quantile(np.tensordot((layers - np.arange(layers) - 0.5) / layers, met, 1), 0.95))
+
+    lengths = [0.25, 0.6, 0.95]
+    heights = [height((length - 0.25) / 0.7) for length in lengths]
+    assert [h / length for h, length in zip(heights, lengths, strict=True)] == pytest.approx([0.75] * 3, abs=0.15)

@@ -82,6 +82,7 @@ def apart(a: object, b: object) -> float:
     return float(np.linalg.norm(flat(a) - flat(b)) / np.linalg.norm(flat(a)))
 
 
+@pytest.mark.slow
 def test_r1_and_its_gradient_do_not_know_the_precision(steps) -> None:
     """Adam's first moment with β₁ = 0 is the last gradient: R1's where it is due."""
     (exact, report), (short, short_report) = steps["float32", 0], steps["bfloat16", 0]
@@ -103,6 +104,7 @@ def test_r1_in_bfloat16_would_be_off(judges) -> None:
     assert jnp.abs(short / exact - 1).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_step_with_bfloat16_convolutions_agrees(steps) -> None:
     """Losses to 1%, the learner's gradients to 5% of their norm, the discriminator's within 26° (cosine 0.9).
 

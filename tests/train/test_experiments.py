@@ -106,8 +106,8 @@ def shrunk(config: Any) -> RunConfig:
     )
 
 
-#: What differs from another experiment in a term of the loss, which other tests have, or in a constant; and the plain
-#: generator, whose runs and steps are tests of their own.
+#: What differs from another experiment in a constant, or in a term of the loss or a part of the model, which other tests have;
+#: and the plain generator, whose runs and steps are tests of their own.
 VARIANTS = {
     "carpet",
     "smooth",
@@ -118,7 +118,8 @@ VARIANTS = {
     "atlas_frequency",
     "atlas_no_inverse",
 }
-VARIANTS |= {"atlas_no_cloud", "textures", "textures_critic", "textures_carpet", "weave_cosine"}
+VARIANTS |= {"atlas_no_cloud", "textures", "textures_critic", "textures_patches", "weave_cosine"}
+VARIANTS |= {"atlas_nerf", "atlas_reflectance", "spheres_silhouette", "triplane"}
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,8 @@ ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.xdist_group("train_step")
 
 
-@pytest.mark.parametrize("how", [pytest.param("jit", marks=pytest.mark.slow), "pmap"])
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["jit", "pmap"])
 def test_one_device_and_eight_agree(how: str) -> None:
     """Losses, gradients of both players and averages to 1e-6, eight devices with one row each: groups and means are global."""
     command = [sys.executable, "-m", "tests.helpers.three_ways", how]

@@ -238,6 +238,7 @@ def test_the_grid_asks_every_cell_in_turn_and_forgets() -> None:
     np.testing.assert_allclose(grid, DENSITY * np.log(2), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_one_device_eight_and_pmap_agree() -> None:
     """Losses, gradients and the grid to 1e-6 in float64, eight devices with two rows each, with and without the cloud."""
     done = subprocess.run([sys.executable, "-m", "tests.helpers.atlas_step"], cwd=ROOT, capture_output=True, text=True)

@@ -59,12 +59,12 @@ blender: data_gen/.venv/installed
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
 
-.venv/installed: pyproject.toml constraints.txt | .venv/bin/python
-	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e .
+.venv/installed: pyproject.toml packages/materials/pyproject.toml constraints.txt | .venv/bin/python
+	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e . -e packages/materials
 	touch $@
 
-.venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/python
-	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev]'
+.venv/installed-dev: pyproject.toml packages/materials/pyproject.toml constraints.txt | .venv/bin/python
+	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev]' -e packages/materials
 	touch $@ .venv/installed
 
 data_gen/.venv/installed: data_gen/requirements.txt
@@ -74,10 +74,10 @@ data_gen/.venv/installed: data_gen/requirements.txt
 
 nojax: .venv-nojax/installed
 
-.venv-nojax/installed: pyproject.toml constraints.txt
+.venv-nojax/installed: pyproject.toml packages/materials/pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-nojax
 	.venv-nojax/bin/pip install -q --disable-pip-version-check -c constraints.txt $(WITHOUT_JAX)
-	.venv-nojax/bin/pip install -q --disable-pip-version-check --no-deps -e .
+	.venv-nojax/bin/pip install -q --disable-pip-version-check --no-deps -e . -e packages/materials
 	touch $@
 
 clean:

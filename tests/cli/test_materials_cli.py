@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from mesoshell.cli.main import main
+from mesoshell.io import material
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.material import bundled
 from mesoshell.io.surface import write_surface
@@ -19,6 +20,20 @@ def test_bundled_materials_are_listed(capsys) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines if not line.startswith(" ")] == list(bundled())
     assert any(line.startswith("  --param age=0  from 0 to 1 (appearance): 0 is fresh green") for line in lines)
+
+
+def test_larger_ones_are_in_a_package_of_their_own(capsys, monkeypatch) -> None:
+    """24 MB are bundled at most; without the package, each of its names says where it is."""
+    ours = [p for p in bundled().values() if material.LARGER not in p.parts]
+    assert sum(p.stat().st_size for p in ours) < 24e6
+    assert {*material.WITH} == {*bundled()} - {p.stem for p in ours}
+    monkeypatch.setattr(material, "LARGER", "no_such_package")
+    assert [*bundled()] == sorted(p.stem for p in ours)
+    with pytest.raises(SystemExit, match="2"):
+        main(["materials", "turf"])
+    assert capsys.readouterr().err.splitlines() == [
+        "mesoshell: turf: is in a package of its own: pip install mesoshell-materials (here: packages/materials)"
+    ]
 
 
 def test_given_ones_are_described(

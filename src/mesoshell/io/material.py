@@ -7,6 +7,7 @@ Notation
 import hashlib
 from difflib import get_close_matches
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,17 @@ from mesoshell.io.bundle import MANIFEST, Bundle
 PARAMS = Argument("params")
 
 
+#: A package of larger materials, and which it has.
+LARGER, WITH = "mesoshell_materials", ("pelt", "turf")
+
+
 def bundled() -> dict[str, Path]:
-    """Materials that come with the package, by name."""
-    folder = Path(str(resources.files("mesoshell") / "assets"))
-    return {p.stem: p for p in sorted(folder.glob("*.npz"))}
+    """Materials that come with the package, and with `LARGER` where it is installed, by name."""
+    folders = [Path(str(resources.files("mesoshell") / "assets"))]
+    if (found := find_spec(LARGER)) and found.origin:
+        folders.append(Path(found.origin).parent)
+    files = {p.stem: p for folder in folders for p in folder.glob("*.npz")}
+    return dict(sorted(files.items()))
 
 
 def find(name: str) -> Path:
@@ -31,6 +39,8 @@ def find(name: str) -> Path:
         return bundled()[name]
     if Path(name).is_file() or (Path(name) / MANIFEST).is_file():
         return Path(name)
+    if name in WITH:
+        raise InputError(name, "is in a package of its own: pip install mesoshell-materials (here: packages/materials)")
     raise InputError(
         name,
         f"no such material: give a .npz file, a material's folder, or one of {', '.join(bundled()) or '(none bundled)'}",

@@ -16,6 +16,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.archive import write_arrays
 from mesoshell.io.bundle import Parameter, read_bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
+from mesoshell.io.material import find
 from mesoshell.shell.generator.generator import map_latent, synthesise, synthesise_height
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.generator.texture_critic import WINDOW, CriticConfig, criticise, init_critic
@@ -227,7 +228,7 @@ def test_a_material_has_what_the_critic_was_shown(against_a_critic):
 
 def test_a_material_of_corner_tiles_is_an_exemplar(exemplars: Exemplars):
     """Its torus at half the texels is its own next level, and windows of it go around."""
-    path = Path(ms.__file__).parent / "assets" / "turf.npz"
+    path = find("turf")
     turf = read_exemplars(path)
     assert turf.patches == 4 and turf.features.shape == (1, 512, 512, 32) and turf.recipe == "grass"
     generator = replace(GENERATOR, texels=64, channels=32)

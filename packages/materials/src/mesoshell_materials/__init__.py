@@ -1,0 +1,1 @@
+"""Materials that mesoshell finds by name; no code."""

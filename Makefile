@@ -1,6 +1,6 @@
 # make demo   a picture from a fresh machine: sets up .venv, renders the bundled mesh with the bundled grass
 # make test   sets up all that the tests need, and passes them
-# make test-all   the same with the slow tests, which take minutes each
+# make test-all   the same with the slow tests, which take minutes or repeat what others test
 # make test-gpu   the hard cases, a training of `tiny` and benchmarks, on the GPU or TPU that JAX finds
 # make docs   the documentation as a site, site/index.html
 # make gallery   the pictures of docs/index.md anew
@@ -35,7 +35,7 @@ test-all: .venv/installed-dev
 
 test-gpu: .venv/installed-dev
 	@$(BIN)/python -m benchmarks.accelerator --find
-	$(BIN)/python -m pytest tests/stability
+	$(BIN)/python -m pytest tests/stability -m "slow or not slow"
 	$(BIN)/python -m benchmarks.accelerator
 	$(BIN)/python -m benchmarks.precision
 	$(BIN)/python -m benchmarks.decoder

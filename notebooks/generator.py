@@ -204,7 +204,7 @@ for turn, axis in enumerate(axes):
 assert np.abs(np.corrcoef([np.ravel(x) for x in depths])[np.triu_indices(4, 1)]).max() < 0.9
 
 # %% [markdown]
-# `fur` learned its length so. Three lengths of one seed, and another seed.
+# `fur` was told the length of each patch in the same way: three lengths of one seed, and the longest of another.
 
 # %%
 fur = maker_of(ms.load_material("fur").shell, "fur")

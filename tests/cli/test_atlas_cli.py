@@ -116,6 +116,14 @@ def test_faults_are_one_line(folder, tmp_path, capsys) -> None:
     assert "--quads: must be at least 1" in fault(
         capsys, "atlas", "mesh", run, "--quads", 0, "--out", tmp_path / "a.glb"
     )
+    for words, other in (
+        (("--edit", "multiply"), "texture"),
+        (("--layout", "latlong"), "texture"),
+        (("--irradiance", 2), "light"),
+        (("--up", "z"), "environment"),
+    ):
+        said = fault(capsys, "atlas", "render", run, *words, "--out", tmp_path / "f")
+        assert f"{words[0]}: requires --{other}" in said
     both = "--checker", "--texture", tmp_path / "a.png"
     assert "--checker: cannot be combined with --texture" in fault(
         capsys, "atlas", "render", run, *both, "--out", tmp_path / "f"

@@ -75,6 +75,10 @@ def test_many_patches_are_continued_and_are_the_same_bytes_by_any_workers(tmp_pa
         (("--tiles", "--count", 16, "--patch", 0), "--tiles: cannot be combined with --patch"),
         (("--tiles", "--patches", 2, "--views", 2), "--tiles: cannot be combined with --patches and --views"),
         (("--views", 2), "--views: requires --patches"),
+        (
+            ("--count", 4, "--scheduler", "tcp://127.0.0.1:1", "--workers", 2),
+            "--workers: cannot be combined with --scheduler, whose workers they are",
+        ),
         (("--patches", 2, "--views", 2, "--count", 4), "--count: cannot be combined with --patches and --views"),
         (("--patches", 2, "--views", 2, "--patch", 0), "--patch: cannot be combined with --patches and --views"),
         (("--patches", 0, "--views", 2), "--patches: must be at least 1, not 0"),

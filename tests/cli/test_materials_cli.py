@@ -29,11 +29,15 @@ def test_larger_ones_are_in_a_package_of_their_own(capsys, monkeypatch) -> None:
     assert {*material.WITH} == {*bundled()} - {p.stem for p in ours}
     monkeypatch.setattr(material, "LARGER", "no_such_package")
     assert [*bundled()] == sorted(p.stem for p in ours)
-    with pytest.raises(SystemExit, match="2"):
-        main(["materials", "turf"])
-    assert capsys.readouterr().err.splitlines() == [
-        "mesoshell: turf: is in a package of its own: pip install mesoshell-materials (here: packages/materials)"
-    ]
+    where = (
+        "is in a package of its own, mesoshell-materials: pip install ./packages/materials of mesoshell's repository"
+    )
+    for name in material.WITH:
+        with pytest.raises(SystemExit, match="2"):
+            main(["materials", name])
+        assert capsys.readouterr().err.splitlines() == [f"mesoshell: {name}: {where}"]
+    main(["materials"])
+    assert capsys.readouterr().out.splitlines()[-1].startswith("pelt, turf: in a package of their own")
 
 
 def test_given_ones_are_described(

@@ -104,6 +104,47 @@ def sky(folder: Path) -> Path:
     return folder / "sky.exr"
 
 
+SCENE = """<scene version="3.0.0">
+    <default name="dry" value="0"/>
+    <integrator type="path"/>
+    <sensor type="perspective">
+        <transform name="to_world"> <lookat origin="0, 3, 5" target="0, 0, 0" up="0, 1, 0"/> </transform>
+        <film type="hdrfilm"> <integer name="width" value="6"/> <integer name="height" value="4"/> {crop} </film>
+        <sampler type="independent"> <integer name="sample_count" value="4"/> </sampler>
+    </sensor>
+    <emitter type="constant"/>
+    <shape type="obj"> <string name="filename" value="{mesh}"/>
+        <bsdf type="mesoshell"> <string name="material" value="{material}"/> <float name="dryness" value="$dry"/> </bsdf>
+    </shape>
+</scene>"""
+
+
+def test_a_scene_of_mitsubas_takes_a_size_and_names(material: Path, tmp_path: Path, capsys) -> None:
+    """Shells are made for the size that is asked for: footprints are those of its pixels."""
+    scene = tmp_path / "scene.xml"
+    scene.write_text(SCENE.format(crop="", mesh=MESH, material=material))
+
+    def image(*more: str) -> np.ndarray:
+        main(["render", str(scene), "--engine", "mitsuba", "--out", str(tmp_path / "a.png"), *more])
+        return read_exr(tmp_path / "a.exr")
+
+    own, wide = image(), image("--size", "12", "8")
+    assert own.shape == (4, 6, 4) and wide.shape == (8, 12, 4)
+    assert np.abs(image("--param", "dry=2") - own).max() > 1e-3
+    capsys.readouterr()
+    cropped = SCENE.format(crop='<integer name="crop_width" value="3"/>', mesh=MESH, material=material)
+    (tmp_path / "cropped.xml").write_text(cropped)
+    for given, said in (
+        ([str(scene), "--param", "wet=2"], "wet"),
+        ([str(tmp_path / "cropped.xml"), "--size", "12", "8"], "a film that is cropped keeps its own size"),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            main(["render", *given, "--engine", "mitsuba", "--out", str(tmp_path / "b.png")])
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("mesoshell: ") and said in line
+    assert not (tmp_path / "b.png").exists()
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [

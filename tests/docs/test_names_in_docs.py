@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 #: The page of the house has short names of its own.
 PAGES = sorted(p for p in (ROOT / "docs").rglob("*.md") if p.name != "architecture.md")
-FILE = re.compile(r"`((?:src|tests|data_gen|experiments|benchmarks|notebooks|materials|docs)/[\w./]*)`")
+FILE = re.compile(r"`((?:src|tests|data_gen|experiments|benchmarks|notebooks|materials|packages|docs)/[\w./]*)`")
 NAME = re.compile(r"`(mesoshell(?:\.\w+)+)`")
 
 

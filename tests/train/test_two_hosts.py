@@ -100,7 +100,7 @@ def rows(folder: Path) -> list[float]:
     return [json.loads(line)["kimg"] for line in (folder / "log.jsonl").read_text().splitlines()]
 
 
-#: The one that compiles soonest each time; the GAN's step on several devices is in test_train_step.
+#: The one that compiles soonest each time. A step of the others on several devices of one host is slow, too.
 METHODS = [
     method if method == "nerf_tex" else pytest.param(method, marks=pytest.mark.slow) for method in methods.CONFIGS
 ]

@@ -120,5 +120,5 @@ def tradeoff(
 
     if pixels < 1:
         raise InputError(Argument("pixels"), f"must be at least 1, not {pixels}")
-    of_file = lambda quality: prepare_file(Path(scene), quality, None, pixels)  # noqa: E731
+    of_file = lambda quality: prepare_file(Path(scene), quality, None, pixels=pixels)  # noqa: E731
     return explore(of_file, OF_FILES, Path(folder), minutes, progress)

@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,14 @@ def at_least(options: object, **least: int) -> None:
         value = min(given) if isinstance(given, tuple) else given
         if value is not None and value < low:
             raise InputError(Argument(name), f"must be at least {low}, not {value}")
+
+
+def requires(options: Any, other: str, *names: str) -> None:
+    """Raise InputError for an option that is given without another, without which it has no effect."""
+    defaults = {field.name: field.default for field in fields(options)}
+    for name in names:
+        if not getattr(options, other) and getattr(options, name) != defaults[name]:
+            raise InputError(Argument(name), f"requires --{other}")
 
 
 def ends_in(path: Path, *suffixes: str) -> None:

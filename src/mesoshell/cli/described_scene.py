@@ -7,6 +7,7 @@ from mesoshell.cli.checks import pairs_of
 from mesoshell.cli.scene_options import SceneOptions
 from mesoshell.errors import InputError
 from mesoshell.render.quality import Quality
+from mesoshell.scene.defaults import SIZE
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.picture import Prepared, Progress
 from mesoshell.scene.prepare import prepare
@@ -27,13 +28,17 @@ def prepared(
         return prepare(scene_of(options, load_material(options.material)), quality, options.engine, progress)
     if options.engine != "mitsuba":
         raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
-    fixed = {field.name for field in fields(SceneOptions)} - {"mesh", "engine"} - ({"size"} if shrink else set())
+    fixed = {field.name for field in fields(SceneOptions)} - {"mesh", "engine", "param", "size"}
     for field in (field for field in fields(options) if field.name in fixed):
         if getattr(options, field.name) != field.default:
             raise InputError(f"--{field.name.replace('_', '-')}", f"is set in {options.mesh}")
     from mesoshell.scene.render_paths import prepare_file
 
-    return prepare_file(options.mesh, quality, samples, options.size[0] * options.size[1] if shrink else None)
+    size, names = options.size, pairs_of("--param", options.param)
+    if shrink:
+        width, height = size or SIZE
+        return prepare_file(options.mesh, quality, samples, names, pixels=width * height)
+    return prepare_file(options.mesh, quality, samples, names, size)
 
 
 def scene_of(options: SceneOptions, material: Material) -> Scene:
@@ -45,7 +50,7 @@ def scene_of(options: SceneOptions, material: Material) -> Scene:
         scale=options.scale,
         params=pairs_of("--param", options.param),
         seed=options.seed,
-        size=options.size,
+        size=options.size or SIZE,
         camera=options.camera,
         lights=options.light,
         irradiance=options.irradiance,

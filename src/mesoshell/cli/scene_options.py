@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from mesoshell.render.quality import PRESETS, SETTINGS, range_of
-from mesoshell.scene.defaults import IRRADIANCE, SIZE
+from mesoshell.scene.defaults import IRRADIANCE
 from mesoshell.shell.geometry.extrude import EARTH
 
 
@@ -35,7 +35,8 @@ class SceneOptions:
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
-    #: generator also varies geometry: an image of a carpet's lean angle combs it.
+    #: generator also varies geometry: an image of a carpet's lean angle combs it. Of a scene of Mitsuba's: a value of its
+    #: $NAME.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: Which of a generator's textures grows on the mesh, or in which order corner tiles lie; a material that is one patch has
     #: no other. Default: 0.
@@ -46,8 +47,8 @@ class SceneOptions:
     #: World length of one texture patch in the mesh's unit; default: --thickness over the material's own (1 for bundled ones);
     #: of a surface material 2/25 of the bounding box's diagonal.
     scale: float | None = None
-    #: Width and height of the picture in pixels.
-    size: tuple[int, int] = SIZE
+    #: Width and height of the picture in pixels; default: 512 512, or what a scene of Mitsuba's says.
+    size: tuple[int, int] | None = None
     #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: key, fill and bounce,
     #: or none with an --environment.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()

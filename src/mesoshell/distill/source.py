@@ -16,7 +16,7 @@ from mesoshell.datasets.queries.render import Answers, Settings, of_geometry
 from mesoshell.datasets.queries.sources import PROCEDURES, source
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle, read_bundle
-from mesoshell.io.material import PARAMS, bundled, digest, find, normalised
+from mesoshell.io.material import PARAMS, WITH, bundled, digest, find, normalised
 from mesoshell.io.surface import KIND, kind_of
 from mesoshell.scene.materials import read_params
 from mesoshell.shell.geometry.extrude import EARTH
@@ -65,7 +65,9 @@ class ShellSource(Source):
 def is_shell(name: str) -> bool:
     """Whether this names a shell's material, or a file or folder of one, rather than geometry."""
     path = Path(name)
-    return name in bundled() or path.is_dir() or path.suffix == ".npz" or (path.is_file() and is_zipfile(path))
+    return (
+        name in (*bundled(), *WITH) or path.is_dir() or path.suffix == ".npz" or (path.is_file() and is_zipfile(path))
+    )
 
 
 def shell_source(

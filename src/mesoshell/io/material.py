@@ -22,6 +22,7 @@ PARAMS = Argument("params")
 
 #: A package of larger materials, and which it has.
 LARGER, WITH = "mesoshell_materials", ("pelt", "turf")
+INSTALL = "mesoshell-materials: pip install ./packages/materials of mesoshell's repository"
 
 
 def bundled() -> dict[str, Path]:
@@ -40,7 +41,7 @@ def find(name: str) -> Path:
     if Path(name).is_file() or (Path(name) / MANIFEST).is_file():
         return Path(name)
     if name in WITH:
-        raise InputError(name, "is in a package of its own: pip install mesoshell-materials (here: packages/materials)")
+        raise InputError(name, f"is in a package of its own, {INSTALL}")
     raise InputError(
         name,
         f"no such material: give a .npz file, a material's folder, or one of {', '.join(bundled()) or '(none bundled)'}",

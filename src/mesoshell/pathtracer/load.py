@@ -4,7 +4,7 @@ scene = load_file("scene.xml")
 image = mi.render(scene, spp=64)
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -44,6 +44,13 @@ def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters
     """Load a scene from Mitsuba's XML, with any shells in it; parameters: for its `$name`s. Files beside it are found first.
 
     Raises InputError in one line."""
+    return load_sized(path, quality, None, parameters)
+
+
+def load_sized(
+    path: str | PathLike[str], quality: Quality, size: tuple[int, int] | None, parameters: Mapping[str, Any]
+) -> mi.Scene:
+    """`load_file`. size: width and height of the film; None: its own."""
     if not Path(path).is_file():
         raise InputError(path, "no such file")
     try:
@@ -55,7 +62,7 @@ def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters
     before = [str(p) for p in resolver]
     resolver.prepend(mi.filesystem.path(str(Path(path).resolve().parent)))
     try:
-        return _loaded(str(path), lambda config: mi.parser.parse_file(config, str(path), **given), quality)
+        return _loaded(str(path), lambda config: mi.parser.parse_file(config, str(path), **given), quality, size)
     finally:
         resolver.clear()
         for folder in before:
@@ -67,9 +74,9 @@ def load_dict(scene: dict[str, Any], quality: Quality = NORMAL) -> mi.Scene:
     return _loaded("scene", lambda config: mi.parser.parse_dict(config, scene), quality)
 
 
-def _loaded(source: str, parse: Callable, quality: Quality) -> mi.Scene:
+def _loaded(source: str, parse: Callable, quality: Quality, size: tuple[int, int] | None = None) -> mi.Scene:
     integrator.register()
-    scene, elements = xml_bsdf.read(source, parse, lambda material: kind_of(_file(material)) == KIND)
+    scene, elements = xml_bsdf.read(source, parse, lambda material: kind_of(_file(material)) == KIND, size)
     if elements:
         materials: dict[Any, Any] = {}
         shells, surfaces, convex, notes = [], [], True, []

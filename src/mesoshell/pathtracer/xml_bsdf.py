@@ -46,15 +46,20 @@ class Element:
 
 
 def read(
-    source: str, parse: Callable[[Any], Any], is_surface_material: Callable[[str], bool]
+    source: str,
+    parse: Callable[[Any], Any],
+    is_surface_material: Callable[[str], bool],
+    size: tuple[int, int] | None = None,
 ) -> tuple[mi.Scene, list[Element]]:
     """The scene without its shells, and their elements. parse: configuration to the parser's state; is_surface_material: of a
-    material, which then replaces its shape. Raises InputError."""
+    material, which then replaces its shape; size: of its film, None: its own. Raises InputError."""
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_equivalent = config.merge_meshes = False
     try:
         state = parse(config)
         mi.parser.transform_all(config, state)
+        if size is not None:
+            _resize(state, size)
         nodes = [(i, mi.Properties(n.props)) for i, n in enumerate(state.nodes) if n.props.plugin_name() == NAME]
         users = {i: _users(state, i) for i, _ in nodes}
         for i, props in nodes:
@@ -69,6 +74,15 @@ def read(
         return scene, elements
     except RuntimeError as error:
         raise InputError(source, " ".join(str(error).split())) from error
+
+
+def _resize(state, size: tuple[int, int]) -> None:
+    """Give every film a width and a height."""
+    for node in state.nodes:
+        if node.type == mi.ObjectType.Film:
+            if node.props.has_property("crop_width") or node.props.has_property("crop_height"):
+                raise InputError(mi.parser.file_location(state, node), "a film that is cropped keeps its own size")
+            node.props["width"], node.props["height"] = size
 
 
 def _links(props: mi.Properties) -> dict[str, int]:

@@ -1,7 +1,7 @@
 """Render by path tracing in Mitsuba: a scene, or an XML file of Mitsuba's (loads JAX only to grow a texture)."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.surface import KIND, SurfaceBundle
 from mesoshell.limits import check_memory
-from mesoshell.pathtracer import integrator, load_file, scene_dict
-from mesoshell.pathtracer.load import SceneShells, set_quality, set_shells
+from mesoshell.pathtracer import integrator, scene_dict
+from mesoshell.pathtracer.load import SceneShells, load_sized, set_quality, set_shells
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
@@ -32,6 +32,7 @@ import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a 
 
 #: Paths traced at once, which bounds memory.
 LANES = 2**22
+NONE: Mapping[str, str] = {}
 
 
 def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
@@ -43,11 +44,18 @@ def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progre
     return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, *work)
 
 
-def prepare_file(path: Path, quality: Quality, samples: int | None, pixels: int | None = None) -> Prepared:
-    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as the file says. pixels: that its film gets at
-    most, in its own proportions; None: its own. Raises InputError."""
+def prepare_file(
+    path: Path,
+    quality: Quality,
+    samples: int | None,
+    names: Mapping[str, str] = NONE,
+    size: tuple[int, int] | None = None,
+    pixels: int | None = None,
+) -> Prepared:
+    """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as the file says. names: values of its `$name`s.
+    size: of its film; None: its own. pixels: that its film gets at most, in its own proportions. Raises InputError."""
     begun = time.perf_counter()
-    made = load_file(path, quality)
+    made = load_sized(path, quality, size, names)
     samples = _samples(made, path, samples)
     if pixels is not None:
         _shrink(made, pixels)

@@ -66,9 +66,9 @@ from mesoshell.train.patch_renderer import PictureConfig
 from mesoshell.train.surface import shell_teacher
 from mesoshell.train.surface import snapshot as surface_snapshot
 from mesoshell.train.surface import step as surface
+from mesoshell.train.textures import adversarial, natural_start, synthesis
 from mesoshell.train.textures import snapshot as textures_snapshot
 from mesoshell.train.textures import step as textures
-from mesoshell.train.textures import synthesis
 from mesoshell.train.textures.exemplars import ExemplarBatch, scaled
 from mesoshell.train.textures.state import TexturesConfig
 
@@ -344,8 +344,13 @@ def _of_textures() -> Programs:
     phases = jax.eval_shape(lambda p: synthesis.own_phases(config, p), i(2))
     shown = _jitted(textures_snapshot._shown, 1, 1, decoder, f(32, 32, 4), f(8, 4))
     return {
-        "train.textures.natural_start._natural": [],  # a forward pass of the step's
-        "train.textures.adversarial.begun": [_plain(partial(textures.step, config), begun, batch)],
+        "train.textures.natural_start._natural": [
+            _jitted(natural_start._natural, config.generator, (2, 1, 1), f(2, 32, 32, 4), KEY)
+        ],
+        "train.textures.adversarial.begun": [
+            _jitted(adversarial.begun, config, begun, f(2, 32, 32, 4), KEY),
+            _plain(partial(textures.step, config), begun, batch),
+        ],
         "train.textures.synthesis._moments": [_jitted(synthesis._moments, config, begun, KEY)],
         "train.textures.snapshot._made": [_jitted(textures_snapshot._made, config, begun, f(2, 0), phases)],
         "train.textures.snapshot._shown": [shown],

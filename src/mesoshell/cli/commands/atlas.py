@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mesoshell.cli.checks import at_least, ends_in
+from mesoshell.cli.checks import at_least, ends_in, requires
 from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.learn import learn, print_length
 from mesoshell.cli.options.atlas import Mesh, Render, Texture, Train
@@ -58,6 +58,9 @@ def render(options: Render) -> None:
     """`mesoshell atlas render`."""
     if options.checker and options.texture:
         raise InputError("--checker", "cannot be combined with --texture")
+    requires(options, "texture", "edit", "layout")
+    requires(options, "light", "irradiance")
+    requires(options, "environment", "up")
     at_least(options, frames=1, samples=1, size=1)
     keep_compiled()
     probe_folder(options.out, "--out")

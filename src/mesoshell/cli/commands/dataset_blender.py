@@ -31,6 +31,8 @@ _SILENCE_S = 30.0
 def render(options: Render) -> None:
     """Render the samples that are missing; exit status 1 if some failed."""
     at_least(options, count=1, size=1, seed=0, spp=1, patch=0, patches=1, views=1, workers=1)
+    if options.scheduler and options.workers:
+        raise InputError("--workers", "cannot be combined with --scheduler, whose workers they are")
     count = _count(options)
     check_memory("--count", f"a plan of {count} images", 64 * count)
     settings = _settings(options, options.spp, options.denoise, options.coverage)

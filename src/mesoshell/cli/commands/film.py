@@ -11,6 +11,7 @@ from mesoshell.film.keys import read_keys
 from mesoshell.film.mp4 import check_mp4
 from mesoshell.film.shoot import Film, planned, shoot
 from mesoshell.io.atomic import probe_folder, probe_outputs
+from mesoshell.scene.defaults import SIZE
 from mesoshell.scene.materials import load_material
 from mesoshell.scene.prepare import quality_of
 
@@ -21,7 +22,7 @@ def run(options: Options) -> None:
         raise InputError(options.mesh, "is a scene of Mitsuba's, whose camera is not moved: give its mesh")
     filmed = options.out.suffix.lower() == ".mp4"
     if filmed:
-        check_mp4(options.out, options.size, options.fps, "--out")
+        check_mp4(options.out, options.size or SIZE, options.fps, "--out")
         probe_outputs((options.out,))
     quality = quality_of(options.quality, options.engine, settings_of(options.set))
     scene = scene_of(options, load_material(options.material))

@@ -35,6 +35,7 @@ from mesoshell.typing import Array, Float, Key
 #: Textures that are looked at, texels of a side of theirs, rounds of solving, and passes that settle magnitudes.
 _TEXTURES, _SIDE, _ROUNDS, _PASSES = 8, 64, 8, 3
 _BANDS = 5
+SETTLE, CORRECT, LOOK = range(3)
 
 
 class Natural(NamedTuple):
@@ -74,18 +75,19 @@ def _natural(
         made = synthesise(many, louder, averages, w, phases, jnp.zeros(2, jnp.int32), (side, side))
         return made.feature, Averages(made.magnitude, jnp.mean(w, axis=0))
 
-    def one(so_far: tuple[Array, Averages, Array], settles: Array) -> tuple[tuple[Array, Averages, Array], None]:
-        """Magnitudes settle, or strengths are corrected by what is missing in each octave."""
+    def one(so_far: tuple[Array, Averages, Array], what: Array) -> tuple[tuple[Array, Averages, Array], None]:
+        """Magnitudes settle, or strengths are corrected by what is missing in each octave, or neither."""
         logs, averages, _ = so_far
         x, seen = look(logs, averages)
         missing = 0.5 * jnp.log(jnp.maximum(wanted, 1e-6) / jnp.maximum(_bands(x), 1e-6))
         more = jnp.clip(logs + 0.5 * jnp.interp(places, jnp.arange(_BANDS, dtype=logs.dtype), missing), -3, 3)
-        averages = jax.tree.map(lambda new, old: jnp.where(settles, new, old), seen, averages)
-        return (jnp.where(settles, logs, more), averages, x), None
+        averages = jax.tree.map(lambda new, old: jnp.where(what == SETTLE, new, old), seen, averages)
+        return (jnp.where(what == CORRECT, more.astype(logs.dtype), logs), averages, x), None
 
-    settles = [True] * 4 * passes + ([False] + [True] * passes) * rounds + [True]
+    steps = [SETTLE] * 4 * passes + ([CORRECT] + [SETTLE] * passes) * rounds + [LOOK]
     nothing = jnp.zeros((textures, side, side, many.channels), jnp.float32)
-    (logs, averages, x), _ = jax.lax.scan(one, (jnp.zeros(len(first)), averages, nothing), jnp.asarray(settles))
+    none = jnp.zeros(len(first), jnp.float32)
+    (logs, averages, x), _ = jax.lax.scan(one, (none, averages, nothing), jnp.asarray(steps))
     a, b = _as_covariant(x.reshape(-1, many.channels), features.reshape(-1, features.shape[3]), k[3])
     return Natural(generator._replace(strength=_louder(first, logs)), averages, a, b)
 

@@ -108,7 +108,7 @@ SCENE = """<scene version="3.0.0">
     <default name="dry" value="0"/>
     <integrator type="path"/>
     <sensor type="perspective">
-        <transform name="to_world"> <lookat origin="0, 3, 5" target="0, 0, 0" up="0, 1, 0"/> </transform>
+        <transform name="to_world"> <lookat origin="-1.3, 2, 7.6" target="-2.49, 1.2, 4.1" up="0, 1, 0"/> </transform>
         <film type="hdrfilm"> <integer name="width" value="6"/> <integer name="height" value="4"/> {crop} </film>
         <sampler type="independent"> <integer name="sample_count" value="4"/> </sampler>
     </sensor>

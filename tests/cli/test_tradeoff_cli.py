@@ -119,7 +119,7 @@ def test_a_scene_of_mitsubas(few, tiny_bundle: Bundle, tmp_path: Path, capsys, m
     point = json.loads((tmp_path / "found/points.json").read_text())["points"][0]
     assert "samples" in point["settings"] and not {"max_depth", "rr_depth"} & point["settings"].keys()
     assert "--set spp=" in (tmp_path / "found/report.html").read_text()
-    ready = prepare_file(tmp_path / "scene.xml", PRESETS["normal"], None, 192)
+    ready = prepare_file(tmp_path / "scene.xml", PRESETS["normal"], None, pixels=192)
     assert ready.passes(PRESETS["reference"]).ended(np.zeros((9, 19, 4)), 1).record["quality"]["max_depth"] == 3
     with pytest.raises(ms.InputError, match=r"^pixels: must be at least 1"):
         ms.tradeoff("scene.xml", "other", engine="mitsuba", pixels=0)

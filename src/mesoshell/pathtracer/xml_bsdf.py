@@ -80,7 +80,7 @@ def _resize(state, size: tuple[int, int]) -> None:
     """Give every film a width and a height."""
     for node in state.nodes:
         if node.type == mi.ObjectType.Film:
-            if node.props.has_property("crop_width") or node.props.has_property("crop_height"):
+            if {"crop_width", "crop_height"} & {*node.props.keys()}:
                 raise InputError(mi.parser.file_location(state, node), "a film that is cropped keeps its own size")
             node.props["width"], node.props["height"] = size
 

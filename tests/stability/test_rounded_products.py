@@ -28,6 +28,8 @@ ALLOWED = {
 }
 #: What a random start is made with: rounded, it is another start.
 START = {"train/textures/natural_start.py": {"jnp.linalg.eigh", "jnp.linalg.qr"}}
+#: The same in a compiled program: solvers, which take no precision.
+SOLVED = {"train.textures.natural_start._natural": {"eigh", "geqrf", "householder_product", "qr"}}
 #: Functions of jax.numpy and jax.lax that are made of products.
 PRODUCTS = {"dot", "vdot", "matmul", "einsum", "tensordot", "inner", "dot_general", "conv_general_dilated", "conv"}
 SOLVERS = {"inv", "solve", "det", "pinv", "lstsq", "eigh", "svd", "qr", "cholesky", "matrix_power", "multi_dot"}
@@ -44,7 +46,10 @@ def test_every_compiled_function_is_among_the_programs(programs):
 
 
 def test_no_product_outside_of_networks_may_be_rounded(programs):
-    found = {name: [str(e) for jaxpr in jaxprs for e in unset(jaxpr.jaxpr)] for name, jaxprs in programs.items()}
+    found = {}
+    for name, jaxprs in programs.items():
+        equations = [e for jaxpr in jaxprs for e in unset(jaxpr.jaxpr)]
+        found[name] = [str(e) for e in equations if e.primitive.name not in SOLVED.get(name, ())]
     assert {name: equations for name, equations in found.items() if equations} == {}
 
 

@@ -134,9 +134,14 @@ def test_a_scene_of_mitsubas_takes_a_size_and_names(material: Path, tmp_path: Pa
     capsys.readouterr()
     cropped = SCENE.format(crop='<integer name="crop_width" value="3"/>', mesh=MESH, material=material)
     (tmp_path / "cropped.xml").write_text(cropped)
+    without = SCENE.replace("<film", "<!-- <film").replace("</film>", "</film> -->")
+    (tmp_path / "without.xml").write_text(without.format(crop="", mesh=MESH, material=material))
     for given, said in (
         ([str(scene), "--param", "wet=2"], "wet"),
         ([str(tmp_path / "cropped.xml"), "--size", "12", "8"], "a film that is cropped keeps its own size"),
+        ([str(tmp_path / "without.xml"), "--size", "12", "8"], "has no film that a size could be given to"),
+        ([str(scene), "--size", "0", "8"], "--size: 0 x 8 has no pixels"),
+        ([str(scene), "--size", "-1", "8"], "--size: -1 x 8 has no pixels"),
     ):
         with pytest.raises(SystemExit, match="2"):
             main(["render", *given, "--engine", "mitsuba", "--out", str(tmp_path / "b.png")])

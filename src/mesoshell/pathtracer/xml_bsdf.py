@@ -59,7 +59,7 @@ def read(
         state = parse(config)
         mi.parser.transform_all(config, state)
         if size is not None:
-            _resize(state, size)
+            _resize(source, state, size)
         nodes = [(i, mi.Properties(n.props)) for i, n in enumerate(state.nodes) if n.props.plugin_name() == NAME]
         users = {i: _users(state, i) for i, _ in nodes}
         for i, props in nodes:
@@ -76,13 +76,15 @@ def read(
         raise InputError(source, " ".join(str(error).split())) from error
 
 
-def _resize(state, size: tuple[int, int]) -> None:
-    """Give every film a width and a height."""
-    for node in state.nodes:
-        if node.type == mi.ObjectType.Film:
-            if {"crop_width", "crop_height"} & {*node.props.keys()}:
-                raise InputError(mi.parser.file_location(state, node), "a film that is cropped keeps its own size")
-            node.props["width"], node.props["height"] = size
+def _resize(source: str, state, size: tuple[int, int]) -> None:
+    """Give every film a width and a height. Raises InputError if there is none, or one is cropped."""
+    films = [node for node in state.nodes if node.type == mi.ObjectType.Film]
+    if not films:
+        raise InputError(source, "has no film that a size could be given to")
+    for node in films:
+        if {"crop_width", "crop_height"} & {*node.props.keys()}:
+            raise InputError(mi.parser.file_location(state, node), "a film that is cropped keeps its own size")
+        node.props["width"], node.props["height"] = size
 
 
 def _links(props: mi.Properties) -> dict[str, int]:

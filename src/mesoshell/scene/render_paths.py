@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import is_convex
 from mesoshell.io.surface import KIND, SurfaceBundle
 from mesoshell.limits import check_memory
@@ -24,7 +24,7 @@ from mesoshell.render.used import quality_used
 from mesoshell.scene.lod import in_place, twin_facts
 from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.setup import ShellDescription, describe_shell, describe_surface
+from mesoshell.scene.setup import ShellDescription, check_size, describe_shell, describe_surface
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
 
@@ -32,7 +32,6 @@ import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a 
 
 #: Paths traced at once, which bounds memory.
 LANES = 2**22
-NONE: Mapping[str, str] = {}
 
 
 def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
@@ -48,14 +47,16 @@ def prepare_file(
     path: Path,
     quality: Quality,
     samples: int | None,
-    names: Mapping[str, str] = NONE,
+    names: Mapping[str, str] | None = None,
     size: tuple[int, int] | None = None,
     pixels: int | None = None,
 ) -> Prepared:
     """A scene of Mitsuba's XML, ready. samples: paths a pixel; None: as many as the file says. names: values of its `$name`s.
     size: of its film; None: its own. pixels: that its film gets at most, in its own proportions. Raises InputError."""
     begun = time.perf_counter()
-    made = load_sized(path, quality, size, names)
+    if size is not None:
+        check_size(Argument("size"), size)
+    made = load_sized(path, quality, size, names or {})
     samples = _samples(made, path, samples)
     if pixels is not None:
         _shrink(made, pixels)

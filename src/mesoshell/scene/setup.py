@@ -181,6 +181,17 @@ def lights_of(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...
     return lights, sky
 
 
+def check_size(source: str, size: object) -> tuple[int, int]:
+    """Width and height of a picture, pixels. Raises InputError, about `source`, unless it has some, and memory holds it."""
+    if not isinstance(size, Sequence) or len(size) != 2 or not all(isinstance(n, Integral) for n in size):
+        raise InputError(source, f"must be two whole numbers, width and height, not {size!r}")
+    width, height = int(size[0]), int(size[1])
+    if width < 1 or height < 1:
+        raise InputError(source, f"{width} x {height} has no pixels")
+    check_memory(source, f"a picture of {width} x {height}", 64 * width * height)
+    return width, height
+
+
 def camera_of(scene: Scene, box: np.ndarray, thickness: float, up: int) -> Camera:
     """The camera given, or one that frames a box with a layer about it. Raises InputError."""
     given = scene.camera
@@ -189,12 +200,7 @@ def camera_of(scene: Scene, box: np.ndarray, thickness: float, up: int) -> Camer
         source, size = Argument("camera"), (given.width, given.height)
         if not np.abs(given.to_world).max() <= FARTHEST:
             raise InputError(source, f"holds a number beyond {FARTHEST:g}")
-    if not isinstance(size, Sequence) or len(size) != 2 or not all(isinstance(n, Integral) for n in size):
-        raise InputError(source, f"must be two whole numbers, width and height, not {size!r}")
-    width, height = int(size[0]), int(size[1])
-    if width < 1 or height < 1:
-        raise InputError(source, f"{width} x {height} has no pixels")
-    check_memory(source, f"a picture of {width} x {height}", 64 * width * height)
+    width, height = check_size(source, size)
     if isinstance(given, Camera):
         return given
     if given is None:

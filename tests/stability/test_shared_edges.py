@@ -7,6 +7,7 @@ leaks if it passes through the base surface, or if its length inside the shell i
 import numpy as np
 import pytest
 
+from mesoshell.shell.geometry import tracer
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
 from tests.helpers.stability.hard_rays import FAR, PART, targets
@@ -40,6 +41,25 @@ def leaks(radius: float, centre: tuple[float, float, float], count: int, toleran
 
 def test_no_leak():
     assert leaks(1.0, (0, 0, 0), 20000, 1e-4)[0] == 0
+
+
+@pytest.mark.parametrize(("radius", "centre"), [(1.0, (0, 0, 0)), (16.0, FAR)])
+def test_rays_beside_an_edge_are_given_their_triangle_in_float64(
+    radius: float, centre: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
+):
+    """Only those so near that float32 could err are looked at again, and nothing changes if all are."""
+    mesh = ball(4, radius, centre)
+    shell = extrude(mesh, 0.01 * radius, radius)
+    boundary, rng = Boundary(shell, mesh.faces), np.random.default_rng(7)
+    o, d = rays_at(targets(shell, 20000, rng), 1.05 * radius, rng)
+    met = {}
+    for beside in (0.0, tracer.BESIDE, np.inf):
+        monkeypatch.setattr(tracer, "BESIDE", beside)
+        met[beside] = boundary.first_hit(o, d)
+    few, checked, all_ = met.values()
+    np.testing.assert_array_equal(checked[0], all_[0])
+    np.testing.assert_array_equal(checked[1], all_[1])
+    assert (few[0] != all_[0]).any()
 
 
 @pytest.mark.slow

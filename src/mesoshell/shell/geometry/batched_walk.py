@@ -7,7 +7,6 @@ rays that advance in lock-step, STEPS prisms at most, and stops a chunk when all
 go on in the next call, packed together, so a few long grazing rays do not hold the others up.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -89,18 +88,17 @@ def compile_walk(prisms: Prisms, exact: bool) -> None:
     with jax.enable_x64(exact):
         parts: Any = [np.zeros((rows, 3), dtype) for _ in range(3)]
         rays, none = Ray(*parts), np.zeros(rows, np.int32)
-        place = jax.tree.map(np.asarray, _begin(prisms, rays, none, none))
+        place = jax.tree.map(np.asarray, _begin(prisms, rays, none, none, np.int32(0)))
         _advance(prisms, rays, place, np.int32(0))
 
 
 def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
     """Visits in one precision, in batches of at most CAPACITY rays that are still walking."""
-    count = len(starts.code)
     near = starts.point.astype(np.float32)
     parts: Any = (near, starts.point - near.astype(np.float64), starts.direction)
     rays = Ray(*(x.astype(dtype) for x in parts))
     capacity = CAPACITY if dtype is np.float32 else CHUNK
-    place = _in_batches(lambda r, p, c: _begin(prisms, r, p, c), count, (rays, starts.prism, starts.code), capacity)
+    place = _begun(prisms, rays, starts, capacity)
     compacted: list[Intervals] = []
     for _ in range(0, LONGEST, STEPS):
         walking = np.flatnonzero(place.exit == WALKING)
@@ -112,27 +110,30 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
             after, rows, used = jax.tree.map(np.asarray, _advance(prisms, *some, np.int32(n)))
             for whole, new in zip(place, after, strict=True):
                 whole[part] = new[:n]
-            valid = np.arange(STEPS)[:, None] < used[None, :n]
-            compacted.append(_compact(rows, valid, part))
+            compacted.append(_compact(rows, used[:n], part))
     place.exit[place.exit == WALKING] = LOST
     intervals = Intervals(*(np.concatenate(c) for c in zip(*compacted, strict=True))) if compacted else no_intervals()
     return Visits(intervals, place.exit, place.t, place.prism, place.bary, place.doubt)
 
 
-def _compact(rows: tuple, valid: Bool[np.ndarray, "S n"], part: Int[np.ndarray, "n"]) -> Intervals:
-    """Rows (STEPS, CAPACITY) of a call to a flat list, in order of steps."""
-    prism, t0, t1, bary0, h0, bary1, h1 = (x[:, : valid.shape[1]][valid] for x in rows)
-    ray = np.broadcast_to(part, valid.shape)[valid]
-    return Intervals(ray, prism, t0, t1, bary0, bary1, h0, h1)
+def _compact(rows: tuple, used: Int[np.ndarray, "n"], part: Int[np.ndarray, "n"]) -> Intervals:
+    """Rows (STEPS, CAPACITY) of a call to a flat list, ray by ray, each ray's along it."""
+    row, step = np.nonzero(np.arange(STEPS) < used[:, None])
+    at = step * rows[0].shape[1] + row
+    prism, t0, t1, bary0, h0, bary1, h1 = (np.take(x.reshape(-1, *x.shape[2:]), at, axis=0) for x in rows)
+    return Intervals(part[row], prism, t0, t1, bary0, bary1, h0, h1)
 
 
-def _in_batches(function: Callable, count: int, arrays: tuple, capacity: int) -> Any:
-    """`function` on padded batches, its results concatenated and cut to `count` writable rows."""
-    parts = []
+def _begun(prisms: Prisms, rays: Ray, starts: Starts, capacity: int) -> WalkState:
+    """Where each ray enters, as arrays that can be written."""
+    parts, count = [], len(starts.code)
     for i in range(0, max(count, 1), capacity):
-        some = jax.tree.map(lambda x, i=i: _padded(x[i : i + capacity], capacity), arrays)
-        parts.append(jax.tree.map(np.asarray, function(*some)))
-    return jax.tree.map(lambda *x: np.concatenate(x)[:count].copy(), *parts)
+        n = min(capacity, count - i)
+        some: Any = jax.tree.map(
+            lambda x, i=i: _padded(x[i : i + capacity], capacity), (rays, starts.prism, starts.code)
+        )
+        parts.append(jax.tree.map(lambda x, n=n: np.asarray(x)[:n], _begin(prisms, *some, np.int32(n))))
+    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
 
 
 def _padded(x: np.ndarray, rows: int) -> np.ndarray:
@@ -145,8 +146,18 @@ def no_intervals() -> Intervals:
 
 
 @jax.jit
-def _begin(prisms: Prisms, rays: Ray, prism: Array, code: Array) -> WalkState:
-    return jax.vmap(enter, in_axes=(None, 0, 0, 0))(prisms, rays, prism, code)
+def _begin(prisms: Prisms, rays: Ray, prism: Array, code: Array, count: Array) -> WalkState:
+    """`enter` on the first `count` rays, a chunk at a time."""
+    chunk, one = min(CHUNK, len(code)), jax.vmap(enter, in_axes=(None, 0, 0, 0))
+    like: Any = jax.eval_shape(one, prisms, rays, prism, code)
+
+    def body(i: Array, place: WalkState) -> WalkState:
+        entered = one(prisms, *_slice((rays, prism, code), i * chunk, chunk))
+        return jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, i * chunk, 0), place, entered)
+
+    return jax.lax.fori_loop(
+        0, (count + chunk - 1) // chunk, body, jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), like)
+    )
 
 
 @jax.jit

@@ -3,10 +3,11 @@
 Notation
 t0, t1      where an interval begins and ends along its ray                           world
 visit       the intervals of one walk of a ray through the shell: they follow each other
+run         rows in order of one visit: a visit is one run, or a few
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mesoshell.shell.geometry.batched_walk import Intervals, no_intervals
 
@@ -15,28 +16,34 @@ def cut(i: Intervals, begin: Float[np.ndarray, "I"], end: Float[np.ndarray, "I"]
     """The parts of intervals between `begin` and `end`, λ and h interpolated there; empty ones are dropped."""
     t0, t1 = np.maximum(i.t0, begin), np.minimum(i.t1, end)
     kept = t1 > t0
-    i, t0, t1 = Intervals(*(x[kept] for x in i)), t0[kept], t1[kept]
-    first, last = (((t - i.t0) / (i.t1 - i.t0)).astype(i.h0.dtype) for t in (t0, t1))
+    if not kept.all():
+        i, t0, t1 = take(i, np.flatnonzero(kept)), t0[kept], t1[kept]
+    moved = np.flatnonzero((t0 != i.t0) | (t1 != i.t1))
+    if not len(moved):
+        return i
+    whole, ends = take(i, moved), []
+    for t in (t0[moved], t1[moved]):
+        share = ((t - whole.t0) / (whole.t1 - whole.t0)).astype(i.h0.dtype)
+        bary = (1 - share)[:, None] * whole.bary0 + share[:, None] * whole.bary1
+        ends.append((bary, (1 - share) * whole.h0 + share * whole.h1))
+    i = i._replace(t0=t0, t1=t1, bary0=i.bary0.copy(), bary1=i.bary1.copy(), h0=i.h0.copy(), h1=i.h1.copy())
+    (i.bary0[moved], i.h0[moved]), (i.bary1[moved], i.h1[moved]) = ends
+    return i
 
-    def at(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        bary = (1 - share)[:, None] * i.bary0 + share[:, None] * i.bary1
-        return bary, (1 - share) * i.h0 + share * i.h1
 
-    (bary0, h0), (bary1, h1) = at(first), at(last)
-    return Intervals(i.ray, i.prism, t0, t1, bary0, bary1, h0, h1)
+def take(i: Intervals, rows: Int[np.ndarray, "I"]) -> Intervals:
+    return Intervals(*(np.take(x, rows, axis=0) for x in i))
 
 
 def without_overlap(parts: list[Intervals]) -> Intervals:
     """Sorted by ray and visit, each cut to begin no earlier than all before it on the same ray have ended. In a part each ray
-    has one visit at most."""
+    has one visit at most, whose runs grow along the ray."""
     if not parts:
         return no_intervals()
     i = Intervals(*(np.concatenate(x) for x in zip(*parts, strict=True)))
     if not len(i.ray):
         return i
-    begin = np.concatenate([_first(part)[part.ray] for part in parts])
-    order = np.lexsort((i.t0, begin, i.ray))
-    i = Intervals(*(x[order] for x in i))
+    i = take(i, _in_order(i, np.repeat(np.arange(len(parts)), [len(part.ray) for part in parts])))
     span = 2 * (np.abs(i.t1).max() + 1)
     reached = np.maximum.accumulate(i.t1 + span * i.ray) - span * i.ray
     before = np.concatenate([[-np.inf], reached[:-1]])
@@ -45,8 +52,13 @@ def without_overlap(parts: list[Intervals]) -> Intervals:
     return cut(i, np.where(overlaps, before, i.t0))
 
 
-def _first(part: Intervals) -> Float[np.ndarray, "R"]:
-    """Where each ray's visit begins."""
-    begin = np.full(part.ray.max(initial=-1) + 1, np.inf)
-    np.minimum.at(begin, part.ray, part.t0)
-    return begin
+def _in_order(i: Intervals, part: Int[np.ndarray, "I"]) -> Int[np.ndarray, "I"]:
+    """Rows by ray, then by where their visit begins, then along the ray: runs are sorted, not rows."""
+    first = np.flatnonzero(np.concatenate([[True], (i.ray[1:] != i.ray[:-1]) | (part[1:] != part[:-1])]))
+    length = np.diff(np.append(first, len(i.ray)))
+    visits, visit = np.unique(part[first] * (i.ray.max() + 1) + i.ray[first], return_inverse=True)
+    begin = np.full(len(visits), np.inf)
+    np.minimum.at(begin, visit, i.t0[first])
+    order = np.lexsort((i.t0[first], begin[visit], i.ray[first]))
+    first, length = first[order], length[order]
+    return np.repeat(first - (np.cumsum(length) - length), length) + np.arange(len(i.ray))

@@ -42,6 +42,8 @@ ADVANCE = 2e-6
 CLEAR = 1.1
 #: Origins beyond this count as infinite: the square of their distance overflows float32.
 REACH = 1e18
+#: A ray passes at most so many radii of the scene beside the point that Embree reports: what its float32 rounds, and a margin.
+BESIDE = 128 * float(np.finfo(np.float32).eps)
 #: Steps from the triangle that Embree reports to the one that owns the ray: at most half way round a vertex.
 HOPS = 16
 _TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
@@ -101,7 +103,9 @@ class Boundary:
         self.corners, self.prism, self.code, self.face = (
             np.concatenate(x).astype(np.float64 if i == 0 else np.int32) for i, x in enumerate(zip(*parts, strict=True))
         )
-        self.normal = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+        edges = np.roll(self.corners, -1, axis=1) - self.corners
+        self.normal = np.cross(edges[:, 0], -edges[:, 2])
+        self.longest = np.linalg.norm(edges, axis=-1).max(axis=1)
         self.size = float(np.ptp(self.corners.reshape(-1, 3), axis=0).max())
         self.centre = self.corners.mean(axis=(0, 1))  # Embree works in float32: keep its numbers small
         self.radius = float(np.linalg.norm(self.corners - self.centre, axis=-1).max())
@@ -115,7 +119,10 @@ class Boundary:
     def first_hit(self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Triangle met first (−1: none), and its distance refined in float64 on the triangle's plane."""
         hits = self.scene.run((o - self.centre).astype(np.float32), d.astype(np.float32), output=True)
-        triangle = self._owner(np.where(hits["geomID"] < 0, -1, hits["primID"]), o, d)
+        triangle = np.where(hits["geomID"] < 0, -1, hits["primID"])
+        inside = np.minimum(np.minimum(hits["u"], hits["v"]), 1 - hits["u"] - hits["v"])
+        sure = inside * np.abs(_dot(self.normal[triangle], d)) > BESIDE * self.radius * self.longest[triangle]
+        triangle = self._owner(triangle, np.flatnonzero(~sure & (triangle >= 0)), o, d)
         rough = hits["tfar"].astype(np.float64)
         normal = self.normal[triangle]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -123,10 +130,11 @@ class Boundary:
         close = np.abs(exact - rough) < 1e-3 * (self.size + rough)
         return triangle, np.where(triangle < 0, np.inf, np.where(close, exact, rough))
 
-    def _owner(self, triangle: np.ndarray, o: np.ndarray, d: np.ndarray) -> np.ndarray:
-        """The top's triangle that a ray meets in float64: the one that float32 met, or one nearby."""
+    def _owner(self, triangle: np.ndarray, rays: np.ndarray, o: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """The triangle of each ray; of these rays that of the top which they meet in float64: the one that float32 met, or one
+        nearby."""
         triangle = triangle.copy()
-        rays = np.flatnonzero((triangle >= 0) & (self.code[triangle] == TOP))
+        rays = rays[self.code[triangle[rays]] == TOP]
         for _ in range(HOPS):
             at = triangle[rays]
             c = self.corners[at] - o[rays, None]
@@ -250,7 +258,8 @@ class _State:
         t0, t1 = t[i.ray] + sense * i.t0, t[i.ray] + sense * i.t1
         intervals = Intervals(rays[i.ray], i.prism, t0, t1, *i[4:])
         if sense < 0:
-            intervals = Intervals(intervals.ray, i.prism, t1, t0, i.bary1, i.bary0, i.h1, i.h0)
+            reversed_ = (rays[i.ray], i.prism, t1, t0, i.bary1, i.bary0, i.h1, i.h0)
+            intervals = Intervals(*(x[::-1] for x in reversed_))
         self.parts.append(cut(intervals, self.start[intervals.ray] if sense > 0 else np.zeros(len(intervals.ray))))
         behind = (visits.t + t < self.start[rays]) & (sense > 0)  # a border's side crossed before this ray began
         return visits._replace(left=np.where(behind, LOST, visits.left))

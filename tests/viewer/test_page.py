@@ -24,7 +24,8 @@ viser = pytest.importorskip("viser", reason="requires the extra viewer")
 websockets = pytest.importorskip("websockets", reason="requires the extra viewer")
 
 from mesoshell.viewer import refine as refining  # noqa: E402
-from mesoshell.viewer.page import Page, _camera, _own_names  # noqa: E402
+from mesoshell.viewer.browser import camera_of  # noqa: E402
+from mesoshell.viewer.page import Page, _own_names  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -91,7 +92,7 @@ def test_a_browsers_camera_is_ours():
         position = np.array([1.0, 2.0, 3.0])
         wxyz = viser.transforms.SO3.exp(np.array([0.3, -0.8, 0.4])).wxyz
 
-    camera = _camera(Seen)
+    camera = camera_of(Seen)
     assert camera is not None
     rotation = viser.transforms.SO3(Seen.wxyz).as_matrix()
     np.testing.assert_allclose(camera.to_world[:3, :3] @ [0, 0, -1], rotation @ [0, 0, 1], atol=1e-12)
@@ -99,7 +100,38 @@ def test_a_browsers_camera_is_ours():
     np.testing.assert_array_equal(camera.to_world[:3, 3], Seen.position)
     assert (camera.width, camera.height, camera.fov) == (120, 80, 0.7)
     Seen.image_width = 0
-    assert _camera(Seen) is None
+    assert camera_of(Seen) is None
+
+
+def looking(page: Page) -> ms.Camera:
+    """The page's first camera, 200 by 160 pixels."""
+    still = page.work.still.camera
+    assert isinstance(still, ms.Camera)
+    return ms.Camera(still.to_world, still.fov, 200, 160)
+
+
+def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page):
+    brush, camera = page._brush, looking(page)
+    assert brush is not None and brush.painted == {} and page.work.look.painted == {}
+    middle = np.array([100.0, 80.0])
+    brush.begin(1, "dryness")
+    brush.draw(1, camera, middle)
+    brush._show()
+    first = brush.painted["dryness"]
+    given = page.work.look.params["dryness"]
+    assert page.work.look.painted == {"dryness": first}
+    assert (first.image != np.float32(given)).any() and first.image.max() <= 1
+    brush.begin(1, "dryness")
+    brush.draw(1, camera, middle)
+    brush.draw(1, camera, middle + np.array([25.0, 10.0]))
+    brush.draw(1, camera, np.array([-500.0, 80.0]))  # off the mesh
+    brush._show()
+    assert (brush.painted["dryness"].image != first.image).sum() > 100
+    brush._undo(None)
+    assert brush.painted["dryness"] is first
+    brush._undo(None)
+    brush._undo(None)
+    assert brush.painted == {} and page.work.look.painted == {}
 
 
 def test_the_command_says_its_faults(tiny_bundle: Bundle, tmp_path: Path, capsys: pytest.CaptureFixture, page: Page):
@@ -171,4 +203,16 @@ def test_in_a_browser(page: Page, browser: Any):
         assert kept.format == "PNG"
     tab.get_by_role("button", name="Command").click()
     tab.get_by_text("mesoshell render").wait_for()
+    tab.get_by_text("Paint", exact=True).click()
+    tab.get_by_text("brush", exact=True).wait_for()
+    tab.get_by_role("checkbox").first.click()
+    time.sleep(2)  # the mesh that catches drags is on its way
+    tab.mouse.move(300, 300)
+    tab.mouse.down()
+    tab.mouse.move(330, 310, steps=6)
+    tab.mouse.up()
+    end = time.monotonic() + 60
+    while not page.work.look.painted:
+        assert time.monotonic() < end, "nothing was painted"
+        time.sleep(0.2)
     tab.close()

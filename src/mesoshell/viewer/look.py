@@ -10,6 +10,7 @@ import math
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +19,13 @@ from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Scene
+from mesoshell.viewer.canvas import Painting
 
 
 @dataclass(frozen=True)
 class Look:
-    """What is set. params: by name; thickness: world; sun: None for the scene's own lights; side: pixels of the longer side."""
+    """What is set. params: by name; thickness: world; sun: None for the scene's own lights; side: pixels of the longer side;
+    painted: in place of parameters."""
 
     params: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
@@ -31,10 +34,16 @@ class Look:
     sun: tuple[float, float] | None = None
     quality: str = "normal"
     side: int = 384
+    painted: Mapping[str, Painting] = field(default_factory=dict)
 
     def texture(self, scene: Scene) -> tuple:
         """What of it a grown texture depends on; alike for all looks where none is grown."""
-        return (self.seed, *sorted(_of_role(scene, self, "beta").items())) if generated(scene) else ()
+        if not generated(scene):
+            return ()
+        return (
+            self.seed,
+            *((name, self.painted.get(name, x)) for name, x in sorted(_of_role(scene, self, "beta").items())),
+        )
 
 
 def first_look(scene: Scene) -> Look:
@@ -59,7 +68,7 @@ def generated(scene: Scene) -> bool:
 
 def with_texture_of(begun: Scene, look: Look) -> Scene:
     """The scene whose texture a look wants, for `settled`."""
-    return replace(begun, params={**begun.params, **_of_role(begun, look, "beta")}, seed=look.seed)
+    return replace(begun, params={**begun.params, **_values(begun, look, "beta")}, seed=look.seed)
 
 
 def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
@@ -69,7 +78,7 @@ def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> 
     return replace(
         still,
         camera=camera,
-        params={**still.params, **_of_role(begun, look, "alpha")},
+        params={**still.params, **_values(begun, look, "alpha")},
         seed=look.seed if tiled else still.seed,
         thickness=look.thickness,
         base_colour=look.base_colour,
@@ -80,6 +89,12 @@ def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> 
 
 def _of_role(scene: Scene, look: Look, role: str) -> dict[str, float]:
     return {name: x for name, x in look.params.items() if scene.material.parameters[name].role == role}
+
+
+def _values(scene: Scene, look: Look, role: str) -> dict[str, Any]:
+    """Numbers and painted images."""
+    images = {name: painting.image for name, painting in look.painted.items()}
+    return {name: images.get(name, x) for name, x in _of_role(scene, look, role).items()}
 
 
 def toward_sun(still: Scene, sun: tuple[float, float]) -> tuple[float, float, float]:
@@ -103,14 +118,15 @@ def sized(camera: Camera, side: int) -> Camera:
 
 def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -> str:
     """The command line that makes a picture of so many samples a pixel. given: the scene as the viewer got it, of files
-    and numbers; scene: what is shown."""
+    and numbers; scene: what is shown. What is painted is in files NAME.exr."""
     assert isinstance(scene.camera, Camera)
     eye, back = scene.camera.to_world[:3, 3], scene.camera.to_world[:3, 2]
     words = ["mesoshell", "render", str(given.mesh), "--material", given.material.name]
     words += _option("camera", *eye, *(eye - back), math.degrees(scene.camera.fov))
     words += _option("size", scene.camera.width, scene.camera.height)
     images = {name: value for name, value in given.params.items() if name not in look.params}
-    for name, value in {**images, **look.params}.items():
+    painted = {name: f"{name}.exr" for name in look.painted}
+    for name, value in {**images, **look.params, **painted}.items():
         words += ["--param", f"{name}={value:.6g}" if isinstance(value, float) else f"{name}={value}"]
     if look.texture(given) or look.seed:
         words += ["--seed", str(look.seed)]

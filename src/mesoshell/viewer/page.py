@@ -21,6 +21,8 @@ from mesoshell.io.image import exr_bytes, linear_to_srgb, png_bytes, srgb_to_lin
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.scene import Scene
+from mesoshell.viewer.browser import camera_of
+from mesoshell.viewer.brush import Brush
 from mesoshell.viewer.look import Look, command, generated
 from mesoshell.viewer.refine import Shown
 from mesoshell.viewer.work import Workshop
@@ -50,6 +52,7 @@ class Page:
             self._server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
         self.url = f"http://{host}:{port}"
         self._begin_camera()
+        self._brush: Brush | None = None
         self._build()
         self._server.on_client_connect(self._connected)
         self._server.on_client_disconnect(lambda client: self._forget(client.client_id))
@@ -93,6 +96,8 @@ class Page:
             self._ground = tuple(round(255 * float(x)) for x in linear_to_srgb(np.array(look.base_colour)))
             self._base = gui.add_rgb("ground", self._ground, hint="colour of the surface under the shell")
             self._bar = gui.add_progress_bar(0.0, visible=False)
+        if look.params:
+            self._brush = Brush(self._server, work, self._paint)
         with gui.add_folder("Light"):
             self._lit = gui.add_checkbox("sun", False, hint="one light from here, in place of the scene's")
             self._azimuth = gui.add_slider("azimuth", -180.0, 180.0, 1.0, -40.0, hint="degrees from the first camera")
@@ -124,6 +129,7 @@ class Page:
             thickness=None if self._thickness is None else float(self._thickness.value),
             # eight bits are not the colour that was given
             base_colour=self._given_base if tuple(self._base.value) == self._ground else (red, green, blue),
+            painted={} if self._brush is None else self._brush.painted,
             sun=(self._azimuth.value, self._elevation.value) if self._lit.value else None,
             quality=self._quality.value,
             side=int(self._side.value),
@@ -133,13 +139,17 @@ class Page:
         with self._changing:
             self.work.set(self._look())
 
+    def _paint(self) -> None:
+        """Show what was painted."""
+        self._set(None)
+
     def _connected(self, client: Any) -> None:
         client.camera.on_update(lambda _: self._moved(client))
         self._moved(client)
 
     def _moved(self, client: Any) -> None:
         with self._changing:
-            camera = _camera(client.camera)
+            camera = camera_of(client.camera)
             if camera is not None:
                 self.work.see(client.client_id, camera)
 
@@ -193,25 +203,6 @@ def _slider(gui: Any, name: str, parameter: Any, value: float) -> Any:
     unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
     hint = f"{parameter.meaning} (default {parameter.default:g})"
     return gui.add_slider(name + unit, low, high, (high - low) / 200, min(max(value, low), high), hint=hint)
-
-
-def _camera(client: Any) -> Camera | None:
-    """A client's camera; None before its window has a size."""
-    width, height = int(client.image_width), int(client.image_height)
-    w, x, y, z = (float(n) for n in client.wxyz)
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    if width < 1 or height < 1 or not 0 < client.fov < np.pi or not np.isfinite(rotation).all():
-        return None
-    to_world = np.eye(4)
-    to_world[:3, :3] = rotation * [1, -1, -1]  # from a camera that looks along +z, y down
-    to_world[:3, 3] = client.position
-    return Camera(to_world, float(client.fov), width, height)
 
 
 @contextmanager

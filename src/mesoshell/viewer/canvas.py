@@ -1,0 +1,137 @@
+"""Paint a parameter onto a mesh: dabs of a brush on the surface become a grey image, as `--param NAME=IMAGE` takes it.
+
+Notation
+N           texels of the image's side, over the UV square; row 0 has v = 1; 1 is the upper end of the parameter's range
+S           sample points of the surface, at least one a texel of each face: where they lie, and in which texel
+E, U        edges of a face from its first corner, (3, 2) in the world and (2, 2) in UV; a direction d along the face has
+            the components U E⁺ d along u and v
+w           share by which a dab moves a texel to its value: (1 − (r/R)²)² at distance r of a brush of radius R
+
+A dab reaches what is near in space, and so the other side of a UV seam, but not surfaces that face away from where it lies.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from mesoshell.geometry.mesh import Mesh
+
+#: Texels of a painted image's side; sample points a texel, along each edge; most sample points: coordinates that repeat often
+#: have fewer a texel, and gaps.
+SIDE, FINE, MOST = 512, 1.5, 4e6
+
+
+@dataclass(frozen=True, eq=False)
+class Painting:
+    """A painted image, in [0, 1]. Two are equal if they are the same object."""
+
+    image: Float[np.ndarray, "N N"]
+
+
+@dataclass(frozen=True)
+class Hit:
+    """Where a ray meets the mesh."""
+
+    point: Float[np.ndarray, "3"]
+    face: int
+
+
+class Canvas:
+    """A mesh to paint on."""
+
+    def __init__(self, mesh: Mesh, side: int = SIDE):
+        self.side = side
+        self._corners = mesh.vertices[mesh.faces].astype(np.float64)
+        self._uv = mesh.uv.astype(np.float64)
+        edges = self._corners[:, 1:] - self._corners[:, :1]
+        self._normal = np.cross(edges[:, 0], edges[:, 1])
+        along = np.swapaxes(self._uv[:, 1:] - self._uv[:, :1], 1, 2)
+        self._toward_uv = along @ np.linalg.pinv(np.swapaxes(edges, 1, 2))
+        self._centre = self._corners.mean(axis=(0, 1))
+        self.size = float(np.ptp(self._corners.reshape(-1, 3), axis=0).max())
+
+    @cached_property
+    def _scene(self) -> EmbreeScene:
+        scene = EmbreeScene(robust=True)
+        TriangleMesh(scene, np.ascontiguousarray(self._corners - self._centre, np.float32))
+        return scene
+
+    @cached_property
+    def _samples(self) -> tuple[Float[np.ndarray, "S 3"], Int[np.ndarray, "S"], Int[np.ndarray, "S"], KDTree]:
+        """Points, their texels and faces, and a tree to find them by."""
+        lengths = np.linalg.norm(self._uv - np.roll(self._uv, -1, axis=1), axis=-1).max(axis=1) * self.side
+        parts = FINE * np.maximum(lengths, 1)
+        parts = np.ceil(parts * min(1.0, (MOST / (parts**2).sum()) ** 0.5)).astype(int)
+        points, uv, owner = [], [], []
+        for k in np.unique(parts):
+            faces = np.flatnonzero(parts == k)
+            weights = _inside(int(k))
+            points.append(np.einsum("sk,fkc->fsc", weights, self._corners[faces]).reshape(-1, 3))
+            uv.append(np.einsum("sk,fkc->fsc", weights, self._uv[faces]).reshape(-1, 2))
+            owner.append(np.repeat(faces, len(weights)))
+        place, inside = np.concatenate(points), np.concatenate(uv)
+        column, row = (
+            np.minimum((x % 1 * self.side).astype(int), self.side - 1) for x in (inside[:, 0], -inside[:, 1])
+        )
+        return place, row * self.side + column, np.concatenate(owner), KDTree(place)
+
+    def hit(self, o: Float[np.ndarray, "3"], d: Float[np.ndarray, "3"]) -> Hit | None:
+        """The first point of the mesh on a ray; None for a ray that misses."""
+        begin, way = (np.ascontiguousarray(x[None], np.float32) for x in (o - self._centre, d))
+        found = self._scene.run(begin, way, output=True)
+        if found["geomID"][0] < 0:
+            return None
+        face = int(found["primID"][0])
+        normal = self._normal[face]
+        t = normal @ (self._corners[face, 0] - o) / (normal @ d)
+        return Hit(o + t * d, face)
+
+    def dab(self, image: Float[np.ndarray, "N N"], at: Hit, radius: float, value: float) -> Float[np.ndarray, "N N"]:
+        """The image with one dab of a value."""
+        texels, _, weight = self._near(at, radius)
+        return np.clip(_mixed(image, texels, weight, np.full(len(texels), value)), 0, 1)
+
+    def comb(
+        self, image: Float[np.ndarray, "N N"], at: Hit, radius: float, way: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "N N"]:
+        """The image of an angle, from u toward v in turns, with one dab along a way in space: each face has its own u and v."""
+        texels, faces, weight = self._near(at, radius)
+        du, dv = np.einsum("sij,j->is", self._toward_uv[faces], way)
+        known = (du != 0) | (dv != 0)
+        angle = np.arctan2(dv, du)[known] / (2 * np.pi) % 1
+        texels, weight = texels[known], weight[known]
+        before = image.ravel()[texels]
+        nearest = before + (angle - before + 0.5) % 1 - 0.5  # round the shorter way
+        return _mixed(image, texels, weight, nearest) % 1
+
+    def _near(self, at: Hit, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Texel, face and weight of samples within a radius that face as the hit does."""
+        place, texel, face, tree = self._samples
+        near = np.array(tree.query_ball_point(at.point, radius), int)
+        near = near[self._normal[face[near]] @ self._normal[at.face] > 0]
+        share = ((place[near] - at.point) ** 2).sum(axis=1) / radius**2
+        return texel[near], face[near], (1 - share) ** 2
+
+
+def _mixed(image: np.ndarray, texels: np.ndarray, weight: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Each texel moved to the value of its heaviest sample, by its weight."""
+    order = np.argsort(weight, kind="stable")  # of several assignments the last one holds
+    new = image.astype(np.float32).ravel()
+    before = new[texels[order]]
+    new[texels[order]] = before + weight[order] * (value[order] - before)
+    return new.reshape(image.shape)
+
+
+def _inside(k: int) -> Float[np.ndarray, "S 3"]:
+    """Barycentric coordinates of the middles of a triangle's k² parts."""
+    i, j = (x.ravel() for x in np.meshgrid(np.arange(k), np.arange(k), indexing="ij"))
+    upward, downward = i + j < k, i + j < k - 1
+    first = np.stack([i[upward] + 1 / 3, j[upward] + 1 / 3], axis=1)
+    second = np.stack([i[downward] + 2 / 3, j[downward] + 2 / 3], axis=1)
+    pair = np.concatenate([first, second]) / k
+    return np.concatenate([pair, 1 - pair.sum(axis=1, keepdims=True)], axis=1)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh
 from mesoshell.viewer.canvas import Canvas, Hit
+from tests.helpers.stability.surfaces import ball
 
 SPOT = Path(__file__).parents[2] / "src" / "mesoshell" / "assets" / "spot.obj"
 SIDE = 128
@@ -26,7 +27,7 @@ UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
 
 @pytest.fixture(scope="module")
 def plain() -> Canvas:
-    return Canvas(square(UNIT), SIDE)
+    return Canvas(square(UNIT), side=SIDE)
 
 
 def above(x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,13 +47,13 @@ def looked_up(image: np.ndarray, u: float, v: float) -> float:
 
 
 def test_a_ray_meets_the_mesh_or_misses(plain: Canvas):
-    np.testing.assert_allclose(hit(plain, 0.3, 0.8).point, [0.3, 0.8, 0], atol=1e-12)
+    np.testing.assert_allclose(hit(plain, 0.3, 0.8).point, [0.3, 0.8, 0], atol=1e-6)
     assert plain.hit(*above(1.2, 0.5)) is None
 
 
 @given(st.floats(0.2, 0.8), st.floats(0.2, 0.8))
 def test_a_dab_lands_where_it_is_drawn(x: float, y: float):
-    canvas = Canvas(square(UNIT), SIDE)
+    canvas = Canvas(square(UNIT), side=SIDE)
     image = canvas.dab(np.zeros((SIDE, SIDE), np.float32), hit(canvas, x, y), 0.15, 1.0)
     v, u = np.meshgrid(1 - (np.arange(SIDE) + 0.5) / SIDE, (np.arange(SIDE) + 0.5) / SIDE, indexing="ij")
     r = np.hypot(u - x, v - y)
@@ -62,7 +63,7 @@ def test_a_dab_lands_where_it_is_drawn(x: float, y: float):
 
 
 def test_every_texel_of_the_mesh_can_be_painted():
-    canvas = Canvas(load_mesh(SPOT), 256)
+    canvas = Canvas(load_mesh(SPOT), side=256)
     image = np.zeros((256, 256), np.float32)
     for face in range(0, len(canvas._corners), 7):
         image = canvas.dab(image, Hit(canvas._corners[face].mean(axis=0), face), 0.3, 1.0)
@@ -76,7 +77,7 @@ def test_a_seam_is_painted_on_both_sides():
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     uv = np.array([[[0, 0], [0.4, 0], [0.4, 0.4]], [[0.5, 0.5], [0.9, 0.9], [0.5, 0.9]]])
-    canvas = Canvas(check_mesh(corners, faces, uv, "seam"), SIDE)
+    canvas = Canvas(check_mesh(corners, faces, uv, "seam"), side=SIDE)
     image = canvas.dab(np.zeros((SIDE, SIDE), np.float32), hit(canvas, 0.5, 0.5), 0.2, 1.0)
     assert looked_up(image, 0.21, 0.19) > 0.9 and looked_up(image, 0.69, 0.71) > 0.9
     assert looked_up(image, 0.6, 0.2) == 0
@@ -87,13 +88,13 @@ def test_what_faces_away_is_left_alone():
     points = np.concatenate([front.vertices, front.vertices - [0, 0, 0.01]])
     faces = np.concatenate([front.faces, front.faces[:, ::-1] + 4])
     uv = np.concatenate([front.uv, front.uv[:, ::-1] + 0.5])
-    canvas = Canvas(check_mesh(points, faces, uv, "leaf"), SIDE)
+    canvas = Canvas(check_mesh(points, faces, uv, "leaf"), side=SIDE)
     image = canvas.dab(np.zeros((SIDE, SIDE), np.float32), hit(canvas, 0.5, 0.5), 0.2, 1.0)
     assert looked_up(image, 0.25, 0.25) > 0.9 and looked_up(image, 0.75, 0.75) == 0
 
 
 def test_texture_coordinates_outside_the_square_repeat(plain: Canvas):
-    canvas = Canvas(square(UNIT + np.array([3, -2])), SIDE)
+    canvas = Canvas(square(UNIT + np.array([3, -2])), side=SIDE)
     blank = np.zeros((SIDE, SIDE), np.float32)
     np.testing.assert_array_equal(
         canvas.dab(blank, hit(canvas, 0.4, 0.6), 0.1, 1.0), plain.dab(blank, hit(plain, 0.4, 0.6), 0.1, 1.0)
@@ -106,7 +107,7 @@ def test_a_stroke_combs_along_itself(angle: float, stretch: float, turned: bool)
     uv = UNIT * [stretch, 1.0]
     if turned:
         uv = np.stack([1 - uv[:, 1], uv[:, 0]], axis=1)
-    canvas = Canvas(square(uv), SIDE)
+    canvas = Canvas(square(uv), side=SIDE)
     way = np.array([np.cos(angle), np.sin(angle), 0.0])
     image = np.full((SIDE, SIDE), 0.3, np.float32)
     for _ in range(12):
@@ -129,6 +130,18 @@ def test_angles_turn_the_shorter_way(plain: Canvas):
 
 
 def test_a_brush_over_degenerate_texture_coordinates_is_finite():
-    canvas = Canvas(square(np.array([[0.2, 0.2], [0.2, 0.2], [0.6, 0.7], [0.6, 0.7]])), SIDE)
+    canvas = Canvas(square(np.array([[0.2, 0.2], [0.2, 0.2], [0.6, 0.7], [0.6, 0.7]])), side=SIDE)
     image = canvas.comb(np.zeros((SIDE, SIDE), np.float32), hit(canvas, 0.5, 0.5), 0.3, np.array([1.0, 0.0, 0.0]))
     assert np.isfinite(image).all()
+
+
+def test_what_is_drawn_on_a_shell_s_top_is_painted_under_it():
+    """The top of a ball's shell: a ray beside the ball meets it."""
+    mesh = ball(3, 1.0, (0.0, 0.0, 0.0))
+    canvas = Canvas(mesh, 0.5, SIDE)
+    beside = np.array([1.2, 0.0, 5.0]), np.array([0.0, 0.0, -1.0])
+    assert Canvas(mesh, side=SIDE).hit(*beside) is None
+    found = canvas.hit(*beside)
+    assert found is not None and np.linalg.norm(found.point) == pytest.approx(1.5, abs=0.02)
+    image = canvas.dab(np.zeros((SIDE, SIDE), np.float32), found, 0.3, 1.0)
+    assert looked_up(image, *mesh.uv[found.face].mean(axis=0)) > 0.8

@@ -1,6 +1,6 @@
 """The brush of a viewer's page: drags over the mesh paint a parameter, or comb an angle along the stroke.
 
-While the brush is on, an invisible copy of the mesh catches drags that begin on it; others still turn the camera. A stroke
+While the brush is on, the shell's top, invisible, catches drags that begin on it; others still turn the camera. A stroke
 shows as it is drawn, or at its end where it grows another texture.
 """
 
@@ -59,9 +59,9 @@ class Brush:
 
     @cached_property
     def _canvas(self) -> Canvas:
-        mesh = self._work.still.mesh
-        assert isinstance(mesh, Mesh)
-        return Canvas(mesh)
+        still = self._work.still
+        assert isinstance(still.mesh, Mesh)
+        return Canvas(still.mesh, still.thickness or 0.0)
 
     def _choose(self) -> None:
         """Another parameter: its range, and whether it is an angle."""
@@ -73,10 +73,10 @@ class Brush:
 
     def _switch(self) -> None:
         if self._node is None and self._on.value:
-            mesh = self._work.still.mesh
-            assert isinstance(mesh, Mesh)
+            canvas = self._canvas
+            canvas.prepare()  # before a stroke waits for it
             self._node = self._server.scene.add_mesh_simple(
-                "/mesh", mesh.vertices, mesh.faces, opacity=0.0, side="double"
+                "/brush", canvas.vertices, canvas.faces, opacity=0.0, side="double"
             )
             self._node.on_drag("left")(self._dragged)
         if self._node is not None:

@@ -42,13 +42,15 @@ class Hit:
 
 
 class Canvas:
-    """A mesh to paint on."""
+    """A mesh to paint on. lift: how far above it the surface lies that rays meet and distances are measured on (world)."""
 
-    def __init__(self, mesh: Mesh, side: int = SIDE):
-        self.side = side
-        self._corners = mesh.vertices[mesh.faces].astype(np.float64)
+    def __init__(self, mesh: Mesh, lift: float = 0.0, side: int = SIDE):
+        self.side, self.faces = side, mesh.faces
+        self.vertices = mesh.vertices + np.float32(lift) * mesh.normals
+        self._corners = self.vertices[mesh.faces].astype(np.float64)
         self._uv = mesh.uv.astype(np.float64)
-        edges = self._corners[:, 1:] - self._corners[:, :1]
+        foot = mesh.vertices[mesh.faces].astype(np.float64)
+        edges = foot[:, 1:] - foot[:, :1]
         self._normal = np.cross(edges[:, 0], edges[:, 1])
         along = np.swapaxes(self._uv[:, 1:] - self._uv[:, :1], 1, 2)
         self._toward_uv = along @ np.linalg.pinv(np.swapaxes(edges, 1, 2))
@@ -80,16 +82,18 @@ class Canvas:
         )
         return place, row * self.side + column, np.concatenate(owner), KDTree(place)
 
+    def prepare(self) -> None:
+        """Make what the first dab would wait for."""
+        _ = self._scene, self._samples
+
     def hit(self, o: Float[np.ndarray, "3"], d: Float[np.ndarray, "3"]) -> Hit | None:
         """The first point of the mesh on a ray; None for a ray that misses."""
         begin, way = (np.ascontiguousarray(x[None], np.float32) for x in (o - self._centre, d))
         found = self._scene.run(begin, way, output=True)
         if found["geomID"][0] < 0:
             return None
-        face = int(found["primID"][0])
-        normal = self._normal[face]
-        t = normal @ (self._corners[face, 0] - o) / (normal @ d)
-        return Hit(o + t * d, face)
+        t = float(found["tfar"][0])
+        return Hit(o + t * d, int(found["primID"][0]))
 
     def dab(self, image: Float[np.ndarray, "N N"], at: Hit, radius: float, value: float) -> Float[np.ndarray, "N N"]:
         """The image with one dab of a value."""

@@ -13,7 +13,7 @@ from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
-from mesoshell.viewer.look import command, first_look, shown, sized, toward_sun, with_texture_of
+from mesoshell.viewer.look import Painting, command, first_look, shown, sized, toward_sun, with_texture_of
 from tests.helpers import growing, wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -67,6 +67,26 @@ def test_geometry_and_seed_ask_for_another_texture():
         assert other.texture(begun) != look.texture(begun)
         assert wanted.seed == other.seed and wanted.params["length"] == other.params["length"]
     assert replace(look, params={**look.params, "age": 1.0}).texture(begun) == look.texture(begun)
+
+
+def test_what_is_painted_takes_a_number_s_place(tmp_path: Path, begun: ms.Scene):
+    image = np.linspace(0, 1, 16, dtype=np.float32).reshape(4, 4)
+    painting = Painting(image)
+    look = replace(first_look(begun), painted={"dryness": painting})
+    scene = shown(begun, begun, look, CAMERA, False)
+    np.testing.assert_array_equal(scene.params["dryness"], image)
+    assert look == replace(look) and look != replace(look, painted={"dryness": Painting(image)})
+    assert "--param dryness=dryness.exr" in command(replace(begun, mesh=MESH, lights=()), scene, look, "jax", 2)
+
+
+def test_painted_geometry_asks_for_another_texture():
+    begun = settled(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0), texture=False)
+    look, painting = first_look(begun), Painting(np.full((4, 4), 0.5, np.float32))
+    painted = replace(look, painted={"length": painting})
+    assert painted.texture(begun) != look.texture(begun) and painted.texture(begun) == replace(painted).texture(begun)
+    assert replace(look, painted={"length": Painting(painting.image)}).texture(begun) != painted.texture(begun)
+    assert replace(look, painted={"age": painting}).texture(begun) == look.texture(begun)
+    np.testing.assert_array_equal(with_texture_of(begun, painted).params["length"], painting.image)
 
 
 def test_a_surface_material_has_little_to_set():

@@ -110,28 +110,66 @@ def looking(page: Page) -> ms.Camera:
     return ms.Camera(still.to_world, still.fov, 200, 160)
 
 
-def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page):
-    brush, camera = page._brush, looking(page)
-    assert brush is not None and brush.painted == {} and page.work.look.painted == {}
-    middle = np.array([100.0, 80.0])
-    brush.begin(1, "dryness")
-    brush.draw(1, camera, middle)
-    brush._show()
+class Drag:
+    """An event of viser's, as far as it is read: the pointer in shares of the window."""
+
+    def __init__(self, camera: ms.Camera, phase: str, place: tuple[float, float]):
+        class Seen:
+            image_width, image_height, fov = camera.width, camera.height, camera.fov
+            position = camera.to_world[:3, 3]
+            wxyz = viser.transforms.SO3.from_matrix(camera.to_world[:3, :3] * [1, -1, -1]).wxyz
+
+        self.client, self.client_id, self.phase = type("Client", (), {"camera": Seen})(), 1, phase
+        self.start_screen_pos = self.end_screen_pos = place
+
+
+def drag(page: Page, *places: tuple[float, float]) -> None:
+    assert page._brush is not None
+    page._brush.prepare()
+    phases = ["start", *["update"] * (len(places) - 2), "end"]
+    for phase, place in zip(phases, places, strict=True):
+        asyncio.run(page._brush._dragged(Drag(looking(page), phase, place)))
+
+
+@pytest.fixture
+def brush(page: Page) -> Iterator[Any]:
+    assert page._brush is not None
+    yield page._brush
+    for _ in range(4):
+        page._brush._undo(None)
+
+
+def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page, brush: Any):
+    assert brush.painted == {} and page.work.look.painted == {}
+    drag(page, (0.5, 0.5), (0.5, 0.5))
     first = brush.painted["dryness"]
-    given = page.work.look.params["dryness"]
     assert page.work.look.painted == {"dryness": first}
-    assert (first.image != np.float32(given)).any() and first.image.max() <= 1
-    brush.begin(1, "dryness")
-    brush.draw(1, camera, middle)
-    brush.draw(1, camera, middle + np.array([25.0, 10.0]))
-    brush.draw(1, camera, np.array([-500.0, 80.0]))  # off the mesh
-    brush._show()
+    assert page._params["dryness"].disabled
+    changed = first.image != first.image.min()
+    assert 20 < changed.sum() < 0.5 * changed.size and first.image.max() > 0.99
+    drag(page, (0.5, 0.5), (0.6, 0.55), (0.65, 0.6), (-2.0, 0.5))
     assert (brush.painted["dryness"].image != first.image).sum() > 100
     brush._undo(None)
     assert brush.painted["dryness"] is first
     brush._undo(None)
     brush._undo(None)
-    assert brush.painted == {} and page.work.look.painted == {}
+    assert brush.painted == {} and page.work.look.painted == {} and not page._params["dryness"].disabled
+
+
+@pytest.mark.parametrize(("x", "sign"), [(0.35, -1), (0.65, 1)])
+def test_a_stroke_paints_where_it_is_drawn(page: Page, brush: Any, x: float, sign: int):
+    """Left and right of the picture's middle: what is painted most lies on that side of the mesh."""
+    drag(page, (x, 0.5), (x, 0.5))
+    place, texel, _ = brush._canvas._samples
+    heavy = brush.painted["dryness"].image.ravel()[texel] > 0.9
+    camera = looking(page)
+    sideways = (place[heavy] + brush._canvas._centre - camera.to_world[:3, 3]) @ camera.to_world[:3, 0]
+    assert heavy.any() and (sign * sideways > 0).all()
+
+
+def test_a_stroke_beside_the_mesh_paints_nothing(page: Page, brush: Any):
+    drag(page, (0.01, 0.01), (0.02, 0.01), (0.02, 0.02))
+    assert brush.painted == {}
 
 
 def test_the_command_says_its_faults(tiny_bundle: Bundle, tmp_path: Path, capsys: pytest.CaptureFixture, page: Page):
@@ -215,4 +253,5 @@ def test_in_a_browser(page: Page, browser: Any):
     while not page.work.look.painted:
         assert time.monotonic() < end, "nothing was painted"
         time.sleep(0.2)
+    assert np.ptp(page.work.look.painted["dryness"].image) > 0.3
     tab.close()

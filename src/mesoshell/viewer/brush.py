@@ -1,12 +1,15 @@
 """The brush of a viewer's page: drags over the mesh paint a parameter, or comb an angle along the stroke.
 
 While the brush is on, the shell's top, invisible, catches drags that begin on it; others still turn the camera. A stroke
-shows as it is drawn, or at its end where it grows another texture.
+shows about once a second as it is drawn, or at its end where it grows another texture. All clients share the images, and
+what is undone.
 """
 
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Mapping
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,14 +17,30 @@ import numpy as np
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.bundle import Parameter
 from mesoshell.io.image import exr_bytes
-from mesoshell.render.camera import rays
+from mesoshell.render.camera import Camera, rays
 from mesoshell.viewer.browser import camera_of
-from mesoshell.viewer.canvas import Canvas, Hit, Painting
+from mesoshell.viewer.canvas import Canvas, Hit
+from mesoshell.viewer.look import Painting
 from mesoshell.viewer.work import Workshop
 
-#: Brush's radius as a share of the mesh's size: least, usual, most; its dabs along a stroke, in radii; most dabs between two
-#: places of the pointer.
-RADII, SPACING, DABS = (0.01, 0.08, 0.3), 0.25, 32
+#: Brush's radius as a share of the mesh's size: least, usual, most.
+RADII = (0.01, 0.08, 0.3)
+#: Radii between dabs of a stroke; most dabs between two places of the pointer; radii of a step that begins elsewhere.
+SPACING, DABS, JUMP = 0.25, 8, 4.0
+#: Seconds between pictures of a stroke: fewer, and none would be done before the next; strokes that can be undone.
+SHOWN, UNDONE = 1.0, 50
+
+
+@dataclass
+class Stroke:
+    """A stroke under way. name: of its parameter; place: of the pointer, pixels; last: where its last dab was; drawn: if it has
+    one; shown: when it was shown."""
+
+    name: str
+    place: np.ndarray
+    last: Hit | None = None
+    drawn: bool = False
+    shown: float = 0.0
 
 
 class Brush:
@@ -32,11 +51,14 @@ class Brush:
         self._parameters: Mapping[str, Parameter] = {
             name: p for name, p in work.begun.material.parameters.items() if name in work.look.params
         }
-        self._before: dict[str, list[Painting | None]] = {}
+        self._before: dict[str, deque[Painting | None]] = {name: deque(maxlen=UNDONE) for name in self._parameters}
         self._now: dict[str, Painting] = {}
         self._shown: dict[str, Painting] = {}
-        self._last: dict[int, tuple[np.ndarray, Hit | None]] = {}
-        self._lock, self._node = threading.Lock(), None
+        self._strokes: dict[int, Stroke] = {}
+        self._canvas: Canvas | None = None
+        self._lift: float | None = None
+        self._node: Any = None
+        self._lock, self._switching = threading.Lock(), threading.Lock()
         gui = server.gui
         with gui.add_folder("Paint", expand_by_default=False):
             names = tuple(self._parameters)
@@ -48,7 +70,7 @@ class Brush:
             self._radius = gui.add_slider("radius", least, most, 0.005, usual, hint="share of the mesh's size")
             gui.add_button("Undo").on_click(self._undo)
             gui.add_button("Image").on_click(self._download)
-        self._on.on_update(lambda _: self._switch())
+        self._on.on_update(self._switch)
         self._name.on_update(lambda _: self._choose())
         self._choose()
 
@@ -56,12 +78,6 @@ class Brush:
     def painted(self) -> dict[str, Painting]:
         """What is shown, by parameter."""
         return dict(self._shown)
-
-    @cached_property
-    def _canvas(self) -> Canvas:
-        still = self._work.still
-        assert isinstance(still.mesh, Mesh)
-        return Canvas(still.mesh, still.thickness or 0.0)
 
     def _choose(self) -> None:
         """Another parameter: its range, and whether it is an angle."""
@@ -71,74 +87,101 @@ class Brush:
         self._value.value = high
         self._along.visible = is_angle(p)
 
-    def _switch(self) -> None:
-        if self._node is None and self._on.value:
-            canvas = self._canvas
-            canvas.prepare()  # before a stroke waits for it
-            self._node = self._server.scene.add_mesh_simple(
-                "/brush", canvas.vertices, canvas.faces, opacity=0.0, side="double"
-            )
-            self._node.on_drag("left")(self._dragged)
-        if self._node is not None:
-            self._node.visible = self._on.value
+    def _switch(self, _: Any) -> None:
+        """On or off, with the shell's top as thick as it is now."""
+        with self._switching:
+            if self._on.value and (self._node is None or self._lift != self._work.look.thickness):
+                self.prepare()
+                assert self._canvas is not None
+                if self._node is not None:
+                    self._node.remove()
+                top = self._canvas.vertices, self._canvas.faces
+                self._node = self._server.scene.add_mesh_simple("/brush", *top, opacity=0.0, side="double")
+                self._node.on_drag("left")(self._dragged)
+            if self._node is not None:
+                self._node.visible = self._on.value
+
+    def prepare(self) -> None:
+        """Make the mesh ready to paint on."""
+        mesh, self._lift = self._work.still.mesh, self._work.look.thickness
+        assert isinstance(mesh, Mesh)
+        canvas = Canvas(mesh, self._lift or 0.0)
+        canvas.prepare()
+        self._canvas = canvas
 
     async def _dragged(self, event: Any) -> None:
         """A pointer that draws; in order, since it is awaited."""
         camera = camera_of(event.client.camera)
         if camera is None:
             return
-        place = np.array([event.end_screen_pos[0] * camera.width, event.end_screen_pos[1] * camera.height])
+        size = np.array([camera.width, camera.height])
         if event.phase == "start":
-            begin = np.array([event.start_screen_pos[0] * camera.width, event.start_screen_pos[1] * camera.height])
-            self.begin(event.client_id, self._name.value)
-            self.draw(event.client_id, camera, begin)
-        self.draw(event.client_id, camera, place)
+            self.begin(event.client_id, camera, np.array(event.start_screen_pos) * size)
+        self.draw(event.client_id, camera, np.array(event.end_screen_pos) * size)
         if event.phase == "end":
-            self._last.pop(event.client_id, None)
-            self._show()
-        elif self._parameters[self._name.value].role == "alpha":
-            self._show()
+            self.end(event.client_id)
 
-    def begin(self, client: int, name: str) -> None:
-        """A stroke, which `_undo` takes back."""
+    def begin(self, client: int, camera: Camera, place: np.ndarray) -> None:
+        """A stroke, which `_undo` takes back. place: of the pointer, in pixels."""
         with self._lock:
-            self._before.setdefault(name, []).append(self._now.get(name))
-            self._last.pop(client, None)
+            self._strokes[client] = Stroke(self._name.value, place)
+        self.draw(client, camera, place)
 
-    def draw(self, client: int, camera: Any, place: np.ndarray) -> None:
-        """Dabs from where the pointer was to where it is, in pixels."""
-        name = self._name.value
-        parameter, canvas, radius = self._parameters[name], self._canvas, self._radius.value * self._canvas.size
+    def draw(self, client: int, camera: Camera, place: np.ndarray) -> None:
+        """Dabs from where the pointer was to where it is."""
+        stroke, canvas = self._strokes.get(client), self._canvas
+        if stroke is None or canvas is None:
+            return
         with self._lock:
-            image = self._image(name)
-            before, last = self._last.get(client, (place, None))
-            steps = 1 if last is None else min(DABS, 1 + int(np.linalg.norm(place - before)))
+            before, begin = self._now.get(stroke.name), stroke.place
+            image, dabs = self._image(canvas, stroke.name), 0
+            steps = 1 if stroke.last is None else min(DABS, 1 + int(np.linalg.norm(place - begin)))
             for share in np.arange(1, steps + 1) / steps:
-                at = before + share * (place - before)
-                hit = canvas.hit(*(x[0] for x in rays(camera, at[None])))
+                o, d = rays(camera, (begin + share * (place - begin))[None])
+                hit = canvas.hit(o[0], d[0])
+                new = None if hit is None else self._dab(canvas, image, stroke, hit)
                 if hit is None:
-                    last = None
-                    continue
-                way = None if last is None else hit.point - last.point
-                if way is not None and np.linalg.norm(way) < SPACING * radius and share < 1:
-                    continue
-                if is_angle(parameter) and self._along.value:
-                    if way is not None and np.linalg.norm(way) > 0:
-                        image = canvas.comb(image, hit, radius, way)
-                else:
-                    low, high = parameter.range
-                    image = canvas.dab(image, hit, radius, (self._value.value - low) / (high - low))
-                last = hit
-            self._now[name] = Painting(image)
-            self._last[client] = place, last
+                    stroke.last = None
+                elif new is not None:
+                    image, dabs = new, dabs + 1
+            stroke.place = place
+            if dabs:
+                if not stroke.drawn:
+                    self._before[stroke.name].append(before)
+                stroke.drawn = True
+                self._now[stroke.name] = Painting(image)
+        now = time.perf_counter()
+        if dabs and self._parameters[stroke.name].role == "alpha" and now - stroke.shown > SHOWN:
+            stroke.shown = now
+            self._show()
 
-    def _image(self, name: str) -> np.ndarray:
+    def end(self, client: int) -> None:
+        """Show the whole stroke."""
+        stroke = self._strokes.pop(client, None)
+        if stroke is not None and stroke.drawn:
+            self._show()
+
+    def _dab(self, canvas: Canvas, image: np.ndarray, stroke: Stroke, hit: Hit) -> np.ndarray | None:
+        """The image with a dab; None where the stroke has not come far enough for one."""
+        parameter, radius = self._parameters[stroke.name], self._radius.value * canvas.size
+        way = np.zeros(3) if stroke.last is None else hit.point - stroke.last.point
+        far = float(np.linalg.norm(way))
+        if stroke.last is not None and far < SPACING * radius:
+            return None
+        begins = stroke.last is None or far > JUMP * radius
+        stroke.last = hit
+        if is_angle(parameter) and self._along.value:
+            return None if begins else canvas.comb(image, hit, radius, way)
+        low, high = parameter.range
+        return canvas.dab(image, hit, radius, (self._value.value - low) / (high - low))
+
+    def _image(self, canvas: Canvas, name: str) -> np.ndarray:
         """What is painted so far; at first, the parameter's number everywhere."""
         if name in self._now:
             return self._now[name].image
         low, high = self._parameters[name].range
         share = np.clip((self._work.look.params[name] - low) / (high - low), 0, 1)
-        return np.full((self._canvas.side,) * 2, share, np.float32)
+        return np.full((canvas.side,) * 2, share, np.float32)
 
     def _show(self) -> None:
         with self._lock:
@@ -149,7 +192,7 @@ class Brush:
         """Take back the last stroke of the parameter; before the first, it is a number again."""
         name = self._name.value
         with self._lock:
-            if not self._before.get(name):
+            if not self._before[name]:
                 return
             before = self._before[name].pop()
             if before is None:

@@ -2,7 +2,7 @@
 
 Notation
 N           texels of the image's side, over the UV square; row 0 has v = 1; 1 is the upper end of the parameter's range
-S           sample points of the surface, at least one a texel of each face: where they lie, and in which texel
+S           sample points of the surface: where they lie, and in which texel. A texel without any is as the nearest that has one
 E, U        edges of a face from its first corner, (3, 2) in the world and (2, 2) in UV; a direction d along the face has
             the components U E⁺ d along u and v
 w           share by which a dab moves a texel to its value: (1 − (r/R)²)² at distance r of a brush of radius R
@@ -12,25 +12,19 @@ A dab reaches what is near in space, and so the other side of a UV seam, but not
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
+from scipy.ndimage import distance_transform_edt
 
 from mesoshell.geometry.mesh import Mesh
 
-#: Texels of a painted image's side; sample points a texel, along each edge; most sample points: coordinates that repeat often
-#: have fewer a texel, and gaps.
+#: Texels of a painted image's side; sample points a texel, along an edge; most sample points, about: coordinates that repeat
+#: often have fewer.
 SIDE, FINE, MOST = 512, 1.5, 4e6
-
-
-@dataclass(frozen=True, eq=False)
-class Painting:
-    """A painted image, in [0, 1]. Two are equal if they are the same object."""
-
-    image: Float[np.ndarray, "N N"]
 
 
 @dataclass(frozen=True)
@@ -64,27 +58,40 @@ class Canvas:
         return scene
 
     @cached_property
-    def _samples(self) -> tuple[Float[np.ndarray, "S 3"], Int[np.ndarray, "S"], Int[np.ndarray, "S"], KDTree]:
-        """Points, their texels and faces, and a tree to find them by."""
-        lengths = np.linalg.norm(self._uv - np.roll(self._uv, -1, axis=1), axis=-1).max(axis=1) * self.side
-        parts = FINE * np.maximum(lengths, 1)
-        parts = np.ceil(parts * min(1.0, (MOST / (parts**2).sum()) ** 0.5)).astype(int)
+    def _samples(self) -> tuple[Float[np.ndarray, "S 3"], Int[np.ndarray, "S"], Int[np.ndarray, "S"]]:
+        """Points, seen from the mesh's middle, their texels and faces."""
+        lengths = np.linalg.norm(np.roll(self._uv, -1, axis=1) - np.roll(self._uv, -2, axis=1), axis=-1) * self.side
+        apex = lengths.argmin(axis=1)  # the corner across from the shortest edge
+        order = (apex[:, None] + np.arange(3)) % 3
+        wanted = FINE * np.maximum(np.stack([lengths.max(axis=1), lengths.min(axis=1)], axis=1), 1)
+        parts = np.ceil(wanted * min(1.0, (MOST / wanted.prod(axis=1).sum()) ** 0.5)).astype(int)
         points, uv, owner = [], [], []
-        for k in np.unique(parts):
-            faces = np.flatnonzero(parts == k)
-            weights = _inside(int(k))
-            points.append(np.einsum("sk,fkc->fsc", weights, self._corners[faces]).reshape(-1, 3))
-            uv.append(np.einsum("sk,fkc->fsc", weights, self._uv[faces]).reshape(-1, 2))
+        kinds, kind = np.unique(parts, axis=0, return_inverse=True)
+        for k, (along, across) in enumerate(kinds):
+            faces = np.flatnonzero(kind.ravel() == k)
+            rows = faces[:, None], order[faces]
+            weights = _inside(int(along), int(across))
+            points.append(np.einsum("sk,fkc->fsc", weights, self._corners[rows]).reshape(-1, 3))
+            uv.append(np.einsum("sk,fkc->fsc", weights, self._uv[rows]).reshape(-1, 2))
             owner.append(np.repeat(faces, len(weights)))
         place, inside = np.concatenate(points), np.concatenate(uv)
         column, row = (
             np.minimum((x % 1 * self.side).astype(int), self.side - 1) for x in (inside[:, 0], -inside[:, 1])
         )
-        return place, row * self.side + column, np.concatenate(owner), KDTree(place)
+        return (place - self._centre).astype(np.float32), row * self.side + column, np.concatenate(owner)
+
+    @cached_property
+    def _nearest(self) -> Int[np.ndarray, "N N"]:
+        """For each texel the nearest one that has a sample."""
+        empty = np.ones(self.side**2, bool)
+        empty[self._samples[1]] = False
+        nearest: Any = distance_transform_edt(empty.reshape(self.side, -1), return_distances=False, return_indices=True)
+        row, column = nearest
+        return row * self.side + column
 
     def prepare(self) -> None:
         """Make what the first dab would wait for."""
-        _ = self._scene, self._samples
+        _ = self._scene, self._nearest
 
     def hit(self, o: Float[np.ndarray, "3"], d: Float[np.ndarray, "3"]) -> Hit | None:
         """The first point of the mesh on a ray; None for a ray that misses."""
@@ -98,7 +105,7 @@ class Canvas:
     def dab(self, image: Float[np.ndarray, "N N"], at: Hit, radius: float, value: float) -> Float[np.ndarray, "N N"]:
         """The image with one dab of a value."""
         texels, _, weight = self._near(at, radius)
-        return np.clip(_mixed(image, texels, weight, np.full(len(texels), value)), 0, 1)
+        return np.clip(self._mixed(image, texels, weight, np.full(len(texels), value)), 0, 1)
 
     def comb(
         self, image: Float[np.ndarray, "N N"], at: Hit, radius: float, way: Float[np.ndarray, "3"]
@@ -111,31 +118,28 @@ class Canvas:
         texels, weight = texels[known], weight[known]
         before = image.ravel()[texels]
         nearest = before + (angle - before + 0.5) % 1 - 0.5  # round the shorter way
-        return _mixed(image, texels, weight, nearest) % 1
+        return self._mixed(image, texels, weight, nearest) % 1
 
     def _near(self, at: Hit, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Texel, face and weight of samples within a radius that face as the hit does."""
-        place, texel, face, tree = self._samples
-        near = np.array(tree.query_ball_point(at.point, radius), int)
+        place, texel, face = self._samples
+        share = ((place - (at.point - self._centre).astype(np.float32)) ** 2).sum(axis=1) / np.float32(radius**2)
+        near = np.flatnonzero(share < 1)
         near = near[self._normal[face[near]] @ self._normal[at.face] > 0]
-        share = ((place[near] - at.point) ** 2).sum(axis=1) / radius**2
-        return texel[near], face[near], (1 - share) ** 2
+        return texel[near], face[near], (1 - share[near]) ** 2
+
+    def _mixed(
+        self, image: np.ndarray, texels: np.ndarray, weight: np.ndarray, value: np.ndarray
+    ) -> Float[np.ndarray, "N N"]:
+        """Each texel moved to the value of its heaviest sample, by its weight."""
+        order = np.argsort(weight, kind="stable")  # of several assignments the last one holds
+        new = image.astype(np.float32).ravel()
+        before = new[texels[order]]
+        new[texels[order]] = before + weight[order] * (value[order] - before)
+        return new[self._nearest]
 
 
-def _mixed(image: np.ndarray, texels: np.ndarray, weight: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Each texel moved to the value of its heaviest sample, by its weight."""
-    order = np.argsort(weight, kind="stable")  # of several assignments the last one holds
-    new = image.astype(np.float32).ravel()
-    before = new[texels[order]]
-    new[texels[order]] = before + weight[order] * (value[order] - before)
-    return new.reshape(image.shape)
-
-
-def _inside(k: int) -> Float[np.ndarray, "S 3"]:
-    """Barycentric coordinates of the middles of a triangle's k² parts."""
-    i, j = (x.ravel() for x in np.meshgrid(np.arange(k), np.arange(k), indexing="ij"))
-    upward, downward = i + j < k, i + j < k - 1
-    first = np.stack([i[upward] + 1 / 3, j[upward] + 1 / 3], axis=1)
-    second = np.stack([i[downward] + 2 / 3, j[downward] + 2 / 3], axis=1)
-    pair = np.concatenate([first, second]) / k
-    return np.concatenate([pair, 1 - pair.sum(axis=1, keepdims=True)], axis=1)
+def _inside(along: int, across: int) -> Float[np.ndarray, "S 3"]:
+    """Barycentric coordinates of along · across points of a triangle: rows from the first corner to the edge across."""
+    s, t = np.meshgrid((np.arange(along) + 0.5) / along, (np.arange(across) + 0.5) / across, indexing="ij")
+    return np.stack([1 - s, s * (1 - t), s * t], axis=-1).reshape(-1, 3)

@@ -13,13 +13,20 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Scene
-from mesoshell.viewer.canvas import Painting
+
+
+@dataclass(frozen=True, eq=False)
+class Painting:
+    """A painted image, in [0, 1] of its parameter's range. Two are equal if they are the same object."""
+
+    image: Float[np.ndarray, "N N"]
 
 
 @dataclass(frozen=True)

@@ -140,7 +140,11 @@ class Page:
             self.work.set(self._look())
 
     def _paint(self) -> None:
-        """Show what was painted."""
+        """Show what was painted; a painted parameter's slider rests."""
+        assert self._brush is not None
+        painted = self._brush.painted
+        for name, slider in self._params.items():
+            slider.disabled = name in painted
         self._set(None)
 
     def _connected(self, client: Any) -> None:

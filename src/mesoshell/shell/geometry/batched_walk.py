@@ -98,7 +98,7 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
     parts: Any = (near, starts.point - near.astype(np.float64), starts.direction)
     rays = Ray(*(x.astype(dtype) for x in parts))
     capacity = CAPACITY if dtype is np.float32 else CHUNK
-    place = _begun(prisms, rays, starts, capacity)
+    place: Any = _begun(prisms, rays, starts, capacity)
     compacted: list[Intervals] = []
     for _ in range(0, LONGEST, STEPS):
         walking = np.flatnonzero(place.exit == WALKING)

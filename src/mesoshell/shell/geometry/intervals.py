@@ -59,6 +59,6 @@ def _in_order(i: Intervals, part: Int[np.ndarray, "I"]) -> Int[np.ndarray, "I"]:
     visits, visit = np.unique(part[first] * (i.ray.max() + 1) + i.ray[first], return_inverse=True)
     begin = np.full(len(visits), np.inf)
     np.minimum.at(begin, visit, i.t0[first])
-    order = np.lexsort((i.t0[first], begin[visit], i.ray[first]))
+    order = np.lexsort((i.t0[first], visit, begin[visit], i.ray[first]))
     first, length = first[order], length[order]
     return np.repeat(first - (np.cumsum(length) - length), length) + np.arange(len(i.ray))

@@ -42,7 +42,7 @@ ADVANCE = 2e-6
 CLEAR = 1.1
 #: Origins beyond this count as infinite: the square of their distance overflows float32.
 REACH = 1e18
-#: A ray passes at most so many radii of the scene beside the point that Embree reports: what its float32 rounds, and a margin.
+#: A ray passes at most so many radii of the scene beside the point that Embree reports: bounds what float32 rounds.
 BESIDE = 128 * float(np.finfo(np.float32).eps)
 #: Steps from the triangle that Embree reports to the one that owns the ray: at most half way round a vertex.
 HOPS = 16
@@ -120,9 +120,11 @@ class Boundary:
         """Triangle met first (−1: none), and its distance refined in float64 on the triangle's plane."""
         hits = self.scene.run((o - self.centre).astype(np.float32), d.astype(np.float32), output=True)
         triangle = np.where(hits["geomID"] < 0, -1, hits["primID"])
-        inside = np.minimum(np.minimum(hits["u"], hits["v"]), 1 - hits["u"] - hits["v"])
-        sure = inside * np.abs(_dot(self.normal[triangle], d)) > BESIDE * self.radius * self.longest[triangle]
-        triangle = self._owner(triangle, np.flatnonzero(~sure & (triangle >= 0)), o, d)
+        met = np.flatnonzero(triangle >= 0)
+        u, v, at = hits["u"][met], hits["v"][met], triangle[met]
+        inside = np.minimum(np.minimum(u, v), 1 - u - v)
+        sure = inside * np.abs(_dot(self.normal[at], d[met])) > BESIDE * self.radius * self.longest[at]
+        triangle = self._owner(triangle, met[~sure], o, d)
         rough = hits["tfar"].astype(np.float64)
         normal = self.normal[triangle]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -131,8 +133,7 @@ class Boundary:
         return triangle, np.where(triangle < 0, np.inf, np.where(close, exact, rough))
 
     def _owner(self, triangle: np.ndarray, rays: np.ndarray, o: np.ndarray, d: np.ndarray) -> np.ndarray:
-        """The triangle of each ray; of these rays that of the top which they meet in float64: the one that float32 met, or one
-        nearby."""
+        """Each ray's triangle. Of `rays` on the top the one that they meet in float64: the reported one, or one nearby."""
         triangle = triangle.copy()
         rays = rays[self.code[triangle[rays]] == TOP]
         for _ in range(HOPS):
@@ -258,6 +259,7 @@ class _State:
         t0, t1 = t[i.ray] + sense * i.t0, t[i.ray] + sense * i.t1
         intervals = Intervals(rays[i.ray], i.prism, t0, t1, *i[4:])
         if sense < 0:
+            # reversed, so that runs grow along the ray
             reversed_ = (rays[i.ray], i.prism, t1, t0, i.bary1, i.bary0, i.h1, i.h0)
             intervals = Intervals(*(x[::-1] for x in reversed_))
         self.parts.append(cut(intervals, self.start[intervals.ray] if sense > 0 else np.zeros(len(intervals.ray))))

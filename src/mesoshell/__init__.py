@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mesoshell import modules as modules
     from mesoshell import pathtracer as mitsuba
     from mesoshell.api.learning import Fit, Run, fit, train
-    from mesoshell.api.rendering import explain, film, render, stability, tradeoff
+    from mesoshell.api.rendering import explain, film, render, stability, tradeoff, write_scene
     from mesoshell.errors import InputError
     from mesoshell.film.shoot import Film
     from mesoshell.render.camera import Camera, look_at
@@ -60,6 +60,7 @@ __all__ = [
     "stability",
     "tradeoff",
     "train",
+    "write_scene",
 ]
 
 #: The module that defines each name.
@@ -79,6 +80,7 @@ _HOMES = {
     "fit": "mesoshell.api.learning",
     "load_material": "mesoshell.scene.materials",
     "look_at": "mesoshell.render.camera",
+    "write_scene": "mesoshell.api.rendering",
 }
 #: Packages that are names of the library.
 _ROOMS = {"mitsuba": "mesoshell.pathtracer", "modules": "mesoshell.modules"}

@@ -6,6 +6,7 @@ import shutil
 import socket
 import time
 import urllib.request
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -123,6 +124,17 @@ class Drag:
         self.start_screen_pos = self.end_screen_pos = place
 
 
+class Asked:
+    """A click of client 1, to whom files are sent."""
+
+    def __init__(self, sent: dict[str, bytes]):
+        self.client_id, self.client, self.sent = 1, self, sent
+
+    def send_file_download(self, name: str, data: bytes, save_immediately: bool) -> None:
+        assert save_immediately
+        self.sent[name] = data
+
+
 def drag(page: Page, *places: tuple[float, float]) -> None:
     assert page._brush is not None
     page._brush.prepare()
@@ -170,6 +182,30 @@ def test_a_stroke_paints_where_it_is_drawn(page: Page, brush: Any, x: float, sig
 def test_a_stroke_beside_the_mesh_paints_nothing(page: Page, brush: Any):
     drag(page, (0.01, 0.01), (0.02, 0.01), (0.02, 0.02))
     assert brush.painted == {}
+
+
+def test_a_scene_of_mitsuba_s_is_downloaded(tiny_bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """What is painted is in it; a material that is in no file is said."""
+    monkeypatch.setattr(refining, "PRESETS", dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1)))
+    write_bundle(tmp_path / "tiny.npz", tiny_bundle)
+    for material in (ms.load_material(tmp_path / "tiny.npz"), Material("tiny", tiny_bundle)):
+        page = Page(ms.Scene(MESH, material, scale=0.4), port=free_port())
+        try:
+            drag(page, (0.5, 0.5), (0.5, 0.5))
+            page.work.see(1, looking(page))
+            page._pictures[1] = None  # type: ignore[assignment]
+            sent: dict[str, bytes] = {}
+            page._save_scene(Asked(sent))
+            if material.name == "tiny":
+                assert (
+                    not sent
+                    and page._fault.content == "tiny: is a material in no file: write its bundle, and load that"
+                )
+            else:
+                with zipfile.ZipFile(io.BytesIO(sent["scene.zip"])) as file:
+                    assert {"scene/scene.xml", "scene/param0.exr", "scene/material.npz"} <= set(file.namelist())
+        finally:
+            page.close()
 
 
 def test_the_command_says_its_faults(tiny_bundle: Bundle, tmp_path: Path, capsys: pytest.CaptureFixture, page: Page):

@@ -10,6 +10,7 @@ from mesoshell.film.shoot import Film, planned, shoot
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import goal_of
+from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.scene.picture import Picture, Progress
 from mesoshell.scene.prepare import OF_FILES, prepare, quality_of
 from mesoshell.scene.reach import picture_of
@@ -62,6 +63,15 @@ def stability(scene: Scene, *, rays: int = 100_000, progress: Progress = lambda 
     from mesoshell.stability.examine import examine
 
     return examine(scene, rays, progress)
+
+
+def write_scene(scene: Scene, folder: str | PathLike[str], *, quality: str | Quality = "normal") -> Path:
+    """Write a scene as a folder, as `mesoshell scene` does: the path of its scene.xml, for `ms.mitsuba.load_file`.
+
+    quality: for paths a pixel and their depths; its other fields are given when it is loaded. Needs no Mitsuba. Raises
+    InputError, also if the folder exists.
+    """
+    return write_folder(scene, Path(folder), quality_of(quality, "mitsuba", {}))[0]
 
 
 def film(

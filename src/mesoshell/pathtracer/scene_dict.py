@@ -1,8 +1,5 @@
 """Parts of Mitsuba scenes from a described scene: meshes, a pinhole camera, distant lights, a sky.
 
-Notation
-M           camera to world: ours looks along −z with x to the right, Mitsuba's along z with x to the left
-
 Surfaces are diffuse. Images over the UV square have v = 1 in their first row; Mitsuba's bitmaps have v = 0 there.
 """
 
@@ -15,14 +12,12 @@ from jaxtyping import Float
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant, Environment
-
-#: From our latitude-longitude frame to Mitsuba's, by the axis that points up; longitude is mirrored.
-_SKY = {1: np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]), 2: np.array([[0, -1, 0], [0, 0, 1], [-1, 0, 0]])}
+from mesoshell.render.mitsuba_frame import camera_pose, sky_pose
 
 
 def sensor(camera: Camera, samples: int) -> dict:
     film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}}
-    pose: Any = camera.to_world @ np.diag([-1.0, 1, -1, 1])
+    pose: Any = camera_pose(camera)
     film["pixel_format"] = "rgba"
     return {
         "type": "perspective",
@@ -43,8 +38,7 @@ def distant(light: Distant) -> dict:
 
 def sky(environment: Environment) -> dict:
     image = np.ascontiguousarray(environment.radiance[:, ::-1])
-    pose: Any = np.eye(4)
-    pose[:3, :3] = _SKY[environment.up].T
+    pose: Any = sky_pose(environment.up)
     return {"type": "envmap", "bitmap": mi.Bitmap(image), "to_world": mi.ScalarTransform4f(pose)}
 
 

@@ -86,6 +86,16 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
     )
 
 
+def check_shell(scene: Scene) -> tuple[str, ...]:
+    """Raise InputError as `describe_shell` does, but grow no texture. What the user should know, a line each."""
+    _check_colours(scene)
+    check_seed(scene.seed)
+    mesh, bundle = mesh_of(scene.mesh), scene.material.shell
+    normalised(bundle, read_params(bundle, scene.params)[0])
+    shell = extrude(mesh, *proportions(mesh, bundle.thickness, scene.thickness, scene.scale))
+    return (*mesh.notes, *shell.notes)
+
+
 def grows(scene: Scene) -> bool:
     """Whether a texture must be grown: the scene needs another than the material holds."""
     bundle = scene.material.shell

@@ -94,6 +94,12 @@ def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> 
     )
 
 
+def described(begun: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
+    """What `shown` shows, with parameters in place of a grown texture."""
+    other = look.texture(begun) != first_look(begun).texture(begun)
+    return shown(begun, with_texture_of(begun, look) if other else begun, look, camera, lit)
+
+
 def _of_role(scene: Scene, look: Look, role: str) -> dict[str, float]:
     return {name: x for name, x in look.params.items() if scene.material.parameters[name].role == role}
 

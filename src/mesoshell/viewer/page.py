@@ -7,9 +7,12 @@ from the browser: what is saved is downloaded there.
 import io
 import socket
 import threading
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.io.image import exr_bytes, linear_to_srgb, png_bytes, srgb_to_linear
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.scene.scene import Scene
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.brush import Brush
@@ -111,6 +115,7 @@ class Page:
         with gui.add_folder("Save"):
             gui.add_button("PNG").on_click(partial(self._save, "png"))
             gui.add_button("EXR").on_click(partial(self._save, "exr"))
+            gui.add_button("Scene", hint="of Mitsuba's, with its meshes and images, zipped").on_click(self._save_scene)
             gui.add_button("Command").on_click(self._say_command)
             self._command = gui.add_markdown("")
         with gui.add_folder("Effects", expand_by_default=False):
@@ -193,6 +198,23 @@ class Page:
         if picture is not None and event.client is not None:
             data = png_bytes(picture.rgba) if kind == "png" else exr_bytes(picture.rgba)
             event.client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
+
+    def _save_scene(self, event: Any) -> None:
+        if event.client_id not in self._pictures or event.client is None:
+            return
+        packed = io.BytesIO()
+        with TemporaryDirectory() as parent:
+            folder = Path(parent) / "scene"
+            try:
+                write_folder(self.work.described(event.client_id), folder, PRESETS[self._quality.value])
+            except (InputError, OSError) as fault:
+                self.work.say("scene", str(fault))
+                return
+            with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+                for path in sorted(folder.iterdir()):
+                    file.write(path, f"scene/{path.name}")
+        self.work.say("scene", "")
+        event.client.send_file_download("scene.zip", packed.getvalue(), save_immediately=True)
 
     def _say_command(self, event: Any) -> None:
         picture = self._pictures.get(event.client_id)

@@ -17,7 +17,7 @@ from mesoshell.render.camera import Camera
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled
 from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface
-from mesoshell.viewer.look import Look, first_look, shown, sized, with_texture_of
+from mesoshell.viewer.look import Look, described, first_look, shown, sized, with_texture_of
 from mesoshell.viewer.refine import Abandoned, Shown, refine
 
 
@@ -56,7 +56,7 @@ class Workshop:
         self.look = first_look(self.begun)
         self._texture = self.look.texture(self.begun)
         self._show, self._tell, self._growing, self._engine = show, say, growing, engine
-        self._faults = {"picture": "", "texture": ""}
+        self._faults = {"picture": "", "texture": "", "scene": ""}
         self._views: dict[int, View] = {}
         self._changed, self._open, self._turn = threading.Condition(), True, 0
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._paint, self._grow)]
@@ -93,6 +93,12 @@ class Workshop:
         with self._changed:
             return self._scene(self._views[client])
 
+    def described(self, client: int) -> Scene:
+        """The same in no grown texture's terms: as it could be given."""
+        with self._changed:
+            camera = sized(self._views[client].camera, self.look.side)
+            return described(self.begun, self.look, camera, self._lit)
+
     def close(self) -> None:
         """End both threads."""
         with self._changed:
@@ -104,8 +110,8 @@ class Workshop:
     def _scene(self, view: View) -> Scene:
         return shown(self.begun, self.still, self.look, sized(view.camera, self.look.side), self._lit)
 
-    def _say(self, of: str, line: str) -> None:
-        """Say what is wrong with pictures and with textures; an empty line once nothing is."""
+    def say(self, of: str, line: str) -> None:
+        """Say what is wrong with pictures, textures and scenes; an empty line once nothing is."""
         if self._faults[of] != line:
             self._faults[of] = line
             self._tell("  \n".join(x for x in self._faults.values() if x))
@@ -139,11 +145,11 @@ class Workshop:
                 if picture is None:
                     view.left = None
                 elif view.painted == view.wish:
-                    self._say("picture", "")
+                    self.say("picture", "")
                     self._show(client, picture)
             except Exception as fault:  # the page goes on, and says it
                 view.left = None
-                self._say("picture", _line(fault))
+                self.say("picture", _line(fault))
 
     def _grow(self) -> None:
         while self._open:
@@ -167,9 +173,9 @@ class Workshop:
                 self._growing(1.0)
                 continue
             except Exception as fault:
-                self._say("texture", _line(fault))
+                self.say("texture", _line(fault))
             else:
-                self._say("texture", "")
+                self.say("texture", "")
             with self._changed:
                 self._texture = wanted
                 if still is not None:

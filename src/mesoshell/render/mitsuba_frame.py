@@ -1,0 +1,25 @@
+"""Our frames in Mitsuba's terms (NumPy only).
+
+Notation
+M           camera to world: ours looks along −z with x to the right, Mitsuba's along z with x to the left
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.render.camera import Camera
+
+#: From our latitude-longitude frame to Mitsuba's, by the axis that points up; longitude is mirrored.
+_SKY = {1: np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]), 2: np.array([[0, -1, 0], [0, 0, 1], [-1, 0, 0]])}
+
+
+def camera_pose(camera: Camera) -> Float[np.ndarray, "4 4"]:
+    """M of Mitsuba's sensor."""
+    return camera.to_world @ np.diag([-1.0, 1, -1, 1])
+
+
+def sky_pose(up: int) -> Float[np.ndarray, "4 4"]:
+    """`to_world` of an `envmap` whose image is ours with its columns reversed. up: 1 for y, 2 for z."""
+    pose = np.eye(4)
+    pose[:3, :3] = _SKY[up].T
+    return pose

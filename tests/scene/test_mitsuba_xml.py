@@ -32,6 +32,11 @@ def described(material: Material, **more: Any) -> ms.Scene:
     return ms.Scene(MESH, material, **({"scale": 0.4, "camera": CAMERA, "size": (24, 20)} | more))
 
 
+def values_of(path: Path) -> dict[str, str]:
+    """Values of a scene's nodes, by name."""
+    return {node.get("name", ""): node.get("value", "") for node in ET.parse(path).iter()}
+
+
 def test_what_is_written(material: Material, tmp_path: Path):
     image = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
     scene = described(material, params={"dryness": image}, objects=[MESH], lights=[(0.0, 1.0, 0.0)], irradiance=2.0)
@@ -39,8 +44,7 @@ def test_what_is_written(material: Material, tmp_path: Path):
     assert path == tmp_path / "made" / "scene.xml"
     names = {"scene.xml", "mesh.obj", "object0.obj", "param0.exr", "material.npz"}
     assert {file.name for file in path.parent.iterdir()} == names
-    root = ET.parse(path).getroot()
-    values = {node.get("name"): node.get("value") for node in root.iter()}
+    values = values_of(path)
     assert values["sample_count"] == "16" and values["max_depth"] == "4" and values["width"] == "24"
     assert values["material"] == "material.npz" and float(values["scale"]) == 0.4
     assert [float(x) for x in values["irradiance"].split(",")] == [2.0] * 3
@@ -66,7 +70,7 @@ def test_numbers_keep_all_their_digits(tmp_path: Path):
     """The largest angle is not above its range, as rounded it would be."""
     most = ms.load_material("carpet").parameters["lean_angle"].range[1]
     scene = ms.Scene(MESH, ms.load_material("carpet"), params={"lean_angle": most}, seed=2**32 - 1, scale=1 / 3)
-    values = {x.get("name"): x.get("value") for x in ET.parse(ms.write_scene(scene, tmp_path / "made")).iter()}
+    values = values_of(ms.write_scene(scene, tmp_path / "made"))
     assert float(values["lean_angle"]) == most and float(values["scale"]) == 1 / 3
     assert values["seed"] == str(2**32 - 1) and values["material"] == "carpet"
 

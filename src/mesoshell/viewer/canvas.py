@@ -59,7 +59,7 @@ class Canvas:
 
     @cached_property
     def _samples(self) -> tuple[Float[np.ndarray, "S 3"], Int[np.ndarray, "S"], Int[np.ndarray, "S"]]:
-        """Points, seen from the mesh's middle, their texels and faces."""
+        """Points, seen from the mesh's middle and in order of x, their texels and faces."""
         lengths = np.linalg.norm(np.roll(self._uv, -1, axis=1) - np.roll(self._uv, -2, axis=1), axis=-1) * self.side
         apex = lengths.argmin(axis=1)  # the corner across from the shortest edge
         order = (apex[:, None] + np.arange(3)) % 3
@@ -78,7 +78,9 @@ class Canvas:
         column, row = (
             np.minimum((x % 1 * self.side).astype(int), self.side - 1) for x in (inside[:, 0], -inside[:, 1])
         )
-        return (place - self._centre).astype(np.float32), row * self.side + column, np.concatenate(owner)
+        place = (place - self._centre).astype(np.float32)
+        order = np.argsort(place[:, 0])
+        return place[order], (row * self.side + column)[order], np.concatenate(owner)[order]
 
     @cached_property
     def _nearest(self) -> Int[np.ndarray, "N N"]:
@@ -123,7 +125,10 @@ class Canvas:
     def _near(self, at: Hit, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Texel, face and weight of samples within a radius that face as the hit does."""
         place, texel, face = self._samples
-        share = ((place - (at.point - self._centre).astype(np.float32)) ** 2).sum(axis=1) / np.float32(radius**2)
+        middle = (at.point - self._centre).astype(np.float32)
+        first, last = np.searchsorted(place[:, 0], middle[0] + np.array([-radius, radius], np.float32))
+        place, texel, face = place[first:last], texel[first:last], face[first:last]
+        share = ((place - middle) ** 2).sum(axis=1) / np.float32(radius**2)
         near = np.flatnonzero(share < 1)
         near = near[self._normal[face[near]] @ self._normal[at.face] > 0]
         return texel[near], face[near], (1 - share[near]) ** 2

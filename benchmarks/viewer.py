@@ -1,8 +1,8 @@
 """How soon a viewer shows what is asked: python -m benchmarks.viewer [--material NAME]
 
 Of spot, with compiled programs in the cache, without a browser: seconds from the start of a process to the first picture,
-pictures of 128 pixels a second while the camera turns, and seconds from a slider to the first picture of it. Run it twice: the
-first fills the cache.
+pictures of 128 pixels a second while the camera turns, seconds from a slider to the first picture of it, until the brush is
+ready, and of a dab. Run it twice: the first fills the cache.
 """
 
 import argparse
@@ -19,13 +19,15 @@ MOVES = 12
 
 
 def measured(material: str) -> None:
-    """All three, in this process, which has just begun."""
+    """All of it, in this process, which has just begun."""
     begin = time.perf_counter()
     import jax
 
     import mesoshell as ms
     from mesoshell.film.motion import turned
     from mesoshell.io.cache import cache_folder
+    from mesoshell.viewer.brush import RADII
+    from mesoshell.viewer.canvas import Canvas
     from mesoshell.viewer.refine import Shown
     from mesoshell.viewer.work import Workshop
 
@@ -67,6 +69,20 @@ def measured(material: str) -> None:
         waits.append(wait())
     print(f"{np.median(waits):.2f} s from a slider to its picture")
     work.close()
+    begin = time.perf_counter()
+    canvas = Canvas(work.still.mesh, work.look.thickness or 0.0)  # type: ignore[arg-type]
+    canvas.prepare()
+    print(f"{time.perf_counter() - begin:.1f} s until the brush is ready")
+    hit = canvas.hit(camera.to_world[:3, 3], -camera.to_world[:3, 2])
+    assert hit is not None
+    image = np.zeros((canvas.side,) * 2, np.float32)
+    for radius in RADII:
+        dabs = []
+        for _ in range(MOVES):
+            begin = time.perf_counter()
+            image = canvas.dab(image, hit, radius * canvas.size, 1.0)
+            dabs.append(time.perf_counter() - begin)
+        print(f"{1000 * np.median(dabs):.0f} ms a dab of radius {radius}")
 
 
 def main() -> None:

@@ -1,6 +1,7 @@
 """A scene that is written for Mitsuba is the scene that was described."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -82,10 +83,13 @@ def test_what_cannot_be_written_leaves_nothing(
     there.mkdir()
     monkeypatch.chdir(tmp_path)
     carpet = ms.load_material("carpet")
+    priced = (replace(tiny_bundle.parameters[0], name="cost$"), *tiny_bundle.parameters[1:])
+    write_bundle(tmp_path / "priced.npz", replace(tiny_bundle, parameters=priced))
     for scene, folder, said in (
         (described(material), there, "exists already"),
         (described(Material("unnamed", tiny_bundle)), tmp_path / "a", "^unnamed: is a material in no file"),
         (described(Material("there", tiny_bundle)), tmp_path / "a", "^there: is a material in no file"),
+        (described(ms.load_material(tmp_path / "priced.npz"), params={"cost$": 0.5}), tmp_path / "a", "holds a \\$"),
         (described(carpet, params={"hue": 9.0}), tmp_path / "a", "hue=9 lies outside"),
         (described(carpet, params={"lean": float("nan")}), tmp_path / "a", "lean=nan lies outside"),
         (described(carpet, base_colour=(2.0, 0.0, 0.0)), tmp_path / "a", "base_colour"),

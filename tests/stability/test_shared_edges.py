@@ -12,7 +12,7 @@ from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
 from tests.helpers.stability.hard_rays import FAR, PART, targets
 from tests.helpers.stability.oracles import assert_sorted_apart, span_of_convex, total_length
-from tests.helpers.stability.surfaces import ball, rays_at
+from tests.helpers.stability.surfaces import ball, rays_at, unit
 
 
 def leaks(radius: float, centre: tuple[float, float, float], count: int, tolerance: float) -> np.ndarray:
@@ -47,11 +47,16 @@ def test_no_leak():
 def test_rays_beside_an_edge_are_given_their_triangle_in_float64(
     radius: float, centre: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
 ):
-    """Only those so near that float32 could err are looked at again, and nothing changes if all are."""
+    """Only those so near that float32 could err are looked at again, and nothing changes if all are: rays at edges, and beside
+    them by up to twice what is looked at."""
     mesh = ball(4, radius, centre)
     shell = extrude(mesh, 0.01 * radius, radius)
     boundary, rng = Boundary(shell, mesh.faces), np.random.default_rng(7)
-    o, d = rays_at(targets(shell, 20000, rng), 1.05 * radius, rng)
+    place = targets(shell, 20000, rng)
+    away = (
+        tracer.BESIDE * boundary.radius * rng.uniform(0, 2, (len(place), 1)) * (np.arange(len(place)) % 4 > 0)[:, None]
+    )
+    o, d = rays_at(place + away * unit(rng.normal(size=place.shape)), 1.05 * radius, rng)
     met = {}
     for beside in (0.0, tracer.BESIDE, np.inf):
         monkeypatch.setattr(tracer, "BESIDE", beside)

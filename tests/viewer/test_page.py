@@ -8,6 +8,7 @@ import time
 import urllib.request
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -177,6 +178,21 @@ def test_a_stroke_paints_where_it_is_drawn(page: Page, brush: Any, x: float, sig
     camera = looking(page)
     sideways = (place[heavy] + brush._canvas._centre - camera.to_world[:3, 3]) @ camera.to_world[:3, 0]
     assert heavy.any() and (sign * sideways > 0).all()
+
+
+def test_an_angle_is_combed_along_the_stroke(page: Page, brush: Any, monkeypatch: pytest.MonkeyPatch):
+    """To the right, by each face's own u and v; a click alone combs nothing."""
+    angle = replace(brush._parameters["dryness"], unit="rad", range=(0.0, 2 * np.pi))
+    monkeypatch.setitem(brush._parameters, "dryness", angle)
+    drag(page, (0.5, 0.5), (0.5, 0.5))
+    assert brush.painted == {}
+    drag(page, *((x, 0.5) for x in np.linspace(0.4, 0.6, 30)))
+    _, texel, face = brush._canvas._samples
+    image = brush.painted["dryness"].image
+    combed = np.flatnonzero(image.ravel()[texel] != np.median(image))
+    du, dv = (brush._canvas._toward_uv[face[combed]] @ looking(page).to_world[:3, 0]).T
+    off = (image.ravel()[texel[combed]] - np.arctan2(dv, du) / (2 * np.pi) + 0.5) % 1 - 0.5
+    assert len(combed) > 100 and np.median(np.abs(off)) < 0.1
 
 
 def test_a_stroke_beside_the_mesh_paints_nothing(page: Page, brush: Any):

@@ -131,6 +131,7 @@ def _quoted(text: str) -> str:
 
 
 def _shape(mesh: Mesh, path: Path, bsdf: str) -> str:
+    """A mesh, written to a path, with its BSDF."""
     corners = 1 + np.arange(3 * len(mesh.faces)).reshape(-1, 3)
     corner = lambda v, t: f"{v}/{t}"  # noqa: E731
     rows = [

@@ -94,7 +94,7 @@ class Workshop:
             return self._scene(self._views[client])
 
     def described(self, client: int) -> Scene:
-        """The same in no grown texture's terms: as it could be given."""
+        """What a client sees, as it could be given: with parameters in place of a grown texture."""
         with self._changed:
             camera = sized(self._views[client].camera, self.look.side)
             return described(self.begun, self.look, camera, self._lit)

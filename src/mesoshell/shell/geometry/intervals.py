@@ -32,6 +32,7 @@ def cut(i: Intervals, begin: Float[np.ndarray, "I"], end: Float[np.ndarray, "I"]
 
 
 def take(i: Intervals, rows: Int[np.ndarray, "I"]) -> Intervals:
+    """Some of the intervals."""
     return Intervals(*(np.take(x, rows, axis=0) for x in i))
 
 

@@ -13,7 +13,7 @@ from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
-from mesoshell.viewer.look import Painting, command, first_look, shown, sized, toward_sun, with_texture_of
+from mesoshell.viewer.look import Painting, Sky, command, first_look, shown, sized, toward_sun, with_texture_of
 from tests.helpers import growing, wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -113,6 +113,25 @@ def test_a_view_keeps_its_proportions():
     small = sized(camera, 128)
     assert (small.width, small.height) == (128, 75) and small.fov == camera.fov
     assert sized(ms.Camera(CAMERA.to_world, 0.6, 1, 4000), 128).width == 1
+
+
+@pytest.mark.parametrize("lit", [True, False])
+def test_a_sky_takes_the_place_of_the_scenes_lights(begun: ms.Scene, lit: bool):
+    """With a sun, both light it."""
+    own = np.ones((2, 4, 3), np.float32)
+    scene, sky = replace(begun, environment=own), Sky("studio.exr", np.full((4, 8, 3), 0.5, np.float32))
+    look = first_look(scene)
+    under = shown(scene, scene, replace(look, sky=sky), CAMERA, lit)
+    assert under.environment is sky.radiance and under.lights == ()
+    both = shown(scene, scene, replace(look, sky=sky, sun=(0.0, 90.0)), CAMERA, lit)
+    assert both.environment is sky.radiance and both.lights[0] == pytest.approx((0, 1, 0))
+    assert shown(scene, scene, look, CAMERA, lit).environment is own
+    given = replace(scene, mesh=MESH, lights=[(0.0, 1.0, 0.0)], environment="old.exr")
+    line = command(given, under, replace(look, sky=sky), "jax", 2)
+    assert "--environment studio.exr" in line and "--light" not in line and "old.exr" not in line
+    assert look != replace(look, sky=sky) and replace(look, sky=sky) != replace(
+        look, sky=Sky("studio.exr", sky.radiance)
+    )
 
 
 @pytest.mark.parametrize("sun", [None, (30.0, 50.0)])

@@ -4,6 +4,7 @@ import asyncio
 import io
 import shutil
 import socket
+import threading
 import time
 import urllib.request
 import zipfile
@@ -20,14 +21,16 @@ import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.image import exr_bytes
 from mesoshell.scene.materials import Material
 
 viser = pytest.importorskip("viser", reason="requires the extra viewer")
 websockets = pytest.importorskip("websockets", reason="requires the extra viewer")
 
 from mesoshell.viewer import refine as refining  # noqa: E402
+from mesoshell.viewer.address import own_names  # noqa: E402
 from mesoshell.viewer.browser import camera_of  # noqa: E402
-from mesoshell.viewer.page import Page, _own_names  # noqa: E402
+from mesoshell.viewer.page import Page, Rival  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -73,8 +76,8 @@ def test_sockets_of_other_pages_are_refused(page: Page, origin: str | None, stat
 
 def test_who_may_open_a_page_of_all_addresses():
     here = {"127.0.0.1", "localhost"}
-    assert _own_names("127.0.0.1") == here and _own_names("box.example") == {"box.example", *here}
-    assert socket.gethostname() in _own_names("0.0.0.0") and "" not in _own_names("0.0.0.0")
+    assert own_names("127.0.0.1") == here and own_names("box.example") == {"box.example", *here}
+    assert socket.gethostname() in own_names("0.0.0.0") and "" not in own_names("0.0.0.0")
 
 
 def test_a_port_that_is_taken_is_said(page: Page, tiny_bundle: Bundle):
@@ -112,16 +115,23 @@ def looking(page: Page) -> ms.Camera:
     return ms.Camera(still.to_world, still.fov, 200, 160)
 
 
+class Eye:
+    """A camera of viser's, as far as it is read."""
+
+    def __init__(self, camera: ms.Camera):
+        self.image_width, self.image_height, self.fov = camera.width, camera.height, camera.fov
+        self.position = camera.to_world[:3, 3]
+        self.wxyz = viser.transforms.SO3.from_matrix(camera.to_world[:3, :3] * [1, -1, -1]).wxyz
+
+    def on_update(self, _: Any) -> None:
+        pass
+
+
 class Drag:
     """An event of viser's, as far as it is read: the pointer in shares of the window."""
 
     def __init__(self, camera: ms.Camera, phase: str, place: tuple[float, float]):
-        class Seen:
-            image_width, image_height, fov = camera.width, camera.height, camera.fov
-            position = camera.to_world[:3, 3]
-            wxyz = viser.transforms.SO3.from_matrix(camera.to_world[:3, :3] * [1, -1, -1]).wxyz
-
-        self.client, self.client_id, self.phase = type("Client", (), {"camera": Seen})(), 1, phase
+        self.client, self.client_id, self.phase = type("Client", (), {"camera": Eye(camera)})(), 1, phase
         self.start_screen_pos = self.end_screen_pos = place
 
 
@@ -157,7 +167,7 @@ def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page, brush: Any):
     drag(page, (0.5, 0.5), (0.5, 0.5))
     first = brush.painted["dryness"]
     assert page.work.look.painted == {"dryness": first}
-    assert page._params["dryness"].disabled
+    assert page._panel.params["dryness"].disabled
     changed = first.image != first.image.min()
     assert 20 < changed.sum() < 0.5 * changed.size and first.image.max() > 0.99
     drag(page, (0.5, 0.5), (0.6, 0.55), (0.65, 0.6), (-2.0, 0.5))
@@ -166,7 +176,24 @@ def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page, brush: Any):
     assert brush.painted["dryness"] is first
     brush._undo(None)
     brush._undo(None)
-    assert brush.painted == {} and page.work.look.painted == {} and not page._params["dryness"].disabled
+    assert brush.painted == {} and page.work.look.painted == {} and not page._panel.params["dryness"].disabled
+
+
+def test_what_was_taken_back_is_drawn_again(page: Page, brush: Any):
+    drag(page, (0.5, 0.5), (0.5, 0.5))
+    first = brush.painted["dryness"]
+    drag(page, (0.6, 0.5), (0.6, 0.5))
+    second = brush.painted["dryness"]
+    for _ in range(3):
+        brush._undo(None)
+    for wanted in (first, second, second):
+        brush._redo(None)
+        assert brush.painted["dryness"] is wanted
+    brush._undo(None)
+    drag(page, (0.4, 0.5), (0.4, 0.5))
+    third = brush.painted["dryness"]
+    brush._redo(None)  # a new stroke has no other after it
+    assert brush.painted["dryness"] is third
 
 
 @pytest.mark.parametrize(("x", "sign"), [(0.35, -1), (0.65, 1)])
@@ -198,6 +225,94 @@ def test_an_angle_is_combed_along_the_stroke(page: Page, brush: Any, monkeypatch
 def test_a_stroke_beside_the_mesh_paints_nothing(page: Page, brush: Any):
     drag(page, (0.01, 0.01), (0.02, 0.01), (0.02, 0.02))
     assert brush.painted == {}
+
+
+class Watching:
+    """A client of viser's, as far as it is read: what it was shown."""
+
+    def __init__(self, page: Page):
+        self.client_id, self.scene, self.shown, self.changed = 7, self, [], threading.Condition()
+        self.camera = Eye(looking(page))
+
+    def set_background_image(self, image: np.ndarray, format: str, jpeg_quality: int) -> None:
+        with self.changed:
+            self.shown.append(image)
+            self.changed.notify_all()
+
+    def wait(self, until: Any) -> None:
+        with self.changed:
+            assert self.changed.wait_for(until, timeout=120)
+
+
+@pytest.fixture
+def watching(page: Page, monkeypatch: pytest.MonkeyPatch) -> Iterator[Watching]:
+    seen = Watching(page)
+    monkeypatch.setattr(page._server, "get_clients", lambda: {7: seen})
+    page._connected(seen)
+    yield seen
+    page._with.value = "nothing"
+    page._forget(7)
+
+
+def test_a_picture_is_compared_with_another_quality(page: Page, watching: Watching):
+    """Of equal settings the errors are none."""
+    assert 7 not in page._rivals
+    page._with.value = "reference"
+    watching.wait(lambda: "reference: " in page._cost.content)
+    page._mode.value = "error"
+    watching.wait(lambda: "FLIP" in page._cost.content)
+    assert page._rivals[7].rgba.shape == page._pictures[7].rgba.shape
+    page.work.leave(7)
+    page.work.leave(Rival(7))
+    time.sleep(1)  # a pass may be on its way
+    page._pictures[7] = page._rivals[7]
+    page._mode.value = "wipe"
+    page._mode.value = "error"
+    assert "FLIP 0.0000" in page._cost.content and watching.shown[-1].max() < 10
+    page._with.value = "nothing"
+    assert 7 not in page._rivals and page._cost.content.count("a pixel") == 1
+    assert watching.shown[-1].max() == 255
+
+
+def test_an_image_lights_the_scene(page: Page):
+    sky = np.full((4, 8, 3), 0.5, np.float32)
+    page._take_sky(viser.UploadedFile("C:\\skies\\noon sky.exr", exr_bytes(sky)))
+    try:
+        look = page.work.look
+        assert look.sky is not None and look.sky.name == "noon sky.exr"
+        np.testing.assert_array_equal(look.sky.radiance, sky)
+        page._take_sky(viser.UploadedFile("../x.exr", b"no image"))
+        assert page._fault.content == "x.exr: not an OpenEXR file" and page.work.look.sky is look.sky
+        page._take_sky(viser.UploadedFile("", exr_bytes(sky)))
+        look = page.work.look
+        assert page._fault.content == "" and look.sky is not None and look.sky.name == "environment.exr"
+    finally:
+        page._under.value = False
+    assert page.work.look.sky is None
+
+
+def test_a_material_stands_beside_another(tiny_bundle: Bundle, monkeypatch: pytest.MonkeyPatch):
+    """With values of its own, and the light and the camera of both."""
+    monkeypatch.setattr(refining, "COARSE", 64)
+    monkeypatch.setattr(refining, "PRESETS", dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1)))
+    scene = ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4, params={"dryness": 0.3})
+    page = Page(scene, port=free_port(), beside=ms.Scene(MESH, Material("other", tiny_bundle), scale=0.8))
+    try:
+        assert page.beside is not None and page._other is not None and page._with.value == "other"
+        seen = Watching(page)
+        monkeypatch.setattr(page._server, "get_clients", lambda: {7: seen})
+        page._connected(seen)
+        seen.wait(lambda: 7 in page._rivals and page._cost.content.count("a pixel") == 2)
+        page._other.params["dryness"].value = 0.9
+        page._lit.value = True
+        assert page.work.look.params == {"dryness": 0.3} and page.beside.look.params == {"dryness": 0.9}
+        assert page.beside.look.sun == page.work.look.sun is not None
+        assert page.work.look.thickness is not None and page.beside.look.thickness == 2 * page.work.look.thickness
+        seen.wait(lambda: 7 in page._rivals)
+        page._with.value = "nothing"
+        assert not page.beside._views
+    finally:
+        page.close()
 
 
 def test_a_scene_of_mitsuba_s_is_downloaded(tiny_bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -55,6 +55,11 @@ def test_a_small_picture_has_no_smaller_one(scene: ms.Scene):
     assert [s.rgba.shape for s in refine(still, "draft", never, most=1)] == [(6, 8, 4)]
 
 
+def test_a_picture_to_compare_with_has_no_coarse_one(scene: ms.Scene):
+    steps = list(refine(settled(scene), "draft", never, coarse=False, most=2))
+    assert [(s.rgba.shape, s.samples) for s in steps] == [((15, 20, 4), k) for k in (1, 2)]
+
+
 @pytest.mark.parametrize("asked", [1, 3, 4, 6])
 def test_a_picture_that_nobody_waits_for_ends(scene: ms.Scene, asked: int):
     times = 0
@@ -131,6 +136,48 @@ def test_clients_take_turns_and_may_vanish(scene: ms.Scene, opened):
     seen.wait(lambda: len(seen.pictures) >= begin + 4)
     assert {c for c, _ in seen.pictures[begin + 1 :]} == {2}
     work.leave(7)  # that never was
+
+
+def test_an_eye_has_a_quality_of_its_own(scene: ms.Scene, opened, monkeypatch: pytest.MonkeyPatch):
+    few, many = (ms.Quality(samples=n, spacing="length", pixel_samples=1) for n in (4, 12))
+    monkeypatch.setattr(refining, "PRESETS", {"draft": few, "normal": few, "reference": many})
+    work, seen = opened(scene)
+    work.see(1, CAMERA)
+    work.see("beside", CAMERA, "reference")
+    seen.wait(lambda: all(any(e == eye and p.samples > 1 for e, p in seen.pictures) for eye in (1, "beside")))
+    queries = {eye: [p for e, p in seen.pictures if e == eye][-1].rendered.record for eye in (1, "beside")}
+    each = {eye: r["queries"] / r["rays"] for eye, r in queries.items()}
+    assert each["beside"] > 1.5 * each[1]
+    assert next(p.rgba.shape for e, p in seen.pictures if e == "beside") == (15, 20, 4)  # with no coarse one before
+    assert work.set(replace(work.look, seed=1)) and not work.set(work.look)
+
+
+def test_workshops_of_one_hand_paint_in_turn(scene: ms.Scene, monkeypatch: pytest.MonkeyPatch):
+    painting, most, lock = [0], [0], threading.Lock()
+
+    def slowly() -> None:
+        with lock:
+            painting[0] += 1
+            most[0] = max(most[0], painting[0])
+        time.sleep(0.01)
+        with lock:
+            painting[0] -= 1
+
+    prepare = refining.prepare
+    monkeypatch.setattr(refining, "prepare", lambda *given: (slowly(), prepare(*given))[1])
+    hand = threading.Lock()
+    seen = [Seen(), Seen()]
+    shops = [Workshop(scene, s.show, s.say, s.shares.append, hand=hand) for s in seen]
+    try:
+        for shop in shops:
+            shop.set(replace(shop.look, side=20, quality="draft"))
+            shop.see(1, CAMERA)
+        for s in seen:
+            s.wait(lambda s=s: len(s.pictures) >= 4)
+    finally:
+        for shop in shops:
+            shop.close()
+    assert most[0] == 1
 
 
 def test_a_scene_that_no_picture_can_be_made_of_is_refused(scene: ms.Scene, opened):

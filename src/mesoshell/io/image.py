@@ -34,7 +34,11 @@ def read_exr(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
     Other channels and layers are ignored. NaN and infinity come back as they are. Raises InputError if the file is
     missing, is not OpenEXR, is corrupt or truncated, or has no full-resolution half or float R, G and B.
     """
-    data = read_file(path)
+    return exr_image(read_file(path), path)
+
+
+def exr_image(data: bytes, path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
+    """What `read_exr` gives, of the bytes of a file. Raises InputError(path, …) as it does."""
     if not data.startswith(_EXR_MAGIC):
         raise InputError(path, "not an OpenEXR file")
     planes = _exr_planes(path, data)

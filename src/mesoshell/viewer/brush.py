@@ -8,7 +8,7 @@ what is undone.
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, MutableSequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +29,9 @@ RADII = (0.01, 0.08, 0.3)
 SPACING, DABS, JUMP = 0.25, 8, 4.0
 #: Seconds between pictures of a stroke: fewer, and none would be done before the next; strokes that can be undone.
 SHOWN, UNDONE = 1.0, 50
+
+#: What a parameter was painted with before, or after; None where it was a number.
+Row = MutableSequence[Painting | None]
 
 
 @dataclass
@@ -51,7 +54,8 @@ class Brush:
         self._parameters: Mapping[str, Parameter] = {
             name: p for name, p in work.begun.material.parameters.items() if name in work.look.params
         }
-        self._before: dict[str, deque[Painting | None]] = {name: deque(maxlen=UNDONE) for name in self._parameters}
+        self._before: dict[str, Row] = {name: deque(maxlen=UNDONE) for name in self._parameters}
+        self._after: dict[str, Row] = {name: [] for name in self._parameters}
         self._now: dict[str, Painting] = {}
         self._shown: dict[str, Painting] = {}
         self._strokes: dict[int, Stroke] = {}
@@ -69,6 +73,7 @@ class Brush:
             least, usual, most = RADII
             self._radius = gui.add_slider("radius", least, most, 0.005, usual, hint="share of the mesh's size")
             gui.add_button("Undo").on_click(self._undo)
+            gui.add_button("Redo").on_click(self._redo)
             gui.add_button("Image").on_click(self._download)
         self._on.on_update(self._switch)
         self._name.on_update(lambda _: self._choose())
@@ -148,6 +153,7 @@ class Brush:
             if dabs:
                 if not stroke.drawn:
                     self._before[stroke.name].append(before)
+                    self._after[stroke.name].clear()
                 stroke.drawn = True
                 self._now[stroke.name] = Painting(image)
         now = time.perf_counter()
@@ -190,15 +196,23 @@ class Brush:
 
     def _undo(self, _: Any) -> None:
         """Take back the last stroke of the parameter; before the first, it is a number again."""
-        name = self._name.value
+        self._go(self._name.value, self._before, self._after)
+
+    def _redo(self, _: Any) -> None:
+        """Draw the stroke of the parameter that was taken back last, if none was drawn since."""
+        self._go(self._name.value, self._after, self._before)
+
+    def _go(self, name: str, to: Mapping[str, Row], back: Mapping[str, Row]) -> None:
+        """To the last of one row of a parameter's paintings, with what is now at the end of the other."""
         with self._lock:
-            if not self._before[name]:
+            if not to[name]:
                 return
-            before = self._before[name].pop()
-            if before is None:
+            back[name].append(self._now.get(name))
+            painting = to[name].pop()
+            if painting is None:
                 self._now.pop(name, None)
             else:
-                self._now[name] = before
+                self._now[name] = painting
         self._show()
 
     def _download(self, event: Any) -> None:

@@ -29,16 +29,25 @@ class Painting:
     image: Float[np.ndarray, "N N"]
 
 
+@dataclass(frozen=True, eq=False)
+class Sky:
+    """A latitude-longitude image of linear radiance, and the name of its file. Two are equal if they are the same object."""
+
+    name: str
+    radiance: Float[np.ndarray, "H W 3"]
+
+
 @dataclass(frozen=True)
 class Look:
-    """What is set. params: by name; thickness: world; sun: None for the scene's own lights; side: pixels of the longer side;
-    painted: in place of parameters."""
+    """What is set. params: by name; thickness: world; sun and sky: None both for the scene's own lights; side: pixels of the
+    longer side; painted: in place of parameters."""
 
     params: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     thickness: float | None = None
     base_colour: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sun: tuple[float, float] | None = None
+    sky: Sky | None = None
     quality: str = "normal"
     side: int = 384
     painted: Mapping[str, Painting] = field(default_factory=dict)
@@ -82,6 +91,10 @@ def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> 
     """The scene that a look and a camera show. begun: as it was given; still: with the look's texture, settled; lit: whether
     it was given lights, or default ones stand about each camera."""
     tiled = begun.material.kind != KIND and begun.material.shell.tiles is not None
+    lights, sky = (still.lights if lit else ()), still.environment
+    if look.sun is not None or look.sky is not None:
+        lights = () if look.sun is None else (toward_sun(still, look.sun),)
+        sky = None if look.sky is None else look.sky.radiance
     return replace(
         still,
         camera=camera,
@@ -89,8 +102,8 @@ def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> 
         seed=look.seed if tiled else still.seed,
         thickness=look.thickness,
         base_colour=look.base_colour,
-        lights=(still.lights if lit else ()) if look.sun is None else (toward_sun(still, look.sun),),
-        environment=still.environment if look.sun is None else None,
+        lights=lights,
+        environment=sky,
     )
 
 
@@ -131,7 +144,7 @@ def sized(camera: Camera, side: int) -> Camera:
 
 def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -> str:
     """The command line that makes a picture of so many samples a pixel. given: the scene as the viewer got it, of files
-    and numbers; scene: what is shown. What is painted is in files NAME.exr."""
+    and numbers; scene: what is shown. What is painted is in files NAME.exr, and a sky in one of its name."""
     assert isinstance(scene.camera, Camera)
     eye, back = scene.camera.to_world[:3, 3], scene.camera.to_world[:3, 2]
     words = ["mesoshell", "render", str(given.mesh), "--material", given.material.name]
@@ -146,12 +159,14 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     for name, value in (("thickness", look.thickness), ("scale", scene.scale)):
         words += [] if value is None else _option(name, value)
     words += _option("base", *look.base_colour)
-    for light in given.lights if look.sun is None else scene.lights:
+    own = look.sun is None and look.sky is None
+    for light in given.lights if own else scene.lights:
         assert not isinstance(light, Distant)
         words += _option("light", *light)
     words += _option("irradiance", given.irradiance)
-    if look.sun is None and given.environment is not None:
-        words += ["--environment", str(given.environment)]
+    sky = look.sky.name if look.sky is not None else given.environment if own else None
+    if sky is not None:
+        words += ["--environment", str(sky)]
     for mesh in given.objects:
         words += ["--object", str(mesh)]
     words += ["--up", scene.up or "y", *(["--transparent"] if given.transparent else [])]

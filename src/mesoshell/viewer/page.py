@@ -5,40 +5,47 @@ from the browser: what is saved is downloaded there.
 """
 
 import io
-import socket
 import threading
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
-import websockets.asyncio.server
 
-from mesoshell.errors import Argument, InputError
-from mesoshell.io.image import exr_bytes, linear_to_srgb, png_bytes, srgb_to_linear
+from mesoshell.errors import InputError
+from mesoshell.io.image import exr_bytes, exr_image, linear_to_srgb, png_bytes, srgb_to_linear
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.scene.scene import Scene
+from mesoshell.viewer.address import check_port, own_sockets
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.brush import Brush
-from mesoshell.viewer.look import Look, command, generated
+from mesoshell.viewer.compare import difference, over_white, wiped
+from mesoshell.viewer.look import Look, Sky, command
+from mesoshell.viewer.panel import Panel
 from mesoshell.viewer.refine import Shown
 from mesoshell.viewer.work import Workshop
 
 SIDES = (128, 256, 384, 512, 768, 1024)
 #: Quality of the pictures' JPEG, 0 to 100.
 JPEG = 85
+NOTHING = "nothing"
+
+
+class Rival(NamedTuple):
+    """The eye by which a client sees what its picture is compared with."""
+
+    client: int
 
 
 class Page:
-    """A viewer's page. url: where it is; close: end it. Raises InputError for an address that cannot be listened on, and as
-    `settled` does."""
+    """A viewer's page. beside: a scene that it may be compared with; url: where it is; close: end it. Raises InputError for an
+    address that cannot be listened on, and as `settled` does."""
 
     def __init__(
         self,
@@ -47,12 +54,24 @@ class Page:
         host: str = "127.0.0.1",
         port: int = 8080,
         progress: Any = lambda share: None,
+        beside: Scene | None = None,
     ):
-        _check_port(host, port)
+        check_port(host, port)
         self._engine, self._changing = engine, threading.Lock()
         self._pictures: dict[int, Shown] = {}
-        self.work = Workshop(scene, self._show, self._say, self._grown, engine, progress)
-        with _own_sockets(host, port):
+        self._rivals: dict[int, Shown] = {}
+        self._sky: Sky | None = None
+        hand = threading.Lock()
+        self.work = Workshop(scene, self._show, self._say, self._grown, engine, progress, hand)
+        self.beside: Workshop | None = None
+        if beside is not None:
+            try:
+                others = self._show, self._say_other, self._grown_other
+                self.beside = Workshop(replace(beside, camera=self.work.still.camera), *others, engine, progress, hand)
+            except InputError:
+                self.work.close()
+                raise
+        with own_sockets(host, port):
             self._server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
         self.url = f"http://{host}:{port}"
         self._begin_camera()
@@ -81,37 +100,40 @@ class Page:
         gui: Any = self._server.gui
         work, look = self.work, self.work.look
         gui.configure_theme(show_logo=False, show_share_button=False)
-        parameters = work.begun.material.parameters
-        with gui.add_folder(f"Material: {work.given.material.name}"):
-            self._params = {name: _slider(gui, name, parameters[name], value) for name, value in look.params.items()}
-            tiled = not generated(work.begun) and getattr(work.begun.material.bundle, "tiles", None) is not None
-            self._seed = (
-                gui.add_number("seed", look.seed, min=-(2**31), max=2**32 - 1, step=1)
-                if generated(work.begun) or tiled
-                else None
-            )
-            self._thickness = None
-            if look.thickness is not None:
-                t = look.thickness
-                self._thickness = gui.add_slider(
-                    "thickness", t / 10, t * 3, t / 50, t, hint="height of the shell, in the mesh's unit"
-                )
+        self._panel = Panel(gui, work, f"Material: {work.given.material.name}", self._set)
+        self._other: Panel | None = None
+        if self.beside is not None:
+            self._other = Panel(gui, self.beside, f"Beside it: {self.beside.given.material.name}", self._set)
+        with self._panel.folder:
             self._given_base = look.base_colour
             self._ground = tuple(round(255 * float(x)) for x in linear_to_srgb(np.array(look.base_colour)))
             self._base = gui.add_rgb("ground", self._ground, hint="colour of the surface under the shell")
-            self._bar = gui.add_progress_bar(0.0, visible=False)
         if look.params:
             self._brush = Brush(self._server, work, self._paint)
         with gui.add_folder("Light"):
             self._lit = gui.add_checkbox("sun", False, hint="one light from here, in place of the scene's")
             self._azimuth = gui.add_slider("azimuth", -180.0, 180.0, 1.0, -40.0, hint="degrees from the first camera")
             self._elevation = gui.add_slider("elevation", -10.0, 90.0, 1.0, 45.0, hint="degrees above the horizon")
+            self._under = gui.add_checkbox(
+                "environment", False, visible=False, hint="light of the image, and of the sun"
+            )
+            upload = gui.add_upload_button(
+                "Environment", hint="a latitude-longitude EXR, in place of the scene's lights"
+            )
+            upload.on_upload(lambda event: self._take_sky(event.target.value))
         with gui.add_folder("Picture"):
             self._quality = gui.add_dropdown("quality", tuple(PRESETS), initial_value=look.quality)
             self._side = gui.add_dropdown(
                 "pixels", tuple(map(str, SIDES)), initial_value=str(look.side), hint="of the longer side"
             )
             self._cost = gui.add_markdown("")
+        with gui.add_folder("Compare", expand_by_default=self.beside is not None):
+            first = NOTHING if self.beside is None else self.beside.given.material.name
+            names = {NOTHING: None, **dict.fromkeys(PRESETS), first: None}
+            hint = "the same in another quality, or the material beside it"
+            self._with = gui.add_dropdown("with", tuple(names), initial_value=first, hint=hint)
+            self._mode = gui.add_dropdown("show", ("wipe", "error"), hint="both pictures, or FLIP, where they differ")
+            self._wipe = gui.add_slider("wipe", 0.0, 1.0, 0.01, 0.5, hint="what is compared with is right of it")
         with gui.add_folder("Save"):
             gui.add_button("PNG").on_click(partial(self._save, "png"))
             gui.add_button("EXR").on_click(partial(self._save, "exr"))
@@ -120,36 +142,53 @@ class Page:
             self._command = gui.add_markdown("")
         with gui.add_folder("Effects", expand_by_default=False):
             self._effects = gui.add_markdown("")
-        self._fault = gui.add_markdown("")
-        inputs = [*self._params.values(), self._seed, self._thickness, self._base, self._lit]
-        for each in [*inputs, self._azimuth, self._elevation, self._quality, self._side]:
-            if each is not None:
-                each.on_update(self._set)
+        self._fault, self._other_fault = gui.add_markdown(""), gui.add_markdown("")
+        for each in (
+            self._base, self._lit, self._azimuth, self._elevation, self._under, self._quality, self._side,
+        ):  # fmt: skip
+            each.on_update(self._set)
+        self._with.on_update(lambda _: self._compare())
+        for each in (self._mode, self._wipe):
+            each.on_update(lambda _: self._show_all())
 
     def _look(self) -> Look:
         red, green, blue = (float(x) for x in srgb_to_linear(np.array(self._base.value, np.float64) / 255))
         return Look(
-            params={name: float(slider.value) for name, slider in self._params.items()},
-            seed=0 if self._seed is None else int(self._seed.value),
-            thickness=None if self._thickness is None else float(self._thickness.value),
+            **self._panel.look(),
             # eight bits are not the colour that was given
             base_colour=self._given_base if tuple(self._base.value) == self._ground else (red, green, blue),
             painted={} if self._brush is None else self._brush.painted,
             sun=(self._azimuth.value, self._elevation.value) if self._lit.value else None,
+            sky=self._sky if self._under.value else None,
             quality=self._quality.value,
             side=int(self._side.value),
         )
 
     def _set(self, _: Any) -> None:
         with self._changing:
-            self.work.set(self._look())
+            look = self._look()
+            if self.work.set(look):
+                self._forget_rivals(of=self.work)
+            beside, panel = self.beside, self._other
+            if beside is not None and panel is not None and beside.set(replace(look, **panel.look(), painted={})):
+                self._forget_rivals(of=beside)
+
+    def _take_sky(self, given: Any) -> None:
+        """An image that a browser sent."""
+        name = Path(given.name.replace("\\", "/")).name or "environment.exr"
+        try:
+            self._sky = Sky(name, exr_image(given.content, name)[..., :3])
+        except InputError as fault:
+            self.work.say("environment", str(fault))
+            return
+        self.work.say("environment", "")
+        self._under.visible = self._under.value = True
+        self._set(None)
 
     def _paint(self) -> None:
-        """Show what was painted; a painted parameter's slider rests."""
+        """Show what was painted."""
         assert self._brush is not None
-        painted = self._brush.painted
-        for name, slider in self._params.items():
-            slider.disabled = name in painted
+        self._panel.rest(self._brush.painted)
         self._set(None)
 
     def _connected(self, client: Any) -> None:
@@ -160,38 +199,110 @@ class Page:
         with self._changing:
             camera = camera_of(client.camera)
             if camera is not None:
+                self._rivals.pop(client.client_id, None)
                 self.work.see(client.client_id, camera)
+                self._see_rival(client.client_id, camera)
+
+    def _rival_work(self) -> Workshop | None:
+        """Whose pictures are compared with."""
+        if self._with.value == NOTHING:
+            return None
+        return self.work if self._with.value in PRESETS else self.beside
+
+    def _see_rival(self, number: int, camera: Camera) -> None:
+        """What a client compares with, from the same place."""
+        work = self._rival_work()
+        if work is not None:
+            work.see(Rival(number), camera, self._with.value if work is self.work else None)
+
+    def _forget_rivals(self, of: Workshop) -> None:
+        """What is compared with will look otherwise."""
+        if self._rival_work() is of:
+            self._rivals.clear()
+
+    def _compare(self) -> None:
+        """With something else: what was compared with before is seen no longer."""
+        with self._changing:
+            for number, client in self._server.get_clients().items():
+                self._leave_rival(number)
+                camera = camera_of(client.camera)
+                if camera is not None:
+                    self._see_rival(number, camera)
+        self._show_all()
+
+    def _leave_rival(self, number: int) -> None:
+        self.work.leave(Rival(number))
+        if self.beside is not None:
+            self.beside.leave(Rival(number))
+        self._rivals.pop(number, None)
 
     def _forget(self, number: int) -> None:
         self.work.leave(number)
+        self._leave_rival(number)
         self._pictures.pop(number, None)
 
-    def _show(self, number: int, picture: Shown) -> None:
-        client = self._server.get_clients().get(number)
-        if client is None:  # it left in the meantime
-            self._forget(number)
+    def _show(self, eye: int | Rival, picture: Shown) -> None:
+        """A picture has refined."""
+        if isinstance(eye, Rival):
+            self._rivals[eye.client] = picture
+            self._join(eye.client)
             return
-        self._pictures[number] = picture
-        rgb = np.clip(picture.rgba[..., :3] + 1 - picture.rgba[..., 3:], 0, 1)
-        image = np.round(255 * linear_to_srgb(rgb)).astype(np.uint8)
-        client.scene.set_background_image(image, format="jpeg", jpeg_quality=JPEG)
-        record = picture.rendered.record
-        each = f", {record['queries'] / record['rays']:.1f} evaluations a ray" if record["rays"] else ""
-        height, width = image.shape[:2]
-        self._cost.content = (
-            f"{width} × {height}, {picture.samples} a pixel; {1000 * picture.seconds:.0f} ms a pass{each}"
-        )
+        self._pictures[eye] = picture
+        self._join(eye)
         text = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
         if self._effects.content != text:
             self._effects.content = text
+
+    def _show_all(self) -> None:
+        for number in tuple(self._pictures):
+            self._join(number)
+
+    def _join(self, number: int) -> None:
+        """Send a client its picture, with what it is compared with."""
+        client, picture, rival = (
+            self._server.get_clients().get(number),
+            self._pictures.get(number),
+            self._rivals.get(number),
+        )
+        if client is None:  # it left in the meantime
+            self._forget(number)
+            return
+        waits = rival is None and self._rival_work() is self.beside is not None  # while a camera moves, both or none
+        if picture is None or (waits and picture.samples == 1):
+            return
+        lines = [_cost(picture)]
+        if rival is None:
+            image = over_white(picture.rgba)
+            lines += [] if self._rival_work() is None else [f"{self._with.value}: under way"]
+        else:
+            lines.append(f"{self._with.value}: {_cost(rival)}")
+            if self._mode.value == "error" and picture.rgba.shape == rival.rgba.shape:
+                image, flip = difference(picture.rgba, rival.rgba)
+                lines.append(f"FLIP {flip:.4f} between them")
+            else:
+                image = wiped(picture.rgba, rival.rgba, self._wipe.value)
+        codes = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
+        client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
+        self._cost.content = "  \n".join(lines)
 
     def _say(self, line: str) -> None:
         if self._fault.content != line:
             self._fault.content = line
 
+    def _say_other(self, line: str) -> None:
+        if self._other_fault.content != line:
+            self._other_fault.content = line
+
     def _grown(self, share: float) -> None:
-        self._bar.visible = share < 1
-        self._bar.value = 100 * share
+        self._panel.grown(share)
+        if share == 1:
+            self._forget_rivals(of=self.work)
+
+    def _grown_other(self, share: float) -> None:
+        assert self.beside is not None and self._other is not None
+        self._other.grown(share)
+        if share == 1:
+            self._forget_rivals(of=self.beside)
 
     def _save(self, kind: str, event: Any) -> None:
         picture = self._pictures.get(event.client_id)
@@ -224,53 +335,9 @@ class Page:
             self._command.content = f"    {line}"
 
 
-def _slider(gui: Any, name: str, parameter: Any, value: float) -> Any:
-    low, high = parameter.range
-    unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
-    hint = f"{parameter.meaning} (default {parameter.default:g})"
-    return gui.add_slider(name + unit, low, high, (high - low) / 200, min(max(value, low), high), hint=hint)
-
-
-@contextmanager
-def _own_sockets(host: str, port: int) -> Iterator[None]:
-    """Servers that begin here answer sockets of their own page alone, or of programs that send no Origin."""
-    # viser prints a table of addresses; the command says its own line
-    serve: Any = websockets.asyncio.server.serve
-    places = [f"http://{name.lower()}" for name in _own_names(host)]
-    origins = [None, *(f"{place}:{port}" for place in places), *(places if port == 80 else ())]
-    websockets.asyncio.server.serve = partial(serve, origins=origins)  # type: ignore
-    try:
-        with redirect_stdout(io.StringIO()):
-            yield
-    finally:
-        websockets.asyncio.server.serve = serve
-
-
-def _own_names(host: str) -> set[str]:
-    """What browsers may call a server that listens on `host`: of all addresses, this machine's names and addresses."""
-    names = {host, "127.0.0.1", "localhost"}
-    if host in ("", "0.0.0.0"):
-        own = socket.gethostname()
-        names |= {own, socket.getfqdn()}
-        with suppress(OSError):
-            names |= {str(entry[4][0]) for entry in socket.getaddrinfo(own, None)}
-        with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as route:
-            route.connect(("192.0.2.1", 9))  # sends nothing, and tells the address that others see
-            names.add(route.getsockname()[0])
-    return names
-
-
-def _check_port(host: str, port: int) -> None:
-    """Raise InputError unless the port is free: viser would take another one and not say so."""
-    if not 0 < port < 65536:
-        raise InputError(Argument("port"), f"must be from 1 to 65535, not {port}")
-    try:
-        socket.getaddrinfo(host, port)
-    except OSError as fault:
-        raise InputError(Argument("host"), f"{host} is no address of this machine: {fault}") from fault
-    try:
-        with socket.socket() as trial:
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            trial.bind((host, port))
-    except OSError as fault:
-        raise InputError(Argument("port"), f"{host}:{port} cannot be listened on: {fault}") from fault
+def _cost(picture: Shown) -> str:
+    """What a picture's passes cost."""
+    height, width = picture.rgba.shape[:2]
+    record = picture.rendered.record
+    each = f", {record['queries'] / record['rays']:.1f} evaluations a ray" if record["rays"] else ""
+    return f"{width} × {height}, {picture.samples} a pixel; {1000 * picture.seconds:.0f} ms a pass{each}"

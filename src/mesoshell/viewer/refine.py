@@ -39,17 +39,17 @@ class Abandoned(Exception):
 
 
 def refine(
-    scene: Scene, quality: str, stopped: Callable[[], bool], engine: str = "jax", most: int = MOST
+    scene: Scene, quality: str, stopped: Callable[[], bool], engine: str = "jax", coarse: bool = True, most: int = MOST
 ) -> Iterator[Shown]:
-    """Ever better pictures of a settled scene, up to `most` samples a pixel. Ends early once `stopped` says so, and raises
-    InputError as `prepare` does."""
+    """Ever better pictures of a settled scene, up to `most` samples a pixel. coarse: whether one of few pixels comes first.
+    Ends early once `stopped` says so, and raises InputError as `prepare` does."""
     assert isinstance(scene.camera, Camera)
     stages = [(sized(scene.camera, COARSE), "draft", 1), (scene.camera, quality, most)]
-    if max(scene.camera.width, scene.camera.height) <= COARSE:
+    if not coarse or max(scene.camera.width, scene.camera.height) <= COARSE:
         stages = stages[1:]
     try:
         for k, (camera, preset, count) in enumerate(stages):
-            if k:
+            if k or not coarse:
                 _wait(PAUSE, stopped)
             yield from _passes(replace(scene, camera=camera), preset, count, stopped, engine)
     except Abandoned:

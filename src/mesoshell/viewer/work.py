@@ -1,11 +1,12 @@
 """What a viewer does beside its page: one thread paints, another grows textures; the newest wish counts.
 
 Notation
-view        what one client sees: its camera, and a number that grows with each wish
+view        what one eye sees: its camera, and a number that grows with each wish. A client has an eye, or several to compare
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,28 +24,31 @@ from mesoshell.viewer.refine import Abandoned, Shown, refine
 
 @dataclass
 class View:
-    """camera: of any size with its proportions; wish: its number; painted: that of the picture under way; left: its steps."""
+    """camera: of any size with its proportions; quality: None for the look's; wish: its number; painted: that of the picture
+    under way; left: its steps."""
 
     camera: Camera
+    quality: str | None = None
     wish: int = 1
     painted: int = 0
     left: Iterator[Shown] | None = None
 
 
 class Workshop:
-    """Paints what clients see of a scene. show: called with a client and a picture; say: with a line for all, empty when a
+    """Paints what eyes see of a scene. show: called with an eye and a picture; say: with a line for all, empty when a
     fault is over; growing: with the share of a texture that is grown, 1 at the end. Callbacks come from threads of its own."""
 
     def __init__(
         self,
         scene: Scene,
-        show: Callable[[int, Shown], None],
+        show: Callable[[Any, Shown], None],
         say: Callable[[str], None],
         growing: Callable[[float], None],
         engine: str = "jax",
         progress: Callable[[float], None] = lambda share: None,
+        hand: AbstractContextManager | None = None,
     ):
-        """Settles the scene. Raises InputError."""
+        """Settles the scene. hand: which workshops that paint in turn share. Raises InputError."""
         self.given, self._lit = scene, bool(scene.lights) or scene.environment is not None
         check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
         if scene.material.kind == KIND:
@@ -56,47 +60,49 @@ class Workshop:
         self.look = first_look(self.begun)
         self._texture = self.look.texture(self.begun)
         self._show, self._tell, self._growing, self._engine = show, say, growing, engine
-        self._faults = {"picture": "", "texture": "", "scene": ""}
-        self._views: dict[int, View] = {}
+        self._faults = {"picture": "", "texture": "", "scene": "", "environment": ""}
+        self._views: dict[Hashable, View] = {}
         self._changed, self._open, self._turn = threading.Condition(), True, 0
+        self._hand = hand or threading.Lock()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._paint, self._grow)]
         for thread in self._threads:
             thread.start()
 
-    def see(self, client: int, camera: Camera) -> None:
-        """A client looks from here."""
+    def see(self, eye: Hashable, camera: Camera, quality: str | None = None) -> None:
+        """An eye looks from here. quality: of its pictures alone, which have no coarse one before; None: the look's."""
         with self._changed:
-            view = self._views.setdefault(client, View(camera, wish=0))
-            view.camera, view.wish = camera, view.wish + 1
+            view = self._views.setdefault(eye, View(camera, wish=0))
+            view.camera, view.quality, view.wish = camera, quality, view.wish + 1
             self._changed.notify_all()
 
-    def leave(self, client: int) -> None:
-        """A client is gone."""
+    def leave(self, eye: Hashable) -> None:
+        """An eye is gone."""
         with self._changed:
-            view = self._views.pop(client, None)
+            view = self._views.pop(eye, None)
             if view is not None:
                 view.wish += 1
             self._changed.notify_all()
 
-    def set(self, look: Look) -> None:
-        """Show another look to all."""
+    def set(self, look: Look) -> bool:
+        """Show a look to all; whether it is another one."""
         with self._changed:
             if look == self.look:
-                return
+                return False
             self.look = look
             for view in self._views.values():
                 view.wish += 1
             self._changed.notify_all()
+            return True
 
-    def scene(self, client: int) -> Scene:
-        """What a client sees now."""
+    def scene(self, eye: Hashable) -> Scene:
+        """What an eye sees now."""
         with self._changed:
-            return self._scene(self._views[client])
+            return self._scene(self._views[eye])
 
-    def described(self, client: int) -> Scene:
-        """What a client sees, as it could be given: with parameters in place of a grown texture."""
+    def described(self, eye: Hashable) -> Scene:
+        """What an eye sees, as it could be given: with parameters in place of a grown texture."""
         with self._changed:
-            camera = sized(self._views[client].camera, self.look.side)
+            camera = sized(self._views[eye].camera, self.look.side)
             return described(self.begun, self.look, camera, self._lit)
 
     def close(self) -> None:
@@ -116,19 +122,22 @@ class Workshop:
             self._faults[of] = line
             self._tell("  \n".join(x for x in self._faults.values() if x))
 
-    def _next(self) -> tuple[int, View] | None:
-        """The client whose turn it is: those with a new wish first, then each in turn. Waits for one; None at the end."""
+    def _next(self) -> tuple[Hashable, View] | None:
+        """The eye whose turn it is: those that wait for a coarse picture first, then each in turn. Waits for one; None at the
+        end."""
         with self._changed:
             while self._open:
-                fresh = [x for x in self._views.items() if x[1].painted != x[1].wish]
-                unfinished = fresh or [x for x in self._views.items() if x[1].left is not None]
+                views = self._views.items()
+                coarse = [(eye, v) for eye, v in views if v.painted != v.wish and v.quality is None]
+                unfinished = coarse or [(eye, v) for eye, v in views if v.painted != v.wish or v.left is not None]
                 if unfinished:
                     self._turn += 1
-                    client, view = unfinished[self._turn % len(unfinished)]
+                    eye, view = unfinished[self._turn % len(unfinished)]
                     if view.painted != view.wish:
                         view.painted = view.wish
-                        view.left = refine(self._scene(view), self.look.quality, self._stopped(view), self._engine)
-                    return client, view
+                        quality, coarse = view.quality or self.look.quality, view.quality is None
+                        view.left = refine(self._scene(view), quality, self._stopped(view), self._engine, coarse)
+                    return eye, view
                 self._changed.wait()
         return None
 
@@ -138,15 +147,16 @@ class Workshop:
 
     def _paint(self) -> None:
         while (turn := self._next()) is not None:
-            client, view = turn
+            eye, view = turn
             assert view.left is not None
             try:
-                picture = next(view.left, None)
+                with self._hand:
+                    picture = next(view.left, None)
                 if picture is None:
                     view.left = None
                 elif view.painted == view.wish:
                     self.say("picture", "")
-                    self._show(client, picture)
+                    self._show(eye, picture)
             except Exception as fault:  # the page goes on, and says it
                 view.left = None
                 self.say("picture", _line(fault))

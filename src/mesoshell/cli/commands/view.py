@@ -2,6 +2,7 @@
 
 import importlib.util
 import threading
+from dataclasses import replace
 
 from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.view import Options
@@ -19,10 +20,13 @@ def run(options: Options) -> None:
         raise InputError("view", "requires viser: pip install mesoshell[viewer]")
     from mesoshell.viewer.page import Page
 
-    scene = scene_of(options, load_material(options.material))
+    scene, beside = scene_of(options, load_material(options.material)), None
+    if options.beside is not None:
+        other = load_material(options.beside)
+        beside = replace(scene, material=other, params={}, seed=None, thickness=None, scale=None)
     compiled_by(options.engine)
     with bar(stderr(), "growing") as progress:
-        page = Page(scene, options.engine, options.host, options.port, progress)
+        page = Page(scene, options.engine, options.host, options.port, progress, beside)
     print(f"{page.url} (Ctrl-C ends it)", flush=True)
     try:
         threading.Event().wait()

@@ -10,6 +10,8 @@ class Options(SceneOptions):
     """Look at a scene in the browser: camera by mouse, parameters by sliders, pictures that refine. Needs the extra `viewer`;
     ends with Ctrl-C."""
 
+    #: Another material on the same mesh, with parameters, thickness and scale of its own, to compare with by a wipe.
+    beside: str | None = None
     #: Address to listen on. Whoever reaches it can look, and make this machine work.
     host: str = "127.0.0.1"
     #: Port to listen on.

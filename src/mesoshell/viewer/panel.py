@@ -1,0 +1,55 @@
+"""The sliders of one material on a viewer's page."""
+
+from collections.abc import Callable, Collection
+from typing import Any
+
+from mesoshell.io.bundle import Parameter
+from mesoshell.viewer.look import generated
+from mesoshell.viewer.work import Workshop
+
+
+class Panel:
+    """A folder of a server's page with the parameters, the seed and the thickness of a workshop's material. changed: called
+    when one is set."""
+
+    def __init__(self, gui: Any, work: Workshop, title: str, changed: Callable[[Any], None]):
+        look, material = work.look, work.begun.material
+        self.folder = gui.add_folder(title)
+        with self.folder:
+            self.params = {n: _slider(gui, n, material.parameters[n], value) for n, value in look.params.items()}
+            tiled = not generated(work.begun) and getattr(material.bundle, "tiles", None) is not None
+            self._seed, self._thickness = None, None
+            if generated(work.begun) or tiled:
+                self._seed = gui.add_number("seed", look.seed, min=-(2**31), max=2**32 - 1, step=1)
+            if (t := look.thickness) is not None:
+                hint = "height of the shell, in the mesh's unit"
+                self._thickness = gui.add_slider("thickness", t / 10, t * 3, t / 50, t, hint=hint)
+            self._bar = gui.add_progress_bar(0.0, visible=False)
+        for each in (*self.params.values(), self._seed, self._thickness):
+            if each is not None:
+                each.on_update(changed)
+
+    def look(self) -> dict[str, Any]:
+        """Fields of a `Look`."""
+        return {
+            "params": {name: float(slider.value) for name, slider in self.params.items()},
+            "seed": 0 if self._seed is None else int(self._seed.value),
+            "thickness": None if self._thickness is None else float(self._thickness.value),
+        }
+
+    def rest(self, painted: Collection[str]) -> None:
+        """A painted parameter's slider rests."""
+        for name, slider in self.params.items():
+            slider.disabled = name in painted
+
+    def grown(self, share: float) -> None:
+        """Show how much of a texture is grown."""
+        self._bar.visible = share < 1
+        self._bar.value = 100 * share
+
+
+def _slider(gui: Any, name: str, parameter: Parameter, value: float) -> Any:
+    low, high = parameter.range
+    unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
+    hint = f"{parameter.meaning} (default {parameter.default:g})"
+    return gui.add_slider(name + unit, low, high, (high - low) / 200, min(max(value, low), high), hint=hint)

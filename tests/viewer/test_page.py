@@ -23,6 +23,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import exr_bytes
 from mesoshell.scene.materials import Material
+from tests.helpers.ports import free_port
 
 viser = pytest.importorskip("viser", reason="requires the extra viewer")
 websockets = pytest.importorskip("websockets", reason="requires the extra viewer")
@@ -46,12 +47,6 @@ def page(tiny_bundle: Bundle, tmp_path_factory: pytest.TempPathFactory) -> Itera
         made = Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=free_port())
         yield made
         made.close()
-
-
-def free_port() -> int:
-    with socket.socket() as trial:
-        trial.bind(("127.0.0.1", 0))
-        return trial.getsockname()[1]
 
 
 def test_the_page_is_there(page: Page):

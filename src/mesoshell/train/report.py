@@ -8,6 +8,7 @@ scores       rows of evaluation.jsonl: KID and FID with their intervals, by kimg
 import base64
 import html
 import io
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +34,13 @@ CURVES = {
 
 def write_report(folder: Path) -> Path:
     """Write folder/report.html from what the folder holds."""
-    log = read_rows(folder / "log.jsonl", ("kimg", "images_per_s"))
-    scores = read_rows(folder / "evaluation.jsonl", ("name", "kimg", "images", "value", "low", "high"))
+    log, scores, groups = _read(folder)
     parts = [f"<h1>{html.escape(folder.name)}</h1>"]
     if log:
         last = log[-1]
         parts.append(f"<p>{last['kimg']:.1f} kimg; {last['images_per_s']:.2f} images a second at the end.</p>")
-        groups = {label: names for label, names in CURVES.items() if names[0] in last}
         parts += [_curves(log, groups)] if groups else []
-    parts += [_scored([row for row in scores if row["name"] == name]) for name in sorted({r["name"] for r in scores})]
+    parts += [_scored(rows) for rows in scores]
     sheets = sorted((folder / "sheets").glob("*.png"))
     chosen = (
         [sheets[i] for i in np.unique(np.linspace(0, len(sheets) - 1, SHEETS).round().astype(int))] if sheets else []
@@ -55,40 +54,69 @@ def write_report(folder: Path) -> Path:
     return out
 
 
+def curves(folder: Path) -> bytes | None:
+    """A PNG of a run's curves and scores, one above the other; None before there are any."""
+    log, scores, groups = _read(folder)
+    draw = [partial(_curve, rows=log, label=label, names=names) for label, names in groups.items()]
+    draw += [partial(_score, rows=rows) for rows in scores]
+    if not draw:
+        return None
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4, 2.4 * len(draw)), layout="constrained")
+    for axes, one in zip(figure.subplots(len(draw), squeeze=False)[:, 0], draw, strict=True):
+        one(axes)
+    return _png(figure)
+
+
+def _read(folder: Path) -> tuple[list[Any], list[list[Any]], dict[str, tuple[str, ...]]]:
+    """Rows of the log, rows of each metric, and which columns of the log to draw on which axis."""
+    log = read_rows(folder / "log.jsonl", ("kimg", "images_per_s"))
+    scores = read_rows(folder / "evaluation.jsonl", ("name", "kimg", "images", "value", "low", "high"))
+    groups = {label: names for label, names in CURVES.items() if log and names[0] in log[-1]}
+    return log, [[row for row in scores if row["name"] == name] for name in sorted({r["name"] for r in scores})], groups
+
+
 def _scored(rows: list[dict[str, Any]]) -> str:
     """Curve and table of one metric."""
     from matplotlib.figure import Figure
 
-    name = rows[0]["name"]
-    kimg, value, low, high = (_drawable([row[k] for row in rows]) for k in ("kimg", "value", "low", "high"))
     figure = Figure(figsize=(6, 3), layout="constrained")
-    axes = figure.subplots()
-    axes.errorbar(kimg, value, np.maximum((value - low, high - value), 0), marker="o", capsize=3)
-    axes.set(xlabel="kimg", ylabel=name, ylim=(min(0, low.min()), None))
+    _score(figure.subplots(), rows)
     table = "".join(
         f"<tr><td>{r['kimg']:g}<td>{r['value']:.4g}<td>{r['low']:.4g} to {r['high']:.4g}<td>{r['images']}" for r in rows
     )
     head = "<tr><th>kimg<th>value<th>95% interval<th>images"
-    return f"<h2>{html.escape(name)}</h2>{_drawn(figure)}<table>{head}{table}</table>"
+    return f"<h2>{html.escape(rows[0]['name'])}</h2>{_image(_png(figure), 'curves')}<table>{head}{table}</table>"
 
 
 def _curves(rows: list[dict[str, Any]], groups: dict[str, tuple[str, ...]]) -> str:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 3), layout="constrained")
-    kimg = _drawable([row["kimg"] for row in rows])
     for axes, (label, names) in zip(figure.subplots(1, len(groups), squeeze=False)[0], groups.items(), strict=True):
-        for name in names:
-            axes.plot(kimg, _drawable([row.get(name, np.nan) for row in rows]), label=name, linewidth=0.8)
-        axes.set(xlabel="kimg", ylabel=label)
-        axes.legend()
-    return _drawn(figure)
+        _curve(axes, rows, label, names)
+    return _image(_png(figure), "curves")
 
 
-def _drawn(figure: Any) -> str:
+def _score(axes: Any, rows: list[dict[str, Any]]) -> None:
+    kimg, value, low, high = (_drawable([row[k] for row in rows]) for k in ("kimg", "value", "low", "high"))
+    axes.errorbar(kimg, value, np.maximum((value - low, high - value), 0), marker="o", capsize=3)
+    axes.set(xlabel="kimg", ylabel=rows[0]["name"], ylim=(min(0, low.min()), None))
+
+
+def _curve(axes: Any, rows: list[dict[str, Any]], label: str, names: tuple[str, ...]) -> None:
+    kimg = _drawable([row["kimg"] for row in rows])
+    for name in names:
+        axes.plot(kimg, _drawable([row.get(name, np.nan) for row in rows]), label=name, linewidth=0.8)
+    axes.set(xlabel="kimg", ylabel=label)
+    axes.legend()
+
+
+def _png(figure: Any) -> bytes:
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=110)
-    return _image(file.getvalue(), "curves")
+    return file.getvalue()
 
 
 def _image(png: bytes, alt: str) -> str:

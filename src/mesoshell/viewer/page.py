@@ -20,6 +20,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.image import exr_bytes, exr_image, linear_to_srgb, png_bytes, srgb_to_linear
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.materials import load_material
 from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.scene.scene import Scene
 from mesoshell.viewer.address import check_port, own_sockets
@@ -44,8 +45,8 @@ class Rival(NamedTuple):
 
 
 class Page:
-    """A viewer's page. beside: a scene that it may be compared with; url: where it is; close: end it. Raises InputError for an
-    address that cannot be listened on, and as `settled` does."""
+    """A viewer's page. beside: a scene that it may be compared with; run: folder of the training that made the material; url:
+    where it is; close: end it. Raises InputError for an address that cannot be listened on, and as `settled` does."""
 
     def __init__(
         self,
@@ -55,6 +56,7 @@ class Page:
         port: int = 8080,
         progress: Any = lambda share: None,
         beside: Scene | None = None,
+        run: Path | None = None,
     ):
         check_port(host, port)
         self._engine, self._changing = engine, threading.Lock()
@@ -76,12 +78,15 @@ class Page:
         self.url = f"http://{host}:{port}"
         self._begin_camera()
         self._brush: Brush | None = None
-        self._build()
+        self._run: Any = None
+        self._build(run)
         self._server.on_client_connect(self._connected)
         self._server.on_client_disconnect(lambda client: self._forget(client.client_id))
         self._server.request_share_url = lambda verbose=True: None  # or any client could open a tunnel to this machine
 
     def close(self) -> None:
+        if self._run is not None:
+            self._run.close()
         self._server.stop()
         self.work.close()
 
@@ -96,7 +101,7 @@ class Page:
         server.initial_camera.look_at = eye - m[:3, 2] * max(float((eye - middle) @ m[:3, 2]), 1e-9)
         server.initial_camera.fov = still.camera.fov
 
-    def _build(self) -> None:
+    def _build(self, run: Path | None) -> None:
         gui: Any = self._server.gui
         work, look = self.work, self.work.look
         gui.configure_theme(show_logo=False, show_share_button=False)
@@ -147,6 +152,10 @@ class Page:
             self._base, self._lit, self._azimuth, self._elevation, self._under, self._quality, self._side,
         ):  # fmt: skip
             each.on_update(self._set)
+        if run is not None:
+            from mesoshell.viewer.run import RunPanel  # training needs JAX
+
+            self._run = RunPanel(gui, run, self._wear, partial(work.say, "run"))
         self._with.on_update(lambda _: self._compare())
         for each in (self._mode, self._wipe):
             each.on_update(lambda _: self._show_all())
@@ -184,6 +193,15 @@ class Page:
         self.work.say("environment", "")
         self._under.visible = self._under.value = True
         self._set(None)
+
+    def _wear(self, snapshot: Path) -> None:
+        """Another snapshot of the run."""
+        try:
+            self.work.wear(load_material(snapshot))
+        except InputError as fault:
+            self.work.say("snapshot", str(fault))
+        else:
+            self.work.say("snapshot", "")
 
     def _paint(self) -> None:
         """Show what was painted."""

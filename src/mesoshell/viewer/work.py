@@ -7,7 +7,7 @@ view        what one eye sees: its camera, and a number that grows with each wis
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
+from mesoshell.scene.materials import Material
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled
 from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface
@@ -58,9 +59,9 @@ class Workshop:
         if scene.material.kind != KIND:
             describe_shell(self.still)  # once its texture is grown
         self.look = first_look(self.begun)
-        self._texture = self.look.texture(self.begun)
+        self._texture: tuple | None = self.look.texture(self.begun)
         self._show, self._tell, self._growing, self._engine = show, say, growing, engine
-        self._faults = {"picture": "", "texture": "", "scene": "", "environment": ""}
+        self._faults = {"picture": "", "texture": "", "scene": "", "environment": "", "snapshot": "", "run": ""}
         self._views: dict[Hashable, View] = {}
         self._changed, self._open, self._turn = threading.Condition(), True, 0
         self._hand = hand or threading.Lock()
@@ -93,6 +94,13 @@ class Workshop:
                 view.wish += 1
             self._changed.notify_all()
             return True
+
+    def wear(self, material: Material) -> None:
+        """Show another material with the same parameters, once its texture is grown."""
+        with self._changed:
+            self.given, self.begun = replace(self.given, material=material), replace(self.begun, material=material)
+            self._texture = None
+            self._changed.notify_all()
 
     def scene(self, eye: Hashable) -> Scene:
         """What an eye sees now."""
@@ -166,19 +174,19 @@ class Workshop:
             with self._changed:
                 while self._open and self.look.texture(self.begun) == self._texture:
                     self._changed.wait()
-                look = self.look
+                look, begun = self.look, self.begun
             if not self._open:
                 return
-            wanted = look.texture(self.begun)
+            wanted = look.texture(begun)
 
-            def check(share: float, wanted: Any = wanted) -> None:
-                if not self._open or self.look.texture(self.begun) != wanted:
+            def check(share: float, wanted: tuple = wanted, begun: Scene = begun) -> None:
+                if not self._open or self.begun is not begun or self.look.texture(begun) != wanted:
                     raise Abandoned
                 self._growing(share)
 
             still = None
             try:
-                still = settled(with_texture_of(self.begun, look), check)
+                still = settled(with_texture_of(begun, look), check)
             except Abandoned:
                 self._growing(1.0)
                 continue
@@ -187,7 +195,8 @@ class Workshop:
             else:
                 self.say("texture", "")
             with self._changed:
-                self._texture = wanted
+                if self.begun is begun:
+                    self._texture = wanted
                 if still is not None:
                     self.still = still
                 for view in self._views.values():

@@ -3,6 +3,8 @@
 import importlib.util
 import threading
 from dataclasses import replace
+from importlib import resources
+from pathlib import Path
 
 from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.view import Options
@@ -20,13 +22,16 @@ def run(options: Options) -> None:
         raise InputError("view", "requires viser: pip install mesoshell[viewer]")
     from mesoshell.viewer.page import Page
 
-    scene, beside = scene_of(options, load_material(options.material)), None
+    run = _run_of(options)
+    if run is not None and run == options.mesh:
+        options = replace(options, mesh=Path(str(resources.files("mesoshell") / "assets" / "spot.obj")))
+    scene, beside = scene_of(options, load_material(options.material if run is None else _newest(run))), None
     if options.beside is not None:
         other = load_material(options.beside)
         beside = replace(scene, material=other, params={}, seed=None, thickness=None, scale=None)
     compiled_by(options.engine)
     with bar(stderr(), "growing") as progress:
-        page = Page(scene, options.engine, options.host, options.port, progress, beside)
+        page = Page(scene, options.engine, options.host, options.port, progress, beside, run)
     print(f"{page.url} (Ctrl-C ends it)", flush=True)
     try:
         threading.Event().wait()
@@ -35,3 +40,22 @@ def run(options: Options) -> None:
         print()
     finally:
         page.close()
+
+
+def _run_of(options: Options) -> Path | None:
+    """The folder of a run, in place of the mesh or of the material. Raises InputError if it is given with another material."""
+    mesh, material = (_is_run(x) for x in (options.mesh, Path(options.material)))
+    if mesh and options.material != Options.material:
+        raise InputError("--material", f"is the newest snapshot of {options.mesh}")
+    return options.mesh if mesh else Path(options.material) if material else None
+
+
+def _is_run(folder: Path) -> bool:
+    """Whether a path is the folder of a training run."""
+    return (folder / "config.json").is_file()
+
+
+def _newest(run: Path) -> Path:
+    from mesoshell.train.run_config import snapshots
+
+    return snapshots(run)[-1][1]

@@ -1,0 +1,78 @@
+"""A training run on a viewer's page: its snapshots, each with its sheet, and its curves, as it trains."""
+
+import io
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from mesoshell.errors import InputError
+from mesoshell.train.report import curves
+from mesoshell.train.run_config import snapshots
+
+#: Seconds between looks at the folder.
+EVERY = 3.0
+NEWEST = "newest"
+
+
+class RunPanel:
+    """A folder of a server's page about a run. wear: called with another snapshot's file; say: with what is wrong with the
+    run's folder, empty if nothing is. Looks at the folder until it is closed."""
+
+    def __init__(self, gui: Any, folder: Path, wear: Callable[[Path], None], say: Callable[[str], None]):
+        self._folder, self._wear, self._say = folder, wear, say
+        self._worn = snapshots(folder)[-1][1]
+        self._seen: tuple[Any, ...] = ()
+        self._turn, self._closed = threading.Lock(), threading.Event()
+        with gui.add_folder(f"Run: {folder.name}", order=-1):
+            hint = "by thousands of images seen; the newest is followed"
+            self._which = gui.add_dropdown("snapshot", (NEWEST,), initial_value=NEWEST, hint=hint)
+            blank = np.full((1, 1, 3), 255, np.uint8)
+            self._sheet, self._curves = (gui.add_image(blank, visible=False) for _ in range(2))
+        self._which.on_update(lambda _: self.refresh())
+        self.refresh()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._closed.set()
+        self._thread.join()
+
+    def refresh(self) -> None:
+        """Show what the folder holds now."""
+        try:
+            self._refresh()
+        except (InputError, OSError) as fault:
+            self._say(str(fault))
+        else:
+            self._say("")
+
+    def _refresh(self) -> None:
+        with self._turn:
+            files = {f"{images / 1000:g} kimg": path for images, path in reversed(snapshots(self._folder))}
+            if (options := (NEWEST, *files)) != tuple(self._which.options):
+                self._which.options = options
+            path = files.get(self._which.value, next(iter(files.values())))
+            if path != self._worn:
+                self._worn = path
+                self._wear(path)
+            sheet = self._folder / "sheets" / f"{path.stem}.png"
+            logs = (self._folder / "log.jsonl", self._folder / "evaluation.jsonl")
+            seen = path, *((x.stat().st_mtime_ns, x.stat().st_size) if x.exists() else None for x in (sheet, *logs))
+            if seen != self._seen:
+                self._seen = seen
+                _show(self._sheet, sheet.read_bytes() if sheet.exists() else None)
+                _show(self._curves, curves(self._folder))
+
+    def _watch(self) -> None:
+        while not self._closed.wait(EVERY):
+            self.refresh()
+
+
+def _show(handle: Any, png: bytes | None) -> None:
+    if png is not None:
+        handle.image = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+    handle.visible = png is not None

@@ -249,24 +249,28 @@ def watching(page: Page, monkeypatch: pytest.MonkeyPatch) -> Iterator[Watching]:
     page._forget(7)
 
 
-def test_a_picture_is_compared_with_another_quality(page: Page, watching: Watching):
-    """Of equal settings the errors are none."""
-    assert 7 not in page._rivals
+def test_a_picture_is_compared_with_another_quality(page: Page, watching: Watching, monkeypatch: pytest.MonkeyPatch):
+    """Of equal pictures the errors are none; what shows something else is not compared with."""
+    watching.wait(lambda: page.work.picture(7)[1])
     page._with.value = "reference"
     watching.wait(lambda: "reference: " in page._cost.content)
     page._mode.value = "error"
     watching.wait(lambda: "FLIP" in page._cost.content)
-    assert page._rivals[7].rgba.shape == page._pictures[7].rgba.shape
+    rival, same = page.work.picture(Rival(7))
+    assert same and rival is not None
     page.work.leave(7)
     page.work.leave(Rival(7))
-    time.sleep(1)  # a pass may be on its way
-    page._pictures[7] = page._rivals[7]
-    page._mode.value = "wipe"
-    page._mode.value = "error"
-    assert "FLIP 0.0000" in page._cost.content and watching.shown[-1].max() < 10
-    page._with.value = "nothing"
-    assert 7 not in page._rivals and page._cost.content.count("a pixel") == 1
-    assert watching.shown[-1].max() == 255
+    with monkeypatch.context() as patch:
+        patch.setattr(page.work, "picture", lambda eye: (rival, True))
+        page._mode.value = "wipe"
+        assert watching.shown[-1].max() == 255
+        page._mode.value = "error"
+        assert "FLIP 0.0000" in page._cost.content and watching.shown[-1].max() < 10
+        page._with.value = "nothing"
+        assert page._cost.content.count("a pixel") == 1 and watching.shown[-1].max() == 255
+        patch.setattr(page.work, "picture", lambda eye: (rival, eye == 7))
+        page._with.value = "draft"
+        assert page._cost.content.endswith("draft: under way")
 
 
 def test_an_image_lights_the_scene(page: Page):
@@ -278,6 +282,12 @@ def test_an_image_lights_the_scene(page: Page):
         np.testing.assert_array_equal(look.sky.radiance, sky)
         page._take_sky(viser.UploadedFile("../x.exr", b"no image"))
         assert page._fault.content == "x.exr: not an OpenEXR file" and page.work.look.sky is look.sky
+        page._take_sky(viser.UploadedFile("<img src=x onerror=alert(1)>`\n.exr", exr_bytes(-sky)))
+        said = page._fault.content
+        assert (
+            said.startswith("_img src_x onerror_alert_1____.exr: holds negative light")
+            and page.work.look.sky is look.sky
+        )
         page._take_sky(viser.UploadedFile("", exr_bytes(sky)))
         look = page.work.look
         assert page._fault.content == "" and look.sky is not None and look.sky.name == "environment.exr"
@@ -297,17 +307,19 @@ def test_a_material_stands_beside_another(tiny_bundle: Bundle, monkeypatch: pyte
         seen = Watching(page)
         monkeypatch.setattr(page._server, "get_clients", lambda: {7: seen})
         page._connected(seen)
-        seen.wait(lambda: 7 in page._rivals and page._cost.content.count("a pixel") == 2)
+        beside = page.beside
+        seen.wait(lambda: page._cost.content.count("a pixel") == 2)
         page._other.params["dryness"].value = 0.9
         page._lit.value = True
         assert page.work.look.params == {"dryness": 0.3} and page.beside.look.params == {"dryness": 0.9}
         assert page.beside.look.sun == page.work.look.sun is not None
         assert page.work.look.thickness is not None and page.beside.look.thickness == 2 * page.work.look.thickness
-        seen.wait(lambda: 7 in page._rivals)
+        seen.wait(lambda: beside.picture(Rival(7))[1] and page.work.picture(7)[1])
         page._with.value = "nothing"
-        assert not page.beside._views
+        assert not beside._views
     finally:
         page.close()
+    assert not any(thread.is_alive() for work in (page.work, beside) for thread in work._threads)
 
 
 def test_a_scene_of_mitsuba_s_is_downloaded(tiny_bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -319,7 +331,7 @@ def test_a_scene_of_mitsuba_s_is_downloaded(tiny_bundle: Bundle, tmp_path: Path,
         try:
             drag(page, (0.5, 0.5), (0.5, 0.5))
             page.work.see(1, looking(page))
-            page._pictures[1] = None  # type: ignore[assignment]
+            monkeypatch.setattr(page.work, "picture", lambda eye: (eye, True))
             sent: dict[str, bytes] = {}
             page._save_scene(Asked(sent))
             if material.name == "tiny":

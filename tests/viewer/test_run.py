@@ -5,18 +5,25 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import write_png
+from mesoshell.io.surface import write_surface
+from tests.helpers import growing, wearing
+from tests.helpers.ports import free_port
 
 pytest.importorskip("viser", reason="requires the extra viewer")
 
+from mesoshell.viewer import refine as refining
 from mesoshell.viewer import run as running
+from mesoshell.viewer.page import Page
 from mesoshell.viewer.run import NEWEST, RunPanel
 
 
@@ -28,6 +35,13 @@ class Handle:
 
     def on_update(self, call: Callable[[Any], None]) -> None:
         self.call = call
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """As viser's dropdown: options without the value choose the first, and that calls back at once."""
+        super().__setattr__(name, value)
+        if name == "options" and self.value not in value:
+            self.value = value[0]
+            self.call(None)
 
     def __enter__(self) -> "Handle":
         return self
@@ -78,7 +92,7 @@ def folder(tiny_bundle: Bundle, tmp_path: Path) -> Path:
 def opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Gui, RunPanel, list[Path]]]:
     monkeypatch.setattr(running, "EVERY", 3600.0)
     gui, worn = Gui(), []
-    panel = RunPanel(gui, folder, worn.append, gui.said.append)
+    panel = RunPanel(gui, folder, folder / "snapshots" / "000002000.npz", worn.append, gui.said.append)
     yield gui, panel, worn
     panel.close()
 
@@ -121,14 +135,31 @@ def test_curves_are_drawn_once_there_are_some(opened, folder: Path):
     panel.refresh()
     assert gui.images[1].image.shape[0] > height and set(gui.said) == {""}
     (folder / "log.jsonl").write_text("[]\n")
+    for _ in range(2):  # as long as it is so
+        panel.refresh()
+        assert gui.said[-1].startswith(str(folder / "log.jsonl"))
+
+
+def test_a_snapshot_that_is_gone_is_the_newest(opened, folder: Path):
+    gui, panel, worn = opened
+    gui.chosen.value = "1 kimg"
     panel.refresh()
-    assert gui.said[-1].startswith(str(folder / "log.jsonl"))
+    (folder / "snapshots" / "000001000.npz").unlink()
+    panel.refresh()
+    assert gui.chosen.value == NEWEST and worn[-1] == folder / "snapshots" / "000002000.npz"
+
+
+def test_a_damaged_sheet_is_said(opened, folder: Path):
+    gui, panel, _ = opened
+    (folder / "sheets" / "000002000.png").write_bytes(b"\x89PNG no picture")
+    panel.refresh()
+    assert "cannot identify image" in gui.said[-1]
 
 
 def test_the_folder_is_looked_at_now_and_then(folder: Path, tiny_bundle: Bundle, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(running, "EVERY", 0.05)
     worn: list[Path] = []
-    panel = RunPanel(Gui(), folder, worn.append, [].append)
+    panel = RunPanel(Gui(), folder, folder / "snapshots" / "000002000.npz", worn.append, [].append)
     try:
         new = snapshot(folder, tiny_bundle, 3000)
         end = time.monotonic() + 60
@@ -142,11 +173,14 @@ def test_the_folder_is_looked_at_now_and_then(folder: Path, tiny_bundle: Bundle,
 def test_the_command_says_what_is_wrong_with_a_run(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture):
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "config.json").write_text("{}")
+    (tmp_path / "fitted").mkdir()
+    (tmp_path / "fitted" / "config.json").write_text('{"method": "fit"}')
     for given, said in (
         ([folder, "--material", "fur"], f"--material: is the newest snapshot of {folder}"),
         ([tmp_path / "empty"], f"{tmp_path / 'empty'}: has no snapshots yet"),
         (["none.obj", "--material", folder], "none.obj: no such file"),
         ([folder, "--beside", "no_such"], "no_such: no such material"),
+        ([tmp_path / "fitted"], f"{tmp_path / 'fitted'}: is a run of fit, whose snapshots are no materials"),
     ):
         with pytest.raises(SystemExit) as caught:
             main(["view", *map(str, given)])
@@ -154,28 +188,48 @@ def test_the_command_says_what_is_wrong_with_a_run(folder: Path, tmp_path: Path,
         assert caught.value.code == 2 and said in fault and fault.count("\n") == 1
 
 
-def test_a_run_is_seen_on_a_page(folder: Path, tiny_bundle: Bundle, monkeypatch: pytest.MonkeyPatch):
-    """A snapshot that is chosen is what the scene then wears."""
-    import mesoshell as ms
-    from mesoshell.viewer.page import Page
-    from tests.helpers.ports import free_port
-
+@pytest.mark.parametrize("kind", ["shell", "surface"])
+def test_a_run_is_seen_on_a_page(
+    kind: str, folder: Path, tiny_bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """A snapshot that is chosen is what the scene then wears, and is painted."""
     monkeypatch.setattr(running, "EVERY", 3600.0)
-    other = replace(tiny_bundle, provenance={"made": "later"})
-    newest = snapshot(folder, other, 9000)
+    monkeypatch.setattr(refining, "PRESETS", dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1)))
+    made = tiny_bundle if kind == "shell" else wearing.bundle()
+    write: Any = write_bundle if kind == "shell" else write_surface
+    names = [folder / "snapshots" / f"{images:09d}.npz" for images in (1000, 2000)]
+    for k, path in enumerate(names):
+        write(path, replace(made, provenance={"made": k}))
     mesh = Path(__file__).parents[1] / "data" / "suzanne.obj"
-    scene = ms.Scene(mesh, ms.load_material(newest), scale=0.4)
-    page = Page(scene, port=free_port(), run=folder)
+    page = Page(ms.Scene(mesh, ms.load_material(names[1]), scale=0.4), port=free_port(), run=folder)
+    there = SimpleNamespace(client_id=1, scene=SimpleNamespace(set_background_image=lambda *_, **__: None))
+    monkeypatch.setattr(page._server, "get_clients", lambda: {1: there})
+    camera = page.work.still.camera
+    assert isinstance(camera, ms.Camera)
+    page.work.see(1, ms.Camera(camera.to_world, camera.fov, 40, 30))
+
+    def settles(until: Callable[[], bool]) -> None:
+        end = time.monotonic() + 100
+        while not until():
+            assert time.monotonic() < end and page._fault.content == ""
+            time.sleep(0.05)
+
     try:
-        for choice, wanted in (("1 kimg", tiny_bundle.provenance), (NEWEST, {"made": "later"})):
+        for choice, wanted in (("1 kimg", 0), (NEWEST, 1)):
             page._run._which.value = choice
-            end = time.monotonic() + 60
-            while page.work.still.material.provenance != wanted and time.monotonic() < end:
-                time.sleep(0.05)
-            assert page.work.still.material.provenance == wanted
-        (folder / "snapshots" / "000009999.npz").write_bytes(b"half of one")
-        page._run.refresh()
-        assert "000009999.npz" in page._fault.content
-        assert page.work.still.material.provenance == {"made": "later"}
+            settles(lambda wanted=wanted: page.work.still.material.provenance == {"made": wanted})
+            page.work.see(1, ms.Camera(camera.to_world, camera.fov, 40, 30))
+            settles(lambda: page.work.picture(1)[1])
+            assert page.work.given.material.name == str(names[wanted])
+        for data, said in ((b"half of one", "000009999.npz"), (None, "has other parameters than")):
+            new = folder / "snapshots" / f"00000999{8 + (data is not None)}.npz"
+            other = growing.bundle() if kind == "shell" else tiny_bundle
+            new.write_bytes(data) if data is not None else write_bundle(new, other)
+            page._run._worn = names[0]
+            page._run._which.value = NEWEST
+            page._run.refresh()
+            assert said in page._fault.content
+            new.unlink()
+        assert page.work.still.material.provenance == {"made": 1}
     finally:
         page.close()

@@ -75,15 +75,19 @@ def test_a_picture_that_nobody_waits_for_ends(scene: ms.Scene, asked: int):
 class Seen:
     """What a workshop shows and says."""
 
+    work: Workshop
+
     def __init__(self) -> None:
-        self.pictures: list[tuple[int, Shown]] = []
+        self.pictures: list[tuple[Any, Shown]] = []
         self.lines: list[str] = []
         self.shares: list[float] = []
         self.changed = threading.Condition()
 
-    def show(self, client: int, picture: Shown) -> None:
+    def show(self, eye: Any) -> None:
+        picture, _ = self.work.picture(eye)
         with self.changed:
-            self.pictures.append((client, picture))
+            if picture is not None:
+                self.pictures.append((eye, picture))
             self.changed.notify_all()
 
     def say(self, line: str) -> None:
@@ -103,6 +107,7 @@ def opened() -> Iterator[Callable[[ms.Scene], tuple[Workshop, Seen]]]:
     def make(scene: ms.Scene) -> tuple[Workshop, Seen]:
         seen = Seen()
         shops.append(Workshop(scene, seen.show, seen.say, seen.shares.append))
+        seen.work = shops[-1]
         shops[-1].set(replace(shops[-1].look, side=20, quality="draft"))
         return shops[-1], seen
 
@@ -149,28 +154,32 @@ def test_an_eye_has_a_quality_of_its_own(scene: ms.Scene, opened, monkeypatch: p
     each = {eye: r["queries"] / r["rays"] for eye, r in queries.items()}
     assert each["beside"] > 1.5 * each[1]
     assert next(p.rgba.shape for e, p in seen.pictures if e == "beside") == (15, 20, 4)  # with no coarse one before
-    assert work.set(replace(work.look, seed=1)) and not work.set(work.look)
+    work.set(replace(work.look, base_colour=(0.5, 0.5, 0.5)))
+    assert not work.picture("beside")[1]
+    seen.wait(lambda: work.picture("beside")[1])
+    work.leave("beside")
+    assert work.picture("beside") == (None, False)
 
 
 def test_workshops_of_one_hand_paint_in_turn(scene: ms.Scene, monkeypatch: pytest.MonkeyPatch):
     painting, most, lock = [0], [0], threading.Lock()
 
-    def slowly() -> None:
-        with lock:
-            painting[0] += 1
-            most[0] = max(most[0], painting[0])
-        time.sleep(0.01)
-        with lock:
-            painting[0] -= 1
+    def passes(*_: Any) -> Iterator[Shown]:
+        for k in range(4):
+            with lock:
+                painting[0] += 1
+                most[0] = max(most[0], painting[0])
+            time.sleep(0.01)
+            with lock:
+                painting[0] -= 1
+            yield Shown(np.zeros((2, 2, 4)), k + 1, 0.01, None, None, ())  # type: ignore[arg-type]
 
-    prepare = refining.prepare
-    monkeypatch.setattr(refining, "prepare", lambda *given: (slowly(), prepare(*given))[1])
-    hand = threading.Lock()
-    seen = [Seen(), Seen()]
+    monkeypatch.setattr(refining, "_passes", passes)
+    hand, seen = threading.Lock(), [Seen(), Seen()]
     shops = [Workshop(scene, s.show, s.say, s.shares.append, hand=hand) for s in seen]
     try:
-        for shop in shops:
-            shop.set(replace(shop.look, side=20, quality="draft"))
+        for shop, s in zip(shops, seen, strict=True):
+            s.work = shop
             shop.see(1, CAMERA)
         for s in seen:
             s.wait(lambda s=s: len(s.pictures) >= 4)

@@ -59,6 +59,7 @@ def scene_of(options: SceneOptions, material: Material) -> Scene:
         objects=options.object,
         up=options.up,
         transparent=options.transparent,
+        grow=options.grow,
     )
 
 

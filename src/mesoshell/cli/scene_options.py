@@ -32,6 +32,9 @@ class SceneOptions:
     #: OBJ, PLY, GLB, glTF, OFF or STL file; without texture coordinates it is unwrapped. For `render` and `tradeoff` with
     #: --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
+    #: Name of a glTF file's node that the material grows on; may be repeated. The file's other meshes stand beside it, as each
+    #: --object does. Default: on all.
+    grow: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
@@ -49,8 +52,8 @@ class SceneOptions:
     scale: float | None = None
     #: Width and height of the picture in pixels; default: 512 512, or what a scene of Mitsuba's says.
     size: tuple[int, int] | None = None
-    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: key, fill and bounce,
-    #: or none with an --environment.
+    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: none with an
+    #: --environment, else the suns of a glTF file, else key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
@@ -60,7 +63,8 @@ class SceneOptions:
     base: tuple[float, float, float] = EARTH
     #: Further meshes in the same frame that cast and receive shadows; may be repeated.
     object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
-    #: Eye x y z, target x y z and vertical field of view in degrees; default: frames the mesh from the upper front.
+    #: Eye x y z, target x y z and vertical field of view in degrees; default: the first of a glTF file, else it
+    #: frames the mesh from the upper front.
     camera: tuple[float, float, float, float, float, float, float] | None = None
     #: The axis that points up; default: z for PLY and STL, y for all others.
     up: Literal["y", "z"] | None = None

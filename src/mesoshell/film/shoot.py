@@ -32,6 +32,7 @@ from mesoshell.io.records import read_object
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import Quality
 from mesoshell.scene.defaults import back_light
+from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
@@ -129,6 +130,7 @@ def planned(
         raise InputError(Argument(given[-1] if given else "orbit"), "give one of `orbit`, `dolly` and `keys`")
     if far is not None and dolly is None:
         raise InputError(Argument("far"), "is where a `dolly` begins: give `dolly` too")
+    scene = unpacked(scene)
     aimed, unlit = scene.camera, not scene.lights and scene.environment is None
 
     def motion(still: Scene) -> Motion:

@@ -12,6 +12,7 @@ longest edge counts as zero-area and is dropped: above that bound its normal, fr
 positions, is good to 1e-6.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 
@@ -20,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 
 from mesoshell.errors import InputError
 from mesoshell.geometry.normals import vertex_normals
-from mesoshell.geometry.read import check_indices, read_mesh
+from mesoshell.geometry.read import check_indices, read_mesh, read_nodes
 from mesoshell.geometry.topology import agree, inside_out, pair_edges
 from mesoshell.geometry.unwrap import unwrap
 
@@ -45,6 +46,14 @@ class Mesh:
 def load_mesh(path: str | PathLike[str]) -> Mesh:
     """Read an OBJ, PLY, GLB, glTF, OFF or STL file. Raises InputError, in one line, if it cannot be used."""
     return check_mesh(*read_mesh(path), str(path))
+
+
+def load_nodes(path: str | PathLike[str], names: Sequence[str]) -> tuple[Mesh, tuple[Mesh, ...]]:
+    """The nodes of these names of a glTF file as one mesh, and all its others as another, if there are any. Raises InputError,
+    in one line, if it cannot be used."""
+    arrays, others = read_nodes(path, names)
+    rest = () if others is None else (check_mesh(*others, str(path)),)
+    return check_mesh(*arrays, str(path)), rest
 
 
 def check_mesh(

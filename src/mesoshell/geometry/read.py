@@ -6,10 +6,10 @@ uv          texture coordinates of each corner, NaN on corners without
 v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are ignored
 n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
 
-PLY, GLB, glTF, OFF and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's.
+GLB, glTF, OFF and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's.
 OBJ is read here, for five faults of trimesh's reader (5.2) that leave no trace: number 0 becomes the first vertex; a
 negative number counts from the file's end; one face without vt drops every UV; so does one vt out of range; polygons
-under several `usemtl` come back out of order. A polygon becomes a fan of triangles about its first corner.
+under several `usemtl` come back out of order. A polygon becomes a fan of triangles about its first corner. PLY: read_ply.
 
 Source: the OBJ specification (Wavefront, appendix B1).
 """
@@ -17,6 +17,8 @@ Source: the OBJ specification (Wavefront, appendix B1).
 import io
 import json
 import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from urllib.parse import unquote
@@ -27,16 +29,40 @@ from jaxtyping import Float, Int
 from trimesh.resolvers import FilePathResolver
 
 from mesoshell.errors import InputError
+from mesoshell.geometry.read_ply import read_ply
 
 FORMATS = (".obj", ".ply", ".glb", ".gltf", ".off", ".stl")
 NO_TEXTURE = -1
 
 #: Positions, triangles, and corner UVs (None where no corner has one).
-Arrays = tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "M 3"], Float[np.ndarray, "M 3 2"] | None]
+Arrays = tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"] | None]
 
 
 def read_mesh(path: str | PathLike[str]) -> Arrays:
     """The arrays of a mesh file of one of FORMATS, in float64. Raises InputError, in one line, if it has none."""
+    with _one_line(path) as kind:
+        own = {"OBJ": read_obj, "PLY": read_ply}.get(kind)
+        return _some(_joined([part for _, part in _parts(path)]) if own is None else own(path), path, kind)
+
+
+def read_nodes(path: str | PathLike[str], names: Sequence[str]) -> tuple[Arrays, Arrays | None]:
+    """The meshes of a glTF file's nodes of these names, with what hangs on them, and all its others, None without any. Raises
+    InputError, in one line, if it has none."""
+    with _one_line(path) as kind:
+        parts = _parts(path)
+        present = sorted({owner for owners, _ in parts for owner in owners})
+        for name in names:
+            if name not in present:
+                raise InputError(path, f"has no mesh named {name!r}: its names are {', '.join(present)}")
+        chosen, others = (
+            _joined([part for owners, part in parts if owners.isdisjoint(names) is other]) for other in (False, True)
+        )
+        return _some(chosen, path, kind), others if len(others[1]) else None
+
+
+@contextmanager
+def _one_line(path: str | PathLike[str]) -> Iterator[str]:
+    """The format of a whole file, OBJ, PLY, …; whatever its reader raises is an InputError."""
     file = Path(path)
     kind = file.suffix[1:].upper()
     if os.path.isdir(file):
@@ -46,13 +72,8 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
     if file.suffix.lower() not in FORMATS:
         raise InputError(path, f"unknown mesh format '{file.suffix}': use {', '.join(FORMATS)}")
     try:
-        if kind == "OBJ":
-            return read_obj(path)
         check_whole(file)
-        arrays = read_scene(path)
-        if not len(arrays[1]):
-            raise InputError(path, f"holds no triangles that can be read: not a complete {kind} file")
-        return arrays
+        yield kind
     except InputError:
         raise
     except Exception as fault:  # each reader of trimesh fails in its own ways
@@ -60,6 +81,12 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
         raise InputError(
             path, f"is not a readable {kind} file, or a damaged one{f' ({fault})' if known else ''}"
         ) from fault
+
+
+def _some(arrays: Arrays, path: str | PathLike[str], kind: str) -> Arrays:
+    if not len(arrays[1]) and kind != "OBJ":
+        raise InputError(path, f"holds no triangles that can be read: not a complete {kind} file")
+    return arrays
 
 
 def check_indices(faces: Int[np.ndarray, "M 3"], count: int, source: str | PathLike[str]) -> None:
@@ -129,10 +156,10 @@ def _is_text_stl(head: bytes) -> bool:
     return head.lstrip()[:5].lower() == b"solid" and b"facet" in head.lower() and b"\0" not in head
 
 
-def read_scene(path: str | PathLike[str]) -> Arrays:
-    """All triangles of a file that trimesh reads, in world space."""
+def _parts(path: str | PathLike[str]) -> list[tuple[set[str], Arrays]]:
+    """Each mesh of a file in world space, and the names of its node and of those it hangs on."""
     scene = _gltf(Path(path)) if Path(path).suffix.lower() == ".gltf" else trimesh.load_scene(str(path), process=False)
-    points, faces, uvs, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros((0, 3, 2))], 0
+    parents, parts = scene.graph.transforms.parents, []
     for node in scene.graph.nodes_geometry:
         pose, name = scene.graph[node]
         part = scene.geometry[name]
@@ -145,9 +172,22 @@ def read_scene(path: str | PathLike[str]) -> Arrays:
         uv = getattr(part.visual, "uv", None)
         if uv is None or len(uv) != len(position):
             uv = np.full((len(position), 2), np.nan)
-        uvs.append(np.asarray(uv, np.float64)[:, :2][corner])
+        owners, above = {node}, parents.get(node)
+        while above is not None and above != scene.graph.base_frame and above not in owners:
+            owners.add(above)
+            above = parents.get(above)
+        place = position @ pose[:3, :3].T + pose[:3, 3]
+        parts.append((owners, (place, corner, np.asarray(uv, np.float64)[:, :2][corner])))
+    return parts
+
+
+def _joined(parts: Sequence[Arrays]) -> Arrays:
+    """Several meshes as one."""
+    points, faces, uvs, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros((0, 3, 2))], 0
+    for position, corner, uv in parts:
+        points.append(position)
         faces.append(corner + count)
-        points.append(position @ pose[:3, :3].T + pose[:3, 3])
+        uvs.append(np.full((len(corner), 3, 2), np.nan) if uv is None else uv)
         count += len(position)
     return np.concatenate(points), np.concatenate(faces), _or_none(np.concatenate(uvs))
 

@@ -25,6 +25,8 @@ class Scene:
     """A mesh grown with a material, its camera and its lights.
 
     mesh: an OBJ, PLY, GLB, glTF, OFF or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
+    grow: names of a glTF file's nodes that the material grows on; its other meshes stand beside them, as `objects` do. Default:
+        on all.
     material: of `load_material`.
     thickness: height of the shell in the mesh's unit. Default: the material's own thickness times `scale`, or 1/25 of the
         bounding box's diagonal. A surface material has none.
@@ -35,10 +37,10 @@ class Scene:
     seed: which of a generator's textures grows on the mesh; or in which order corner tiles lie; a material that is one patch
         has no other. Default: 0.
     size: width and height of the picture in pixels.
-    camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default: it
-        frames the mesh from the upper front.
-    lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: key, fill and bounce, unless
-        there is an environment.
+    camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default:
+        the first of a glTF file, else it frames the mesh from the upper front.
+    lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default, unless there is an
+        environment: the suns of a glTF file, else key, fill and bounce.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
     environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it.
     base_colour: diffuse albedo of the surface under a shell and of `objects`, linear Rec. 709, each from 0 to 1.
@@ -63,6 +65,7 @@ class Scene:
     base_colour: tuple[float, float, float] = EARTH
     objects: Sequence[str | PathLike[str] | Mesh] = ()
     up: Literal["y", "z"] | None = None
+    grow: Sequence[str] = ()
     transparent: bool = False
 
     def __post_init__(self) -> None:

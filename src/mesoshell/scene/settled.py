@@ -7,6 +7,7 @@ import numpy as np
 from mesoshell.geometry.mesh import bounding_box
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
+from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.materials import Material, read_params
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.scene import Scene
@@ -17,6 +18,7 @@ from mesoshell.shell.geometry.extrude import proportions
 def settled(scene: Scene, progress: Progress = lambda share: None, texture: bool = True) -> Scene:
     """The same scene with what its files hold, and its defaults, in place; its picture is the same, and lights stay where they
     are when its camera moves. progress: of growing the texture. texture: whether to grow it. Raises InputError."""
+    scene = unpacked(scene)
     mesh, up, surface = mesh_of(scene.mesh), up_axis(scene), scene.material.kind == KIND
     thickness, scale = (
         (0.0, scene.scale)

@@ -19,6 +19,7 @@ from mesoshell.limits import check_memory, check_seed
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
+from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.kept_meshes import kept_mesh
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Scene
@@ -53,7 +54,7 @@ class ShellDescription:
 
 def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda share: None) -> ShellDescription:
     """The description of a scene with a neural shell. progress: of growing a texture. Raises InputError."""
-    bundle = scene.material.shell
+    bundle, scene = scene.material.shell, unpacked(scene)
     _check_colours(scene)
     check_seed(scene.seed)
     mesh = mesh_of(scene.mesh)
@@ -88,6 +89,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
 
 def check_shell(scene: Scene) -> tuple[str, ...]:
     """Raise InputError as `describe_shell` does, but grow no texture. What the user should know, a line each."""
+    scene = unpacked(scene)
     _check_colours(scene)
     check_seed(scene.seed)
     mesh, bundle = mesh_of(scene.mesh), scene.material.shell
@@ -138,6 +140,7 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     given = {"params": bool(scene.params), "seed": scene.seed is not None, "thickness": scene.thickness is not None}
     for name in (name for name, is_given in given.items() if is_given):
         raise InputError(Argument(name), f"{scene.material.name} is a surface material: it has none (see `scale`)")
+    scene = unpacked(scene)
     _check_colours(scene)
     mesh = mesh_of(scene.mesh)
     box, up = bounding_box(mesh), up_axis(scene)
@@ -245,10 +248,14 @@ def environment_of(given: str | PathLike[str] | Float[np.ndarray, "H W 3"] | Non
     """A latitude-longitude image as an environment. up: axis, 1 or 2. Raises InputError."""
     if given is None:
         return None
-    source = Argument("environment") if isinstance(given, np.ndarray) else given
     image = given if isinstance(given, np.ndarray) else read_exr(given)[..., :3]
+    check_environment(image, Argument("environment") if isinstance(given, np.ndarray) else given)
+    return environment(image, up)
+
+
+def check_environment(image: np.ndarray, source: str | PathLike[str]) -> None:
+    """Raise InputError(source, …) unless an image is one of light."""
     if image.ndim != 3 or image.shape[2] != 3 or not image.size:
         raise InputError(source, f"has shape {image.shape}; expected (H, W, 3)")
     if not (image.min() >= 0 and 0 < image.max() <= BRIGHTEST):  # NaN is neither
         raise InputError(source, f"holds negative light, no light, or more than {BRIGHTEST:g}")
-    return environment(image, up)

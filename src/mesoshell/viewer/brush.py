@@ -207,6 +207,8 @@ class Brush:
         with self._lock:
             if not to[name]:
                 return
+            for stroke in self._strokes.values():  # what is drawn on is another stroke
+                stroke.drawn = stroke.drawn and stroke.name != name
             back[name].append(self._now.get(name))
             painting = to[name].pop()
             if painting is None:

@@ -84,7 +84,8 @@ def generated(scene: Scene) -> bool:
 
 def with_texture_of(begun: Scene, look: Look) -> Scene:
     """The scene whose texture a look wants, for `settled`."""
-    return replace(begun, params={**begun.params, **_values(begun, look, "beta")}, seed=look.seed)
+    seed = look.seed if generated(begun) else begun.seed
+    return replace(begun, params={**begun.params, **_values(begun, look, "beta")}, seed=seed)
 
 
 def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
@@ -167,6 +168,8 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     sky = look.sky.name if look.sky is not None else given.environment if own else None
     if sky is not None:
         words += ["--environment", str(sky)]
+    for name in given.grow:
+        words += ["--grow", name]
     for mesh in given.objects:
         words += ["--object", str(mesh)]
     words += ["--up", scene.up or "y", *(["--transparent"] if given.transparent else [])]

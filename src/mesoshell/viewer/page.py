@@ -5,6 +5,7 @@ from the browser: what is saved is downloaded there.
 """
 
 import io
+import re
 import threading
 import zipfile
 from dataclasses import replace
@@ -23,6 +24,7 @@ from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import load_material
 from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.scene.scene import Scene
+from mesoshell.scene.setup import check_environment
 from mesoshell.viewer.address import check_port, own_sockets
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.brush import Brush
@@ -60,35 +62,44 @@ class Page:
     ):
         check_port(host, port)
         self._engine, self._changing = engine, threading.Lock()
-        self._pictures: dict[int, Shown] = {}
-        self._rivals: dict[int, Shown] = {}
+        self._joining, self._asked = threading.Lock(), 0
         self._sky: Sky | None = None
-        hand = threading.Lock()
-        self.work = Workshop(scene, self._show, self._say, self._grown, engine, progress, hand)
-        self.beside: Workshop | None = None
-        if beside is not None:
-            try:
-                others = self._show, self._say_other, self._grown_other
-                self.beside = Workshop(replace(beside, camera=self.work.still.camera), *others, engine, progress, hand)
-            except InputError:
-                self.work.close()
-                raise
-        with own_sockets(host, port):
-            self._server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
-        self.url = f"http://{host}:{port}"
-        self._begin_camera()
-        self._brush: Brush | None = None
-        self._run: Any = None
-        self._build(run)
+        self.work, self.beside = self._workshops(scene, beside, progress)
+        try:
+            with own_sockets(host, port):
+                self._server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
+            self.url = f"http://{host}:{port}"
+            self._begin_camera()
+            self._brush: Brush | None = None
+            self._run: Any = None
+            self._build(run)
+        except BaseException:
+            for work in self._works():
+                work.close()
+            raise
         self._server.on_client_connect(self._connected)
         self._server.on_client_disconnect(lambda client: self._forget(client.client_id))
         self._server.request_share_url = lambda verbose=True: None  # or any client could open a tunnel to this machine
+
+    def _workshops(self, scene: Scene, beside: Scene | None, progress: Any) -> tuple[Workshop, Workshop | None]:
+        """Of the scene and of what it may be compared with; they paint in turn."""
+        hand = threading.Lock()
+        work = Workshop(scene, self._show, self._say, self._grown, self._engine, progress, hand)
+        if beside is None:
+            return work, None
+        try:
+            beside = replace(beside, camera=work.still.camera)
+            return work, Workshop(beside, self._show, self._say_other, self._grown_other, self._engine, progress, hand)
+        except BaseException:
+            work.close()
+            raise
 
     def close(self) -> None:
         if self._run is not None:
             self._run.close()
         self._server.stop()
-        self.work.close()
+        for work in self._works():
+            work.close()
 
     def _begin_camera(self) -> None:
         still, server = self.work.still, self._server
@@ -105,7 +116,7 @@ class Page:
         gui: Any = self._server.gui
         work, look = self.work, self.work.look
         gui.configure_theme(show_logo=False, show_share_button=False)
-        self._panel = Panel(gui, work, f"Material: {work.given.material.name}", self._set)
+        self._panel = Panel(gui, work, f"Material: {work.given.material.name if run is None else run.name}", self._set)
         self._other: Panel | None = None
         if self.beside is not None:
             self._other = Panel(gui, self.beside, f"Beside it: {self.beside.given.material.name}", self._set)
@@ -155,10 +166,10 @@ class Page:
         if run is not None:
             from mesoshell.viewer.run import RunPanel  # training needs JAX
 
-            self._run = RunPanel(gui, run, self._wear, partial(work.say, "run"))
+            self._run = RunPanel(gui, run, Path(work.given.material.name), self._wear, partial(work.say, "run"))
         self._with.on_update(lambda _: self._compare())
-        for each in (self._mode, self._wipe):
-            each.on_update(lambda _: self._show_all())
+        self._mode.on_update(lambda _: self._show_all())
+        self._wipe.on_update(lambda _: self._show_all() if self._mode.value == "wipe" else None)
 
     def _look(self) -> Look:
         red, green, blue = (float(x) for x in srgb_to_linear(np.array(self._base.value, np.float64) / 255))
@@ -176,17 +187,18 @@ class Page:
     def _set(self, _: Any) -> None:
         with self._changing:
             look = self._look()
-            if self.work.set(look):
-                self._forget_rivals(of=self.work)
-            beside, panel = self.beside, self._other
-            if beside is not None and panel is not None and beside.set(replace(look, **panel.look(), painted={})):
-                self._forget_rivals(of=beside)
+            self.work.set(look)
+            if self.beside is not None and self._other is not None:
+                self.beside.set(replace(look, **self._other.look(), painted={}))
 
     def _take_sky(self, given: Any) -> None:
-        """An image that a browser sent."""
-        name = Path(given.name.replace("\\", "/")).name or "environment.exr"
+        """An image that a browser sent, under a name that a command line and a page can hold."""
+        name = re.sub(r"[^\w .-]", "_", given.name.replace("\\", "/").rpartition("/")[2]).lstrip("-. ")
+        name = name or "environment.exr"
         try:
-            self._sky = Sky(name, exr_image(given.content, name)[..., :3])
+            radiance = exr_image(given.content, name)[..., :3]
+            check_environment(radiance, name)
+            self._sky = Sky(name, radiance)
         except InputError as fault:
             self.work.say("environment", str(fault))
             return
@@ -217,26 +229,22 @@ class Page:
         with self._changing:
             camera = camera_of(client.camera)
             if camera is not None:
-                self._rivals.pop(client.client_id, None)
                 self.work.see(client.client_id, camera)
                 self._see_rival(client.client_id, camera)
 
-    def _rival_work(self) -> Workshop | None:
-        """Whose pictures are compared with."""
-        if self._with.value == NOTHING:
-            return None
-        return self.work if self._with.value in PRESETS else self.beside
+    def _rival(self) -> tuple[Workshop, str | None] | None:
+        """Whose pictures are compared with, and in which quality: None for the look's."""
+        name = self._with.value
+        if name in PRESETS:
+            return self.work, name
+        return None if self.beside is None or name == NOTHING else (self.beside, None)
 
     def _see_rival(self, number: int, camera: Camera) -> None:
         """What a client compares with, from the same place."""
-        work = self._rival_work()
-        if work is not None:
-            work.see(Rival(number), camera, self._with.value if work is self.work else None)
-
-    def _forget_rivals(self, of: Workshop) -> None:
-        """What is compared with will look otherwise."""
-        if self._rival_work() is of:
-            self._rivals.clear()
+        rival = self._rival()
+        if rival is not None:
+            work, quality = rival
+            work.see(Rival(number), camera, quality)
 
     def _compare(self) -> None:
         """With something else: what was compared with before is seen no longer."""
@@ -249,51 +257,52 @@ class Page:
         self._show_all()
 
     def _leave_rival(self, number: int) -> None:
-        self.work.leave(Rival(number))
-        if self.beside is not None:
-            self.beside.leave(Rival(number))
-        self._rivals.pop(number, None)
+        for work in self._works():
+            work.leave(Rival(number))
+
+    def _works(self) -> tuple[Workshop, ...]:
+        return (self.work,) if self.beside is None else (self.work, self.beside)
 
     def _forget(self, number: int) -> None:
         self.work.leave(number)
         self._leave_rival(number)
-        self._pictures.pop(number, None)
 
-    def _show(self, eye: int | Rival, picture: Shown) -> None:
+    def _show(self, eye: int | Rival) -> None:
         """A picture has refined."""
-        if isinstance(eye, Rival):
-            self._rivals[eye.client] = picture
-            self._join(eye.client)
-            return
-        self._pictures[eye] = picture
-        self._join(eye)
-        text = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
-        if self._effects.content != text:
-            self._effects.content = text
-
-    def _show_all(self) -> None:
-        for number in tuple(self._pictures):
-            self._join(number)
-
-    def _join(self, number: int) -> None:
-        """Send a client its picture, with what it is compared with."""
-        client, picture, rival = (
-            self._server.get_clients().get(number),
-            self._pictures.get(number),
-            self._rivals.get(number),
-        )
+        number = eye.client if isinstance(eye, Rival) else eye
+        client = self._server.get_clients().get(number)
         if client is None:  # it left in the meantime
             self._forget(number)
             return
-        waits = rival is None and self._rival_work() is self.beside is not None  # while a camera moves, both or none
-        if picture is None or (waits and picture.samples == 1):
+        with self._joining:
+            self._join(client)
+
+    def _show_all(self) -> None:
+        """What is compared, or how, has changed; only the last change is shown."""
+        self._asked += 1
+        asked = self._asked
+        for client in self._server.get_clients().values():
+            with self._joining:
+                if asked == self._asked:
+                    self._join(client)
+
+    def _join(self, client: Any) -> None:
+        """Send a client its picture, with what it is compared with if that shows the same."""
+        picture, current = self.work.picture(client.client_id)
+        if picture is None or not current:
             return
-        lines = [_cost(picture)]
+        compared, name, lines = self._rival(), self._with.value, [_cost(picture)]
+        rival = None
+        if compared is not None:
+            found, same = compared[0].picture(Rival(client.client_id))
+            rival = found if same else None
+            if rival is None and compared[0] is self.beside and picture.samples == 1:
+                return  # while a camera moves, both materials or none
         if rival is None:
             image = over_white(picture.rgba)
-            lines += [] if self._rival_work() is None else [f"{self._with.value}: under way"]
+            lines += [] if compared is None else [f"{name}: under way"]
         else:
-            lines.append(f"{self._with.value}: {_cost(rival)}")
+            lines.append(f"{name}: {_cost(rival)}")
             if self._mode.value == "error" and picture.rgba.shape == rival.rgba.shape:
                 image, flip = difference(picture.rgba, rival.rgba)
                 lines.append(f"FLIP {flip:.4f} between them")
@@ -302,6 +311,9 @@ class Page:
         codes = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
         client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
         self._cost.content = "  \n".join(lines)
+        text = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
+        if self._effects.content != text:
+            self._effects.content = text
 
     def _say(self, line: str) -> None:
         if self._fault.content != line:
@@ -313,23 +325,19 @@ class Page:
 
     def _grown(self, share: float) -> None:
         self._panel.grown(share)
-        if share == 1:
-            self._forget_rivals(of=self.work)
 
     def _grown_other(self, share: float) -> None:
-        assert self.beside is not None and self._other is not None
+        assert self._other is not None
         self._other.grown(share)
-        if share == 1:
-            self._forget_rivals(of=self.beside)
 
     def _save(self, kind: str, event: Any) -> None:
-        picture = self._pictures.get(event.client_id)
+        picture, _ = self.work.picture(event.client_id)
         if picture is not None and event.client is not None:
             data = png_bytes(picture.rgba) if kind == "png" else exr_bytes(picture.rgba)
             event.client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
 
     def _save_scene(self, event: Any) -> None:
-        if event.client_id not in self._pictures or event.client is None:
+        if self.work.picture(event.client_id)[0] is None or event.client is None:
             return
         packed = io.BytesIO()
         with TemporaryDirectory() as parent:
@@ -346,7 +354,7 @@ class Page:
         event.client.send_file_download("scene.zip", packed.getvalue(), save_immediately=True)
 
     def _say_command(self, event: Any) -> None:
-        picture = self._pictures.get(event.client_id)
+        picture, _ = self.work.picture(event.client_id)
         if picture is not None:
             work = self.work
             line = command(work.given, work.scene(event.client_id), work.look, self._engine, picture.samples)

@@ -18,8 +18,6 @@ from mesoshell.viewer.look import sized
 
 #: Pixels of the longer side of what is shown first; most samples a pixel.
 COARSE, MOST = 128, 256
-#: Seconds of rest after what is shown first: while a camera moves, nothing else is begun, and so nothing has to be abandoned.
-PAUSE = 0.25
 
 
 class Shown(NamedTuple):
@@ -48,21 +46,10 @@ def refine(
     if not coarse or max(scene.camera.width, scene.camera.height) <= COARSE:
         stages = stages[1:]
     try:
-        for k, (camera, preset, count) in enumerate(stages):
-            if k or not coarse:
-                _wait(PAUSE, stopped)
+        for camera, preset, count in stages:
             yield from _passes(replace(scene, camera=camera), preset, count, stopped, engine)
     except Abandoned:
         return
-
-
-def _wait(seconds: float, stopped: Callable[[], bool]) -> None:
-    """Wait, but not for what nobody waits for."""
-    end = time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        if stopped():
-            raise Abandoned
-        time.sleep(0.005)
 
 
 def _passes(scene: Scene, preset: str, count: int, stopped: Callable[[], bool], engine: str) -> Iterator[Shown]:

@@ -19,14 +19,14 @@ NEWEST = "newest"
 
 
 class RunPanel:
-    """A folder of a server's page about a run. wear: called with another snapshot's file; say: with what is wrong with the
-    run's folder, empty if nothing is. Looks at the folder until it is closed."""
+    """A folder of a server's page about a run. worn: its snapshot that is shown; wear: called with the file of another one;
+    say: with what is wrong with the run's folder, empty if nothing is. Looks at the folder until it is closed."""
 
-    def __init__(self, gui: Any, folder: Path, wear: Callable[[Path], None], say: Callable[[str], None]):
+    def __init__(self, gui: Any, folder: Path, worn: Path, wear: Callable[[Path], None], say: Callable[[str], None]):
         self._folder, self._wear, self._say = folder, wear, say
-        self._worn = snapshots(folder)[-1][1]
+        self._worn = worn
         self._seen: tuple[Any, ...] = ()
-        self._turn, self._closed = threading.Lock(), threading.Event()
+        self._turn, self._closed = threading.RLock(), threading.Event()  # viser calls back where options are set
         with gui.add_folder(f"Run: {folder.name}", order=-1):
             hint = "by thousands of images seen; the newest is followed"
             self._which = gui.add_dropdown("snapshot", (NEWEST,), initial_value=NEWEST, hint=hint)
@@ -45,14 +45,16 @@ class RunPanel:
         """Show what the folder holds now."""
         try:
             self._refresh()
-        except (InputError, OSError) as fault:
-            self._say(str(fault))
+        except Exception as fault:  # the next look may find it whole
+            self._say(
+                str(fault) if isinstance(fault, InputError) else f"{self._folder}: {type(fault).__name__}: {fault}"
+            )
         else:
             self._say("")
 
     def _refresh(self) -> None:
         with self._turn:
-            files = {f"{images / 1000:g} kimg": path for images, path in reversed(snapshots(self._folder))}
+            files = {f"{images / 1000:.12g} kimg": path for images, path in reversed(snapshots(self._folder))}
             if (options := (NEWEST, *files)) != tuple(self._which.options):
                 self._which.options = options
             path = files.get(self._which.value, next(iter(files.values())))
@@ -63,9 +65,9 @@ class RunPanel:
             logs = (self._folder / "log.jsonl", self._folder / "evaluation.jsonl")
             seen = path, *((x.stat().st_mtime_ns, x.stat().st_size) if x.exists() else None for x in (sheet, *logs))
             if seen != self._seen:
-                self._seen = seen
                 _show(self._sheet, sheet.read_bytes() if sheet.exists() else None)
                 _show(self._curves, curves(self._folder))
+                self._seen = seen
 
     def _watch(self) -> None:
         while not self._closed.wait(EVERY):

@@ -5,6 +5,7 @@ view        what one eye sees: its camera, and a number that grows with each wis
 """
 
 import threading
+import time
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
+from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.materials import Material
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled
@@ -22,27 +24,51 @@ from mesoshell.scene.setup import check_irradiance, describe_shell, describe_sur
 from mesoshell.viewer.look import Look, described, first_look, shown, sized, with_texture_of
 from mesoshell.viewer.refine import Abandoned, Shown, refine
 
+#: Seconds of rest before what takes long is begun: while a camera moves, there are only coarse pictures, and nothing has to be
+#: abandoned.
+PAUSE = 0.25
+
 
 @dataclass
 class View:
     """camera: of any size with its proportions; quality: None for the look's; wish: its number; painted: that of the picture
-    under way; left: its steps."""
+    under way; left: its steps; shown: how many there were of this wish; picture: the last one; rest: until when nothing is
+    begun, as `time.monotonic` has it."""
 
     camera: Camera
     quality: str | None = None
     wish: int = 1
     painted: int = 0
     left: Iterator[Shown] | None = None
+    shown: int = 0
+    picture: Shown | None = None
+    rest: float = 0.0
+
+    def ask(self) -> None:
+        """Another picture is wished for."""
+        self.wish, self.shown = self.wish + 1, 0
+        self.rest = time.monotonic() + PAUSE if self.quality is not None else 0.0
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is more to paint."""
+        return self.painted != self.wish or self.left is not None
+
+    @property
+    def urgent(self) -> bool:
+        """Whether it waits for its coarse picture, or for the first one after it."""
+        return self.quality is None and self.shown < 2 and self.waits
 
 
 class Workshop:
-    """Paints what eyes see of a scene. show: called with an eye and a picture; say: with a line for all, empty when a
-    fault is over; growing: with the share of a texture that is grown, 1 at the end. Callbacks come from threads of its own."""
+    """Paints what eyes see of a scene. show: called with an eye whose picture has refined; say: with a line for all, empty
+    when a fault is over; growing: with the share of a texture that is grown, 1 at the end. Callbacks come from threads of its
+    own."""
 
     def __init__(
         self,
         scene: Scene,
-        show: Callable[[Any, Shown], None],
+        show: Callable[[Any], None],
         say: Callable[[str], None],
         growing: Callable[[float], None],
         engine: str = "jax",
@@ -50,7 +76,8 @@ class Workshop:
         hand: AbstractContextManager | None = None,
     ):
         """Settles the scene. hand: which workshops that paint in turn share. Raises InputError."""
-        self.given, self._lit = scene, bool(scene.lights) or scene.environment is not None
+        self.given, scene = scene, unpacked(scene)
+        self._lit = bool(scene.lights) or scene.environment is not None
         check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
         if scene.material.kind == KIND:
             describe_surface(scene)  # raises what a picture of it would
@@ -64,7 +91,7 @@ class Workshop:
         self._faults = {"picture": "", "texture": "", "scene": "", "environment": "", "snapshot": "", "run": ""}
         self._views: dict[Hashable, View] = {}
         self._changed, self._open, self._turn = threading.Condition(), True, 0
-        self._hand = hand or threading.Lock()
+        self._hand, self._telling = hand or threading.Lock(), threading.Lock()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._paint, self._grow)]
         for thread in self._threads:
             thread.start()
@@ -73,7 +100,8 @@ class Workshop:
         """An eye looks from here. quality: of its pictures alone, which have no coarse one before; None: the look's."""
         with self._changed:
             view = self._views.setdefault(eye, View(camera, wish=0))
-            view.camera, view.quality, view.wish = camera, quality, view.wish + 1
+            view.camera, view.quality = camera, quality
+            view.ask()
             self._changed.notify_all()
 
     def leave(self, eye: Hashable) -> None:
@@ -81,25 +109,32 @@ class Workshop:
         with self._changed:
             view = self._views.pop(eye, None)
             if view is not None:
-                view.wish += 1
+                view.ask()
             self._changed.notify_all()
 
-    def set(self, look: Look) -> bool:
-        """Show a look to all; whether it is another one."""
+    def picture(self, eye: Hashable) -> tuple[Shown | None, bool]:
+        """The last picture of an eye, and whether it shows what is wished for now."""
+        with self._changed:
+            view = self._views.get(eye)
+            return (None, False) if view is None else (view.picture, view.shown > 0)
+
+    def set(self, look: Look) -> None:
+        """Show another look to all."""
         with self._changed:
             if look == self.look:
-                return False
+                return
             self.look = look
             for view in self._views.values():
-                view.wish += 1
+                view.ask()
             self._changed.notify_all()
-            return True
 
     def wear(self, material: Material) -> None:
-        """Show another material with the same parameters, once its texture is grown."""
+        """Show another material with the same parameters, once its texture is grown. Raises InputError for one with others."""
+        now = self.begun.material
+        if (material.kind, material.parameters) != (now.kind, now.parameters):
+            raise InputError(material.name, f"has other parameters than {now.name}")
         with self._changed:
-            self.given, self.begun = replace(self.given, material=material), replace(self.begun, material=material)
-            self._texture = None
+            self.begun, self._texture = replace(self.begun, material=material), None
             self._changed.notify_all()
 
     def scene(self, eye: Hashable) -> Scene:
@@ -126,27 +161,29 @@ class Workshop:
 
     def say(self, of: str, line: str) -> None:
         """Say what is wrong with pictures, textures and scenes; an empty line once nothing is."""
-        if self._faults[of] != line:
-            self._faults[of] = line
-            self._tell("  \n".join(x for x in self._faults.values() if x))
+        with self._telling:
+            if self._faults[of] != line:
+                self._faults[of] = line
+                self._tell("  \n".join(x for x in self._faults.values() if x))
 
     def _next(self) -> tuple[Hashable, View] | None:
-        """The eye whose turn it is: those that wait for a coarse picture first, then each in turn. Waits for one; None at the
-        end."""
+        """The eye whose turn it is: those that wait for their first pictures first, then each in turn. Waits for one; None at
+        the end."""
         with self._changed:
             while self._open:
-                views = self._views.items()
-                coarse = [(eye, v) for eye, v in views if v.painted != v.wish and v.quality is None]
-                unfinished = coarse or [(eye, v) for eye, v in views if v.painted != v.wish or v.left is not None]
-                if unfinished:
+                waiting = [(eye, v) for eye, v in self._views.items() if v.waits]
+                waiting = [(eye, v) for eye, v in waiting if v.urgent] or waiting
+                now = time.monotonic()
+                ready = [(eye, v) for eye, v in waiting if v.rest <= now]
+                if ready:
                     self._turn += 1
-                    eye, view = unfinished[self._turn % len(unfinished)]
+                    eye, view = ready[self._turn % len(ready)]
                     if view.painted != view.wish:
                         view.painted = view.wish
                         quality, coarse = view.quality or self.look.quality, view.quality is None
                         view.left = refine(self._scene(view), quality, self._stopped(view), self._engine, coarse)
                     return eye, view
-                self._changed.wait()
+                self._changed.wait(min(v.rest for _, v in waiting) - now if waiting else None)
         return None
 
     def _stopped(self, view: View) -> Callable[[], bool]:
@@ -160,11 +197,17 @@ class Workshop:
             try:
                 with self._hand:
                     picture = next(view.left, None)
-                if picture is None:
-                    view.left = None
-                elif view.painted == view.wish:
-                    self.say("picture", "")
-                    self._show(eye, picture)
+                with self._changed:
+                    if picture is None:
+                        view.left = None
+                        continue
+                    if view.painted != view.wish:
+                        continue
+                    if view.quality is None and view.shown == 0:
+                        view.rest = time.monotonic() + PAUSE
+                    view.picture, view.shown = picture, view.shown + 1
+                self.say("picture", "")
+                self._show(eye)
             except Exception as fault:  # the page goes on, and says it
                 view.left = None
                 self.say("picture", _line(fault))
@@ -180,7 +223,7 @@ class Workshop:
             wanted = look.texture(begun)
 
             def check(share: float, wanted: tuple = wanted, begun: Scene = begun) -> None:
-                if not self._open or self.begun is not begun or self.look.texture(begun) != wanted:
+                if not self._open or self.look.texture(begun) != wanted:
                     raise Abandoned
                 self._growing(share)
 
@@ -198,9 +241,9 @@ class Workshop:
                 if self.begun is begun:
                     self._texture = wanted
                 if still is not None:
-                    self.still = still
+                    self.still, self.given = still, replace(self.given, material=begun.material)
                 for view in self._views.values():
-                    view.wish += 1
+                    view.ask()
                 self._changed.notify_all()
             self._growing(1.0)
 

@@ -11,7 +11,12 @@ from mesoshell.cli.options.view import Options
 from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
 from mesoshell.interrupt import arrived
+from mesoshell.io.material import bundled
+from mesoshell.io.records import read_object
 from mesoshell.scene.materials import load_material
+
+#: Methods whose snapshots are materials.
+MATERIALS = ("gan", "surface", "textures")
 
 
 def run(options: Options) -> None:
@@ -44,7 +49,7 @@ def run(options: Options) -> None:
 
 def _run_of(options: Options) -> Path | None:
     """The folder of a run, in place of the mesh or of the material. Raises InputError if it is given with another material."""
-    mesh, material = (_is_run(x) for x in (options.mesh, Path(options.material)))
+    mesh, material = _is_run(options.mesh), options.material not in bundled() and _is_run(Path(options.material))
     if mesh and options.material != Options.material:
         raise InputError("--material", f"is the newest snapshot of {options.mesh}")
     return options.mesh if mesh else Path(options.material) if material else None
@@ -56,6 +61,10 @@ def _is_run(folder: Path) -> bool:
 
 
 def _newest(run: Path) -> Path:
+    """Its newest snapshot. Raises InputError if there is none, or for a method whose snapshots are no materials."""
     from mesoshell.train.run_config import snapshots
 
+    method = read_object(run / "config.json").get("method", MATERIALS[0])
+    if method not in MATERIALS:
+        raise InputError(run, f"is a run of {method}, whose snapshots are no materials")
     return snapshots(run)[-1][1]

@@ -1,0 +1,39 @@
+"""Run by Blender's Python: a head on a stand, seen by a camera, as a mask and in every mesh format.
+
+FOLDER gets mask.png, view.json (camera's frame and vertical field of view) and head.glb, .gltf, .obj, .ply and .stl, by
+Blender's own settings but for cameras."""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import bpy
+
+FOLDER = Path(sys.argv[1])
+WIDTH, HEIGHT = 120, 90
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.mesh.primitive_monkey_add(location=(0.3, -0.2, 0.5), rotation=(0.4, 0.2, 0.9), size=1.6)
+bpy.ops.mesh.primitive_cone_add(location=(-0.6, 0.7, -0.2), rotation=(0.1, 0.9, 0.0))
+lens = bpy.data.cameras.new("Camera")
+lens.lens, lens.sensor_fit = 40, "AUTO"
+camera = bpy.data.objects.new("Camera", lens)
+camera.location, camera.rotation_euler = (3.4, -3.1, 2.4), (math.radians(62), 0.07, math.radians(47))
+bpy.context.collection.objects.link(camera)
+scene = bpy.context.scene
+scene.camera = camera
+scene.render.engine = "CYCLES"
+scene.cycles.device, scene.cycles.samples, scene.cycles.use_denoising = "CPU", 1, False
+scene.cycles.pixel_filter_type, scene.render.film_transparent = "BOX", True
+scene.cycles.filter_width = 0.01  # rays through the middles of pixels
+scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = WIDTH, HEIGHT, 100
+scene.render.image_settings.file_format, scene.render.image_settings.color_mode = "PNG", "RGBA"
+scene.render.filepath = str(FOLDER / "mask.png")
+bpy.ops.render.render(write_still=True)
+view = {"to_world": [list(row) for row in camera.matrix_world], "fov": 2 * math.atan(36 * HEIGHT / WIDTH / 2 / 40)}
+(FOLDER / "view.json").write_text(json.dumps(view))
+for form, kind in (("GLB", "glb"), ("GLTF_SEPARATE", "gltf")):
+    bpy.ops.export_scene.gltf(filepath=str(FOLDER / f"head.{kind}"), export_format=form, export_cameras=True)
+bpy.ops.wm.obj_export(filepath=str(FOLDER / "head.obj"))
+bpy.ops.wm.ply_export(filepath=str(FOLDER / "head.ply"))
+bpy.ops.wm.stl_export(filepath=str(FOLDER / "head.stl"))

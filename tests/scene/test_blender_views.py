@@ -1,0 +1,55 @@
+"""What Blender sees of a mesh is what is seen here, pixel on pixel, by each format that it writes."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+import mesoshell as ms
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.io.bundle import Bundle
+from mesoshell.render.camera import pixel_grid, rays
+from mesoshell.scene.materials import Material
+from mesoshell.scene.settled import settled
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.skipif(
+    not (ROOT / "data_gen/.venv/installed").exists(), reason="no Blender environment (Python 3.11): make blender"
+)
+#: From Blender's frame, whose z is up, to that of glTF and OBJ files.
+Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("blender")
+    script = [ROOT / "data_gen/.venv/bin/python", ROOT / "tests/helpers/blender_view.py", made]
+    subprocess.run(list(map(str, script)), check=True, capture_output=True)
+    return made
+
+
+@pytest.mark.parametrize("kind", ["glb", "gltf", "obj", "ply", "stl"])
+def test_a_silhouette_is_blenders(folder: Path, tiny_bundle: Bundle, kind: str):
+    """glTF files bring their camera; for others it is Blender's, in the axes that the format usually has."""
+    mask = np.asarray(Image.open(folder / "mask.png"))[..., 3] > 127
+    height, width = mask.shape
+    view = json.loads((folder / "view.json").read_text())
+    scene = ms.Scene(folder / f"head.{kind}", Material("tiny", tiny_bundle), size=(width, height))
+    still = settled(scene)
+    frame = np.array(view["to_world"]) if still.up == "z" else Y_UP @ np.array(view["to_world"])
+    camera = ms.Camera(frame, view["fov"], width, height)
+    if kind in ("glb", "gltf"):
+        assert isinstance(still.camera, ms.Camera)
+        np.testing.assert_allclose(still.camera.to_world, frame, atol=1e-6)
+        assert still.camera.fov == pytest.approx(view["fov"], rel=1e-6)
+        camera = still.camera
+    assert isinstance(still.mesh, Mesh)
+    o, d = rays(camera, pixel_grid(camera, 1, 0))
+    solid = trimesh.Trimesh(still.mesh.vertices, still.mesh.faces, process=False)
+    seen = solid.ray.intersects_any(o, d).reshape(height, width)
+    assert 0.1 < mask.mean() < 0.6
+    assert (seen != mask).sum() <= 2  # a ray within rounding of an edge

@@ -1,0 +1,216 @@
+"""A glTF file's camera and suns stand in the place of defaults, and the material grows on the nodes that are named.
+
+`data/blender.glb` was written by Blender 5.0: a hill of two materials, a stone on which moss hangs, a camera on a turned and
+scaled rig, a sun of 3 W/m² and a lamp. Blender's own numbers are below, in its frame: z up, so that x, y, z is x, z, −y here.
+"""
+
+import json
+import math
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import mesoshell as ms
+from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import load_mesh
+from mesoshell.io.bundle import Bundle
+from mesoshell.scene.gltf import LUX, read_told, unpacked
+from mesoshell.scene.materials import Material
+from mesoshell.scene.settled import settled
+
+FILE = Path(__file__).parents[1] / "data" / "blender.glb"
+#: `matrix_world` of the camera, without its parent's scale of 2, and of the sun.
+CAMERA = np.array(
+    [
+        [1.1682448387145996, -0.11945131421089172, 1.6189303398132324, 2 * 6.374393463134766],
+        [1.5946787595748901, 0.4575403034687042, -1.1169852018356323, 2 * -3.933154821395874],
+        [-0.3036503195762634, 1.9432930946350098, 0.3625028133392334, 2 * 1.817082166671753],
+    ]
+) / 2  # fmt: skip
+SUN = np.array([0.22134041786193848, -0.45962458848953247, 0.8600893616676331])
+FROM_BLENDER = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+
+@pytest.fixture
+def material(tiny_bundle: Bundle) -> Material:
+    return Material("tiny", tiny_bundle)
+
+
+def test_blenders_camera_and_sun():
+    told = read_told(FILE)
+    assert told.camera is not None
+    np.testing.assert_allclose(told.camera[0][:3], FROM_BLENDER @ CAMERA, atol=1e-6)
+    assert told.camera[1] == pytest.approx(2 * math.atan(36 * 54 / 96 / 2 / 45)) and told.aspect == pytest.approx(
+        96 / 54
+    )
+    (sun,) = told.suns
+    np.testing.assert_allclose(sun.direction, FROM_BLENDER @ SUN, atol=1e-6)
+    np.testing.assert_allclose(sun.irradiance, [3, 1.5, 0.75])
+    assert told.notes == ("its lights that are no suns are left out: Lamp",)
+
+
+def test_they_take_the_place_of_defaults(material: Material):
+    scene = ms.Scene(FILE, material, size=(96, 54))
+    still, told = settled(scene), read_told(FILE)
+    assert isinstance(still.camera, ms.Camera) and told.camera is not None
+    np.testing.assert_array_equal(still.camera.to_world, told.camera[0])
+    assert (still.camera.width, still.camera.height, still.camera.fov) == (96, 54, told.camera[1])
+    assert [x.irradiance.tolist() for x in still.lights if isinstance(x, ms.Distant)] == [[3, 1.5, 0.75]]
+    own = ms.Camera(ms.look_at((4.0, 3.0, 5.0), (0.0, 0.0, 0.0)), 0.7, 20, 16)
+    other = settled(replace(scene, camera=own, lights=[(0.0, 1.0, 0.0)]))
+    assert other.camera is own and len(other.lights) == 1 and other.lights[0].irradiance[0] == scene.irradiance  # type: ignore[union-attr]
+    assert unpacked(replace(scene, environment=np.ones((2, 4, 3), np.float32))).lights == ()
+    assert unpacked(unpacked(scene)).mesh is unpacked(still).mesh or unpacked(still) is still
+
+
+def test_other_proportions_are_said(material: Material):
+    def notes(size: tuple[int, int]) -> str:
+        mesh: Any = unpacked(ms.Scene(FILE, material, size=size)).mesh
+        return "\n".join(mesh.notes)
+
+    assert "its camera is 1.78 times as wide as high: --size 512 288" in notes((512, 512))
+    assert "wide as high" not in notes((512, 288))
+
+
+@pytest.mark.parametrize(
+    ("names", "grown"), [(("Hill",), 120), (("Moss",), 12), (("Stone",), 24), (("Stone", "Hill"), 144)]
+)
+def test_the_material_grows_on_what_is_named(material: Material, names: tuple[str, ...], grown: int):
+    """A node has all its materials' triangles, and what hangs on it."""
+    scene = unpacked(ms.Scene(FILE, material, grow=names))
+    whole = load_mesh(FILE)
+    meshes: list[Any] = [scene.mesh, *scene.objects]
+    assert len(meshes[0].faces) == grown and [len(m.faces) for m in meshes[1:]] == [144 - grown] * (grown < 144)
+    together = np.concatenate([m.vertices[m.faces].reshape(-1, 9) for m in meshes])
+    wanted = whole.vertices[whole.faces].reshape(-1, 9)
+    assert len(together) == len(wanted)
+    near = np.abs(together[:, None].reshape(-1, 1, 3, 3).mean(axis=2) - wanted.reshape(1, -1, 3, 3).mean(axis=2)).max(
+        -1
+    )
+    assert near.min(axis=1).max() < 1e-6
+
+
+def test_a_picture_of_a_blender_scene(material: Material):
+    """As one of the same scene in loaded parts."""
+    scene = ms.Scene(FILE, material, size=(48, 27), grow=("Hill",), thickness=0.1, scale=0.2)
+    apart = unpacked(scene)
+    assert apart.grow == () and len(apart.objects) == 1
+    one, other = (ms.render(s, "draft", max_samples=1) for s in (scene, apart))
+    np.testing.assert_array_equal(one.rgba, other.rgba)
+    assert one.rgba[..., 3].max() == 1 and "its lights that are no suns are left out: Lamp" in one.notes
+    bare = ms.render(replace(scene, grow=()), "draft", max_samples=1)
+    assert np.abs(bare.rgba - one.rgba).max() > 0.01  # the stone is grown over too
+
+
+def test_a_name_that_is_not_there(material: Material):
+    with pytest.raises(InputError, match=r"has no mesh named 'Hil': its names are Hill, .*Moss, .*Stone"):
+        unpacked(ms.Scene(FILE, material, grow=("Hil",)))
+    with pytest.raises(InputError, match=r"^grow: names meshes of a glTF file"):
+        unpacked(ms.Scene(FILE.with_name("spot.obj"), material, grow=("Hill",)))
+
+
+def written(folder: Path, header: Any) -> Path:
+    path = folder / "a.gltf"
+    path.write_text(json.dumps(header))
+    return path
+
+
+def lit(node: dict, light: dict) -> dict:
+    node = node | {"extensions": {"KHR_lights_punctual": {"light": 0}}}
+    return {"nodes": [node], "extensions": {"KHR_lights_punctual": {"lights": [light]}}}
+
+
+def seen(node: dict) -> dict:
+    return {"nodes": [node | {"camera": 0}], "cameras": [{"type": "perspective", "perspective": {"yfov": 1}}]}
+
+
+finite = st.floats(-2, 2).map(lambda x: round(x, 3))
+
+
+@given(st.tuples(*[finite] * 4).filter(lambda q: sum(x * x for x in q) > 0.01), st.tuples(*[st.floats(0.1, 3)] * 3))
+def test_a_turned_node_turns_its_camera(tmp_path_factory: pytest.TempPathFactory, q: tuple, scale: tuple):
+    """Oracle: scipy's rotation of the same quaternion."""
+    lens = {"type": "perspective", "perspective": {"yfov": 0.5}}
+    node = {"camera": 0, "rotation": q, "translation": [1, 2, 3], "scale": [scale[0]] * 3}
+    told = read_told(written(tmp_path_factory.mktemp("x"), {"nodes": [node], "cameras": [lens]}))
+    assert told.camera is not None and told.aspect is None
+    np.testing.assert_allclose(told.camera[0][:3, :3], Rotation.from_quat(q).as_matrix(), atol=1e-9)
+    np.testing.assert_array_equal(told.camera[0][:3, 3], [1, 2, 3])
+
+
+def test_transforms_of_parents_are_applied_and_matrices_go_by_columns(tmp_path: Path):
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_euler("xyz", [0.3, 0.5, -0.2]).as_matrix(), [4, 5, 6]
+    nodes = [
+        {"matrix": matrix.T.ravel().tolist(), "children": [1]},
+        {"translation": [0, 0, 2], "scale": [-3, 3, 3], "camera": 0},
+    ]
+    lens = {"type": "perspective", "perspective": {"yfov": 0.5}}
+    header = {"nodes": nodes, "cameras": [lens], "scenes": [{"nodes": []}, {"nodes": [0]}], "scene": 1}
+    camera = read_told(written(tmp_path, header)).camera
+    assert camera is not None
+    np.testing.assert_allclose(camera[0][:3, 3], matrix[:3] @ [0, 0, 2, 1])
+    np.testing.assert_allclose(camera[0][:3, 2], matrix[:3, 2], atol=1e-12)
+    assert np.linalg.det(camera[0]) == pytest.approx(1)  # a mirrored node mirrors no picture
+    assert read_told(written(tmp_path, header | {"scene": 0})).camera is None
+
+
+def test_a_suns_strength_is_in_lux(tmp_path: Path):
+    (sun,) = read_told(written(tmp_path, lit({}, {"type": "directional", "intensity": 2 * LUX}))).suns
+    np.testing.assert_allclose(sun.direction, [0, 0, 1])
+    np.testing.assert_allclose(sun.irradiance, 2)
+
+
+def test_what_cannot_be_taken_is_said(tmp_path: Path):
+    cameras = [{"type": "orthographic"}, *[{"type": "perspective", "perspective": {"yfov": 0.5 + k}} for k in (0, 1)]]
+    nodes = [{"camera": k, "name": name} for k, name in enumerate(("plan", "wide", "near"))]
+    told = read_told(written(tmp_path, {"nodes": nodes, "cameras": cameras}))
+    assert told.camera is not None and told.camera[1] == 0.5
+    assert told.notes == (
+        "its camera plan is no perspective one: left out",
+        "it has 2 cameras: wide, the first, is taken",
+    )
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        {"nodes": [{"camera": 3}], "cameras": []},
+        {"nodes": [{"camera": 0}], "cameras": [{"type": "perspective"}]},
+        {"nodes": [{"camera": 0}], "cameras": [{"type": "perspective", "perspective": {"yfov": 4.0}}]},
+        seen({"scale": [0, 0, 0]}),
+        seen({"translation": [1e300, 0, 0]}),
+        seen({"matrix": [1, 2]}),
+        lit({"scale": [0, 0, 0]}, {"type": "directional"}),
+        lit({}, {"type": "directional", "color": "red"}),
+        {"nodes": [{"children": [7]}]},
+        {"nodes": 3},
+        [],
+    ],
+    ids=str,
+)
+def test_damaged_cameras_and_lights_are_one_line(tmp_path: Path, header: Any):
+    path = written(tmp_path, header)
+    with pytest.raises(InputError, match="its cameras or lights cannot be read: ") as raised:
+        read_told(path)
+    assert str(raised.value).startswith(str(path)) and "\n" not in str(raised.value)
+
+
+def test_nodes_that_go_round_end(tmp_path: Path):
+    assert read_told(written(tmp_path, {"nodes": [{"children": [1]}, {"children": [0]}]})).camera is None
+
+
+def test_a_header_without_its_end_is_one_line(tmp_path: Path):
+    data = FILE.read_bytes()
+    path = tmp_path / "short.glb"
+    path.write_bytes(data[:12] + struct.pack("<I", 40) + data[16:])
+    with pytest.raises(InputError) as raised:
+        read_told(path)
+    assert "\n" not in str(raised.value)

@@ -44,7 +44,9 @@ def main() -> None:
         "draft": PRESETS["draft"],
         "draft as it was": PRESETS["draft"].with_changes(**before, samples=24),
         "normal": PRESETS["normal"],
-        "normal as it was": PRESETS["normal"].with_changes(**before, samples=48),
+        "normal as it was": PRESETS["normal"].with_changes(
+            **before, samples=48, pixel_samples=4, anisotropy=1, early_stop=0.01
+        ),
     }
     for name, quality in settings.items():
         effects = plan_effects(facts(scene), quality)

@@ -17,15 +17,19 @@ import mesoshell as ms
 from benchmarks.light_samples import shown
 from mesoshell.measure.flip import flip
 
-BEFORE: dict[str, Any] = {"samples": 48, "spacing": "length", "height_filter": 1.0, "light_samples": 0}
+#: What `normal` was on 2026-11-21, and until 2026-11-28.
+RAYS: dict[str, Any] = {"pixel_samples": 4, "early_stop": 0.01, "anisotropy": 1}
+BEFORE: dict[str, Any] = RAYS | {"samples": 48, "spacing": "length", "height_filter": 1.0, "light_samples": 0}
+LATER: dict[str, Any] = RAYS | {"samples": 20, "light_samples": 6}
 STEPS: dict[str, tuple[str, dict[str, Any]]] = {
     "as it was": ("normal", BEFORE),
     "half of the samples": ("normal", BEFORE | {"samples": 24}),
     "heights filtered over 0.4": ("normal", BEFORE | {"samples": 24, "height_filter": 0.4}),
-    "by density": ("normal", {"samples": 24, "light_samples": 0}),
-    "20 samples": ("normal", {"light_samples": 0}),
-    "6 lit: `normal`": ("normal", {}),
-    "draft as it was": ("draft", BEFORE | {"samples": 24}),
+    "by density": ("normal", LATER | {"samples": 24, "light_samples": 0}),
+    "20 samples": ("normal", LATER | {"light_samples": 0}),
+    "6 lit": ("normal", LATER),
+    "`normal`": ("normal", {}),
+    "draft as it was": ("draft", BEFORE | {"samples": 24, "pixel_samples": 1}),
     "`draft`": ("draft", {}),
 }
 #: Material, patch, and the side of the picture relative to --size.

@@ -39,9 +39,9 @@ def _setting(default: Any, meaning: str, bias: str = "", **more: Any) -> Any:
 class Quality:
     """The settings of a render. Raises ValueError for a value out of range."""
 
-    pixel_samples: int = _setting(4, "rays a pixel; more smooth silhouettes", engine="jax", least=1)
+    pixel_samples: int = _setting(2, "rays a pixel; more smooth silhouettes", engine="jax", least=1)
     samples: int = _setting(
-        20, "samples a ray, spread over all its intervals", "opacity of what is thinner than their distance", least=1
+        28, "samples a ray, spread over all its intervals", "opacity of what is thinner than their distance", least=1
     )
     #: "interval" is the paper's.
     spacing: str = _setting(
@@ -66,7 +66,7 @@ class Quality:
         words=("interpolated", "exact"),
     )
     early_stop: float = _setting(
-        0.01, "transmittance below which a ray stops", "colour and alpha, by at most this", below=1
+        0.005, "transmittance below which a ray stops", "colour and alpha, by at most this", below=1
     )
     #: A sample is not decoded if the material's σ grid bounds it below its share of this, by length.
     skip: float = _setting(
@@ -84,7 +84,7 @@ class Quality:
     )
     #: As with any estimate by few samples, pictures of many rays a pixel average it.
     light_samples: int = _setting(
-        6,
+        8,
         "about so many samples a ray are lit, drawn in proportion to their weights; more where the σ grid expects less than "
         "there is; 0: all that weight_cut leaves",
         engine="jax",
@@ -96,7 +96,7 @@ class Quality:
     )
     #: 1 is the paper's r = min(a, b).
     anisotropy: int = _setting(
-        1,
+        2,
         "taps along the footprint's long axis; few leave noise where a surface is seen at a slant",
         "a little, as filtering does",
         least=1,
@@ -107,12 +107,12 @@ class Quality:
         "edges of shadows, by an interval's length",
         words=("interval", "sample"),
     )
-    environment_samples: int = _setting(4, "directions a ray drawn from the environment", engine="jax", least=1)
+    environment_samples: int = _setting(8, "directions a ray drawn from the environment", engine="jax", least=1)
     base_samples: int = _setting(
         8, "samples of the shell's shadow on the surface underneath", "the shadow's depth", engine="jax", least=1
     )
     #: A Mitsuba scene file sets its own number and depth.
-    spp: int = _setting(64, "paths a pixel", engine="mitsuba", least=1)
+    spp: int = _setting(48, "paths a pixel", engine="mitsuba", least=1)
     max_depth: int = _setting(
         8, "segments of a path at most; 2 is direct light", "darker: light of later bounces", engine="mitsuba", least=1
     )
@@ -223,6 +223,7 @@ PRESETS = {
         height_filter=0.3,
         light_samples=4,
         early_stop=0.05,
+        anisotropy=1,
         environment_samples=2,
         base_samples=4,
         spp=16,

@@ -91,17 +91,16 @@ for seed, axis in enumerate(axes):
 # ## It has no edge
 #
 # No layer pads: it is evaluated where the next one asks for it. So a tile is a part of the plane, to rounding, at the price of
-# a halo.
+# a halo. Here is one that begins a patch higher and two farther along u.
 
 # %%
-whole, part = texture(config, 0, (64, 128)), texture(config, 0, (32, 32), corner=(1, 2))
-print(
-    f"largest difference: {np.abs(whole[32:64, 64:96] - part).max():.1e}, of a standard deviation of {whole.std():.2f}"
-)
+whole, other = texture(config, 0, (64, 128)), texture(config, 0, (64, 128), corner=(1, 2))
+apart = np.abs(whole[32:, 64:] - other[:32, :64]).max()
+print(f"largest difference where both are: {apart:.1e}, of a standard deviation of {whole.std():.2f}")
 print(
     f"multiplications over those without a halo: one patch {halo_cost(config, 32):.1f}, 4 × 4 {halo_cost(config, 128):.1f}"
 )
-assert np.abs(whole[32:64, 64:96] - part).max() < 1e-4 * whole.std()
+assert apart < 1e-4 * whole.std()
 
 # %% [markdown]
 # ## It does not repeat
@@ -110,8 +109,8 @@ assert np.abs(whole[32:64, 64:96] - part).max() < 1e-4 * whole.std()
 # next to nothing, since sines are taken on the two axes alone.
 
 # %%
-figure, axes = plt.subplots(1, 3, figsize=(11, 4))
-for waves, axis in zip((1, 4, 16), axes, strict=True):
+figure, axes = plt.subplots(1, 2, figsize=(8, 4))
+for waves, axis in zip((1, 16), axes, strict=True):
     f = texture(replace(config, waves=waves), 0, (128, 128))
     value, lag = largest_repeat(f, 32)
     axis.imshow(autocorrelation(f)[64:191, :64], vmin=-0.5, vmax=0.5, cmap="RdBu_r", extent=(0, 2, -2, 2))
@@ -159,10 +158,10 @@ for name, picture, axis in zip(varied, np.split(together, 3), axes, strict=True)
 # %%
 bundle = ms.load_material("grass").shell
 weights = {k: v for k, v in bundle.arrays.items() if k.startswith("decoder/") or k == "sigma_scale"}
-exemplar = bundle.arrays["features/2"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
+exemplar = bundle.arrays["features/3"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
 data = scaled(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))
 small = replace(
-    config, texels=64, channel_base=1024, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
+    config, texels=32, channel_base=512, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
 )
 learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))

@@ -116,11 +116,19 @@ def tiled_bundle() -> Bundle:
 
 
 def _rough(tiles: int) -> Bundle:
-    config = FitConfig(texels=4, channels=4, height_rows=4, octaves=1, trunk=(8, 8), head=(8,), tiles=tiles)
+    optimised = "JAX_DISABLE_MOST_OPTIMIZATIONS" not in os.environ
+    _optimise(False)
+    try:
+        return _made(FitConfig(texels=4, channels=4, height_rows=4, octaves=1, trunk=(8, 8), head=(8,), tiles=tiles))
+    finally:
+        _optimise(optimised)
+
+
+def _made(config: FitConfig) -> Bundle:
     keys = jax.random.split(jax.random.key(0), 3)  # as a fit begins, but rough
     feature = 2 * jax.random.normal(keys[0], (config.side, config.side, 4), jnp.float32)
     height = 2 * jax.random.normal(keys[1], (4, 1, 4), jnp.float32)
     decoder = init_decoder(keys[2], 4 + 1 + 2 + 1, (8, 8), (8,))._replace(scale=jnp.asarray(400.0))
     dryness = Parameter("dryness", "alpha", (0.0, 2.0), 0.5, "1", "how dry")
-    colours = COLOURS if tiles else None
+    colours = COLOURS if config.tiles else None
     return to_bundle(config, Common(height, decoder), feature, (dryness,), provenance={}, colours=colours)

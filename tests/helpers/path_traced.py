@@ -16,7 +16,9 @@ ROOT = Path(__file__).parents[2]
 AGE = 0.3
 #: Of the pictures, in pixels.
 SIZE = 12
-QUALITY = PRESETS["normal"].with_changes(pixel_samples=1, early_stop=0.0, spacing="length", light_samples=0)
+QUALITY = PRESETS["normal"].with_changes(
+    pixel_samples=1, samples=20, early_stop=0.0, spacing="length", light_samples=0, anisotropy=1
+)
 #: ∫ of the fade of ρ below the horizon and 1 above it, over the sphere.
 WHOLE = 2 * np.pi * 1.05
 

@@ -26,6 +26,7 @@ def jumps(bundle: Bundle) -> list[np.ndarray]:
     return by_axis
 
 
+@pytest.mark.slow  # of the shipped turf; test_corner_tiles has borders of every level
 def test_a_border_is_a_line_like_others(monkeypatch, optimised) -> None:
     turf, ordered = read_bundle(find("turf")), corner_tiles.places
     for border, *inside in jumps(turf):

@@ -53,7 +53,7 @@ def world(medium: Blocks, **quality: object) -> World:
     corners = SIDE * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     shells = Shells([extrude(check_mesh(corners, faces, (corners[faces] + medium.first)[..., :2], "square"), 1.0, 1.0)])
-    asked = PRESETS["normal"].with_changes(early_stop=0.0, skip=0.0).with_changes(**quality)
+    asked = PRESETS["normal"].with_changes(samples=20, anisotropy=1, early_stop=0.0, skip=0.0).with_changes(**quality)
     return World(shells, medium, None, asked, plan_effects(Facts(shells=1, distant=1, convex=True), asked, PATHS))
 
 

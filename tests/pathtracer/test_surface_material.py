@@ -252,6 +252,7 @@ def test_directions_are_drawn_with_their_density() -> None:
 # --- light
 
 
+@pytest.mark.slow  # test_surface_cli compares the engines' pictures too
 def test_the_engines_show_the_same(folder) -> None:
     """A random material on a body that shadows itself, whose α is between 0 and 1, by two lights: means within noise, and block
     by block."""

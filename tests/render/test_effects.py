@@ -90,7 +90,9 @@ def on(effects: Effects) -> set[str]:
 
 @pytest.mark.parametrize(("engine", "facts", "quality", "changed"), RULES)
 def test_one_rule(engine: Engine, facts: dict, quality: dict, changed: set):
-    plan = plan_effects(replace(PLAIN, **facts), Quality(spacing="length").with_changes(**quality), engine)
+    plan = plan_effects(
+        replace(PLAIN, **facts), Quality(spacing="length", anisotropy=1).with_changes(**quality), engine
+    )
     assert on(plan) == ALWAYS ^ changed
     assert all(isinstance(r["on"], bool) and str(r["why"]) for r in plan.as_dict().values())
 
@@ -130,7 +132,7 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     sky = replace(room, environment=True)
 
     def used(facts: Facts, engine: Engine, **changes: object) -> set[str]:
-        quality = Quality().with_changes(**changes)
+        quality = Quality(anisotropy=1).with_changes(**changes)
         found = quality_used(quality, plan_effects(facts, quality, engine), engine)
         assert all(found[name] == getattr(quality, name) for name in found)
         return set(found)

@@ -71,7 +71,7 @@ def test_presets_spend_ever_more():
 
 
 def test_more_samples_leave_no_more_unlit():
-    assert Quality().least_weight == pytest.approx(2.4e-3)
+    assert Quality().least_weight == pytest.approx(0.048 / 28)
     for samples in (1, 48, 4096):
         assert samples * Quality(samples=samples).least_weight == pytest.approx(Quality().weight_cut)
 

@@ -24,6 +24,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.scene.gltf import LUX, read_told, unpacked
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
+from tests.helpers import wearing
 
 FILE = Path(__file__).parents[1] / "data" / "blender.glb"
 #: `matrix_world` of the camera, without its parent's scale of 2, and of the sun.
@@ -66,7 +67,7 @@ def test_they_take_the_place_of_defaults(material: Material):
     own = ms.Camera(ms.look_at((4.0, 3.0, 5.0), (0.0, 0.0, 0.0)), 0.7, 20, 16)
     other = settled(replace(scene, camera=own, lights=[(0.0, 1.0, 0.0)]))
     assert other.camera is own and len(other.lights) == 1 and other.lights[0].irradiance[0] == scene.irradiance  # type: ignore[union-attr]
-    assert unpacked(replace(scene, environment=np.ones((2, 4, 3), np.float32))).lights == ()
+    assert len(unpacked(replace(scene, environment=np.ones((2, 4, 3), np.float32))).lights) == 1
     assert unpacked(unpacked(scene)).mesh is unpacked(still).mesh or unpacked(still) is still
 
 
@@ -214,3 +215,30 @@ def test_a_header_without_its_end_is_one_line(tmp_path: Path):
     with pytest.raises(InputError) as raised:
         read_told(path)
     assert "\n" not in str(raised.value)
+
+
+def test_what_is_held_out_lies_under_the_picture(material: Material):
+    """Over a picture of the objects alone it is the whole picture, where no grass stands before them or behind."""
+    scene = ms.Scene(FILE, material, size=(96, 54), grow=("Hill",), thickness=0.05, scale=0.2)
+    changes: Any = {"max_samples": 1, "light_samples": 0}
+    whole, held = (ms.render(replace(scene, holdout=h), "draft", **changes).rgba for h in (False, True))
+    gone = whole[..., 3] - held[..., 3]
+    assert (gone > 0.99).mean() > 0.02 and gone.min() > -1e-6
+    np.testing.assert_array_equal(held[gone > 0.99], 0)
+    kept = gone < 1e-6
+    assert 0.2 < kept.mean() < 1
+    np.testing.assert_array_equal(held[kept], whole[kept])
+    sky = np.ones((2, 4, 3), np.float32)
+    under = ms.render(replace(scene, holdout=True, environment=sky), "draft", **changes).rgba
+    assert under[..., 3].max() == 1 and under[gone > 0.99][..., 3].max() < 1e-6
+
+
+def test_only_marched_shells_hold_out(material: Material, tmp_path: Path):
+    scene = ms.Scene(FILE, material, holdout=True)
+    with pytest.raises(InputError, match=r"^holdout: objects are held out by `engine` jax alone"):
+        ms.render(scene, "draft", engine="mitsuba")
+    with pytest.raises(InputError, match=r"^holdout: dots is a surface material"):
+        ms.render(replace(scene, material=Material("dots", wearing.bundle())), "draft")
+    with pytest.raises(InputError, match=r"^holdout: a scene of Mitsuba's holds no objects out"):
+        ms.write_scene(scene, tmp_path / "scene")
+    assert not (tmp_path / "scene").exists()

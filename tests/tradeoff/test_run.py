@@ -67,9 +67,9 @@ def folder(first: tuple[run.Tradeoff, Path], tmp_path: Path) -> Path:
 def test_what_is_measured_is_written(first: tuple[run.Tradeoff, Path]) -> None:
     made, tmp_path = first
     assert made.names == NAMES and len(made.points) == 9 and made.notes == ("a note",)
-    assert [changes(p.settings) for p in made.points[:2]] == [{}, {"samples": 10}]
+    assert [changes(p.settings) for p in made.points[:2]] == [{}, {"samples": 10, "anisotropy": 1}]
     normal, fewer = made.preset("normal"), made.preset("draft")
-    assert normal and fewer and fewer.bias > 1.4 * normal.bias and normal.evaluations == 20
+    assert normal and fewer and fewer.bias > 1.4 * normal.bias and normal.evaluations == 28
     assert made.preset("reference").bias < 0.5 * normal.bias  # type: ignore[union-attr]
     kept = made.by_evaluations
     assert len(kept) > 3 and kept[-1].flip < 0.5 * kept[0].flip

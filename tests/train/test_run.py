@@ -71,6 +71,7 @@ def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
     assert max(int(p.name) for p in (folder / "checkpoints").iterdir() if p.name.isdigit()) == 4
 
 
+@pytest.mark.slow  # test_two_hosts does the same of one host and of several
 def test_a_run_that_a_term_signal_stopped_goes_on_to_the_same_bits(data, whole, tmp_path, monkeypatch) -> None:
     def terminated(*arguments):
         at = renders(*arguments)

@@ -134,7 +134,8 @@ def test_one_host_goes_on_to_the_same_bits_after_an_interrupt_and_a_kill(alone) 
 
 @pytest.mark.parametrize("hosts", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_hosts_take_the_steps_of_one_and_go_on_to_the_same_bits(alone, tmp_path, hosts: int) -> None:
-    method, _, (one, *_) = alone
+    method, _, (one, stopped, went_on) = alone
+    assert methods.counted(stopped) == 3 and same(one, went_on)
     here = prepared(tmp_path / "together", method)
     ended = launch(here, method, hosts, BOTH_WAYS)
     assert [status for status, _ in ended] == [0] * hosts, ended

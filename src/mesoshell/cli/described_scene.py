@@ -60,6 +60,7 @@ def scene_of(options: SceneOptions, material: Material) -> Scene:
         up=options.up,
         transparent=options.transparent,
         grow=options.grow,
+        holdout=options.holdout,
     )
 
 

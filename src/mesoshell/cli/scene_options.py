@@ -52,8 +52,8 @@ class SceneOptions:
     scale: float | None = None
     #: Width and height of the picture in pixels; default: 512 512, or what a scene of Mitsuba's says.
     size: tuple[int, int] | None = None
-    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: none with an
-    #: --environment, else the suns of a glTF file, else key, fill and bounce.
+    #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: the suns of a
+    #: glTF file; without any, none with an --environment, else key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
@@ -70,5 +70,8 @@ class SceneOptions:
     up: Literal["y", "z"] | None = None
     #: Make the background transparent even where an environment is given.
     transparent: bool = False
+    #: Leave the picture transparent where it would show an --object, to lay it over a render that shows them; they still cast
+    #: and receive shadows. Shells by --engine jax alone.
+    holdout: bool = False
     #: jax marches rays, with direct light only; mitsuba traces paths, with indirect light too.
     engine: Literal["jax", "mitsuba"] = "jax"

@@ -20,9 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import xatlas
 from jaxtyping import Float, Int
-from scipy.cluster.vq import kmeans2
 
 from mesoshell.errors import InputError
 
@@ -51,6 +49,8 @@ def parts_of(centres: Float[np.ndarray, "F 3"]) -> Int[np.ndarray, "F"]:
     count = len(centres) // PART
     if count < 2:
         return np.zeros(len(centres), np.int64)
+    from scipy.cluster.vq import kmeans2  # which takes as long to import as small meshes to unwrap
+
     begin = centres[np.random.default_rng(0).choice(len(centres), count, replace=False)]
     with warnings.catch_warnings(action="ignore"):  # that a part is empty
         return kmeans2(centres, begin, iter=ROUNDS, minit="matrix")[1].astype(np.int64)
@@ -61,32 +61,8 @@ def _in_child(
 ) -> tuple[Float[np.ndarray, "F 3 2"], int] | None:
     with TemporaryDirectory() as folder:
         np.savez(Path(folder) / "mesh.npz", vertices=vertices, faces=faces, parts=parts)
-        child = subprocess.run([sys.executable, "-m", __name__, folder], capture_output=True)
+        child = subprocess.run([sys.executable, "-m", "mesoshell.geometry.xatlas_process", folder], capture_output=True)
         if child.returncode != 0:
             return None
         with np.load(Path(folder) / "uv.npz") as made:
             return made["uv"], int(made["charts"])
-
-
-def _run_xatlas(folder: Path) -> None:
-    chart, pack = xatlas.ChartOptions(), xatlas.PackOptions()
-    chart.fix_winding = True
-    pack.rotate_charts = False  # it rotates by exchanging u and v, which mirrors
-    atlas = xatlas.Atlas()
-    with np.load(folder / "mesh.npz") as mesh:
-        vertices, faces, parts = mesh["vertices"], mesh["faces"], mesh["parts"]
-    members = [np.flatnonzero(parts == k) for k in np.unique(parts)]
-    for member in members:
-        used, corner = np.unique(faces[member], return_inverse=True)
-        atlas.add_mesh(vertices[used], corner.reshape(-1, 3).astype(np.uint32))
-    atlas.generate(chart, pack)
-    uv = np.zeros((len(faces), 3, 2), np.float32)
-    size = np.array([atlas.width, atlas.height], np.float64)
-    for k, member in enumerate(members):
-        _, corner, placed = atlas[k]
-        uv[member] = placed[corner] * (size / size.max())
-    np.savez(folder / "uv.npz", uv=uv, charts=atlas.chart_count)
-
-
-if __name__ == "__main__":
-    _run_xatlas(Path(sys.argv[1]))

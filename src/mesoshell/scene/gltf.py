@@ -68,7 +68,7 @@ def unpacked(scene: Scene) -> Scene:
             notes.append(
                 f"its camera is {told.aspect:.3g} times as wide as high: --size {width} {round(width / told.aspect)}"
             )
-    if not lights and scene.environment is None:
+    if not lights:
         lights = told.suns
     return replace(
         scene,

@@ -60,6 +60,8 @@ def surface(shell: Shell) -> Mesh:
 def _misfit(scene: Scene, d: ShellDescription, twin: Twin) -> str:
     if grows(scene):
         return "a texture is grown"
+    if scene.holdout:
+        return "objects are held out"
     if d.maps:
         return f"{next(iter(d.maps))} varies"
     if not np.allclose(d.alpha, twin.alpha, rtol=0, atol=VALUE):

@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.atomic import new_folder, read_file
 from mesoshell.io.bundle import MANIFEST
@@ -36,6 +36,8 @@ def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tu
     also if the folder exists."""
     if os.path.lexists(folder):
         raise InputError(folder, "exists already")
+    if scene.holdout:
+        raise InputError(Argument("holdout"), "a scene of Mitsuba's holds no objects out")
     still = settled(scene, texture=False)
     assert isinstance(still.mesh, Mesh)
     if scene.material.kind == KIND:

@@ -48,6 +48,8 @@ def prepare(scene: Scene, quality: Quality, engine: str = "jax", progress: Progr
     """The scene, ready to be rendered: its effects are decided, nothing is compiled yet. progress: of growing a texture. Raises
     InputError."""
     begun = time.perf_counter()
+    if scene.holdout and engine != "jax":
+        raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
     if engine == "mitsuba":
         from mesoshell.scene.render_paths import prepare_paths as prepared_by
     elif scene.material.kind == KIND:

@@ -81,6 +81,7 @@ def marched_scene(d: ShellDescription) -> MarchedScene:
         base_colour=d.base_colour,
         objects=d.objects,
         transparent=d.transparent,
+        holdout=d.holdout,
     )
 
 

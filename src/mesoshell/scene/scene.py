@@ -39,14 +39,16 @@ class Scene:
     size: width and height of the picture in pixels.
     camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default:
         the first of a glTF file, else it frames the mesh from the upper front.
-    lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default, unless there is an
-        environment: the suns of a glTF file, else key, fill and bounce.
+    lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: the suns of a
+        glTF file; without any, key, fill and bounce, unless there is an environment.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
     environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it.
     base_colour: diffuse albedo of the surface under a shell and of `objects`, linear Rec. 709, each from 0 to 1.
     objects: further meshes in the same frame that cast and receive shadows.
     up: the axis that points up, "y" or "z". Default: z for PLY and STL files, else y.
     transparent: whether the background is transparent even where there is an environment.
+    holdout: whether the picture is transparent where it would show `objects`, so that it lies over a picture of them; they
+        still cast and receive shadows. Shells by engine jax alone.
 
     Files are read, and values checked, when the scene is rendered or explained. Raises InputError unless `material` is one.
     """
@@ -67,6 +69,7 @@ class Scene:
     up: Literal["y", "z"] | None = None
     grow: Sequence[str] = ()
     transparent: bool = False
+    holdout: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):

@@ -49,6 +49,7 @@ class ShellDescription:
     base_colour: tuple[float, float, float]
     objects: tuple[Mesh, ...]
     transparent: bool
+    holdout: bool
     notes: tuple[str, ...]
 
 
@@ -83,6 +84,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
         base_colour=scene.base_colour,
         objects=tuple(mesh_of(x) for x in scene.objects),
         transparent=scene.transparent,
+        holdout=scene.holdout,
         notes=(*mesh.notes, *shell.notes, *notes),
     )
 
@@ -141,6 +143,10 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     for name in (name for name, is_given in given.items() if is_given):
         raise InputError(Argument(name), f"{scene.material.name} is a surface material: it has none (see `scale`)")
     scene = unpacked(scene)
+    if scene.holdout:
+        raise InputError(
+            Argument("holdout"), f"{scene.material.name} is a surface material: only shells hold objects out"
+        )
     _check_colours(scene)
     mesh = mesh_of(scene.mesh)
     box, up = bounding_box(mesh), up_axis(scene)

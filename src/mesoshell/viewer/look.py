@@ -172,7 +172,12 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         words += ["--grow", name]
     for mesh in given.objects:
         words += ["--object", str(mesh)]
-    words += ["--up", scene.up or "y", *(["--transparent"] if given.transparent else [])]
+    words += [
+        "--up",
+        scene.up or "y",
+        *(["--transparent"] if given.transparent else []),
+        *(["--holdout"] if given.holdout else []),
+    ]
     return shlex.join([*words, "--engine", engine, "--quality", look.quality, "--max-samples", str(samples)])
 
 

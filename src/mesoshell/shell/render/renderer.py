@@ -123,12 +123,13 @@ class _Renderer:
         rgb = self.lighting.shell(lit, i, shaded, at)
         through = np.exp(-depth)
         solid = np.isfinite(traced.end)
-        rgb += through[:, None] * self.lighting.surfaces(lit, traced, through)
+        cut = (traced.face >= len(self.scene.mesh.faces)) if self.scene.holdout else np.zeros(len(o), bool)
+        rgb += (through * ~cut)[:, None] * self.lighting.surfaces(lit, traced, through)
         clock = time.perf_counter()
-        alpha = np.where(solid, 1.0, 1 - through)
+        alpha = np.where(solid & ~cut, 1.0, 1 - through)
         if self.effects.background.on and self.scene.environment is not None:
             rgb += (through * ~solid)[:, None] * lookup(self.scene.environment, d)
-            alpha = np.ones(len(o))
+            alpha = np.where(cut, alpha, 1.0)
         self.report.time("composite", clock)
         return np.concatenate([rgb, alpha[:, None]], axis=1)
 

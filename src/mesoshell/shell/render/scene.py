@@ -21,7 +21,7 @@ class Scene:
     """A scene. alpha: normalised parameters; maps: those that vary, each (H, W) over the UV square, normalised too.
 
     patches_per_uv: texture patches along one unit of the mesh's UV. base_colour: diffuse albedo under the shell and of
-    `objects`.
+    `objects`. holdout: whether the picture is transparent where it would show objects.
     """
 
     mesh: Mesh
@@ -36,3 +36,4 @@ class Scene:
     base_colour: tuple[float, float, float] = (0.09, 0.06, 0.035)
     objects: tuple[Mesh, ...] = ()
     transparent: bool = True
+    holdout: bool = False

@@ -8,7 +8,7 @@ import math
 import sys
 from pathlib import Path
 
-import bpy
+import bpy  # type: ignore
 
 FOLDER = Path(sys.argv[1])
 WIDTH, HEIGHT = 120, 90

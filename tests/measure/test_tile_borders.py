@@ -5,6 +5,7 @@ Oracle: the same field with its tiles in an order that no border fits, where it 
 
 import jax
 import numpy as np
+import pytest
 
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import find

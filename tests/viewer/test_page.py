@@ -84,6 +84,18 @@ def test_a_port_that_is_taken_is_said(page: Page, tiny_bundle: Bundle):
             Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=wrong)
 
 
+def test_a_port_that_was_taken_in_the_meantime(page: Page, tiny_bundle: Bundle, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("mesoshell.viewer.page.check_port", lambda host, port: None)
+    port = int(page.url.rpartition(":")[2])
+    before = threading.active_count()
+    with pytest.raises(InputError, match=rf"^port: 127\.0\.0\.1:{port} was taken in the meantime$"):
+        Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=port)
+    end = time.monotonic() + 30
+    while threading.active_count() > before:
+        assert time.monotonic() < end, "threads of the page go on"
+        time.sleep(0.1)
+
+
 def test_a_browsers_camera_is_ours():
     """Oracle: viser's own camera frame, which looks along +z with y down."""
 

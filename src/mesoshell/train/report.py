@@ -108,7 +108,8 @@ def _score(axes: Any, rows: list[dict[str, Any]]) -> None:
 def _curve(axes: Any, rows: list[dict[str, Any]], label: str, names: tuple[str, ...]) -> None:
     kimg = _drawable([row["kimg"] for row in rows])
     for name in names:
-        axes.plot(kimg, _drawable([row.get(name, np.nan) for row in rows]), label=name, linewidth=0.8)
+        line = {"marker": "."} if len(rows) == 1 else {"linewidth": 0.8}
+        axes.plot(kimg, _drawable([row.get(name, np.nan) for row in rows]), label=name, **line)
     axes.set(xlabel="kimg", ylabel=label)
     axes.legend()
 

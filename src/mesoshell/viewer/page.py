@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import viser
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.io.image import exr_bytes, exr_image, linear_to_srgb, png_bytes, srgb_to_linear
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
@@ -68,6 +68,11 @@ class Page:
         try:
             with own_sockets(host, port):
                 self._server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
+            if (
+                self._server.get_port() != port
+            ):  # another program took it while a texture grew; viser takes the next one
+                self._server.stop()
+                raise InputError(Argument("port"), f"{host}:{port} was taken in the meantime")
             self.url = f"http://{host}:{port}"
             self._begin_camera()
             self._brush: Brush | None = None

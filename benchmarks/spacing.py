@@ -29,7 +29,7 @@ STEPS: dict[str, tuple[str, dict[str, Any]]] = {
     "20 samples": ("normal", LATER | {"light_samples": 0}),
     "6 lit": ("normal", LATER),
     "`normal`": ("normal", {}),
-    "draft as it was": ("draft", BEFORE | {"samples": 24, "pixel_samples": 1}),
+    "draft as it was": ("draft", BEFORE | {"samples": 24, "pixel_samples": 1, "early_stop": 0.05}),
     "`draft`": ("draft", {}),
 }
 #: Material, patch, and the side of the picture relative to --size.

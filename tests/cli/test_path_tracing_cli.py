@@ -99,7 +99,7 @@ def sky(folder: Path) -> Path:
 
     image = np.full((16, 32, 4), 0.05, np.float32)
     image[:6, :, 2] = 2.0
-    image[5:9, 3:8, 0] = 20.0
+    image[5:9, 8:13, 0] = 20.0
     write_exr(folder / "sky.exr", image)
     return folder / "sky.exr"
 

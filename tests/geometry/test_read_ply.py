@@ -124,3 +124,11 @@ def test_faults_are_one_line(tmp_path: Path, form: str):
         with pytest.raises(InputError, match=fault) as raised:
             read_mesh(path)
         assert str(raised.value).startswith(f"{path}: ") and "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_an_axis_that_is_a_list_is_none(tmp_path: Path, form: str):
+    kinds = [("uchar", "float", "x"), *XYZ[1:]]
+    vertices = [[[p[0]], *p[1:]] for p in CUBE]
+    with pytest.raises(InputError, match=r"its vertices have no x$"):
+        read_mesh(write(tmp_path / "a.ply", form, [("vertex", kinds, vertices), ("face", FACES, [[[0, 1, 2]]])]))

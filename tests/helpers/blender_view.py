@@ -1,7 +1,8 @@
 """Run by Blender's Python: a head on a stand, seen by a camera, as a mask and in every mesh format.
 
-FOLDER gets mask.png, view.json (camera's frame and vertical field of view) and head.glb, .gltf, .obj, .ply and .stl, by
-Blender's own settings but for cameras."""
+FOLDER, which has sky.exr, gets sky_0.exr to sky_7.exr, what is seen of that in eight directions; mask.png, view.json (the
+camera's frame and vertical field of view) and head.glb, .gltf, .obj, .ply and .stl, by Blender's own settings but for
+cameras."""
 
 import json
 import math
@@ -9,6 +10,7 @@ import sys
 from pathlib import Path
 
 import bpy  # type: ignore
+from mathutils import Vector  # type: ignore
 
 FOLDER = Path(sys.argv[1])
 WIDTH, HEIGHT = 120, 90
@@ -37,3 +39,21 @@ for form, kind in (("GLB", "glb"), ("GLTF_SEPARATE", "gltf")):
 bpy.ops.wm.obj_export(filepath=str(FOLDER / "head.obj"))
 bpy.ops.wm.ply_export(filepath=str(FOLDER / "head.ply"))
 bpy.ops.wm.stl_export(filepath=str(FOLDER / "head.stl"))
+for one in list(bpy.data.objects):
+    if one.type == "MESH":
+        bpy.data.objects.remove(one)
+scene.world = bpy.data.worlds.new("World")
+scene.world.use_nodes = True
+tree = scene.world.node_tree
+image = tree.nodes.new("ShaderNodeTexEnvironment")
+image.image, image.interpolation = bpy.data.images.load(str(FOLDER / "sky.exr")), "Closest"
+tree.links.new(image.outputs[0], tree.nodes["Background"].inputs[0])
+scene.render.film_transparent, lens.angle = False, 0.01
+scene.render.resolution_x = scene.render.resolution_y = 2
+scene.render.image_settings.file_format = "OPEN_EXR"
+for k in range(8):
+    angle = (k + 0.5) * math.pi / 4
+    toward = Vector((math.cos(angle), math.sin(angle), 0.4))
+    camera.rotation_euler = toward.to_track_quat("-Z", "Y").to_euler()
+    scene.render.filepath = str(FOLDER / f"sky_{k}.exr")
+    bpy.ops.render.render(write_still=True)

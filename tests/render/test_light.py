@@ -40,7 +40,7 @@ def test_irradiance_from_drawn_directions(up: int):
 def test_weight_is_radiance_over_the_density_of_the_pixel():
     e = environment(sky(), 2)
     d, weight = sample(e, np.random.default_rng(3).random((DRAWS, 3)))
-    column, row = np.arctan2(d[:, 1], d[:, 0]) / (2 * np.pi) % 1 * 12, np.arccos(d[:, 2]) / np.pi * 6
+    column, row = (0.5 - np.arctan2(d[:, 1], d[:, 0]) / (2 * np.pi)) % 1 * 12, np.arccos(d[:, 2]) / np.pi * 6
     cell = row.astype(int) * 12 + column.astype(int)
     edges = np.cos(np.arange(7) / 6 * np.pi)
     density = (np.diff(e.cumulative, prepend=0) / np.repeat(-np.diff(edges) * 2 * np.pi / 12, 12))[cell]
@@ -54,7 +54,7 @@ def test_poles_and_the_seam_belong_to_a_pixel():
     e = environment(sky(), 2)
     d = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [1, -1e-17, 0], [-1, 0, 0], [0, 0, 1.0000001]], float)
     assert np.isfinite(lookup(e, d)).all()
-    np.testing.assert_array_equal(lookup(e, d[:2]), e.radiance[[0, 5], [0, 0]])
+    np.testing.assert_array_equal(lookup(e, d[:2]), e.radiance[[0, 5], [6, 6]])
 
 
 def test_y_up_turns_the_map_with_its_pole():

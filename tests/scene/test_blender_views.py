@@ -12,7 +12,9 @@ from PIL import Image
 import mesoshell as ms
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.image import read_exr, write_exr
 from mesoshell.render.camera import pixel_grid, rays
+from mesoshell.render.light import environment, lookup
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
 
@@ -24,9 +26,14 @@ pytestmark = pytest.mark.skipif(
 Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
+#: Red by the column, green by the row.
+SKY = np.stack(np.broadcast_arrays(np.arange(1, 9) / 8, np.arange(1, 5)[:, None] / 4, 0.0), axis=-1).astype(np.float32)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("blender")
+    write_exr(made / "sky.exr", SKY, half=False)
     script = [ROOT / "data_gen/.venv/bin/python", ROOT / "tests/helpers/blender_view.py", made]
     subprocess.run(list(map(str, script)), check=True, capture_output=True)
     return made
@@ -53,3 +60,16 @@ def test_a_silhouette_is_blenders(folder: Path, tiny_bundle: Bundle, kind: str):
     seen = solid.ray.intersects_any(o, d).reshape(height, width)
     assert 0.1 < mask.mean() < 0.6
     assert (seen != mask).sum() <= 2  # a ray within rounding of an edge
+
+
+@pytest.mark.parametrize("up", [1, 2])
+def test_a_sky_lies_as_blenders(folder: Path, up: int):
+    """Blender's colours differ by a few percent of one another; columns by an eighth, rows by a quarter."""
+    for k in range(8):
+        angle = (k + 0.5) * np.pi / 4
+        toward = np.array([np.cos(angle), np.sin(angle), 0.4]) / np.sqrt(1.16)
+        if up == 1:
+            toward = Y_UP[:3, :3] @ toward
+        here = lookup(environment(SKY, up), toward[None])[0]
+        there = read_exr(folder / f"sky_{k}.exr")[..., :3].mean(axis=(0, 1))
+        np.testing.assert_allclose(here, there, rtol=0.1)

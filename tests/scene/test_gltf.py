@@ -4,6 +4,7 @@
 scaled rig, a sun of 3 W/m² and a lamp. Blender's own numbers are below, in its frame: z up, so that x, y, z is x, z, −y here.
 """
 
+import base64
 import json
 import math
 import struct
@@ -19,7 +20,8 @@ from scipy.spatial.transform import Rotation
 
 import mesoshell as ms
 from mesoshell.errors import InputError
-from mesoshell.geometry.mesh import load_mesh
+from mesoshell.geometry.mesh import load_mesh, load_nodes
+from mesoshell.geometry.read import read_mesh, read_nodes
 from mesoshell.io.bundle import Bundle
 from mesoshell.scene.gltf import LUX, read_told, unpacked
 from mesoshell.scene.materials import Material
@@ -68,7 +70,8 @@ def test_they_take_the_place_of_defaults(material: Material):
     other = settled(replace(scene, camera=own, lights=[(0.0, 1.0, 0.0)]))
     assert other.camera is own and len(other.lights) == 1 and other.lights[0].irradiance[0] == scene.irradiance  # type: ignore[union-attr]
     assert len(unpacked(replace(scene, environment=np.ones((2, 4, 3), np.float32))).lights) == 1
-    assert unpacked(unpacked(scene)).mesh is unpacked(still).mesh or unpacked(still) is still
+    once = unpacked(scene)
+    assert unpacked(once) is once and unpacked(still) is still
 
 
 def test_other_proportions_are_said(material: Material):
@@ -111,7 +114,7 @@ def test_a_picture_of_a_blender_scene(material: Material):
 
 
 def test_a_name_that_is_not_there(material: Material):
-    with pytest.raises(InputError, match=r"has no mesh named 'Hil': its names are Hill, .*Moss, .*Stone"):
+    with pytest.raises(InputError, match=r"has no mesh named 'Hil': its names are Hill, Moss, Stone$"):
         unpacked(ms.Scene(FILE, material, grow=("Hil",)))
     with pytest.raises(InputError, match=r"^grow: names meshes of a glTF file"):
         unpacked(ms.Scene(FILE.with_name("spot.obj"), material, grow=("Hill",)))
@@ -242,3 +245,85 @@ def test_only_marched_shells_hold_out(material: Material, tmp_path: Path):
     with pytest.raises(InputError, match=r"^holdout: a scene of Mitsuba's holds no objects out"):
         ms.write_scene(scene, tmp_path / "scene")
     assert not (tmp_path / "scene").exists()
+
+
+TRIANGLE = base64.b64encode(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32).tobytes()).decode()
+LENS = {"type": "perspective", "perspective": {"yfov": 0.5}}
+
+
+def triangles(nodes: list[dict]) -> dict:
+    """A header whose nodes with a mesh each have the triangle (0, 0, 0), (1, 0, 0), (0, 1, 0)."""
+    view = {"buffer": 0, "byteLength": 36}
+    accessor = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}
+    return {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 36, "uri": f"data:application/octet-stream;base64,{TRIANGLE}"}],
+        "bufferViews": [view],
+        "accessors": [accessor],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "cameras": [LENS],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+        "nodes": nodes,
+    }
+
+
+def test_a_mesh_may_hang_on_a_camera(tmp_path: Path):
+    """trimesh takes cameras out of its graph, with what hangs on them."""
+    nodes = [
+        {"name": "Rig", "translation": [5, 0, 0], "children": [1]},
+        {"name": "Camera", "camera": 0, "translation": [0, 7, 0], "children": [2], "mesh": 0},
+        {"name": "Camera", "mesh": 0, "translation": [0, 0, 9]},
+    ]
+    path = written(tmp_path, triangles(nodes))
+    points, faces, _ = read_mesh(path)
+    assert len(faces) == 2
+    np.testing.assert_allclose(np.sort(points[:, 2]), [0, 0, 0, 9, 9, 9])
+    np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [[5, 7, 0], [6, 8, 9]])
+    camera = read_told(path).camera
+    assert camera is not None
+    np.testing.assert_allclose(camera[0][:3, 3], [5, 7, 0])
+
+
+def test_names_are_the_files(tmp_path: Path):
+    """They need not be unique; trimesh's are."""
+    nodes: list[dict] = [{"name": "world", "children": [1, 2, 3, 4]}]
+    nodes += [{"name": name, "mesh": 0, "translation": [k, 0, 0]} for k, name in enumerate(("Tree", "Tree", "Rock"))]
+    path = written(tmp_path, triangles([*nodes, {"mesh": 0, "translation": [9, 0, 0]}]))
+    grown, others = read_nodes(path, ("Tree",))
+    assert len(grown[1]) == 2 and others is not None and len(others[1]) == 2
+    assert len(read_nodes(path, ("world",))[0][1]) == 4
+    with pytest.raises(InputError, match=r"its names are Rock, Tree, node 4, world$"):
+        read_nodes(path, ("Bush",))
+
+
+def test_what_nothing_grows_on_needs_neither_uvs_nor_area(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    nodes: list[dict] = [{"children": [1, 2, 3]}, {"name": "a", "mesh": 0}]
+    nodes += [{"name": "b", "mesh": 0, "translation": [3, 0, 0]}, {"name": "c", "mesh": 0, "scale": [0, 0, 0]}]
+    monkeypatch.setattr("mesoshell.geometry.mesh.unwrap", lambda v, f, s: (np.zeros((len(f), 3, 2), np.float32), 1))
+    path = written(tmp_path, triangles(nodes))
+    (others,) = load_nodes(path, ("a",))[1]
+    assert len(others.faces) == 1 and not any("unwrapped" in note for note in others.notes)
+    nodes[0]["children"] = [1, 3]
+    assert load_nodes(written(tmp_path, triangles(nodes)), ("a",))[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"objects": "a.obj"}, "^objects: must be a list"),
+        ({"grow": "Hill"}, "^grow: must be a list of names"),
+        ({"size": (0, 5)}, "^size: 0 x 5 has no pixels"),
+        ({"size": (10**6, 10**6)}, "^size: a picture of 1000000 x 1000000"),
+    ],
+)
+def test_values_of_other_kinds(material: Material, changes: dict, said: str):
+    with pytest.raises(InputError, match=said):
+        ms.render(replace(ms.Scene(FILE, material), **changes), "draft")
+
+
+def test_faint_suns_are_said(tmp_path: Path):
+    told = read_told(written(tmp_path, lit({}, {"type": "directional", "intensity": 3.0})))
+    assert told.notes[0].startswith("its suns are so faint that they may be in W/m²")
+    with pytest.raises(InputError, match="a sun has the strength -3"):
+        read_told(written(tmp_path, lit({}, {"type": "directional", "intensity": -3})))

@@ -57,7 +57,7 @@ class SceneOptions:
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
-    #: Latitude-longitude EXR that lights the scene and is seen behind it.
+    #: Latitude-longitude EXR that lights the scene and is seen behind it; its middle lies toward +x, as in Blender.
     environment: Path | None = None
     #: Diffuse colour of the surface under the shell, and of each --object, linear R G B.
     base: tuple[float, float, float] = EARTH

@@ -52,8 +52,17 @@ def load_nodes(path: str | PathLike[str], names: Sequence[str]) -> tuple[Mesh, t
     """The nodes of these names of a glTF file as one mesh, and all its others as another, if there are any. Raises InputError,
     in one line, if it cannot be used."""
     arrays, others = read_nodes(path, names)
-    rest = () if others is None else (check_mesh(*others, str(path)),)
-    return check_mesh(*arrays, str(path)), rest
+    return check_mesh(*arrays, str(path)), () if others is None else _bare(*others, str(path))
+
+
+def _bare(
+    vertices: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "M 3"], _: object, source: str
+) -> tuple[Mesh, ...]:
+    """What nothing grows on: no texture coordinates are needed, and a mesh without area is none."""
+    if not len(_usable_faces(_check_arrays(vertices, faces, source), faces)[0]):
+        return ()
+    uv = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), (len(faces), 1, 1))
+    return (check_mesh(vertices, faces, uv, source),)
 
 
 def check_mesh(

@@ -158,7 +158,8 @@ def _is_text_stl(head: bytes) -> bool:
 
 def _parts(path: str | PathLike[str]) -> list[tuple[set[str], Arrays]]:
     """Each mesh of a file in world space, and the names of its node and of those it hangs on."""
-    scene = _gltf(Path(path)) if Path(path).suffix.lower() == ".gltf" else trimesh.load_scene(str(path), process=False)
+    gltf = Path(path).suffix.lower() in (".glb", ".gltf")
+    scene, names = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {})
     parents, parts = scene.graph.transforms.parents, []
     for node in scene.graph.nodes_geometry:
         pose, name = scene.graph[node]
@@ -177,7 +178,12 @@ def _parts(path: str | PathLike[str]) -> list[tuple[set[str], Arrays]]:
             owners.add(above)
             above = parents.get(above)
         place = position @ pose[:3, :3].T + pose[:3, 3]
-        parts.append((owners, (place, corner, np.asarray(uv, np.float64)[:, :2][corner])))
+        parts.append(
+            (
+                {names[owner] for owner in owners if owner in names},
+                (place, corner, np.asarray(uv, np.float64)[:, :2][corner]),
+            )
+        )
     return parts
 
 
@@ -192,14 +198,29 @@ def _joined(parts: Sequence[Arrays]) -> Arrays:
     return np.concatenate(points), np.concatenate(faces), _or_none(np.concatenate(uvs))
 
 
-def _gltf(path: Path) -> trimesh.Scene:
-    """A glTF file's scene. trimesh looks for files by their names as written, in which exporters encode spaces."""
-    described = json.loads(path.read_bytes())
+def _gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str]]:
+    """A glTF file's scene, and the file's names of its nodes, which need not be unique. trimesh looks for files by their names
+    as written, in which exporters encode spaces; makes names unique by others; and takes cameras out of the graph, with what
+    hangs on them."""
+    data = path.read_bytes()
+    binary = path.suffix.lower() == ".glb"
+    end = 20 + int.from_bytes(data[12:16], "little") if binary else len(data)
+    described = json.loads(data[20:end] if binary else data)
     for part in [*described.get("buffers", []), *described.get("images", [])]:
         if not part.get("uri", "data:").startswith("data:"):
             part["uri"] = unquote(part["uri"])
-    data = io.BytesIO(json.dumps(described).encode())
-    return trimesh.load_scene(data, file_type="gltf", resolver=FilePathResolver(str(path)), process=False)
+    names = {}
+    for k, node in enumerate(described.get("nodes", [])):
+        names[f"node {k}"] = str(node.get("name", f"node {k}"))
+        node["name"] = f"node {k}"
+        node.pop("camera", None)
+    text = json.dumps(described).encode()
+    if binary:
+        text += b" " * (-len(text) % 4)
+        size = (12 + 8 + len(text) + len(data) - end).to_bytes(4, "little")
+        text = data[:8] + size + len(text).to_bytes(4, "little") + data[16:20] + text + data[end:]
+    kind, near = path.suffix[1:].lower(), FilePathResolver(str(path))
+    return trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=near, process=False), names
 
 
 def read_obj(path: str | PathLike[str]) -> Arrays:

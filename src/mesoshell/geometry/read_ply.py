@@ -59,13 +59,14 @@ def read_ply(
     order, elements = _header(head.decode("ascii", errors="replace"))
     body = data[data.index(b"\n") + 1 :]
     if order == "=":  # text, as if it were binary numbers
-        body = np.array(body.split() or [], "S").astype(np.float64).tobytes()
+        body = np.array([float(word) for word in body.split()], np.float64).tobytes()
         elements = [
             Element(e.name, e.count, [p._replace(kind="f8", length=p.length and "f8") for p in e.properties])
             for e in elements
         ]
     columns = dict(_columns(body, elements, order))
     vertex, face = columns.get("vertex", {}), columns.get("face", {})
+    vertex = {name: column for name, column in vertex.items() if not isinstance(column, list)}
     missing = [axis for axis in "xyz" if axis not in vertex]
     if missing:
         raise InputError(path, f"its vertices have no {missing[0]}")

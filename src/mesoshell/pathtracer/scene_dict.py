@@ -37,7 +37,7 @@ def distant(light: Distant) -> dict:
 
 
 def sky(environment: Environment) -> dict:
-    image = np.ascontiguousarray(environment.radiance[:, ::-1])
+    image = np.ascontiguousarray(environment.radiance)
     pose: Any = sky_pose(environment.up)
     return {"type": "envmap", "bitmap": mi.Bitmap(image), "to_world": mi.ScalarTransform4f(pose)}
 

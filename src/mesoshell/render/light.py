@@ -3,7 +3,8 @@
 Notation
 L           unit vector toward a light                                        (3,), world
 E⊥          irradiance on the plane facing a distant light                     RGB
-(θ, φ)      polar angle from the map's upper edge, azimuth; a latitude-longitude map with z (or y) up
+(θ, φ)      polar angle from the map's upper edge, azimuth; a latitude-longitude map with z (or y) up. As in Blender, its
+            middle column lies toward +x, and columns to the right of it go clockwise, seen from above
 p           density over solid angle of a drawn direction                      1/sr
 """
 
@@ -43,7 +44,7 @@ def lookup(e: Environment, d: Float[np.ndarray, "R 3"]) -> Float[np.ndarray, "R 
     h, w = e.radiance.shape[:2]
     x, y, z = _local(d, e.up)
     row = np.clip((np.arccos(np.clip(z, -1, 1)) / np.pi * h).astype(int), 0, h - 1)
-    column = ((np.arctan2(y, x) / (2 * np.pi)) % 1.0 * w).astype(int) % w
+    column = ((0.5 - np.arctan2(y, x) / (2 * np.pi)) % 1.0 * w).astype(int) % w
     return e.radiance[row, column]
 
 
@@ -55,7 +56,7 @@ def sample(e: Environment, xi: Float[np.ndarray, "R 3"]) -> tuple[np.ndarray, np
     row, column = pixel // w, pixel % w
     edges = np.cos(np.stack([row, row + 1]) / h * np.pi)  # uniform in the pixel's solid angle
     z = edges[0] + xi[:, 1] * (edges[1] - edges[0])
-    phi = (column + xi[:, 2]) / w * 2 * np.pi
+    phi = (0.5 - (column + xi[:, 2]) / w) * 2 * np.pi
     solid = (edges[0] - edges[1]) * 2 * np.pi / w
     s = np.sqrt(np.maximum(1 - z * z, 0))
     d = _world(np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=1), e.up)

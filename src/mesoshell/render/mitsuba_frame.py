@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from mesoshell.render.camera import Camera
 
-#: From our latitude-longitude frame to Mitsuba's, by the axis that points up; longitude is mirrored.
-_SKY = {1: np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]), 2: np.array([[0, -1, 0], [0, 0, 1], [-1, 0, 0]])}
+#: From our latitude-longitude frame to Mitsuba's, by the axis that points up.
+_SKY = {1: np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]), 2: np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])}
 
 
 def camera_pose(camera: Camera) -> Float[np.ndarray, "4 4"]:
@@ -19,7 +19,7 @@ def camera_pose(camera: Camera) -> Float[np.ndarray, "4 4"]:
 
 
 def sky_pose(up: int) -> Float[np.ndarray, "4 4"]:
-    """`to_world` of an `envmap` whose image is ours with its columns reversed. up: 1 for y, 2 for z."""
+    """`to_world` of an `envmap` whose image is ours. up: 1 for y, 2 for z."""
     pose = np.eye(4)
     pose[:3, :3] = _SKY[up].T
     return pose

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import FARTHEST, load_nodes
+from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 from mesoshell.scene.kept_meshes import kept_mesh
@@ -29,6 +30,8 @@ FORMATS, LUX = (".glb", ".gltf"), 683.0
 LIGHTS = "KHR_lights_punctual"
 #: Share by which a picture's proportions may differ from the camera's before it is said.
 ALIKE = 0.01
+#: W/m² below which it is said that suns are faint.
+FAINT = 0.05
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,10 @@ def unpacked(scene: Scene) -> Scene:
         mesh, others = kept_mesh(scene.mesh), ()
     told = read_told(scene.mesh)
     notes, camera, lights = list(told.notes), scene.camera, scene.lights
-    if camera is None and told.camera is not None:
-        camera = Camera(*told.camera, *scene.size)
+    if camera is None and told.camera is not None and _is_size(scene.size):
         width, height = scene.size
+        check_memory(Argument("size"), f"a picture of {width} x {height}", 64 * width * height)
+        camera = Camera(*told.camera, width, height)
         if told.aspect is not None and abs(width / height / told.aspect - 1) > ALIKE:
             notes.append(
                 f"its camera is {told.aspect:.3g} times as wide as high: --size {width} {round(width / told.aspect)}"
@@ -78,6 +82,13 @@ def unpacked(scene: Scene) -> Scene:
         objects=(*scene.objects, *others),
         grow=(),
         up=scene.up or "y",
+    )
+
+
+def _is_size(size: Any) -> bool:
+    """Whether a picture can have it; else what checks sizes says so."""
+    return (
+        len(size) == 2 and all(isinstance(n, int) and n > 0 for n in size) if isinstance(size, tuple | list) else False
     )
 
 
@@ -108,7 +119,7 @@ def _told(header: dict[str, Any]) -> Told:
             if camera["type"] == "perspective":
                 lens = camera["perspective"]
                 fov, aspect = float(lens["yfov"]), lens.get("aspectRatio")
-                if not 0 < fov < np.pi or (aspect is not None and not 0 < float(aspect) < np.inf):
+                if not 0 < fov < np.pi or (aspect is not None and not 1e-3 < float(aspect) < 1e3):
                     raise ValueError(f"{name} sees {fov:g} radians, {aspect} times as wide as high")
                 cameras.append((name, (_frame(to_world), fov), None if aspect is None else float(aspect)))
             else:
@@ -119,10 +130,21 @@ def _told(header: dict[str, Any]) -> Told:
             if light["type"] == "directional":
                 colour = np.array(light.get("color", (1, 1, 1)), np.float64)
                 suns.append(_sun(to_world, colour * float(light.get("intensity", 1.0)) / LUX))
+                if not (
+                    suns[-1].irradiance.shape == (3,)
+                    and ((suns[-1].irradiance >= 0) & (suns[-1].irradiance < 1e30)).all()
+                ):
+                    raise ValueError(
+                        f"a sun has the strength {light.get('intensity')} and the colour {colour.tolist()}"
+                    )
             else:
                 others.append(str(node.get("name", light["type"])))
     if len(cameras) > 1:
         notes.append(f"it has {len(cameras)} cameras: {cameras[0][0]}, the first, is taken")
+    if suns and max(sun.irradiance.max() for sun in suns) < FAINT:
+        notes.append(
+            "its suns are so faint that they may be in W/m², and not in lux: export them with lighting mode Standard"
+        )
     if others:
         notes.append(f"its lights that are no suns are left out: {', '.join(others)}")
     _, camera, aspect = cameras[0] if cameras else ("", None, None)

@@ -76,7 +76,7 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
         <rgb name="irradiance" value="{_numbers(light.irradiance)}"/>
     </emitter>'''
     if still.environment is not None:
-        write_exr(folder / "sky.exr", np.asarray(still.environment, np.float32)[:, ::-1], half=False)
+        write_exr(folder / "sky.exr", np.asarray(still.environment, np.float32), half=False)
         yield f"""    <emitter type="envmap">
         <string name="filename" value="sky.exr"/>
         <transform name="to_world"> {_matrix(sky_pose(1 if still.up == "y" else 2))} </transform>

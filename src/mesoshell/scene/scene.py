@@ -42,7 +42,8 @@ class Scene:
     lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: the suns of a
         glTF file; without any, key, fill and bounce, unless there is an environment.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
-    environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it.
+    environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it;
+        its middle lies toward +x, as in Blender.
     base_colour: diffuse albedo of the surface under a shell and of `objects`, linear Rec. 709, each from 0 to 1.
     objects: further meshes in the same frame that cast and receive shadows.
     up: the axis that points up, "y" or "z". Default: z for PLY and STL files, else y.

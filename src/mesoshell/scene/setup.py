@@ -55,8 +55,9 @@ class ShellDescription:
 
 def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda share: None) -> ShellDescription:
     """The description of a scene with a neural shell. progress: of growing a texture. Raises InputError."""
-    bundle, scene = scene.material.shell, unpacked(scene)
+    bundle = scene.material.shell
     _check_colours(scene)
+    scene = unpacked(scene)
     check_seed(scene.seed)
     mesh = mesh_of(scene.mesh)
     box = bounding_box(mesh)
@@ -91,8 +92,8 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
 
 def check_shell(scene: Scene) -> tuple[str, ...]:
     """Raise InputError as `describe_shell` does, but grow no texture. What the user should know, a line each."""
-    scene = unpacked(scene)
     _check_colours(scene)
+    scene = unpacked(scene)
     check_seed(scene.seed)
     mesh, bundle = mesh_of(scene.mesh), scene.material.shell
     normalised(bundle, read_params(bundle, scene.params)[0])
@@ -142,6 +143,7 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     given = {"params": bool(scene.params), "seed": scene.seed is not None, "thickness": scene.thickness is not None}
     for name in (name for name, is_given in given.items() if is_given):
         raise InputError(Argument(name), f"{scene.material.name} is a surface material: it has none (see `scale`)")
+    _check_colours(scene)
     scene = unpacked(scene)
     if scene.holdout:
         raise InputError(
@@ -165,12 +167,14 @@ def mesh_of(given: str | PathLike[str] | Mesh) -> Mesh:
 
 
 def _check_colours(scene: Scene) -> None:
-    """Raise InputError for an irradiance or an albedo out of range, or for `objects` that are not a list."""
+    """Raise InputError for an irradiance or an albedo out of range, or for `objects` or `grow` that are not lists."""
     check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
     if np.shape(scene.base_colour) != (3,):
         raise InputError(Argument("base_colour"), f"must be three numbers, not {scene.base_colour!r}")
     if isinstance(scene.objects, str | PathLike):
         raise InputError(Argument("objects"), f"must be a list of meshes, not {scene.objects!r}")
+    if isinstance(scene.grow, str):
+        raise InputError(Argument("grow"), f"must be a list of names, not {scene.grow!r}")
     if not all(0 <= v <= 1 for v in scene.base_colour):
         raise InputError(Argument("base_colour"), "must be from 0 to 1: the share of light that it reflects")
 

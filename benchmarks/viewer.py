@@ -28,14 +28,13 @@ def measured(material: str) -> None:
     from mesoshell.io.cache import cache_folder
     from mesoshell.viewer.brush import RADII
     from mesoshell.viewer.canvas import Canvas
-    from mesoshell.viewer.refine import Shown
     from mesoshell.viewer.work import Workshop
 
     jax.config.update("jax_compilation_cache_dir", str(cache_folder("xla")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     shown = threading.Semaphore(0)
 
-    def show(client: int, picture: Shown) -> None:
+    def show(eye: object) -> None:
         shown.release()
 
     def wait() -> float:

@@ -16,7 +16,7 @@ from mesoshell.film.shoot import planned, shoot
 from mesoshell.geometry.mesh import bounding_box
 from mesoshell.io.material import bundled
 from mesoshell.render.quality import PRESETS, Quality
-from mesoshell.scene.setup import mesh_of
+from mesoshell.scene.kept_meshes import mesh_of
 
 MESH = Path("tests/data/spot.obj")
 MATERIALS = ("grass", "turf", "lawn", "carpet")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from mesoshell.render.quality import Quality
     from mesoshell.scene.materials import Material, load_material
     from mesoshell.scene.picture import Picture
-    from mesoshell.scene.scene import Scene
+    from mesoshell.scene.scene import Grown, Scene
 
 __version__ = "0.1.0"
 
@@ -42,6 +42,7 @@ __all__ = [
     "Effects",
     "Film",
     "Fit",
+    "Grown",
     "InputError",
     "Material",
     "Picture",
@@ -70,6 +71,7 @@ _HOMES = {
     "Effects": "mesoshell.render.effects",
     "Film": "mesoshell.film.shoot",
     "Fit": "mesoshell.api.learning",
+    "Grown": "mesoshell.scene.scene",
     "InputError": "mesoshell.errors",
     "Material": "mesoshell.scene.materials",
     "Picture": "mesoshell.scene.picture",

@@ -33,7 +33,7 @@ def painted(camera: ms.Camera, offset: float = 0.0) -> np.ndarray:
 
 def test_what_motion_explains_is_no_flicker():
     a, b = camera(0.0), camera(0.4)
-    before, now = frame_view(a, FLOOR, 0.0), frame_view(b, FLOOR, 0.0)
+    before, now = frame_view(a, [(FLOOR, 0.0)]), frame_view(b, [(FLOOR, 0.0)])
     still = flicker(painted(a), painted(b), before, now)
     swims = flicker(painted(a, 0.2), painted(b), before, now)
     unmoved = flicker(painted(a), painted(b), before, before)
@@ -45,7 +45,7 @@ def test_what_motion_explains_is_no_flicker():
 def test_points_are_carried_to_where_they_were():
     """Oracle: the plane's points, projected by hand."""
     a, b = camera(-0.3), camera(0.5)
-    points, valid = carried(frame_view(a, FLOOR, 0.0), frame_view(b, FLOOR, 0.0))
+    points, valid = carried(frame_view(a, [(FLOOR, 0.0)]), frame_view(b, [(FLOOR, 0.0)]))
     o, d = rays(b, pixel_grid(b, 1, 0))
     x = o - d * (o[:, 1] / d[:, 1])[:, None]
     clip = np.linalg.inv(a.to_world) @ np.concatenate([x, np.ones((len(x), 1))], axis=1).T
@@ -58,9 +58,9 @@ def test_points_are_carried_to_where_they_were():
 
 def test_what_was_hidden_is_left_out():
     a, b = camera(-1.5), camera(1.5)
-    before, now = (frame_view(c, FLOOR, 0.0, (WALL,)) for c in (a, b))
+    before, now = (frame_view(c, [(FLOOR, 0.0)], (WALL,)) for c in (a, b))
     _, valid = carried(before, now)
-    _, bare = carried(frame_view(a, FLOOR, 0.0), frame_view(b, FLOOR, 0.0))
+    _, bare = carried(frame_view(a, [(FLOOR, 0.0)]), frame_view(b, [(FLOOR, 0.0)]))
     hidden = bare & ~valid
     assert 0.01 < hidden.mean() < 0.3
 
@@ -68,7 +68,7 @@ def test_what_was_hidden_is_left_out():
 def test_a_surface_that_moved_is_followed():
     """Points of a floor that rises are found where they were."""
     a = camera(0.0)
-    low, high = frame_view(a, FLOOR, 0.0), frame_view(a, FLOOR, 0.8)
+    low, high = frame_view(a, [(FLOOR, 0.0)]), frame_view(a, [(FLOOR, 0.8)])
     points, valid = carried(low, high)
     o, d = rays(a, pixel_grid(a, 1, 0))
     x = (o - d * ((o[:, 1] - 0.4) / d[:, 1])[:, None]) - [0, 0.4, 0]
@@ -80,7 +80,7 @@ def test_a_surface_that_moved_is_followed():
 
 def test_frames_that_share_nothing_have_none():
     a, away = camera(0.0), ms.Camera(ms.look_at((0.0, 2.5, 3.0), (0.0, 5.0, 6.0)), 0.7, 80, 60)
-    assert flicker(painted(a), painted(away), frame_view(a, FLOOR, 0.0), frame_view(away, FLOOR, 0.0)) is None
+    assert flicker(painted(a), painted(away), frame_view(a, [(FLOOR, 0.0)]), frame_view(away, [(FLOOR, 0.0)])) is None
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
@@ -90,8 +90,8 @@ def test_flicker_does_not_depend_on_the_unit(scale: float):
         to_world[:3, 3] *= scale
         vertices = (FLOOR.vertices * np.float32(scale)).astype(np.float32)
         mesh = Mesh(vertices, FLOOR.faces, FLOOR.uv, FLOOR.normals, ())
-        return frame_view(ms.Camera(to_world, c.fov, c.width, c.height), mesh, 0.0)
+        return frame_view(ms.Camera(to_world, c.fov, c.width, c.height), [(mesh, 0.0)])
 
     a, b = camera(0.0), camera(0.4)
-    plain = flicker(painted(a), painted(b), frame_view(a, FLOOR, 0.0), frame_view(b, FLOOR, 0.0))
+    plain = flicker(painted(a), painted(b), frame_view(a, [(FLOOR, 0.0)]), frame_view(b, [(FLOOR, 0.0)]))
     assert flicker(painted(a), painted(b), scaled(a), scaled(b)) == pytest.approx(plain, rel=0.02)

@@ -290,11 +290,11 @@ def test_names_are_the_files(tmp_path: Path):
     nodes: list[dict] = [{"name": "world", "children": [1, 2, 3, 4]}]
     nodes += [{"name": name, "mesh": 0, "translation": [k, 0, 0]} for k, name in enumerate(("Tree", "Tree", "Rock"))]
     path = written(tmp_path, triangles([*nodes, {"mesh": 0, "translation": [9, 0, 0]}]))
-    grown, others = read_nodes(path, ("Tree",))
-    assert len(grown[1]) == 2 and others is not None and len(others[1]) == 2
-    assert len(read_nodes(path, ("world",))[0][1]) == 4
+    grown, others = read_nodes(path, [("Tree",)])
+    assert len(grown[0][1]) == 2 and others is not None and len(others[1]) == 2
+    assert len(read_nodes(path, [("world",)])[0][0][1]) == 4
     with pytest.raises(InputError, match=r"its names are Rock, Tree, node 4, world$"):
-        read_nodes(path, ("Bush",))
+        read_nodes(path, [("Bush",)])
 
 
 def test_what_nothing_grows_on_needs_neither_uvs_nor_area(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -302,10 +302,10 @@ def test_what_nothing_grows_on_needs_neither_uvs_nor_area(tmp_path: Path, monkey
     nodes += [{"name": "b", "mesh": 0, "translation": [3, 0, 0]}, {"name": "c", "mesh": 0, "scale": [0, 0, 0]}]
     monkeypatch.setattr("mesoshell.geometry.mesh.unwrap", lambda v, f, s: (np.zeros((len(f), 3, 2), np.float32), 1))
     path = written(tmp_path, triangles(nodes))
-    (others,) = load_nodes(path, ("a",))[1]
+    (others,) = load_nodes(path, [("a",)])[1]
     assert len(others.faces) == 1 and not any("unwrapped" in note for note in others.notes)
     nodes[0]["children"] = [1, 3]
-    assert load_nodes(written(tmp_path, triangles(nodes)), ("a",))[1] == ()
+    assert load_nodes(written(tmp_path, triangles(nodes)), [("a",)])[1] == ()
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import write_surface
+from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material
-from mesoshell.scene.setup import mesh_of
 from tests.helpers import wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"

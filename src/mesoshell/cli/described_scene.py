@@ -4,6 +4,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from mesoshell.cli.checks import pairs_of
+from mesoshell.cli.grown import grown_of
 from mesoshell.cli.scene_options import SceneOptions
 from mesoshell.errors import InputError
 from mesoshell.render.quality import Quality
@@ -12,6 +13,13 @@ from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.picture import Prepared, Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
+
+#: Options that a scene of Mitsuba's takes, and why it does not take those that it cannot set itself.
+OF_XML = ("mesh", "engine", "param", "size")
+NOT_OF_XML = {
+    "grow": "names nodes of a glTF file: a scene of Mitsuba's says by its BSDFs what grows",
+    "holdout": "is for --engine jax: a scene of Mitsuba's holds nothing out",
+}
 
 
 def is_mitsubas(mesh: Path) -> bool:
@@ -28,10 +36,10 @@ def prepared(
         return prepare(scene_of(options, load_material(options.material)), quality, options.engine, progress)
     if options.engine != "mitsuba":
         raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
-    fixed = {field.name for field in fields(SceneOptions)} - {"mesh", "engine", "param", "size"}
-    for field in (field for field in fields(options) if field.name in fixed):
+    for field in (field for field in fields(SceneOptions) if field.name not in OF_XML):
         if getattr(options, field.name) != field.default:
-            raise InputError(f"--{field.name.replace('_', '-')}", f"is set in {options.mesh}")
+            fault = NOT_OF_XML.get(field.name, f"is set in {options.mesh}")
+            raise InputError(f"--{field.name.replace('_', '-')}", fault)
     from mesoshell.scene.render_paths import prepare_file
 
     size, names = options.size, pairs_of("--param", options.param)
@@ -42,13 +50,15 @@ def prepared(
 
 
 def scene_of(options: SceneOptions, material: Material) -> Scene:
-    """The scene that the options describe. Raises InputError for a parameter that has no value."""
+    """The scene that the options describe. Raises InputError for a parameter that has no value, or a further material that
+    cannot be used."""
+    named = grown_of(options)
     return Scene(
         mesh=options.mesh,
         material=material,
         thickness=options.thickness,
         scale=options.scale,
-        params=pairs_of("--param", options.param),
+        params=named.params,
         seed=options.seed,
         size=options.size or SIZE,
         camera=options.camera,
@@ -56,10 +66,11 @@ def scene_of(options: SceneOptions, material: Material) -> Scene:
         irradiance=options.irradiance,
         environment=options.environment,
         base_colour=options.base,
-        objects=options.object,
+        objects=named.objects,
         up=options.up,
         transparent=options.transparent,
-        grow=options.grow,
+        grow=named.grow,
+        also=named.also,
         holdout=options.holdout,
     )
 

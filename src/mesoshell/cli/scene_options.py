@@ -33,13 +33,13 @@ class SceneOptions:
     #: --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: Name of a glTF file's node that the material grows on; may be repeated. The file's other meshes stand beside it, as each
-    #: --object does. Default: on all.
+    #: --object does. Default: on all. NODE=MATERIAL grows another material on it.
     grow: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
-    #: generator also varies geometry: an image of a carpet's lean angle combs it. Of a scene of Mitsuba's: a value of its
-    #: $NAME.
+    #: generator also varies geometry: an image of a carpet's lean angle combs it. MATERIAL:NAME=VALUE is for a further
+    #: material, also its thickness, scale and seed. Of a scene of Mitsuba's: a value of its $NAME.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: Which of a generator's textures grows on the mesh, or in which order corner tiles lie; a material that is one patch has
     #: no other. Default: 0.
@@ -61,7 +61,7 @@ class SceneOptions:
     environment: Path | None = None
     #: Diffuse colour of the surface under the shell, and of each --object, linear R G B.
     base: tuple[float, float, float] = EARTH
-    #: Further meshes in the same frame that cast and receive shadows; may be repeated.
+    #: Further meshes in the same frame that cast and receive shadows; may be repeated. FILE=MATERIAL grows a material on it.
     object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
     #: Eye x y z, target x y z and vertical field of view in degrees; default: the first of a glTF file, else it
     #: frames the mesh from the upper front.

@@ -7,7 +7,13 @@ from mesoshell.render.quality import SETTINGS
 
 #: Options whose names differ from the library's arguments, and those that error messages name in backticks.
 _NAMES = {name: f"--set {name}" for name in SETTINGS}
-_NAMES |= {"params": "--param", "lights": "--light", "objects": "--object", "base_colour": "--base"}
+_NAMES |= {
+    "params": "--param",
+    "lights": "--light",
+    "objects": "--object",
+    "also": "--grow, --object",
+    "base_colour": "--base",
+}
 _NAMES |= {
     name: f"--{name.replace('_', '-')}"
     for name in ("engine", "scale", "orbit", "dolly", "keys", "spp", "max_depth", "max_samples")

@@ -10,6 +10,7 @@ bilinear, which blurs, and within a shell points move otherwise than its middle;
 films are compared at the same motion and size.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,12 +48,10 @@ class FrameView:
         return met["primID"], met["tfar"]
 
 
-def frame_view(camera: Camera, mesh: Mesh, thickness: float, objects: tuple[Mesh, ...] = ()) -> FrameView:
-    """What a frame sees: the mesh, raised by half a thickness (world), and objects."""
-    raised = mesh.vertices.astype(np.float64) + mesh.normals * (thickness / 2)
-    return FrameView(
-        camera, np.concatenate([raised[mesh.faces], *(x.vertices.astype(np.float64)[x.faces] for x in objects)])
-    )
+def frame_view(camera: Camera, grown: Sequence[tuple[Mesh, float]], objects: tuple[Mesh, ...] = ()) -> FrameView:
+    """What a frame sees: meshes that are grown, raised by half of their thickness (world), and objects."""
+    corners = [(m.vertices + m.normals * np.float64(t / 2))[m.faces] for m, t in (*grown, *((x, 0.0) for x in objects))]
+    return FrameView(camera, np.concatenate(corners))
 
 
 def carried(before: FrameView, now: FrameView) -> tuple[Float[np.ndarray, "P 2"], Bool[np.ndarray, "P"]]:

@@ -25,7 +25,6 @@ from mesoshell.film.motion import dolly as toward
 from mesoshell.film.motion import orbit as around
 from mesoshell.film.mp4 import check_mp4, write_mp4
 from mesoshell.film.wind import blown
-from mesoshell.geometry.mesh import bounding_box
 from mesoshell.io.atomic import probe_folder, replace_file
 from mesoshell.io.image import linear_to_srgb, read_picture, write_png
 from mesoshell.io.records import read_object
@@ -33,11 +32,13 @@ from mesoshell.render.camera import Camera
 from mesoshell.render.quality import Quality
 from mesoshell.scene.defaults import back_light
 from mesoshell.scene.gltf import unpacked
+from mesoshell.scene.growth import meshes_of
+from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled
-from mesoshell.scene.setup import camera_of, mesh_of, up_axis
+from mesoshell.scene.setup import box_of, camera_of, up_axis
 
 RECORD = "film.json"
 #: How many times its distance away a dolly begins.
@@ -144,7 +145,7 @@ def planned(
         if keys is not None:
             return follow(keys, still)
         camera = _camera(still)
-        box = bounding_box(mesh_of(still.mesh)).astype(np.float64)
+        box = box_of(meshes_of(still)).astype(np.float64)
         pivot = box.mean(axis=0) if aimed is None or isinstance(aimed, Camera) else np.array(aimed[3:6], np.float64)
         if orbit is not None:
             lights = (*still.lights, back_light(camera, up_axis(still), still.irradiance)) if unlit else None
@@ -161,13 +162,14 @@ def _bytes(path: Path) -> UInt8[np.ndarray, "H W 3"]:
 
 
 def _camera(still: Scene) -> Camera:
-    mesh = mesh_of(still.mesh)
-    return camera_of(still, bounding_box(mesh), still.thickness or 0.0, up_axis(still))
+    return camera_of(still, meshes_of(still), up_axis(still))
 
 
 def _view(frame: Scene) -> FrameView:
     """What the flicker of a frame is measured on."""
-    return frame_view(_camera(frame), mesh_of(frame.mesh), frame.thickness or 0.0, tuple(map(mesh_of, frame.objects)))
+    thickness = [one.thickness or 0.0 for one in (frame, *frame.also)]
+    grown = list(zip(meshes_of(frame), thickness, strict=True))
+    return frame_view(_camera(frame), grown, tuple(map(mesh_of, frame.objects)))
 
 
 def _write(folder: Path, of: str, engine: str, rows: dict[str, dict[str, Any]]) -> None:

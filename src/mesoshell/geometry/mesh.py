@@ -48,11 +48,16 @@ def load_mesh(path: str | PathLike[str]) -> Mesh:
     return check_mesh(*read_mesh(path), str(path))
 
 
-def load_nodes(path: str | PathLike[str], names: Sequence[str]) -> tuple[Mesh, tuple[Mesh, ...]]:
-    """The nodes of these names of a glTF file as one mesh, and all its others as another, if there are any. Raises InputError,
-    in one line, if it cannot be used."""
-    arrays, others = read_nodes(path, names)
-    return check_mesh(*arrays, str(path)), () if others is None else _bare(*others, str(path))
+def load_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tuple[list[Mesh], tuple[Mesh, ...]]:
+    """Each group of a glTF file's nodes, by their names, as one mesh, and all its others as another, if there are any; an empty
+    first group stands for all others. Raises InputError, in one line, if it cannot be used."""
+    rest = not groups[0]
+    named, others = read_nodes(path, groups[1:] if rest else groups)
+    if rest and others is None:
+        raise InputError(path, "has no mesh that is not named")
+    if rest and others is not None:
+        named, others = [others, *named], None
+    return [check_mesh(*arrays, str(path)) for arrays in named], () if others is None else _bare(*others, str(path))
 
 
 def _bare(

@@ -45,19 +45,25 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
         return _some(_joined([part for _, part in _parts(path)]) if own is None else own(path), path, kind)
 
 
-def read_nodes(path: str | PathLike[str], names: Sequence[str]) -> tuple[Arrays, Arrays | None]:
-    """The meshes of a glTF file's nodes of these names, with what hangs on them, and all its others, None without any. Raises
-    InputError, in one line, if it has none."""
+def read_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tuple[list[Arrays], Arrays | None]:
+    """The meshes of each group of a glTF file's nodes, by their names, with what hangs on them and is in no other group; and
+    all its others, None without any. Raises InputError, in one line, for a group without triangles."""
     with _one_line(path) as kind:
         parts = _parts(path)
         present = sorted({owner for owners, _ in parts for owner in owners})
-        for name in names:
-            if name not in present:
-                raise InputError(path, f"has no mesh named {name!r}: its names are {', '.join(present)}")
-        chosen, others = (
-            _joined([part for owners, part in parts if owners.isdisjoint(names) is other]) for other in (False, True)
-        )
-        return _some(chosen, path, kind), others if len(others[1]) else None
+        group_of: dict[str, int] = {}
+        for k, names in enumerate(groups):
+            for name in names:
+                if name not in present:
+                    raise InputError(path, f"has no mesh named {name!r}: its names are {', '.join(present)}")
+                if group_of.setdefault(name, k) != k:
+                    raise InputError(path, f"{name!r} is to carry two materials")
+        chosen = [next((group_of[x] for x in owners if x in group_of), -1) for owners, _ in parts]
+        meshes = [
+            _joined([part for (_, part), own in zip(parts, chosen, strict=True) if own == k])
+            for k in range(-1, len(groups))
+        ]
+        return [_some(mesh, path, kind) for mesh in meshes[1:]], meshes[0] if len(meshes[0][1]) else None
 
 
 @contextmanager
@@ -156,8 +162,8 @@ def _is_text_stl(head: bytes) -> bool:
     return head.lstrip()[:5].lower() == b"solid" and b"facet" in head.lower() and b"\0" not in head
 
 
-def _parts(path: str | PathLike[str]) -> list[tuple[set[str], Arrays]]:
-    """Each mesh of a file in world space, and the names of its node and of those it hangs on."""
+def _parts(path: str | PathLike[str]) -> list[tuple[list[str], Arrays]]:
+    """Each mesh of a file in world space, and the names of its node and of those it hangs on, from itself upward."""
     gltf = Path(path).suffix.lower() in (".glb", ".gltf")
     scene, names = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {})
     parents, parts = scene.graph.transforms.parents, []
@@ -173,14 +179,14 @@ def _parts(path: str | PathLike[str]) -> list[tuple[set[str], Arrays]]:
         uv = getattr(part.visual, "uv", None)
         if uv is None or len(uv) != len(position):
             uv = np.full((len(position), 2), np.nan)
-        owners, above = {node}, parents.get(node)
+        owners, above = [node], parents.get(node)
         while above is not None and above != scene.graph.base_frame and above not in owners:
-            owners.add(above)
+            owners.append(above)
             above = parents.get(above)
         place = position @ pose[:3, :3].T + pose[:3, 3]
         parts.append(
             (
-                {names[owner] for owner in owners if owner in names},
+                [names[owner] for owner in owners if owner in names],
                 (place, corner, np.asarray(uv, np.float64)[:, :2][corner]),
             )
         )

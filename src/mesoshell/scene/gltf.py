@@ -53,15 +53,17 @@ def is_gltf(mesh: Any) -> bool:
 def unpacked(scene: Scene) -> Scene:
     """The scene with what its glTF file says in the place of defaults, and `grow` taken apart; any other scene as it is. Raises
     InputError."""
+    named = [x for x in scene.also if x.mesh is None]
     if not is_gltf(scene.mesh):
-        if scene.grow:
+        if scene.grow or named:
             raise InputError(Argument("grow"), "names meshes of a glTF file, and the scene has none")
         return scene
     assert isinstance(scene.mesh, str | PathLike)
-    if scene.grow:
-        mesh, others = load_nodes(scene.mesh, scene.grow)
+    if scene.grow or named:
+        (mesh, *meshes), others = load_nodes(scene.mesh, [scene.grow, *(x.grow for x in named)])
     else:
-        mesh, others = kept_mesh(scene.mesh), ()
+        mesh, meshes, others = kept_mesh(scene.mesh), [], ()
+    own = iter(meshes)
     told = read_told(scene.mesh)
     notes, camera, lights = list(told.notes), scene.camera, scene.lights
     if camera is None and told.camera is not None and _is_size(scene.size):
@@ -81,6 +83,7 @@ def unpacked(scene: Scene) -> Scene:
         lights=lights,
         objects=(*scene.objects, *others),
         grow=(),
+        also=tuple(replace(x, mesh=next(own), grow=()) if x.mesh is None else x for x in scene.also),
         up=scene.up or "y",
     )
 

@@ -27,6 +27,11 @@ LEAST, MOST = 1 << 20, 1 << 30
 ARRAYS = ("vertices", "faces", "uv", "normals")
 
 
+def mesh_of(given: str | PathLike[str] | Mesh) -> Mesh:
+    """A loaded mesh, or one from its file. Raises InputError."""
+    return given if isinstance(given, Mesh) else kept_mesh(given)
+
+
 def kept_mesh(path: str | PathLike[str]) -> Mesh:
     """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
     file = Path(path)

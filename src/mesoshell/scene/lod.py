@@ -10,8 +10,9 @@ from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import twin_reach
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
+from mesoshell.scene.growth import grows
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.setup import ShellDescription, grows
+from mesoshell.scene.setup import ShellDescription
 from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
@@ -62,6 +63,8 @@ def _misfit(scene: Scene, d: ShellDescription, twin: Twin) -> str:
         return "a texture is grown"
     if scene.holdout:
         return "objects are held out"
+    if d.others:
+        return "another material grows beside it"
     if d.maps:
         return f"{next(iter(d.maps))} varies"
     if not np.allclose(d.alpha, twin.alpha, rtol=0, atol=VALUE):

@@ -23,9 +23,10 @@ from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 from mesoshell.render.mitsuba_frame import camera_pose, sky_pose
 from mesoshell.render.quality import Quality
-from mesoshell.scene.scene import Scene
+from mesoshell.scene.growth import grows
+from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.settled import settled
-from mesoshell.scene.setup import check_shell, describe_shell, describe_surface, grows
+from mesoshell.scene.setup import check_shell, describe_shell, describe_surface
 
 #: The file of the scene in its folder.
 NAME = "scene.xml"
@@ -43,7 +44,7 @@ def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tu
     if scene.material.kind == KIND:
         describe_surface(scene)  # raises what a picture of it would
         notes = still.mesh.notes
-    elif grows(still):
+    elif any(grows(one) for one in (still, *still.also)):
         notes = check_shell(still)
     else:
         notes = describe_shell(still).notes
@@ -83,16 +84,19 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
     </emitter>"""
     albedo = f'<rgb name="reflectance" value="{_numbers(still.base_colour)}"/>'
     ground = f'<bsdf type="twosided"> <bsdf type="diffuse"> {albedo} </bsdf> </bsdf>'
-    yield _shape(still.mesh, folder / "mesh.obj", "\n".join(_shell(still, folder, ground)))
+    for k, one in enumerate((still, *still.also)):
+        assert isinstance(one.mesh, Mesh)
+        number = str(k or "")
+        yield _shape(one.mesh, folder / f"mesh{number}.obj", "\n".join(_shell(one, folder, ground, number)))
     for k, mesh in enumerate(still.objects):
         assert isinstance(mesh, Mesh)
         yield _shape(mesh, folder / f"object{k}.obj", f"        {ground}")
 
 
-def _shell(still: Scene, folder: Path, ground: str) -> Iterator[str]:
-    """The mesh's BSDF."""
+def _shell(still: Scene | Grown, folder: Path, ground: str, number: str) -> Iterator[str]:
+    """The mesh's BSDF. number: in the names of its files."""
     yield f"""        <bsdf type="mesoshell">
-            <string name="material" value={_quoted(_material(still.material.name, folder))}/>"""
+            <string name="material" value={_quoted(_material(still.material.name, folder, number))}/>"""
     for name, value in (("thickness", still.thickness), ("scale", still.scale)):
         if value is not None:
             yield f'            <float name="{name}" value="{float(value)!r}"/>'
@@ -101,9 +105,10 @@ def _shell(still: Scene, folder: Path, ground: str) -> Iterator[str]:
     for k, (name, value) in enumerate(still.params.items()):
         if isinstance(value, np.ndarray):
             image = np.repeat(value[::-1, :, None].astype(np.float32), 3, axis=2)
-            write_exr(folder / f"param{k}.exr", image, half=False)
+            file = f"param{k}.exr" if not number else f"param{number}_{k}.exr"
+            write_exr(folder / file, image, half=False)
             yield f"""            <texture type="bitmap" name={_quoted(name)}>
-                <string name="filename" value="param{k}.exr"/> <boolean name="raw" value="true"/>
+                <string name="filename" value="{file}"/> <boolean name="raw" value="true"/>
                 <string name="filter_type" value="nearest"/> <string name="wrap_mode" value="repeat"/>
             </texture>"""
         else:
@@ -112,7 +117,7 @@ def _shell(still: Scene, folder: Path, ground: str) -> Iterator[str]:
     yield "        </bsdf>"
 
 
-def _material(name: str, folder: Path) -> str:
+def _material(name: str, folder: Path, number: str) -> str:
     """How the scene calls a material. Raises InputError for one that is in no file."""
     if name in bundled():
         return name
@@ -121,8 +126,8 @@ def _material(name: str, folder: Path) -> str:
         return str(path.resolve())
     if not path.is_file():
         raise InputError(name, "is a material in no file: write its bundle, and load that")
-    (folder / "material.npz").write_bytes(read_file(path))
-    return "material.npz"
+    (folder / f"material{number}.npz").write_bytes(read_file(path))
+    return f"material{number}.npz"
 
 
 def _quoted(text: str) -> str:

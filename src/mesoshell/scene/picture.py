@@ -17,7 +17,7 @@ from mesoshell.render.camera import Camera
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import TileRenderer, render_pass, threads
-from mesoshell.scene.scene import Scene
+from mesoshell.scene.scene import Grown, Scene
 
 #: Called with the share done, 0 to 1.
 Progress = Callable[[float], None]
@@ -118,10 +118,15 @@ def tiled_passes(camera: Camera, size: int, tile: TileRenderer, ended: Callable[
 
 
 def _about(scene: Scene) -> dict[str, Any]:
-    """The report's part about the material: its name, the parameters given, and its provenance."""
+    """The report's part about materials."""
+    return _of(scene) | ({"also": [_of(one) for one in scene.also]} if scene.also else {})
+
+
+def _of(one: Scene | Grown) -> dict[str, Any]:
+    """A material's name, the parameters given, and its provenance."""
     given = {
         name: f"an image of {' x '.join(map(str, value.shape))}" if isinstance(value, np.ndarray) else value
-        for name, value in scene.params.items()
+        for name, value in one.params.items()
     }
     given = {name: str(x) if isinstance(x, str | PathLike) else float(x) for name, x in given.items()}
-    return {"name": scene.material.name, "parameters": given, **scene.material.provenance}
+    return {"name": one.material.name, "parameters": given, **one.material.provenance}

@@ -21,6 +21,7 @@ from mesoshell.render.effects import PATHS, plan_twin
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
+from mesoshell.scene.growth import Growth
 from mesoshell.scene.lod import in_place, twin_facts
 from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
@@ -155,13 +156,18 @@ def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene,
     twin = twin_facts(scene, d, quality)
     if bundle.twin is not None and plan_twin(twin, quality).on:
         return _made_surface(in_place(d), bundle.twin.surface, quality, d.notes, twin)
-    made = mi.load_dict(_parts(quality, d) | {"surface": scene_dict.surface(d.mesh, d.base_colour)})
-    names = [p.name for p in bundle.parameters if p.role == "alpha"]
-    maps = {name: scene_dict.over_uv(image) for name, image in d.maps.items()}
-    alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, d.alpha, strict=True))
-    medium = Medium(Material(d.material, d.origin), alpha, d.patches_per_uv)
-    set_shells(made, SceneShells([(d.shell, medium)], convex=is_convex(d.mesh), twin=twin), quality)
+    grounds = {f"surface{i}": scene_dict.surface(x.mesh, d.base_colour) for i, x in enumerate(d.growths)}
+    made = mi.load_dict(_parts(quality, d) | grounds)
+    shells = [(x.shell, _medium(x)) for x in d.growths]
+    set_shells(made, SceneShells(shells, convex=all(is_convex(x.mesh) for x in d.growths), twin=twin), quality)
     return made, d.notes
+
+
+def _medium(grown: Growth) -> Medium:
+    names = [p.name for p in grown.material.parameters if p.role == "alpha"]
+    maps = {name: scene_dict.over_uv(image) for name, image in grown.maps.items()}
+    alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, grown.alpha, strict=True))
+    return Medium(Material(grown.material, grown.origin), alpha, grown.patches_per_uv)
 
 
 def _made_surface(

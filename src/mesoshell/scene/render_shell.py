@@ -5,11 +5,12 @@ stretch     world length of one UV unit, averaged over the surface
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from mesoshell.geometry.enclosure import enclosure
-from mesoshell.geometry.mesh import bounding_box, is_convex, uv_stretch
+from mesoshell.geometry.mesh import Mesh, bounding_box, is_convex, uv_stretch
 from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import MARCH, Effects, left_out, plan_effects, plan_twin
 from mesoshell.render.facts import Facts
@@ -22,8 +23,10 @@ from mesoshell.scene.render_surface import prepare_wearing
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.geometry.horizon import lowest
+from mesoshell.shell.geometry.join import joined
 from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render.renderer import RAYS, marched_tile, render
+from mesoshell.shell.render.scene import Medium
 from mesoshell.shell.render.scene import Scene as MarchedScene
 
 
@@ -68,9 +71,11 @@ def _rendered(quality: Quality, effects: Effects, image: np.ndarray, report: Ren
 
 def marched_scene(d: ShellDescription) -> MarchedScene:
     """The description as the renderer's scene."""
+    mesh, shell = joined([(x.mesh, x.shell) for x in d.growths])
+    first = np.cumsum([len(x.shell.faces) for x in d.growths])
     return MarchedScene(
-        mesh=d.mesh,
-        shell=d.shell,
+        mesh=mesh,
+        shell=shell,
         ready=ready(d.material, d.origin),
         camera=d.camera,
         lights=d.lights,
@@ -78,6 +83,10 @@ def marched_scene(d: ShellDescription) -> MarchedScene:
         alpha=d.alpha,
         maps=d.maps,
         patches_per_uv=d.patches_per_uv,
+        others=tuple(
+            Medium(ready(x.material, x.origin), x.alpha, x.maps, x.patches_per_uv, int(prism))
+            for x, prism in zip(d.others, first, strict=False)
+        ),
         base_colour=d.base_colour,
         objects=d.objects,
         transparent=d.transparent,
@@ -89,13 +98,14 @@ def facts(scene: MarchedScene) -> Facts:
     """The facts that the effects are planned from."""
     corners = bounding_box(scene.mesh)
     far = np.linalg.norm(np.abs(corners - scene.camera.to_world[:3, 3]).max(axis=0))
-    patch = uv_stretch(scene.mesh) / scene.patches_per_uv
-    footprint = pixel_radius(scene.camera.spread) / 2 * far / patch
-    convex = is_convex(scene.mesh)
+    media, layouts = scene.media, [m.ready.layout for m in scene.media]
+    patches = [_patch(scene, *ends) for ends in pairwise([*(m.prism for m in media), len(scene.shell.faces)])]
+    footprint = pixel_radius(scene.camera.spread) / 2 * far
+    convex = not scene.others and is_convex(scene.mesh)
     ends = np.concatenate([scene.shell.base, scene.shell.base + scene.shell.offset])
     eye = scene.camera.to_world[:3, 3]
     return Facts(
-        shells=1,
+        shells=len(media),
         objects=len(scene.objects),
         distant=len(scene.lights),
         environment=scene.environment is not None,
@@ -105,10 +115,19 @@ def facts(scene: MarchedScene) -> Facts:
         low=scene.environment is not None
         or lowest(scene.shell, np.array([x.direction for x in scene.lights]).reshape(-1, 3)) <= 0,
         ground=max(scene.base_colour),
-        coarsest=float(2 * footprint * scene.ready.layout.texel_density),
-        rows=scene.ready.layout.height_sizes[0][0],
+        coarsest=max(
+            float(2 * footprint / p * layout.texel_density) for p, layout in zip(patches, layouts, strict=True)
+        ),
+        rows=max(layout.height_sizes[0][0] for layout in layouts),
         inside=bool(((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()),
-        varying=tuple(scene.maps),
-        shaped=scene.ready.layout.nodes is not None,
-        tiled=scene.ready.layout.colours is not None,
+        varying=tuple(dict.fromkeys(name for m in media for name in m.maps)),
+        shaped=any(layout.nodes is not None for layout in layouts),
+        tiled=any(layout.colours is not None for layout in layouts),
     )
+
+
+def _patch(scene: MarchedScene, first: int, end: int) -> float:
+    """World length of a patch, averaged over the faces under some prisms."""
+    shell = scene.shell
+    own = Mesh(shell.base, shell.faces[first:end], shell.uv[first:end], np.zeros_like(shell.base), ())
+    return uv_stretch(own)

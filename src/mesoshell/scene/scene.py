@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh
+from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 from mesoshell.scene.defaults import IRRADIANCE, SIZE
@@ -21,12 +22,41 @@ Direction = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
+class Grown:
+    """A further mesh that is grown with a material of its own: `Scene.also`.
+
+    material: a shell's, of `load_material`.
+    mesh: as of a Scene; or none, and `grow` names nodes of the scene's own glTF file.
+    thickness, scale, params, seed: as of a Scene.
+    """
+
+    material: Material
+    mesh: str | PathLike[str] | Mesh | None = None
+    grow: Sequence[str] = ()
+    thickness: float | None = None
+    scale: float | None = None
+    params: Mapping[str, Value] = field(default_factory=dict)
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        _check_material(self.material)
+        if self.material.kind == KIND:
+            raise InputError(
+                Argument("also"), f"{self.material.name} is a surface material: only shells grow beside others"
+            )
+        if isinstance(self.grow, str):
+            raise InputError(Argument("grow"), f"must be a list of names, not {self.grow!r}")
+        if (self.mesh is None) is (not self.grow):
+            raise InputError(Argument("also"), f"{self.material.name} takes either a mesh or `grow`")
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A mesh grown with a material, its camera and its lights.
 
     mesh: an OBJ, PLY, GLB, glTF, OFF or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
     grow: names of a glTF file's nodes that the material grows on; its other meshes stand beside them, as `objects` do. Default:
-        on all.
+        on all that no material of `also` grows on.
     material: of `load_material`.
     thickness: height of the shell in the mesh's unit. Default: the material's own thickness times `scale`, or 1/25 of the
         bounding box's diagonal. A surface material has none.
@@ -46,6 +76,7 @@ class Scene:
         its middle lies toward +x, as in Blender.
     base_colour: diffuse albedo of the surface under a shell and of `objects`, linear Rec. 709, each from 0 to 1.
     objects: further meshes in the same frame that cast and receive shadows.
+    also: further meshes in the same frame that are grown too, each with a material of its own. Shells alone.
     up: the axis that points up, "y" or "z". Default: z for PLY and STL files, else y.
     transparent: whether the background is transparent even where there is an environment.
     holdout: whether the picture is transparent where it would show `objects`, so that it lies over a picture of them; they
@@ -71,7 +102,18 @@ class Scene:
     grow: Sequence[str] = ()
     transparent: bool = False
     holdout: bool = False
+    also: Sequence[Grown] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.material, Material):
-            raise InputError(Argument("material"), f"{self.material!r} was not loaded: give load_material's")
+        _check_material(self.material)
+        if not isinstance(self.also, Sequence) or not all(isinstance(x, Grown) for x in self.also):
+            raise InputError(Argument("also"), f"must be a list of Grown, not {self.also!r}")
+        if self.also and self.material.kind == KIND:
+            raise InputError(
+                Argument("also"), f"{self.material.name} is a surface material: only shells grow beside others"
+            )
+
+
+def _check_material(material: object) -> None:
+    if not isinstance(material, Material):
+        raise InputError(Argument("material"), f"{material!r} was not loaded: give load_material's")

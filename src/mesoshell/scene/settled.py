@@ -1,41 +1,41 @@
 """Settle a scene: read its files and grow its texture once, for many pictures of it (loads JAX only to grow a texture)."""
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
-from mesoshell.geometry.mesh import bounding_box
+from mesoshell.io.bundle import Bundle
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
 from mesoshell.scene.gltf import unpacked
+from mesoshell.scene.growth import faults_of, grows, meshes_of, thickness_and_scale
+from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material, read_params
 from mesoshell.scene.picture import Progress
-from mesoshell.scene.scene import Scene
-from mesoshell.scene.setup import camera_of, describe_shell, grows, lights_of, mesh_of, up_axis
-from mesoshell.shell.geometry.extrude import proportions
+from mesoshell.scene.scene import Grown, Scene
+from mesoshell.scene.setup import camera_of, describe_shell, lights_of, up_axis
+
+OneT = TypeVar("OneT", Scene, Grown)
 
 
 def settled(scene: Scene, progress: Progress = lambda share: None, texture: bool = True) -> Scene:
     """The same scene with what its files hold, and its defaults, in place; its picture is the same, and lights stay where they
     are when its camera moves. progress: of growing the texture. texture: whether to grow it. Raises InputError."""
     scene = unpacked(scene)
-    mesh, up, surface = mesh_of(scene.mesh), up_axis(scene), scene.material.kind == KIND
-    thickness, scale = (
-        (0.0, scene.scale)
-        if surface
-        else proportions(mesh, scene.material.shell.thickness, scene.thickness, scene.scale)
-    )
-    camera = camera_of(scene, bounding_box(mesh), thickness, up)
-    sky, params = scene.environment, dict(scene.params)
-    if not surface:
-        numbers, images = read_params(scene.material.shell, scene.params)
-        params = {**numbers, **images}
+    up, sky = up_axis(scene), scene.environment
+    if scene.material.kind == KIND:
+        still = replace(scene, mesh=mesh_of(scene.mesh))
+    else:
+        still = _read(scene)
+        also = []
+        for one in scene.also:
+            with faults_of(one):
+                also.append(_read(one))
+        still = replace(still, also=tuple(also))
+    camera = camera_of(still, meshes_of(still), up)
     still = replace(
-        scene,
-        mesh=mesh,
-        thickness=None if surface else thickness,
-        scale=scale,
-        params=params,
+        still,
         size=(camera.width, camera.height),
         camera=camera,
         lights=lights_of(scene, camera, up)[0],
@@ -43,8 +43,26 @@ def settled(scene: Scene, progress: Progress = lambda share: None, texture: bool
         objects=tuple(mesh_of(x) for x in scene.objects),
         up="y" if up == 1 else "z",
     )
-    if surface or not (texture and grows(scene)):
+    if scene.material.kind == KIND or not (texture and any(grows(one) for one in (still, *still.also))):
         return still
-    grown = Material(scene.material.name, describe_shell(still, progress).material)
-    shape = {p.name for p in scene.material.shell.parameters if p.role == "beta"}
-    return replace(still, material=grown, params={k: v for k, v in params.items() if k not in shape}, seed=None)
+    own, *others = (x.material for x in describe_shell(still, progress).growths)
+    also = tuple(_with_texture(one, grown) for one, grown in zip(still.also, others, strict=True))
+    return replace(_with_texture(still, own), also=also)
+
+
+def _read(one: OneT) -> OneT:
+    """With its mesh, the numbers that defaults come to, and images in the place of files."""
+    assert one.mesh is not None
+    mesh = mesh_of(one.mesh)
+    thickness, scale = thickness_and_scale(one, mesh)
+    numbers, images = read_params(one.material.shell, one.params)
+    return replace(one, mesh=mesh, thickness=thickness, scale=scale, params={**numbers, **images})
+
+
+def _with_texture(one: OneT, texture: Bundle) -> OneT:
+    """With a texture that was grown for it, if one was, in the place of the parameters of geometry."""
+    if not grows(one):
+        return one
+    shape = {p.name for p in one.material.shell.parameters if p.role == "beta"}
+    params = {k: v for k, v in one.params.items() if k not in shape}
+    return replace(one, material=Material(one.material.name, texture), params=params, seed=None)

@@ -11,20 +11,16 @@ from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box
-from mesoshell.io.bundle import Bundle
-from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import read_exr
-from mesoshell.io.material import PARAMS, normalised
-from mesoshell.limits import check_memory, check_seed
+from mesoshell.io.surface import KIND
+from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
 from mesoshell.scene.gltf import unpacked
-from mesoshell.scene.kept_meshes import kept_mesh
-from mesoshell.scene.materials import read_params
+from mesoshell.scene.growth import Growth, check_growth, faults_of, growth_of, thickness_and_scale
+from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.scene import Scene
-from mesoshell.shell.geometry.chart import patches_of
-from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
 from mesoshell.surface_material.scene import SurfaceDescription, default_period
 
 #: Most irradiance or radiance: sums of it stay finite in float32.
@@ -32,61 +28,53 @@ BRIGHTEST = 1e30
 
 
 @dataclass(frozen=True, eq=False)
-class ShellDescription:
-    """A shell with its material, camera and lights. origin: where the texture begins, (u, v) in patches; alpha: normalised
-    parameters; maps: those that vary, (H, W) over the UV square; notes: what the user should know, a line each."""
+class ShellDescription(Growth):
+    """A scene's growth with its camera and lights. others: the growths of `Scene.also`; notes: of these too."""
 
-    mesh: Mesh
-    shell: Shell
-    material: Bundle
-    origin: tuple[int, int]
     camera: Camera
     lights: tuple[Distant, ...]
     environment: Environment | None
-    alpha: Float[np.ndarray, "A"]
-    maps: dict[str, Float[np.ndarray, "H W"]]
-    patches_per_uv: float
     base_colour: tuple[float, float, float]
     objects: tuple[Mesh, ...]
     transparent: bool
     holdout: bool
-    notes: tuple[str, ...]
+    others: tuple[Growth, ...] = ()
+
+    @property
+    def growths(self) -> tuple[Growth, ...]:
+        """All of them, the scene's own first."""
+        return self, *self.others
 
 
 def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda share: None) -> ShellDescription:
-    """The description of a scene with a neural shell. progress: of growing a texture. Raises InputError."""
-    bundle = scene.material.shell
+    """The description of a scene with neural shells. progress: of growing textures. Raises InputError."""
     _check_colours(scene)
     scene = unpacked(scene)
-    check_seed(scene.seed)
-    mesh = mesh_of(scene.mesh)
-    box = bounding_box(mesh)
-    thickness, scale = proportions(mesh, bundle.thickness, scene.thickness, scene.scale)
-    shell = extrude(mesh, thickness, scale)
+    count, others = 1 + len(scene.also), []
+    own = growth_of(scene, lambda share: progress(share / count))
+    for k, one in enumerate(scene.also, 1):
+        with faults_of(one):
+            others.append(growth_of(one, lambda share, k=k: progress((k + share) / count)))
     up = up_axis(scene)
-    values, maps = read_params(bundle, scene.params)
-    patches = patches_per_uv(mesh, shell)
-    shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
-    repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
-    material, origin, notes = _textured(scene, shell.uv, (values, shape, patches, repeats), progress)
-    camera = camera_of(scene, box, thickness, up)
+    camera = camera_of(scene, [x.mesh for x in (own, *others)], up)
     lights, sky = lights_of(scene, camera, up)
     return ShellDescription(
-        mesh=mesh,
-        shell=shell,
-        material=material,
-        origin=origin,
+        mesh=own.mesh,
+        shell=own.shell,
+        material=own.material,
+        origin=own.origin,
+        alpha=own.alpha,
+        maps=own.maps,
+        patches_per_uv=own.patches_per_uv,
+        notes=_of_all(scene, [x.notes for x in (own, *others)]),
         camera=camera,
         lights=lights,
         environment=sky,
-        alpha=normalised(bundle, values),
-        maps=maps,
-        patches_per_uv=patches,
         base_colour=scene.base_colour,
         objects=tuple(mesh_of(x) for x in scene.objects),
         transparent=scene.transparent,
         holdout=scene.holdout,
-        notes=(*mesh.notes, *shell.notes, *notes),
+        others=tuple(others),
     )
 
 
@@ -94,48 +82,17 @@ def check_shell(scene: Scene) -> tuple[str, ...]:
     """Raise InputError as `describe_shell` does, but grow no texture. What the user should know, a line each."""
     _check_colours(scene)
     scene = unpacked(scene)
-    check_seed(scene.seed)
-    mesh, bundle = mesh_of(scene.mesh), scene.material.shell
-    normalised(bundle, read_params(bundle, scene.params)[0])
-    shell = extrude(mesh, *proportions(mesh, bundle.thickness, scene.thickness, scene.scale))
-    return (*mesh.notes, *shell.notes)
+    notes = [check_growth(scene)]
+    for one in scene.also:
+        with faults_of(one):
+            notes.append(check_growth(one))
+    return _of_all(scene, notes)
 
 
-def grows(scene: Scene) -> bool:
-    """Whether a texture must be grown: the scene needs another than the material holds."""
-    bundle = scene.material.shell
-    geometry = any(p.role == "beta" and p.name in scene.params for p in bundle.parameters)
-    return bundle.generator is not None and (not bundle.baked or scene.seed is not None or geometry)
-
-
-def _textured(
-    scene: Scene,
-    uv: np.ndarray,
-    wanted: tuple[dict, dict, float, bool],
-    progress: Callable[[float], None],
-) -> tuple[Bundle, tuple[int, int], list[str]]:
-    """The material with a texture for this surface, where the texture begins, and what the user should know. wanted: values of
-    parameters, images of geometry, patches a UV unit, and whether images repeat."""
-    values, shape, patches, repeats = wanted
-    name, bundle = scene.material.name, scene.material.shell
-    if grows(scene):
-        from mesoshell.shell.generator.texture_synthesis import TextureRequest, field_of, grow
-
-        fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
-        return *grow(bundle, name, uv.reshape(-1, 3, 2), TextureRequest(scene.seed or 0, values, fields), progress), []
-    if scene.seed is not None and bundle.tiles is None:
-        raise InputError(Argument("seed"), f"{name} is one texture and has no generator")
-    fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values | shape]
-    if fixed:
-        raise InputError(PARAMS, f"{fixed[0]} is baked into {name}, which has no generator")
-    if bundle.wraps:
-        return bundle, seed_origin(scene.seed or 0), []
-    (u, v), needed = patches_of(uv.reshape(-1, 3, 2))
-    texels = bundle.texel_density
-    height, width = (n / texels for n in bundle.arrays["features/0"].shape[:2])
-    small = needed.shape[1] > width + 2 or needed.shape[0] > height + 2
-    note = f"the mesh spans about {needed.shape[1]} × {needed.shape[0]} patches, the texture {width:g} × {height:g}: "
-    return bundle, (u, v), [note + "its last texels repeat beyond its edges"] if small else []
+def _of_all(scene: Scene, notes: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """Notes of the scene's own growth, and of others, with their materials' names."""
+    own, *rest = notes
+    return *own, *(f"{one.material.name}: {x}" for one, some in zip(scene.also, rest, strict=True) for x in some)
 
 
 def describe_surface(scene: Scene) -> SurfaceDescription:
@@ -150,20 +107,14 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
             Argument("holdout"), f"{scene.material.name} is a surface material: only shells hold objects out"
         )
     _check_colours(scene)
-    mesh = mesh_of(scene.mesh)
-    box, up = bounding_box(mesh), up_axis(scene)
+    mesh, up = mesh_of(scene.mesh), up_axis(scene)
     period = default_period(mesh) if scene.scale is None else scene.scale
     if not (np.isfinite(period) and period > 0):
         raise InputError(Argument("scale"), f"must be above 0, not {period:g}")
-    camera = camera_of(scene, box, 0.0, up)
+    camera = camera_of(scene, [mesh], up)
     lights, sky = lights_of(scene, camera, up)
     objects = tuple(mesh_of(x) for x in scene.objects)
     return SurfaceDescription(mesh, period, camera, lights, sky, scene.base_colour, objects, scene.transparent)
-
-
-def mesh_of(given: str | PathLike[str] | Mesh) -> Mesh:
-    """A loaded mesh, or one from its file. Raises InputError."""
-    return given if isinstance(given, Mesh) else kept_mesh(given)
 
 
 def _check_colours(scene: Scene) -> None:
@@ -215,8 +166,14 @@ def check_size(source: str, size: object) -> tuple[int, int]:
     return width, height
 
 
-def camera_of(scene: Scene, box: np.ndarray, thickness: float, up: int) -> Camera:
-    """The camera given, or one that frames a box with a layer about it. Raises InputError."""
+def box_of(meshes: Sequence[Mesh]) -> Float[np.ndarray, "2 3"]:
+    """The least and the greatest coordinates of some meshes."""
+    corners = np.concatenate([bounding_box(mesh) for mesh in meshes])
+    return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+
+def camera_of(scene: Scene, meshes: Sequence[Mesh], up: int) -> Camera:
+    """The camera given, or one that frames what is grown: the scene's mesh and those of `also`. Raises InputError."""
     given = scene.camera
     source, size = Argument("size"), scene.size
     if isinstance(given, Camera):
@@ -227,7 +184,9 @@ def camera_of(scene: Scene, box: np.ndarray, thickness: float, up: int) -> Camer
     if isinstance(given, Camera):
         return given
     if given is None:
-        return default_camera(box, thickness, (width, height), up)
+        grown, surface = zip((scene, *scene.also), meshes, strict=True), scene.material.kind == KIND
+        layer = 0.0 if surface else max(thickness_and_scale(one, mesh)[0] for one, mesh in grown)
+        return default_camera(box_of(meshes), layer, (width, height), up)
     numbers = [float(x) for x in given]
     if len(numbers) != 7:
         raise InputError(Argument("camera"), f"holds {len(numbers)} numbers: eye, target and field of view are 7")

@@ -30,6 +30,8 @@ def examine(scene: Scene, count: int, progress: Callable[[float], None] = lambda
     1. Raises InputError."""
     if scene.material.kind == KIND:
         raise InputError(Argument("material"), f"{scene.material.name} is a surface material: it has no shell to walk")
+    if scene.also:
+        raise InputError(Argument("also"), "is not checked: examine one material at a time")
     if count < LEAST:
         raise InputError(Argument("rays"), f"must be at least {LEAST}, not {count}")
     d = describe_shell(scene, lambda share: progress(0.2 * share))

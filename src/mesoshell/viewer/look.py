@@ -19,7 +19,7 @@ from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 from mesoshell.scene.materials import read_params
-from mesoshell.scene.scene import Scene
+from mesoshell.scene.scene import Grown, Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +172,8 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         words += ["--grow", name]
     for mesh in given.objects:
         words += ["--object", str(mesh)]
+    for one in given.also:
+        words += _further(one)
     words += [
         "--up",
         scene.up or "y",
@@ -179,6 +181,19 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         *(["--holdout"] if given.holdout else []),
     ]
     return shlex.join([*words, "--engine", engine, "--quality", look.quality, "--max-samples", str(samples)])
+
+
+def _further(one: Grown) -> list[str]:
+    """A further material, with what is set of it."""
+    name, words = one.material.name, []
+    for node in one.grow:
+        words += ["--grow", f"{node}={name}"]
+    if one.mesh is not None:
+        words += ["--object", f"{one.mesh}={name}"]
+    said = {"thickness": one.thickness, "scale": one.scale, "seed": one.seed, **one.params}
+    for key, value in said.items():
+        words += [] if value is None else ["--param", f"{name}:{key}={value}"]
+    return words
 
 
 def _option(name: str, *numbers: float | int) -> list[str]:

@@ -44,11 +44,11 @@ def lowered(tiny_bundle):
     """A function from a program's settings to the number of operations in its lowered density kernel."""
     renderer, (_, pieces, at, _) = setting(scenes.slab(tiny_bundle), scenes.FULL)
     empty = Samples(*(jnp.zeros(4096, t) for t in (jnp.int32, jnp.float32, jnp.float32, jnp.float32)))
-    base = replace(renderer.program, filtering=False, taps=1, exact=False, maps=())
+    base = replace(renderer.media.each[0].program, filtering=False, taps=1, exact=False, maps=())
 
     def count(**changes: object) -> int:
         program: StaticConfig = replace(base, **changes)  # type: ignore[arg-type]
-        table = renderer.table._replace(maps=jnp.zeros((len(program.maps), 2, 2)))
+        table = renderer.media.each[0].table._replace(maps=jnp.zeros((len(program.maps), 2, 2)))
         text = kernels.density.lower(program, table, pieces, at, empty, np.int32(0)).as_text()
         return len(re.findall(r"= (?:stablehlo|call)", text))
 
@@ -77,7 +77,9 @@ def test_only_corner_tiles_are_hashed(tiny_bundle, tiled_bundle):
     empty, hashed = Samples(*(jnp.zeros(4096, t) for t in (jnp.int32, jnp.float32, jnp.float32, jnp.float32))), []
     for bundle in (tiny_bundle, tiled_bundle):
         renderer, (_, pieces, at, _) = setting(scenes.slab(bundle), scenes.FULL)
-        text = kernels.density.lower(renderer.program, renderer.table, pieces, at, empty, np.int32(0)).as_text()
+        text = kernels.density.lower(
+            renderer.media.each[0].program, renderer.media.each[0].table, pieces, at, empty, np.int32(0)
+        ).as_text()
         hashed.append([str(factor) in text for factor in FACTORS])
     assert hashed == [[False, False], [True, True]]
 
@@ -85,7 +87,8 @@ def test_only_corner_tiles_are_hashed(tiny_bundle, tiled_bundle):
 def test_the_same_effects_share_a_program(tiny_bundle):
     scene = scenes.slab(tiny_bundle)
     first, second = (
-        setting(s, scenes.FULL)[0].program for s in (scene, replace(scene, alpha=np.array([0.9], np.float32)))
+        setting(s, scenes.FULL)[0].media.each[0].program
+        for s in (scene, replace(scene, alpha=np.array([0.9], np.float32)))
     )
     assert first == second and hash(first) == hash(second)
 
@@ -96,7 +99,9 @@ def test_waves_give_what_a_full_evaluation_gives(tiny_bundle):
     depth, shaded = renderer.march(candidates, pieces, at, tile)
     samples, ray, _ = candidates
     padded = Samples(*(np.pad(x, (0, -len(x) % 4096)) for x in samples))
-    tau, _ = kernels.density(renderer.program, renderer.table, pieces, at, padded, np.int32(len(samples.row)))
+    tau, _ = kernels.density(
+        renderer.media.each[0].program, renderer.media.each[0].table, pieces, at, padded, np.int32(len(samples.row))
+    )
     tau = np.asarray(tau, np.float64)[: len(samples.row)]
     true = np.bincount(ray, tau, len(tile.o))
     np.testing.assert_allclose(depth, true, rtol=1e-6)
@@ -155,7 +160,14 @@ def test_skipping_misses_at_most_its_bound(tiny_bundle, skip: float, plan: dict)
 def test_the_bound_covers_density(tiny_bundle):
     renderer, ((samples, *_), pieces, at, _) = setting(scenes.slab(tiny_bundle), scenes.FULL)
     padded = Samples(*(np.pad(x, (0, -len(x) % 4096)) for x in samples))
-    arguments = (renderer.program, renderer.table, pieces, at, padded, np.int32(len(samples.row)))
+    arguments = (
+        renderer.media.each[0].program,
+        renderer.media.each[0].table,
+        pieces,
+        at,
+        padded,
+        np.int32(len(samples.row)),
+    )
     bound, (tau, _) = kernels.depth_bounds(*arguments), kernels.density(*arguments)
     assert (np.asarray(tau) <= np.asarray(bound) * (1 + 1e-3)).mean() > 0.999
 
@@ -180,7 +192,7 @@ def test_a_map_lies_on_the_slab_as_an_image_does(tiny_bundle):
     scene = scenes.slab(tiny_bundle)
     values = np.array([[0.0, 1.0], [0.3, 0.6]], np.float32)
     xi = np.array([[0.25, 0.75, 0.5], [0.75, 0.75, 0.5], [0.25, 0.25, 0.5], [0.75, 0.25, 0.5]], np.float32)
-    program = replace(setting(scene, scenes.FULL)[0].program, maps=(0,))
-    table = setting(scene, scenes.FULL)[0].table._replace(maps=jnp.asarray(values[None]))
+    program = replace(setting(scene, scenes.FULL)[0].media.each[0].program, maps=(0,))
+    table = setting(scene, scenes.FULL)[0].media.each[0].table._replace(maps=jnp.asarray(values[None]))
     found = [float(kernels._alpha(program, table, jnp.asarray(x))[0]) for x in xi]
     np.testing.assert_array_equal(np.array(found, np.float32), values.ravel())

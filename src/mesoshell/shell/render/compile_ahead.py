@@ -4,7 +4,7 @@ Each program is called with rows of zeros and a count of 0: what is compiled is 
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -19,23 +19,26 @@ from mesoshell.shell.geometry.sampling import Piece
 from mesoshell.shell.render import kernels, spacing
 from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig
 from mesoshell.shell.render.lighting import jacobians
+from mesoshell.shell.render.media import Decoding
 
 NONE = np.int32(0)
 
 
-def compile_ahead(
-    program: StaticConfig, table: DeviceTables, prisms: Prisms, quality: Quality, lights: int, rows: int
-) -> None:
+def compile_ahead(media: Sequence[Decoding], prisms: Prisms, quality: Quality, lights: int, rows: int) -> None:
     """Compile the programs of a tile. lights: toward which a ray is lit; rows: of its padded intervals."""
+    calls: list[Callable[[], object]] = [lambda: compile_walk(prisms, exact=True)]
+    for program, table in media:
+        calls += _calls(program, table, quality, lights, rows)
+    calls.insert(2, lambda: compile_walk(prisms, exact=False))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for _ in pool.map(lambda call: call(), _calls(program, table, prisms, quality, lights, rows)):
+        for _ in pool.map(lambda call: call(), calls):
             pass
 
 
 def _calls(
-    program: StaticConfig, table: DeviceTables, prisms: Prisms, quality: Quality, lights: int, rows: int
+    program: StaticConfig, table: DeviceTables, quality: Quality, lights: int, rows: int
 ) -> list[Callable[[], object]]:
-    """A call of each program, those that take longest to compile first."""
+    """A call of each program of a material, those that take longest to compile first."""
     f = lambda *shape: np.zeros((CAPACITY, *shape), np.float32)  # noqa: E731
     i = np.zeros(CAPACITY, np.int32)
     wide = ((), (2,), (2, 2), (2,), (3,), (3,))
@@ -43,11 +46,7 @@ def _calls(
     at = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(kernels.frames, table.chart, pieces, NONE))
     samples = Samples(i, f(), f(), f())
     features = jnp.asarray(f(table.material.decoder.trunk[-1].bias.shape[0]))
-    calls: list[Callable[[], object]] = [
-        lambda: compile_walk(prisms, exact=True),
-        lambda: kernels.density(program, table, pieces, at, samples, NONE),
-        lambda: compile_walk(prisms, exact=False),
-    ]
+    calls: list[Callable[[], object]] = [lambda: kernels.density(program, table, pieces, at, samples, NONE)]
     if lights:
         calls.append(lambda: kernels.transport(table, at, pieces, features, i, i, f(lights, 3), NONE))
         calls.append(lambda: kernels.density_at(program, table, f(3), f(), NONE))

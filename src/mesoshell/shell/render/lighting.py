@@ -28,7 +28,7 @@ from mesoshell.shell.geometry.extrude import FLATTEST
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, inverse_jacobian
 from mesoshell.shell.geometry.tracer import ADVANCE, Boundary, Trace
 from mesoshell.shell.render import kernels
-from mesoshell.shell.render.kernels import DeviceTables, StaticConfig
+from mesoshell.shell.render.media import Decoding, Media
 from mesoshell.shell.render.scene import Scene
 from mesoshell.typing import Array
 
@@ -60,12 +60,11 @@ class Lighting:
         quality: Quality,
         effects: Effects,
         boundary: Boundary,
-        program: StaticConfig,
-        table: DeviceTables,
+        media: Media,
         report,
     ):
         self.scene, self.quality, self.effects, self.boundary = scene, quality, effects, boundary
-        self.program, self.table, self.report = program, table, report
+        self.media, self.report = media, report
         self.shadows = effects.mesh_shadow.on or effects.object_shadow.on
         others = [m.vertices[m.faces] for m in scene.objects]
         corners = np.concatenate([scene.mesh.vertices[scene.mesh.faces], *others]).astype(np.float64)
@@ -81,13 +80,22 @@ class Lighting:
         return beams(self.scene.lights, sky, self.quality.environment_samples, count, random)
 
     def transport(
-        self, tile: Tile, features: Array, where: np.ndarray, row: np.ndarray, ray: np.ndarray, pieces: Piece, at: Frame
+        self,
+        tile: Tile,
+        medium: Decoding,
+        features: Array,
+        where: np.ndarray,
+        row: np.ndarray,
+        ray: np.ndarray,
+        pieces: Piece,
+        at: Frame,
     ) -> Float[np.ndarray, "S L 3"]:
-        """ρ of samples toward every light. features: trunk features on the device, where: the samples' rows in them."""
+        """ρ of a material's samples toward every light. features: trunk features on the device, where: the samples' rows in
+        them."""
         toward = np.stack([beam.toward[ray] for beam in tile.beams], axis=1).astype(np.float32)
         self.report.count(transport_queries=len(row) * len(tile.beams))
         return run(
-            lambda k, r, w, n: kernels.transport(self.table, at, pieces, features, k, r, w, n),
+            lambda k, r, w, n: kernels.transport(medium.table, at, pieces, features, k, r, w, n),
             where.astype(np.int32),
             row,
             toward,
@@ -157,7 +165,7 @@ class Lighting:
         if not len(under):
             return out
         prism, bary = prism[under], bary[under].astype(np.float32)
-        inverse = np.asarray(jacobians(self.table.chart, prism, bary))
+        inverse = np.asarray(jacobians(self.media.chart, prism, bary))
         w = np.einsum("ijk,ik->ij", inverse, toward[under])
         w /= np.maximum(np.linalg.norm(w, axis=1, keepdims=True), 1e-30)
         up = np.maximum(w[:, 2], 0.05)  # a grazing light crosses at most 20 heights
@@ -168,10 +176,12 @@ class Lighting:
         xi = np.empty((len(under), n, 3), np.float32)
         xi[..., :2] = uv[:, None] + (h[None, :, None] / up[:, None, None]) * w[:, None, :2]
         xi[..., 2] = h
-        radius = np.full(len(under) * n, 0.5 / self.program.layout.texel_density, np.float32)
-        sigma = run(
-            lambda x, r, c: kernels.density_at(self.program, self.table, x, r, c), xi.reshape(-1, 3), radius
-        ).reshape(-1, n)
+        sigma = np.empty((len(under), n), np.float32)
+        for medium, own in self.media.parts(prism):
+            radius = np.full(len(own) * n, 0.5 / medium.program.layout.texel_density, np.float32)
+            sigma[own] = run(
+                lambda x, r, c, m=medium: kernels.density_at(*m, x, r, c), xi[own].reshape(-1, 3), radius
+            ).reshape(-1, n)
         self.report.count(surface_queries=sigma.size)
         out[under] = np.exp(-sigma.mean(axis=1) / up) * (w[:, 2] > 0)
         return out

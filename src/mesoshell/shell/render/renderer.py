@@ -14,14 +14,13 @@ whatever the image's size.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from mesoshell.nets.batches import CAPACITY, batches, capacity, pad, run
-from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
@@ -31,10 +30,12 @@ from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, spread
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render import kernels
 from mesoshell.shell.render.compile_ahead import compile_ahead
-from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig
+from mesoshell.shell.render.kernels import Samples
 from mesoshell.shell.render.lighting import Lighting, Shaded, Tile
+from mesoshell.shell.render.media import Decoded, Decoding, Media
 from mesoshell.shell.render.scene import Scene
 from mesoshell.shell.render.spacing import Candidates, by_density, even
+from mesoshell.typing import Array
 
 #: Rays of a tile of the image; samples a ray and wave.
 RAYS, WAVE = 32768, 8
@@ -69,38 +70,18 @@ class _Renderer:
         begin = time.perf_counter()
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
         self.rows = capacity(USUAL * min(RAYS, scene.camera.width * scene.camera.height))
-        shell, ready = scene.shell, scene.ready
+        shell = scene.shell
         self.boundary = Boundary(shell, scene.mesh.faces, others=soup(scene))
-        varying = (
-            tuple(i for i, n in enumerate(ready.names) if n in scene.maps) if effects.varying_parameters.on else ()
-        )
-        self.program = StaticConfig(
-            ready.layout,
-            ready.grid_shapes,
-            effects.filtering.on,
-            quality.anisotropy if effects.anisotropic_filtering.on else 1,
-            quality.coordinates == "exact",
-            varying,
-        )
-        maps = [scene.maps[ready.names[i]] for i in varying]
-        self.table = DeviceTables(
-            Chart(self.boundary.prisms.corners, jnp.asarray(shell.uv.reshape(-1, 6))),
-            ready.material,
-            ready.grid,
-            jnp.asarray(scene.alpha, jnp.float32),
-            jnp.asarray(np.stack(maps) if maps else np.zeros((0, 1, 1)), jnp.float32),
-            jnp.asarray(scene.patches_per_uv, jnp.float32),
-            jnp.asarray(pixel_radius(scene.camera.spread), jnp.float32),
-            jnp.asarray(quality.height_filter, jnp.float32),
-        )
-        self.lighting = Lighting(scene, quality, effects, self.boundary, self.program, self.table, report)
+        chart = Chart(self.boundary.prisms.corners, jnp.asarray(shell.uv.reshape(-1, 6)))
+        self.media = Media(scene, quality, effects, chart)
+        self.lighting = Lighting(scene, quality, effects, self.boundary, self.media, report)
         report.time("prepare", begin)
 
     def compile(self) -> None:
         """Compile what tiles call."""
         begin = time.perf_counter()
         lights = len(self.lighting.beams(1, np.random.default_rng(0)))
-        compile_ahead(self.program, self.table, self.boundary.prisms, self.quality, lights, self.rows)
+        compile_ahead(self.media.each, self.boundary.prisms, self.quality, lights, self.rows)
         self.report.time("compile", begin)
 
     def tile(
@@ -147,16 +128,13 @@ class _Renderer:
             d[i.ray],
         )
         padded = Piece(*(jnp.asarray(pad(x if k == 0 else x.astype(np.float32), count)) for k, x in enumerate(rows)))
-        return padded, kernels.frames(self.table.chart, padded, np.int32(len(i.ray)))
-
-    def _kernel(self, kernel: Callable, pieces: Piece, at: Frame) -> Callable:
-        return lambda *a: kernel(self.program, self.table, pieces, at, Samples(*a[:-1]), a[-1])
+        return padded, kernels.frames(self.media.chart, padded, np.int32(len(i.ray)))
 
     def candidates(self, i: Intervals, pieces: Piece, at: Frame, shift: float) -> Candidates:
         """Samples that may hold something."""
         quality, length = self.quality, np.asarray(at.length)[: len(i.ray)]
         if quality.spacing == "density":
-            found = by_density(self.program, self.table, i, (pieces, at), quality.samples, shift)
+            found = by_density(self.media, i, (pieces, at), quality.samples, shift)
             self.report.count(samples=len(found.ray))
             return found
         s = even(spread(i, length, quality.samples, quality.spacing, shift), length)
@@ -167,8 +145,19 @@ class _Renderer:
 
     def bounds(self, s: Samples, i: Intervals, pieces: Piece, at: Frame) -> Float[np.ndarray, "S"]:
         """The greatest optical depth that a ray would have if all of it were as dense as each of its samples can be."""
-        depth, ray = run(self._kernel(kernels.depth_bounds, pieces, at), *s), i.ray[s.row]
+        depth, ray = np.empty(len(s.row), np.float32), i.ray[s.row]
+        for medium, own in self.media.parts(i.prism[s.row]):
+            depth[own] = run(_kernel(kernels.depth_bounds, medium, pieces, at), *take(s, own))
         return depth * np.bincount(ray, s.step)[ray] / np.maximum(s.step, np.finfo(np.float32).tiny)
+
+    def decode(self, s: Samples, pieces: Piece, at: Frame) -> tuple[Float[np.ndarray, "S"], list[Decoded]]:
+        """τ of samples, and what their batches gave."""
+        tau, decoded, prism = np.empty(len(s.row), np.float32), [], np.asarray(pieces.prism)
+        for medium, own in self.media.parts(prism[s.row]):
+            parts = batches(_kernel(kernels.density, medium, pieces, at), *take(s, own))
+            tau[own] = np.concatenate([np.asarray(x) for x, _ in parts])[: len(own)]
+            decoded.append(Decoded(medium, own, parts))
+        return tau, decoded
 
     def march(
         self,
@@ -185,7 +174,6 @@ class _Renderer:
         depth = np.zeros(len(tile.o))
         rank = np.arange(len(ray)) - np.searchsorted(ray, ray)
         stop = -np.log(self.quality.early_stop) if self.quality.early_stop > 0 else np.inf
-        density = self._kernel(kernels.density, pieces, at)
         none = np.zeros(0, np.int32)
         nothing = np.zeros(0)
         parts = [Shaded(none, nothing, none, nothing, np.zeros((0, len(tile.beams), 3), np.float32))]
@@ -194,8 +182,7 @@ class _Renderer:
             if not len(chosen):
                 break
             some, owner = take(samples, chosen), ray[chosen]
-            decoded = batches(density, *some)
-            tau = np.concatenate([np.asarray(x) for x, _ in decoded])[: len(chosen)]
+            tau, decoded = self.decode(some, pieces, at)
             clock = self.report.time("decode", clock)
             weight, before, depth = accumulate(depth, owner, tau)
             self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
@@ -203,17 +190,30 @@ class _Renderer:
             if drawn is not None:
                 count = self.quality.light_samples / np.maximum(opacity[chosen], LEAST)
                 weight, least = draw(before, tau, drawn[owner], count), 0.0
-            heavy = np.flatnonzero(weight > least)
-            edges = np.searchsorted(heavy, np.arange(len(decoded) + 1) * CAPACITY)
-            for k, (_, features) in enumerate(decoded):
-                own = heavy[edges[k] : edges[k + 1]]
-                if len(own) and tile.beams:
-                    rho = self.lighting.transport(
-                        tile, features, own - k * CAPACITY, some.row[own], owner[own], pieces, at
-                    )
-                    parts.append(Shaded(some.row[own], some.f[own], owner[own], weight[own], rho))
+            if tile.beams:
+                for medium, where, own, features in heavy_batches(decoded, weight > least):
+                    row, of_ray = some.row[own], owner[own]
+                    rho = self.lighting.transport(tile, medium, features, where, row, of_ray, pieces, at)
+                    parts.append(Shaded(row, some.f[own], of_ray, weight[own], rho))
             clock = self.report.time("transport", clock)
         return depth, Shaded(*(np.concatenate(c) for c in zip(*parts, strict=True)))
+
+
+def _kernel(kernel: Callable, medium: Decoding, pieces: Piece, at: Frame) -> Callable:
+    return lambda *a: kernel(*medium, pieces, at, Samples(*a[:-1]), a[-1])
+
+
+def heavy_batches(
+    decoded: list[Decoded], heavy: Bool[np.ndarray, "S"]
+) -> Iterator[tuple[Decoding, np.ndarray, np.ndarray, Array]]:
+    """Of each batch with samples to light: its material, their rows in it, their numbers in the wave, and its features."""
+    for medium, own, parts in decoded:
+        hot = np.flatnonzero(heavy[own])
+        edges = np.searchsorted(hot, np.arange(len(parts) + 1) * CAPACITY)
+        for k, (_, features) in enumerate(parts):
+            here = hot[edges[k] : edges[k + 1]]
+            if len(here):
+                yield medium, here - k * CAPACITY, own[here], features
 
 
 def accumulate(

@@ -1,4 +1,4 @@
-"""A scene to render: a mesh under a shell, a material, a camera and lights.
+"""A scene to render: a mesh under a shell, its materials, a camera and lights.
 
 Notation
 α           appearance parameters in the order of the bundle, each normalised to [0, 1] by its range
@@ -17,11 +17,23 @@ from mesoshell.shell.material.loader import DeviceMaterial
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """A scene. alpha: normalised parameters; maps: those that vary, each (H, W) over the UV square, normalised too.
+class Medium:
+    """What grows in some of a shell's prisms, up to those of the next medium. prism: the first of them; alpha: normalised
+    parameters; maps: those that vary, each (H, W) over the UV square, normalised too; patches_per_uv: texture patches along
+    one unit of the mesh's UV."""
 
-    patches_per_uv: texture patches along one unit of the mesh's UV. base_colour: diffuse albedo under the shell and of
-    `objects`. holdout: whether the picture is transparent where it would show objects.
+    ready: DeviceMaterial
+    alpha: Float[np.ndarray, "A"]
+    maps: dict[str, Float[np.ndarray, "_ _"]]
+    patches_per_uv: float
+    prism: int
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene. mesh, shell: of all that is grown, joined. ready, alpha, maps, patches_per_uv: of the first medium, as in
+    `Medium`; others: the rest, by their prisms. base_colour: diffuse albedo under the shell and of `objects`. holdout: whether
+    the picture is transparent where it would show objects.
     """
 
     mesh: Mesh
@@ -31,9 +43,15 @@ class Scene:
     lights: tuple[Distant, ...]
     environment: Environment | None = None
     alpha: Float[np.ndarray, "A"] = field(default_factory=lambda: np.zeros(0, np.float32))
-    maps: dict[str, Float[np.ndarray, "H W"]] = field(default_factory=dict)
+    maps: dict[str, Float[np.ndarray, "_ _"]] = field(default_factory=dict)
     patches_per_uv: float = 1.0
+    others: tuple[Medium, ...] = ()
     base_colour: tuple[float, float, float] = (0.09, 0.06, 0.035)
     objects: tuple[Mesh, ...] = ()
     transparent: bool = True
     holdout: bool = False
+
+    @property
+    def media(self) -> tuple[Medium, ...]:
+        """All of them, in the order of their prisms."""
+        return Medium(self.ready, self.alpha, self.maps, self.patches_per_uv, 0), *self.others

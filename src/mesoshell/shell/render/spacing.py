@@ -30,6 +30,7 @@ from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.sampling import Frame, Piece, SampleBudget, place, spread
 from mesoshell.shell.material.loader import Grid
 from mesoshell.shell.render.kernels import DeviceTables, Samples, StaticConfig, bound, level_of_footprint
+from mesoshell.shell.render.media import Media
 from mesoshell.typing import Array, Scalar
 
 BINS = 32
@@ -58,17 +59,18 @@ def even(plan: SampleBudget, length: Float[np.ndarray, "I"]) -> Samples:
     return _samples(row, f, plan.step[row], length)
 
 
-def by_density(
-    program: StaticConfig, table: DeviceTables, i: Intervals, frames: tuple[Piece, Frame], count: int, shift: float
-) -> Candidates:
+def by_density(media: Media, i: Intervals, frames: tuple[Piece, Frame], count: int, shift: float) -> Candidates:
     """`count` samples a ray. frames: of the intervals, padded (renderer)."""
     length = np.asarray(frames[1].length)[: len(i.ray)]
     start = np.flatnonzero(np.concatenate([[True], i.ray[1:] != i.ray[:-1]])[: len(i.ray)])
     bins = even(spread(i, length, BINS, "length"), length)
-    segments = interval_segments(program, table, *frames, np.int32(len(length)))
-    profile = lambda *a: depth_profile(program, table.grid, segments, *a)  # noqa: E731
-    bounds = np.concatenate([np.asarray(x) for x in batches(profile, bins.row, bins.f, bins.step)])
-    bounds = bounds[: len(start) * BINS].reshape(-1, BINS)
+    bounds = np.empty(len(start) * BINS, np.float32)
+    for (program, table), own in media.parts(i.prism[bins.row]):
+        segments = interval_segments(program, table, *frames, np.int32(len(length)))
+        profile = partial(depth_profile, program, table.grid, segments)
+        parts = batches(profile, bins.row[own], bins.f[own], bins.step[own])
+        bounds[own] = np.concatenate([np.asarray(x) for x in parts])[: len(own)]
+    bounds = bounds.reshape(-1, BINS)
     padded = pad(bounds, capacity(len(start)))
     placed = places(count, padded, np.float32(shift), np.int32(len(start)))
     placed = Placed(*(np.asarray(x)[: len(start)] for x in placed))

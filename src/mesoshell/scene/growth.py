@@ -1,0 +1,123 @@
+"""What grows on a mesh of a scene: its shell, and the material with its texture (loads JAX only to grow one).
+
+`one` is a Scene, for its own material, or one of its `also`: both have a mesh, a material, and what is set of it.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.io.bundle import Bundle
+from mesoshell.io.corner_tiles import seed_origin
+from mesoshell.io.material import PARAMS, normalised
+from mesoshell.limits import check_seed
+from mesoshell.scene.kept_meshes import mesh_of
+from mesoshell.scene.materials import read_params
+from mesoshell.scene.scene import Grown, Scene
+from mesoshell.shell.geometry.chart import patches_of
+from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """A mesh under its shell, and what grows there. origin: where the texture begins, (u, v) in patches; alpha: normalised
+    parameters; maps: those that vary, (H, W) over the UV square; notes: what the user should know, a line each."""
+
+    mesh: Mesh
+    shell: Shell
+    material: Bundle
+    origin: tuple[int, int]
+    alpha: Float[np.ndarray, "_"]
+    maps: dict[str, Float[np.ndarray, "_ _"]]
+    patches_per_uv: float
+    notes: tuple[str, ...]
+
+
+def growth_of(one: Scene | Grown, progress: Callable[[float], None] = lambda share: None) -> Growth:
+    """What grows, its texture grown. progress: of that. Raises InputError."""
+    mesh, shell = _extruded(one)
+    bundle = one.material.shell
+    values, maps = read_params(bundle, one.params)
+    patches = patches_per_uv(mesh, shell)
+    shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
+    repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
+    material, origin, notes = _textured(one, shell.uv, (values, shape, patches, repeats), progress)
+    alpha = normalised(bundle, values)
+    return Growth(mesh, shell, material, origin, alpha, maps, patches, (*mesh.notes, *shell.notes, *notes))
+
+
+def check_growth(one: Scene | Grown) -> tuple[str, ...]:
+    """Raise InputError as `growth_of` does, but grow no texture. What the user should know, a line each."""
+    mesh, shell = _extruded(one)
+    normalised(one.material.shell, read_params(one.material.shell, one.params)[0])
+    return *mesh.notes, *shell.notes
+
+
+def thickness_and_scale(one: Scene | Grown, mesh: Mesh) -> tuple[float, float]:
+    """As given, or by default (world). Raises InputError."""
+    return proportions(mesh, one.material.shell.thickness, one.thickness, one.scale)
+
+
+def grows(one: Scene | Grown) -> bool:
+    """Whether a texture must be grown: another is called for than the material holds."""
+    bundle = one.material.shell
+    geometry = any(p.role == "beta" and p.name in one.params for p in bundle.parameters)
+    return bundle.generator is not None and (not bundle.baked or one.seed is not None or geometry)
+
+
+@contextmanager
+def faults_of(one: Grown) -> Iterator[None]:
+    """Faults within say of which material of `also` they are."""
+    try:
+        yield
+    except InputError as fault:
+        if not isinstance(fault.source, Argument):
+            raise
+        raise InputError(fault.source, f"of {one.material.name}, {fault.fault}") from fault
+
+
+def meshes_of(scene: Scene) -> list[Mesh]:
+    """All meshes that something grows on, the scene's own first. Raises InputError."""
+    return [mesh_of(one.mesh) for one in (scene, *scene.also) if one.mesh is not None]
+
+
+def _extruded(one: Scene | Grown) -> tuple[Mesh, Shell]:
+    check_seed(one.seed)
+    assert one.mesh is not None  # scene/gltf gives those that are named in a file
+    mesh = mesh_of(one.mesh)
+    return mesh, extrude(mesh, *thickness_and_scale(one, mesh))
+
+
+def _textured(
+    one: Scene | Grown,
+    uv: np.ndarray,
+    wanted: tuple[dict, dict, float, bool],
+    progress: Callable[[float], None],
+) -> tuple[Bundle, tuple[int, int], list[str]]:
+    """The material with a texture for this surface, where the texture begins, and what the user should know. wanted: values of
+    parameters, images of geometry, patches a UV unit, and whether images repeat."""
+    values, shape, patches, repeats = wanted
+    name, bundle = one.material.name, one.material.shell
+    if grows(one):
+        from mesoshell.shell.generator.texture_synthesis import TextureRequest, field_of, grow
+
+        fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
+        return *grow(bundle, name, uv.reshape(-1, 3, 2), TextureRequest(one.seed or 0, values, fields), progress), []
+    if one.seed is not None and bundle.tiles is None:
+        raise InputError(Argument("seed"), f"{name} is one texture and has no generator")
+    fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values | shape]
+    if fixed:
+        raise InputError(PARAMS, f"{fixed[0]} is baked into {name}, which has no generator")
+    if bundle.wraps:
+        return bundle, seed_origin(one.seed or 0), []
+    (u, v), needed = patches_of(uv.reshape(-1, 3, 2))
+    texels = bundle.texel_density
+    height, width = (n / texels for n in bundle.arrays["features/0"].shape[:2])
+    small = needed.shape[1] > width + 2 or needed.shape[0] > height + 2
+    note = f"the mesh spans about {needed.shape[1]} × {needed.shape[0]} patches, the texture {width:g} × {height:g}: "
+    return bundle, (u, v), [note + "its last texels repeat beyond its edges"] if small else []

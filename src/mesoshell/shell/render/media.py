@@ -1,0 +1,78 @@
+"""The materials of a scene's shells, as what is compiled and what it reads, chosen by the prism of a sample.
+
+With one material nothing is chosen. All of them share one chart, so geometry is evaluated for all samples at once.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+
+from mesoshell.render.camera import pixel_radius
+from mesoshell.render.effects import Effects
+from mesoshell.render.quality import Quality
+from mesoshell.shell.geometry.sampling import Chart
+from mesoshell.shell.render.kernels import DeviceTables, StaticConfig
+from mesoshell.shell.render.scene import Medium, Scene
+
+
+class Decoding(NamedTuple):
+    """How a material is decoded: the arguments that its kernels take first."""
+
+    program: StaticConfig
+    table: DeviceTables
+
+
+class Decoded(NamedTuple):
+    """Samples of one material: which of a wave's they are, and what each batch of them gave."""
+
+    medium: Decoding
+    own: Int[np.ndarray, "M"]
+    batches: list
+
+
+class Media:
+    """The materials of a scene. each: how each is decoded, in the order of `Scene.media`."""
+
+    def __init__(self, scene: Scene, quality: Quality, effects: Effects, chart: Chart):
+        self.chart = chart
+        self.each = [_decoding(medium, scene, quality, effects, chart) for medium in scene.media]
+        self._last = np.array([medium.prism for medium in scene.others], np.int64)
+
+    def parts(self, prism: Int[np.ndarray, "S"]) -> Iterator[tuple[Decoding, Int[np.ndarray, "M"]]]:
+        """Each material of some samples, and which of them are its own. prism: of each sample."""
+        if len(self.each) == 1:
+            yield self.each[0], np.arange(len(prism))
+            return
+        which = np.searchsorted(self._last, prism, side="right")
+        for k, decoding in enumerate(self.each):
+            own = np.flatnonzero(which == k)
+            if len(own):
+                yield decoding, own
+
+
+def _decoding(medium: Medium, scene: Scene, quality: Quality, effects: Effects, chart: Chart) -> Decoding:
+    ready = medium.ready
+    varying = tuple(i for i, n in enumerate(ready.names) if n in medium.maps) if effects.varying_parameters.on else ()
+    program = StaticConfig(
+        ready.layout,
+        ready.grid_shapes,
+        effects.filtering.on,
+        quality.anisotropy if effects.anisotropic_filtering.on else 1,
+        quality.coordinates == "exact",
+        varying,
+    )
+    maps = [medium.maps[ready.names[i]] for i in varying]
+    table = DeviceTables(
+        chart,
+        ready.material,
+        ready.grid,
+        jnp.asarray(medium.alpha, jnp.float32),
+        jnp.asarray(np.stack(maps) if maps else np.zeros((0, 1, 1)), jnp.float32),
+        jnp.asarray(medium.patches_per_uv, jnp.float32),
+        jnp.asarray(pixel_radius(scene.camera.spread), jnp.float32),
+        jnp.asarray(quality.height_filter, jnp.float32),
+    )
+    return Decoding(program, table)

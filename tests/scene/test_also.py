@@ -1,0 +1,260 @@
+"""Several materials in one scene: each mesh shows its own, in both engines, and faults say of which they are."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mesoshell as ms
+from mesoshell.cli.grown import grown_of
+from mesoshell.cli.main import main
+from mesoshell.cli.options.render import Options
+from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.scene.gltf import unpacked
+from mesoshell.scene.materials import Material
+from mesoshell.scene.settled import settled
+from mesoshell.scene.setup import describe_shell
+from mesoshell.viewer.look import command, first_look
+from tests.helpers import wearing
+
+DATA = Path(__file__).parents[1] / "data"
+LIGHT = 3.0
+#: All samples are summed, at places that do not depend on what else a ray meets.
+QUALITY = PRESETS["draft"].with_changes(
+    spacing="length", filtering=False, skip=0.0, early_stop=0.0, light_samples=0, max_depth=2, spp=1
+)
+
+
+def fog(bundle: Bundle, sigma: float, rho: tuple[float, float, float]) -> Material:
+    """σ everywhere, and ρ toward light from above."""
+    arrays = {name: array.copy() for name, array in bundle.arrays.items()}
+    for name in ("decoder/sigma/kernel", "decoder/rho/kernel"):
+        arrays[name][:] = 0
+    arrays["decoder/sigma/bias"][:] = 3 + np.log(np.expm1(sigma / float(arrays["sigma_scale"])))
+    arrays["decoder/rho/bias"][:] = 2 + np.log(np.expm1(rho))
+    for name in (name for name in arrays if name.startswith("grid/")):
+        arrays[name][:] = sigma
+    return Material(f"fog of {sigma:g}", replace(bundle, arrays=arrays))
+
+
+def plate(*at: float) -> Mesh:
+    return wearing.moved(wearing.square(), *at)
+
+
+def picture(scene: ms.Scene, engine: Any = "jax", **changes: Any) -> np.ndarray:
+    return ms.render(scene, QUALITY.with_changes(**changes), engine=engine).rgba.astype(np.float64)
+
+
+@pytest.mark.parametrize("engine", ["jax", "mitsuba"])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_rays_pass_through_both(tiny_bundle: Bundle, engine: str, swapped: bool):
+    """Level rays through two plates of fog: 1 − e^{−Σσ} of them is opaque, and the second plate is seen through the first."""
+    near, far = (1.0, (0.3, 0.1, 0.05)), (0.4, (0.05, 0.2, 0.4))
+    a, b = (fog(tiny_bundle, *x) for x in (near, far))
+    first, second = plate(0, 0, 0), plate(1.5, 0, 0)
+    scene = ms.Scene(first, a, also=[ms.Grown(b, second, thickness=0.5, scale=1.0)])
+    if swapped:
+        scene = ms.Scene(second, b, also=[ms.Grown(a, first, thickness=0.5, scale=1.0)])
+    camera = ms.Camera(ms.look_at((-100.0, 0.5, 0.25), (0.0, 0.5, 0.25), (0.0, 0.0, 1.0)), 1e-3, 4, 4)
+    scene = replace(scene, thickness=0.5, scale=1.0, camera=camera, lights=[(0.0, 0.0, 1.0)], irradiance=LIGHT, up="z")
+    seen = picture(scene, engine, samples=64, spp=2**14)
+    if engine == "mitsuba":  # draws where a path ends
+        seen = seen.mean(axis=(0, 1))
+    opacity = -np.expm1([-near[0], -far[0]])
+    radiance = LIGHT * (opacity[0] * np.array(near[1]) + (1 - opacity[0]) * opacity[1] * np.array(far[1]))
+    wanted = np.append(radiance, 1 - np.exp(-near[0] - far[0]))
+    np.testing.assert_allclose(seen, np.broadcast_to(wanted, seen.shape), rtol=2e-3 if engine == "jax" else 0.02)
+
+
+@pytest.fixture(scope="module")
+def two(tiny_bundle: Bundle, tiled_bundle: Bundle) -> tuple[ms.Scene, ms.Scene, ms.Scene]:
+    """Plates far beside each other, of one patch and of tiles, under maps and seeds of their own; and each alone."""
+    image = np.linspace(0, 1, 16, dtype=np.float32).reshape(4, 4)
+    given = {"thickness": 0.3, "scale": 0.5, "params": {"dryness": image}}, {"thickness": 0.2, "scale": 0.25, "seed": 3}
+    at: Any = {
+        "camera": (0.0, -2.0, 12.0, 0.0, 0.5, 0.0, 10.0),
+        "size": (36, 12),
+        "lights": [(0.2, 0.3, 1.0)],
+        "up": "z",
+    }
+    a, b = Material("patch", tiny_bundle), Material("tiles", tiled_bundle)
+    left, right = plate(-2, 0, 0), plate(1, 0, 0)
+    both = ms.Scene(left, a, **given[0], **at, also=[ms.Grown(b, right, **given[1])])
+    return both, ms.Scene(left, a, **given[0], **at), ms.Scene(right, b, **given[1], **at)
+
+
+def test_each_shows_its_own_material(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
+    """Ground included, and where samples lie by density, skipped where nothing can be."""
+    both, left, right = two
+    for changes in ({"spacing": "density"}, {"skip": 0.05}):
+        seen = picture(both, **changes)
+        wanted = picture(left, **changes) + picture(right, **changes)
+        assert wanted[:, :18, 3].max() == 1 == wanted[:, 18:, 3].max()
+        np.testing.assert_allclose(seen, wanted, atol=1e-5)
+
+
+def test_the_engines_agree(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
+    ours, theirs = picture(two[0], pixel_samples=16), picture(two[0], "mitsuba", spp=256)
+    for part in (ours[:, :18], ours[:, 18:]):
+        assert part[..., :3].mean() > 0.01
+    for columns in (slice(0, 18), slice(18, 36)):
+        np.testing.assert_allclose(ours[:, columns].mean(axis=(0, 1)), theirs[:, columns].mean(axis=(0, 1)), rtol=0.03)
+
+
+def test_settled_it_is_the_same(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
+    still = settled(two[0])
+    assert isinstance(still.also[0].mesh, Mesh) and still.also[0].thickness == 0.2
+    np.testing.assert_array_equal(picture(still), picture(two[0]))
+
+
+def test_its_facts_are_of_all(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
+    effects = ms.explain(two[0])
+    assert "2 shells" in str(effects) and effects.corner_tiles.on and effects.varying_parameters.on
+    alone = ms.explain(two[1])
+    assert not alone.corner_tiles.on and alone.varying_parameters.on
+    assert ms.render(two[0], "draft", max_samples=1).report["material"]["also"][0]["name"] == "tiles"
+
+
+def test_the_default_camera_shows_all(tiny_bundle: Bundle):
+    material = Material("tiny", tiny_bundle)
+    alone = describe_shell(ms.Scene(plate(0, 0, 0), material)).camera
+    both = describe_shell(ms.Scene(plate(0, 0, 0), material, also=[ms.Grown(material, plate(9, 0, 0))])).camera
+    assert np.linalg.norm(both.to_world[:3, 3]) > 4 * np.linalg.norm(alone.to_world[:3, 3])
+
+
+def test_nodes_of_a_file_carry_materials_of_their_own(tiny_bundle: Bundle):
+    """A node that hangs on another is its own material's; what no name covers is the scene's, or stands bare."""
+    material = Material("tiny", tiny_bundle)
+    file = DATA / "blender.glb"
+
+    def counts(grow: tuple[str, ...], *others: tuple[str, ...]) -> list[int]:
+        scene = unpacked(ms.Scene(file, material, grow=grow, also=[ms.Grown(material, grow=x) for x in others]))
+        assert unpacked(scene) is scene
+        meshes: list[Any] = [scene.mesh, *(x.mesh for x in scene.also), *scene.objects]
+        return [len(x.faces) for x in meshes]
+
+    assert counts(("Hill",), ("Stone",)) == [120, 24]
+    assert counts((), ("Stone",)) == [120, 24]
+    assert counts(("Stone",), ("Moss",)) == [12, 12, 120]
+    assert counts(("Moss",), ("Stone",), ("Hill",)) == [12, 12, 120]
+    with pytest.raises(InputError, match="'Hill' is to carry two materials"):
+        counts(("Hill",), ("Hill",))
+    with pytest.raises(InputError, match="has no mesh that is not named"):
+        counts((), ("Hill",), ("Stone",))
+
+
+def test_written_for_mitsuba_it_is_the_same(two: tuple[ms.Scene, ms.Scene, ms.Scene], tmp_path: Path):
+    both, _, _ = two
+    kept = {}
+    for one in (both.material, both.also[0].material):
+        write_bundle(tmp_path / f"{one.name}.npz", one.shell)
+        kept[one.name] = ms.load_material(tmp_path / f"{one.name}.npz")
+    also = [replace(both.also[0], material=kept["tiles"], params={"dryness": np.full((2, 2), 0.75, np.float32)})]
+    scene = replace(both, material=kept["patch"], also=also)
+    path = ms.write_scene(scene, tmp_path / "made")
+    names = {"scene.xml", "mesh.obj", "mesh1.obj", "material.npz", "material1.npz", "param0.exr", "param1_0.exr"}
+    assert {file.name for file in path.parent.iterdir()} == names
+    quality: Quality = QUALITY.with_changes(spp=64)
+    made = ms.mitsuba.load_file(path, quality)
+    import mitsuba as mi
+
+    found, wanted = np.array(mi.render(made, spp=64)), picture(scene, "mitsuba", spp=64)
+    for columns in (slice(0, 18), slice(18, 36)):
+        np.testing.assert_allclose(found[:, columns].mean(axis=(0, 1)), wanted[:, columns].mean(axis=(0, 1)), rtol=0.03)
+
+
+def test_what_cannot_be_is_said(tiny_bundle: Bundle):
+    shell, surface = Material("tiny", tiny_bundle), Material("dots", wearing.bundle())
+    mesh = plate(0, 0, 0)
+    for make, said in (
+        (lambda: ms.Grown(surface, mesh), "^also: dots is a surface material"),
+        (lambda: ms.Scene(mesh, surface, also=[ms.Grown(shell, mesh)]), "^also: dots is a surface material"),
+        (lambda: ms.Grown(shell), "^also: tiny takes either a mesh or `grow`"),
+        (lambda: ms.Grown(shell, mesh, grow=["Rug"]), "^also: tiny takes either a mesh or `grow`"),
+        (lambda: ms.Grown(shell, grow="Rug"), "^grow: must be a list"),
+    ):
+        with pytest.raises(InputError, match=said):
+            make()
+    for further, said in (
+        (ms.Grown(shell, mesh, params={"wet": 1.0}), "^params: of tiny, "),
+        (ms.Grown(shell, mesh, thickness=-1.0), "^thickness: of tiny, must be positive"),
+        (ms.Grown(shell, mesh, seed=1), "^seed: of tiny, tiny is one texture"),
+        (ms.Grown(shell, grow=["Rug"]), "^grow: names meshes of a glTF file"),
+        (ms.Grown(shell, "none.obj"), "^none.obj: no such file"),
+    ):
+        for use in (describe_shell, settled, ms.explain):
+            if use is settled and further.seed is not None:
+                continue  # a seed is looked at when textures are laid
+            with pytest.raises(InputError, match=said):
+                use(ms.Scene(mesh, shell, also=[further]))
+    with pytest.raises(InputError, match=r"^also: is not checked"):
+        ms.stability(ms.Scene(mesh, shell, also=[ms.Grown(shell, mesh)]))
+
+
+def test_options_name_them(tmp_path: Path):
+    odd = tmp_path / "a=b.obj"
+    odd.write_text("")
+    options = Options(
+        Path("room.glb"),
+        grow=("Hill", "Rug=carpet", "Mat=carpet"),
+        object=(Path("stone.obj"), Path("cat.obj=fur"), odd),
+        param=("age=0.3", "carpet:lean=0.5", "carpet:scale=0.1", "fur:seed=3", "fur:length=0.4"),
+    )
+    named = grown_of(options)
+    assert named.grow == ("Hill",) and named.objects == (Path("stone.obj"), odd) and named.params == {"age": "0.3"}
+    rug, cat = named.also
+    assert (rug.material.name, rug.grow, rug.mesh, rug.scale) == ("carpet", ("Rug", "Mat"), None, 0.1)
+    assert rug.params == {"lean": "0.5"} and cat.params == {"length": "0.4"}
+    assert (cat.material.name, cat.mesh, cat.seed, cat.thickness) == ("fur", Path("cat.obj"), 3, None)
+    scene = ms.Scene("room.glb", rug.material, also=named.also, camera=ms.Camera(np.eye(4), 0.7, 8, 8), up="y")
+    words = command(scene, scene, first_look(scene), "jax", 4).split()
+    for text in ("Rug=carpet", "Mat=carpet", "carpet:lean=0.5", "carpet:scale=0.1", "cat.obj=fur", "fur:length=0.4"):
+        assert text in words
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ["--param", "carpet:lean=0.5"],
+            "--param: carpet:lean: carpet is not among the further materials: there is none",
+        ),
+        (["--object", "x.obj=fur", "--param", "carpet:lean=1"], "these are fur"),
+        (["--object", "x.obj=fur", "--param", "fur:scale=wide"], "--param: fur:scale=wide is no number"),
+        (["--object", "x.obj=fur", "--param", "fur:seed=1.5"], "--param: fur:seed=1.5 is no whole number"),
+        (["--object", "x.obj=hay"], "hay"),
+        (["--grow", "Rug=fur"], "--grow: names meshes of a glTF file"),
+        (["--grow", "Rug="], "--grow: names meshes of a glTF file"),
+    ],
+)
+def test_the_command_says_its_faults(options: list[str], said: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as caught:
+        main(["render", str(DATA / "spot.obj"), *options])
+    fault = capsys.readouterr().err
+    assert caught.value.code == 2 and fault.count("\n") == 1 and said in fault
+
+
+def test_the_command_grows_two(tiny_bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    write_bundle(Path("tiny.npz"), tiny_bundle)
+    given = [
+        "--material",
+        "tiny.npz",
+        "--grow",
+        "Stone=tiny.npz",
+        "--param",
+        "tiny.npz:dryness=1.5",
+        "--size",
+        "24",
+        "16",
+    ]
+    main(["render", str(DATA / "blender.glb"), *given, "--quality", "draft", "--out", "two"])
+    record = json.loads(Path("two.json").read_text())
+    assert [x["parameters"] for x in record["material"]["also"]] == [{"dryness": "1.5"}]

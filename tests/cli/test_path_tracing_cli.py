@@ -156,6 +156,14 @@ def test_a_scene_of_mitsubas_takes_a_size_and_names(material: Path, tmp_path: Pa
         (["render", "scene.xml"], "scene.xml: is a scene of Mitsuba's, which requires --engine mitsuba"),
         (["render", "scene.xml", "--engine", "mitsuba"], "scene.xml: no such file"),
         (["render", "scene.xml", "--engine", "mitsuba", "--seed", "3"], "--seed: is set in scene.xml"),
+        (
+            ["render", "scene.xml", "--engine", "mitsuba", "--grow", "Hill"],
+            "--grow: names nodes of a glTF file: a scene of Mitsuba's says by its BSDFs what grows",
+        ),
+        (
+            ["render", "scene.xml", "--engine", "mitsuba", "--holdout"],
+            "--holdout: is for --engine jax: a scene of Mitsuba's holds nothing out",
+        ),
         (["render", "scene.xml", "--engine", "mitsuba", "--set", "rr_depth=3"], "--set rr_depth: is set in scene.xml"),
         (["render", str(MESH), "--spp", "3"], "--spp: requires --engine mitsuba"),
         (["render", str(MESH), "--max-depth", "3"], "--max-depth: requires --engine mitsuba"),

@@ -70,6 +70,7 @@ def test_they_take_the_place_of_defaults(material: Material):
     other = settled(replace(scene, camera=own, lights=[(0.0, 1.0, 0.0)]))
     assert other.camera is own and len(other.lights) == 1 and other.lights[0].irradiance[0] == scene.irradiance  # type: ignore[union-attr]
     assert len(unpacked(replace(scene, environment=np.ones((2, 4, 3), np.float32))).lights) == 1
+    assert not unpacked(replace(scene, suns=False)).lights
     once = unpacked(scene)
     assert unpacked(once) is once and unpacked(still) is still
 

@@ -152,3 +152,14 @@ def test_the_command_makes_this_very_picture(tiny_bundle: Bundle, tmp_path: Path
     made = ms.render(scene, "draft", max_samples=2).rgba
     away_from = np.abs(read_exr(tmp_path / "a.exr") - made)
     assert np.median(away_from) < 1e-3 * made.max() and np.quantile(away_from, 0.95) < 0.02 * made.max()
+
+
+def test_under_a_sky_a_files_suns_are_left_out(tiny_bundle: Bundle):
+    given = ms.Scene(MESH.with_name("blender.glb"), Material("tiny", tiny_bundle))
+    begun = settled(given, texture=False)
+    assert isinstance(begun.camera, ms.Camera)
+    look = first_look(begun)
+    for sky in (None, Sky("sky.exr", np.ones((2, 4, 3), np.float32))):
+        own = replace(look, sky=sky)
+        words = command(given, shown(begun, begun, own, begun.camera, True), own, "jax", 1).split()
+        assert ("--no-suns" in words) is (sky is not None) and "--light" not in words

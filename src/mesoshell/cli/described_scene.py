@@ -72,6 +72,7 @@ def scene_of(options: SceneOptions, material: Material) -> Scene:
         grow=named.grow,
         also=named.also,
         holdout=options.holdout,
+        suns=options.suns,
     )
 
 

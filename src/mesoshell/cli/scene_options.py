@@ -55,6 +55,8 @@ class SceneOptions:
     #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: the suns of a
     #: glTF file; without any, none with an --environment, else key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
+    #: Light by a glTF file's suns where no --light is given.
+    suns: bool = True
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
     #: Latitude-longitude EXR that lights the scene and is seen behind it; its middle lies toward +x, as in Blender.

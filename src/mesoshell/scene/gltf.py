@@ -74,7 +74,7 @@ def unpacked(scene: Scene) -> Scene:
             notes.append(
                 f"its camera is {told.aspect:.3g} times as wide as high: --size {width} {round(width / told.aspect)}"
             )
-    if not lights:
+    if not lights and scene.suns:
         lights = told.suns
     return replace(
         scene,

@@ -71,6 +71,7 @@ class Scene:
         the first of a glTF file, else it frames the mesh from the upper front.
     lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: the suns of a
         glTF file; without any, key, fill and bounce, unless there is an environment.
+    suns: whether a glTF file's suns light the scene where no `lights` are given.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
     environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it;
         its middle lies toward +x, as in Blender.
@@ -103,6 +104,7 @@ class Scene:
     transparent: bool = False
     holdout: bool = False
     also: Sequence[Grown] = ()
+    suns: bool = True
 
     def __post_init__(self) -> None:
         _check_material(self.material)

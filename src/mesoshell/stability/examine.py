@@ -58,7 +58,7 @@ def examine(scene: Scene, count: int, progress: Callable[[float], None] = lambda
     line = f"{wrong.sum()} of {wrong.size} pixels are negative or not finite; the brightest is {brightest:.3g}"
     checks.append(Check("radiance", line, float(wrong.sum()), 0.0))
     progress(1.0)
-    return Stability(tuple(checks), picture, walks.first, kept, walks.excess)
+    return Stability(tuple(checks), picture, walks.first, kept, walks.excess, d.notes)
 
 
 def _smaller(camera: Camera) -> Camera:

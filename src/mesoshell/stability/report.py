@@ -17,13 +17,14 @@ from mesoshell.stability.map import png_of
 @dataclass(frozen=True, eq=False)
 class Stability:
     """What was found; prints as a line each. picture: RGBA, as rendered; first: the prism that each pixel sees, −1 for none;
-    kept: of each prism, the share of its thickness; excess: as above."""
+    kept: of each prism, the share of its thickness; excess: as above; notes: what the user should know, a line each."""
 
     checks: tuple[Check, ...]
     picture: Float[np.ndarray, "H W 4"] = field(repr=False)
     first: Int[np.ndarray, "H W"] = field(repr=False)
     kept: Float[np.ndarray, "P"] = field(repr=False)
     excess: Float[np.ndarray, "P"] = field(repr=False)
+    notes: tuple[str, ...] = ()
 
     @property
     def broken(self) -> tuple[Check, ...]:

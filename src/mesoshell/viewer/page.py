@@ -71,7 +71,6 @@ class Page:
             if (
                 self._server.get_port() != port
             ):  # another program took it while a texture grew; viser takes the next one
-                self._server.stop()
                 raise InputError(Argument("port"), f"{host}:{port} was taken in the meantime")
             self.url = f"http://{host}:{port}"
             self._begin_camera()
@@ -79,6 +78,8 @@ class Page:
             self._run: Any = None
             self._build(run)
         except BaseException:
+            if hasattr(self, "_server"):
+                self._server.stop()
             for work in self._works():
                 work.close()
             raise

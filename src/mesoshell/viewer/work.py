@@ -63,7 +63,7 @@ class View:
 class Workshop:
     """Paints what eyes see of a scene. show: called with an eye whose picture has refined; say: with a line for all, empty
     when a fault is over; growing: with the share of a texture that is grown, 1 at the end. Callbacks come from threads of its
-    own."""
+    own. notes: what the user should know, a line each."""
 
     def __init__(
         self,
@@ -81,10 +81,11 @@ class Workshop:
         check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
         if scene.material.kind == KIND:
             describe_surface(scene)  # raises what a picture of it would
+        self.notes: tuple[str, ...] = ()
         self.begun = settled(scene, texture=False)
         self.still = settled(self.begun, progress)
         if scene.material.kind != KIND:
-            describe_shell(self.still)  # once its texture is grown
+            self.notes = describe_shell(self.still).notes  # once its texture is grown
         self.look = first_look(self.begun)
         self._texture: tuple | None = self.look.texture(self.begun)
         self._show, self._tell, self._growing, self._engine = show, say, growing, engine

@@ -6,7 +6,7 @@ import sys
 from mesoshell.cli.checks import ends_in
 from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.stability import Options
-from mesoshell.cli.progress import bar, stderr
+from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_outputs, replace_file, together
 from mesoshell.scene.materials import load_material
@@ -29,6 +29,7 @@ def run(options: Options) -> None:
     with together(options.out) as folder:
         replace_file(folder / outputs[0].name, stability.map())
         replace_file(folder / outputs[1].name, (json.dumps(record, indent=1) + "\n").encode())
+    say_notes(stderr(), stability.notes)
     print(stability)
     print(options.out)
     if stability.broken:

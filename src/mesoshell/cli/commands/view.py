@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.view import Options
-from mesoshell.cli.progress import bar, stderr
+from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.interrupt import arrived
 from mesoshell.io.material import bundled
@@ -37,6 +37,7 @@ def run(options: Options) -> None:
     compiled_by(options.engine)
     with bar(stderr(), "growing") as progress:
         page = Page(scene, options.engine, options.host, options.port, progress, beside, run)
+    say_notes(stderr(), page.work.notes)
     print(f"{page.url} (Ctrl-C ends it)", flush=True)
     try:
         threading.Event().wait()

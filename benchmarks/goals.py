@@ -45,25 +45,26 @@ NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 
 
 class View(NamedTuple):
-    """A view to render. paths: whether they are traced."""
+    """A view to render. paths: whether they are traced; side: in pixels."""
 
     name: str
     prepared: Prepared
     paths: bool
+    side: int
 
 
 def views(side: int) -> Iterator[View]:
     for name, (mesh, material, scale, camera) in MARCHED.items():
         scene = ms.Scene(mesh, ms.load_material(material), scale=scale, camera=camera, size=(side, side))
-        yield View(name, prepare(scene, NORMAL), False)
+        yield View(name, prepare(scene, NORMAL), False, side)
     for name in TRACED:
         path = Path("experiments/scenes") / f"{name}.xml"
-        yield View(f"{name}.xml", prepare_file(path, NORMAL, None, pixels=side * side), True)
+        yield View(f"{name}.xml", prepare_file(path, NORMAL, None, pixels=side * side), True, side)
 
 
 def reference(view: View, seconds: float, folder: Path) -> tuple[np.ndarray, float]:
     """The folder's, or a new one: its picture and its noise."""
-    file = folder / f"{view.name}.npz"
+    file = folder / f"{view.name}, {view.side}, {seconds:g}.npz"
     if not file.exists():
         exact = (
             REFERENCE.with_changes(**noise_of(NORMAL, ("spp", "light_samples", "early_stop")))

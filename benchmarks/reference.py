@@ -37,7 +37,7 @@ def picture(scene: Scene, quality: Quality, effects: Effects) -> Float[np.ndarra
     i = traced.intervals
     beams = renderer.lighting.beams(len(o), np.random.default_rng(0))
     with jax.enable_x64(True):
-        chart, material = jax.tree.map(_wide, (renderer.table.chart, renderer.table.material))
+        chart, material = jax.tree.map(_wide, (renderer.media.chart, renderer.media.each[0].table.material))
         ends = (np.stack(x, axis=1).astype(np.float64) for x in ((i.t0, i.t1), (i.bary0, i.bary1), (i.h0, i.h1)))
         pieces = Piece(i.prism, *ends, o[i.ray] + i.t0[:, None] * d[i.ray], d[i.ray])
         at = jax.tree.map(np.asarray, jax.jit(jax.vmap(partial(frame, chart)))(pieces))
@@ -82,11 +82,11 @@ def _wide(x: jax.Array) -> jax.Array:
 
 def _sample(renderer, material, chart: Chart, lights, piece: Piece, at: Frame, f, share) -> tuple:
     """σ, and ρ toward each light, of the sample at position f."""
-    placed = place(piece, at, f, share, jnp.asarray(renderer.table.cone, jnp.float64))
+    placed = place(piece, at, f, share, jnp.asarray(renderer.media.each[0].table.cone, jnp.float64))
     xi = place_exact(chart, piece, at, f)
-    alpha = jnp.asarray(renderer.table.alpha, jnp.float64)
-    height = jnp.asarray(renderer.table.height_filter, jnp.float64) * placed.footprint.height
-    x = inputs(material, renderer.program.layout, Point(xi, placed.footprint.minor, height, alpha))
+    alpha = jnp.asarray(renderer.media.each[0].table.alpha, jnp.float64)
+    height = jnp.asarray(renderer.media.each[0].table.height_filter, jnp.float64) * placed.footprint.height
+    x = inputs(material, renderer.media.each[0].program.layout, Point(xi, placed.footprint.minor, height, alpha))
     sigma, found = net.trunk(material.decoder, x)
     shared = net.toward_viewer(material.decoder, found, net.direction(at.inverse, -piece.direction))
     return sigma, jax.vmap(lambda w: net.head(material.decoder, shared, net.direction(at.inverse, w)))(lights)

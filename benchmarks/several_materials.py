@@ -33,9 +33,9 @@ def scenes() -> dict[str, ms.Scene]:
     return {
         "fur, bare hill": replace(cow, objects=[HILL]),
         "grass, bare cow": replace(hill, objects=[COW]),
-        "both": replace(cow, also=[ms.Grown(turf, HILL, scale=0.35)]),
+        "both": replace(cow, also=[ms.Grown(HILL, turf, scale=0.35)]),
         "grass on one mesh of both": replace(same, mesh=one),
-        "grass on two meshes": replace(same, also=[ms.Grown(turf, HILL, thickness=0.06, scale=0.2)]),
+        "grass on two meshes": replace(same, also=[ms.Grown(HILL, turf, thickness=0.06, scale=0.2)]),
     }
 
 

@@ -39,7 +39,7 @@ def prepared(
     for field in (field for field in fields(SceneOptions) if field.name not in OF_XML):
         if getattr(options, field.name) != field.default:
             fault = NOT_OF_XML.get(field.name, f"is set in {options.mesh}")
-            raise InputError(f"--{field.name.replace('_', '-')}", fault)
+            raise InputError(f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}", fault)
     from mesoshell.scene.render_paths import prepare_file
 
     size, names = options.size, pairs_of("--param", options.param)
@@ -52,7 +52,7 @@ def prepared(
 def scene_of(options: SceneOptions, material: Material) -> Scene:
     """The scene that the options describe. Raises InputError for a parameter that has no value, or a further material that
     cannot be used."""
-    named = grown_of(options)
+    named = grown_of(options, material)
     return Scene(
         mesh=options.mesh,
         material=material,

@@ -22,46 +22,65 @@ class Named(NamedTuple):
     also: tuple[Grown, ...]
 
 
-def grown_of(options: SceneOptions) -> Named:
-    """What the options name. Raises InputError."""
+def grown_of(options: SceneOptions, material: Material) -> Named:
+    """What the options name. material: the scene's own. Raises InputError."""
+    loaded = {material.name: material}
     nodes: dict[str, list[str]] = {}
     files: list[tuple[Path, str]] = []
     own, bare = [], []
     for text in options.grow:
-        node, _, material = text.rpartition("=")
-        if node and material:
-            nodes.setdefault(material, []).append(node)
+        node, name = _apart(text, loaded)
+        if name is None:
+            own.append(node)
         else:
-            own.append(text)
+            nodes.setdefault(name, []).append(node)
     for path in options.object:
-        file, _, material = str(path).rpartition("=")
-        if file and material and not path.exists():
-            files.append((Path(file), material))
-        else:
+        file, name = (str(path), None) if path.exists() else _apart(str(path), loaded)
+        if name is None:
             bare.append(path)
-    names = dict.fromkeys([*nodes, *(material for _, material in files)])
-    params, given = _split(options, names)
-    loaded: dict[str, Material] = {name: load_material(name) for name in names}
-    also = [Grown(loaded[name], grow=tuple(some), **given[name]) for name, some in nodes.items()]
-    also += [Grown(loaded[name], file, **given[name]) for file, name in files]
+        else:
+            files.append((Path(file), name))
+    params, given = _split(options, dict.fromkeys([*nodes, *(name for _, name in files)]))
+    also = [Grown(None, loaded[name], grow=tuple(some), **given[name]) for name, some in nodes.items()]
+    also += [Grown(file, loaded[name], **given[name]) for file, name in files]
     return Named(tuple(own), tuple(bare), params, tuple(also))
+
+
+def _apart(text: str, loaded: dict[str, Material]) -> tuple[str, str | None]:
+    """NODE and MATERIAL of NODE=MATERIAL, which both may hold a =; the material is loaded. None: no material is named."""
+    at = [k for k, c in enumerate(text) if c == "=" and 0 < k < len(text) - 1]
+    for k in at:
+        name = text[k + 1 :]
+        if name not in loaded:
+            try:
+                loaded[name] = load_material(name)
+            except InputError:
+                if k == at[-1]:
+                    raise
+                continue
+        return text[:k], name
+    return text, None
 
 
 def _split(options: SceneOptions, names: dict[str, None]) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
     """Values of the scene's own material, and fields of a Grown for each further one."""
-    params: dict[str, str] = {}
+    own: list[str] = []
     given: dict[str, dict[str, Any]] = {name: {"params": {}} for name in names}
-    for key, value in pairs_of("--param", options.param).items():
-        material, _, name = key.rpartition(":")
-        if not material:
-            params[key] = value
-        elif material not in given:
+    for text in options.param:
+        name = next((name for name in names if text.startswith(f"{name}:")), None)
+        if name is None:
+            own.append(text)
+            continue
+        for key, value in pairs_of("--param", [text[len(name) + 1 :]]).items():
+            if key in PROPORTIONS:
+                given[name][key] = _number(f"{name}:{key}", value, PROPORTIONS[key])
+            else:
+                given[name]["params"][key] = value
+    params = pairs_of("--param", own)
+    for key in params:
+        if ":" in key:
             grown = f"these are {', '.join(names)}" if names else "there is none"
-            raise InputError("--param", f"{key}: {material} is not among the further materials: {grown}")
-        elif name in PROPORTIONS:
-            given[material][name] = _number(key, value, PROPORTIONS[name])
-        else:
-            given[material]["params"][name] = value
+            raise InputError("--param", f"{key}: {key.rpartition(':')[0]} is not among the further materials: {grown}")
     return params, given
 
 

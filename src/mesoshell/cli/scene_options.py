@@ -33,7 +33,7 @@ class SceneOptions:
     #: --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: Name of a glTF file's node that the material grows on; may be repeated. The file's other meshes stand beside it, as each
-    #: --object does. Default: on all. NODE=MATERIAL grows another material on it.
+    #: --object does. NODE=MATERIAL grows another material on it. Default: on all that is not named so.
     grow: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"

@@ -24,5 +24,8 @@ def spoken(fault: InputError) -> str:
     """The error's line, with options in the place of arguments."""
     source = fault.source
     if isinstance(source, Argument):
+        further, _, name = source.rpartition(":")
         source = _NAMES.get(source, f"--{source.replace('_', '-')}")
+        if further:  # of a further material
+            source = f"--param {further}" + (f":{name}" if name != "params" else "")
     return str(InputError(source, re.sub(r"`(\w+)`", lambda m: _NAMES.get(m[1], m[0]), fault.fault)))

@@ -37,7 +37,7 @@ from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.settled import settled
+from mesoshell.scene.settled import settled, with_others_grown
 from mesoshell.scene.setup import box_of, camera_of, up_axis
 
 RECORD = "film.json"
@@ -81,7 +81,7 @@ def shoot(
     moves = motion(begun)
     of = _identity(begun, moves, quality, engine)
     rows = _rows(folder, of)
-    still = begun if moves.shape else settled(begun, grown)
+    still = with_others_grown(begun, grown) if moves.shape else settled(begun, grown)
     notes: dict[str, None] = {}
     before: tuple[FrameView, np.ndarray] | None = None
     for k in range(moves.count):

@@ -54,7 +54,7 @@ def load_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tu
     rest = not groups[0]
     named, others = read_nodes(path, groups[1:] if rest else groups)
     if rest and others is None:
-        raise InputError(path, "has no mesh that is not named")
+        raise InputError(path, "every mesh is named for a further material: none is left for the scene's own")
     if rest and others is not None:
         named, others = [others, *named], None
     return [check_mesh(*arrays, str(path)) for arrays in named], () if others is None else _bare(*others, str(path))

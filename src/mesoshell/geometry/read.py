@@ -48,7 +48,7 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
 def read_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tuple[list[Arrays], Arrays | None]:
     """The meshes of each group of a glTF file's nodes, by their names, with what hangs on them and is in no other group; and
     all its others, None without any. Raises InputError, in one line, for a group without triangles."""
-    with _one_line(path) as kind:
+    with _one_line(path):
         parts = _parts(path)
         present = sorted({owner for owners, _ in parts for owner in owners})
         group_of: dict[str, int] = {}
@@ -63,7 +63,10 @@ def read_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tu
             _joined([part for (_, part), own in zip(parts, chosen, strict=True) if own == k])
             for k in range(-1, len(groups))
         ]
-        return [_some(mesh, path, kind) for mesh in meshes[1:]], meshes[0] if len(meshes[0][1]) else None
+        for names, mesh in zip(groups, meshes[1:], strict=True):
+            if not len(mesh[1]):
+                raise InputError(path, f"has no triangles under {', '.join(names)} that no other name covers")
+        return meshes[1:], meshes[0] if len(meshes[0][1]) else None
 
 
 @contextmanager

@@ -155,7 +155,9 @@ def _light(f: Facts, reached: bool) -> dict[str, Effect]:
     dark = "there is no light"
     others = f"{f.objects} other {'surfaces' if f.objects > 1 else 'surface'}" if f.objects else "no other surfaces"
     self_shadow = f.lit and f.shells + f.surfaces > 0 and (not f.convex or f.low)
-    shadowing = "light may come from below the horizon of a face" if f.convex else "the mesh is not convex"
+    several = f.shells + f.surfaces > 1
+    shadowing = "a mesh may stand in another's light" if several else "the mesh is not convex"
+    shadowing = "light may come from below the horizon of a face" if f.convex else shadowing
     return {
         "direct_light": Effect(
             f.lit and reached, emitters if reached or not f.lit else "paths end before their first event"

@@ -53,6 +53,8 @@ def growth_of(one: Scene | Grown, progress: Callable[[float], None] = lambda sha
 
 def check_growth(one: Scene | Grown) -> tuple[str, ...]:
     """Raise InputError as `growth_of` does, but grow no texture. What the user should know, a line each."""
+    if not grows(one):
+        return growth_of(one).notes
     mesh, shell = _extruded(one)
     normalised(one.material.shell, read_params(one.material.shell, one.params)[0])
     return *mesh.notes, *shell.notes
@@ -72,13 +74,14 @@ def grows(one: Scene | Grown) -> bool:
 
 @contextmanager
 def faults_of(one: Grown) -> Iterator[None]:
-    """Faults within say of which material of `also` they are."""
+    """Faults within say of which material of `also` they are: MATERIAL:ARGUMENT."""
     try:
         yield
     except InputError as fault:
         if not isinstance(fault.source, Argument):
             raise
-        raise InputError(fault.source, f"of {one.material.name}, {fault.fault}") from fault
+        own = Argument(f"{one.material.name}:{fault.source}")
+        raise InputError(own, fault.fault.replace("`", "")) from fault
 
 
 def meshes_of(scene: Scene) -> list[Mesh]:

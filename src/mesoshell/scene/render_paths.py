@@ -158,16 +158,21 @@ def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene,
         return _made_surface(in_place(d), bundle.twin.surface, quality, d.notes, twin)
     grounds = {f"surface{i}": scene_dict.surface(x.mesh, d.base_colour) for i, x in enumerate(d.growths)}
     made = mi.load_dict(_parts(quality, d) | grounds)
-    shells = [(x.shell, _medium(x)) for x in d.growths]
+    materials: dict[tuple, Material] = {}
+    shells = [(x.shell, _medium(x, materials)) for x in d.growths]
     set_shells(made, SceneShells(shells, convex=all(is_convex(x.mesh) for x in d.growths), twin=twin), quality)
     return made, d.notes
 
 
-def _medium(grown: Growth) -> Medium:
+def _medium(grown: Growth, materials: dict[tuple, Material]) -> Medium:
+    """materials: made so far; growths of one material share it."""
+    key = id(grown.material), grown.origin
+    if key not in materials:
+        materials[key] = Material(grown.material, grown.origin)
     names = [p.name for p in grown.material.parameters if p.role == "alpha"]
     maps = {name: scene_dict.over_uv(image) for name, image in grown.maps.items()}
     alpha = tuple(maps.get(name, float(v)) for name, v in zip(names, grown.alpha, strict=True))
-    return Medium(Material(grown.material, grown.origin), alpha, grown.patches_per_uv)
+    return Medium(materials[key], alpha, grown.patches_per_uv)
 
 
 def _made_surface(

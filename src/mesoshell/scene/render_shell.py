@@ -24,7 +24,7 @@ from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.shell.geometry.join import joined
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import DeviceMaterial, ready
 from mesoshell.shell.render.renderer import RAYS, marched_tile, render
 from mesoshell.shell.render.scene import Medium
 from mesoshell.shell.render.scene import Scene as MarchedScene
@@ -72,21 +72,25 @@ def _rendered(quality: Quality, effects: Effects, image: np.ndarray, report: Ren
 def marched_scene(d: ShellDescription) -> MarchedScene:
     """The description as the renderer's scene."""
     mesh, shell = joined([(x.mesh, x.shell) for x in d.growths])
-    first = np.cumsum([len(x.shell.faces) for x in d.growths])
+    made: dict[tuple, DeviceMaterial] = {}  # of growths of one material, one
+    media, prism, face = [], 0, 0
+    for x in d.growths:
+        key = id(x.material), x.origin
+        if key not in made:
+            made[key] = ready(x.material, x.origin)
+        media.append(Medium(made[key], x.alpha, x.maps, x.patches_per_uv, prism, face))
+        prism, face = prism + len(x.shell.faces), face + len(x.mesh.faces)
     return MarchedScene(
         mesh=mesh,
         shell=shell,
-        ready=ready(d.material, d.origin),
+        ready=media[0].ready,
         camera=d.camera,
         lights=d.lights,
         environment=d.environment,
         alpha=d.alpha,
         maps=d.maps,
         patches_per_uv=d.patches_per_uv,
-        others=tuple(
-            Medium(ready(x.material, x.origin), x.alpha, x.maps, x.patches_per_uv, int(prism))
-            for x, prism in zip(d.others, first, strict=False)
-        ),
+        others=tuple(media[1:]),
         base_colour=d.base_colour,
         objects=d.objects,
         transparent=d.transparent,
@@ -111,7 +115,7 @@ def facts(scene: MarchedScene) -> Facts:
         environment=scene.environment is not None,
         seen=not scene.transparent,
         convex=convex,
-        enclosed=0.0 if convex and not scene.objects else enclosure([scene.mesh, *scene.objects]),
+        enclosed=0.0 if convex and not scene.objects else enclosure([*_meshes(scene), *scene.objects]),
         low=scene.environment is not None
         or lowest(scene.shell, np.array([x.direction for x in scene.lights]).reshape(-1, 3)) <= 0,
         ground=max(scene.base_colour),
@@ -124,6 +128,15 @@ def facts(scene: MarchedScene) -> Facts:
         shaped=any(layout.nodes is not None for layout in layouts),
         tiled=any(layout.colours is not None for layout in layouts),
     )
+
+
+def _meshes(scene: MarchedScene) -> list[Mesh]:
+    """The meshes that were joined."""
+    if not scene.others:
+        return [scene.mesh]
+    parts = np.split(scene.mesh.faces, [m.face for m in scene.others])
+    uvs = np.split(scene.mesh.uv, [m.face for m in scene.others])
+    return [replace(scene.mesh, faces=faces, uv=uv) for faces, uv in zip(parts, uvs, strict=True)]
 
 
 def _patch(scene: MarchedScene, first: int, end: int) -> float:

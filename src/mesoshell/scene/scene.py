@@ -25,13 +25,13 @@ Direction = tuple[float, float, float]
 class Grown:
     """A further mesh that is grown with a material of its own: `Scene.also`.
 
+    mesh: as of a Scene; or None, and `grow` names nodes of the scene's own glTF file.
     material: a shell's, of `load_material`.
-    mesh: as of a Scene; or none, and `grow` names nodes of the scene's own glTF file.
     thickness, scale, params, seed: as of a Scene.
     """
 
+    mesh: str | PathLike[str] | Mesh | None
     material: Material
-    mesh: str | PathLike[str] | Mesh | None = None
     grow: Sequence[str] = ()
     thickness: float | None = None
     scale: float | None = None

@@ -5,16 +5,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from mesoshell.io.bundle import Bundle
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
 from mesoshell.scene.gltf import unpacked
-from mesoshell.scene.growth import faults_of, grows, meshes_of, thickness_and_scale
+from mesoshell.scene.growth import faults_of, grows, growth_of, meshes_of, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material, read_params
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.scene import Grown, Scene
-from mesoshell.scene.setup import camera_of, describe_shell, lights_of, up_axis
+from mesoshell.scene.setup import camera_of, lights_of, up_axis
 
 OneT = TypeVar("OneT", Scene, Grown)
 
@@ -43,11 +42,18 @@ def settled(scene: Scene, progress: Progress = lambda share: None, texture: bool
         objects=tuple(mesh_of(x) for x in scene.objects),
         up="y" if up == 1 else "z",
     )
-    if scene.material.kind == KIND or not (texture and any(grows(one) for one in (still, *still.also))):
+    if scene.material.kind == KIND or not texture:
         return still
-    own, *others = (x.material for x in describe_shell(still, progress).growths)
-    also = tuple(_with_texture(one, grown) for one, grown in zip(still.also, others, strict=True))
-    return replace(_with_texture(still, own), also=also)
+    return _with_texture(with_others_grown(still, progress), progress)
+
+
+def with_others_grown(still: Scene, progress: Progress = lambda share: None) -> Scene:
+    """The scene, settled, with the textures of `also`, and not its own. Raises InputError."""
+    also = []
+    for one in still.also:
+        with faults_of(one):
+            also.append(_with_texture(one, progress))
+    return replace(still, also=tuple(also))
 
 
 def _read(one: OneT) -> OneT:
@@ -59,10 +65,10 @@ def _read(one: OneT) -> OneT:
     return replace(one, mesh=mesh, thickness=thickness, scale=scale, params={**numbers, **images})
 
 
-def _with_texture(one: OneT, texture: Bundle) -> OneT:
-    """With a texture that was grown for it, if one was, in the place of the parameters of geometry."""
+def _with_texture(one: OneT, progress: Progress) -> OneT:
+    """With a texture that is grown for it, if one must be, in the place of the parameters of geometry."""
     if not grows(one):
         return one
+    material = Material(one.material.name, growth_of(one, progress).material)
     shape = {p.name for p in one.material.shell.parameters if p.role == "beta"}
-    params = {k: v for k, v in one.params.items() if k not in shape}
-    return replace(one, material=Material(one.material.name, texture), params=params, seed=None)
+    return replace(one, material=material, params={k: v for k, v in one.params.items() if k not in shape}, seed=None)

@@ -230,7 +230,7 @@ class Workshop:
 
             still = None
             try:
-                still = settled(with_texture_of(begun, look), check)
+                still = settled(replace(with_texture_of(begun, look), also=self.still.also), check)
             except Abandoned:
                 self._growing(1.0)
                 continue

@@ -1,5 +1,6 @@
 """What is compiled ahead is what tiles call, and changes no picture."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry import batched_walk
 from mesoshell.shell.geometry.march import TOP
 from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.shell.material.loader import ready
 from mesoshell.shell.render import kernels, lighting, renderer, spacing
+from mesoshell.shell.render.scene import Medium
 from tests.helpers import scenes
 
 ALWAYS: list[Any] = [batched_walk._begin, batched_walk._advance, lighting._jacobians]
@@ -20,10 +23,12 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.parametrize("by", PROGRAMS)
-def test_tiles_compile_nothing_more(tiny_bundle, monkeypatch, by: str) -> None:
-    """Several tiles of a picture whose ground is seen through the shell."""
+@pytest.mark.parametrize(("by", "several"), [("density", False), ("density", True), ("length", False)])
+def test_tiles_compile_nothing_more(tiny_bundle, tiled_bundle, monkeypatch, by: str, several: bool) -> None:
+    """Several tiles of a picture whose ground is seen through the shell, of which a half may be of another material."""
     scene = scenes.slab(tiny_bundle)
+    if several:
+        scene = replace(scene, others=(Medium(ready(tiled_bundle), scene.alpha, {}, 1.0, prism=1, face=1),))
     quality = Quality(spacing=by, pixel_samples=1, light_samples=0)
     plan = scenes.effects(scene, quality)
     expected, _ = renderer.render(scene, quality, plan)

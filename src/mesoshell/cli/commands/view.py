@@ -13,6 +13,7 @@ from mesoshell.errors import InputError
 from mesoshell.interrupt import arrived
 from mesoshell.io.material import bundled
 from mesoshell.io.records import read_object
+from mesoshell.io.surface import KIND
 from mesoshell.scene.materials import load_material
 
 #: Methods whose snapshots are materials.
@@ -33,6 +34,8 @@ def run(options: Options) -> None:
     scene, beside = scene_of(options, load_material(options.material if run is None else _newest(run))), None
     if options.beside is not None:
         other = load_material(options.beside)
+        if other.kind == KIND and scene.also:
+            raise InputError("--beside", f"{other.name} is a surface material: only shells grow beside others")
         beside = replace(scene, material=other, params={}, seed=None, thickness=None, scale=None)
     compiled_by(options.engine)
     with bar(stderr(), "growing") as progress:

@@ -34,23 +34,33 @@ class Decoded(NamedTuple):
 
 
 class Media:
-    """The materials of a scene. each: how each is decoded, in the order of `Scene.media`."""
+    """The materials of a scene. each: how each is decoded, once where several meshes share it."""
 
     def __init__(self, scene: Scene, quality: Quality, effects: Effects, chart: Chart):
         self.chart = chart
-        self.each = [_decoding(medium, scene, quality, effects, chart) for medium in scene.media]
-        self._last = np.array([medium.prism for medium in scene.others], np.int64)
+        alike: dict[tuple, list[Medium]] = {}
+        for medium in scene.media:
+            alike.setdefault(_key(medium), []).append(medium)
+        self.each = [_decoding(media[0], scene, quality, effects, chart) for media in alike.values()]
+        self._first = np.array([medium.prism for medium in scene.media], np.int64)
+        self._of = np.array([list(alike).index(_key(medium)) for medium in scene.media], np.int64)
 
     def parts(self, prism: Int[np.ndarray, "S"]) -> Iterator[tuple[Decoding, Int[np.ndarray, "M"]]]:
         """Each material of some samples, and which of them are its own. prism: of each sample."""
         if len(self.each) == 1:
             yield self.each[0], np.arange(len(prism))
             return
-        which = np.searchsorted(self._last, prism, side="right")
+        which = self._of[np.searchsorted(self._first, prism, side="right") - 1]
         for k, decoding in enumerate(self.each):
             own = np.flatnonzero(which == k)
             if len(own):
                 yield decoding, own
+
+
+def _key(medium: Medium) -> tuple:
+    """What media have in common that are decoded alike."""
+    maps = tuple((name, id(image)) for name, image in medium.maps.items())
+    return id(medium.ready), medium.alpha.tobytes(), maps, medium.patches_per_uv if maps else None
 
 
 def _decoding(medium: Medium, scene: Scene, quality: Quality, effects: Effects, chart: Chart) -> Decoding:

@@ -18,15 +18,16 @@ from mesoshell.shell.material.loader import DeviceMaterial
 
 @dataclass(frozen=True, eq=False)
 class Medium:
-    """What grows in some of a shell's prisms, up to those of the next medium. prism: the first of them; alpha: normalised
-    parameters; maps: those that vary, each (H, W) over the UV square, normalised too; patches_per_uv: texture patches along
-    one unit of the mesh's UV."""
+    """What grows in some of a shell's prisms, up to those of the next medium. prism, face: the first of them, and of the mesh's
+    faces under them; alpha: normalised parameters; maps: those that vary, each (H, W) over the UV square, normalised too;
+    patches_per_uv: texture patches along one unit of the mesh's UV."""
 
     ready: DeviceMaterial
     alpha: Float[np.ndarray, "A"]
     maps: dict[str, Float[np.ndarray, "_ _"]]
     patches_per_uv: float
     prism: int
+    face: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,4 +55,4 @@ class Scene:
     @property
     def media(self) -> tuple[Medium, ...]:
         """All of them, in the order of their prisms."""
-        return Medium(self.ready, self.alpha, self.maps, self.patches_per_uv, 0), *self.others
+        return Medium(self.ready, self.alpha, self.maps, self.patches_per_uv, 0, 0), *self.others

@@ -69,7 +69,7 @@ def test_activation_at_its_clamp(times: float, sign: float) -> None:
 @pytest.mark.parametrize("tile", [(2**20, -(2**20)), (-(2**20) + 1, 2**20 - 7)])
 def test_a_texture_65536_patches_away(tile: tuple[int, int]) -> None:
     config = GeneratorConfig(16, "T", 32, 4, 4, 4, drift=1.5, z=4, w=4, height_rows=8, height_width=4)
-    generator, averages = jax.jit(init_generator, static_argnums=0)(config, jax.random.key(0)), init_averages(config)
+    generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
     w, phases = jax.random.normal(jax.random.key(1), (1, 4)), draw_phases(config, jax.random.key(2), 1)
 
     f = frequencies_of(config)

@@ -40,7 +40,7 @@ from mesoshell.train.neutex.snapshot import board_paint
 from mesoshell.train.neutex.step import atlas_as, fitted
 
 folder = Path(tempfile.mkdtemp())
-shooting = Shooting(views=18, size=32, spp=16, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)
+shooting = Shooting(views=12, size=32, spp=4, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)
 photograph(load_mesh("src/mesoshell/assets/spot.obj"), shooting, folder / "capture", lambda n: None)
 capture = read_capture(folder / "capture")
 
@@ -51,7 +51,7 @@ def show(axis, image, title=""):
 
 
 figure, axes = plt.subplots(1, 6, figsize=(12, 2.2))
-for axis, i in zip(axes, range(0, 18, 3), strict=True):
+for axis, i in zip(axes, range(0, 12, 2), strict=True):
     show(axis, capture.rgb[i], f"view {i}")
 
 # %% [markdown]
@@ -72,7 +72,7 @@ for axis, along in zip(axes, range(3), strict=True):
 # ## Learning it
 
 # %%
-config = replace(atlas_as(TINY), batch=128, samples=16, kimg=128 * 0.4, snapshot_kimg=128 * 0.4)
+config = replace(atlas_as(TINY), batch=128, samples=16, kimg=128 * 0.25, snapshot_kimg=128 * 0.25)
 rows = []
 run = ms.train(config, capture, folder / "run", show=rows.append)
 found = read_neutex(max(run.snapshots.values()))
@@ -124,7 +124,7 @@ show(axes[3], seen(10, edit), "from another")
 # Samples a ray, against many.
 
 # %%
-reference = seen(7, samples=48, early_stop=0.0, skip=0.0)
+reference = seen(7, samples=32, early_stop=0.0, skip=0.0)
 for samples in (8, config.samples):
     print(f"{samples:2d} samples: mean error {np.abs(seen(7, samples=samples) - reference).mean():.2g}")
 

@@ -186,9 +186,9 @@ heights = jax.jit(synthesise_height, static_argnums=0)
 
 
 def seen_from_above(maker, seed, beta, alpha):
-    """A patch of a bundled generator."""
+    """A corner of a patch of a bundled generator."""
     latent = grown(maker, seed, np.array(beta, np.float32))
-    given = maker.config, maker.generator, maker.averages, latent.w, latent.phases, jnp.zeros(2, jnp.int32), (64, 64)
+    given = maker.config, maker.generator, maker.averages, latent.w, latent.phases, jnp.zeros(2, jnp.int32), (32, 32)
     height = heights(maker.config, maker.generator, latent.w)[0]
     return looked_at(maker.decoder, maker.octaves, synthesised(*given).feature[0], height, jnp.array(alpha), 16)
 

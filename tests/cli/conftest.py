@@ -3,7 +3,7 @@
 import pytest
 
 #: Files whose programs take longer to compile than to run.
-COMPILED_SOON = {"test_generator_cli", "test_judge_cli", "test_surface_cli"}
+COMPILED_SOON = {"test_twin_cli", "test_generator_cli", "test_judge_cli", "test_surface_cli"}
 
 
 @pytest.fixture(scope="module", autouse=True)

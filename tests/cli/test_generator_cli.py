@@ -197,7 +197,7 @@ def test_a_texture_is_a_material_of_its_own(material, tmp_path, capsys) -> None:
 def test_seeds_grow_on_a_mesh(material, tmp_path) -> None:
     def image(name: str, *more: object) -> np.ndarray:
         out = tmp_path / f"{name}.png"
-        given = ["render", MESH, "--material", material, "--scale", 0.4, "--size", 32, 32, "--quality", "draft"]
+        given = ["render", MESH, "--material", material, "--scale", 1, "--size", 16, 16, "--quality", "draft"]
         main([str(x) for x in (*given, "--out", out, *more)])
         return read_png(out)
 
@@ -246,7 +246,8 @@ def test_a_texture_takes_images_of_geometry_alone(combed, tmp_path, capsys) -> N
     np.testing.assert_array_equal(heights[:, :5], np.broadcast_to(heights[:1, :1], heights[:, :5].shape))
     np.testing.assert_array_equal(heights[:, 5:], np.broadcast_to(heights[:1, -1:], heights[:, 5:].shape))
     assert np.abs(heights[0, 0] - heights[0, -1]).max() > 0.01
-    main(["render", str(MESH), "--material", str(tmp_path / "f"), "--size", "16", "16", "--out", str(tmp_path / "r")])
+    shown = ["--size", 16, 16, "--quality", "draft", "--out", tmp_path / "r"]
+    main([str(x) for x in ("render", MESH, "--material", tmp_path / "f", *shown)])
     assert "age: an image varies appearance in a render only" in fault(
         capsys, *given, f"age={image}", "--out", tmp_path / "g.npz"
     )

@@ -80,7 +80,7 @@ def test_and_in_the_path_tracer(folder, capsys) -> None:
 @pytest.mark.parametrize(
     ("more", "why"),
     [
-        (("--quality", "reference"), "switched off by quality"),
+        (("--quality", "reference", "--set", "samples=8", "--set", "pixel_samples=1"), "switched off by quality"),
         (("--param", "dryness=2"), "it has other parameters"),
         (("--param", "dryness={folder}/grey.png"), "dryness varies"),
         (("--base", "0.5", "0.5", "0.5"), "the surface under it has another colour"),

@@ -25,7 +25,7 @@ from mesoshell.shell.render.scene import Scene
 from tests.helpers import growing
 from tests.helpers.path_traced import AGE, QUALITY, ROOT, box, rough, surface
 
-SIZE = 48
+SIZE = 32
 
 LIGHT = np.array([0.3, 0.8, -0.5]) / np.linalg.norm([0.3, 0.8, -0.5])
 

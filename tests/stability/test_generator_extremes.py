@@ -17,6 +17,13 @@ from mesoshell.signal.modulated import modulated_conv
 from mesoshell.signal.schedule import layer_schedule
 
 
+@jax.jit
+def convolved(x, w, s, g, seed):
+    """A modulated convolution and its gradients."""
+    y, back = jax.vjp(lambda x, w, s, g: modulated_conv(x, w, s, g, True, 0), x, w, s, g)
+    return y, *back(seed)
+
+
 @pytest.mark.parametrize("styles", [[0.0, 1e6, 1.0], [1e6, 1e6, -1e6], [1e-6, 0.0, -1e-6], [0.0, 0.0, 1e6]])
 def test_demodulated_convolution_of_extreme_styles(styles: list[float]) -> None:
     """Value and gradients against float64: demodulation takes the styles' scale away."""
@@ -24,13 +31,9 @@ def test_demodulated_convolution_of_extreme_styles(styles: list[float]) -> None:
     x, w, seed = (rng.normal(size=n).astype(np.float32) for n in ((1, 6, 6, 3), (3, 3, 3, 4), (1, 4, 4, 4)))
     s, g = np.array([styles], np.float32), np.ones((), np.float32)
 
-    def run(*arrays: np.ndarray) -> list[np.ndarray]:
-        y, back = jax.vjp(lambda x, w, s, g: modulated_conv(x, w, s, g, True, 0), *map(jnp.asarray, arrays))
-        return [np.asarray(v) for v in (y, *back(jnp.asarray(seed, y.dtype)))]
-
-    found = run(x, w, s, g)
+    found = convolved(x, w, s, g, seed)
     with jax.enable_x64(True):
-        true = run(*(np.asarray(v, np.float64) for v in (x, w, s, g)))
+        true = [np.asarray(v) for v in convolved(*(np.asarray(v, np.float64) for v in (x, w, s, g, seed)))]
     for a, b in zip(found, true, strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * np.abs(b).max() + 1e-30)
 
@@ -41,20 +44,26 @@ def test_convolution_of_styles_and_weights_that_are_nothing(tiny: float) -> None
     rng = np.random.default_rng(1)
     x, w = (jnp.asarray(rng.normal(size=n), jnp.float32) for n in ((2, 6, 6, 3), (3, 3, 3, 4)))
     s = jnp.ones((2, 3)).at[0].set(tiny)
-    y, back = jax.vjp(lambda x, w, s: modulated_conv(x, w, s, jnp.ones(()), True, 0), x, w.at[..., 1].set(tiny), s)
-    assert all(jnp.isfinite(v).all() for v in (y, *back(jnp.ones_like(y))))
+    y, *slopes = convolved(x, w.at[..., 1].set(tiny), s, jnp.ones(()), jnp.ones((2, 4, 4, 4)))
+    assert all(jnp.isfinite(v).all() for v in (y, *slopes))
     assert jnp.abs(y[0]).max() < 1e-6 and jnp.abs(y[1, ..., 1]).max() < 1e-6 and jnp.abs(y[1, ..., 0]).max() > 0.1
+
+
+@jax.jit
+def activated(x):
+    """A filtered activation and its gradient."""
+    how = Activation(layer_schedule(32, "T")[4], (0, 0, 0, 0))
+    y, back = jax.vjp(lambda x: filtered_lrelu(x, how), x)
+    return y, back(jnp.ones_like(y))[0]
 
 
 @pytest.mark.parametrize("times", [1.0, 1 + 1e-6, 1e3, 1e35])
 @pytest.mark.parametrize("sign", [1.0, -5.0])
 def test_activation_at_its_clamp(times: float, sign: float) -> None:
     """A constant is what it is after filtering: bent, held within ±256, with a finite gradient."""
-    how = Activation(layer_schedule(32, "T")[4], (0, 0, 0, 0))
-    x = jnp.full((1, 24, 24, 1), sign * times * CLAMP / GAIN, jnp.float32)
-    y, back = jax.vjp(lambda x: filtered_lrelu(x, how), x)
+    y, slope = activated(jnp.full((1, 24, 24, 1), sign * times * CLAMP / GAIN, jnp.float32))
     np.testing.assert_allclose(y[:, 6:-6, 6:-6], np.sign(sign) * CLAMP, rtol=2e-2)
-    assert jnp.isfinite(y).all() and jnp.isfinite(back(jnp.ones_like(y))[0]).all()
+    assert jnp.isfinite(y).all() and jnp.isfinite(slope).all()
 
 
 @pytest.mark.parametrize("tile", [(2**20, -(2**20)), (-(2**20) + 1, 2**20 - 7)])

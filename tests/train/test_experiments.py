@@ -107,7 +107,7 @@ def shrunk(config: Any) -> RunConfig:
 
 
 #: What differs from another experiment in a constant, or in a term of the loss or a part of the model, which other tests have;
-#: and the plain generator, whose runs and steps are tests of their own.
+#: and the plain generator and the captured object, whose runs and steps are tests of their own.
 VARIANTS = {
     "carpet",
     "smooth",
@@ -118,7 +118,7 @@ VARIANTS = {
     "atlas_frequency",
     "atlas_no_inverse",
 }
-VARIANTS |= {"atlas_no_cloud", "textures", "textures_critic", "textures_patches", "weave_cosine"}
+VARIANTS |= {"atlas", "atlas_no_cloud", "textures", "textures_critic", "textures_patches", "weave_cosine"}
 VARIANTS |= {"atlas_nerf", "atlas_reflectance", "spheres_silhouette", "triplane"}
 
 

@@ -9,6 +9,7 @@ from trimesh.exchange.gltf import export_gltf
 from trimesh.visual import TextureVisuals
 
 from mesoshell.errors import InputError
+from mesoshell.geometry import read_usd
 from mesoshell.geometry.read import FORMATS, read_mesh, read_obj
 
 DATA = Path(__file__).parents[1] / "data"
@@ -129,6 +130,22 @@ def test_unreadable_files_are_one_line(tmp_path: Path, name: str, content: bytes
     assert "\n" not in str(raised.value) and str(raised.value).startswith(str(tmp_path / name))
 
 
+def write_usd(path: Path, points: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> None:
+    """By OpenUSD itself."""
+    Sdf, Usd, UsdGeom, UsdUtils = (read_usd.pxr(name) for name in ("Sdf", "Usd", "UsdGeom", "UsdUtils"))
+    made = path.with_name("made.usdc") if path.suffix == ".usdz" else path
+    stage = Usd.Stage.CreateNew(str(made))
+    mesh = UsdGeom.Mesh.Define(stage, "/Ball")
+    mesh.CreatePointsAttr(points.tolist())
+    mesh.CreateFaceVertexCountsAttr([3] * len(faces))
+    mesh.CreateFaceVertexIndicesAttr(faces.ravel().tolist())
+    coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex")
+    coordinates.Set(uv.tolist())
+    stage.Save()
+    if made != path:
+        UsdUtils.CreateNewUsdzPackage(str(made), str(path))
+
+
 def test_the_same_mesh_in_every_format(tmp_path: Path):
     ball = trimesh.creation.icosphere(1)
     uv = np.random.default_rng(0).random((len(ball.vertices), 2))
@@ -139,10 +156,12 @@ def test_the_same_mesh_in_every_format(tmp_path: Path):
     for name, data in parts.items():
         data = data.replace(b'"gltf_buffer', b'"a%20buffer')  # as exporters write names with spaces
         (tmp_path / ("ball.gltf" if name.endswith(".gltf") else name.replace("gltf_", "a "))).write_bytes(data)
+    for kind in read_usd.FORMATS:
+        write_usd(tmp_path / f"ball{kind}", ball.vertices, ball.faces, uv)
     for kind in FORMATS:
         points, faces, read_uv = read_mesh(tmp_path / f"ball{kind}")
         np.testing.assert_allclose(points[faces], ball.vertices[ball.faces], atol=1e-6)
-        if kind in (".glb", ".gltf", ".obj"):
+        if kind in (".glb", ".gltf", ".obj", *read_usd.FORMATS):
             assert read_uv is not None
             np.testing.assert_allclose(read_uv, uv[ball.faces], atol=1e-6)
 

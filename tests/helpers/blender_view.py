@@ -1,8 +1,8 @@
 """Run by Blender's Python: a head on a stand, seen by a camera, as a mask and in every mesh format.
 
 FOLDER, which has sky.exr, gets sky_0.exr to sky_7.exr, what is seen of that in eight directions; mask.png, view.json (the
-camera's frame and vertical field of view) and head.glb, .gltf, .obj, .ply and .stl, by Blender's own settings but for
-cameras."""
+camera's frame and vertical field of view) and head.glb, .gltf, .usda, .usdc, .usdz, .obj, .ply and .stl, by Blender's own
+settings but for cameras."""
 
 import json
 import math
@@ -36,6 +36,8 @@ view = {"to_world": [list(row) for row in camera.matrix_world], "fov": 2 * math.
 (FOLDER / "view.json").write_text(json.dumps(view))
 for form, kind in (("GLB", "glb"), ("GLTF_SEPARATE", "gltf")):
     bpy.ops.export_scene.gltf(filepath=str(FOLDER / f"head.{kind}"), export_format=form, export_cameras=True)
+for kind in ("usda", "usdc", "usdz"):
+    bpy.ops.wm.usd_export(filepath=str(FOLDER / f"head.{kind}"))
 bpy.ops.wm.obj_export(filepath=str(FOLDER / "head.obj"))
 bpy.ops.wm.ply_export(filepath=str(FOLDER / "head.ply"))
 bpy.ops.wm.stl_export(filepath=str(FOLDER / "head.stl"))

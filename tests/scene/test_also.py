@@ -18,12 +18,12 @@ from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.render.tiles import RenderReport
-from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.growth import grows
 from mesoshell.scene.materials import Material
 from mesoshell.scene.render_shell import facts, marched_scene
 from mesoshell.scene.settled import settled, with_others_grown
 from mesoshell.scene.setup import describe_shell
+from mesoshell.scene.unpack import unpacked
 from mesoshell.shell.render.renderer import _Renderer
 from mesoshell.viewer.look import command, first_look
 from tests.helpers import growing, wearing
@@ -189,7 +189,7 @@ def test_what_cannot_be_is_said(tiny_bundle: Bundle):
         (ms.Grown(mesh, shell, params={"wet": 1.0}), "^tiny:params: "),
         (ms.Grown(mesh, shell, thickness=-1.0), "^tiny:thickness: must be positive"),
         (ms.Grown(mesh, shell, seed=1), "^tiny:seed: tiny is one texture"),
-        (ms.Grown(None, shell, grow=["Rug"]), "^grow: names meshes of a glTF file"),
+        (ms.Grown(None, shell, grow=["Rug"]), "^grow: names meshes of a glTF file or a USD stage"),
         (ms.Grown("none.obj", shell), "^none.obj: no such file"),
     ):
         for use in (describe_shell, settled, ms.explain):
@@ -236,8 +236,8 @@ def test_options_name_them(tiny_bundle: Bundle, tmp_path: Path):
         (["--object", "x.obj=fur", "--param", "fur:scale=wide"], "--param: fur:scale=wide is no number"),
         (["--object", "x.obj=fur", "--param", "fur:seed=1.5"], "--param: fur:seed=1.5 is no whole number"),
         (["--object", "x.obj=hay"], "hay"),
-        (["--grow", "Rug=fur"], "--grow: names meshes of a glTF file"),
-        (["--grow", "Rug="], "--grow: names meshes of a glTF file"),
+        (["--grow", "Rug=fur"], "--grow: names meshes of a glTF file or a USD stage"),
+        (["--grow", "Rug="], "--grow: names meshes of a glTF file or a USD stage"),
     ],
 )
 def test_the_command_says_its_faults(options: list[str], said: str, capsys: pytest.CaptureFixture[str]):

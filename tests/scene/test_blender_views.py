@@ -39,9 +39,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-@pytest.mark.parametrize("kind", ["glb", "gltf", "obj", "ply", "stl"])
+@pytest.mark.parametrize("kind", ["glb", "gltf", "usda", "usdc", "usdz", "obj", "ply", "stl"])
 def test_a_silhouette_is_blenders(folder: Path, tiny_bundle: Bundle, kind: str):
-    """glTF files bring their camera; for others it is Blender's, in the axes that the format usually has."""
+    """glTF files and USD stages bring their camera; for others it is Blender's, in the axes that the format usually has."""
     mask = np.asarray(Image.open(folder / "mask.png"))[..., 3] > 127
     height, width = mask.shape
     view = json.loads((folder / "view.json").read_text())
@@ -49,7 +49,7 @@ def test_a_silhouette_is_blenders(folder: Path, tiny_bundle: Bundle, kind: str):
     still = settled(scene)
     frame = np.array(view["to_world"]) if still.up == "z" else Y_UP @ np.array(view["to_world"])
     camera = ms.Camera(frame, view["fov"], width, height)
-    if kind in ("glb", "gltf"):
+    if kind in ("glb", "gltf", "usda", "usdc", "usdz"):
         assert isinstance(still.camera, ms.Camera)
         np.testing.assert_allclose(still.camera.to_world, frame, atol=1e-6)
         assert still.camera.fov == pytest.approx(view["fov"], rel=1e-6)

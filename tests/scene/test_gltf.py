@@ -23,9 +23,10 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh, load_nodes
 from mesoshell.geometry.read import read_mesh, read_nodes
 from mesoshell.io.bundle import Bundle
-from mesoshell.scene.gltf import LUX, read_told, unpacked
+from mesoshell.scene.gltf import LUX
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
+from mesoshell.scene.unpack import read_told, unpacked
 from tests.helpers import wearing
 
 FILE = Path(__file__).parents[1] / "data" / "blender.glb"
@@ -117,7 +118,7 @@ def test_a_picture_of_a_blender_scene(material: Material):
 def test_a_name_that_is_not_there(material: Material):
     with pytest.raises(InputError, match=r"has no mesh named 'Hil': its names are Hill, Moss, Stone$"):
         unpacked(ms.Scene(FILE, material, grow=("Hil",)))
-    with pytest.raises(InputError, match=r"^grow: names meshes of a glTF file"):
+    with pytest.raises(InputError, match=r"^grow: names meshes of a glTF file or a USD stage"):
         unpacked(ms.Scene(FILE.with_name("spot.obj"), material, grow=("Hill",)))
 
 
@@ -326,5 +327,5 @@ def test_values_of_other_kinds(material: Material, changes: dict, said: str):
 def test_faint_suns_are_said(tmp_path: Path):
     told = read_told(written(tmp_path, lit({}, {"type": "directional", "intensity": 3.0})))
     assert told.notes[0].startswith("its suns are so faint that they may be in W/m²")
-    with pytest.raises(InputError, match="a sun has the strength -3"):
+    with pytest.raises(InputError, match="a sun has the irradiance"):
         read_told(written(tmp_path, lit({}, {"type": "directional", "intensity": -3})))

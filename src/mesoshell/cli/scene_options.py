@@ -29,11 +29,12 @@ SETTINGS_HELP = (
 class SceneOptions:
     """A mesh grown with a neural material, its camera, its lights, and the engine that renders it."""
 
-    #: OBJ, PLY, GLB, glTF, OFF or STL file; without texture coordinates it is unwrapped. For `render` and `tradeoff` with
+    #: OBJ, PLY, GLB, glTF, USD, OFF or STL file; without texture coordinates it is unwrapped. For `render` and `tradeoff` with
     #: --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
-    #: Name of a glTF file's node that the material grows on; may be repeated. The file's other meshes stand beside it, as each
-    #: --object does. NODE=MATERIAL grows another material on it. Default: on all that is not named so.
+    #: Name of a glTF file's node, or path of a USD stage's prim, that the material grows on; may be repeated. The file's other
+    #: meshes stand beside it, as each --object does. NODE=MATERIAL grows another material on it. Default: on all that is not
+    #: named so.
     grow: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"
@@ -53,9 +54,9 @@ class SceneOptions:
     #: Width and height of the picture in pixels; default: 512 512, or what a scene of Mitsuba's says.
     size: tuple[int, int] | None = None
     #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: the suns of a
-    #: glTF file; without any, none with an --environment, else key, fill and bounce.
+    #: glTF file or a USD stage; without any, none with an --environment, else key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
-    #: Light by a glTF file's suns where no --light is given.
+    #: Light by the suns of a glTF file or a USD stage where no --light is given.
     suns: bool = True
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
@@ -65,7 +66,7 @@ class SceneOptions:
     base: tuple[float, float, float] = EARTH
     #: Further meshes in the same frame that cast and receive shadows; may be repeated. FILE=MATERIAL grows a material on it.
     object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
-    #: Eye x y z, target x y z and vertical field of view in degrees; default: the first of a glTF file, else it
+    #: Eye x y z, target x y z and vertical field of view in degrees; default: the first of a glTF file or a USD stage, else it
     #: frames the mesh from the upper front.
     camera: tuple[float, float, float, float, float, float, float] | None = None
     #: The axis that points up; default: z for PLY and STL, y for all others.

@@ -31,7 +31,6 @@ from mesoshell.io.records import read_object
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import Quality
 from mesoshell.scene.defaults import back_light
-from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.growth import meshes_of
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.picture import Progress
@@ -39,6 +38,7 @@ from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled, with_others_grown
 from mesoshell.scene.setup import box_of, camera_of, up_axis
+from mesoshell.scene.unpack import unpacked
 
 RECORD = "film.json"
 #: How many times its distance away a dolly begins.

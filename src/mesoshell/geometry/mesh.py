@@ -44,7 +44,7 @@ class Mesh:
 
 
 def load_mesh(path: str | PathLike[str]) -> Mesh:
-    """Read an OBJ, PLY, GLB, glTF, OFF or STL file. Raises InputError, in one line, if it cannot be used."""
+    """Read an OBJ, PLY, GLB, glTF, USD, OFF or STL file. Raises InputError, in one line, if it cannot be used."""
     return check_mesh(*read_mesh(path), str(path))
 
 

@@ -6,7 +6,8 @@ uv          texture coordinates of each corner, NaN on corners without
 v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are ignored
 n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
 
-GLB, glTF, OFF and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's.
+GLB, glTF, OFF and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's. USD:
+read_usd.
 OBJ is read here, for five faults of trimesh's reader (5.2) that leave no trace: number 0 becomes the first vertex; a
 negative number counts from the file's end; one face without vt drops every UV; so does one vt out of range; polygons
 under several `usemtl` come back out of order. A polygon becomes a fan of triangles about its first corner. PLY: read_ply.
@@ -29,9 +30,10 @@ from jaxtyping import Float, Int
 from trimesh.resolvers import FilePathResolver
 
 from mesoshell.errors import InputError
+from mesoshell.geometry import read_usd
 from mesoshell.geometry.read_ply import read_ply
 
-FORMATS = (".obj", ".ply", ".glb", ".gltf", ".off", ".stl")
+FORMATS = (".obj", ".ply", ".glb", ".gltf", ".off", ".stl", *read_usd.FORMATS)
 NO_TEXTURE = -1
 
 #: Positions, triangles, and corner UVs (None where no corner has one).
@@ -46,8 +48,8 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
 
 
 def read_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tuple[list[Arrays], Arrays | None]:
-    """The meshes of each group of a glTF file's nodes, by their names, with what hangs on them and is in no other group; and
-    all its others, None without any. Raises InputError, in one line, for a group without triangles."""
+    """The meshes of each group of a glTF file's nodes or a USD stage's prims, by their names, with what hangs on them and is in
+    no other group; and all its others, None without any. Raises InputError, in one line, for a group without triangles."""
     with _one_line(path):
         parts = _parts(path)
         present = sorted({owner for owners, _ in parts for owner in owners})
@@ -55,7 +57,8 @@ def read_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tu
         for k, names in enumerate(groups):
             for name in names:
                 if name not in present:
-                    raise InputError(path, f"has no mesh named {name!r}: its names are {', '.join(present)}")
+                    paths = [x for x in present if x.startswith("/")]  # of a stage, whose names need not be unique
+                    raise InputError(path, f"has no mesh named {name!r}: its names are {', '.join(paths or present)}")
                 if group_of.setdefault(name, k) != k:
                     raise InputError(path, f"{name!r} is to carry two materials")
         chosen = [next((group_of[x] for x in owners if x in group_of), -1) for owners, _ in parts]
@@ -165,8 +168,10 @@ def _is_text_stl(head: bytes) -> bool:
     return head.lstrip()[:5].lower() == b"solid" and b"facet" in head.lower() and b"\0" not in head
 
 
-def _parts(path: str | PathLike[str]) -> list[tuple[list[str], Arrays]]:
+def _parts(path: str | PathLike[str]) -> Sequence[tuple[list[str], Arrays]]:
     """Each mesh of a file in world space, and the names of its node and of those it hangs on, from itself upward."""
+    if Path(path).suffix.lower() in read_usd.FORMATS:
+        return read_usd.parts(path)
     gltf = Path(path).suffix.lower() in (".glb", ".gltf")
     scene, names = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {})
     parents, parts = scene.graph.transforms.parents, []

@@ -4,7 +4,7 @@ Notation
 key         hash of the file's bytes, its suffix and this version
 entry       KEY.npz in the cache: the arrays of a Mesh and its notes
 
-Files of less than LEAST bytes are read anew, which takes a moment, and glTF files, whose buffers are files of their own. What
+Files of less than LEAST bytes are read anew, which takes a moment, and those that are of several files, glTF and USD. What
 was not used for longest goes when all are more than MOST.
 """
 
@@ -19,11 +19,13 @@ import numpy as np
 
 from mesoshell import __version__
 from mesoshell.errors import InputError
+from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import Mesh, load_mesh
 from mesoshell.io.atomic import replace_file
 from mesoshell.io.cache import cache_folder, forget, remove
 
 LEAST, MOST = 1 << 20, 1 << 30
+OF_FILES = (".gltf", *read_usd.FORMATS)
 ARRAYS = ("vertices", "faces", "uv", "normals")
 
 
@@ -36,7 +38,7 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
     """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
     file = Path(path)
     try:
-        large = os.path.isfile(file) and file.suffix.lower() != ".gltf" and file.stat().st_size >= LEAST
+        large = os.path.isfile(file) and file.suffix.lower() not in OF_FILES and file.stat().st_size >= LEAST
         entry = cache_folder("meshes") / f"{_key(file)}.npz" if large else None
     except OSError:
         entry = None

@@ -25,7 +25,7 @@ Direction = tuple[float, float, float]
 class Grown:
     """A further mesh that is grown with a material of its own: `Scene.also`.
 
-    mesh: as of a Scene; or None, and `grow` names nodes of the scene's own glTF file.
+    mesh: as of a Scene; or None, and `grow` names nodes of the scene's own file.
     material: a shell's, of `load_material`.
     thickness, scale, params, seed: as of a Scene.
     """
@@ -54,9 +54,9 @@ class Grown:
 class Scene:
     """A mesh grown with a material, its camera and its lights.
 
-    mesh: an OBJ, PLY, GLB, glTF, OFF or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
-    grow: names of a glTF file's nodes that the material grows on; its other meshes stand beside them, as `objects` do. Default:
-        on all that no material of `also` grows on.
+    mesh: an OBJ, PLY, GLB, glTF, USD, OFF or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
+    grow: names of a glTF file's nodes, or paths of a USD stage's prims, that the material grows on; the file's other meshes
+        stand beside them, as `objects` do. Default: on all that no material of `also` grows on.
     material: of `load_material`.
     thickness: height of the shell in the mesh's unit. Default: the material's own thickness times `scale`, or 1/25 of the
         bounding box's diagonal. A surface material has none.
@@ -68,10 +68,10 @@ class Scene:
         has no other. Default: 0.
     size: width and height of the picture in pixels.
     camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default:
-        the first of a glTF file, else it frames the mesh from the upper front.
-    lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: the suns of a
-        glTF file; without any, key, fill and bounce, unless there is an environment.
-    suns: whether a glTF file's suns light the scene where no `lights` are given.
+        the first of such a file, else it frames the mesh from the upper front.
+    lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: the suns of
+        such a file; without any, key, fill and bounce, unless there is an environment.
+    suns: whether such a file's suns light the scene where no `lights` are given.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
     environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it;
         its middle lies toward +x, as in Blender.

@@ -7,13 +7,13 @@ import numpy as np
 
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
-from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.growth import faults_of, grows, growth_of, meshes_of, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material, read_params
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.setup import camera_of, lights_of, up_axis
+from mesoshell.scene.unpack import unpacked
 
 OneT = TypeVar("OneT", Scene, Grown)
 

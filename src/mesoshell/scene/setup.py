@@ -17,10 +17,10 @@ from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
-from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.growth import Growth, check_growth, faults_of, growth_of, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.scene import Scene
+from mesoshell.scene.unpack import unpacked
 from mesoshell.surface_material.scene import SurfaceDescription, default_period
 
 #: Most irradiance or radiance: sums of it stay finite in float32.

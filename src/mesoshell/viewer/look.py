@@ -18,9 +18,9 @@ from jaxtyping import Float
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
-from mesoshell.scene.gltf import is_gltf
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Grown, Scene
+from mesoshell.scene.unpack import is_scene_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +165,7 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     for light in given.lights if own else scene.lights:
         assert not isinstance(light, Distant)
         words += _option("light", *light)
-    if not given.suns or (is_gltf(given.mesh) and not own and not scene.lights):
+    if not given.suns or (is_scene_file(given.mesh) and not own and not scene.lights):
         words += ["--no-suns"]
     words += _option("irradiance", given.irradiance)
     sky = look.sky.name if look.sky is not None else given.environment if own else None

@@ -16,11 +16,11 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
-from mesoshell.scene.gltf import unpacked
 from mesoshell.scene.materials import Material
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settled import settled
 from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface
+from mesoshell.scene.unpack import unpacked
 from mesoshell.viewer.look import Look, described, first_look, shown, sized, with_texture_of
 from mesoshell.viewer.refine import Abandoned, Shown, refine
 

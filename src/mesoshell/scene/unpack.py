@@ -1,0 +1,81 @@
+"""Take a scene's file apart, if it describes more than a mesh: a glTF file or a USD stage (no JAX)."""
+
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from mesoshell.errors import Argument, InputError
+from mesoshell.geometry import read_usd
+from mesoshell.geometry.mesh import load_nodes
+from mesoshell.limits import check_memory
+from mesoshell.render.camera import Camera
+from mesoshell.scene import gltf, usd
+from mesoshell.scene.kept_meshes import kept_mesh
+from mesoshell.scene.scene import Scene
+from mesoshell.scene.told import Told
+
+#: What reads each format.
+READERS = {".glb": gltf.told_by, ".gltf": gltf.told_by, **dict.fromkeys(read_usd.FORMATS, usd.told_by)}
+#: Share by which a picture's proportions may differ from the camera's before it is said.
+ALIKE = 0.01
+
+
+def is_scene_file(mesh: Any) -> bool:
+    """Whether it is the path of a file that may say more than a mesh."""
+    return isinstance(mesh, str | PathLike) and Path(mesh).suffix.lower() in READERS
+
+
+def read_told(path: str | PathLike[str]) -> Told:
+    """What such a file says. Raises InputError if it is damaged there."""
+    try:
+        return READERS[Path(path).suffix.lower()](path)
+    except InputError:
+        raise
+    except (AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as fault:
+        raise InputError(path, f"its cameras or lights cannot be read: {fault!r}") from fault
+
+
+def unpacked(scene: Scene) -> Scene:
+    """The scene with what its file says in the place of defaults, and `grow` taken apart; any other scene as it is. Raises
+    InputError."""
+    named = [x for x in scene.also if x.mesh is None]
+    if not is_scene_file(scene.mesh):
+        if scene.grow or named:
+            raise InputError(Argument("grow"), "names meshes of a glTF file or a USD stage, and the scene has none")
+        return scene
+    assert isinstance(scene.mesh, str | PathLike)
+    if scene.grow or named:
+        (mesh, *meshes), others = load_nodes(scene.mesh, [scene.grow, *(x.grow for x in named)])
+    else:
+        mesh, meshes, others = kept_mesh(scene.mesh), [], ()
+    own = iter(meshes)
+    told = read_told(scene.mesh)
+    notes, camera, lights = list(told.notes), scene.camera, scene.lights
+    if camera is None and told.camera is not None and _is_size(scene.size):
+        width, height = scene.size
+        check_memory(Argument("size"), f"a picture of {width} x {height}", 64 * width * height)
+        camera = Camera(*told.camera, width, height)
+        if told.aspect is not None and abs(width / height / told.aspect - 1) > ALIKE:
+            notes.append(
+                f"its camera is {told.aspect:.3g} times as wide as high: --size {width} {round(width / told.aspect)}"
+            )
+    if not lights and scene.suns:
+        lights = told.suns
+    return replace(
+        scene,
+        mesh=replace(mesh, notes=(*mesh.notes, *notes)),
+        camera=camera,
+        lights=lights,
+        objects=(*scene.objects, *others),
+        grow=(),
+        also=tuple(replace(x, mesh=next(own), grow=()) if x.mesh is None else x for x in scene.also),
+        up=scene.up or told.up,
+    )
+
+
+def _is_size(size: Any) -> bool:
+    """Whether a picture can have it; else what checks sizes says so."""
+    return (
+        len(size) == 2 and all(isinstance(n, int) and n > 0 for n in size) if isinstance(size, tuple | list) else False
+    )

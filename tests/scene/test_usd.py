@@ -1,0 +1,201 @@
+"""A USD stage's meshes, camera and distant lights are read; what is damaged is one line.
+
+The stages are written here by hand; tests/scene/test_blender_views has those that Blender writes."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mesoshell as ms
+from mesoshell.errors import InputError
+from mesoshell.geometry import read_usd
+from mesoshell.geometry.mesh import load_mesh, load_nodes
+from mesoshell.io.bundle import Bundle
+from mesoshell.scene.materials import Material
+from mesoshell.scene.settled import settled
+from mesoshell.scene.unpack import read_told, unpacked
+
+#: A square in the plane z = 0, of texture coordinates equal to positions.
+SQUARE = """
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = "vertex" )
+"""
+
+
+def stage(folder: Path, body: str, head: str = 'upAxis = "Y"') -> Path:
+    path = folder / "stage.usda"
+    lines = body.replace("{ ", "{\n").replace(" }", "\n}")  # braces end lines
+    path.write_text(f"#usda 1.0\n(\n    {head}\n)\n{lines}")
+    return path
+
+
+def mesh(name: str, more: str = "", kind: str = "", body: str = SQUARE) -> str:
+    return f'    def Mesh "{name}" {kind}\n    {{\n{body}{more}\n    }}\n'
+
+
+def test_meshes_stand_where_they_are(tmp_path: Path):
+    """Under transforms of all above them, and facing as their orientation says."""
+    place = 'double3 xformOp:translate = (2, 3, 4)\n uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+    flip = 'float3 xformOp:scale = (1, 1, -2)\n uniform token[] xformOpOrder = ["xformOp:scale"]\n'
+    left = 'uniform token orientation = "leftHanded"\n'
+    body = f'def Xform "World"\n{{\n{place}{mesh("A")}{mesh("B", flip)}{mesh("C", left)}{mesh("D", flip + left)}}}\n'
+    path = stage(tmp_path, body)
+    for name, facing in (("A", 1), ("B", -1), ("C", -1), ("D", 1)):
+        (one,), others = load_nodes(path, [(name,)])
+        corners = one.vertices[one.faces].astype(np.float64)
+        np.testing.assert_array_equal(np.unique(one.vertices, axis=0), [[2, 3, 4], [2, 4, 4], [3, 3, 4], [3, 4, 4]])
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        np.testing.assert_array_equal(normal, np.tile([0, 0, facing], (2, 1)))
+        np.testing.assert_array_equal(one.uv, corners[..., :2] - [2, 3])
+        assert len(others[0].faces) == 2  # the other three lie in one place
+    assert len(load_nodes(path, [("/World",)])[0][0].faces) == 2
+    with pytest.raises(InputError, match=r"its names are /World, /World/A, /World/B, /World/C, /World/D$"):
+        load_nodes(path, [("Hill",)])
+
+
+def test_what_is_not_seen_is_left_out(tmp_path: Path):
+    off = 'token visibility = "invisible"\n'
+    guide, proxy, render = (f'uniform token purpose = "{x}"\n' for x in ("guide", "proxy", "render"))
+    hidden = f'def Xform "Hidden"\n{{\n{off}{mesh("D")}}}\n'
+    path = stage(tmp_path, f"{mesh('A', off)}{mesh('B', guide)}{mesh('C', proxy)}{hidden}{mesh('E', render)}")
+    assert [names for names, _ in read_usd.parts(path)] == [["/E", "E"]]
+
+
+def test_copies_are_all_there(tmp_path: Path):
+    """Of an instanceable prim, and of a PointInstancer's prototypes, which stand nowhere themselves."""
+    rock = f'class Xform "_Rock"\n{{\n{mesh("Stone")}}}\n'
+    at = 'double3 xformOp:translate = ({}, 0, 0)\n uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+    copy = "".join(
+        f'def Xform "Copy{k}" ( instanceable = true\n inherits = </_Rock> )\n{{\n{at.format(10 * k)}}}\n'
+        for k in (1, 2)
+    )
+    scattered = f"""def PointInstancer "Field" {{
+        {at.format(100)}
+        rel prototypes = [</Field/Kinds/Near>, </Field/Kinds/Far>]
+        int[] protoIndices = [0, 1, 0]
+        point3f[] positions = [(0, 0, 0), (5, 0, 0), (7, 0, 0)]
+        float3[] scales = [(1, 1, 1), (2, 2, 2), (1, 1, 1)]
+        int64[] invisibleIds = [2]
+        def Scope "Kinds" {{ {mesh("Near")} {mesh("Far", at.format(0.5))} }}
+    }}
+    """
+    found = read_usd.parts(stage(tmp_path, rock + copy + scattered))
+    least = sorted((names[0], points[:, 0].min(), np.ptp(points[:, 0])) for names, (points, _, _) in found)
+    wanted = [("/Copy1/Stone", 10, 1), ("/Copy2/Stone", 20, 1), ("/Field", 100, 1), ("/Field", 106, 2)]
+    assert [x[0] for x in least] == [x[0] for x in wanted]
+    np.testing.assert_allclose([x[1:] for x in least], [x[1:] for x in wanted])
+
+
+@pytest.mark.parametrize("count", [3, 5, 7])
+def test_polygons_are_fans_with_their_own_coordinates(tmp_path: Path, count: int):
+    """Coordinates of corners, indexed; of another name than `st`."""
+    angle = 2 * np.pi * np.arange(count) / count
+    points = ", ".join(f"({x:.6f}, {y:.6f}, 0)" for x, y in zip(np.cos(angle), np.sin(angle), strict=True))
+    uv = ", ".join(f"({k}, 0.5)" for k in range(count))
+    body = f"""
+        point3f[] points = [{points}]
+        int[] faceVertexCounts = [{count}]
+        int[] faceVertexIndices = {list(range(count))}
+        texCoord2f[] primvars:UVMap = [{uv}] ( interpolation = "faceVarying" )
+        int[] primvars:UVMap:indices = {list(range(count))[::-1]}
+    """
+    ((_, (_, faces, uv)),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
+    np.testing.assert_array_equal(faces, [[0, k, k + 1] for k in range(1, count - 1)])
+    np.testing.assert_array_equal(uv[..., 0], count - 1 - faces)
+
+
+def test_the_camera_the_suns_and_the_axis(tmp_path: Path, tiny_bundle: Bundle):
+    turn = 'float xformOp:rotateX = -90\n uniform token[] xformOpOrder = ["xformOp:rotateX"]\n'
+    lens = "float focalLength = 50\n float horizontalAperture = 36\n float verticalAperture = 24\n"
+    body = f"""{mesh("Ground")}
+    def Xform "Rig" {{
+        double3 xformOp:translate = (0, 0, 5)
+        float3 xformOp:scale = (3, 3, 3)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+        def Camera "First" {{ {lens} }}
+    }}
+    def Camera "Second" {{ {lens} }}
+    def Camera "Flat" {{ token projection = "orthographic" }}
+    def DistantLight "Sun" {{
+        {turn} bool inputs:normalize = 1
+        float inputs:intensity = 3
+        float inputs:exposure = 1
+        color3f inputs:color = (1, 0.5, 0.25)
+    }}
+    def DistantLight "Wide" {{
+        float inputs:intensity = 2
+        float inputs:angle = 60
+        bool inputs:enableColorTemperature = 1
+    }}
+    def DistantLight "Off" {{ token visibility = "invisible" }}
+    def SphereLight "Lamp" {{ float inputs:intensity = 9 }}
+    """
+    path = stage(tmp_path, body, 'upAxis = "Z"')
+    told = read_told(path)
+    assert told.camera is not None and told.up == "z" and told.aspect == pytest.approx(1.5)
+    np.testing.assert_allclose(told.camera[0], [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]], atol=1e-12)
+    assert told.camera[1] == pytest.approx(2 * np.arctan(24 / 2 / 50))
+    sun, wide = told.suns
+    np.testing.assert_allclose(sun.direction, [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(sun.irradiance, [6, 3, 1.5])
+    np.testing.assert_allclose(wide.irradiance, np.full(3, 2 * np.pi * np.sin(np.pi / 6) ** 2), rtol=1e-6)
+    assert told.notes == (
+        "its camera Flat is no perspective one: left out",
+        "it has 2 cameras: First, the first, is taken",
+        "its lights that are not distant are left out: Lamp",
+    )
+    scene = ms.Scene(path, Material("tiny", tiny_bundle), size=(30, 20))
+    still = settled(scene)
+    assert still.up == "z" and len(still.lights) == 2 and unpacked(unpacked(scene)).mesh is not None
+    assert ms.render(scene, "draft", max_samples=1).rgba[..., 3].max() == 1
+    mine = path.read_text().replace('upAxis = "Z"', 'upAxis = "Z"\n    doc = "Blender v5.0.1"')
+    path.write_text(mine)
+    np.testing.assert_allclose(read_told(path).suns[0].irradiance, [24, 12, 6])
+
+
+@pytest.mark.parametrize("suffix", read_usd.FORMATS)
+@pytest.mark.parametrize(
+    "content", [b"", b"nonsense", b"#usda 1.0\ndef Mesh {", b"PXR-USDC\0\0", b"PK\3\4", bytes(range(256))]
+)
+def test_what_is_no_stage_is_one_line(tmp_path: Path, suffix: str, content: bytes, capfd: pytest.CaptureFixture[str]):
+    path = tmp_path / f"bad{suffix}"
+    path.write_bytes(content)
+    for read in (load_mesh, read_told):
+        with pytest.raises(InputError) as caught:
+            read(path)
+        assert str(caught.value).startswith(f"{path}: is no USD stage") and "\n" not in str(caught.value)
+    said = capfd.readouterr()
+    assert said.err == said.out == ""
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("", "holds no triangles"),
+        (mesh("A", body="int[] faceVertexCounts = [3]\n"), "/A has 0 corners for faces of 3"),
+        (mesh("A", body=SQUARE.replace("[4]", "[-4]")), "/A has 4 corners for faces of -4"),
+        (mesh("A", body=SQUARE.replace("2, 3]", "2, 9]")), "/A refers to points that it does not have"),
+        (mesh("A", body=SQUARE.replace("(1, 1, 0)", "(nan, 1, 0)")), "not finite"),
+        (
+            'def DistantLight "S" { float inputs:intensity = -3\n bool inputs:normalize = 1 }\n' + mesh("A"),
+            "a sun has the irradiance",
+        ),
+        ('def Camera "C" { float focalLength = 0 }\n' + mesh("A"), "radians"),
+    ],
+)
+def test_a_damaged_stage_is_one_line(tmp_path: Path, tiny_bundle: Bundle, body: str, said: str):
+    path: Any = stage(tmp_path, body)
+    with pytest.raises(InputError, match=said):
+        settled(ms.Scene(path, Material("tiny", tiny_bundle)))
+
+
+def test_without_openusd_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "pxr"] or ["pxr"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError, match=r"requires usd-core: pip install mesoshell\[usd\]$"):
+        load_mesh(stage(tmp_path, mesh("A")))

@@ -87,7 +87,8 @@ def test_faults_of_paths(tmp_path: Path):
         assert str(raised.value) == f"{path}: {fault}"
     (tmp_path / "mesh.fbx").write_text("")
     with pytest.raises(
-        InputError, match=r"unknown mesh format '\.fbx': use \.obj, \.ply, \.glb, \.gltf, \.off, \.stl$"
+        InputError,
+        match=r"unknown mesh format '\.fbx': use \.obj, \.ply, \.glb, \.gltf, \.off, \.stl, \.usd, \.usda, \.usdc, \.usdz$",
     ):
         read_mesh(tmp_path / "mesh.fbx")
 

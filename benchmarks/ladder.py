@@ -1,96 +1,78 @@
-"""What a march's settings cost and bias, and whether goals are reached: python -m benchmarks.ladder [--goals | --picture FILE]
+"""What a march's settings bias and how noisy they are: python -m benchmarks.ladder FOLDER [--picture FILE]
 
-Prints, for `spot.obj` with grass from nearby and from afar, each rung of mesoshell.scene.choose and preset: seconds a pass,
-median of PASSES, and relative to the first rung; density queries a ray; FLIP of the picture against that of `reference` at the
-same rays, which is bias; and FLIP of one ray a pixel against PASSES, which is noise. With --goals: budgets and errors promised
-and reached, where the error is against `reference` at more rays. With --picture: the strip of docs/how_to/time_and_error.
+Measures each rung of mesoshell.scene.choose on the four marches of benchmarks.presets, whose references FOLDER keeps, and
+prints the numbers of LADDER: geometric means of bias and noise over the noise of the first rung, and of its queries; PAIR; and
+how far scenes lie apart. A bias that is not above the noise of the reference is unknown and left out. With --picture: the
+strip of docs/how_to/time_and_error. Whether goals are reached: benchmarks.goals.
+
+Notation
+b, ν, q     as in mesoshell.scene.choose
 """
 
 import argparse
-import time
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import mesoshell as ms
+from benchmarks.presets import MARCHED, NORMAL, SPOT, place
+from mesoshell.io.atomic import replace_file
 from mesoshell.io.image import write_png
 from mesoshell.measure.flip import flip
-from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.choose import LADDER
-from mesoshell.scene.picture import Prepared
 from mesoshell.scene.prepare import prepare
+from mesoshell.tradeoff.knobs import named
+from mesoshell.tradeoff.points import Point, measured
 
-SIDE, PASSES, TRUE = 96, 4, 12
-CAMERAS = {"near": None, "far": (2.2, 1.4, -9, 0, 0.05, 0.15, 25)}
+#: How far above the noise of the reference a bias is known.
+KNOWN = 1.1
 CLOSE, SHOWN, BUDGETS = (1.5, 0.9, -2.4, 0, 0.05, 0.15, 40), 256, (1.0, 4.0, 16.0, 60.0)
-GOALS = ({"budget": 1.0}, {"budget": 3.0}, {"budget": 10.0}, {"error": 0.05}, {"error": 0.03}, {"error": 0.02})
-NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 
 
-def scene(camera: tuple | None) -> ms.Scene:
-    mesh = "src/mesoshell/assets/spot.obj"
-    return ms.Scene(mesh, ms.load_material("grass"), size=(SIDE, SIDE), camera=camera)
+def measure(folder: Path) -> tuple[dict[str, list[Point]], dict[str, float]]:
+    """Points of each place, a rung each, and FLIP of one pass of the first rung against two."""
+    points: dict[str, list[Point]] = {}
+    pairs = {}
+    for name, (material, mesh, scale, camera, side) in MARCHED.items():
+        scene = ms.Scene(mesh, ms.load_material(material), scale=scale, camera=camera, size=(side, side))
+        here = place(name, prepare(scene, NORMAL), folder)
+        for rung in LADDER:
+            passes = here.prepared.passes(NORMAL.with_changes(**rung.settings))
+            point, images = measured(dict(rung.settings), passes, here.reference, lambda share: None)
+            known = point.bias > KNOWN * here.reference.noise
+            points.setdefault(name, []).append(replace(point, bias=point.bias if known else np.nan))
+            if rung is LADDER[0]:
+                pairs[name] = flip(over_backdrop(images[0]), over_backdrop(images[1]))
+            print(
+                f"{name:20} {point.evaluations:7.1f} {point.bias:.4f} {point.noise:.4f}  {named(rung.settings)}",
+                flush=True,
+            )
+    return points, pairs
 
 
-def passes(ready: Prepared, quality: Quality, count: int) -> tuple[np.ndarray, list[float], float]:
-    """Pictures of each pass, their seconds, and density queries a ray."""
-    begun, pixels = ready.passes(quality), np.arange(SIDE * SIDE)
-    begun.render(0, pixels, lambda share: None)  # compiles
-    before = begun.ended(np.zeros((SIDE, SIDE, 4)), 1).record["counts"]["density_queries"]
-    images, seconds = [], []
-    for k in range(count):
-        begin = time.perf_counter()
-        images.append(begun.render(k, pixels, lambda share: None).reshape(SIDE, SIDE, 4))
-        seconds.append(time.perf_counter() - begin)
-    queries = begun.ended(images[0], count).record["counts"]["density_queries"] - before
-    return np.array(images), seconds, queries / count / SIDE**2
-
-
-def different(a: np.ndarray, b: np.ndarray) -> float:
-    return flip(over_backdrop(a), over_backdrop(b))
-
-
-def named(settings: dict[str, object]) -> str:
-    return ", ".join(f"{k} {v}" for k, v in settings.items())
-
-
-def rungs() -> None:
-    print("| view | settings | s a pass | relative | queries a ray | bias | noise |\n|---|---|---|---|---|---|---|")
-    for view, camera in CAMERAS.items():
-        ready, first = prepare(scene(camera), NORMAL), 0.0
-        true = passes(ready, REFERENCE, PASSES)[0].mean(axis=0)
-        changed = [(named(rung.settings), NORMAL.with_changes(**rung.settings)) for rung in LADDER]
-        for name, quality in (*changed, *((f"`{name}`", preset) for name, preset in PRESETS.items())):
-            images, seconds, queries = passes(ready, quality, PASSES)
-            median, mean = float(np.median(seconds)), images.mean(axis=0)
-            first = first or median
-            found = f"{different(mean, true):.4f} | {different(images[0], mean):.4f}"
-            print(f"| {view} | {name} | {median:.3f} | {median / first:.1f} | {queries:.1f} | {found} |", flush=True)
-
-
-def goals() -> None:
-    print(
-        "| view | promised | seconds | FLIP estimated | FLIP reached | rays a pixel | settings |\n|---|---|---|---|---|---|---|"
-    )
-    for view, camera in CAMERAS.items():
-        shown = scene(camera)
-        true = passes(prepare(shown, NORMAL), REFERENCE, TRUE)[0].mean(axis=0)
-        for goal in GOALS:
-            picture = ms.render(shown, **goal)
-            reached = picture.report["goal"]
-            name, value = next(iter(goal.items()))
-            estimated = np.hypot(reached["noise"] or np.nan, reached["bias"])
-            settings = named(reached["settings"])
-            row = [view, f"{name} {value:g}", f"{reached['seconds']:.2f}", f"{estimated:.4f}"]
-            row += [f"{different(picture.rgba, true):.4f}", f"{reached['samples']['mean']:.1f}", settings]
-            print(f"| {' | '.join(row)} |", flush=True)
+def report(points: dict[str, list[Point]], pairs: dict[str, float]) -> None:
+    print("\n| settings | bias | noise | queries | bias of each scene |\n|---|---|---|---|---|")
+    for k, rung in enumerate(LADDER):
+        first, own = [p[0] for p in points.values()], [p[k] for p in points.values()]
+        bias, noise, queries = (
+            np.array([getattr(a, key) / getattr(b, of) for a, b in zip(own, first, strict=True)])
+            for key, of in (("bias", "noise"), ("noise", "noise"), ("evaluations", "evaluations"))
+        )
+        cells = [
+            named(rung.settings),
+            *(f"{np.exp(np.nanmean(np.log(np.maximum(x, 1e-4)))):.3f}" for x in (bias, noise, queries)),
+        ]
+        print(f"| {' | '.join([*cells, ', '.join(f'{x:.2f}' for x in bias)])} |")
+    shares = [pairs[name] / p[0].noise for name, p in points.items()]
+    print(f"PAIR {np.exp(np.log(shares).mean()):.3f} ({', '.join(f'{x:.2f}' for x in shares)})")
 
 
 def picture(path: Path) -> None:
     """The same view after each budget, written as a strip."""
-    shown = replace(scene(None), size=(SHOWN, SHOWN), camera=CLOSE)
+    shown = ms.Scene(SPOT, ms.load_material("grass"), size=(SHOWN, SHOWN), camera=CLOSE)
     views = [ms.render(shown, budget=seconds) for seconds in BUDGETS]
     for view in views:
         print(view.report["goal"])
@@ -98,14 +80,18 @@ def picture(path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--goals", action="store_true", help="promised and reached")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
     parser.add_argument("--picture", type=Path, help="write a strip of pictures")
-    asked = parser.parse_args()
-    if asked.picture:
-        picture(asked.picture)
-    else:
-        (goals if asked.goals else rungs)()
+    given = parser.parse_args()
+    if given.picture:
+        picture(given.picture)
+        return
+    given.folder.mkdir(parents=True, exist_ok=True)
+    points, pairs = measure(given.folder)
+    kept = {"pairs": pairs, "points": {name: [p.as_dict() for p in some] for name, some in points.items()}}
+    replace_file(given.folder / "ladder.json", (json.dumps(kept, indent=1) + "\n").encode())
+    report(points, pairs)
 
 
 if __name__ == "__main__":

@@ -158,7 +158,7 @@ def test_a_scene_of_mitsubas_takes_a_size_and_names(material: Path, tmp_path: Pa
         (["render", "scene.xml", "--engine", "mitsuba", "--seed", "3"], "--seed: is set in scene.xml"),
         (
             ["render", "scene.xml", "--engine", "mitsuba", "--grow", "Hill"],
-            "--grow: names nodes of a glTF file: a scene of Mitsuba's says by its BSDFs what grows",
+            "--grow: names nodes of a glTF file or a USD stage: a scene of Mitsuba's says by its BSDFs what grows",
         ),
         (
             ["render", "scene.xml", "--engine", "mitsuba", "--holdout"],

@@ -91,6 +91,86 @@ def test_copies_are_all_there(tmp_path: Path):
     np.testing.assert_allclose([x[1:] for x in least], [x[1:] for x in wanted])
 
 
+def test_prototypes_may_be_hidden_abstract_and_within_each_other(tmp_path: Path):
+    """As exporters keep them: under a class, an over, or what is invisible; an instancer may repeat another."""
+    at = 'double3 xformOp:translate = ({}, 0, 0)\n uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+    pair = "int[] protoIndices = [0, 0]\n point3f[] positions = [({}, 0, 0), ({}, 0, 0)]\n"
+    for kind, hidden in (("class", ""), ("over", ""), ("def", 'token visibility = "invisible"\n')):
+        body = f"""
+        def PointInstancer "Outer" {{
+            rel prototypes = [</Kinds/Inner>]
+            {pair.format(10, 20)}
+        }}
+        {kind} Scope "Kinds" {{
+            {hidden}
+            def PointInstancer "Inner" {{
+                rel prototypes = [</Kinds/Stone>]
+                {at.format(100)} {pair.format(1, 2)}
+            }}
+            {mesh("Stone", at.format(0.5))}
+        }}
+        """
+        found = read_usd.parts(stage(tmp_path, body))
+        inside = [x for names, (x, _, _) in found if names[0] == "/Outer"]
+        assert sorted(x[:, 0].min() for x in inside) == [111.5, 112.5, 121.5, 122.5]
+
+
+def test_holes_and_plain_pairs(tmp_path: Path):
+    """A hole has no triangles; texture coordinates that are declared as pairs of numbers are those if they are `st`."""
+    body = """
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+        int[] faceVertexCounts = [3, 3]
+        int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
+        int[] holeIndices = [0, 7]
+        float2[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = "vertex" )
+        texCoord2f[] primvars:lightmap = [(9, 9), (9, 9), (9, 9), (9, 9)] ( interpolation = "vertex" )
+    """
+    ((_, (_, faces, uv)),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
+    assert faces.tolist() == [[0, 2, 3]] and uv.tolist() == [[[0, 0], [1, 1], [0, 1]]]
+
+
+def test_the_first_time_code(tmp_path: Path):
+    moves = "double3 xformOp:translate.timeSamples = {{ 10: (5, 0, 0), 20: (9, 0, 0), }}\n"
+    order = 'uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+    body = mesh("A", moves.replace("{{", "{").replace("}}", "}") + order)
+    for head, wanted in (('upAxis = "Y"', 5), ("startTimeCode = 20", 9)):
+        ((_, (points, _, _)),) = read_usd.parts(stage(tmp_path, body, head))
+        assert points[:, 0].min() == wanted
+
+
+def test_a_changed_file_is_read_anew_while_its_fault_is_held(tmp_path: Path):
+    with pytest.raises(InputError) as held:
+        load_mesh(stage(tmp_path, mesh("A", body=SQUARE.replace("2, 3]", "2, 9]"))))
+    assert len(load_mesh(stage(tmp_path, mesh("A"))).faces) == 2 and held.value.__cause__ is not None
+
+
+def test_what_is_left_out_is_said(tmp_path: Path):
+    body = f"""{mesh("A")}
+    def Plane "Floor" {{
+    }}
+    def Xform "Tree" ( references = @./none.usda@ )
+    {{
+    }}
+    def SkelRoot "Man" {{
+    }}
+    def Camera "Shifted" {{ float horizontalApertureOffset = 3 }}
+    """
+    notes = read_told(stage(tmp_path, body)).notes
+    for said in (
+        "shapes that are no meshes are left out: Floor",
+        "1 of its layers or references",
+        "skeletons",
+        "the shift of",
+    ):
+        assert any(said in note for note in notes)
+
+
+@pytest.mark.parametrize(("angle", "size"), [(0, 1), (180, np.pi), (270, 1.5 * np.pi), (360, 2 * np.pi)])
+def test_the_size_of_a_sun(tmp_path: Path, angle: float, size: float):
+    body = f'def DistantLight "S" {{ float inputs:intensity = 1\n float inputs:angle = {angle} }}\n{mesh("A")}'
+    np.testing.assert_allclose(read_told(stage(tmp_path, body)).suns[0].irradiance, np.full(3, size), rtol=1e-6)
+
+
 @pytest.mark.parametrize("count", [3, 5, 7])
 def test_polygons_are_fans_with_their_own_coordinates(tmp_path: Path, count: int):
     """Coordinates of corners, indexed; of another name than `st`."""
@@ -186,6 +266,20 @@ def test_what_is_no_stage_is_one_line(tmp_path: Path, suffix: str, content: byte
             "a sun has the irradiance",
         ),
         ('def Camera "C" { float focalLength = 0 }\n' + mesh("A"), "radians"),
+        (
+            'def DistantLight "S" { bool inputs:enableColorTemperature = 1\n float inputs:colorTemperature = nan }\n'
+            + mesh("A"),
+            "a temperature of nan kelvin",
+        ),
+        (
+            'def PointInstancer "F" { rel prototypes = [</F/A>]\n int[] protoIndices = [0, 0]\n' + mesh("A") + "}\n",
+            "/F repeats prototypes that it does not have, or at 0 of 2 places",
+        ),
+        (
+            'def PointInstancer "F" { rel prototypes = [</F>]\n int[] protoIndices = [0]\n'
+            "point3f[] positions = [(1, 0, 0)] }\n",
+            "lies in more than 8 instancers",
+        ),
     ],
 )
 def test_a_damaged_stage_is_one_line(tmp_path: Path, tiny_bundle: Bundle, body: str, said: str):

@@ -17,7 +17,7 @@ from mesoshell.scene.scene import Scene
 #: Options that a scene of Mitsuba's takes, and why it does not take those that it cannot set itself.
 OF_XML = ("mesh", "engine", "param", "size")
 NOT_OF_XML = {
-    "grow": "names nodes of a glTF file: a scene of Mitsuba's says by its BSDFs what grows",
+    "grow": "names nodes of a glTF file or a USD stage: a scene of Mitsuba's says by its BSDFs what grows",
     "holdout": "is for --engine jax: a scene of Mitsuba's holds nothing out",
 }
 

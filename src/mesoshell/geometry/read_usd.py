@@ -3,10 +3,11 @@
 Notation
 prim        of the stage, with a path such as /World/Hill; a Mesh has points, and polygons by their numbers of corners
 interpolation   of texture coordinates: one a corner (faceVarying), or one a point (vertex, varying)
+root, place     where a walk begins, and what takes its parent's space to the world
 
-Read at the stage's first time code. What is invisible, or there for guidance or as a proxy, is left out; instances, and points
-that repeat a prototype, are all there. A mesh that is to be subdivided is taken as its cage. Texture coordinates are `st`, or
-the first of that type.
+Read at the stage's first time code. What is invisible, or there for guidance or as a proxy, is left out, and holes; instances,
+and points that repeat a prototype, are all there. A mesh that is to be subdivided is taken as its cage. Texture coordinates are
+`st`, or the first that are declared as such.
 
 Sources: OpenUSD's documentation of UsdGeom: Mesh, Imageable, PointInstancer, Primvar.
 """
@@ -25,6 +26,9 @@ from mesoshell.limits import check_memory
 
 FORMATS = (".usd", ".usda", ".usdc", ".usdz")
 SEEN = ("default", "render")
+#: Most prims that are walked, instances counted each; instancers within each other.
+MOST, DEEPEST = 500_000, 8
+#: Names of a mesh's prim and of those above it; its points, triangles and corner UVs.
 Placed = tuple[list[str], tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]]
 
 
@@ -37,44 +41,63 @@ def pxr(name: str) -> Any:
 def opened(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
     """The stage of a file, and its first time code. Raises InputError if it is not one, or OpenUSD is not installed."""
     try:
-        Tf, Usd, UsdUtils = pxr("Tf"), pxr("Usd"), pxr("UsdUtils")
-    except ModuleNotFoundError as fault:
+        Sdf, Tf, Usd, UsdUtils = (pxr(name) for name in ("Sdf", "Tf", "Usd", "UsdUtils"))
+    except ImportError as fault:
         raise InputError(path, "is a USD stage, which requires usd-core: pip install mesoshell[usd]") from fault
-    said = UsdUtils.CoalescingDiagnosticDelegate()  # what OpenUSD would print
+    said: Any = UsdUtils.CoalescingDiagnosticDelegate()  # what OpenUSD would print
+    stage: Any = None
     try:
+        known = Sdf.Layer.Find(fspath(path))  # as it was read before: someone may still hold it
         stage = Usd.Stage.Open(fspath(path))
-        time = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
-        yield stage, Usd.TimeCode(time)
+        if known:
+            stage.Reload()
+        begins = stage.HasAuthoredMetadata("startTimeCode")
+        yield stage, Usd.TimeCode(stage.GetStartTimeCode()) if begins else Usd.TimeCode.EarliestTime()
     except Tf.ErrorException as fault:
         raise InputError(path, "is no USD stage that can be read, or a damaged one") from fault
     finally:
         said.TakeUncoalescedDiagnostics()
+        stage = said = None  # or a fault's traceback would hold them
 
 
 def parts(path: str | PathLike[str]) -> Sequence[Placed]:
-    """Each mesh of a stage, with the names of its prim and of those above it, from itself upward: paths, then bare names."""
+    """Each mesh of a stage, with the names of its prim and of those above it, from itself upward: paths and bare names. Of a
+    point that repeats a prototype these are its instancer's."""
     with opened(path) as (stage, time):
-        Usd, UsdGeom = pxr("Usd"), pxr("UsdGeom")
-
-        frames, found, instancers = UsdGeom.XformCache(time), [], []
-        walk = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
-        for prim in walk:
-            if prim.IsA(UsdGeom.PointInstancer):
-                instancers.append(prim)
-                walk.PruneChildren()  # prototypes below it stand nowhere themselves
-            elif prim.IsA(UsdGeom.Mesh) and _seen(prim, time):
-                found.append((_names(prim), _placed(_mesh(prim, time), frames.GetLocalToWorldTransform(prim))))
-        for prim in instancers:
-            if _seen(prim, time):
-                found += _repeated(stage, prim, time, frames)
-        return found
+        return list(_Walk(path, stage, time).below(stage.GetPseudoRoot(), np.eye(4), None, 0))
 
 
-def is_visible(prim: Any, time: Any) -> bool:
-    """Whether a prim and all above it are visible."""
+def up_of(path: str | PathLike[str]) -> str:
+    """The axis of a stage that is up, "y" or "z"."""
+    with opened(path) as (stage, _):
+        return "z" if pxr("UsdGeom").GetStageUpAxis(stage) == "Z" else "y"
+
+
+def prims(root: Any, all_of_it: bool = False) -> Iterator[Any]:
+    """The prims from a root downward, instances' too, but nothing below an instancer: that stands nowhere itself. all_of_it:
+    also what is abstract or has no definition, as prototypes may. Raises ValueError for more than MOST."""
+    Usd, UsdGeom = pxr("Usd"), pxr("UsdGeom")
+    which = Usd.PrimIsActive & Usd.PrimIsLoaded
+    walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(which) if all_of_it else Usd.TraverseInstanceProxies()))
+    for count, prim in enumerate(walk):
+        if count > MOST:
+            raise ValueError(f"it has more than {MOST} prims")
+        if prim.IsA(UsdGeom.PointInstancer):
+            walk.PruneChildren()
+        yield prim
+
+
+def is_visible(prim: Any, time: Any, root: Any = None) -> bool:
+    """Whether a prim and all above it, up to a root, are visible."""
     UsdGeom = pxr("UsdGeom")
-
-    return UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible
+    while not prim.IsPseudoRoot():
+        own = UsdGeom.Imageable(prim).GetVisibilityAttr() if prim.IsA(UsdGeom.Imageable) else None
+        if own and own.Get(time) == UsdGeom.Tokens.invisible:
+            return False
+        if prim == root:
+            break
+        prim = prim.GetParent()
+    return True
 
 
 def matrix(usd: Any) -> Float[np.ndarray, "4 4"]:
@@ -82,10 +105,37 @@ def matrix(usd: Any) -> Float[np.ndarray, "4 4"]:
     return np.array(usd, np.float64).reshape(4, 4).T
 
 
-def _seen(prim: Any, time: Any) -> bool:
-    UsdGeom = pxr("UsdGeom")
+class _Walk:
+    """What is read of a stage, at a time."""
 
-    return is_visible(prim, time) and UsdGeom.Imageable(prim).ComputePurpose() in SEEN
+    def __init__(self, path: str | PathLike[str], stage: Any, time: Any):
+        self.path, self.stage, self.time = path, stage, time
+        self.frames, self.triangles = pxr("UsdGeom").XformCache(time), 0
+
+    def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Placed]:
+        """The meshes from a root downward. names: of the outermost instancer, where there is one."""
+        UsdGeom = pxr("UsdGeom")
+        if depth > DEEPEST:
+            raise ValueError(f"{root.GetPath()} lies in more than {DEEPEST} instancers")
+        if not root.IsPseudoRoot():
+            place = place @ matrix(self.frames.GetLocalTransformation(root)[0])
+        for prim in prims(root, depth > 0):
+            mesh, instancer = prim.IsA(UsdGeom.Mesh), prim.IsA(UsdGeom.PointInstancer)
+            if not (mesh or instancer) or not self.seen(prim, root):
+                continue
+            to_world = place @ matrix(self.frames.ComputeRelativeTransform(prim, root)[0])
+            if mesh:
+                made = _placed(_mesh(prim, self.time), to_world)
+                self.triangles += len(made[1])
+                check_memory(self.path, f"its {self.triangles} triangles", 200 * self.triangles)
+                yield names or _names(prim), made
+            else:
+                for prototype, at in _instances(self.stage, prim, self.time):
+                    yield from self.below(prototype, to_world @ at, names or _names(prim), depth + 1)
+
+    def seen(self, prim: Any, root: Any) -> bool:
+        imageable = pxr("UsdGeom").Imageable(prim)
+        return is_visible(prim, self.time, root) and imageable.ComputePurpose() in SEEN
 
 
 def _names(prim: Any) -> list[str]:
@@ -96,20 +146,36 @@ def _names(prim: Any) -> list[str]:
     return [name for x in above for name in (str(x.GetPath()), x.GetName())]
 
 
+def _instances(stage: Any, prim: Any, time: Any) -> Iterator[tuple[Any, Float[np.ndarray, "4 4"]]]:
+    """A PointInstancer's prototypes and where they stand in its space. Raises ValueError if its arrays do not fit."""
+    UsdGeom = pxr("UsdGeom")
+    instancer = UsdGeom.PointInstancer(prim)
+    which = _array(instancer.GetProtoIndicesAttr(), time).astype(int)
+    roots = [stage.GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
+    places = instancer.ComputeInstanceTransformsAtTime(time, time, UsdGeom.PointInstancer.ExcludeProtoXform) or []
+    mask = np.array(instancer.ComputeMaskAtTime(time) or [], bool)
+    which = which[mask] if len(mask) == len(which) else which
+    if len(places) != len(which) or not all(0 <= k < len(roots) and roots[k] for k in which):
+        raise ValueError(
+            f"{prim.GetPath()} repeats prototypes that it does not have, or at {len(places)} of {len(which)} places"
+        )
+    return ((roots[k], matrix(at)) for k, at in zip(which, places, strict=True))
+
+
 def _mesh(prim: Any, time: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, triangles and corner UVs of a Mesh. Raises ValueError if they do not fit each other."""
     UsdGeom = pxr("UsdGeom")
-
     mesh = UsdGeom.Mesh(prim)
     points = _array(mesh.GetPointsAttr(), time, 3)
     counts = _array(mesh.GetFaceVertexCountsAttr(), time).astype(np.int64)
     corners = _array(mesh.GetFaceVertexIndicesAttr(), time).astype(np.int64)
+    holes = _array(mesh.GetHoleIndicesAttr(), time).astype(np.int64)
     if (counts < 0).any() or counts.sum() != len(corners):
         raise ValueError(f"{prim.GetPath()} has {len(corners)} corners for faces of {counts.sum()}")
     if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
         raise ValueError(f"{prim.GetPath()} refers to points that it does not have")
     uv = _uv(prim, time, corners)
-    fan = _fans(counts)
+    fan = _fans(counts, holes[(holes >= 0) & (holes < len(counts))])
     if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
         fan = fan[:, ::-1]
     return points, corners[fan], uv[fan]
@@ -123,14 +189,9 @@ def _array(attribute: Any, time: Any, *width: int) -> np.ndarray:
 def _uv(prim: Any, time: Any, corners: np.ndarray) -> Float[np.ndarray, "_ 2"]:
     """Of each corner, NaN without any."""
     UsdGeom = pxr("UsdGeom")
-
-    primvars = UsdGeom.PrimvarsAPI(prim)
-    known = [x for x in primvars.FindPrimvarsWithInheritance() if str(x.GetTypeName()).startswith("texCoord2")]
-    known.sort(key=lambda x: x.GetPrimvarName() != "st")
-    plain = primvars.FindPrimvarWithInheritance("st")
-    if not known and plain and plain.HasValue():
-        known = [plain]  # as float2[]
-    for primvar in known:
+    known = [x for x in UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance() if x.HasValue()]
+    named = [x for x in known if x.GetPrimvarName() == "st"]  # of any type: some write float2[]
+    for primvar in [*named, *(x for x in known if str(x.GetTypeName()).startswith("texCoord2"))]:
         values = np.array(primvar.ComputeFlattened(time), np.float64)
         if values.ndim == 2 and values.shape[1] == 2:
             if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(values) == len(corners):
@@ -141,44 +202,21 @@ def _uv(prim: Any, time: Any, corners: np.ndarray) -> Float[np.ndarray, "_ 2"]:
     return np.full((len(corners), 2), np.nan)
 
 
-def _fans(counts: np.ndarray) -> Int[np.ndarray, "_ 3"]:
-    """Triangles of polygons of so many corners each, as numbers of corners."""
+def _fans(counts: np.ndarray, holes: np.ndarray) -> Int[np.ndarray, "_ 3"]:
+    """Triangles of polygons of so many corners each, as numbers of corners; none of holes."""
     triangles = np.maximum(counts - 2, 0)
+    triangles[holes] = 0
     first = np.repeat(np.cumsum(counts) - counts, triangles)
     k = np.arange(triangles.sum()) - np.repeat(np.cumsum(triangles) - triangles, triangles)
     return np.stack([first, first + k + 1, first + k + 2], axis=1)
 
 
 def _placed(
-    mesh: tuple[np.ndarray, np.ndarray, np.ndarray], to_world: Any
+    mesh: tuple[np.ndarray, np.ndarray, np.ndarray], to_world: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     points, faces, uv = mesh
-    m = to_world if isinstance(to_world, np.ndarray) else matrix(to_world)
-    if np.linalg.det(m[:3, :3]) < 0:
+    if not np.isfinite(to_world).all():
+        raise ValueError("a transform is not finite")
+    if np.linalg.det(to_world[:3, :3]) < 0:
         faces, uv = faces[:, ::-1], uv[:, ::-1]
-    return points @ m[:3, :3].T + m[:3, 3], faces, uv
-
-
-def _repeated(stage: Any, prim: Any, time: Any, frames: Any) -> Iterator[Placed]:
-    """The meshes of a PointInstancer's prototypes, once for each of its points."""
-    Usd, UsdGeom = pxr("Usd"), pxr("UsdGeom")
-
-    instancer = UsdGeom.PointInstancer(prim)
-    which = _array(instancer.GetProtoIndicesAttr(), time).astype(int)
-    places = instancer.ComputeInstanceTransformsAtTime(time, time, UsdGeom.PointInstancer.ExcludeProtoXform)
-    mask = instancer.ComputeMaskAtTime(time)
-    if mask:
-        which = which[np.array(mask, bool)]
-    base = matrix(frames.GetLocalToWorldTransform(prim))
-    for k, path in enumerate(instancer.GetPrototypesRel().GetForwardedTargets()):
-        root = stage.GetPrimAtPath(path)
-        own = [base @ matrix(place) for place, of in zip(places, which, strict=True) if of == k]
-        for part in Usd.PrimRange(root, Usd.TraverseInstanceProxies()) if root else ():
-            if part.IsA(UsdGeom.Mesh) and _seen(part, time):
-                mesh = _mesh(part, time)
-                check_memory(
-                    str(prim.GetPath()), f"{len(own)} copies of {part.GetPath()}", 200 * len(own) * len(mesh[1])
-                )
-                within = np.linalg.inv(matrix(frames.GetLocalToWorldTransform(root.GetParent())))
-                local = within @ matrix(frames.GetLocalToWorldTransform(part))
-                yield from ((_names(prim), _placed(mesh, place @ local)) for place in own)
+    return points @ to_world[:3, :3].T + to_world[:3, 3], faces, uv

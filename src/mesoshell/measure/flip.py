@@ -26,6 +26,11 @@ _WIDEST = 0.04
 _Q_COLOUR, _Q_FEATURE, _P_C, _P_T, _WIDTH = 0.7, 0.5, 0.4, 0.95, 0.082
 
 
+#: FLIP grows as the 0.7th power of a small difference of colours, and squares of independent differences add; so does this
+#: power of FLIP: n samples of noise ν beside a bias b have (b^p + ν^p / n)^(1/p).
+POWER = 2 / _Q_COLOUR
+
+
 def flip(a: Float[np.ndarray, "H W 3"], b: Float[np.ndarray, "H W 3"], ppd: float = PIXELS_A_DEGREE) -> float:
     """Mean of FLIP over the pixels. Raises ValueError if the shapes differ."""
     return float(np.mean(flip_map(a, b, ppd)))

@@ -21,7 +21,7 @@ from scipy.ndimage import maximum_filter
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.interrupt import StopRequest
-from mesoshell.measure.flip import flip_map
+from mesoshell.measure.flip import POWER, flip_map
 from mesoshell.render.tiles import GOLDEN
 from mesoshell.scene.picture import Passes, Progress, Rendered
 
@@ -51,9 +51,10 @@ class Goal:
 
     def less(self, bias: float) -> "Goal":
         """The goal of the noise alone, which is independent of a bias; half of the error if the bias is most of it, or more."""
-        return (
-            self if self.error is None else replace(self, error=max(self.error**2 - bias**2, self.error**2 / 4) ** 0.5)
-        )
+        if self.error is None:
+            return self
+        rest = max(self.error**POWER - bias**POWER, (self.error / 2) ** POWER)
+        return replace(self, error=rest ** (1 / POWER))
 
 
 def goal_of(

@@ -1,50 +1,70 @@
 """Choose the settings of a march for a budget of seconds or an error: few samples a ray bias a picture, few rays make it noisy.
 
 Notation
-b, c        a rung's bias and its cost, relative to the first rung's                                          FLIP, 1
-ν           error of one ray a pixel, that of n is ν / √n                                                    FLIP
-s           a scene's errors relative to those of the table, by its noise
+b, ν        a rung's bias, and its error of one ray a pixel by noise, over ν of the first rung                FLIP / FLIP
+q           network queries of a ray, over the first rung's
+e(n)        error of n rays a pixel, (b^p + ν^p / n)^(1/p): FLIP's power p (measure/flip)
+c           what a ray costs, in queries: RAY + q (1 + TAP (taps − 1)); taps of the filter
 
-b, c and ν are of `spot.obj` with grass that fills half of the picture (benchmarks/ladder). A rung that takes c t seconds a pass
-reaches s √(b² + ν² / n) after n of them: bias and noise are independent. Of a scene only t and s are measured, on blocks of its
-pixels.
+b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur. benchmarks/presets measured
+the first five rungs, benchmarks/ladder the noise and queries of the others on two of these scenes; the biases of the others are
+of an earlier ladder, of grass. Of the user's scene two rays a pixel tell the seconds of a pass, its queries and its noise; its
+biases are taken to be as large beside that noise as they were there, and where an error is promised SURE times as large: the
+four scenes' are from 0.6 to 1.4 times their mean.
 """
 
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from mesoshell.measure.flip import POWER
 from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import FIRST, Goal, Sums, spread
 from mesoshell.scene.picture import Passes, Prepared
 
-#: ν; FLIP of one ray a pixel against two, of the first rung; passes that a budget must hold; and pixels, about, that a scene is
-#: probed with, and that the chosen settings are compiled with.
-NOISE, PAIR, FEWEST, PROBE, COMPILED = 0.022, 0.0299, 1.1, 16384, 2048
+#: What a ray costs apart from its queries, and a query for each further tap, in queries (benchmarks/render).
+RAY, TAP = 15.0, 0.4
+#: FLIP of one ray a pixel against two, over ν; passes that a budget must hold; pixels, about, that a scene is probed with, and
+#: that the chosen settings are compiled with.
+PAIR, FEWEST, PROBE, COMPILED = 0.757, 1.1, 16384, 2048
+SURE = 1.4
 
 
 class Rung(NamedTuple):
-    """Settings, with their b and c."""
+    """Settings, with their b, ν and q."""
 
-    settings: dict[str, object]
+    settings: dict[str, Any]
     bias: float
-    cost: float
+    noise: float
+    queries: float
+
+    def cost(self, queries: float) -> float:
+        """c, where a ray of the first rung makes so many queries, over that rung's."""
+        first, taps = RAY + queries, self.settings["anisotropy"]
+        return (RAY + self.queries * queries * (1 + TAP * (taps - 1))) / first
 
 
-#: What `normal` had when the ladder was measured, and has no more.
-_THEN = {"early_stop": 0.01, "light_samples": 6, "anisotropy": 1, "environment_samples": 4}
-_FINE = {"light_samples": 12, "early_stop": 0.005, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
+_FINE = {"light_samples": 12, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
 _EXACT = {"light_samples": 0, "early_stop": 0.0, "skip": 0.0, "weight_cut": 0.0, "base_samples": 32}
 LADDER = (
-    Rung({**_THEN, "samples": 10, "height_filter": 0.3, "early_stop": 0.05, "base_samples": 4}, 0.0269, 1.0),
-    Rung({**_THEN, "samples": 14, "height_filter": 0.3, "early_stop": 0.02}, 0.0219, 1.1),
-    Rung({**_THEN, "samples": 20, "anisotropy": 4}, 0.0154, 1.6),
-    Rung({**_THEN, "samples": 28, "anisotropy": 4}, 0.0127, 1.9),
-    Rung({**_THEN, "samples": 48, "anisotropy": 4, **_FINE}, 0.0092, 2.6),
-    Rung({**_THEN, "samples": 96, "anisotropy": 8, **_FINE, "light_samples": 0}, 0.0048, 8.0),
-    Rung({**_THEN, "samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.0014, 37.4),
+    Rung({"samples": 10, "early_stop": 0.05, "light_samples": 4, "anisotropy": 1}, 0.61, 1.0, 1.0),
+    Rung({"samples": 14, "anisotropy": 1}, 0.49, 0.86, 1.44),
+    Rung({"samples": 20, "height_filter": 0.2, "light_samples": 6, "anisotropy": 1}, 0.40, 0.82, 1.78),
+    Rung({"samples": 28, "anisotropy": 2}, 0.31, 0.68, 2.5),
+    Rung({"samples": 40, "anisotropy": 2}, 0.26, 0.65, 3.1),
+    Rung({"samples": 64, "anisotropy": 4, **_FINE}, 0.17, 0.59, 5.1),
+    Rung({"samples": 128, "anisotropy": 8, **_FINE, "light_samples": 0}, 0.09, 0.48, 20.0),
+    Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.03, 0.47, 46.0),
 )
+
+
+class Seen(NamedTuple):
+    """What a probe tells of a scene, at the first rung: seconds a pass, FLIP of one ray a pixel, queries a ray."""
+
+    seconds: float
+    noise: float
+    queries: float
 
 
 class Choice(NamedTuple):
@@ -59,34 +79,39 @@ class Choice(NamedTuple):
 def choose(prepared: Prepared, quality: Quality, goal: Goal) -> Choice:
     """What takes the least time to the goal's error if the budget allows it, else has the least error for the budget."""
     begin = time.perf_counter()
-    t, s = _probe(prepared.passes(quality.with_changes(**LADDER[0].settings)))
+    seen = _probe(prepared.passes(quality.with_changes(**LADDER[0].settings)))
     budget = np.inf if goal.budget is None else goal.budget
-    due = [_due(rung, t, s, goal.error) for rung in LADDER]
+    due = [_due(rung, seen, goal.error) for rung in LADDER]
     if min(due) < np.inf and min(due) <= budget:
         rung = LADDER[int(np.argmin(due))]
     elif budget < np.inf:
-        rung = min(LADDER, key=lambda r: _error(r, budget / (r.cost * t)))
+        rung = min(LADDER, key=lambda r: _error(r, seen, budget))
     else:
         rung = LADDER[-1]
     passes = prepared.passes(quality.with_changes(**rung.settings))
+    passes.compile()
     passes.render(0, _some(passes, COMPILED), lambda share: None)
-    return Choice(rung.settings, passes, s * rung.bias, time.perf_counter() - begin)
+    return Choice(rung.settings, passes, SURE * seen.noise * rung.bias, time.perf_counter() - begin)
 
 
-def _due(rung: Rung, t: float, s: float, error: float | None) -> float:
+def _due(rung: Rung, seen: Seen, error: float | None) -> float:
     """Seconds to an error; infinite for one that the rung does not reach, or none."""
-    if error is None or error <= s * rung.bias:
+    if error is None or error <= SURE * seen.noise * rung.bias:
         return np.inf
-    return max(FIRST, (s * NOISE) ** 2 / (error**2 - (s * rung.bias) ** 2)) * rung.cost * t
+    rest = (error / seen.noise) ** POWER - (SURE * rung.bias) ** POWER
+    return max(FIRST, rung.noise**POWER / max(rest, 1e-30)) * rung.cost(seen.queries) * seen.seconds
 
 
-def _error(rung: Rung, passes: float) -> float:
-    """Of a scene with s = 1, after so many passes; above 1 if these are too few to be on time with."""
-    return np.hypot(rung.bias, NOISE / passes**0.5) if passes >= FEWEST else 1 + 1 / passes
+def _error(rung: Rung, seen: Seen, budget: float) -> float:
+    """e of a budget's passes, over ν; more than any if these are too few to be on time with."""
+    passes = budget / (rung.cost(seen.queries) * seen.seconds)
+    if passes < FEWEST:
+        return 1e6 / passes
+    return (rung.bias**POWER + rung.noise**POWER / passes) ** (1 / POWER)
 
 
-def _probe(passes: Passes) -> tuple[float, float]:
-    """t and s, from two rays a pixel; the first may wait for compiling."""
+def _probe(passes: Passes) -> Seen:
+    """From two rays a pixel; the first may wait for compiling."""
     pixels, count = _some(passes, PROBE), passes.shape[0] * passes.shape[1]
     sums, seconds = Sums(passes.shape), []
     for k in range(2):
@@ -94,7 +119,9 @@ def _probe(passes: Passes) -> tuple[float, float]:
         sums.add(pixels, passes.render(k, pixels, lambda share: None))
         seconds.append(time.perf_counter() - begin)
     whole = count / passes.threads(count) / (len(pixels) / passes.threads(len(pixels)))
-    return seconds[1] * whole, float(sums.error().flat[pixels].mean()) / PAIR
+    record = passes.ended(np.zeros((*passes.shape, 4), np.float32), 2).record
+    noise = float(sums.error().flat[pixels].mean()) / PAIR
+    return Seen(seconds[1] * whole, max(noise, 1e-6), record["queries"] / max(record["rays"], 1))
 
 
 def _some(passes: Passes, count: int) -> np.ndarray:

@@ -91,7 +91,7 @@ def meshes_of(scene: Scene) -> list[Mesh]:
 
 def _extruded(one: Scene | Grown) -> tuple[Mesh, Shell]:
     check_seed(one.seed)
-    assert one.mesh is not None  # scene/gltf gives those that are named in a file
+    assert one.mesh is not None  # scene/unpack gives those that are named in a file
     mesh = mesh_of(one.mesh)
     return mesh, extrude(mesh, *thickness_and_scale(one, mesh))
 

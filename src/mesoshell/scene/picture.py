@@ -57,13 +57,15 @@ class Rendered(NamedTuple):
 class Passes(NamedTuple):
     """A picture that is made pass by pass, a sample a pixel each. shape: H, W; chosen: whether a pass may leave pixels out;
     threads: that a pass of so many pixels keeps busy; render: (number of the pass, pixels by row, progress) -> their RGBA;
-    ended: what an engine gives, from the picture that passes came to and its samples a pixel."""
+    ended: what an engine gives, from the picture that passes came to and its samples a pixel; compile: all that passes may
+    call, where it is known before."""
 
     shape: tuple[int, int]
     chosen: bool
     threads: Callable[[int], int]
     render: Callable[[int, Int[np.ndarray, "P"], Progress], Float[np.ndarray, "P 4"]]
     ended: Callable[[np.ndarray, int], Rendered]
+    compile: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,12 +47,12 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
     def passes(other: Quality | None) -> Passes:
         chosen, report = other or quality, RenderReport()
         planned = plan_effects(known, chosen)
-        tile = marched_tile(marched, chosen, planned, report)
+        tile, compile_all = marched_tile(marched, chosen, planned, report)
 
         def ended(image: np.ndarray, samples: int) -> Rendered:
             return _rendered(chosen.with_changes(pixel_samples=samples), planned, image, report)
 
-        return tiled_passes(marched.camera, RAYS, tile, ended)
+        return tiled_passes(marched.camera, RAYS, tile, ended)._replace(compile=compile_all)
 
     return Prepared.now(scene, MARCH.name, effects, (*d.notes, *left_out(effects)), begun, work, passes)
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
+from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
@@ -139,11 +140,20 @@ def check_irradiance(name: str, irradiance: np.ndarray) -> None:
 
 def up_axis(scene: Scene) -> int:
     """1 for y, 2 for z: as given, or as usual for the mesh's file format."""
-    usual = "y" if isinstance(scene.mesh, Mesh) or Path(scene.mesh).suffix.lower() not in (".ply", ".stl") else "z"
+    if scene.up is None:
+        return 1 if isinstance(scene.mesh, Mesh) else axis_of_file(scene.mesh)
     axes = {"y": 1, "z": 2}
-    if (scene.up or usual) not in axes:
+    if scene.up not in axes:
         raise InputError(Argument("up"), f"must be y or z, not {scene.up}")
-    return axes[scene.up or usual]
+    return axes[scene.up]
+
+
+def axis_of_file(path: str | PathLike[str]) -> int:
+    """1 for y, 2 for z: what a USD stage says, or as usual for a format. Raises InputError for a stage that is none."""
+    suffix = Path(path).suffix.lower()
+    if suffix in read_usd.FORMATS:
+        return 2 if read_usd.up_of(path) == "z" else 1
+    return 2 if suffix in (".ply", ".stl") else 1
 
 
 def lights_of(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...], Environment | None]:

@@ -2,10 +2,12 @@
 
 Notation
 E           irradiance of a distant light on a plane facing it: intensity · 2^exposure · colour, where it is normalised; else
-            that times π sin² of half its angle
+            that times its size: 1 for no angle, π sin² θ for half an angle θ up to 90°, π (2 − sin² θ) beyond
 
-Sources: OpenUSD's documentation of UsdGeomCamera and UsdLuxDistantLight. Blender writes a quarter of a sun's strength, and
-reads four times what is written: so does this, for stages that say they are Blender's.
+Colours of temperature are relative to 6500 K, which is white. Blender writes a quarter of a sun's strength, and reads four
+times what is written: so does this, for stages that say they are Blender's.
+
+Sources: OpenUSD's documentation of UsdGeomCamera, UsdLuxDistantLight and UsdLuxLightAPI.
 """
 
 from os import PathLike
@@ -13,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mesoshell.geometry.read_usd import is_visible, matrix, opened, pxr
+from mesoshell.geometry.read_usd import is_visible, matrix, opened, prims, pxr
 from mesoshell.render.light import Distant
 from mesoshell.scene.told import Told, frame_of, sun_of
 
@@ -24,56 +26,74 @@ BLENDERS, WHITE = 4.0, 6500.0
 def told_by(path: str | PathLike[str]) -> Told:
     """What a stage says. Raises InputError, or ValueError if it is damaged there."""
     with opened(path) as (stage, time):
-        Usd, UsdGeom, UsdLux = pxr("Usd"), pxr("UsdGeom"), pxr("UsdLux")
-
-        frames, cameras, suns, others = UsdGeom.XformCache(time), [], [], []
+        UsdGeom, UsdLux, UsdSkel = pxr("UsdGeom"), pxr("UsdLux"), pxr("UsdSkel")
+        frames, cameras, suns, lights, shapes, notes = UsdGeom.XformCache(time), [], [], [], [], []
         share = BLENDERS if stage.GetRootLayer().documentation.startswith("Blender") else 1.0
-        for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
+        skeletons = 0
+        for prim in prims(stage.GetPseudoRoot()):
+            skeletons += prim.IsA(UsdSkel.Root)
             to_world = matrix(frames.GetLocalToWorldTransform(prim)) if prim.IsA(UsdGeom.Xformable) else np.eye(4)
             if prim.IsA(UsdGeom.Camera):
                 cameras.append((prim, to_world))
             elif prim.HasAPI(UsdLux.LightAPI) and is_visible(prim, time):
-                if prim.IsA(UsdLux.DistantLight):
+                if not prim.IsA(UsdLux.DistantLight):
+                    lights.append(prim.GetName())
+                elif np.linalg.det(to_world[:3, :3]) != 0:  # else hidden by its scale
                     suns.append(_sun(UsdLux.DistantLight(prim), to_world, share, time))
-                else:
-                    others.append(prim.GetName())
-        camera, aspect, notes = _camera(cameras, time)
-        if others:
-            notes.append(f"its lights that are not distant are left out: {', '.join(others)}")
+            elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and is_visible(prim, time):
+                shapes.append(prim.GetName())
+        camera, aspect, more = _camera(cameras, time)
+        left_out = (("lights that are not distant", lights), ("shapes that are no meshes", shapes))
+        notes += [f"its {what} are left out: {_some(names)}" for what, names in left_out if names]
+        if skeletons:
+            notes.append("its skeletons move nothing: meshes stand as they were modelled")
+        if missing := stage.GetCompositionErrors():
+            notes.append(f"{len(missing)} of its layers or references cannot be read: {str(missing[0])[:200]}")
         up = "z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "y"
-        return Told(camera, aspect, tuple(suns), tuple(notes), up)
+        return Told(camera, aspect, tuple(suns), (*more, *notes), up)
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def _camera(cameras: list, time: Any) -> tuple[Any, float | None, list[str]]:
-    """Frame and field of view of the first perspective camera, its aspect, and notes."""
+    """Frame and field of view of the first perspective camera, its aspect, and notes. Raises ValueError."""
     Gf, UsdGeom = pxr("Gf"), pxr("UsdGeom")
-
     notes, seen = [], []
     for prim, to_world in cameras:
-        lens = UsdGeom.Camera(prim).GetCamera(time)
-        if lens.projection != Gf.Camera.Perspective:
+        if UsdGeom.Camera(prim).GetProjectionAttr().Get(time) in (None, UsdGeom.Tokens.perspective):
+            seen.append((prim, to_world))
+        else:
             notes.append(f"its camera {prim.GetName()} is no perspective one: left out")
-            continue
-        fov, aspect = np.radians(lens.GetFieldOfView(Gf.Camera.FOVVertical)), lens.aspectRatio
-        if not 0 < fov < np.pi or not 1e-3 < aspect < 1e3:
-            raise ValueError(f"{prim.GetPath()} sees {fov:g} radians, {aspect:g} times as wide as high")
-        seen.append((prim.GetName(), (frame_of(to_world), float(fov)), float(aspect)))
     if not seen:
         return None, None, notes
+    prim, to_world = seen[0]
     if len(seen) > 1:
-        notes.append(f"it has {len(seen)} cameras: {seen[0][0]}, the first, is taken")
-    return seen[0][1], seen[0][2], notes
+        notes.append(f"it has {len(seen)} cameras: {prim.GetName()}, the first, is taken")
+    lens = UsdGeom.Camera(prim).GetCamera(time)
+    fov, aspect = float(np.radians(lens.GetFieldOfView(Gf.Camera.FOVVertical))), float(lens.aspectRatio)
+    if not 0 < fov < np.pi or not 1e-3 < aspect < 1e3:
+        raise ValueError(f"{prim.GetPath()} sees {fov:g} radians, {aspect:g} times as wide as high")
+    if lens.horizontalApertureOffset or lens.verticalApertureOffset:
+        notes.append(f"the shift of its camera {prim.GetName()} is left out")
+    return (frame_of(to_world), fov), aspect, notes
 
 
 def _sun(light: Any, to_world: np.ndarray, share: float, time: Any) -> Distant:
-    UsdLux = pxr("UsdLux")
-
     colour = np.array(light.GetColorAttr().Get(time), np.float64)
     if light.GetEnableColorTemperatureAttr().Get(time):
-        kelvin = light.GetColorTemperatureAttr().Get(time), WHITE
-        own, white = (np.array(UsdLux.BlackbodyTemperatureAsRgb(k), np.float64) for k in kelvin)
+        kelvin = light.GetColorTemperatureAttr().Get(time)
+        if not np.isfinite(kelvin):  # which ends OpenUSD, and the program with it
+            raise ValueError(f"{light.GetPath()} has a temperature of {kelvin} kelvin")
+        own, white = (np.array(pxr("UsdLux").BlackbodyTemperatureAsRgb(k), np.float64) for k in (kelvin, WHITE))
         colour = colour * own / white
     strength = share * light.GetIntensityAttr().Get(time) * 2.0 ** light.GetExposureAttr().Get(time)
     if not light.GetNormalizeAttr().Get(time):
-        strength *= np.pi * np.sin(np.radians(light.GetAngleAttr().Get(time)) / 2) ** 2
+        strength *= _size(np.radians(np.clip(light.GetAngleAttr().Get(time) / 2, 0, 180)))
     return sun_of(to_world, colour * strength)
+
+
+def _size(theta: float) -> float:
+    sine = np.sin(theta) ** 2
+    return 1.0 if theta == 0 else np.pi * (sine if theta <= np.pi / 2 else 2 - sine)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from mesoshell.measure.flip import flip, flip_map
+from mesoshell.measure.flip import POWER, flip, flip_map
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
 from mesoshell.tradeoff.knobs import Settings, named
@@ -29,7 +29,7 @@ from mesoshell.tradeoff.reference import FIRST, Reference
 
 #: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
 MOST, FEWEST, ENOUGH = {True: FIRST, False: 64}, 4, 20.0
-Q, _DARK = 2 / 0.7, 0.01
+Q, _DARK = POWER, 0.01
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.atomic import probe_folder
 from mesoshell.io.image import read_picture
 from mesoshell.limits import check_memory
+from mesoshell.scene.setup import axis_of_file
 
 
 def run(options: Capture) -> None:
@@ -24,7 +25,7 @@ def run(options: Capture) -> None:
     probe_folder(options.out, "--out")
     if options.paint:
         read_picture(options.paint)
-    up = 2 if options.mesh.suffix.lower() in (".ply", ".stl") else 1
+    up = axis_of_file(options.mesh)
     shooting = Shooting(
         options.views,
         options.size,

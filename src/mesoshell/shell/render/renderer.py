@@ -58,9 +58,12 @@ def render(
     return image, report
 
 
-def marched_tile(scene: Scene, quality: Quality, effects: Effects, report: RenderReport) -> TileRenderer:
-    """What renders tiles of rays of a scene, and adds to the report."""
-    return _Renderer(scene, quality, effects, report).tile
+def marched_tile(
+    scene: Scene, quality: Quality, effects: Effects, report: RenderReport
+) -> tuple[TileRenderer, Callable[[], None]]:
+    """What renders tiles of rays of a scene, and adds to the report; and what compiles all that it may call."""
+    renderer = _Renderer(scene, quality, effects, report)
+    return renderer.tile, renderer.compile
 
 
 class _Renderer:

@@ -1,5 +1,6 @@
 """Further materials of a scene, by the options that name them: NODE=MATERIAL, FILE=MATERIAL and MATERIAL:NAME=VALUE."""
 
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,7 +36,7 @@ def grown_of(options: SceneOptions, material: Material) -> Named:
         else:
             nodes.setdefault(name, []).append(node)
     for path in options.object:
-        file, name = (str(path), None) if path.exists() else _apart(str(path), loaded)
+        file, name = (str(path), None) if os.path.exists(path) else _apart(str(path), loaded)
         if name is None:
             bare.append(path)
         else:

@@ -89,7 +89,13 @@ def main() -> None:
         return
     given.folder.mkdir(parents=True, exist_ok=True)
     points, pairs = measure(given.folder)
-    kept = {"pairs": pairs, "points": {name: [p.as_dict() for p in some] for name, some in points.items()}}
+    kept = {
+        "pairs": pairs,
+        "points": {
+            name: [p.as_dict() | {"bias": None if np.isnan(p.bias) else p.bias} for p in some]
+            for name, some in points.items()
+        },
+    }
     replace_file(given.folder / "ladder.json", (json.dumps(kept, indent=1) + "\n").encode())
     report(points, pairs)
 

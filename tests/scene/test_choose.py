@@ -109,3 +109,19 @@ def test_a_scene_is_probed_in_part_for_the_whole(monkeypatch, side: int) -> None
     assert asked[0] == asked[1] and asked[0] <= 1.5 * PROBE
     assert (asked[0] == side**2) == (side**2 <= PROBE)
     assert 0.1 < seen.noise < 1
+
+
+def test_all_is_compiled_before_the_budget_begins() -> None:
+    """What the scene is probed with need not be."""
+    calls: list[str] = []
+    passes = PASSES._replace(
+        compile=lambda: calls.append("compiled"), render=lambda k, pixels, progress: _seen(calls, pixels)
+    )
+    prepared = Prepared("jax", {}, None, (), 0.0, 0.0, lambda progress: NOTHING, lambda other: passes)
+    choose(prepared, PRESETS["normal"], Goal(1.0))
+    assert calls == ["rendered", "rendered", "compiled", "rendered"]
+
+
+def _seen(calls: list[str], pixels: np.ndarray) -> np.ndarray:
+    calls.append("rendered")
+    return np.zeros((len(pixels), 4))

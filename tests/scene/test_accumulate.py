@@ -10,7 +10,7 @@ import pytest
 from mesoshell.errors import InputError
 from mesoshell.measure.flip import flip_map
 from mesoshell.scene import accumulate as room
-from mesoshell.scene.accumulate import BLOCK, FIRST, Goal, accumulate, goal_of, over_backdrop
+from mesoshell.scene.accumulate import BLOCK, FIRST, Goal, Sums, accumulate, goal_of, over_backdrop
 from mesoshell.scene.picture import Passes, Rendered
 
 SHAPE = 64, 48
@@ -73,6 +73,20 @@ def test_an_error_is_reached_and_its_estimate_is_true(wanted: float) -> None:
     assert error(made.rgba) == pytest.approx(goal["noise"], rel=0.15)
     assert goal["samples"]["mean"] > FIRST
     assert error(made.rgba) > wanted / 2  # and no more was rendered than that takes
+
+
+@pytest.mark.parametrize("counts", [(2,), (3,), (8,), (9,), (23,), (4, 11)])
+def test_the_estimate_is_true_after_any_passes(counts: tuple[int, ...]) -> None:
+    """Also where some pixels have more than others."""
+    sums, pixels = Sums(SHAPE), np.arange(PIXELS)
+    parts = np.array_split(pixels, len(counts))
+    for k in range(max(counts)):
+        some = np.concatenate([part for part, n in zip(parts, counts, strict=True) if k < n])
+        sums.add(some, (truth().reshape(-1, 4) + 0.3 * noise(k))[some])
+    np.testing.assert_array_equal(sums.passes, np.repeat(counts, [len(part) for part in parts]))
+    true = flip_map(over_backdrop(sums.mean()), over_backdrop(truth())).ravel()
+    for part in parts:
+        assert sums.error().ravel()[part].mean() == pytest.approx(true[part].mean(), rel=0.15)
 
 
 def test_more_samples_are_taken_for_less_error() -> None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.render.camera import in_pixel, look_at
+from mesoshell.render.camera import centred, in_pixel, look_at
 
 
 class Photo(NamedTuple):
@@ -53,7 +53,7 @@ def _through(world: np.ndarray, lens: np.ndarray, xy: np.ndarray) -> tuple[np.nd
 def pixels(photo: Photo, samples: int = 1, sample: int = 0) -> Float[np.ndarray, "R 2"]:
     """Image points of sample `sample` of `samples` in every pixel, row by row; the middles if there is one."""
     y, x = np.divmod(np.arange(photo.width * photo.height), photo.width)
-    return np.stack([x, y], axis=1) + in_pixel(samples, sample)
+    return np.stack([x, y], axis=1) + in_pixel(centred(samples, sample))
 
 
 def shrunk(photo: Photo, factor: int) -> Photo:

@@ -14,6 +14,9 @@ from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 
+#: The plastic number, of which R2 lattices are made (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
+PLASTIC = 1.324717957244746
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -76,10 +79,19 @@ def rays(camera: Camera, xy: Float[np.ndarray, "R 2"]) -> tuple[Float[np.ndarray
 def pixel_grid(camera: Camera, samples: int, sample: int) -> Float[np.ndarray, "R 2"]:
     """Image points of sample `sample` of `samples` in every pixel, row by row: centres for one, else an R2 lattice."""
     y, x = np.divmod(np.arange(camera.height * camera.width), camera.width)
-    return np.stack([x, y], axis=1) + in_pixel(samples, sample)
+    return np.stack([x, y], axis=1) + in_pixel(centred(samples, sample))
 
 
-def in_pixel(samples: int, sample: int) -> Float[np.ndarray, "2"]:
-    """Position of a sample in its pixel, [0, 1)²."""
-    golden = 1.324717957244746  # plastic number: the R2 sequence covers the square evenly for any count
-    return np.array([0.5, 0.5]) if samples == 1 else (0.5 + sample * np.array([1 / golden, 1 / golden**2])) % 1.0
+def in_pixel(steps: float) -> Float[np.ndarray, "2"]:
+    """A place in a pixel, [0, 1)²: so many steps of an R2 lattice from its middle. Consecutive steps cover it evenly."""
+    return (0.5 + steps * np.array([1 / PLASTIC, 1 / PLASTIC**2])) % 1.0
+
+
+def centred(samples: int, sample: int) -> float:
+    """Steps of sample `sample` of `samples`: as many before the middle as behind it, so their mean is the pixel's centre."""
+    return sample - (samples - 1) / 2
+
+
+def outward(sample: int) -> float:
+    """Steps of a sample of a sequence that may end anywhere: 0, 1, -1, 2, -2, ... An odd number of them is centred."""
+    return (sample + 1) // 2 * (1.0 if sample % 2 else -1.0)

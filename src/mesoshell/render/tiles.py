@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.render.camera import Camera, in_pixel, rays
+from mesoshell.render.camera import Camera, centred, in_pixel, outward, rays
 
 #: (origins, directions, shift, random numbers of the tile) -> RGBA, premultiplied: (R, 3), (R, 3) -> (R, 4). shift: of samples
 #: along their rays, in [0, 1); it differs between the rays of a pixel.
@@ -58,7 +58,7 @@ def render_tiles(
     The picture does not depend on the number of threads: each tile draws its random numbers from its own seed."""
     pixels = np.arange(camera.height * camera.width)
     image = np.zeros((len(pixels), 4))
-    numbers = [_Ray(k, in_pixel(samples, k), (k + 0.5) / samples) for k in range(samples)]
+    numbers = [_Ray(k, in_pixel(centred(samples, k)), (k + 0.5) / samples) for k in range(samples)]
     for part, rgba, share in _tiles(camera, numbers, pixels, size, tile):
         image[part] += rgba
         progress(share)
@@ -74,8 +74,8 @@ def render_pass(
     progress: Callable[[float], None],
 ) -> Float[np.ndarray, "P 4"]:
     """Ray k of these pixels, numbered row by row, of a sequence that may end anywhere. Otherwise as `render_tiles`."""
-    rgba = np.zeros((len(pixels), 4))
-    for part, some, share in _tiles(camera, [_Ray(k, in_pixel(2, k), (0.5 + k * GOLDEN) % 1)], pixels, size, tile):
+    rgba, steps = np.zeros((len(pixels), 4)), outward(k)
+    for part, some, share in _tiles(camera, [_Ray(k, in_pixel(steps), (0.5 + steps * GOLDEN) % 1)], pixels, size, tile):
         rgba[part] = some
         progress(share)
     return rgba

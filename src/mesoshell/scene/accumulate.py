@@ -1,10 +1,11 @@
 """Accumulate a picture pass by pass, until a budget of seconds, an error or a number of samples is reached.
 
 Notation
-n           samples of a pixel
-M, H        its mean over all passes, and over every other one
-FLIP(H, M)  estimates FLIP(M, expectation): of independent passes, H − M is distributed as the error of M. Passes of rays that
-            cover a pixel evenly have a smaller error than that.
+n, m        samples of a pixel, and the first of them: 1, 3, 5, 9, 17, ..., about half of n
+M, E        its mean over all passes, and over the first m
+e           (m / (n − m))^(1/p) FLIP(E, M), of FLIP's power p (measure/flip), estimates FLIP(M, expectation): of independent
+            passes, E − M has (n − m) / m times the variance of M's error. Passes of rays that cover a pixel evenly have a
+            smaller error than that, the more the more there are; an odd number of them lies evenly about its centre.
 
 The estimate knows no bias, which all passes have in common. It is of the tone-mapped picture over a grey backdrop, on which
 silhouettes count too. Blocks of pixels whose own estimate, and that of their neighbours, is within the error are left alone.
@@ -27,7 +28,7 @@ from mesoshell.scene.picture import Passes, Progress, Rendered
 
 #: Radiance behind a transparent picture; pixels of a block's side; passes before the first estimate, and growth of their number
 #: up to the next; most samples a pixel where no number is given; least share of a pass that is worth its while.
-BACKDROP, BLOCK, FIRST, GROWTH, MOST, LEAST = 0.2, 16, 4, 1.3, 4096, 0.1
+BACKDROP, BLOCK, FIRST, GROWTH, MOST, LEAST = 0.2, 16, 5, 1.3, 4096, 0.1
 
 
 @dataclass(frozen=True)
@@ -99,26 +100,32 @@ class _Clock:
 
 
 class Sums:
-    """Sums of all passes and of every other one, for each pixel; a pixel without a pass is empty."""
+    """Sums of all passes and of the first m, for each pixel; a pixel without a pass is empty."""
 
     def __init__(self, shape: tuple[int, int]):
         self.shape = shape
-        self.total, self.half = np.zeros((shape[0] * shape[1], 4)), np.zeros((shape[0] * shape[1], 4))
-        self.passes = np.zeros(shape[0] * shape[1], int)
+        self.total, self.passes = np.zeros((shape[0] * shape[1], 4)), np.zeros(shape[0] * shape[1], int)
+        self._early, self._late = (self.total.copy(), self.passes.copy()), (self.total.copy(), self.passes.copy())
 
     def add(self, pixels: Int[np.ndarray, "P"], rgba: Float[np.ndarray, "P 4"]) -> None:
-        even = self.passes[pixels] % 2 == 0
         self.total[pixels] += rgba
-        self.half[pixels[even]] += rgba[even]
         self.passes[pixels] += 1
+        n = self.passes[pixels]
+        turn = (n - 1) & (n - 2) == 0  # 1, 2, 3, 5, 9, ...
+        for of, now, some in ((self._late, self._early, n != 3), ((self.total, self.passes), self._late, n != 2)):
+            at = pixels[turn & some]
+            for a, b in zip(of, now, strict=True):
+                b[at] = a[at]
 
     def mean(self) -> Float[np.ndarray, "H W 4"]:
         return (self.total / np.maximum(self.passes, 1)[:, None]).reshape(*self.shape, 4)
 
     def error(self) -> Float[np.ndarray, "H W"]:
-        """FLIP(H, M)."""
-        half = (self.half / np.maximum((self.passes + 1) // 2, 1)[:, None]).reshape(*self.shape, 4)
-        return flip_map(over_backdrop(half), over_backdrop(self.mean()))
+        """e; of two passes at least."""
+        early, m = self._early
+        known = (early / np.maximum(m, 1)[:, None]).reshape(*self.shape, 4)
+        rest = (m / np.maximum(self.passes - m, 1)).reshape(self.shape) ** (1 / POWER)
+        return rest * flip_map(over_backdrop(known), over_backdrop(self.mean()))
 
 
 def accumulate(passes: Passes, goal: Goal, progress: Progress, warm: bool = False) -> Rendered:
@@ -156,7 +163,7 @@ def accumulate(passes: Passes, goal: Goal, progress: Progress, warm: bool = Fals
                 elif passes.chosen:
                     active = np.flatnonzero(_unfinished(error, goal.error))
                 clock.estimates += time.perf_counter() - begin
-                due = max(len(clock.passes) + 2, 2 * round(GROWTH * len(clock.passes) / 2))
+                due = len(clock.passes) + max(2, 2 * round((GROWTH - 1) * len(clock.passes) / 2))
     return _ended(passes, goal, sums, clock, met)
 
 

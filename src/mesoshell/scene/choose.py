@@ -3,7 +3,8 @@
 Notation
 b, ν        a rung's bias, and its error of one ray a pixel by noise, over ν of the first rung                FLIP / FLIP
 q           network queries of a ray, over the first rung's
-e(n)        error of n rays a pixel, (b^p + ν^p / n)^(1/p): FLIP's power p (measure/flip)
+e(n)        error of n rays a pixel, (b^p + ν^p / n^FALL)^(1/p): FLIP's power p (measure/flip); noise of independent rays
+            would have a FALL of 1, and rays that cover a pixel evenly fall faster
 c           what a ray costs, in queries: RAY + q (1 + TAP (taps − 1)); taps of the filter
 
 b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur. benchmarks/presets measured
@@ -28,7 +29,7 @@ RAY, TAP = 15.0, 0.4
 #: FLIP of one ray a pixel against two, over ν; passes that a budget must hold; pixels, about, that a scene is probed with, and
 #: that the chosen settings are compiled with.
 PAIR, FEWEST, PROBE, COMPILED = 0.757, 1.1, 16384, 2048
-SURE = 1.4
+SURE, FALL = 1.4, 1.25
 
 
 class Rung(NamedTuple):
@@ -99,7 +100,8 @@ def _due(rung: Rung, seen: Seen, error: float | None) -> float:
     if error is None or error <= SURE * seen.noise * rung.bias:
         return np.inf
     rest = (error / seen.noise) ** POWER - (SURE * rung.bias) ** POWER
-    return max(FIRST, rung.noise**POWER / max(rest, 1e-30)) * rung.cost(seen.queries) * seen.seconds
+    passes = (rung.noise**POWER / max(rest, 1e-30)) ** (1 / FALL)
+    return max(FIRST, passes) * rung.cost(seen.queries) * seen.seconds
 
 
 def _error(rung: Rung, seen: Seen, budget: float) -> float:
@@ -107,7 +109,7 @@ def _error(rung: Rung, seen: Seen, budget: float) -> float:
     passes = budget / (rung.cost(seen.queries) * seen.seconds)
     if passes < FEWEST:
         return 1e6 / passes
-    return (rung.bias**POWER + rung.noise**POWER / passes) ** (1 / POWER)
+    return (rung.bias**POWER + rung.noise**POWER / passes**FALL) ** (1 / POWER)
 
 
 def _probe(passes: Passes) -> Seen:

@@ -7,7 +7,7 @@ r_k, c_k    passes of a ray a pixel of both, at the same rays for the same k
 T           R's estimate: the mean of c_k over many k, plus that of r_k − c_k over few: where both see the same rays the
             difference has less noise (two levels of Giles, "Multilevel Monte Carlo methods", 2015). A path tracer's paths are
             not the same, and there T is the mean of r_k. The many are other passes than those of points
-noise       FLIP of every other pass's T against T, which estimates that of T against R
+noise       FLIP of T of the first half of passes against T, which estimates that of T against R
 """
 
 import time
@@ -69,7 +69,8 @@ def refer(
     late = lambda: time.perf_counter() - begin > seconds or stopped()  # noqa: E731
     while len(many) < LEAST or (noise > aim and len(many) < MOST and not late()):
         many += [one(cheaper or exact, at + len(many) + k) for k in range(max(LEAST, len(many) // 4))]
-        whole, half = np.mean(many, axis=0) + level.mean(axis=0), np.mean(many[::2], axis=0) + level[::2].mean(axis=0)
+        whole = np.mean(many, axis=0) + level.mean(axis=0)
+        half = np.mean(many[: len(many) // 2], axis=0) + level[: len(level) // 2].mean(axis=0)
         noise = flip(over_backdrop(half), over_backdrop(whole))
     image, counts = np.mean(many, axis=0) + level.mean(axis=0), (len(level), len(many)) if cheaper else (len(many), 0)
     return Reference(image, first, noise, *counts, cheaper is not None)

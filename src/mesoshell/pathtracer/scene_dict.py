@@ -27,7 +27,7 @@ def sensor(camera: Camera, samples: int) -> dict:
         "near_clip": 1e-4,
         "far_clip": 1e6,
         "film": film,
-        "sampler": {"type": "independent", "sample_count": samples},
+        "sampler": {"type": "multijitter", "sample_count": samples},
     }
 
 

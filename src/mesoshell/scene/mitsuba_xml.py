@@ -68,7 +68,7 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
             <integer name="width" value="{still.camera.width}"/> <integer name="height" value="{still.camera.height}"/>
             <rfilter type="box"/> <string name="pixel_format" value="rgba"/>
         </film>
-        <sampler type="independent"> <integer name="sample_count" value="{quality.spp}"/> </sampler>
+        <sampler type="multijitter"> <integer name="sample_count" value="{quality.spp}"/> </sampler>
     </sensor>'''
     for light in still.lights:
         assert isinstance(light, Distant)

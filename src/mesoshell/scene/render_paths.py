@@ -1,5 +1,6 @@
 """Render by path tracing in Mitsuba: a scene, or an XML file of Mitsuba's (loads JAX only to grow a texture)."""
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -207,13 +208,21 @@ def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[s
 def _rendered(scene: mi.Scene, samples: int, progress: Progress) -> tuple[np.ndarray, int]:
     """The picture, RGBA, as the mean of passes that fit in memory; and the number of camera rays."""
     width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
-    each = max(1, min(samples, LANES // (width * height)))
-    counts = [min(each, samples - k) for k in range(0, samples, each)]
+    counts, left = [], samples
+    while left:
+        counts.append(_grid(max(1, min(left, LANES // (width * height)))))
+        left -= counts[-1]
     total = np.zeros((height, width, 4))
     for seed, count in enumerate(counts):
         total += count / samples * _image(scene, count, seed)
         progress(sum(counts[: seed + 1]) / samples)
     return total.astype(np.float32), width * height * samples
+
+
+def _grid(count: int) -> int:
+    """The most samples, at most so many, that a multijittered sampler lays out in rows; it rounds other numbers up."""
+    rows = math.isqrt(count)
+    return rows * (count // rows)
 
 
 def _image(scene: mi.Scene, samples: int, seed: int) -> np.ndarray:

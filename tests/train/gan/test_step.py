@@ -56,6 +56,7 @@ def stepped(**changes: float) -> tuple:
     return jax.jit(lambda s, b: step(config, s, b))(begun(), batch)
 
 
+@pytest.mark.slow  # test_run sees that every weight has a gradient
 def test_everything_moves_and_nothing_is_bad() -> None:
     state, report = stepped()
     before = begun()
@@ -82,6 +83,7 @@ def test_helps_change_what_they_are_asked_to_change() -> None:
         assert any(np.abs(x - y).max() > 1e-2 * np.abs(x).max() for x, y in pairs)
 
 
+@pytest.mark.slow  # it compiles two steps
 def test_renders_beside_the_next_ones_parameters_count_as_made() -> None:
     """For the discriminator alone, by the weight that was asked for."""
     (plain, before), (told, after) = stepped(), stepped(mismatch=0.5)

@@ -40,11 +40,13 @@ def programs(tiny_bundle):
     return traced(tiny_bundle)
 
 
+@pytest.mark.slow  # all programs are traced
 def test_every_compiled_function_is_among_the_programs(programs):
     """A new one is put into `programs.py`."""
     assert compiled() - set(programs) == ELSEWHERE
 
 
+@pytest.mark.slow  # the sources are searched below
 def test_no_product_outside_of_networks_may_be_rounded(programs):
     found = {}
     for name, jaxprs in programs.items():
@@ -53,6 +55,7 @@ def test_no_product_outside_of_networks_may_be_rounded(programs):
     assert {name: equations for name, equations in found.items() if equations} == {}
 
 
+@pytest.mark.slow
 def test_a_network_s_products_are_seen(programs, tiny_bundle):
     """The test above does not hold because nothing is found."""
     layers = sum(name.startswith("decoder/trunk") and name.endswith("kernel") for name in tiny_bundle.arrays)

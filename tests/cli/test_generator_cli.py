@@ -229,6 +229,18 @@ def test_images_vary_geometry_and_appearance(combed, tmp_path) -> None:
             assert np.abs(x - y).max() > 0.01
 
 
+def test_an_image_that_cannot_be_laid_into_a_texture_is_one_line(combed, tmp_path, capsys) -> None:
+    material, image = combed
+    given = ["texture", material, "--extent", 10, 2, "--param"]
+    assert "age: an image varies appearance in a render only" in fault(
+        capsys, *given, f"age={image}", "--out", tmp_path / "g.npz"
+    )
+    assert "length=nothing.png is neither a number nor an image" in fault(
+        capsys, *given, "length=nothing.png", "--out", tmp_path / "g.npz"
+    )
+
+
+@pytest.mark.slow  # the path tracer's test of heights has one of an image made by the command
 def test_a_texture_takes_images_of_geometry_alone(combed, tmp_path, capsys) -> None:
     # into a folder, from which it is rendered like a file
     material, image = combed
@@ -242,12 +254,6 @@ def test_a_texture_takes_images_of_geometry_alone(combed, tmp_path, capsys) -> N
     assert np.abs(heights[0, 0] - heights[0, -1]).max() > 0.01
     shown = ["--size", 16, 16, "--quality", "draft", "--out", tmp_path / "r"]
     main([str(x) for x in ("render", MESH, "--material", tmp_path / "f", *shown)])
-    assert "age: an image varies appearance in a render only" in fault(
-        capsys, *given, f"age={image}", "--out", tmp_path / "g.npz"
-    )
-    assert "length=nothing.png is neither a number nor an image" in fault(
-        capsys, *given, "length=nothing.png", "--out", tmp_path / "g.npz"
-    )
     assert "length is baked into" in fault(
         capsys, "render", MESH, "--material", tmp_path / "f", "--param", f"length={image}"
     )

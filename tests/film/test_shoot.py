@@ -189,6 +189,7 @@ def test_an_mp4_holds_the_frames(scene: ms.Scene, tmp_path: Path):
             made.save(tmp_path / path, fps)
 
 
+@pytest.mark.slow  # shells are filmed; the engine's own tests have its pictures
 def test_a_surface_material_is_filmed(tmp_path: Path):
     scene = ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4, size=(16, 12))
     made = ms.film(scene, tmp_path / "film", orbit=2, quality="draft")

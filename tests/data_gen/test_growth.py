@@ -11,7 +11,7 @@ from data_gen.worker import RECIPES
 
 NAMES = sorted(RECIPES)
 #: The carpet with fewer parameters: the same blades by the same code.
-RESTRICTED = ("carpet2", "carpet4", "carpet6")
+RESTRICTED = ("carpet2", "carpet4", "carpet6", "carpet")
 EACH = [pytest.param(name, marks=pytest.mark.slow if name in RESTRICTED else ()) for name in NAMES]
 
 

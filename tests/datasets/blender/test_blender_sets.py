@@ -30,7 +30,7 @@ def settings(recipe: str, **own) -> dict:
 
 
 #: The carpet with fewer parameters: the same blades by the same code.
-RESTRICTED = ("carpet2", "carpet4", "carpet6", "carpet8")
+RESTRICTED = ("carpet2", "carpet4", "carpet6", "carpet")
 #: Of fur notebooks/datasets.py renders a set, and checks it.
 SLOW = (*RESTRICTED, "fur")
 EACH = [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in sorted(RECIPES)]

@@ -45,7 +45,7 @@ from mesoshell.train.textures.state import TexturesConfig
 from mesoshell.train.textures.step import start
 from mesoshell.train.textures.synthesis import latents, made, own_phases
 
-config = GeneratorConfig(32, channel_base=256, channel_max=8, channels=8, layers=7, waves=16, z=16, w=16, betas=1)
+config = GeneratorConfig(32, channel_base=512, channel_max=16, channels=8, layers=7, waves=16, z=16, w=16, betas=1)
 generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
 
 # %% [markdown]
@@ -161,7 +161,7 @@ weights = {k: v for k, v in bundle.arrays.items() if k.startswith("decoder/") or
 exemplar = bundle.arrays["features/3"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
 data = scaled(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))
 small = replace(
-    config, texels=32, channel_base=256, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
+    config, texels=32, channel_base=512, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
 )
 learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))

@@ -45,13 +45,20 @@ class Measured(NamedTuple):
 
 
 def measure(folder: Path) -> dict[str, list[Measured]]:
-    """Each scene's, a rung each."""
-    found: dict[str, list[Measured]] = {}
+    """Each scene's, a rung each: what FOLDER has, or anew."""
+    file, found = folder / "ladder.json", {}
+    kept: dict[str, dict[str, Any]] = json.loads(file.read_text()) if file.exists() else {}
     for name, (material, mesh, scale, camera, side) in MARCHED.items():
         scene = ms.Scene(mesh, ms.load_material(material), scale=scale, camera=camera, size=(side, side))
         here = place(name, prepare(scene, NORMAL), folder)
         for rung in LADDER:
-            one = taken(here.prepared.passes(NORMAL.with_changes(**rung.settings)), here.reference)
+            own = kept.setdefault(name, {})
+            if (key := named(rung.settings)) not in own:
+                one = taken(here.prepared.passes(NORMAL.with_changes(**rung.settings)), here.reference)
+                own[key] = one._asdict()
+                replace_file(file, (json.dumps(kept, indent=1) + "\n").encode())
+            one = Measured(**own[key])
+            one = one._replace(errors={int(n): e for n, e in one.errors.items()})
             found.setdefault(name, []).append(one)
             errors = ", ".join(f"{n} {e:.4f}" for n, e in one.errors.items())
             print(f"{name:18}{one.queries:7.1f}  {errors}  {named(rung.settings)}", flush=True)
@@ -126,10 +133,7 @@ def main() -> None:
         picture(given.picture)
         return
     given.folder.mkdir(parents=True, exist_ok=True)
-    found = measure(given.folder)
-    kept: dict[str, Any] = {name: [one._asdict() for one in some] for name, some in found.items()}
-    replace_file(given.folder / "ladder.json", (json.dumps(kept, indent=1) + "\n").encode())
-    report(found)
+    report(measure(given.folder))
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ for axis, along in zip(axes, range(3), strict=True):
 # ## Learning it
 
 # %%
-config = replace(atlas_as(TINY), batch=128, samples=16, kimg=128 * 0.25, snapshot_kimg=128 * 0.25)
+config = replace(atlas_as(TINY), batch=96, samples=12, kimg=96 * 0.25, snapshot_kimg=96 * 0.25)
 rows = []
 run = ms.train(config, capture, folder / "run", show=rows.append)
 found = read_neutex(max(run.snapshots.values()))

@@ -39,7 +39,7 @@ folder = Path(tempfile.mkdtemp())
 # What all images of a dataset share. `None` means the recipe's own choice; `patch` is None, so every image shows new hairs.
 
 # %%
-settings = {"recipe": "fur", "seed": 0, "size": 48, "samples_per_pixel": 6, "denoise": False}
+settings = {"recipe": "fur", "seed": 0, "size": 48, "samples_per_pixel": 4, "denoise": False}
 settings |= {"coverage": (0.3, 1.0), "fixed": {}, "patch": None, "views": None}
 report = render_dataset(settings, 12, folder / "fur", Farm(workers=1, threads=2), lambda finished, missing, fault: None)
 assert not report.faults and check_dataset(folder / "fur") == []
@@ -67,7 +67,7 @@ print(sample.parameters, f"radius {sample.radius:.2f}, light {sample.light.round
 
 # %%
 with Blender(settings | {"coverage": (0.85, 0.85)}, threads=2) as blender:
-    show(vary_sheet(blender, steps=3, index=3, show=lambda done, of: None))
+    show(vary_sheet(blender, steps=2, index=3, show=lambda done, of: None))
 print("rows:", ", ".join(blender.manifest["parameters"]))
 
 # %% [markdown]

@@ -43,9 +43,9 @@ def show(film: ms.Film) -> None:
 # ## Around, and nearer
 
 # %%
-around = ms.film(scene, folder / "orbit", orbit=4, quality="draft")
+around = ms.film(scene, folder / "orbit", orbit=3, quality="draft")
 show(around)
-nearer = ms.film(scene, folder / "dolly", dolly=4, far=4.0, quality="draft")
+nearer = ms.film(scene, folder / "dolly", dolly=3, far=4.0, quality="draft")
 show(nearer)
 
 # %% [markdown]
@@ -56,21 +56,21 @@ show(nearer)
 # %%
 keys = [
     {"frame": 0, "thickness": 0.01, "params": {"age": 0.0}},
-    {"frame": 2, "thickness": 0.1, "params": {"age": 0.0}},
-    {"frame": 3, "params": {"age": 1.0}},
+    {"frame": 1, "thickness": 0.1, "params": {"age": 0.0}},
+    {"frame": 2, "params": {"age": 1.0}},
 ]
 show(ms.film(scene, folder / "keys", keys=keys, quality="draft"))
 
 # %% [markdown]
 # ## What flickers
 #
-# Of the orbit, whose camera turns by 90° a frame, no two frames show the same places well. The dolly's flicker falls with more
+# Of the orbit, whose camera turns by 120° a frame, no two frames show the same places well. The dolly's flicker falls with more
 # samples a ray and pixel: what is left is what warping blurs, and parallax within the grass.
 
 # %%
-better = ms.film(scene, folder / "better", dolly=4, far=4.0, quality="normal")
+better = ms.film(scene, folder / "better", dolly=3, far=4.0, quality="normal")
 for name, film in (("draft", nearer), ("normal", better)):
-    plt.plot(range(1, 4), film.flicker[1:], label=f"{name}, {np.median(film.seconds):.1f} s a frame")
+    plt.plot(range(1, 3), film.flicker[1:], label=f"{name}, {np.median(film.seconds):.1f} s a frame")
 plt.xlabel("frame")
 plt.ylabel("flicker, mean FLIP")
 plt.legend()

@@ -38,7 +38,7 @@ print(f"{len(tile.faces)} triangles a period, {tile.depth} deep")
 # The same place seen at the same angle, on a plane and on cylinders. Where nothing is met, blue.
 
 # %%
-SIDE = 40
+SIDE = 32
 y, x = np.meshgrid(np.linspace(0.5, -0.5, SIDE), np.linspace(-0.5, 0.5, SIDE), indexing="ij")
 place = np.stack([x, y], axis=-1).reshape(-1, 2)
 figure, axes = plt.subplots(1, 4, figsize=(12, 3))
@@ -69,7 +69,7 @@ from mesoshell.train.surface.step import surface_as  # noqa: E402
 
 folder = Path(tempfile.mkdtemp())
 settings = Settings("spheres", tile.depth, (-1.0, 2.0), queries=2048, spp=4, seed=0)
-render_patches(settings, of_geometry(tile, settings.spp), 8, folder / "data", lambda done, of: None)
+render_patches(settings, of_geometry(tile, settings.spp), 6, folder / "data", lambda done, of: None)
 log = []
 config = replace(surface_as(TINY), kimg=100.0, rate=8e-3)
 run = ms.train(config, folder / "data", folder / "run", show=log.append)
@@ -87,7 +87,7 @@ axis.legend()
 # %%
 from mesoshell.geometry.mesh import check_mesh  # noqa: E402
 
-around, across = 64, 32
+around, across = 48, 24
 i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
 ring, tube = 6 / (2 * np.pi), 2.4 / (2 * np.pi)
 p, t = i / around * 2 * np.pi, j / across * 2 * np.pi
@@ -101,7 +101,7 @@ halves = np.array([[0, 1, 2], [0, 2, 3]])
 mesh = check_mesh(points, index[:, halves].reshape(-1, 3), uv[:, halves].reshape(-1, 3, 2), "torus")
 
 material = run.material()
-camera = ms.Camera(ms.look_at((0.0, 1.6, 3.2), (0.75, 0.1, 0.3)), 0.36, 96, 72)
+camera = ms.Camera(ms.look_at((0.0, 1.6, 3.2), (0.75, 0.1, 0.3)), 0.36, 64, 48)
 scene = ms.Scene(mesh, material, scale=0.6, camera=camera, lights=[(-0.5, 0.7, 0.5)], irradiance=6.0)
 opaque = replace(scene, material=ms.Material("opaque", replace(material.surface, opacity="none")))
 figure, axes = plt.subplots(1, 2, figsize=(12, 4.5))

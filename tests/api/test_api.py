@@ -108,8 +108,15 @@ def test_parameters_of_bundled_materials_are_documented() -> None:
             assert low <= parameter.default <= high and parameter.unit and len(parameter.meaning) > 10
 
 
-@pytest.mark.parametrize("kind", ["shell", "surface"])
-@pytest.mark.parametrize("engine", ["jax", "mitsuba"])
+@pytest.mark.parametrize(
+    ("engine", "kind"),
+    [
+        ("jax", "shell"),
+        pytest.param("jax", "surface", marks=pytest.mark.slow),
+        pytest.param("mitsuba", "shell", marks=pytest.mark.slow),
+        ("mitsuba", "surface"),
+    ],
+)
 def test_a_picture_is_the_command_lines(folder: Path, tmp_path: Path, capsys, kind: str, engine: Any) -> None:
     """Bit for bit, with the same report but for seconds, and the same notes."""
     out, few = tmp_path / "cli.png", {"spp": 3} if engine == "mitsuba" else {}
@@ -287,7 +294,7 @@ fault(lambda: ms.fit(["data"], test="fog"), "test: must be a list")
 assert explained(params={{"dryness": np.float32(0.3)}})() and explained(changes={{"samples": np.int64(7)}})()
 import json
 small = ms.Scene({mesh!r}, material, params={{"dryness": np.float32(0.5)}}, size=(4, 3))
-json.dumps(ms.render(small, "draft").report)
+json.dumps(ms.render(small, "draft", engine="mitsuba", spp=1).report)
 """
 
 

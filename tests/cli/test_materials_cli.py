@@ -9,7 +9,7 @@ import pytest
 
 from mesoshell.cli.main import main
 from mesoshell.io import material
-from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.material import bundled
 from mesoshell.io.surface import write_surface
 from tests.helpers import wearing
@@ -40,22 +40,22 @@ def test_larger_ones_are_in_a_package_of_their_own(capsys, monkeypatch) -> None:
     assert capsys.readouterr().out.splitlines()[-1].startswith("pelt, turf: in a package of their own")
 
 
-def test_given_ones_are_described(
-    tiny_bundle: Bundle, tiled_bundle: Bundle, tmp_path: Path, monkeypatch, capsys
-) -> None:
+def test_given_ones_are_described(tmp_path: Path, monkeypatch, capsys) -> None:
+    grass = read_bundle(material.find("grass"))
     monkeypatch.chdir(tmp_path)
-    write_bundle("tiny.npz", tiny_bundle)
-    write_bundle("cut.npz", replace(tiny_bundle, wraps=False))
-    write_bundle("tiles.npz", tiled_bundle)
+    write_bundle("whole.npz", grass)
+    write_bundle("cut.npz", replace(grass, wraps=False))
+    write_bundle("tiles.npz", read_bundle(material.find("turf")))
     write_surface("woven.npz", wearing.bundle())
-    main(["materials", "tiny.npz", "cut.npz", "tiles.npz", "woven.npz"])
-    parameter = "  --param dryness=0.5  from 0 to 2 (appearance): how dry"
+    main(["materials", "whole.npz", "cut.npz", "tiles.npz", "woven.npz"])
+    (age,) = grass.parameters
+    parameter = f"  --param age=0  from 0 to 1 (appearance): {age.meaning}"
     assert capsys.readouterr().out.splitlines() == [
-        "tiny.npz: shell, 4 texels a patch: one patch that repeats",
+        "whole.npz: shell, 256 texels a patch: one patch that repeats",
         parameter,
-        "cut.npz: shell, 4 texels a patch: one texture with edges",
+        "cut.npz: shell, 256 texels a patch: one texture with edges",
         parameter,
-        "tiles.npz: shell, 4 texels a patch: endless, of 16 tiles; another order of them for each --seed",
+        "tiles.npz: shell, 128 texels a patch: endless, of 16 tiles; another order of them for each --seed",
         parameter,
         "woven.npz: surface material, one query a hit; no parameters",
     ]

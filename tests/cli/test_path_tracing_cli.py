@@ -77,20 +77,21 @@ def test_an_environment_without_jax(tmp_path: Path) -> None:
     assert read_png(out)[..., 3].max() == 1
 
 
-def test_the_engines_show_the_same(material: Path, tmp_path: Path, capsys) -> None:
-    """One event, by distant light, parameters by an image, and a sky: pictures that are made in two ways. Only the path tracer
-    knows that a shell dims what lights its other parts."""
+@pytest.mark.parametrize("light", [pytest.param("distant", marks=pytest.mark.slow), "sky"])
+def test_the_engines_show_the_same(material: Path, tmp_path: Path, capsys, light: str) -> None:
+    """One event, parameters by an image: pictures that are made in two ways. Only the path tracer knows that a shell dims what
+    lights its other parts."""
     image = tmp_path / "halves.png"
     write_png(image, np.repeat([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]], 2, axis=0).astype(np.float32))
     plain = [str(MESH), "--material", str(material), "--size", "48", "48", "--param", f"dryness={image}"]
-    for name, more in {"lights": [], "sky": ["--environment", str(sky(tmp_path))]}.items():
-        mine, theirs = tmp_path / f"{name}_m.png", tmp_path / f"{name}_j.png"
-        main(["render", *plain, *more, "--engine", "mitsuba", "--max-depth", "2", "--spp", "128", "--out", str(mine)])
-        main(["render", *plain, *more, "--out", str(theirs)])
-        a, b = (read_exr(x.with_suffix(".exr")) for x in (mine, theirs))
-        np.testing.assert_allclose(a.mean(axis=(0, 1)), b.mean(axis=(0, 1)), rtol=0.15)
-        blurred = [x[..., :3].reshape(12, 4, 12, 4, 3).mean(axis=(1, 3)) for x in (a, b)]
-        assert np.corrcoef(blurred[0].ravel(), blurred[1].ravel())[0, 1] > 0.95
+    mine, theirs = tmp_path / "m.png", tmp_path / "j.png"
+    more = ["--environment", str(sky(tmp_path))] if light == "sky" else []
+    main(["render", *plain, *more, "--engine", "mitsuba", "--max-depth", "2", "--spp", "128", "--out", str(mine)])
+    main(["render", *plain, *more, "--out", str(theirs)])
+    a, b = (read_exr(x.with_suffix(".exr")) for x in (mine, theirs))
+    np.testing.assert_allclose(a.mean(axis=(0, 1)), b.mean(axis=(0, 1)), rtol=0.15)
+    blurred = [x[..., :3].reshape(12, 4, 12, 4, 3).mean(axis=(1, 3)) for x in (a, b)]
+    assert np.corrcoef(blurred[0].ravel(), blurred[1].ravel())[0, 1] > 0.95
 
 
 def sky(folder: Path) -> Path:

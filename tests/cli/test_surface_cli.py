@@ -136,6 +136,7 @@ def test_a_picture_and_what_it_took(run, folder, tmp_path, capsys, engine: str) 
     assert sorted(p.name for p in out.parent.iterdir()) == ["picture.exr", "picture.json", "picture.png"]
 
 
+@pytest.mark.slow  # the path tracer's tests compare answers, lights and skies
 def test_the_engines_show_the_same(folder, tmp_path) -> None:
     """A random material by lights of the command line, with an object and its shadow; and by a sky."""
     from mesoshell.io.image import write_exr

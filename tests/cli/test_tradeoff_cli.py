@@ -17,14 +17,15 @@ from mesoshell.io.surface import write_surface
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import Material
 from mesoshell.scene.render_paths import prepare_file
-from mesoshell.tradeoff import run
+from mesoshell.tradeoff import points, reference, run
 from mesoshell.tradeoff.knobs import VALUES, named
 from tests.helpers import wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
 WITHOUT_JAX = (
     "import sys; sys.modules.update(dict.fromkeys(('jax', 'jaxlib', 'flax', 'optax')))\n"
-    "from mesoshell.tradeoff import run; run.MOST, run.AIM = 2, 0.5\n"
+    "from mesoshell.tradeoff import points, reference, run; run.MOST, run.AIM = 2, 0.5\n"
+    "points.MOST, reference.LEAST = {False: 8}, 4\n"
     "from mesoshell.cli.main import main; main(sys.argv[1:])"
 )
 
@@ -43,10 +44,8 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "AIM", 0.5)
 
 
-@pytest.mark.parametrize(
-    ("engine", "passes"),
-    [pytest.param("jax", (1, 2, 4, 8), marks=pytest.mark.slow), ("mitsuba", (1, 2, 4, 8, 16, 32, 64))],
-)
+@pytest.mark.slow  # with as many passes as a user's
+@pytest.mark.parametrize(("engine", "passes"), [("jax", (1, 2, 4, 8)), ("mitsuba", (1, 2, 4, 8, 16, 32, 64))])
 def test_a_surface_material(few, tmp_path: Path, engine: Literal["jax", "mitsuba"], passes: tuple[int, ...]) -> None:
     scene = ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4, size=(16, 12))
     said: list[tuple[float, str]] = []
@@ -111,6 +110,8 @@ SCENE = """<scene version="3.0.0">
 def test_a_scene_of_mitsubas(few, tiny_bundle: Bundle, tmp_path: Path, capsys, monkeypatch) -> None:
     """Its film is made smaller in its own proportions, and its path depth is its own."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(points, "MOST", {False: 8})
+    monkeypatch.setattr(reference, "LEAST", 4)
     write_bundle(tmp_path / "tiny.npz", tiny_bundle)
     (tmp_path / "scene.xml").write_text(SCENE.replace("MESH", str(MESH)))
     main(["tradeoff", "scene.xml", "--engine", "mitsuba", "--size", "16", "12", "--out", "found"])

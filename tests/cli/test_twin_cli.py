@@ -139,16 +139,17 @@ def test_a_twin_alone_is_the_same(folder, monkeypatch) -> None:
         np.testing.assert_array_equal(both.surface.arrays[key], array)
 
 
-def test_geometry_is_distilled_too(folder, capsys) -> None:
+@pytest.mark.parametrize("name", [pytest.param("spheres", marks=pytest.mark.slow), "heights.png"])
+def test_geometry_is_distilled_too(folder, name: str) -> None:
     """By its name or as an image of heights; what only a shell has is refused."""
     Image.fromarray(np.arange(64, dtype=np.uint8).reshape(8, 8)).save(folder / "heights.png")
     few = ["--preset", "tiny", "--patches", "2", "--queries", "256", "--spp", "1", "--kimg", "2.048"]
-    for name, depth in (("spheres", 0.2), (str(folder / "heights.png"), 0.12)):
-        out = folder / "geometry" / f"{depth}.npz"
-        main(["distill", name, "--out", str(out), *few])
-        surface = read_surface(out)
-        assert surface.depth == depth and surface.curvature == (-1.0, 2.0)
-        assert surface.provenance["dataset"]["source"] == name
+    source, depth = (name, 0.2) if name == "spheres" else (str(folder / name), 0.12)
+    out = folder / "geometry" / f"{name}.npz"
+    main(["distill", source, "--out", str(out), *few])
+    surface = read_surface(out)
+    assert surface.depth == depth and surface.curvature == (-1.0, 2.0)
+    assert surface.provenance["dataset"]["source"] == source
 
 
 def test_a_run_belongs_to_what_it_was_begun_with(folder, capsys) -> None:

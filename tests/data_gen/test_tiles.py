@@ -1,5 +1,7 @@
 """Geometry of corner tiles: what crosses an edge follows from its two colours, cover is even, and the 16 fit on the torus."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from data_gen.worker import RECIPES, UnusableInput, drawer_of
 SETTINGS = {"recipe": "grass", "seed": 0, "size": 64, "coverage": None, "fixed": {}, "patch": None, "views": None}
 
 
+@cache
 def slab(name: str, tile: int) -> Growth:
     recipe = RECIPES[name]
     return tiles.slab(recipe.grow, tile, {key: p.default for key, p in recipe.parameters.items()})

@@ -8,13 +8,18 @@ import pytest
 from mesoshell.datasets.queries.render import FINEST
 from mesoshell.datasets.queries.tile import Placing
 from mesoshell.distill import error
-from mesoshell.distill.error import LIGHTS, PICTURES, SIDE, errors_by_radius, radii
+from mesoshell.distill.error import LIGHTS, SIDE, errors_by_radius, radii
 from mesoshell.io.query_dataset import COLUMNS
 
 C = {name: i for i, name in enumerate(COLUMNS)}
 CURVATURE, WIDEST = (-1.0, 1.5), 0.5
 #: The narrowest radius where three octaves say as much as all nine.
 COARSE = WIDEST / 4
+
+
+@pytest.fixture(autouse=True)
+def _few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(error, "PICTURES", 5)
 
 
 def told(u: np.ndarray, toward: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +56,7 @@ def test_the_same_is_no_different() -> None:
     octaves = [r for r, _ in found]
     assert octaves == list(radii(FINEST, WIDEST)) and (octaves[0], octaves[-1], len(octaves)) == (FINEST, WIDEST, 9)
     assert max(e for _, e in found) < 1e-3
-    assert len(seen) == PICTURES * len(octaves) * len(LIGHTS) and all(len(rows) == SIDE**2 for rows in seen)
+    assert len(seen) == error.PICTURES * len(octaves) * len(LIGHTS) and all(len(rows) == SIDE**2 for rows in seen)
     kappa = np.array([rows[0, C["kappa"]] for rows in seen])
     assert (
         (kappa >= -1).all()

@@ -98,7 +98,8 @@ def test_an_orbit_begins_and_a_dolly_ends_with_the_picture(scene: ms.Scene, tmp_
     assert made.frames[1].read_bytes() == (tmp_path / "still.png").read_bytes()
 
 
-@pytest.mark.parametrize("engine", ["jax", pytest.param("mitsuba", marks=pytest.mark.slow)])
+@pytest.mark.slow  # a grown texture is kept for keys of colour; the viewer's tests settle the rest
+@pytest.mark.parametrize("engine", ["jax", "mitsuba"])
 def test_a_settled_scene_gives_the_same_picture(engine: Any, tmp_path: Path):
     """With a texture that is grown, and files of all kinds."""
     write_exr(tmp_path / "sky.exr", np.random.default_rng(0).uniform(0.1, 1, (4, 8, 3)).astype(np.float32))
@@ -188,6 +189,7 @@ def test_an_mp4_holds_the_frames(scene: ms.Scene, tmp_path: Path):
             made.save(tmp_path / path, fps)
 
 
+@pytest.mark.slow  # shells are filmed; the engine's own tests have its pictures
 def test_a_surface_material_is_filmed(tmp_path: Path):
     scene = ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4, size=(16, 12))
     made = ms.film(scene, tmp_path / "film", orbit=2, quality="draft")

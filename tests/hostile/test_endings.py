@@ -67,8 +67,15 @@ main(["doctor"])
 PRINTS = "def run() -> None:\n    print('x' * {})\n"
 
 
-@pytest.mark.parametrize("end", ["", "    raise SystemExit(1)\n"])
-@pytest.mark.parametrize("length", [1, 100_000])
+@pytest.mark.parametrize(
+    ("length", "end"),
+    [
+        (100_000, ""),
+        (1, "    raise SystemExit(1)\n"),
+        pytest.param(1, "", marks=pytest.mark.slow),
+        pytest.param(100_000, "    raise SystemExit(1)\n", marks=pytest.mark.slow),
+    ],
+)
 def test_a_full_disk_behind_standard_output_is_one_line(length: int, end: str):
     """What is printed fails when it is written out at the end; or at once, and then nothing says what was not written."""
     with Path("/dev/full").open("w") as full:

@@ -44,6 +44,7 @@ def of_config(*default: str):
     return pytest.mark.parametrize("random", each, indirect=True)
 
 
+@pytest.mark.slow  # test_generator asks the same of the texture
 @of_config("T")
 def test_whole_texels_are_fractions_of_inner_samples_and_lose_nothing(random: Any) -> None:
     assert of(eq_t, random, (1.0, 3.0)) > 55  # 59 to 75 measured; the least that is asked for is 45

@@ -127,9 +127,11 @@ def case(name: str) -> Case:
 
 
 NAMES = ["generator", "discriminator", "critic", "decoder", "surface", "texture", "volume", "reflectance"]
+#: A captured object's field is one module whatever gives it its colours, and the critics are alike.
+EACH = [pytest.param(x, marks=pytest.mark.slow if x in ("critic", "volume", "reflectance") else ()) for x in NAMES]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EACH)
 def test_a_module_is_its_pure_functions(name: str) -> None:
     module, draw, inputs, pure, others = case(name)
     tree = draw(KEY)
@@ -139,7 +141,7 @@ def test_a_module_is_its_pure_functions(name: str) -> None:
     same(jax.jit(module.apply)({"params": tree} | others, *inputs), jax.jit(pure)(tree, *inputs))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EACH)
 def test_init_with_inputs_declares_everything_that_apply_needs(name: str) -> None:
     module, draw, inputs, _, others = case(name)
     shapes = jax.eval_shape(module.init, KEY, *inputs)
@@ -162,10 +164,10 @@ def test_a_table_shows_each_array_and_counts_them(name: str) -> None:
 def test_modules_are_differentiated_and_mapped() -> None:
     module, draw, inputs, pure, _ = case("decoder")
     tree = draw(KEY)
-    by_module = jax.grad(lambda tree: jnp.sum(module.apply({"params": tree}, *inputs)[1]))(tree)
-    same(by_module, jax.grad(lambda tree: jnp.sum(pure(tree, *inputs)[1]))(tree))
-    each = jax.vmap(lambda *row: module.apply({"params": tree}, *row))(*inputs)
-    same(each, jax.vmap(lambda *row: pure(tree, *row))(*inputs))
+    by_module = jax.jit(jax.grad(lambda tree: jnp.sum(module.apply({"params": tree}, *inputs)[1])))(tree)
+    same(by_module, jax.jit(jax.grad(lambda tree: jnp.sum(pure(tree, *inputs)[1])))(tree))
+    each = jax.jit(jax.vmap(lambda *row: module.apply({"params": tree}, *row)))(*inputs)
+    same(each, jax.jit(jax.vmap(lambda *row: pure(tree, *row)))(*inputs))
 
 
 def test_parameters_of_another_shape_are_refused() -> None:

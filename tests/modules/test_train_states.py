@@ -57,7 +57,7 @@ def test_a_step_in_flax_s_way_is_the_run_s() -> None:
 
 
 def _gan() -> tuple[Any, Any]:
-    return small_step.CONFIG, state.start(small_step.CONFIG, KEY)
+    return small_step.CONFIG, jax.jit(partial(state.start, small_step.CONFIG))(KEY)
 
 
 def _atlas() -> tuple[Any, Any]:

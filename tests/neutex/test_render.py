@@ -33,6 +33,7 @@ CONFIG = FieldConfig((16, 16), (16,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 
 PHOTO = Photo(look_at((2.5, 1.0, 1.5), (0, 0, 0), (0, 0, 1)), (20.0, 20.0, 10.0, 8.0), 20, 16)
 EXACT = Quality(pixel_samples=1, samples=64, early_stop=0.0, skip=0.0)
 FULL = jnp.ones((CELLS,) * 3, bool)
+surfaces = jax.jit(jax.vmap(to_surface, in_axes=(None, 0)))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -78,7 +79,7 @@ def test_a_picture_is_its_rays(field) -> None:
     np.testing.assert_allclose(found.depth, np.asarray(far).reshape(16, 20), atol=1e-4)
 
 
-@pytest.mark.parametrize("stop", [0.01, 0.3])
+@pytest.mark.parametrize("stop", [pytest.param(0.01, marks=pytest.mark.slow), 0.3])
 def test_stopping_early_misses_no_more_than_it_says(field, stop) -> None:
     exact = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
     found = picture(CONFIG, field, PHOTO, View(EXACT.with_changes(early_stop=stop), FULL)).rgba
@@ -87,7 +88,7 @@ def test_stopping_early_misses_no_more_than_it_says(field, stop) -> None:
 
 def test_skipping_misses_no_more_than_it_says(field) -> None:
     """With many samples, so that what is left is what was skipped and not where samples lie."""
-    fine = EXACT.with_changes(samples=512)
+    fine = EXACT.with_changes(samples=256)
     exact = picture(CONFIG, field, PHOTO, View(fine, FULL)).rgba[..., 3]
     skip = 0.3
     occupied = occupancy(CONFIG, field, skip)
@@ -100,7 +101,8 @@ def test_nothing_is_skipped_unless_it_may_be(field) -> None:
     assert bool(occupancy(CONFIG, field, 0.0).all())
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+#: What a layout's pixels are, tests of layouts say.
+@pytest.mark.parametrize("layout", [pytest.param(x, marks=() if x == "latlong" else pytest.mark.slow) for x in LAYOUTS])
 def test_the_texture_put_back_changes_nothing(field, layout) -> None:
     image = texture_image(captured(field), layout, 32)
     assert image.shape == (*shape(layout, 32), 3) and (image >= 0).all() and image.std() > 0.01
@@ -109,7 +111,7 @@ def test_the_texture_put_back_changes_nothing(field, layout) -> None:
     np.testing.assert_allclose(again, plain, atol=1e-4)
 
 
-@pytest.mark.parametrize("edit", ["replace", "multiply"])
+@pytest.mark.parametrize("edit", [pytest.param("replace", marks=pytest.mark.slow), "multiply"])
 def test_what_is_transparent_changes_nothing(field, edit) -> None:
     nothing = np.zeros((32, 64, 4), np.float32)
     plain = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
@@ -187,7 +189,7 @@ def test_an_edit_stays_where_it_is_in_every_view(field) -> None:
         red = picture(CONFIG, dense, photo, View(EXACT, FULL, paint))
         o, d = photo_rays(photo, pixels(photo))
         y = jnp.asarray(o + seen.depth.reshape(-1, 1) * d, jnp.float32)
-        u = np.asarray(jax.vmap(lambda y: to_texture(dense, y))(y)).reshape(16, 20, 3)
+        u = np.asarray(jax.jit(jax.vmap(lambda y: to_texture(dense, y)))(y)).reshape(16, 20, 3)
         hit = seen.rgba[..., 3] > 0.99
         sure = hit & (np.abs(np.arctan2(u[..., 1], u[..., 0])) > 0.1) & (np.abs(np.arctan2(u[..., 1], u[..., 0])) < 3.0)
         assert sure.sum() > 30
@@ -222,7 +224,7 @@ def test_the_mesh_is_closed_outside_out_and_where_the_map_says(field) -> None:
 def test_the_mesh_lies_where_half_of_the_light_is_through(field) -> None:
     """Along the way that a vertex moved from F_uv⁻¹'s surface, by fine steps."""
     found = wrapped(CONFIG, field, 6, 64)
-    wrap = np.asarray(jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32)), np.float64)
+    wrap = np.asarray(surfaces(field, jnp.asarray(found.u, jnp.float32)), np.float64)
     moved = found.vertices - wrap
     moved, wrap, u = (x[np.linalg.norm(moved, axis=1) > 1e-3] for x in (moved, wrap, found.u))
     out = moved / np.linalg.norm(moved, axis=1, keepdims=True)
@@ -241,7 +243,7 @@ def test_the_mesh_lies_where_half_of_the_light_is_through(field) -> None:
 def test_a_mesh_of_nothing_is_the_inverse_maps(field) -> None:
     empty = field._replace(sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, -40.0))))
     found = wrapped(CONFIG, empty, 8, 64)
-    wanted = jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32))
+    wanted = surfaces(field, jnp.asarray(found.u, jnp.float32))
     np.testing.assert_allclose(found.vertices, wanted, atol=1e-6)
 
 
@@ -250,7 +252,7 @@ def test_a_vertex_that_begins_inside_knows_no_surface(field) -> None:
     last = field.sigma.last
     even = last._replace(kernel=jnp.zeros_like(last.kernel), bias=jnp.full(1, 4.0))  # σ = 100
     found = wrapped(CONFIG, field._replace(sigma=field.sigma._replace(last=even)), 6, 64)
-    wrap = jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32))
+    wrap = surfaces(field, jnp.asarray(found.u, jnp.float32))
     np.testing.assert_allclose(found.vertices, wrap, atol=1e-6)
 
 
@@ -258,7 +260,7 @@ def test_what_knows_no_surface_follows_what_does(field) -> None:
     """The tips of a large octahedron lie farther from the wrap than a vertex looks; no step is left around them."""
     large = field._replace(sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, 11.0))))
     found = wrapped(CONFIG, large, 12, 64)
-    wrap = np.asarray(jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(found.u, jnp.float32)))
+    wrap = np.asarray(surfaces(field, jnp.asarray(found.u, jnp.float32)))
     move = np.linalg.norm(found.vertices - wrap, axis=1)
     # the surface is |y|₁ = 1.1 or so: 0.64 from the middle in the midst of a face, and 1.1 at the tips; the wrap is at 0.6
     tip = np.abs(found.u).max(axis=1) > 0.97
@@ -272,7 +274,7 @@ def test_no_triangle_folds_however_rough_the_density(field, monkeypatch) -> None
     found = lambda kernel, y, n: (random.uniform(-REACH, REACH, len(y)), np.ones(len(y)))  # noqa: E731
     monkeypatch.setattr("mesoshell.neutex.mesh.run", found)
     mesh = wrapped(CONFIG, field, 24, 64)
-    wrap = np.asarray(jax.vmap(lambda u: to_surface(field, u))(jnp.asarray(mesh.u, jnp.float32)))
+    wrap = np.asarray(surfaces(field, jnp.asarray(mesh.u, jnp.float32)))
     before, after = (
         np.cross(x[mesh.faces[:, 1]] - x[mesh.faces[:, 0]], x[mesh.faces[:, 2]] - x[mesh.faces[:, 0]])
         for x in (wrap, mesh.vertices)
@@ -463,7 +465,7 @@ def test_roughness_is_written_as_it_is(stone, tmp_path) -> None:
     assert (kept[..., 2] == 0).all()
 
 
-@pytest.mark.parametrize("name", ["a.glb", "a.obj"])
+@pytest.mark.parametrize("name", ["a.glb", pytest.param("a.obj", marks=pytest.mark.slow)])
 def test_a_files_texture_lies_where_the_map_says(field, tmp_path, name) -> None:
     """Colours found through the file's coordinates are those of the image at each vertex's direction; welded, it is closed."""
     found = wrapped(CONFIG, field, 8, 64)

@@ -50,13 +50,18 @@ SCENES = {
 }
 
 
-#: Of quality, what both engines honour.
+#: Of quality, what both engines honour, as few programs.
 ALIKE = [
+    {"coordinates": "exact", "visibility": "sample", "skip": 0.0},
+    {"anisotropy": 4, "samples": 33, "height_filter": 1.0, "weight_cut": 0.0},
+    {"filtering": False},
+]
+#: And each by itself.
+ALONE = [
     {},
     {"coordinates": "exact"},
     {"anisotropy": 4},
     {"visibility": "sample"},
-    {"filtering": False},
     {"samples": 33, "height_filter": 1.0, "skip": 0.0, "weight_cut": 0.0},
 ]
 
@@ -67,6 +72,7 @@ ALIKE = [
         ("box", {}),
         pytest.param("combed", {"skip": 0.0}, marks=pytest.mark.slow),
         *(("spot", changes) for changes in ALIKE),
+        *(pytest.param("spot", changes, marks=pytest.mark.slow) for changes in ALONE),
     ],
 )
 def test_the_engines_agree(name: str, changes: dict) -> None:

@@ -11,11 +11,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from mesoshell.cli.main import main
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_png, write_png
-from mesoshell.pathtracer import load_file, maps
+from mesoshell.pathtracer import load_file, maps, texture_cache
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.samples import Sample
@@ -152,8 +153,10 @@ def scene(folder: Path, length: str) -> Any:
 
 
 def test_a_texture_of_a_scene_varies_geometry_as_an_image_of_the_command_line_does(folder, monkeypatch) -> None:
-    """The same pixels, which are the nearest ones there: the same texture, grown for the same surface."""
+    """The same pixels, which are the nearest ones there: the same texture, grown for the same surface. (By the command in this
+    process; tests of paths have one of its own.)"""
     monkeypatch.setattr("mesoshell.pathtracer.load.texels_needed", lambda *_: growing.TEXELS)
+    monkeypatch.setattr(texture_cache, "_run", lambda path, options: main(["texture", str(path), *options]))
     made = scene(folder, BITMAP.replace("MORE", NEAREST))
     (material,) = made.integrator().world.media.materials
     mesh = load_mesh(folder / "square.obj")

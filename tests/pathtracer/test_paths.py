@@ -371,6 +371,7 @@ def test_a_scene_without_shells_is_mitsubas_own() -> None:
     np.testing.assert_allclose(np.array(mi.render(load_dict(parts), spp=1))[..., :3], 1, atol=1e-6)
 
 
+@pytest.mark.slow  # docs/tutorials/library.md grows it there, in both engines
 def test_the_bundled_grass_grows_on_spot() -> None:
     parts = scene(light={"type": "constant"}, depth=3) | {
         "spot": {

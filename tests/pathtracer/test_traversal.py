@@ -55,7 +55,7 @@ def rays(rng: np.random.Generator, count: int, distance: float) -> tuple[np.ndar
     return o, d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("name", ["spot.obj", "cross.obj"])
+@pytest.mark.parametrize("name", [pytest.param("spot.obj", marks=pytest.mark.slow), "cross.obj"])
 def test_rays_from_outside_meet_the_same_shell(name) -> None:
     """A closed mesh whose shell overlaps itself in its creases, and an open one that is not a manifold."""
     mesh = load_mesh(DATA / name)

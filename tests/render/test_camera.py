@@ -1,6 +1,5 @@
 """Pinhole cameras against Blender's convention: looks along −z, x to the right, y up, square pixels."""
 
-
 import numpy as np
 import pytest
 

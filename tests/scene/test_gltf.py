@@ -103,6 +103,7 @@ def test_the_material_grows_on_what_is_named(material: Material, names: tuple[st
     assert near.min(axis=1).max() < 1e-6
 
 
+@pytest.mark.slow  # nodes are told apart below, and test_also grows two of such a file by the command
 def test_a_picture_of_a_blender_scene(material: Material):
     """As one of the same scene in loaded parts."""
     scene = ms.Scene(FILE, material, size=(48, 27), grow=("Hill",), thickness=0.1, scale=0.2)

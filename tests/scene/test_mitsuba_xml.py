@@ -117,7 +117,7 @@ def test_the_command_says_its_faults(material: Material, tmp_path: Path, capsys:
     assert capsys.readouterr().out.strip() == str(tmp_path / "new" / "scene.xml")
 
 
-@pytest.mark.parametrize("kind", ["lights", "sky"])
+@pytest.mark.parametrize("kind", [pytest.param("lights", marks=pytest.mark.slow), "sky"])
 def test_it_is_the_picture_of_the_described_scene(kind: str, tmp_path: Path):
     """By its mean, and pixel by pixel up to noise; what is off by a mirror or a turn is not."""
     image = np.outer(np.linspace(0, 1, 8), np.linspace(1, 0, 8)).astype(np.float32)

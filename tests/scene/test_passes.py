@@ -23,7 +23,11 @@ QUALITY = PRESETS["draft"].with_changes(pixel_samples=16, max_depth=2, light_sam
 SOME = np.flatnonzero(np.random.default_rng(0).uniform(size=PIXELS) < 0.4)
 
 
-@pytest.fixture(scope="module", params=["jax-shell", "jax-surface", "mitsuba-shell", "mitsuba-surface"])
+#: Each engine and each kind of material in one of them.
+EACH = ["jax-shell", pytest.param("jax-surface", marks=pytest.mark.slow), "mitsuba-shell", "mitsuba-surface"]
+
+
+@pytest.fixture(scope="module", params=EACH)
 def ready(request, tiny_bundle: Bundle) -> Prepared:
     engine, kind = request.param.split("-")
     material = Material("tiny", tiny_bundle) if kind == "shell" else Material("dots", wearing.bundle())

@@ -119,7 +119,7 @@ VARIANTS = {
     "atlas_no_inverse",
 }
 VARIANTS |= {"atlas", "atlas_no_cloud", "textures", "textures_critic", "textures_patches", "weave_cosine"}
-VARIANTS |= {"atlas_nerf", "atlas_reflectance", "spheres_silhouette", "triplane"}
+VARIANTS |= {"atlas_nerf", "atlas_reflectance", "spheres_silhouette", "triplane", "weave_neumip", "nerf_tex_seed"}
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import pytest
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
+from mesoshell.io.image import read_png
 from mesoshell.io.pack import pack_dataset
 from mesoshell.train import run
 from mesoshell.train.checkpoint import Checkpoints
@@ -69,6 +70,25 @@ def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
     assert row["r1"] > 0  # due at the first step of the row's four: the row is their mean
     assert json.loads((folder / "config.json").read_text())["config"]["batch"] == 4
     assert max(int(p.name) for p in (folder / "checkpoints").iterdir() if p.name.isdigit()) == 4
+
+
+def test_a_run_shows_itself(whole) -> None:
+    folder = whole[1]
+    assert [p.name for p in (folder / "snapshots").iterdir()] == ["000000016.npz"]
+    sheet = read_png(folder / "sheets" / "000000016.png")
+    assert sheet.shape[1] > 4 * 16 and sheet[..., :3].std() > 0.01
+    page = (folder / "report.html").read_text()
+    assert page.count("<img") == 2 and "0.016 kimg" in page
+
+
+def test_every_weight_of_both_players_has_had_a_gradient(whole) -> None:
+    moments = whole[0].learner_adam[0].nu.generator, whole[0].discriminator_adam[0].nu
+    none = [
+        jax.tree_util.keystr(k)
+        for k, x in jax.tree_util.tree_leaves_with_path(moments)
+        if not np.any(np.asarray(x) > 0)
+    ]
+    assert none == []
 
 
 @pytest.mark.slow  # test_two_hosts does the same of one host and of several

@@ -134,8 +134,15 @@ def test_a_sky_takes_the_place_of_the_scenes_lights(begun: ms.Scene, lit: bool):
     )
 
 
-@pytest.mark.parametrize("sun", [None, (30.0, 50.0)])
-@pytest.mark.parametrize("lit", [True, False])
+@pytest.mark.parametrize(
+    ("lit", "sun"),
+    [
+        (True, None),
+        (False, (30.0, 50.0)),
+        pytest.param(True, (30.0, 50.0), marks=pytest.mark.slow),
+        pytest.param(False, None, marks=pytest.mark.slow),
+    ],
+)
 def test_the_command_makes_this_very_picture(tiny_bundle: Bundle, tmp_path: Path, sun, lit: bool):
     """Its numbers have six digits, so a ray may meet another blade."""
     write_bundle(tmp_path / "tiny.npz", tiny_bundle)

@@ -188,7 +188,7 @@ def test_the_command_says_what_is_wrong_with_a_run(folder: Path, tmp_path: Path,
         assert caught.value.code == 2 and said in fault and fault.count("\n") == 1
 
 
-@pytest.mark.parametrize("kind", ["shell", "surface"])
+@pytest.mark.parametrize("kind", ["shell", pytest.param("surface", marks=pytest.mark.slow)])
 def test_a_run_is_seen_on_a_page(
     kind: str, folder: Path, tiny_bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -5,7 +5,7 @@ b, ν        a rung's bias, and its error of one ray a pixel by noise, over ν o
 q           network queries of a ray, over the first rung's
 e(n)        error of n rays a pixel, (b^p + ν^p / n^FALL)^(1/p): FLIP's power p (measure/flip); noise of independent rays
             would have a FALL of 1, and rays that cover a pixel evenly fall faster
-c           what a ray costs, in queries: RAY + q (1 + TAP (taps − 1)); taps of the filter
+c           what a ray costs, in queries: RAY + q (1 + TAP (taps − 1)), and EXACT q for exact coordinates; taps of the filter
 
 b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur. benchmarks/presets measured
 the first five rungs, benchmarks/ladder the noise and queries of the others on two of these scenes; the biases of the others are
@@ -24,8 +24,8 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import FIRST, Goal, Sums, spread
 from mesoshell.scene.picture import Passes, Prepared
 
-#: What a ray costs apart from its queries, and a query for each further tap, in queries (benchmarks/render).
-RAY, TAP = 15.0, 0.4
+#: What a ray costs apart from its queries, a query for each further tap, and one at exact coordinates, in queries.
+RAY, TAP, EXACT = 15.0, 0.4, 0.3
 #: FLIP of one ray a pixel against two, over ν; passes that a budget must hold; pixels, about, that a scene is probed with, and
 #: that the chosen settings are compiled with.
 PAIR, FEWEST, PROBE, COMPILED = 0.757, 1.1, 16384, 2048
@@ -43,7 +43,8 @@ class Rung(NamedTuple):
     def cost(self, queries: float) -> float:
         """c, where a ray of the first rung makes so many queries, over that rung's."""
         first, taps = RAY + queries, self.settings["anisotropy"]
-        return (RAY + self.queries * queries * (1 + TAP * (taps - 1))) / first
+        exact = EXACT * (self.settings.get("coordinates") == "exact")
+        return (RAY + self.queries * queries * (1 + TAP * (taps - 1) + exact)) / first
 
 
 _FINE = {"light_samples": 12, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
@@ -53,9 +54,9 @@ LADDER = (
     Rung({"samples": 14, "anisotropy": 1}, 0.49, 0.86, 1.44),
     Rung({"samples": 20, "height_filter": 0.2, "light_samples": 6, "anisotropy": 1}, 0.40, 0.82, 1.78),
     Rung({"samples": 28, "anisotropy": 2}, 0.31, 0.68, 2.5),
-    Rung({"samples": 40, "anisotropy": 2}, 0.26, 0.65, 3.1),
-    Rung({"samples": 64, "anisotropy": 4, **_FINE}, 0.17, 0.59, 5.1),
-    Rung({"samples": 128, "anisotropy": 8, **_FINE, "light_samples": 0}, 0.09, 0.48, 20.0),
+    Rung({"samples": 40, "anisotropy": 2, "coordinates": "exact"}, 0.26, 0.65, 3.1),
+    Rung({"samples": 64, "anisotropy": 4, "coordinates": "exact", **_FINE}, 0.17, 0.59, 5.1),
+    Rung({"samples": 64, "anisotropy": 8, "coordinates": "exact", **_FINE, "light_samples": 0}, 0.09, 0.48, 20.0),
     Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.03, 0.47, 46.0),
 )
 

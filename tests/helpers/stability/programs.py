@@ -224,6 +224,8 @@ def _of_generators() -> Programs:
 
     slow = jnp.zeros((2, 2), jnp.int32)
     return {
+        "shell.generator.bake._averaged": [_jitted(bake._averaged, f(8, 1, 4))],
+        "shell.generator.bake._levels": [_jitted(bake._levels, f(16, 16, 4), (16, 8), 3)],
         "shell.generator.bake._height": [_jitted(bake._height, config, generator, f(1, 4))],
         "shell.generator.bake._tile": [tile(one, i(2)), tile(nodes, i(2))],
         "train.export._patch": [

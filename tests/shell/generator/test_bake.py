@@ -68,17 +68,20 @@ def test_what_is_made_is_a_bundle_that_needs_no_generator(bundle, field, tmp_pat
         maker_of(found, "a.npz")
 
 
-def test_what_was_distilled_from_one_texture_is_not_kept_with_another(bundle) -> None:
+def test_what_was_distilled_from_one_texture_is_not_kept_with_another(bundle, monkeypatch) -> None:
+    growing.without_grids(monkeypatch)
     twin = Twin(wearing.bundle(), (0.5,), (0.1, 0.1, 0.1), ((0.1, 0.01),))
     assert baked(replace(bundle, twin=twin), "it", (16, 16), TextureRequest(7))[0].twin is None
 
 
-def test_extent_does_not_change_what_is_there(bundle, field) -> None:
+def test_extent_does_not_change_what_is_there(bundle, field, monkeypatch) -> None:
+    growing.without_grids(monkeypatch)
     small = baked(bundle, "it", (20, 33), TextureRequest(7, {"length": 1.5}))[0]
     np.testing.assert_array_equal(small.arrays["features/0"], field.arrays["features/0"][:20, :33])
 
 
-def test_other_seeds_and_other_geometry_are_other_textures(bundle, field) -> None:
+def test_other_seeds_and_other_geometry_are_other_textures(bundle, field, monkeypatch) -> None:
+    growing.without_grids(monkeypatch)
     f = field.arrays["features/0"][:16, :16].astype(np.float32)
     for seed, values in ((8, {"length": 1.5}), (7, {"length": 3.0})):
         other = baked(bundle, "it", (16, 16), TextureRequest(seed, values))[0].arrays["features/0"].astype(np.float32)
@@ -92,7 +95,7 @@ def test_the_grid_bounds_what_no_probe_has_seen(field) -> None:
     xi = rng.uniform(size=(20_000, 3)) * [85 / TEXELS, 74 / TEXELS, 1]
     zero, age = jnp.zeros(len(xi)), jnp.asarray(rng.uniform(size=(len(xi), 1)), jnp.float32)
     point = Point(jnp.asarray(xi, jnp.float32), zero, zero, age)
-    sigma = jax.vmap(lambda p: density(p)[0])(point)
+    sigma = jax.jit(jax.vmap(lambda p: density(p)[0]))(point)
     grid = field.arrays["grid/0"]
     assert grid.shape == (16, 37, 43)
     cell = (xi[:, ::-1] * [16, 8, 8]).astype(int)

@@ -21,9 +21,11 @@ from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of
 from mesoshell.signal.fourier import shifted_phase
 from mesoshell.typing import Array
 
-SMALL = GeneratorConfig(
+#: Of as many layers as any.
+DEEP = GeneratorConfig(
     texels=32, channel_base=256, channel_max=8, channels=4, waves=2, drift=1.5, z=8, w=8, height_rows=16
 )
+SMALL = replace(DEEP, layers=10)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -60,7 +62,7 @@ def test_far_away_it_is_the_same_material() -> None:
     assert jnp.abs(near - far).max() > 0.5 * jnp.std(near)
 
 
-@pytest.mark.parametrize("fourier", ["frozen", "off"])
+@pytest.mark.parametrize("fourier", ["frozen", pytest.param("off", marks=pytest.mark.slow)])
 def test_variants_of_the_ablations(fourier) -> None:
     config = replace(SMALL, fourier=fourier)
     layers = frequencies_of(config).layers
@@ -87,14 +89,14 @@ def test_maps_are_as_strong_as_they_learn_to_be() -> None:
 
 
 def test_maps_lie_between_the_cutoffs_and_the_last_layers_have_none() -> None:
-    first, layers, slow = frequencies_of(SMALL)
+    first, layers, slow = frequencies_of(DEEP)
     assert slow.shape == (8, 2)
-    rows = rows_of(SMALL)
+    rows = rows_of(DEEP)
     assert np.hypot(*first.T).max() / 2**16 <= rows[0].in_cutoff
     for row, f in list(zip(rows, layers, strict=True))[1:13]:
         radius = np.hypot(*f.T) / 2**16
         assert (
-            len(f) == SMALL.waves * row.in_channels
+            len(f) == DEEP.waves * row.in_channels
             and radius.min() >= row.in_cutoff - 1e-4
             and radius.max() <= row.out_cutoff + 1e-4
         )
@@ -102,10 +104,10 @@ def test_maps_lie_between_the_cutoffs_and_the_last_layers_have_none() -> None:
 
 
 def test_drifting_maps_stay_below_half_the_rate_and_cannot_be_turned() -> None:
-    for row, m in zip(rows_of(SMALL), frequencies_of(SMALL).layers, strict=True):
+    for row, m in zip(rows_of(DEEP), frequencies_of(DEEP).layers, strict=True):
         assert np.abs(m).max(initial=0) <= (row.in_sampling_rate / 2 - 2) * 2**16
     with pytest.raises(ValueError, match="turned"):
-        frequencies_of(replace(SMALL, turn=90.0))
+        frequencies_of(replace(DEEP, turn=90.0))
 
 
 def test_spans_ask_for_what_the_filters_reach() -> None:

@@ -58,8 +58,9 @@ def test_a_constant_field_is_the_constant(bundle) -> None:
         np.testing.assert_allclose(a, b, rtol=2e-3, atol=2e-3)
 
 
-def test_each_side_of_a_step_is_the_texture_of_its_side(bundle, far) -> None:
+def test_each_side_of_a_step_is_the_texture_of_its_side(bundle, far, monkeypatch) -> None:
     """β is 0 up to u = 4 and 1 from u = 5: beyond the layers' reach of the step, the texture knows nothing of it."""
+    growing.without_grids(monkeypatch)
     found = made(bundle, lambda at: (at[..., 0] > 4.5).astype(float)).arrays["features/0"].astype(np.float32)
     low, high = ends(bundle)
     left, right = (4 - far) * TEXELS, (5 + far) * TEXELS
@@ -75,6 +76,7 @@ def test_tiles_show_no_seams(bundle, monkeypatch) -> None:
     def ramp(at: np.ndarray) -> np.ndarray:
         return np.clip(at[..., 0] / 12 + at[..., 1] / 20, 0, 1)
 
+    growing.without_grids(monkeypatch)
     whole = made(bundle, ramp, (70, 80))
     monkeypatch.setattr(bake, "MOST_PATCHES", 2)
     again = made(bundle, ramp, (70, 80))
@@ -82,8 +84,9 @@ def test_tiles_show_no_seams(bundle, monkeypatch) -> None:
         np.testing.assert_allclose(again.arrays[key], whole.arrays[key], rtol=2e-3, atol=1e-3)
 
 
-def test_a_surface_asks_the_field_where_it_lies(bundle) -> None:
+def test_a_surface_asks_the_field_where_it_lies(bundle, monkeypatch) -> None:
     """The nodes of a texture that begins at an origin are those of the plane."""
+    growing.without_grids(monkeypatch)
     seen = []
     uv = np.array([[[3.2, -1.9], [4.1, -1.8], [3.3, -0.7]]], np.float32)
     found, origin = grow(
@@ -105,8 +108,9 @@ def test_it_is_a_bundle(bundle, tmp_path) -> None:
     assert all(jnp.isfinite(x).all() for x in jax.tree.leaves((value, back(jnp.ones_like(value)))))
 
 
-def test_heights_at_a_node_are_its_own(bundle) -> None:
+def test_heights_at_a_node_are_its_own(bundle, monkeypatch) -> None:
     """A node's F(h) is that of a texture with its β everywhere; halfway between two, their mean."""
+    growing.without_grids(monkeypatch)
     found = made(bundle, lambda at: (at[..., 0] >= 2).astype(float), (32, 64))
     for u, beta in ((1, 1.0), (2, 3.0)):
         alone = baked(bundle, "it", (16, 16), TextureRequest(7, {"length": beta}))[0].arrays["height/0"]

@@ -23,7 +23,9 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.parametrize(("by", "several"), [("density", False), ("density", True), ("length", False)])
+@pytest.mark.parametrize(
+    ("by", "several"), [pytest.param("density", False, marks=pytest.mark.slow), ("density", True), ("length", False)]
+)
 def test_tiles_compile_nothing_more(tiny_bundle, tiled_bundle, monkeypatch, by: str, several: bool) -> None:
     """Several tiles of a picture whose ground is seen through the shell, of which a half may be of another material."""
     scene = scenes.slab(tiny_bundle)

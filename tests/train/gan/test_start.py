@@ -32,7 +32,7 @@ def test_thin_layers_do_not_turn_into_noise() -> None:
     With places of samples drawn for each ray, layers become noise, and a generator learns to make do with that for blades.
     """
     config = replace(CONFIG, picture=replace(CONFIG.picture, samples=64))
-    learner = start(config, jax.random.key(0)).learner
+    learner = jax.jit(lambda key: start(config, key).learner)(jax.random.key(0))
     flat = learner.generator.layers[-1]
     layers = [*learner.generator.layers[:-1], flat._replace(weight=jnp.zeros_like(flat.weight))]
     sharp = [Dense(30 * layer.kernel, layer.bias) for layer in learner.decoder.trunk]

@@ -56,6 +56,7 @@ def stepped(**changes: float) -> tuple:
     return jax.jit(lambda s, b: step(config, s, b))(begun(), batch)
 
 
+@pytest.mark.slow  # test_run sees that every weight has a gradient
 def test_everything_moves_and_nothing_is_bad() -> None:
     state, report = stepped()
     before = begun()

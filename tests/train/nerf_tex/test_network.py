@@ -183,6 +183,7 @@ def test_geometry_that_cannot_be_told_apart_is_refused(data) -> None:
         fitted_parametric(replace(CONFIG, picture=replace(CONFIG.picture, size=16)), data)
 
 
+@pytest.mark.slow  # two hosts take its steps both ways in test_two_hosts
 def test_one_device_sharded_and_pmap_agree() -> None:
     """Losses and gradients to 1e-6 in float64, eight devices with one row each."""
     done = subprocess.run(
@@ -195,6 +196,7 @@ def test_one_device_sharded_and_pmap_agree() -> None:
         assert value == 8 if name.endswith("images") else value < 1e-6, name
 
 
+@pytest.mark.slow  # test_two_hosts goes on with one, the generator's commands read one
 def test_a_run_is_recorded_resumed_and_read_back(data, tmp_path) -> None:
     """Its configuration returns from its record; a GAN's experiment is refused in its folder; a longer one goes on."""
     config = replace(CONFIG, seeded=True, kimg=0.016)

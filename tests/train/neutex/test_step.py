@@ -137,6 +137,7 @@ def test_phases_move_what_they_should() -> None:
     assert moved(begin, last) == {"sigma": False, "texture": True, "view": True, "uv": False, "inverse": False}
 
 
+@pytest.mark.slow  # the phases' test sees what moves when
 def test_at_first_the_cloud_alone_guides() -> None:
     """However heavy the cycle's and the masks' losses are, they do not move anything before their time; later they do."""
     batch = jax.tree.map(jnp.asarray, atlas_step.rays())

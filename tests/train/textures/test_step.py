@@ -40,7 +40,7 @@ from tests.helpers.quick_start import begin_soon
 pytestmark = pytest.mark.xdist_group("textures")
 SIDE, C = 32, 4
 GENERATOR = GeneratorConfig(
-    texels=SIDE, channel_base=512, channel_max=16, channels=C, layers=4, z=0, w=8, waves=2, height_width=16
+    texels=SIDE, channel_base=256, channel_max=8, channels=C, layers=4, z=0, w=8, waves=2, height_width=8
 )
 CONFIG = TexturesConfig(GENERATOR, CriticConfig(critic_view.CHANNELS, width=2), batch=2, window=64, snapshot_kimg=1e9)
 DECODER = init_decoder(jax.random.key(5), C + 1 + 2 + 1, (8, 8), (8,))
@@ -117,7 +117,7 @@ def test_regression_repeats_its_exemplars(begun):
     for i in range(60):
         state, report = learn(state, at(i))
         errors.append(float(report.error))
-    assert np.mean(errors[-6:]) < 0.8 * np.mean(errors[6:12])
+    assert np.mean(errors[-6:]) < 0.85 * np.mean(errors[6:12])
     assert float(report.height) < 0.5 and not np.asarray(report.bad).any()
 
 

@@ -88,13 +88,18 @@ def _heights(maker: GeneratorModel, grown: Latent, allocate: Allocate) -> list[F
     sums = [np.zeros(m.shape) for m in means]
     for p, row in enumerate(nodes):
         made = _height(maker.config, maker.generator, row).swapaxes(0, 1)
-        for level, total, averaged in zip(every, sums, mip.build(made.reshape(len(made), 1, -1)), strict=True):
+        for level, total, averaged in zip(every, sums, _averaged(made.reshape(len(made), 1, -1)), strict=True):
             at_nodes = np.asarray(averaged).reshape(len(averaged), len(row), -1).swapaxes(0, 1)
             level[p] = at_nodes
             total += at_nodes.sum(axis=0)
     for mean, total in zip(means, sums, strict=True):
         mean[:] = total / (nodes.shape[0] * nodes.shape[1])
     return every
+
+
+@jax.jit
+def _averaged(feature: Float[Array, "V U C"]) -> list[Array]:
+    return mip.build(feature)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -124,11 +129,17 @@ def _fill(
         grown = grown._replace(w=window(grown.w, (place[0] - before, place[1] - before), count))
     feature = _tile(maker.config, side, maker.generator, maker.averages, grown, tile)
     rows, columns = (min(side, n - at) for n, at in zip(size, first, strict=True))
-    levels = mip.build_open(feature[:rows, :columns], texels.bit_length() - 1)
+    levels = _levels(feature, (rows, columns), texels.bit_length() - 1)
     for i in range(texels.bit_length() - len(features), len(levels)):
         level, kept = levels[i], features[i - len(levels)]
         v, u = first[0] >> i, first[1] >> i
         kept[v : v + level.shape[0], u : u + level.shape[1]] = np.asarray(level, np.float16)
+
+
+@partial(jax.jit, static_argnums=(1, 2))
+def _levels(feature: Float[Array, "S S C"], size: tuple[int, int], last: int) -> list[Array]:
+    """Of the part that lies within the texture."""
+    return mip.build_open(feature[: size[0], : size[1]], last)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

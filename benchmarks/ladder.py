@@ -30,7 +30,7 @@ from mesoshell.scene.prepare import prepare
 from mesoshell.tradeoff.knobs import named
 from mesoshell.tradeoff.reference import Reference
 
-#: Passes whose mean is compared; seconds after which there are enough; how far above the reference's noise a bias is known.
+#: Passes whose mean is compared; seconds after which three are enough; how far above the reference's noise a bias is known.
 COUNTS, ENOUGH, KNOWN = (1, 3, 5, 9, 17), 90.0, 1.1
 CLOSE, SHOWN, BUDGETS = (1.5, 0.9, -2.4, 0, 0.05, 0.15, 40), 256, (1.0, 4.0, 16.0, 60.0)
 
@@ -79,7 +79,7 @@ def taken(passes: Passes, reference: Reference) -> Measured:
             pair = flip(first, mean)
         if k + 1 in COUNTS:
             errors[k + 1] = flip(mean, true)
-            if time.perf_counter() - begin > ENOUGH:
+            if len(errors) > 2 and time.perf_counter() - begin > ENOUGH:
                 break
     record = passes.ended(np.zeros((*passes.shape, 4), np.float32), 2).record
     return Measured(errors, record["queries"] / max(record["rays"], 1), reference.noise, pair)
@@ -98,7 +98,7 @@ def report(found: dict[str, list[Measured]]) -> None:
     falls = np.arange(0.9, 1.7, 0.05)
     misses = [np.mean([fitted(one, f)[2] for some in found.values() for one in some]) for f in falls]
     fall = float(falls[np.argmin(misses)])
-    print(f"\nFALL {fall:.2f} (residual {min(misses):.3f}; of 1: {misses[2]:.3f})")
+    print(f"\nFALL {fall:.2f} (residual {min(misses):.3f}; of 1: {misses[int(np.argmin(abs(falls - 1)))]:.3f})")
     print("| settings | bias | noise | queries | bias of each scene |\n|---|---|---|---|---|")
     first = [(fitted(some[0], fall)[1], some[0].queries) for some in found.values()]
     for k, rung in enumerate(LADDER):
@@ -108,8 +108,9 @@ def report(found: dict[str, list[Measured]]) -> None:
             known = b > KNOWN * some[k].reference
             rows.append((b / nu if known else np.nan, noise / nu, some[k].queries / queries))
         bias, *rest = np.array(rows).T
-        means = [np.exp(np.nanmean(np.log(np.maximum(x, 1e-4)))) for x in (bias, *rest) if not np.isnan(x).all()]
-        cells = [named(rung.settings), *(f"{x:.3f}" for x in means), ", ".join(f"{x:.2f}" for x in bias)]
+        known = bias[~np.isnan(bias)]
+        means = ["" if not len(x) else f"{np.exp(np.log(np.maximum(x, 1e-4)).mean()):.3f}" for x in (known, *rest)]
+        cells = [named(rung.settings), *means, ", ".join(f"{x:.2f}" for x in bias)]
         print(f"| {' | '.join(cells)} |")
     shares = [some[0].pair / nu for (nu, _), some in zip(first, found.values(), strict=True)]
     print(f"PAIR {np.exp(np.log(shares).mean()):.3f} ({', '.join(f'{x:.2f}' for x in shares)})")

@@ -98,8 +98,7 @@ def test_an_orbit_begins_and_a_dolly_ends_with_the_picture(scene: ms.Scene, tmp_
     assert made.frames[1].read_bytes() == (tmp_path / "still.png").read_bytes()
 
 
-@pytest.mark.slow  # a grown texture is kept for keys of colour; the viewer's tests settle the rest
-@pytest.mark.parametrize("engine", ["jax", "mitsuba"])
+@pytest.mark.parametrize("engine", ["jax", pytest.param("mitsuba", marks=pytest.mark.slow)])
 def test_a_settled_scene_gives_the_same_picture(engine: Any, tmp_path: Path):
     """With a texture that is grown, and files of all kinds."""
     write_exr(tmp_path / "sky.exr", np.random.default_rng(0).uniform(0.1, 1, (4, 8, 3)).astype(np.float32))

@@ -1,8 +1,10 @@
-"""Our frames in Mitsuba's terms (NumPy only).
+"""Our frames and counts in Mitsuba's terms (NumPy only).
 
 Notation
 M           camera to world: ours looks along −z with x to the right, Mitsuba's along z with x to the left
 """
+
+import math
 
 import numpy as np
 from jaxtyping import Float
@@ -23,3 +25,9 @@ def sky_pose(up: int) -> Float[np.ndarray, "4 4"]:
     pose = np.eye(4)
     pose[:3, :3] = _SKY[up].T
     return pose
+
+
+def fitting_grid(count: int) -> int:
+    """The most samples, at most so many, that a multijittered sampler lays out in rows; it rounds other numbers up."""
+    rows = math.isqrt(count)
+    return rows * (count // rows)

@@ -1,11 +1,11 @@
 """Accumulate a picture pass by pass, until a budget of seconds, an error or a number of samples is reached.
 
 Notation
-n, m        samples of a pixel, and the first of them: 1, 3, 5, 9, 17, ..., about half of n
+n, m        samples of a pixel, and the first of them: 1, 3, 5, 9, 17, ..., a quarter to three fifths of n
 M, E        its mean over all passes, and over the first m
 e           (m / (n − m))^(1/p) FLIP(E, M), of FLIP's power p (measure/flip), estimates FLIP(M, expectation): of independent
             passes, E − M has (n − m) / m times the variance of M's error. Passes of rays that cover a pixel evenly have a
-            smaller error than that, the more the more there are; an odd number of them lies evenly about its centre.
+            smaller error than that; an odd number of them lies evenly about its centre.
 
 The estimate knows no bias, which all passes have in common. It is of the tone-mapped picture over a grey backdrop, on which
 silhouettes count too. Blocks of pixels whose own estimate, and that of their neighbours, is within the error are left alone.
@@ -28,7 +28,7 @@ from mesoshell.scene.picture import Passes, Progress, Rendered
 
 #: Radiance behind a transparent picture; pixels of a block's side; passes before the first estimate, and growth of their number
 #: up to the next; most samples a pixel where no number is given; least share of a pass that is worth its while.
-BACKDROP, BLOCK, FIRST, GROWTH, MOST, LEAST = 0.2, 16, 5, 1.3, 4096, 0.1
+BACKDROP, BLOCK, FIRST, GROWTH, MOST, LEAST = 0.2, 16, 3, 1.3, 4096, 0.1
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,8 @@ class _Clock:
 
 
 class Sums:
-    """Sums of all passes and of the first m, for each pixel; a pixel without a pass is empty."""
+    """Sums of all passes and of the first m, for each pixel; a pixel without a pass is empty. Those of the next m are kept too,
+    and take the place of the first when there are passes enough."""
 
     def __init__(self, shape: tuple[int, int]):
         self.shape = shape
@@ -111,10 +112,11 @@ class Sums:
         self.total[pixels] += rgba
         self.passes[pixels] += 1
         n = self.passes[pixels]
-        turn = (n - 1) & (n - 2) == 0  # 1, 2, 3, 5, 9, ...
-        for of, now, some in ((self._late, self._early, n != 3), ((self.total, self.passes), self._late, n != 2)):
-            at = pixels[turn & some]
-            for a, b in zip(of, now, strict=True):
+        reached = (n - 1) & (n - 2) == 0  # 1, 2, 3, 5, 9, ...
+        now = self.total, self.passes
+        for source, target, some in ((self._late, self._early, n != 3), (now, self._late, n != 2)):
+            at = pixels[reached & some]
+            for a, b in zip(source, target, strict=True):
                 b[at] = a[at]
 
     def mean(self) -> Float[np.ndarray, "H W 4"]:

@@ -5,13 +5,14 @@ b, ν        a rung's bias, and its error of one ray a pixel by noise, over ν o
 q           network queries of a ray, over the first rung's
 e(n)        error of n rays a pixel, (b^p + ν^p / n^FALL)^(1/p): FLIP's power p (measure/flip); noise of independent rays
             would have a FALL of 1, and rays that cover a pixel evenly fall faster
-c           what a ray costs, in queries: RAY + q (1 + TAP (taps − 1)), and EXACT q for exact coordinates; taps of the filter
+c           what a ray costs, in queries, over the first rung's: RAY + q Q (1 + TAP (taps − 1) + EXACT x), with taps of the
+            filter, Q queries of the first rung's ray, x of 1 for exact coordinates, else 0
 
-b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur (benchmarks/ladder). The last
-two biases are in proportion to the one before as the field's are: of the others only the noise of their references is known to
-be above them. Of the user's scene two rays a pixel tell the seconds of a pass, its queries and its noise; its biases are taken
-to be as large beside that noise as they were there, and where an error is promised SURE times as large: the four scenes' are
-from 0.7 to 1.5 times their mean.
+b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur (benchmarks/ladder). The
+last two biases are in proportion to the one before as the field's are; the others are not above the noise of their references.
+Of the user's scene two rays a pixel tell the seconds of a pass, its queries and its noise; its biases are taken to be as large
+beside that noise as they were there, and where an error is promised SURE times as large: the four scenes' are from 0.7 to 1.5
+times their mean.
 """
 
 import time
@@ -24,7 +25,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import FIRST, Goal, Sums, spread
 from mesoshell.scene.picture import Passes, Prepared
 
-#: What a ray costs apart from its queries, a query for each further tap, and one at exact coordinates, in queries.
+#: What a ray costs apart from its queries, and what each further tap and exact coordinates add to a query, in queries.
 RAY, TAP, EXACT = 15.0, 0.4, 0.3
 #: FLIP of one ray a pixel against two, over ν; passes that a budget must hold; pixels, about, that a scene is probed with, and
 #: that the chosen settings are compiled with.

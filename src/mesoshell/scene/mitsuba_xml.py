@@ -21,7 +21,7 @@ from mesoshell.io.material import bundled
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
-from mesoshell.render.mitsuba_frame import camera_pose, sky_pose
+from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, sky_pose
 from mesoshell.render.quality import Quality
 from mesoshell.scene.growth import grows
 from mesoshell.scene.scene import Grown, Scene
@@ -60,6 +60,9 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
         <integer name="max_depth" value="{quality.max_depth}"/> <integer name="rr_depth" value="{quality.rr_depth}"/>
         <boolean name="hide_emitters" value="{str(still.transparent).lower()}"/>
     </integrator>'''
+    sampler = (
+        "multijitter" if fitting_grid(quality.spp) == quality.spp else "independent"
+    )  # the former would round it up
     yield f'''    <sensor type="perspective">
         <float name="fov" value="{np.degrees(still.camera.fov):.17g}"/> <string name="fov_axis" value="y"/>
         <float name="near_clip" value="1e-4"/> <float name="far_clip" value="1e6"/>
@@ -68,7 +71,7 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
             <integer name="width" value="{still.camera.width}"/> <integer name="height" value="{still.camera.height}"/>
             <rfilter type="box"/> <string name="pixel_format" value="rgba"/>
         </film>
-        <sampler type="multijitter"> <integer name="sample_count" value="{quality.spp}"/> </sampler>
+        <sampler type="{sampler}"> <integer name="sample_count" value="{quality.spp}"/> </sampler>
     </sensor>'''
     for light in still.lights:
         assert isinstance(light, Distant)

@@ -1,6 +1,5 @@
 """Render by path tracing in Mitsuba: a scene, or an XML file of Mitsuba's (loads JAX only to grow a texture)."""
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -20,6 +19,7 @@ from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
 from mesoshell.render.effects import PATHS, plan_twin
 from mesoshell.render.facts import TwinFacts
+from mesoshell.render.mitsuba_frame import fitting_grid
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
 from mesoshell.scene.growth import Growth
@@ -198,7 +198,7 @@ def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[s
     parts: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "mesoshell_path", "hide_emitters": d.transparent, **depths},
-        "sensor": scene_dict.sensor(d.camera, quality.spp),
+        "sensor": scene_dict.sensor(d.camera, 1),
     }
     parts |= {f"light{i}": scene_dict.distant(light) for i, light in enumerate(d.lights)}
     parts |= {f"object{i}": scene_dict.surface(mesh, d.base_colour) for i, mesh in enumerate(d.objects)}
@@ -206,23 +206,17 @@ def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[s
 
 
 def _rendered(scene: mi.Scene, samples: int, progress: Progress) -> tuple[np.ndarray, int]:
-    """The picture, RGBA, as the mean of passes that fit in memory; and the number of camera rays."""
+    """The picture, RGBA, as the mean of passes that fit in memory, whole grids of samples; and the number of camera rays."""
     width, height = (int(x) for x in scene.sensors()[0].film().crop_size())
     counts, left = [], samples
     while left:
-        counts.append(_grid(max(1, min(left, LANES // (width * height)))))
+        counts.append(fitting_grid(max(1, min(left, LANES // (width * height)))))
         left -= counts[-1]
     total = np.zeros((height, width, 4))
     for seed, count in enumerate(counts):
         total += count / samples * _image(scene, count, seed)
         progress(sum(counts[: seed + 1]) / samples)
     return total.astype(np.float32), width * height * samples
-
-
-def _grid(count: int) -> int:
-    """The most samples, at most so many, that a multijittered sampler lays out in rows; it rounds other numbers up."""
-    rows = math.isqrt(count)
-    return rows * (count // rows)
 
 
 def _image(scene: mi.Scene, samples: int, seed: int) -> np.ndarray:

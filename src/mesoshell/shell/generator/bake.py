@@ -138,7 +138,7 @@ def _fill(
 
 @partial(jax.jit, static_argnums=(1, 2))
 def _levels(feature: Float[Array, "S S C"], size: tuple[int, int], last: int) -> list[Array]:
-    """Of the part that lies within the texture."""
+    """Mips of the part that lies within the texture."""
     return mip.build_open(feature[: size[0], : size[1]], last)
 
 

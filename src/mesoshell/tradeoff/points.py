@@ -4,7 +4,8 @@ Notation
 I_k, r_k    passes of these settings, and of the reference                                             (H, W, 4)
 T           reference
 e(n)        FLIP of the mean of n passes against T, the mean over disjoint groups of n passes, less the noise of T, which is
-            independent, and not below that noise
+            independent, and not below that noise. Where passes are of rays that lie outward from the pixel's centre, one is
+            that at the centre, and groups are of those about it: as evenly as `pixel_samples` of n has them
 q           2/0.7: FLIP grows as the 0.7th power of a small difference of colours, and squares of independent differences add
 b, ν        bias and noise, fitted: e(n)^q = b^q + ν^q/n
 relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, over the backdrop, linear, with T's noise
@@ -73,9 +74,12 @@ def together(bias: Any, noise: Any, n: int) -> Any:
 
 def measured(settings: Settings, passes: Passes, reference: Reference, progress: Progress) -> tuple[Point, np.ndarray]:
     """A point, and its means of n passes, (N, H, W, 4)."""
-    images, seconds, queries = _taken(passes, MOST[reference.same_rays], progress)
-    counts = [2**i for i in range(len(images).bit_length()) if 2**i <= len(images)]
-    groups = {n: images[: len(images) // n * n].reshape(-1, n, *images.shape[1:]).mean(axis=1) for n in counts}
+    alone = int(reference.same_rays)
+    images, seconds, queries = _taken(passes, MOST[reference.same_rays], alone, progress)
+    counts = [2**i for i in range((len(images) - alone).bit_length())]
+    groups = {n: images[alone:].reshape(-1, n, *images.shape[1:]).mean(axis=1) for n in counts}
+    if alone:
+        groups[1] = images[:1]
     true = over_backdrop(reference.image)
     errors = {n: [flip(over_backdrop(g), true) for g in groups[n][:8]] for n in counts}
     means = np.array([np.mean(x) for x in errors.values()])
@@ -108,13 +112,13 @@ def measured(settings: Settings, passes: Passes, reference: Reference, progress:
     return point, np.array([groups[n][0] for n in counts])
 
 
-def _taken(passes: Passes, most: int, progress: Progress) -> tuple[np.ndarray, list[float], float]:
-    """Pictures of a power of two of passes, the seconds of each, and of one before that, which compiles; network queries a
-    pixel and pass."""
+def _taken(passes: Passes, most: int, alone: int, progress: Progress) -> tuple[np.ndarray, list[float], float]:
+    """Pictures of a power of two of passes and of `alone` before these; the seconds of each, and of one before all, which
+    compiles; network queries a pixel and pass."""
     pixels, images, seconds, begun = np.arange(passes.shape[0] * passes.shape[1]), [], [], 0.0
     before = 0
     for k in range(-1, most):
-        if k >= FEWEST and k.bit_count() == 1 and time.perf_counter() - begun > ENOUGH:
+        if k - alone >= FEWEST and (k - alone).bit_count() == 1 and time.perf_counter() - begun > ENOUGH:
             break
         begin = time.perf_counter()
         image = passes.render(max(k, 0), pixels, lambda share: None).reshape(*passes.shape, 4)

@@ -6,7 +6,8 @@ R, C        the expected pictures of the preset `reference` and of cheaper setti
 r_k, c_k    passes of a ray a pixel of both, at the same rays for the same k
 T           R's estimate: the mean of c_k over many k, plus that of r_k − c_k over few: where both see the same rays the
             difference has less noise (two levels of Giles, "Multilevel Monte Carlo methods", 2015). A path tracer's paths are
-            not the same, and there T is the mean of r_k. The many are other passes than those of points
+            not the same, and there T is the mean of r_k. The many are other passes than those of points, an even number
+            from an odd k on, so that their rays lie evenly about the pixel's centre
 noise       FLIP of T of the first half of passes against T, which estimates that of T against R
 """
 
@@ -25,7 +26,7 @@ from mesoshell.scene.picture import Passes, Progress
 #: C, of which there is none for a path tracer; first of T's passes, and so most of a point's, where rays are the same; passes
 #: r_k that are kept; most of r_k − c_k; least and most of the many.
 CHEAPER = PRESETS["normal"].with_changes(samples=64, spacing="length", light_samples=0, anisotropy=4, twin=0.0)
-FIRST, PAIRED, DIFFERENCES, LEAST, MOST = 8, 2, 16, 16, 1024
+FIRST, PAIRED, DIFFERENCES, LEAST, MOST = 9, 2, 16, 16, 1024
 
 
 class Reference(NamedTuple):
@@ -68,7 +69,7 @@ def refer(
     noise = np.inf
     late = lambda: time.perf_counter() - begin > seconds or stopped()  # noqa: E731
     while len(many) < LEAST or (noise > aim and len(many) < MOST and not late()):
-        many += [one(cheaper or exact, at + len(many) + k) for k in range(max(LEAST, len(many) // 4))]
+        many += [one(cheaper or exact, at + len(many) + k) for k in range(max(LEAST, len(many) // 8 * 2))]
         whole = np.mean(many, axis=0) + level.mean(axis=0)
         half = np.mean(many[: len(many) // 2], axis=0) + level[: len(level) // 2].mean(axis=0)
         noise = flip(over_backdrop(half), over_backdrop(whole))

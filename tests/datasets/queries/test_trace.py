@@ -11,7 +11,7 @@ import pytest
 
 from mesoshell.datasets.queries.sources import HIGH, of_heights, source
 from mesoshell.datasets.queries.tile import REACH, Placing, Tile
-from mesoshell.datasets.queries.trace import AWAY, Patch, queries
+from mesoshell.datasets.queries.trace import AWAY, Patch, normal_lattice, queries
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
@@ -428,3 +428,11 @@ def test_a_surface_does_not_shade_itself():
     place, light = random.uniform(-0.3, 0.3, (n, 2)), sphere(n, random, 0.1)
     found = ask(patch, placing, np.broadcast_to([0.0, 0, 1], (n, 3)), light, place)
     np.testing.assert_allclose(found["reflectance"][:, 2], 0.5e-4 / np.pi * light[:, 2], rtol=0.02, atol=0.5e-4 * 0.004)
+
+
+def test_places_of_a_query_are_normal_and_lie_evenly() -> None:
+    drawn = normal_lattice(8000, 16, np.random.default_rng(0))
+    assert drawn.shape == (8000, 16, 2) and np.isfinite(drawn).all()
+    np.testing.assert_allclose([drawn.mean(), (drawn**2).mean(), (drawn**4).mean()], [0, 1, 3], atol=0.1)
+    np.testing.assert_allclose((drawn[..., 0] * drawn[..., 1]).mean(), 0, atol=0.02)
+    assert drawn.mean(axis=1).std() < 0.6 / 16**0.5  # of independent numbers a quarter

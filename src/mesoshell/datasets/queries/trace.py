@@ -15,9 +15,12 @@ from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri
 
 import mesoshell.pathtracer  # noqa: F401  (sets the variant)
 from mesoshell.datasets.queries.tile import Placing, Tile, bent, frame, patch
+from mesoshell.render.mitsuba_frame import fitting_grid
+from mesoshell.render.tiles import GOLDEN
 
 import drjit as dr  # isort: skip  (after mesoshell.pathtracer)
 import mitsuba as mi  # isort: skip
@@ -128,17 +131,20 @@ def silhouette(patch, o, across, normal):
 def queries(
     patch: Patch, placing: Placing, query: dict[str, np.ndarray], spp: int, seed: int
 ) -> dict[str, Float[np.ndarray, "Q *c"]]:
-    """alpha, cosine and reflectance of queries, each the mean of spp rays from places about its own.
+    """alpha, cosine and reflectance of queries, each the mean of spp rays from places that lie evenly about its own.
 
     query: `place` (s, y) on the bounding surface, `radius`, a standard deviation about it there, `toward` and `light`, in the
     frame of each ray's own place (Q, 3).
     """
     count = len(query["radius"])
-    sampler = mi.load_dict({"type": "independent", "sample_count": spp})
+    even = "multijitter" if fitting_grid(spp) == spp else "independent"
+    sampler = mi.load_dict({"type": even, "sample_count": spp})
+    sampler.set_samples_per_wavefront(spp)
     sampler.seed(seed, count * spp)
-    random = np.random.default_rng(seed)
     many = {name: np.repeat(x, spp, axis=0) for name, x in query.items()}
-    place = many["place"] + many["radius"][:, None] * random.standard_normal((count * spp, 2))
+    place = many["place"] + many["radius"][:, None] * normal_lattice(count, spp, np.random.default_rng(seed)).reshape(
+        -1, 2
+    )
     axes = frame(place, placing.curvature)
     origin = bent(place, np.zeros(len(place)), placing.curvature)
     toward, light = (np.einsum("qi,qij->qj", many[name], axes) for name in ("toward", "light"))
@@ -158,6 +164,14 @@ def queries(
         "cosine": np.array(cosine)[:, None],
         "reflectance": mean(np.array(radiance).T),
     }
+
+
+def normal_lattice(count: int, samples: int, random: np.random.Generator) -> Float[np.ndarray, "Q S 2"]:
+    """Pairs of standard normal numbers: for each query a lattice that covers the square evenly, shifted at random."""
+    k = np.arange(samples)
+    lattice = np.stack([k / samples, k * GOLDEN], axis=1)
+    u = (lattice + random.random((count, 1, 2))) % 1.0
+    return ndtri(np.clip(u, 1e-7, 1 - 1e-7))
 
 
 def _vectors(x: np.ndarray) -> mi.Vector3f:

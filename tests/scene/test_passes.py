@@ -19,11 +19,11 @@ MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
 SIZE = 20, 16
 PIXELS = SIZE[0] * SIZE[1]
 #: Which samples are lit is drawn in the order of rays: all are, so that a chosen pixel is as in the whole.
-QUALITY = PRESETS["draft"].with_changes(pixel_samples=16, max_depth=2, light_samples=0)
+QUALITY = PRESETS["draft"].with_changes(pixel_samples=16, spp=64, max_depth=2, light_samples=0)
 SOME = np.flatnonzero(np.random.default_rng(0).uniform(size=PIXELS) < 0.4)
 
 
-#: Each engine and each kind of material in one of them.
+#: The slow one is of the march's passes by another material, whose command is tested.
 EACH = ["jax-shell", pytest.param("jax-surface", marks=pytest.mark.slow), "mitsuba-shell", "mitsuba-surface"]
 
 

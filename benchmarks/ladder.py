@@ -108,8 +108,8 @@ def report(found: dict[str, list[Measured]]) -> None:
             known = b > KNOWN * some[k].reference
             rows.append((b / nu if known else np.nan, noise / nu, some[k].queries / queries))
         bias, *rest = np.array(rows).T
-        known = bias[~np.isnan(bias)]
-        means = ["" if not len(x) else f"{np.exp(np.log(np.maximum(x, 1e-4)).mean()):.3f}" for x in (known, *rest)]
+        columns = (bias[~np.isnan(bias)], *rest)
+        means = [f"{np.exp(np.log(np.maximum(x, 1e-4)).mean()):.3f}" if len(x) else "" for x in columns]
         cells = [named(rung.settings), *means, ", ".join(f"{x:.2f}" for x in bias)]
         print(f"| {' | '.join(cells)} |")
     shares = [some[0].pair / nu for (nu, _), some in zip(first, found.values(), strict=True)]

@@ -9,15 +9,19 @@ import numpy as np
 import pytest
 
 import mesoshell as ms
+import mesoshell.pathtracer
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import write_surface
+from mesoshell.render.mitsuba_frame import fitting_grid
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material
 from tests.helpers import wearing
+
+import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
 CAMERA = (0.5, 2.5, 9.0, -2.5, 1.25, 4.1, 30.0)
@@ -151,3 +155,16 @@ def mitsuba() -> Any:
     import mitsuba as mi
 
     return mi
+
+
+@pytest.mark.parametrize("samples", [*range(1, 26), 48, 97, 512])
+def test_a_sampler_is_told_of_no_number_that_it_would_round_up(samples: int) -> None:
+    fits = fitting_grid(samples)
+    sampler = mi.load_dict({"type": "multijitter", "sample_count": fits})
+    assert sampler.sample_count() == fits == fitting_grid(fits) and samples / 2 < fits <= samples
+
+
+def test_a_number_of_paths_that_is_no_grid_is_kept(material: Material, tmp_path: Path) -> None:
+    path = ms.write_scene(described(material), tmp_path / "scene", quality=ms.Quality(spp=5))
+    (sampler,) = ET.parse(path).iter("sampler")
+    assert sampler.get("type") == "independent" and sampler[0].get("value") == "5"

@@ -81,7 +81,7 @@ def test_a_run_shows_itself(whole) -> None:
     assert page.count("<img") == 2 and "0.016 kimg" in page
 
 
-def test_every_weight_of_both_players_has_had_a_gradient(whole) -> None:
+def test_every_weight_of_generator_and_discriminator_has_had_a_gradient(whole) -> None:
     moments = whole[0].learner_adam[0].nu.generator, whole[0].discriminator_adam[0].nu
     none = [
         jax.tree_util.keystr(k)

@@ -100,8 +100,8 @@ class _Clock:
 
 
 class Sums:
-    """Sums of all passes and of the first m, for each pixel; a pixel without a pass is empty. Those of the next m are kept too,
-    and take the place of the first when there are passes enough."""
+    """Sums of all passes and of the first m, for each pixel; a pixel without a pass is empty. The sum that belongs to the next
+    value of m is kept beside them until m rises to it."""
 
     def __init__(self, shape: tuple[int, int]):
         self.shape = shape

@@ -60,9 +60,8 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
         <integer name="max_depth" value="{quality.max_depth}"/> <integer name="rr_depth" value="{quality.rr_depth}"/>
         <boolean name="hide_emitters" value="{str(still.transparent).lower()}"/>
     </integrator>'''
-    sampler = (
-        "multijitter" if fitting_grid(quality.spp) == quality.spp else "independent"
-    )  # the former would round it up
+    fits = fitting_grid(quality.spp) == quality.spp
+    sampler = "multijitter" if fits else "independent"
     yield f'''    <sensor type="perspective">
         <float name="fov" value="{np.degrees(still.camera.fov):.17g}"/> <string name="fov_axis" value="y"/>
         <float name="near_clip" value="1e-4"/> <float name="far_clip" value="1e6"/>

@@ -142,9 +142,8 @@ def queries(
     sampler.set_samples_per_wavefront(spp)
     sampler.seed(seed, count * spp)
     many = {name: np.repeat(x, spp, axis=0) for name, x in query.items()}
-    place = many["place"] + many["radius"][:, None] * normal_lattice(count, spp, np.random.default_rng(seed)).reshape(
-        -1, 2
-    )
+    about = normal_lattice(count, spp, np.random.default_rng(seed)).reshape(-1, 2)
+    place = many["place"] + many["radius"][:, None] * about
     axes = frame(place, placing.curvature)
     origin = bent(place, np.zeros(len(place)), placing.curvature)
     toward, light = (np.einsum("qi,qij->qj", many[name], axes) for name in ("toward", "light"))

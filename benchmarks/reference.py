@@ -15,6 +15,7 @@ from jaxtyping import Float
 from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
+from mesoshell.render.sequence import draws_at
 from mesoshell.render.tiles import RenderReport
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, frame, place, place_exact, spread
 from mesoshell.shell.material import decoder as net
@@ -35,7 +36,7 @@ def picture(scene: Scene, quality: Quality, effects: Effects) -> Float[np.ndarra
     d = d.astype(np.float32).astype(np.float64)
     traced = renderer.boundary.trace(o, d, exact=True)
     i = traced.intervals
-    beams = renderer.lighting.beams(len(o), np.random.default_rng(0))
+    beams = renderer.lighting.beams(draws_at(np.zeros((len(o), 2)), 0.0))
     with jax.enable_x64(True):
         chart, material = jax.tree.map(_wide, (renderer.media.chart, renderer.media.each[0].table.material))
         ends = (np.stack(x, axis=1).astype(np.float64) for x in ((i.t0, i.t1), (i.bary0, i.bary1), (i.h0, i.h1)))

@@ -22,8 +22,10 @@ from mesoshell.neutex.field import Field, FieldConfig, density, lobes, normal, r
 from mesoshell.neutex.layout import Layout, lookup
 from mesoshell.neutex.march import CELLS, flashed, places, widened
 from mesoshell.numerics import opacity, optical_depth
+from mesoshell.render.camera import centred
 from mesoshell.render.light import Distant, Environment, beams
 from mesoshell.render.quality import Quality
+from mesoshell.render.sequence import draws_at
 from mesoshell.typing import Array, Bool, Float, Scalar
 
 TILE, CHUNK, PROBES = 1024, 8, 3
@@ -110,15 +112,16 @@ def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Pictu
     """Render from a camera in the box's units. Each light other than the flash is attenuated on its way to the mean depth of a
     ray."""
     n = how.quality.pixel_samples
-    means = np.mean([_once(config, field, photo_rays(photo, pixels(photo, n, k)), how, k) for k in range(n)], axis=0)
+    means = np.mean([_once(config, field, photo, how, k) for k in range(n)], axis=0)
     size = photo.height, photo.width
     return Picture(means[:, :4].reshape(*size, 4), means[:, 4].reshape(size))
 
 
-def _once(config: FieldConfig, field: Field, rays: tuple[np.ndarray, np.ndarray], how: View, k: int) -> np.ndarray:
+def _once(config: FieldConfig, field: Field, photo: Photo, how: View, k: int) -> np.ndarray:
     """RGBA and depth by one ray a pixel, the k-th."""
-    o, d = (x.astype(np.float32) for x in rays)
     quality, paint = how.quality, how.paint
+    xy = pixels(photo, quality.pixel_samples, k)
+    o, d = (x.astype(np.float32) for x in photo_rays(photo, xy))
     form = StaticConfig(config, -(-quality.samples // CHUNK) * CHUNK, paint and paint.layout, True)
     arrays = FieldArrays(
         field, how.occupied, jnp.float32(quality.early_stop), paint and jnp.asarray(paint.image, jnp.float32)
@@ -128,7 +131,8 @@ def _once(config: FieldConfig, field: Field, rays: tuple[np.ndarray, np.ndarray]
         _, passed, depth = _marched(form._replace(shown=False), arrays, o, d)
         y = o + d * (depth / np.maximum(1 - passed, 1e-3))
         (n,) = run(lambda y, count: (_normals(config, field, y),), y)
-        falling = beams(how.lit.lights, how.lit.sky, quality.environment_samples, len(o), np.random.default_rng(k))
+        draws = draws_at(np.floor(xy), centred(quality.pixel_samples, k))
+        falling = beams(how.lit.lights, how.lit.sky, quality.environment_samples, draws)
         toward = np.stack([beam.toward for beam in falling], axis=1).astype(np.float32)
         strength = [
             beam.strength * _marched(form._replace(shown=False), arrays, y + AWAY * n, toward[:, i])[1]

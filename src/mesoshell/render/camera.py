@@ -13,9 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
-
-#: The plastic number, of which R2 lattices are made (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
-PLASTIC = 1.324717957244746
+from mesoshell.render.sequence import PLANE
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ def pixel_grid(camera: Camera, samples: int, sample: int) -> Float[np.ndarray, "
 
 def in_pixel(steps: float) -> Float[np.ndarray, "2"]:
     """A place in a pixel, [0, 1)²: so many steps of an R2 lattice from its middle. Consecutive steps cover it evenly."""
-    return (0.5 + steps * np.array([1 / PLASTIC, 1 / PLASTIC**2])) % 1.0
+    return (0.5 + steps * PLANE) % 1.0
 
 
 def centred(samples: int, sample: int) -> float:

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.render.sequence import Draws
+
 
 class Distant(NamedTuple):
     """A distant light: unit direction toward it, and E⊥."""
@@ -78,17 +80,11 @@ class Beam(NamedTuple):
     strength: Float[np.ndarray, "R 3"]
 
 
-def beams(
-    lights: tuple[Distant, ...], sky: Environment | None, drawn: int, count: int, random: np.random.Generator
-) -> list[Beam]:
-    """For `count` rays, every distant light, and `drawn` directions of the environment, each as a light of its own."""
-    shape = (count, 3)
+def beams(lights: tuple[Distant, ...], sky: Environment | None, drawn: int, draws: Draws) -> list[Beam]:
+    """For rays, every distant light, and `drawn` directions of the environment, each as a light of its own."""
+    shape = (len(draws.rotation), 3)
     out = [Beam(np.broadcast_to(l.direction, shape), np.broadcast_to(l.irradiance, shape)) for l in lights]
-    for k in range(drawn):
-        if sky is None:
-            break
-        xi = random.random(shape)
-        xi[:, 0] = (xi[:, 0] + k) / drawn  # stratified over brightness
-        toward, strength = sample(sky, xi)
-        out.append(Beam(toward, strength / drawn))
+    if sky is not None:
+        each = (sample(sky, xi) for xi in draws.triples(drawn))
+        out += [Beam(toward, strength / drawn) for toward, strength in each]
     return out

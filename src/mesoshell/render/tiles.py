@@ -2,6 +2,7 @@
 
 Notation
 k           number of a sample in its pixel, the same for all pixels
+n           its steps along the sequences of its pixel (render/sequence)
 R           rays of a tile
 P           pixels of a pass
 """
@@ -18,12 +19,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mesoshell.render.camera import Camera, centred, in_pixel, outward, rays
+from mesoshell.render.sequence import GOLDEN, Draws, draws_at
 
-#: (origins, directions, shift, random numbers of the tile) -> RGBA, premultiplied: (R, 3), (R, 3) -> (R, 4). shift: of samples
+#: (origins, directions, shift, what numbers are drawn from) -> RGBA, premultiplied: (R, 3), (R, 3) -> (R, 4). shift: of samples
 #: along their rays, in [0, 1); it differs between the rays of a pixel.
-TileRenderer = Callable[[np.ndarray, np.ndarray, float, np.random.Generator], np.ndarray]
-#: Fractional part of the golden ratio: its multiples cover [0, 1) evenly, however many there are.
-GOLDEN = 0.6180339887498949
+TileRenderer = Callable[[np.ndarray, np.ndarray, float, Draws], np.ndarray]
 
 
 @dataclass
@@ -55,11 +55,11 @@ def render_tiles(
 ) -> Float[np.ndarray, "H W 4"]:
     """Means over `samples` rays a pixel. size: most rays a tile; progress: called with the share done, 0 to 1.
 
-    The picture does not depend on the number of threads: each tile draws its random numbers from its own seed."""
+    The picture depends neither on the number of threads nor on the tiles: what a ray draws is its pixel's."""
     pixels = np.arange(camera.height * camera.width)
     image = np.zeros((len(pixels), 4))
-    numbers = [_Ray(k, in_pixel(centred(samples, k)), (k + 0.5) / samples) for k in range(samples)]
-    for part, rgba, share in _tiles(camera, numbers, pixels, size, tile):
+    each = [_Ray(centred(samples, k), (k + 0.5) / samples) for k in range(samples)]
+    for part, rgba, share in _tiles(camera, each, pixels, size, tile):
         image[part] += rgba
         progress(share)
     return (image / samples).reshape(camera.height, camera.width, 4)
@@ -74,8 +74,8 @@ def render_pass(
     progress: Callable[[float], None],
 ) -> Float[np.ndarray, "P 4"]:
     """Ray k of these pixels, numbered row by row, of a sequence that may end anywhere. Otherwise as `render_tiles`."""
-    rgba, steps = np.zeros((len(pixels), 4)), outward(k)
-    for part, some, share in _tiles(camera, [_Ray(k, in_pixel(steps), (0.5 + steps * GOLDEN) % 1)], pixels, size, tile):
+    rgba, n = np.zeros((len(pixels), 4)), outward(k)
+    for part, some, share in _tiles(camera, [_Ray(n, (0.5 + n * GOLDEN) % 1)], pixels, size, tile):
         rgba[part] = some
         progress(share)
     return rgba
@@ -87,26 +87,25 @@ def threads(pixels: int, size: int) -> int:
 
 
 class _Ray(NamedTuple):
-    """Ray k of every pixel: its place in the pixel, and the shift of samples along it."""
+    """A ray of every pixel: n, and the shift of samples along it."""
 
-    k: int
-    place: Float[np.ndarray, "2"]
+    n: float
     shift: float
 
 
 def _tiles(
-    camera: Camera, numbers: Sequence[_Ray], pixels: np.ndarray, size: int, tile: TileRenderer
+    camera: Camera, each: Sequence[_Ray], pixels: np.ndarray, size: int, tile: TileRenderer
 ) -> Iterator[tuple[slice, np.ndarray, float]]:
     """Tiles in order, as they are done: which of the pixels, their RGBA, and the share done."""
-    work = [(ray, first) for ray in numbers for first in range(0, len(pixels), size)]
+    work = [(ray, first) for ray in each for first in range(0, len(pixels), size)]
     y, x = np.divmod(pixels, camera.width)
     corners = np.stack([x, y], axis=1)
 
     def one(item: tuple[_Ray, int]) -> tuple[slice, np.ndarray]:
         ray, first = item
         part = slice(first, first + size)
-        o, d = rays(camera, corners[part] + ray.place)
-        return part, tile(np.ascontiguousarray(o), d, ray.shift, np.random.default_rng((ray.k, first)))
+        o, d = rays(camera, corners[part] + in_pixel(ray.n))
+        return part, tile(np.ascontiguousarray(o), d, ray.shift, draws_at(corners[part], ray.n))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for done, (part, rgba) in enumerate(pool.map(one, work), start=1):

@@ -23,7 +23,7 @@ from scipy.ndimage import maximum_filter
 from mesoshell.errors import Argument, InputError
 from mesoshell.interrupt import StopRequest
 from mesoshell.measure.flip import POWER, flip_map
-from mesoshell.render.tiles import GOLDEN
+from mesoshell.render.sequence import GOLDEN
 from mesoshell.scene.picture import Passes, Progress, Rendered
 
 #: Radiance behind a transparent picture; pixels of a block's side; passes before the first estimate, and growth of their number

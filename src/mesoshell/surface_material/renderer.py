@@ -29,6 +29,7 @@ from mesoshell.render.effects import SURFACE, Effects, plan_effects
 from mesoshell.render.facts import Facts
 from mesoshell.render.light import Beam, beams, lookup
 from mesoshell.render.quality import Quality
+from mesoshell.render.sequence import Draws
 from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.surface_material.intersector import ADVANCE, Hits, Local, SurfaceIntersector
 from mesoshell.surface_material.loader import DeviceMaterial
@@ -93,8 +94,8 @@ def tile_renderer(scene: SurfaceScene, quality: Quality, effects: Effects, repor
     report.notes = intersector.tables.notes(scene.ready.curvature)
     report.time("prepare", begin)
 
-    def tile(o: np.ndarray, d: np.ndarray, shift: float, random: np.random.Generator) -> np.ndarray:
-        return _Tile(scene, intersector, quality, effects, report).rgba(o, d, random)
+    def tile(o: np.ndarray, d: np.ndarray, shift: float, draws: Draws) -> np.ndarray:
+        return _Tile(scene, intersector, quality, effects, report).rgba(o, d, draws)
 
     return tile
 
@@ -120,11 +121,11 @@ class _Tile:
         )
         self.spread = pixel_radius(scene.camera.spread) / 2
 
-    def rgba(self, o: np.ndarray, d: np.ndarray, random: np.random.Generator) -> Float[np.ndarray, "R 4"]:
+    def rgba(self, o: np.ndarray, d: np.ndarray, draws: Draws) -> Float[np.ndarray, "R 4"]:
         """Premultiplied."""
         count = len(o)
         sky = self.scene.environment if self.effects.environment.on else None
-        lights = beams(self.scene.lights, sky, self.quality.environment_samples, count, random)
+        lights = beams(self.scene.lights, sky, self.quality.environment_samples, draws)
         rgb, through, start = np.zeros((count, 3)), np.ones(count), np.zeros(count)
         alive = np.arange(count)
         for _ in range(MOST):

@@ -20,7 +20,7 @@ from scipy.special import ndtri
 import mesoshell.pathtracer  # noqa: F401  (sets the variant)
 from mesoshell.datasets.queries.tile import Placing, Tile, bent, frame, patch
 from mesoshell.render.mitsuba_frame import fitting_grid
-from mesoshell.render.tiles import GOLDEN
+from mesoshell.render.sequence import GOLDEN
 
 import drjit as dr  # isort: skip  (after mesoshell.pathtracer)
 import mitsuba as mi  # isort: skip

@@ -23,6 +23,7 @@ from mesoshell.nets.batches import run
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import Beam, beams
 from mesoshell.render.quality import Quality
+from mesoshell.render.sequence import Draws
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.extrude import FLATTEST
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, inverse_jacobian
@@ -74,10 +75,10 @@ class Lighting:
         self.stands[scene.shell.mesh_face] = np.arange(len(scene.shell.mesh_face))
         self.uv_of_face = scene.shell.uv
 
-    def beams(self, count: int, random: np.random.Generator) -> list[Beam]:
+    def beams(self, draws: Draws) -> list[Beam]:
         """Every distant light, and each drawn direction of the environment as a light of its own."""
         sky = self.scene.environment if self.effects.environment.on else None
-        return beams(self.scene.lights, sky, self.quality.environment_samples, count, random)
+        return beams(self.scene.lights, sky, self.quality.environment_samples, draws)
 
     def transport(
         self,

@@ -24,6 +24,7 @@ from mesoshell.nets.batches import CAPACITY, batches, capacity, pad, run
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
 from mesoshell.render.quality import Quality
+from mesoshell.render.sequence import Draws, draws_at
 from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, spread
@@ -83,12 +84,12 @@ class _Renderer:
     def compile(self) -> None:
         """Compile what tiles call."""
         begin = time.perf_counter()
-        lights = len(self.lighting.beams(1, np.random.default_rng(0)))
+        lights = len(self.lighting.beams(draws_at(np.zeros((1, 2)), 0.0)))
         compile_ahead(self.media.each, self.boundary.prisms, self.quality, lights, self.rows)
         self.report.time("compile", begin)
 
     def tile(
-        self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], shift: float, random: np.random.Generator
+        self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], shift: float, draws: Draws
     ) -> Float[np.ndarray, "R 4"]:
         """Premultiplied RGBA of rays (render/tiles)."""
         d = d.astype(np.float32).astype(np.float64)
@@ -101,8 +102,8 @@ class _Renderer:
         pieces, at = self.frames(i, o, d)
         candidates = self.candidates(i, pieces, at, shift)
         self.report.time("sample", clock)
-        lit = Tile(o, d, self.lighting.beams(len(o), random))
-        drawn = random.random(len(o)) if self.quality.light_samples else None
+        lit = Tile(o, d, self.lighting.beams(draws))
+        drawn = draws.numbers() if self.quality.light_samples else None
         depth, shaded = self.march(candidates, pieces, at, lit, drawn)
         rgb = self.lighting.shell(lit, i, shaded, at)
         through = np.exp(-depth)

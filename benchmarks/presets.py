@@ -8,8 +8,9 @@ settings of no more error. --keep writes all points as JSON: a test holds the pr
 Notation
 n           rays a pixel of marches; paths have 16 n
 q           network queries a pixel and ray
-c(S, n)     n (RAY + q (1 + TAP (taps − 1))): what settings S cost in queries, which nothing else that the machine does moves;
-            geometric mean of scenes
+x           1 for exact coordinates, else 0
+c(S, n)     n (RAY + q (1 + TAP (taps − 1) + EXACT x)): what settings S cost in queries, which nothing else that the machine
+            does moves; geometric mean of scenes
 e(S, n)     FLIP, geometric mean of scenes
 """
 
@@ -27,6 +28,7 @@ import mesoshell as ms
 from mesoshell.io.atomic import replace_file
 from mesoshell.render.effects import PATHS
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.choose import EXACT, RAY, TAP
 from mesoshell.scene.picture import Prepared
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.render_paths import prepare_file
@@ -48,10 +50,8 @@ TRACED = {"spot": 48, "room": 48}
 #: Seconds for each reference, and where its noise is low enough, FLIP; paths a pixel for a ray a pixel.
 REFER, AIM, PATHS_A_RAY = 100.0, 0.001, 16
 COUNTS = (1, 2, 4, 8)
-#: What a ray costs apart from its queries, and a query for each further tap, in queries (benchmarks/render.py).
-RAY, TAP = 15.0, 0.4
 #: Others change less than what is measured here (docs/how_to/tradeoff.md).
-KNOBS = ("samples", "height_filter", "early_stop", "light_samples", "anisotropy")
+KNOBS = ("samples", "height_filter", "coordinates", "early_stop", "light_samples", "anisotropy")
 #: Cost beyond which nothing is asked for.
 DEAREST = 150.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
@@ -107,7 +107,8 @@ class Measured:
         def count(place: Place, n: int) -> int:
             return n * PATHS_A_RAY if place.paths else n
 
-        cost = mean(lambda place, p: RAY + p.evaluations * (1 + TAP * (settings["anisotropy"] - 1)))
+        query = 1 + TAP * (settings["anisotropy"] - 1) + EXACT * (settings["coordinates"] == "exact")
+        cost = mean(lambda place, p: RAY + p.evaluations * query)
         flip = tuple(mean(lambda place, p, n=n: p.error(count(place, n))) for n in COUNTS)
         bias = mean(lambda place, p: max(p.bias, place.reference.noise))
         noise = mean(lambda place, p: p.noise / count(place, 1) ** (1 / Q))

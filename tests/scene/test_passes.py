@@ -18,8 +18,7 @@ from tests.helpers import wearing
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
 SIZE = 20, 16
 PIXELS = SIZE[0] * SIZE[1]
-#: Which samples are lit is drawn in the order of rays: all are, so that a chosen pixel is as in the whole.
-QUALITY = PRESETS["draft"].with_changes(pixel_samples=16, spp=64, max_depth=2, light_samples=0)
+QUALITY = PRESETS["draft"].with_changes(pixel_samples=16, spp=64, max_depth=2)
 SOME = np.flatnonzero(np.random.default_rng(0).uniform(size=PIXELS) < 0.4)
 
 

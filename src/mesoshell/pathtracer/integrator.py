@@ -13,8 +13,7 @@ MOST = 2**31
 
 
 class ShellPath(mi.SamplingIntegrator):
-    """`mesoshell_path`: max_depth, rr_depth and hide_emitters as of Mitsuba's `path`. world: set by pathtracer/load; chosen:
-    for each pixel of the film, row by row, whether it is rendered; None: all are."""
+    """`mesoshell_path`: max_depth, rr_depth and hide_emitters as of Mitsuba's `path`. world: set by pathtracer/load."""
 
     def __init__(self, props):
         super().__init__(props)
@@ -23,13 +22,9 @@ class ShellPath(mi.SamplingIntegrator):
         self.rr_depth = min(max(int(props.get("rr_depth", 5)), 0), MOST)
         self.hide_emitters = bool(props.get("hide_emitters", False))
         self.world: Any = None
-        self.chosen: Any = None
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Radiance toward rays, and whether they met anything."""
-        if self.chosen is not None:
-            pixel = dr.arange(mi.UInt32, dr.width(ray.o)) // sampler.sample_count()
-            active = active & dr.gather(mi.Bool, self.chosen, pixel)
         camera = self.world.camera_ray(ray, sampler)
         if self.world.effects.quadrature.on:
             return *light_directly(self, scene, sampler, camera, active), []

@@ -16,6 +16,7 @@ from mesoshell.pathtracer import integrator, scene_dict
 from mesoshell.pathtracer.load import SceneShells, load_sized, set_quality, set_shells
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
+from mesoshell.pathtracer.passes import as_rgba, render_pass
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
 from mesoshell.render.effects import PATHS, plan_twin
 from mesoshell.render.facts import TwinFacts
@@ -99,16 +100,12 @@ def _passes(scene: mi.Scene, quality: Quality | None) -> Passes:
         set_quality(scene, quality)
     film, begin, rays = scene.sensors()[0].film(), time.perf_counter(), 0
     width, height = (int(x) for x in film.crop_size())
-    integrator: Any = scene.integrator()
-    chosen = _world(scene) is not None and film.rfilter().is_box_filter()
+    ours = _world(scene) is not None and not mi.has_flag(film.flags(), mi.FilmFlags.Special)
+    chosen = ours and film.rfilter().is_box_filter()
 
     def one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
         nonlocal rays
-        if chosen:
-            among = np.zeros(width * height, bool)
-            among[pixels] = True
-            integrator.chosen = None if among.all() else mi.Bool(among)
-        image = _image(scene, 1, k).reshape(-1, 4)[pixels]
+        image = render_pass(scene, pixels, k) if ours else _image(scene, 1, k).reshape(-1, 4)[pixels]
         rays += len(pixels)
         progress(1.0)
         return image
@@ -221,7 +218,4 @@ def _rendered(scene: mi.Scene, samples: int, progress: Progress) -> tuple[np.nda
 
 def _image(scene: mi.Scene, samples: int, seed: int) -> np.ndarray:
     """A picture, RGBA."""
-    image = np.array(mi.render(scene, spp=samples, seed=mi.UInt32(seed)))
-    if image.shape[-1] == 3:
-        image = np.concatenate([image, np.ones_like(image[..., :1])], axis=-1)
-    return image[..., :4]
+    return as_rgba(mi.render(scene, spp=samples, seed=mi.UInt32(seed)))

@@ -30,7 +30,8 @@ RAY, TAP, EXACT = 15.0, 0.4, 0.3
 #: FLIP of one ray a pixel against two, over ν; passes that a budget must hold; pixels, about, that a scene is probed with, and
 #: that the chosen settings are compiled with.
 PAIR, FEWEST, PROBE, COMPILED = 0.8, 1.1, 16384, 2048
-SURE, FALL = 1.4, 1.5
+#: What the estimate of noise, which ends a picture, is over the noise itself, on the mean.
+SURE, FALL, EXCESS = 1.4, 1.5, 1.17
 
 
 class Rung(NamedTuple):
@@ -102,7 +103,7 @@ def _due(rung: Rung, seen: Seen, error: float | None) -> float:
     if error is None or error <= SURE * seen.noise * rung.bias:
         return np.inf
     rest = (error / seen.noise) ** POWER - (SURE * rung.bias) ** POWER
-    passes = (rung.noise**POWER / max(rest, 1e-30)) ** (1 / FALL)
+    passes = ((EXCESS * rung.noise) ** POWER / max(rest, 1e-30)) ** (1 / FALL)
     return max(FIRST, passes) * rung.cost(seen.queries) * seen.seconds
 
 

@@ -7,17 +7,13 @@ than that of the JAX engine by over a thousandth of the thickness.
 import argparse
 from pathlib import Path
 
-import mesoshell.pathtracer  # noqa: F401  isort: skip  (it makes Mitsuba ready)
-
 import numpy as np
 
 from mesoshell.geometry.mesh import load_mesh
-from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.stability.paths import Shells, lengths
 from mesoshell.stability.rays import FAR, NEAR, aimed
-from tests.helpers.stability.dr_march import trace
-from tests.helpers.stability.oracles import total_length
 
 SCENES = (("spot", 0.06), ("suzanne", 0.1), ("suzanne", 0.3))
 
@@ -35,8 +31,9 @@ def main() -> None:
             rays = aimed(shell, count, distance, np.random.default_rng(7))
             d = rays.d.astype(np.float32).astype(np.float64)
             true = Boundary(shell, mesh.faces).trace(rays.o, d)
-            found = trace(Shells([shell]), rays.o, d, true.end, outside=True)
-            off = (total_length(found, count) - total_length(true, count)) / thickness
+            i = true.intervals
+            off = lengths(Shells([shell]), rays.o, d, true.end) - np.bincount(i.ray, i.t1 - i.t0, count)
+            off /= thickness
             shorter, longer = (off < -1e-3).mean(), (off > 1e-3).mean()
             print(f"| `{name}.obj` | {thickness} | {distance:.0f} | {shorter:.3%} | {longer:.3%} |")
 

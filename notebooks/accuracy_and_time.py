@@ -12,8 +12,8 @@
 # %% [markdown]
 # # What accuracy costs in time, and what is hard about a scene
 #
-# A cow of grass is rendered up to a budget and to an error, its settings are measured against a reference, and its shell is walked
-# by rays that are hard. (A small picture and fifteen seconds of measurements here; more in `docs/how_to/tradeoff.md`.)
+# A cow of grass is rendered up to a budget and to an error, its settings are measured against a reference, and its shell is
+# walked by rays that are hard. (A small picture and fifteen seconds of measurements here; more in `docs/how_to/tradeoff.md`.)
 
 # %%
 import tempfile
@@ -30,9 +30,9 @@ scene = ms.Scene("src/mesoshell/assets/spot.obj", ms.load_material("grass"), cam
 # %% [markdown]
 # ## Up to a budget, or an error
 #
-# Pictures are made pass by pass. What was promised, what was reached and the settings that were chosen for it are in the report;
-# seconds are those of the render loop, without set-up and compiling. An error is FLIP: what is expected of the settings themselves
-# (bias), which more passes do not take away, beside what the passes tell of their noise.
+# Pictures are made pass by pass. What was promised, what was reached and the settings that were chosen for it are in the
+# report; seconds are those of the render loop, without set-up and compiling. An error is FLIP: what is expected of the settings
+# themselves (bias), which more passes do not take away, beside what the passes tell of their noise.
 
 # %%
 goals = ({"budget": 0.5}, {"budget": 2.0}, {"error": 0.08}, {"error": 0.04})
@@ -49,8 +49,8 @@ for axis, picture in zip(axes, pictures, strict=True):
 # %% [markdown]
 # ## The front of this scene
 #
-# Every setting alone beside the presets, and what a model of the points so far expects most of, for as long as it is given. A later
-# call goes on. `report.html` in the folder shows the pictures along the front, and what each setting buys.
+# Every setting alone beside the presets, and what a model of the points so far expects most of, for as long as it is given. A
+# later call goes on. `report.html` in the folder shows the pictures along the front, and what each setting buys.
 
 # %%
 measured = ms.tradeoff(scene, folder / "tradeoff", minutes=0.25)

@@ -15,6 +15,8 @@ from mesoshell.geometry.normals import face_normals
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_png
 from mesoshell.scene.materials import Material
+from mesoshell.scene.render_shell import marched_scene
+from mesoshell.scene.setup import describe_shell
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render.scene import Scene as MarchedScene
@@ -39,8 +41,13 @@ def walked() -> Walked:
 
 
 @pytest.fixture(scope="module")
-def sound(tiny_bundle: Bundle):
-    return ms.stability(ms.Scene(SUZANNE, Material("tiny", tiny_bundle), thickness=0.1, size=(48, 32)), rays=1000)
+def scene(tiny_bundle: Bundle) -> ms.Scene:
+    return ms.Scene(SUZANNE, Material("tiny", tiny_bundle), thickness=0.1, size=(48, 32))
+
+
+@pytest.fixture(scope="module")
+def sound(scene: ms.Scene):
+    return ms.stability(scene, rays=1000)
 
 
 def test_a_sound_scene(sound) -> None:
@@ -70,6 +77,23 @@ def test_an_open_mesh_that_the_camera_does_not_see(tiny_bundle: Bundle) -> None:
     found = ms.stability(replace(scene, size=(24, 16)), rays=1000)
     assert found.broken == () and (found.first < 0).all() and found.map().startswith(b"\x89PNG")
     assert "0 of 0 rays at the front" not in str(found) and "the camera does not see the shell" in str(found)
+
+
+def test_the_path_tracer_walks_and_renders_too(scene: ms.Scene, sound) -> None:
+    found = ms.stability(scene, rays=1000, engine="mitsuba")
+    assert found.broken == () and [c.name for c in found.checks if c.name != "paths"] == [c.name for c in sound.checks]
+    assert found.picture.shape == sound.picture.shape and np.abs(found.picture - sound.picture).mean() > 1e-3
+
+
+def test_a_walk_of_the_path_tracer_that_is_short_is_seen(scene: ms.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mesoshell.stability import paths
+
+    made, rng = marched_scene(describe_shell(scene, lambda share: None)), np.random.default_rng(0)
+    assert paths.of_walk(made, 0.1, 2000, rng).worst <= paths.OTHER
+    whole = paths.Shells
+    monkeypatch.setattr(paths, "Shells", lambda shells: whole([replace(s, offset=0.98 * s.offset) for s in shells]))
+    check = paths.of_walk(made, 0.1, 2000, rng)
+    assert check.broken and check.worst > 0.5 and not check.said.startswith("0 of")
 
 
 def test_a_mesh_far_from_the_origin() -> None:
@@ -268,7 +292,6 @@ def test_a_broken_bound_is_exit_status_1(tiny: list[str], capsys) -> None:
         (["--rays", "10"], "--rays: must be at least 1000, not 10"),
         (["--out", "a.jpg"], "a.jpg: must end in .png"),
         (["--out", "."], ".: must end in .png"),
-        (["--engine", "mitsuba"], "--engine: must be jax: the path tracer walks in float64 and is not checked"),
         (["--material", "dots.npz"], "--material: dots.npz is a surface material: it has no shell to walk"),
         (["--thickness", "-1"], "--thickness: must be positive and finite, not -1"),
     ],

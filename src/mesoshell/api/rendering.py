@@ -53,16 +53,20 @@ def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine =
     return effects
 
 
-def stability(scene: Scene, *, rays: int = 100_000, progress: Progress = lambda share: None) -> Stability:
+def stability(
+    scene: Scene, *, engine: Engine = "jax", rays: int = 100_000, progress: Progress = lambda share: None
+) -> Stability:
     """What is hard about a scene with a neural shell, as `mesoshell stability` finds it: folds, edges, grazing rays, precision,
     by oracles in float64.
 
-    Prints as a line a check; `.broken` holds those whose bound is broken; a notebook displays the map of where. rays: that are
-    aimed at what is hard; the camera's come on top. Raises InputError.
+    Prints as a line a check; `.broken` holds those whose bound is broken; a notebook displays the map of where. engine:
+    "mitsuba" checks the path tracer's walk and picture too. rays: that are aimed at what is hard; the camera's come on top.
+    Raises InputError.
     """
     from mesoshell.stability.examine import examine
 
-    return examine(scene, rays, progress)
+    quality_of("normal", engine, {})  # an engine that there is
+    return examine(scene, rays, progress, engine)
 
 
 def write_scene(scene: Scene, folder: str | PathLike[str], *, quality: str | Quality = "normal") -> Path:

@@ -84,6 +84,17 @@ def advance(shells, o, d, tmax, w):
     return w, piece, some
 
 
+@dr.syntax
+def length(shells, o, d, tmax):
+    """Of rays that begin outside, how far they are in shells before tmax."""
+    w = at_start(dr.zeros(mi.Float64, dr.width(o)), dr.full(mi.Bool, True, dr.width(o)))
+    total = dr.zeros(mi.Float64, dr.width(o))
+    while w.mode != OVER:
+        w, piece, some = advance(shells, o, d, tmax, w)
+        total += dr.select(some, piece.t1 - piece.t0, 0.0)
+    return total
+
+
 def _ask(shells, o, d, tmax, w: Walker) -> Walker:
     """Query the boundary from free space."""
     clear = dr.dot(shells.centre - o, d) - shells.size  # no shell lies before: its box is as wide at most

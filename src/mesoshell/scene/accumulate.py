@@ -27,9 +27,10 @@ from mesoshell.render.sequence import GOLDEN
 from mesoshell.scene.picture import Passes, Progress, Rendered
 
 #: Radiance behind a transparent picture; pixels of a block's side; passes before the first estimate, and growth of their number
-#: up to the next; most samples a pixel where no number is given; least share of a pass's pixels that is worth its while; share
-#: of its time that leaving out nearly all pixels saves (0.9 of 256 x 256, 0.5 of 48 x 48: a part then takes no longer than due).
-BACKDROP, BLOCK, FIRST, GROWTH, MOST, LEAST, SAVED = 0.2, 16, 3, 1.3, 4096, 0.1, 0.7
+#: up to the next; most samples a pixel where no number is given; least share of a pass's pixels that is worth its while.
+BACKDROP, BLOCK, FIRST, GROWTH, MOST, LEAST = 0.2, 16, 3, 1.3, 4096, 0.1
+#: Share of a pass's time that a pass of next to no pixels saves: 0.9 of 256 x 256 pixels, 0.5 of 48 x 48.
+SAVED = 0.7
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.prepare import prepare
 from mesoshell.scene.render_shell import facts, marched_scene
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import describe_shell
@@ -22,12 +23,15 @@ from mesoshell.stability.report import Stability
 from mesoshell.stability.walks import walk_through
 
 #: Pixels along the longer side of the picture, and of the map; least number of rays.
-PIXELS, LEAST = 192, 1000
+#: Rays that the path tracer walks, at most.
+PIXELS, LEAST, WALKED = 192, 1000, 20_000
 
 
-def examine(scene: Scene, count: int, progress: Callable[[float], None] = lambda share: None) -> Stability:
+def examine(
+    scene: Scene, count: int, progress: Callable[[float], None] = lambda share: None, engine: str = "jax"
+) -> Stability:
     """Check a scene with a neural shell. count: rays that are aimed at what is hard; progress: called with the share done, 0 to
-    1. Raises InputError."""
+    1; engine: that renders the picture; if "mitsuba", its walk is checked too. Raises InputError."""
     if scene.material.kind == KIND:
         raise InputError(Argument("material"), f"{scene.material.name} is a surface material: it has no shell to walk")
     if scene.also:
@@ -52,7 +56,14 @@ def examine(scene: Scene, count: int, progress: Callable[[float], None] = lambda
     checks += of_material(made, rng)
     progress(0.8)
     quality = PRESETS["normal"]
-    picture = render(made, quality, plan_effects(facts(made), quality))[0]
+    if engine == "mitsuba":
+        from mesoshell.stability.paths import of_walk
+
+        checks.append(of_walk(made, thickness, min(count, WALKED), rng))
+        small = replace(scene, size=(made.camera.width, made.camera.height))
+        picture = prepare(small, quality, engine).picture().rgba
+    else:
+        picture = render(made, quality, plan_effects(facts(made), quality))[0]
     wrong = ~np.isfinite(picture).all(axis=2) | (picture < 0).any(axis=2)
     brightest = np.max(picture[..., :3], where=np.isfinite(picture[..., :3]), initial=0)
     line = f"{wrong.sum()} of {wrong.size} pixels are negative or not finite; the brightest is {brightest:.3g}"

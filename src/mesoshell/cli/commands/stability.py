@@ -18,13 +18,12 @@ def run(options: Options) -> None:
     ends_in(options.out, ".png")
     if is_mitsubas(options.mesh):
         raise InputError(options.mesh, "is a scene of Mitsuba's, whose walk is not checked: give its mesh")
-    if options.engine != "jax":
-        raise InputError("--engine", "must be jax: the path tracer walks in float64 and is not checked")
     outputs = options.out, options.out.with_suffix(".json")
     probe_outputs(outputs)
-    compiled_by(options.engine)
+    compiled_by("jax")
     with bar(stderr(), "checking") as progress:
-        stability = examine(scene_of(options, load_material(options.material)), options.rays, progress)
+        scene = scene_of(options, load_material(options.material))
+        stability = examine(scene, options.rays, progress, options.engine)
     record = {"checks": [check.as_dict() for check in stability.checks]}
     with together(options.out) as folder:
         replace_file(folder / outputs[0].name, stability.map())

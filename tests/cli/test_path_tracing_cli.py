@@ -132,6 +132,12 @@ def test_a_scene_of_mitsubas_takes_a_size_and_names(material: Path, tmp_path: Pa
     own, wide = image(), image("--size", "12", "8")
     assert own.shape == (4, 6, 4) and wide.shape == (8, 12, 4)
     assert np.abs(image("--param", "dry=2") - own).max() > 1e-3
+    shallow = '<integrator type="path"> <integer name="max_depth" value="2"/> </integrator>'
+    scene.write_text(scene.read_text().replace('<integrator type="path"/>', shallow))
+    passes = image("--max-samples", "64")
+    goal = json.loads((tmp_path / "a.json").read_text())["goal"]
+    assert goal["met"] == "max_samples" and goal["samples"]["least"] == 64
+    np.testing.assert_allclose(passes.mean(axis=(0, 1)), image("--spp", "256").mean(axis=(0, 1)), rtol=0.03)
     capsys.readouterr()
     cropped = SCENE.format(crop='<integer name="crop_width" value="3"/>', mesh=MESH, material=material)
     (tmp_path / "cropped.xml").write_text(cropped)

@@ -1,6 +1,7 @@
 """`mesoshell render` as a user calls it: files and report of a success, and one line on standard error for each fault."""
 
 import json
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,6 +15,7 @@ from mesoshell.cli.main import main
 from mesoshell.geometry.mesh import uv_stretch
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_exr, read_png, write_exr
+from mesoshell.scene import picture
 from mesoshell.scene.accumulate import FIRST
 from mesoshell.scene.materials import Material
 from mesoshell.scene.scene import Scene
@@ -106,6 +108,22 @@ def test_a_goal_is_said_and_kept_in_the_report(material: Path, tmp_path: Path, c
     report = json.loads(out.with_suffix(".json").read_text())
     assert "settings" not in report["goal"] and report["goal"]["samples"]["mean"] == 3
     assert (report["quality"]["samples"], report["quality"]["pixel_samples"]) == (10, 3)
+
+
+def test_ctrl_c_writes_the_passes_so_far(material: Path, tmp_path: Path, capsys, monkeypatch):
+    whole = picture.render_pass
+
+    def interrupted(camera, k, *rest):
+        if k == 2:
+            signal.raise_signal(signal.SIGINT)
+        return whole(camera, k, *rest)
+
+    monkeypatch.setattr(picture, "render_pass", interrupted)
+    main(arguments(material, tmp_path / "a.png", "--max-samples", "50"))
+    assert "interrupted: " in capsys.readouterr().err
+    goal = json.loads((tmp_path / "a.json").read_text())["goal"]
+    assert goal["met"] == "interrupt" and goal["samples"]["most"] == 2
+    assert read_png(tmp_path / "a.png").std() > 0.1
 
 
 @pytest.mark.parametrize("height", [0.25, 1.0])

@@ -89,6 +89,13 @@ def test_the_estimate_is_true_after_any_passes(counts: tuple[int, ...]) -> None:
         assert sums.error().ravel()[part].mean() == pytest.approx(true[part].mean(), rel=0.15)
 
 
+def test_a_black_picture_is_done_at_the_first_estimate() -> None:
+    stand = Stand(0.0)
+    black = Passes(SHAPE, True, lambda pixels: 1, lambda k, pixels, progress: np.zeros((len(pixels), 4)), stand.ended)
+    goal = accumulate(black, Goal(error=1e-6), lambda share: None).record["goal"]
+    assert goal["met"] == "error" and goal["noise"] == 0 and goal["samples"]["most"] == FIRST
+
+
 def test_more_samples_are_taken_for_less_error() -> None:
     few, many = (run(Stand(0.3), error=e)[1]["samples"]["mean"] for e in (0.06, 0.03))
     assert many > 2 * few

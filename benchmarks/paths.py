@@ -1,10 +1,11 @@
-"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates | --spacing]
+"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates | --spacing | --passes]
 
 Prints, in one run: samples of a material decoded a second, over what this machine's matrix products would allow; first and
 second picture; paths a second against Mitsuba's own `path` on the bare meshes; and seconds to 5% error on three scenes.
 --later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`). --gates: instead, how much
 longer pictures take with all effects compiled than with those that their scenes call for, in turn. --spacing: instead, what
 samples by density cost and err beside those by length (`Quality.spacing`), and beside the settings before there were any.
+--passes: instead, the error of pictures whose number of paths was not known from the start, beside those of other samplers.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.measure.flip import flip
 from mesoshell.pathtracer import load_dict, load_file
+from mesoshell.pathtracer.passes import render_pass
 from mesoshell.render.effects import Effect, Effects
 from mesoshell.render.quality import PRESETS
 
@@ -152,6 +154,21 @@ def spacings(name: str, side: int, spp: int = 16, passes: int = 8) -> None:
         )
 
 
+def of_passes(name: str, side: int, turns: int = 3) -> None:
+    """FLIP of so many paths a pixel: of passes that are independent, of passes as a goal has them, and multijittered."""
+    size, every = {"width": side, "height": side}, np.arange(side * side)
+    scene = load_file(SCENES / f"{name}.xml", **size)
+    true = np.mean([shot(scene, 64, 10**6 + seed) for seed in range(16)], axis=0)
+    for n in (4, 9, 16, 36):
+        errors = []
+        for turn in range(turns):
+            seeds = range(turn * n, (turn + 1) * n)
+            single = [shot(scene, 1, seed) for seed in seeds]
+            even = [render_pass(scene, every, k)[:, :3].reshape(side, side, 3) for k in seeds]
+            errors.append([flip(np.mean(x, axis=0), true) for x in (single, even, [shot(scene, n, turn)])])
+        print(f"| {name} | {n} | {' | '.join(f'{x:.3f}' for x in np.mean(errors, axis=0))} |", flush=True)
+
+
 def slab(light: dict[str, Any], side: int) -> dict[str, Any]:
     """A flat lawn of 40 × 40 patches, all that there is, under one light."""
     view = mi.ScalarTransform4f().look_at([0, 4, 9], [0, 0, 0], [0, 1, 0])
@@ -203,6 +220,7 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=192, help="pixels along a side of the three scenes' pictures")
     parser.add_argument("--later", action="store_true", help="measure footprints after events")
     parser.add_argument("--spacing", action="store_true", help="measure samples by density and by length")
+    parser.add_argument("--passes", action="store_true", help="measure errors of paths that are even in any number")
     parser.add_argument("--gates", action="store_true", help="measure what effects that are off save")
     asked = parser.parse_args()
     if asked.gates:
@@ -215,12 +233,16 @@ def main() -> None:
         return
     if asked.spacing:
         print("| scene | settings | σ a path | µs a path | pixel | mean | FLIP |\n|---|---|---|---|---|---|---|")
+    elif asked.passes:
+        print("| scene | paths | independent | passes | multijittered |\n|---|---|---|---|---|")
     elif asked.later:
         print("| scene | spread | pixel, off 0 | mean, off 0 | noise | µs a path |\n|---|---|---|---|---|---|")
     else:
         decoding(256)
     for name in ("spot", "room", "field"):
-        (spacings if asked.spacing else later if asked.later else to_goal)(name, asked.side)
+        (spacings if asked.spacing else of_passes if asked.passes else later if asked.later else to_goal)(
+            name, asked.side
+        )
 
 
 if __name__ == "__main__":

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from mesoshell.geometry.mesh import load_mesh
+from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
-from mesoshell.stability.paths import Shells, lengths
+from mesoshell.stability.paths import lengths
 from mesoshell.stability.rays import FAR, NEAR, aimed
 
 SCENES = (("spot", 0.06), ("suzanne", 0.1), ("suzanne", 0.3))

@@ -162,7 +162,7 @@ def of_passes(name: str, side: int, turns: int = 3) -> None:
     for n in (4, 9, 16, 36):
         errors = []
         for turn in range(turns):
-            seeds = range(turn * n, (turn + 1) * n)
+            seeds = range(64 * turn, 64 * turn + n)
             single = [shot(scene, 1, seed) for seed in seeds]
             even = [render_pass(scene, every, k)[:, :3].reshape(side, side, 3) for k in seeds]
             errors.append([flip(np.mean(x, axis=0), true) for x in (single, even, [shot(scene, n, turn)])])

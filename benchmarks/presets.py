@@ -53,7 +53,7 @@ COUNTS = (1, 2, 4, 8)
 #: Others change less than what is measured here (docs/how_to/tradeoff.md).
 KNOBS = ("samples", "height_filter", "coordinates", "early_stop", "light_samples", "anisotropy")
 #: Cost beyond which nothing is asked for.
-DEAREST = 150.0
+DEAREST = 1000.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 #: What marches are measured against: nearly `reference`, of which too few passes are affordable here.
 FINE = REFERENCE.with_changes(samples=128, spacing="density", anisotropy=8)
@@ -163,7 +163,7 @@ def search(found: Measured, minutes: float) -> list[Point]:
             if len(points) >= 12 and (plan is None or len(points) % 2)
             else None
         )
-        settings = model or plan
+        settings = plan if model is None or model in known else model
         if settings is None:
             break
         found.measure(settings)

@@ -43,16 +43,17 @@ def test_rays_of_a_pixel_draw_numbers_far_apart(n):
 
 
 def test_neighbours_draw_numbers_far_apart():
-    r = draws_at(PIXELS, 0.5).rotation.reshape(SIDE, SIDE, 2)
+    r = draws_at(PIXELS, 0.5).rotation.reshape(SIDE, SIDE, 4)
     for a, b in ((r[1:], r[:-1]), (r[:, 1:], r[:, :-1])):
         between = np.abs((a - b + 0.5) % 1 - 0.5)
         assert between.min() > 0.2
 
 
 def test_a_picture_draws_every_number_as_often():
+    """The share of numbers below each of them; of random ones 0.04 would be usual."""
     x = draws_at(PIXELS, 1.0)
     for some in (x.numbers(), *x.triples(1)[0].T):
-        assert gaps(some).max() < 4
+        assert np.abs(np.sort(some) - (np.arange(len(some)) + 0.5) / len(some)).max() < 0.01
 
 
 def test_irradiance_of_a_sky_is_drawn_with_half_the_error_of_random_numbers():
@@ -69,6 +70,16 @@ def test_irradiance_of_a_sky_is_drawn_with_half_the_error_of_random_numbers():
     true = mean(np.random.default_rng(2).random((2000, len(PIXELS), 3))).mean()
     assert abs(ours.mean() - true) < 0.01 * true
     assert np.std(ours) < 0.5 * np.std(random)
+
+
+@pytest.mark.parametrize("size", [(1, 2), (4, 8), (16, 32)])
+def test_a_picture_sees_the_whole_sky_in_a_ray_a_pixel(size: tuple[int, int]) -> None:
+    """Its mean irradiance by two directions: no error is common to all pixels, on planes that look up, aside and aslant."""
+    sky, draws = environment(np.ones((*size, 3)), up=2), draws_at(PIXELS, 0.0)
+    for normal in ([0, 0, 1], [1, 0, 0], [0, -1, 0], [0.48, 0.6, -0.64]):
+        each = beams((), sky, 2, draws)
+        mean = sum((np.maximum(b.toward @ np.array(normal), 0) * b.strength[:, 0]).mean() for b in each)
+        assert mean == pytest.approx(np.pi, rel=0.01)
 
 
 def test_beams_carry_the_light_of_the_sky():

@@ -81,7 +81,9 @@ def test_an_open_mesh_that_the_camera_does_not_see(tiny_bundle: Bundle) -> None:
 
 def test_the_path_tracer_walks_and_renders_too(scene: ms.Scene, sound) -> None:
     found = ms.stability(scene, rays=1000, engine="mitsuba")
-    assert found.broken == () and [c.name for c in found.checks if c.name != "paths"] == [c.name for c in sound.checks]
+    *rest, paths, radiance = found.checks
+    assert found.broken == () and paths.name == "paths"
+    assert [c.name for c in (*rest, radiance)] == [c.name for c in sound.checks]
     assert found.picture.shape == sound.picture.shape and np.abs(found.picture - sound.picture).mean() > 1e-3
 
 
@@ -94,6 +96,13 @@ def test_a_walk_of_the_path_tracer_that_is_short_is_seen(scene: ms.Scene, monkey
     monkeypatch.setattr(paths, "Shells", lambda shells: whole([replace(s, offset=0.98 * s.offset) for s in shells]))
     check = paths.of_walk(made, 0.1, 2000, rng)
     assert check.broken and check.worst > 0.5 and not check.said.startswith("0 of")
+    monkeypatch.setattr(paths, "lengths", lambda shells, o, d, end: np.full(len(o), np.nan))
+    assert paths.of_walk(made, 0.1, 2000, rng).worst == 1
+
+
+def test_the_path_tracer_holds_nothing_out(scene: ms.Scene) -> None:
+    with pytest.raises(ms.InputError, match="objects are held out by `engine` jax alone"):
+        ms.stability(replace(scene, holdout=True), rays=1000, engine="mitsuba")
 
 
 def test_a_mesh_far_from_the_origin() -> None:

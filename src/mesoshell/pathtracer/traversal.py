@@ -39,6 +39,8 @@ FARTHEST = 1e18
 #: Prisms that a ray crosses without progress before it is lost and free space begins again: a ray along a post goes round it
 #: through every prism there, and one along a side to and fro.
 MOST_STUCK = 64
+#: Steps after which the length of a ray in shells is given up.
+MOST_MOVES = 10_000
 
 
 @dataclass
@@ -86,13 +88,14 @@ def advance(shells, o, d, tmax, w):
 
 @dr.syntax
 def length(shells, o, d, tmax):
-    """Of rays that begin outside, how far they are in shells before tmax."""
+    """Of rays that begin outside, how far they are in shells before tmax; NaN for one that takes MOST_MOVES."""
     w = at_start(dr.zeros(mi.Float64, dr.width(o)), dr.full(mi.Bool, True, dr.width(o)))
-    total = dr.zeros(mi.Float64, dr.width(o))
-    while w.mode != OVER:
+    total, moves = dr.zeros(mi.Float64, dr.width(o)), dr.zeros(mi.UInt32, dr.width(o))
+    while (w.mode != OVER) & (moves < MOST_MOVES):
         w, piece, some = advance(shells, o, d, tmax, w)
         total += dr.select(some, piece.t1 - piece.t0, 0.0)
-    return total
+        moves += 1
+    return dr.select(w.mode == OVER, total, dr.nan)
 
 
 def _ask(shells, o, d, tmax, w: Walker) -> Walker:

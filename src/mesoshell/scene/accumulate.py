@@ -90,7 +90,7 @@ class _Clock:
     def warming(self) -> float:
         if self.warm or len(self.passes) < 2:
             return 0.0
-        return max(0.0, self.passes[0] - self.passes[1] / self.pixels[1] * self.pixels[0])
+        return max(0.0, self.passes[0] - self.passes[1] / self._share(self.pixels[1]))
 
     @property
     def spent(self) -> float:
@@ -98,7 +98,19 @@ class _Clock:
 
     def expected(self, pixels: int) -> float:
         """Seconds of a pass of so many pixels."""
-        return self.passes[-1] / self.pixels[-1] * pixels
+        return self._whole * self._share(pixels)
+
+    def affordable(self, seconds: float) -> float:
+        """Pixels of a pass of so many seconds."""
+        return self.pixels[0] * (1 - (1 - seconds / self._whole) / SAVED)
+
+    @property
+    def _whole(self) -> float:
+        """Seconds of a pass of all pixels, as the first one is, by the last one."""
+        return self.passes[-1] / self._share(self.pixels[-1])
+
+    def _share(self, pixels: int) -> float:
+        return 1 - SAVED + SAVED * pixels / self.pixels[0]
 
 
 class Sums:
@@ -180,10 +192,10 @@ def _affordable(goal: Goal, clock: _Clock, active: Int[np.ndarray, "P"], passes:
     are few. Where pixels cannot be left out, all if more than half of them would be rendered in time."""
     if goal.budget is None:
         return active
-    left = (goal.budget - clock.spent) / clock.expected(len(active))
-    if left >= 1 or (left > 0.5 and not passes.chosen):
+    left, count = goal.budget - clock.spent, len(active)
+    if left >= (1.0 if passes.chosen else 0.5) * clock.expected(count):
         return active
-    share = 1 - (1 - left) / SAVED
+    share = clock.affordable(left) / count
     if share < LEAST or not passes.chosen:
         return active[:0]
     return spread(active, passes.shape, int(share * len(active)))

@@ -16,7 +16,7 @@ from mesoshell.pathtracer import integrator, scene_dict
 from mesoshell.pathtracer.load import SceneShells, load_sized, set_quality, set_shells
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
-from mesoshell.pathtracer.passes import as_rgba, render_pass
+from mesoshell.pathtracer.passes import as_rgba, can_pass, render_pass
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
 from mesoshell.render.effects import PATHS, plan_twin
 from mesoshell.render.facts import TwinFacts
@@ -100,7 +100,7 @@ def _passes(scene: mi.Scene, quality: Quality | None) -> Passes:
         set_quality(scene, quality)
     film, begin, rays = scene.sensors()[0].film(), time.perf_counter(), 0
     width, height = (int(x) for x in film.crop_size())
-    ours = _world(scene) is not None and not mi.has_flag(film.flags(), mi.FilmFlags.Special)
+    ours = _world(scene) is not None and can_pass(film)
     chosen = ours and film.rfilter().is_box_filter()
 
     def one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:

@@ -22,8 +22,7 @@ from mesoshell.stability.field import of_material
 from mesoshell.stability.report import Stability
 from mesoshell.stability.walks import walk_through
 
-#: Pixels along the longer side of the picture, and of the map; least number of rays.
-#: Rays that the path tracer walks, at most.
+#: Pixels along the longer side of the picture, and of the map; least number of rays; most that the path tracer walks.
 PIXELS, LEAST, WALKED = 192, 1000, 20_000
 
 
@@ -38,6 +37,10 @@ def examine(
         raise InputError(Argument("also"), "is not checked: examine one material at a time")
     if count < LEAST:
         raise InputError(Argument("rays"), f"must be at least {LEAST}, not {count}")
+    if engine == "mitsuba":
+        if scene.holdout:
+            raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
+        from mesoshell.stability.paths import of_walk
     d = describe_shell(scene, lambda share: progress(0.2 * share))
     thickness = proportions(d.mesh, d.material.thickness, scene.thickness, scene.scale)[0]
     made = marched_scene(replace(d, camera=_smaller(d.camera)))
@@ -57,11 +60,9 @@ def examine(
     progress(0.8)
     quality = PRESETS["normal"]
     if engine == "mitsuba":
-        from mesoshell.stability.paths import of_walk
-
         checks.append(of_walk(made, thickness, min(count, WALKED), rng))
-        small = replace(scene, size=(made.camera.width, made.camera.height))
-        picture = prepare(small, quality, engine).picture().rgba
+        seen = replace(scene, camera=made.camera, size=(made.camera.width, made.camera.height))
+        picture = prepare(seen, quality.with_changes(twin=0.0), engine).picture().rgba
     else:
         picture = render(made, quality, plan_effects(facts(made), quality))[0]
     wrong = ~np.isfinite(picture).all(axis=2) | (picture < 0).any(axis=2)

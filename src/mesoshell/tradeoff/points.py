@@ -10,7 +10,7 @@ q           2/0.7: FLIP grows as the 0.7th power of a small difference of colour
 b, ν        bias and noise, fitted: e(n)^q = b^q + ν^q/n
 relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, over the backdrop, linear, with T's noise
 bias²       of a point: |mean of (I_k − r_k)|² less its variance over k: free of bias itself if passes are independent of each
-            other, however I_k and r_k depend. Of rays that cover a pixel evenly it takes off too much
+            other, however I_k and r_k depend. Of passes that are even together it takes off too much
 """
 
 import hashlib

@@ -7,8 +7,8 @@ import pytest
 from scipy.special import comb
 
 from mesoshell.pathtracer.load import load_dict
-from mesoshell.pathtracer.passes import as_rgba, render_pass
-from mesoshell.pathtracer.sequence import Sequence, hashed, pascal
+from mesoshell.pathtracer.passes import as_rgba, can_pass, render_pass
+from mesoshell.pathtracer.sobol import Sobol, hashed, pascal
 from tests.helpers.path_traced import QUALITY, scene, sensor, shell
 
 PIXELS = 8
@@ -17,7 +17,7 @@ PIXELS = 8
 def drawn(paths: range, skip: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """(numbers, points), (pixels, paths) and (pixels, paths, 2), after so many points."""
     pixel, path = (x.ravel() for x in np.meshgrid(np.arange(PIXELS), np.array(paths), indexing="ij"))
-    s = Sequence(hashed(mi.UInt32(pixel + 1)), mi.UInt32(path), mi.UInt32(0))
+    s = Sobol(hashed(mi.UInt32(pixel + 1)), mi.UInt32(path), mi.UInt32(0))
     for _ in range(skip):
         s.next_2d()
     line, plane = np.array(s.next_1d()), np.array(s.next_2d()).T
@@ -66,8 +66,8 @@ def test_a_loop_draws_on() -> None:
             i += 1
         return x
 
-    def sequence() -> Sequence:
-        return Sequence(hashed(dr.arange(mi.UInt32, 9) + 1), dr.full(mi.UInt32, 6, 9), mi.UInt32(0))
+    def sequence() -> Sobol:
+        return Sobol(hashed(dr.arange(mi.UInt32, 9) + 1), dr.full(mi.UInt32, 6, 9), mi.UInt32(0))
 
     s = sequence()
     x = [s.next_1d() for _ in range(3)]
@@ -83,18 +83,11 @@ def lawn(materials, **film: object):
     return load_dict(scene(shell(materials, "rough"), light=light, depth=3, eye=eye), QUALITY)
 
 
+CROPPED = {"crop_width": 9, "crop_height": 6, "crop_offset_x": 7, "crop_offset_y": 3}
 FILMS = {
     "box": {},
-    "opaque": {"pixel_format": "rgb"},
-    "cropped": {"crop_width": 9, "crop_height": 6, "crop_offset_x": 7, "crop_offset_y": 3},
-    "gaussian": {"rfilter": {"type": "gaussian"}},
-    "gaussian, cropped": {
-        "rfilter": {"type": "gaussian"},
-        "crop_width": 9,
-        "crop_height": 6,
-        "crop_offset_x": 7,
-        "crop_offset_y": 3,
-    },
+    "opaque, cropped": {"pixel_format": "rgb", **CROPPED},
+    "gaussian, cropped": {"rfilter": {"type": "gaussian"}, **CROPPED},
 }
 
 
@@ -104,9 +97,23 @@ def test_passes_show_what_mitsuba_renders(name: str, materials) -> None:
     made = lawn(materials, **FILMS[name])
     width, height = (int(x) for x in made.sensors()[0].film().crop_size())
     all_ = np.arange(width * height)
-    true = as_rgba(mi.render(made, spp=1024, seed=mi.UInt32(9)))
+    true = as_rgba(mi.render(made, spp=484, seed=mi.UInt32(9)))
     ours = np.mean([render_pass(made, all_, k) for k in range(32)], axis=0).reshape(true.shape)
     theirs = np.mean([as_rgba(mi.render(made, spp=1, seed=mi.UInt32(100 + k))) for k in range(32)], axis=0)
     far, near = (np.sqrt(((x - true) ** 2).mean()) for x in (theirs, ours))
     assert true[..., :3].mean() > 0.1 and near < 0.75 * far
     np.testing.assert_allclose(ours.mean(axis=(0, 1)), true.mean(axis=(0, 1)), rtol=0.02)
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4, 6])
+def test_films_of_any_channels_are_colours_and_alpha(channels: int) -> None:
+    values = np.arange(6.0 * channels).reshape(2, 3, channels)
+    found = as_rgba(mi.TensorXf(values.astype(np.float32)))
+    alpha = values[..., -1] if channels in (2, 4) else values[..., 3] if channels > 4 else np.ones((2, 3))
+    colours = values[..., :3] if channels > 2 else values[..., [0, 0, 0]]
+    np.testing.assert_array_equal(found, np.concatenate([colours, alpha[..., None]], axis=-1))
+
+
+def test_grey_films_and_those_with_a_border_are_mitsubas(materials) -> None:
+    films = [sensor()["film"] | more for more in ({}, {"pixel_format": "luminance"}, {"sample_border": True})]
+    assert [can_pass(mi.load_dict(film)) for film in films] == [True, False, False]

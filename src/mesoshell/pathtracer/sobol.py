@@ -18,7 +18,7 @@ import mitsuba as mi
 
 
 @dataclass
-class Sequence:
+class Sobol:
     """In place of a sampler of Mitsuba's. pixel: 32 bits of each lane's own; path: i; dimension: how many were drawn."""
 
     pixel: mi.UInt32

@@ -77,7 +77,7 @@ def test_a_loop_draws_on() -> None:
 def lawn(materials, **film: object):
     """A rough shell under a sky through a lens, its film of 20 × 14 pixels."""
     eye = sensor()
-    eye |= {"type": "thinlens", "aperture_radius": 0.02, "focus_distance": 2.0}
+    eye |= {"type": "thinlens", "aperture_radius": 0.15, "focus_distance": 2.0}
     eye["film"] |= {"width": 20, "height": 14, **film}
     light = {"type": "constant", "radiance": 0.5}
     return load_dict(scene(shell(materials, "rough"), light=light, depth=3, eye=eye), QUALITY)

@@ -68,5 +68,5 @@ def test_passes_take_another_quality(ready: Prepared) -> None:
     record = passes.ended(image, 1).record
     used = record["quality"]
     assert used.get("samples", 7) == 7 and used.get("early_stop", 0.2) == 0.2 and used.get("max_depth", 2) == 2
-    back = ready.passes(QUALITY)
+    back = ready.passes(None)
     assert back.ended(image, 1).record["quality"].get("samples", QUALITY.samples) == QUALITY.samples

@@ -42,7 +42,7 @@ def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progre
     made, notes = _made(scene, quality, progress)
     world = _world(made)
     assert world is not None
-    work = _work(made, quality.spp), lambda other: _passes(made, other)
+    work = _work(made, quality.spp), lambda other: _passes(made, other or quality)
     return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, *work)
 
 
@@ -67,7 +67,7 @@ def prepare_file(
     effects, notes = (None, ()) if world is None else (world.effects, world.notes)
     own: Any = made.integrator()
     depths = {} if world is None else {"max_depth": max(own.max_depth, 1), "rr_depth": max(own.rr_depth, 1)}
-    work = _work(made, samples), lambda other: _passes(made, other and other.with_changes(**depths))
+    work = _work(made, samples), lambda other: _passes(made, (other or quality).with_changes(**depths))
     return Prepared(PATHS.name, {}, effects, notes, begun, time.perf_counter() - begun, *work)
 
 
@@ -94,10 +94,9 @@ def _record(scene: mi.Scene, samples: int, rays: int) -> dict[str, Any]:
     return {"rays": rays, "queries": world.queries, "effects": world.effects.as_dict(), "quality": used}
 
 
-def _passes(scene: mi.Scene, quality: Quality | None) -> Passes:
+def _passes(scene: mi.Scene, quality: Quality) -> Passes:
     """Passes of a path a pixel. Pixels can be left out where each has its own samples alone."""
-    if quality is not None:
-        set_quality(scene, quality)
+    set_quality(scene, quality)
     film, begin, rays = scene.sensors()[0].film(), time.perf_counter(), 0
     width, height = (int(x) for x in film.crop_size())
     ours = _world(scene) is not None and can_pass(film)

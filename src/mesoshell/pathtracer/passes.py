@@ -5,6 +5,8 @@ P           pixels, numbered row by row
 k           number of the path in each of them
 """
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -34,7 +36,8 @@ def render_pass(scene: mi.Scene, pixels: Int[np.ndarray, "P"], k: int) -> Float[
     lens = draws.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
     begin = sensor.shutter_open()  # no scene of ours moves
     ray, weight = sensor.sample_ray_differential(begin, 0.5, place / mi.Point2f(width, height), lens)
-    light, valid, _ = scene.integrator().sample(scene, draws, ray)
+    integrator: Any = scene.integrator()
+    light, valid, _ = integrator.sample(scene, draws, ray)
     opaque = not mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
     rgba = [*(light * weight), dr.select(opaque | valid, mi.Float(1), 0)]
     if film.rfilter().is_box_filter():
@@ -46,14 +49,14 @@ def render_pass(scene: mi.Scene, pixels: Int[np.ndarray, "P"], k: int) -> Float[
 def _filtered(film: mi.Film, place: mi.Point2f, values: list[mi.Float]) -> Float[np.ndarray, "H W 4"]:
     """Values at these places of the film through its filter, over the sum of the filter's weights."""
     film.prepare([])
-    block = film.create_block()
+    block: Any = film.create_block()
     block.put(place, [*values, mi.Float(1)])
     film.put_block(block)
     return as_rgba(film.develop())
 
 
-def as_rgba(image: mi.TensorXf) -> Float[np.ndarray, "H W 4"]:
-    """A film's picture of 1 to 4 channels, or more: grey if it has no colours, opaque if it has no alpha."""
+def as_rgba(image: Any) -> Float[np.ndarray, "H W 4"]:
+    """A film's picture, (H, W, C), of 1 to 4 channels, or more: grey if it has no colours, opaque if it has no alpha."""
     pixels = np.array(image)
     if pixels.shape[-1] < 3:
         pixels = np.concatenate([pixels[..., [0, 0, 0]], pixels[..., 1:]], axis=-1)

@@ -9,7 +9,7 @@ from mesoshell.measure.flip import POWER
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene import choose as room
 from mesoshell.scene.accumulate import FIRST, Goal
-from mesoshell.scene.choose import FALL, FEWEST, LADDER, PROBE, SURE, Rung, Seen, choose
+from mesoshell.scene.choose import EXCESS, FALL, FEWEST, LADDER, PROBE, SURE, Rung, Seen, choose
 from mesoshell.scene.picture import Passes, Prepared, Rendered
 
 SCENES = st.builds(Seen, st.floats(1e-3, 1e3), st.floats(1e-3, 0.5), st.floats(0.01, 100))
@@ -64,7 +64,7 @@ def test_an_error_is_above_the_bias_if_that_can_be(seen: Seen, error: float) -> 
 
     def seconds(rung: Rung) -> float:
         rest = error**POWER - (SURE * seen.noise * rung.bias) ** POWER
-        passes = ((seen.noise * rung.noise) ** POWER / rest) ** (1 / FALL) if rest > 0 else np.inf
+        passes = ((EXCESS * seen.noise * rung.noise) ** POWER / rest) ** (1 / FALL) if rest > 0 else np.inf
         return max(FIRST, passes) * rung.cost(seen.queries)
 
     if SURE * seen.noise * LADDER[found].bias < error:  # no other takes less time

@@ -3,7 +3,7 @@
 `spot.obj` with grass at `normal`, under distant lights and under a sky, with `light_samples` 0 (all) to 1 and other numbers
 of drawn directions. Seconds are those of all stages that grow with the rays, summed over threads. An error by noise falls as
 one over the root of the rays, so what a setting takes to the error of the first row is its seconds times the square of its
-error over that one's. (The four rays are among the reference's 64, so that errors are 3% too small.)
+error over that one's.
 """
 
 import argparse

@@ -20,7 +20,7 @@ from mesoshell.scene.setup import describe_shell
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render.scene import Scene as MarchedScene
-from mesoshell.stability import field, surface, walks
+from mesoshell.stability import examine, field, surface, walks
 from mesoshell.stability.checks import Check
 from mesoshell.stability.prisms import invert_prism, least_jacobian, prism_point
 from mesoshell.stability.rays import FAR, FRONT, NEAR, aimed, at_the_front, grazing
@@ -79,8 +79,12 @@ def test_an_open_mesh_that_the_camera_does_not_see(tiny_bundle: Bundle) -> None:
     assert "0 of 0 rays at the front" not in str(found) and "the camera does not see the shell" in str(found)
 
 
-def test_the_path_tracer_walks_and_renders_too(scene: ms.Scene, sound) -> None:
-    found = ms.stability(scene, rays=1000, engine="mitsuba")
+def test_the_path_tracer_walks_and_renders_too(scene: ms.Scene, sound, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As small a picture as the map, also of a camera that has a size of its own."""
+    camera = describe_shell(scene, lambda share: None).camera
+    monkeypatch.setattr(examine, "PIXELS", 48)
+    own = replace(scene, camera=replace(camera, width=96, height=64))
+    found = ms.stability(own, rays=1000, engine="mitsuba")
     *rest, paths, radiance = found.checks
     assert found.broken == () and paths.name == "paths"
     assert [c.name for c in (*rest, radiance)] == [c.name for c in sound.checks]

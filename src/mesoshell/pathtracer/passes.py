@@ -1,4 +1,4 @@
-"""Pictures of a path a pixel, of which any number together is even; a sampler of Mitsuba's must know it from the start.
+"""Render pictures of a path a pixel, whose mean is even after any number of them; Mitsuba's samplers must know the number.
 
 Notation
 P           pixels, numbered row by row

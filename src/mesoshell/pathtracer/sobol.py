@@ -1,4 +1,4 @@
-"""Numbers that paths draw: so many paths a pixel as there will be, they are nearly as even as if that number had been known.
+"""Draw the numbers of paths, evenly over the paths of a pixel, however many there will be.
 
 Notation
 i           number of a path among its pixel's; a dimension, or a pair of them, has an order of its own
@@ -6,9 +6,9 @@ S           Owen's scrambling of a number by a key: each bit is flipped or not, 
 (x, y)      Sobol's point i, its bits reversed: x = i, and y = P i for Pascal's triangle P modulo 2, which is a product of five
             factors, one for each bit of a bit's place
 
-A dimension's order of the paths is S(i), so that each power of two of them are that many points of Sobol's sequence which lie
-together (Burley 2020, "Practical Hash-based Owen Scrambling"). S is of Laine and Karras, with Vegdahl's constants, the hash
-Wellons's lowbias32.
+The order of the paths in a dimension is S(i): so the first 2^m of them, and each 2^m that follow, are a block of 2^m points of
+Sobol's sequence (Burley 2020, "Practical Hash-based Owen Scrambling"). S is of Laine and Karras, with Vegdahl's constants, the
+hash Wellons's lowbias32.
 """
 
 from dataclasses import dataclass

@@ -5,6 +5,8 @@ C        channels of the features
 P, Q     corners of patches of a texture with edges, along v and u: ⌈H / texel_density⌉ + 1
 H, W     texels of a feature level along v (axis 0) and u (axis 1)                 any; wrapping: powers of two
 R        rows of a height feature level along h; clamped at both ends              any R0 ≥ 1
+L        feature levels
+B        rows of the correction along h, clamped at both ends                      any B ≥ 1
 E        height encoding h, sin(π 2ᵏ h) …, cos(π 2ᵏ h) …, k < height_octaves       E = 1 + 2 · height_octaves
 A        number of α parameters
 T, S     widths of the trunk's and the head's layers; T without a number: the last trunk layer, S: the last head layer
@@ -37,16 +39,17 @@ manifest.json (a uint8 array: UTF-8 text of one JSON object), every field requir
 Arrays: the table `SHELL` (io/bundle_arrays); i counts 0, 1, 2, … without a gap and j = i + 1. Without a generator, features,
 height and grid are required; with one they are all there or all missing, and generator/… holds its weights, whose shapes follow
 from its configuration (`shell/generator/model` checks them). heights is there if geometry varies over the texture: F(h) at the
-corners of its patches, bilinear between them; height is then their mean. twin/… holds the arrays of the distilled surface
-material.
+corners of its patches, bilinear between them; height is then their mean. correction is there if averaged features are
+corrected: what is added to F(u, v) + F(h) at each level and height, linear between them. twin/… holds the arrays of the
+distilled surface material.
 
 A texture of corner tiles wraps, and has 4 patches along each side; of more than a patch, its levels hold the mean.
 
 A feature level has half the texels of the one before along each axis: of a texture that wraps max(1, n // 2), down to 1; of one
 with edges ⌈n / 2⌉, until a texel is a patch (texel_density is then a power of two). There is a grid for each level: its cells
 span what wraps, or are min(8, texels a patch) a patch. Layers are y = x · kernel + bias, hidden ones (trunk, head; one or more)
-followed by ReLU. The trunk sees F(u, v) + F(h), the encoded h and α (manifest order, mapped from its range to [0, 1]);
-σ = sigma_scale · softplus(x − 3), x from its last layer. The head sees that layer, ω and ω′ (3 numbers each).
+followed by ReLU. The trunk sees F(u, v) + F(h), with its correction, the encoded h and α (manifest order, mapped from its range
+to [0, 1]); σ = sigma_scale · softplus(x − 3), x from its last layer. The head sees that layer, ω and ω′ (3 numbers each).
 
 Reading takes nothing on trust: shapes and types are checked before data are unpacked, memory follows the bytes that are
 there and not the sizes they claim, NaN and infinity are refused. Writing checks the same; equal bundles, equal files.

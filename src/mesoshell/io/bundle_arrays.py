@@ -21,6 +21,7 @@ SHELL: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "features/{i}": (("H{i}", "W{i}", "C"), _EITHER),
     "height/{i}": (("R{i}", "C"), _EITHER),
     "heights/{i}": (("P", "Q", "R{i}", "C"), _EITHER),
+    "correction": (("L", "B", "C"), _EITHER),
     "decoder/trunk/{i}/kernel": (("T{i}", "T{j}"), _EITHER),  # T0 = C + E + A
     "decoder/trunk/{i}/bias": (("T{j}",), _EITHER),
     "decoder/sigma/kernel": (("T", "1"), _EITHER),
@@ -57,8 +58,10 @@ def _sizes(fields: dict[str, Any], heads: dict[str, Head]) -> tuple[dict[str, in
         up = letter != "R" and not fields["wraps"]
         sizes |= {f"{letter}{i}": -(-n >> i) if up else max(1, n >> i) for i in range(max(levels, rows))}
     sizes |= {"C": fields["channels"], "1": 1, "3": 3}
+    sizes |= {"L": levels, "B": axis("correction", 1)}
     sizes |= {"P": -(-first["H"] // texels) + 1, "Q": -(-first["W"] // texels) + 1}
     counts = {"features": levels, "height": rows, "heights": rows if "heights/0" in heads else 0, "grid": levels}
+    counts["correction"] = int("correction" in heads)
     alpha = sum(parameter.role == "alpha" for parameter in fields["parameters"])
     width = fields["channels"] + 1 + 2 * fields["height_octaves"] + alpha
     for letter, family in (("T", "decoder/trunk"), ("S", "decoder/head")):

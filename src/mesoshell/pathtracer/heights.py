@@ -51,13 +51,4 @@ class Heights:
 
     def _linear(self, h, l, node=0):
         """F(h) of a node at a level."""
-        rows = dr.gather(mi.UInt32, self.levels.sizes[1], l)
-        offset = dr.gather(mi.UInt32, self.levels.offset, l)
-        if self.nodes is not None:
-            offset += node * rows
-        z = dr.clip(h * mi.Float(rows) - 0.5, 0, mi.Float(rows) - 1)
-        i = dr.floor(z)
-        f = z - i
-        low = self.levels.row(offset + mi.UInt32(i))
-        high = self.levels.row(offset + dr.minimum(mi.UInt32(i) + 1, rows - 1))
-        return [(1 - f) * a + f * b for a, b in zip(low, high, strict=True)]
+        return self.levels.linear(h, l, None if self.nodes is None else node)

@@ -46,6 +46,19 @@ class Levels:
                 total = [s + weight * r for s, r in zip(total, row, strict=True)]
         return total
 
+    def linear(self, h, l, first=None):
+        """Row at h in [0, 1] of a level whose second axis is h, linear between rows and clamped; first: on the first axis."""
+        rows = dr.gather(mi.UInt32, self.sizes[1], l)
+        offset = dr.gather(mi.UInt32, self.offset, l)
+        if first is not None:
+            offset += first * rows
+        z = dr.clip(h * mi.Float(rows) - 0.5, 0, mi.Float(rows) - 1)
+        i = dr.floor(z)
+        f = z - i
+        low = self.row(offset + mi.UInt32(i))
+        high = self.row(offset + dr.minimum(mi.UInt32(i) + 1, rows - 1))
+        return [(1 - f) * a + f * b for a, b in zip(low, high, strict=True)]
+
     def row(self, index):
         """One row as a list of float32."""
         numbers = dr.gather(self._vector, self.rows, index, shape=(self.width, dr.width(index)))

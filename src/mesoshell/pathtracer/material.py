@@ -4,7 +4,9 @@ Notation
 ξ           (u, v, h), u and v in patches                                         (3,), canonical
 r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
 taps        lookups along the long axis of the footprint (shell/render/kernels); 0: the finest levels, unfiltered
-F           F(u, v) + F(h), each filtered                                         (C,)
+s           radius of a circle as large as all that is averaged: r, or of an ellipse with taps
+δ           correction of averaged features, at the level of s (shell/material/field)
+F           F(u, v) + F(h) + δ, each filtered                                     (C,)
 α           appearance parameters, normalised                                     (A,)
 σ, ρ        extinction and transport function
 ω, ω′       toward the viewer, toward the light                                   (3,), canonical
@@ -41,6 +43,7 @@ class Material:
         self.names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
         self.plane = Levels([a[f"features/{i}"] for i in range(count(a, "features/{}"))])
         self.heights = Heights(a, origin)
+        self.correction = Levels([level[None] for level in a["correction"]]) if "correction" in a else None
         self.grid = Levels([a[f"grid/{i}"] for i in range(len(self.plane.shapes))], wide=False)
         self.scale = float(a["sigma_scale"])
         self.trunk, self.sigma = network(a, "decoder/trunk", "decoder/sigma")
@@ -82,9 +85,15 @@ class Material:
         return mi.Float([float(min(GRID_CELLS, max(1, int(self.density) >> i))) for i in levels])
 
     def inputs(self, sample, alpha, taps=1):
-        """Inputs of the trunk: filtered F(u, v) + F(h), encoded height, α. alpha: a list of floats."""
+        """Inputs of the trunk: filtered F(u, v) + F(h) + δ, encoded height, α. alpha: a list of floats."""
         xi = sample.xi
         plane = self._along(sample, taps) if taps > 1 else self._filtered(xi, self.level(sample.radius, taps))
+        if self.correction is not None:
+            spread = dr.sqrt(sample.major * self._radius(sample, taps)) if taps > 1 else sample.radius
+            last = len(self.plane.shapes) - 1
+            plane = _plus(
+                plane, 1, between_levels(self.level(spread, taps), last, lambda l: self.correction.linear(xi.z, l))
+            )
         profile = self.heights.at(xi, sample.deviation if taps else None)
         angles = [dr.pi * 2.0**k * xi.z for k in range(self.octaves)]
         encoded = [xi.z, *(dr.sin(x) for x in angles), *(dr.cos(x) for x in angles)]
@@ -131,8 +140,7 @@ class Material:
     def _along(self, sample, taps):
         """F(u, v) averaged over taps along the footprint's long axis."""
         positions, weights = gaussian_taps(taps)
-        spacing = sample.major * float(positions[1] - positions[0])
-        radius = dr.minimum(dr.maximum(sample.radius, 0.35 * spacing), sample.major)
+        radius = self._radius(sample, taps)
         # each tap is as wide as radius along the axis, too
         reach = dr.sqrt(dr.maximum(dr.square(sample.major) - dr.square(radius), 0))
         level = self.level(radius)
@@ -145,6 +153,12 @@ class Material:
             total = _plus(total, weight, features)
             k += 1
         return total
+
+    def _radius(self, sample, taps):
+        """Radius of a tap."""
+        positions, _ = gaussian_taps(taps)
+        spacing = sample.major * float(positions[1] - positions[0])
+        return dr.minimum(dr.maximum(sample.radius, 0.35 * spacing), sample.major)
 
     def _bilinear(self, xi, l):
         height, width = self.plane.size(l)

@@ -23,7 +23,7 @@ from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.density_bounds import bounds, new_points
 from mesoshell.shell.material.field import Layout, Material
-from mesoshell.shell.material.loader import decoder_of
+from mesoshell.shell.material.loader import decoder_of, ready
 from mesoshell.shell.material.precision import decoder_error
 from mesoshell.texture import mip
 from mesoshell.train.fit.state import Common, FitConfig
@@ -166,6 +166,13 @@ def decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:
     kernels = {f"decoder/{k}/kernel": np.asarray(v.kernel, np.float32) for k, v in named.items()}
     biases = {f"decoder/{k}/bias": np.asarray(v.bias, np.float32) for k, v in named.items()}
     return kernels | biases | {"sigma_scale": np.asarray(d.scale, np.float32)}
+
+
+def grids_of(bundle: Bundle) -> list[np.ndarray]:
+    """Bounds of every cell of every level of a texture that wraps."""
+    made = ready(bundle)
+    grids = _grids(replace(made.layout, colours=None), made.material)
+    return grids if bundle.tiles is None else [_any_neighbour(grid) for grid in grids]
 
 
 def _grids(layout: Layout, material: Material) -> list[np.ndarray]:

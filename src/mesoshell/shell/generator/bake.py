@@ -167,12 +167,16 @@ def _grids(
     rows, nodes = tuple((h.shape[2], 1) for h in heights), (step + 3, step + 3) if varies else None
     layout = Layout(sizes, rows, float(texels), maker.octaves, open=True, nodes=nodes)
     corner = np.array([[1.0, 1.0], [step + 1.0, step + 1.0]])
+    correction = None
+    if maker.correction is not None:
+        kept = maker.correction[maker.config.texels.bit_length() - len(features) :]
+        correction = mip.Pyramid(jnp.asarray(kept.reshape(-1, maker.config.channels)))
     above, most, points = 0, 0.0, 0
     for done, place in enumerate(places):
         levels = [_window(f, place, step, texels >> i) for i, f in enumerate(features)]
         some = [window(h[None], (place[0] - 1, place[1] - 1), step + 3)[0] for h in heights] if varies else heights
         height = mip.Pyramid(jnp.asarray(pack_heights(some).reshape(-1, maker.config.channels)))
-        material = Material(mip.pack([jnp.asarray(x) for x in levels]), height, maker.decoder)
+        material = Material(mip.pack([jnp.asarray(x) for x in levels]), height, maker.decoder, correction)
         for i, (grid, c) in enumerate(zip(grids, cells, strict=True)):
             bound = bounds(layout, material, i, (GRID_HEIGHT, step * c, step * c), corner, PROBES)
             v, u = place[0] * c, place[1] * c

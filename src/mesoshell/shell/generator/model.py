@@ -36,13 +36,14 @@ from mesoshell.typing import Array
 
 @dataclass(frozen=True, eq=False)
 class GeneratorModel:
-    """A generator with its averages, its decoder, and octaves of the height encoding."""
+    """A generator with its averages, its decoder, octaves of the height encoding, and the correction of its levels."""
 
     config: GeneratorConfig
     generator: Generator
     averages: Averages
     decoder: Decoder
     octaves: int
+    correction: Float[np.ndarray, "L B C"] | None = None
 
 
 class Latent(NamedTuple):
@@ -86,7 +87,8 @@ def maker_of(bundle: Bundle, name: str) -> GeneratorModel:
         raise InputError(name, "manifest.json: the generator's texels or channels differ from the material's")
     leaves = [jnp.asarray(bundle.arrays[key], jnp.float32) for key in named]
     generator, averages = jax.tree.unflatten(jax.tree.structure(like), leaves)
-    return GeneratorModel(config, generator, averages, decoder_of(bundle.arrays), bundle.height_octaves)
+    decoder, correction = decoder_of(bundle.arrays), bundle.arrays.get("correction")
+    return GeneratorModel(config, generator, averages, decoder, bundle.height_octaves, correction)
 
 
 def grown(maker: GeneratorModel, seed: int, beta: Float[np.ndarray, "*nodes G"]) -> Latent:

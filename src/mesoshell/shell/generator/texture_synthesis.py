@@ -79,6 +79,8 @@ def baked(
         raise InputError(name, "has three planes per patch, which end at its sides: they make no larger texture")
     beta = _geometry(bundle, wanted, count_nodes(size, maker.config.texels))
     arrays = {key: array for key, array in bundle.arrays.items() if key.startswith(("decoder/", "sigma_scale"))}
+    if maker.correction is not None:
+        arrays["correction"] = maker.correction[wanted.coarser :]
 
     def in_memory(key: str, shape: tuple[int, ...]) -> np.ndarray:
         return np.zeros(shape, np.float16)

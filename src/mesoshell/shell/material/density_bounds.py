@@ -6,8 +6,9 @@ l           level: grid l bounds σ for levels in [l, l + 1)
 excess      of σ over the bound, at points that no probe saw
 
 σ is the decoder's, of features that are interpolated: it has no cheap bound. So each cell is probed in random places, a tenth
-of a cell beyond its walls included, at random fractions of a level, heights' filters and parameters; half of the probes at the
-level itself, since unfiltered features have the greatest extremes and all of a close view is unfiltered.
+of a cell beyond its walls included, at random fractions of a level, heights' filters, parameters, and corrections of up to
+a level more, as taps along an ellipse have them; half of the probes at the level itself, since unfiltered features have the
+greatest extremes and all of a close view is unfiltered.
 
 A probe is drawn for all cells of one height together: they are looked up as a lattice (lattice.py), at a third of the cost.
 """
@@ -101,11 +102,12 @@ def _sigma(layout: Layout, material: Material, xi: Array, level: Array, key: Arr
 
 def _drawn(
     layout: Layout, material: Material, level: Array, key: Key[Array, ""], shape: tuple[int, ...]
-) -> tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n A"]]:
-    """Radii of level `level` up to the next, deviations along the height, and appearances."""
-    k = jax.random.split(key, 3)
+) -> tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n A"], Float[Array, "*n"]]:
+    """Radii of level `level` up to the next, deviations along the height, appearances, and spreads."""
+    k = jax.random.split(key, 4)
     at = level + jnp.maximum(jax.random.uniform(k[0], shape, minval=-1.0), 0)
     radius = jnp.where(at == 0, 0.0, 2.0**at / (2 * layout.texel_density))
     encoded = layout.octaves * 2 + 1 + material.texture.rows.shape[1]
     alpha = jax.random.uniform(k[2], (*shape, material.decoder.trunk[0].kernel.shape[0] - encoded))
-    return radius, jax.random.uniform(k[1], shape, maxval=DEEPEST), alpha
+    spread = radius * 2.0 ** jax.random.uniform(k[3], shape)
+    return radius, jax.random.uniform(k[1], shape, maxval=DEEPEST), alpha, spread

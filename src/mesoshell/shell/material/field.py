@@ -3,7 +3,9 @@
 Notation
 ξ           (u, v, h), u and v in patches                                    (3,), canonical
 r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
-F           F(u, v) + F(h), each filtered                                     (C,)
+s           radius of a circle as large as all that is averaged; r, unless taps along an ellipse are
+δ(λ, h)     correction of features that are averaged at level λ (train/prefilter); none at level 0    (C,)
+F           F(u, v) + F(h) + δ, each filtered                                 (C,)
 α           appearance parameters, normalised                                 (A,)
 σ, ρ        extinction and transport function
 ω, ω′       toward the viewer, toward the light                               (3,), canonical
@@ -65,20 +67,23 @@ class Layout:
 
 
 class Material(NamedTuple):
-    """Arrays of a neural material: feature pyramid, height pyramid and decoder."""
+    """Arrays of a neural material: feature pyramid, height pyramid and decoder; correction: δ of every level of the texture, as
+    many rows of each."""
 
     texture: Pyramid
     height: Pyramid
     decoder: Decoder
+    correction: Pyramid | None = None
 
 
 class Point(NamedTuple):
-    """Where the field is evaluated: ξ, the filter there, and the appearance parameters."""
+    """Where the field is evaluated: ξ, the filter there, and the appearance parameters. spread: s, r if None."""
 
     xi: Vec3
     radius: Scalar
     height_deviation: Scalar
     alpha: Float[Array, "A"]
+    spread: Scalar | None = None
 
 
 class Field(NamedTuple):
@@ -89,7 +94,7 @@ class Field(NamedTuple):
 
 
 def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"]:
-    """Decoder inputs at a point: filtered F(u, v) + F(h), encoded height, α."""
+    """Decoder inputs at a point: filtered F(u, v) + F(h) + δ, encoded height, α."""
     encoded = net.encode_height(point.xi[2], layout.octaves)
     if layout.cells is not None:
         where = point.xi, point.radius, point.height_deviation
@@ -99,13 +104,23 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
     rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
-    plane = layout.plane(material.texture, point.xi[:2], level)
+    plane = layout.plane(material.texture, point.xi[:2], level) + correction(material, layout, point)
     if layout.nodes is None:
         profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
     else:
         uv = layout.on_texture(point.xi[:2])
         profile = _between_nodes(material.height, layout, layout.nodes, uv, (point.xi[2], level_h))
     return jnp.concatenate([plane + profile, encoded, point.alpha])
+
+
+def correction(material: Material, layout: Layout, point: Point) -> Float[Array, "C"] | float:
+    """δ at a point; 0 if the material has none."""
+    if material.correction is None:
+        return 0.0
+    last = len(layout.sizes) - 1
+    level = mip.level_of(point.radius if point.spread is None else point.spread, layout.texel_density, last)
+    rows = material.correction.rows.shape[0] // (last + 1)
+    return mip.lookup_height(material.correction, ((rows, 1),) * (last + 1), point.xi[2], level)
 
 
 def _between_nodes(

@@ -62,6 +62,7 @@ def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
         mip.Pyramid(jnp.asarray(np.concatenate([x.reshape(-1, bundle.channels) for x in levels]))),
         mip.Pyramid(jnp.asarray(pack_heights(heights).reshape(-1, bundle.channels))),
         decoder_of(a),
+        mip.Pyramid(jnp.asarray(a["correction"].reshape(-1, bundle.channels))) if "correction" in a else None,
     )
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
     names = tuple(p.name for p in bundle.parameters if p.role == "alpha")

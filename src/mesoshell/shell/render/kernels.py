@@ -153,10 +153,11 @@ def _inputs(program: StaticConfig, table: DeviceTables, xi: Vec3, footprint: Foo
     spacing = footprint.major * (positions[1] - positions[0])
     radius = jnp.minimum(jnp.maximum(footprint.minor, 0.35 * spacing), footprint.major)
     reach = safe_sqrt(footprint.major**2 - radius**2)  # each tap is as wide as radius along the axis, too
+    spread = safe_sqrt(footprint.major * radius)
 
     def tap(x: Scalar) -> Array:
         at = xi.at[:2].add(x * reach * footprint.axis)
-        return inputs(table.material, program.layout, Point(at, radius, footprint.height, alpha))
+        return inputs(table.material, program.layout, Point(at, radius, footprint.height, alpha, spread))
 
     return jnp.matmul(weights, jax.vmap(tap)(positions), precision="highest")
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from mesoshell import modules as modules
     from mesoshell import pathtracer as mitsuba
-    from mesoshell.api.learning import Fit, Run, fit, train
+    from mesoshell.api.learning import Fit, Run, fit, prefilter, train
     from mesoshell.api.rendering import explain, film, render, stability, tradeoff, write_scene
     from mesoshell.errors import InputError
     from mesoshell.film.shoot import Film
@@ -57,6 +57,7 @@ __all__ = [
     "look_at",
     "mitsuba",
     "modules",
+    "prefilter",
     "render",
     "stability",
     "tradeoff",
@@ -82,6 +83,7 @@ _HOMES = {
     "fit": "mesoshell.api.learning",
     "load_material": "mesoshell.scene.materials",
     "look_at": "mesoshell.render.camera",
+    "prefilter": "mesoshell.api.learning",
     "write_scene": "mesoshell.api.rendering",
 }
 #: Packages that are names of the library.

@@ -1,6 +1,7 @@
 """Filtered features, σ and ρ in Dr.Jit are those of the JAX engine, of textures that wrap, of textures with edges and of
 corner tiles."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +38,19 @@ def with_edges(bundle: Bundle) -> Bundle:
     return Bundle(**{**vars(bundle), "arrays": arrays, "wraps": False})
 
 
-@pytest.fixture(scope="module", params=["wraps", "edges", "tiles"])
+def corrected(bundle: Bundle) -> Bundle:
+    """The material with a correction, of numbers that mean nothing."""
+    levels = sum(key.startswith("features/") for key in bundle.arrays)
+    added = np.random.default_rng(5).normal(size=(levels, 7, bundle.channels)).astype(np.float16)
+    return replace(bundle, arrays=bundle.arrays | {"correction": added})
+
+
+@pytest.fixture(scope="module", params=["wraps", "edges", "tiles", "corrected"])
 def bundle(request, tiled_bundle) -> Bundle:
     if request.param == "tiles":
         return tiled_bundle
     found = read_bundle(GRASS)
-    return found if request.param == "wraps" else with_edges(found)
+    return {"wraps": lambda x: x, "edges": with_edges, "corrected": corrected}[request.param](found)
 
 
 @pytest.fixture(scope="module")
@@ -99,10 +107,11 @@ def test_any_footprint_has_a_level(bundle, radius) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-@pytest.mark.parametrize("taps", [1, 4])
-def test_tiles_far_out_and_of_a_seed_are_those_of_the_other_engine(tiled_bundle, points, seed, taps) -> None:
+@pytest.mark.parametrize(("taps", "made_of"), [(1, None), (4, None), (4, corrected)])
+def test_tiles_far_out_and_of_a_seed_are_those_of_the_other_engine(tiled_bundle, points, seed, taps, made_of) -> None:
     origin = seed_origin(seed)
-    made, material = ready(tiled_bundle, origin), Material(tiled_bundle, origin)
+    tiled = made_of(tiled_bundle) if made_of else tiled_bundle
+    made, material = ready(tiled, origin), Material(tiled, origin)
     random = np.random.default_rng(1)
     # eighths of a texel, which float32 has exactly that far out
     xi = np.vstack([random.integers(-4000 * 32, 4000 * 32, (2, 500)) / 32, random.random((1, 500))]).astype(np.float32)

@@ -19,6 +19,7 @@ from mesoshell.train.fit.holdout import Scores
 from mesoshell.train.fit.result import conclude, fit_config, shots_to_fit
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import Data
+from mesoshell.train.prefilter import Gap, prefiltered
 from mesoshell.train.run_config import RunConfig, snapshots
 
 #: Called with each row of the log: kimg, images_per_s and losses.
@@ -85,6 +86,17 @@ def fit(
     state = runs.train(config, shots, at, "jit", show, again=True)
     made, scores, _ = conclude(config, shots, state, learned, tests)
     return Fit(made, scores, at)
+
+
+def prefilter(
+    material: Material, *, steps: int = 300, seed: int = 0, show: Callable[[Gap], None] = lambda gap: None
+) -> Material:
+    """The material, corrected for views from afar as by `mesoshell prefilter`: it learns from its own unfiltered rays.
+
+    steps: of each level of the texture. seed: of views and rays. show: called with each level's `Gap`. Raises InputError for a
+    surface material, and for one texture with edges, about the material; about `steps` and `seed`.
+    """
+    return Material(material.name, prefiltered(material.shell, material.name, steps, seed, show)[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,7 @@ from mesoshell.shell.material.field import Layout, Material, Point, neural_field
 from mesoshell.shell.material.loader import DeviceMaterial, ready
 from mesoshell.texture import mip
 from mesoshell.train.export import grids_of
+from mesoshell.train.update import descent
 from mesoshell.typing import Array, Key, Scalar, Vec2, Vec3
 
 #: Rows of δ.
@@ -54,6 +55,7 @@ GROWN, TEXTURES = 12, 3
 #: Radiance is compared over its view's mean plus this; opacity counts so much.
 DARK, OPACITY = 0.02, 2.0
 RATE = 3e-2
+_ADAM = optax.scale_by_adam()
 #: Views that are measured together.
 AT_ONCE = 8
 
@@ -87,8 +89,8 @@ def prefiltered(
         raise InputError(Argument("steps"), "must be at least 1")
     check_seed(seed)
     plain = replace(bundle, arrays={key: array for key, array in bundle.arrays.items() if key != "correction"})
-    textures = _textures(plain, name, seed)
-    delta, gaps = _fit(textures, steps, seed, show)
+    rng = np.random.default_rng(seed % 2**32)
+    delta, gaps = _fit(_textures(plain, name, rng), steps, rng, show)
     arrays = plain.arrays | {"correction": delta.astype(np.float16)}
     about = {"steps": steps, "seed": seed, "rms": [[round(x, 4) for x in gap.rms] for gap in gaps]}
     made = replace(bundle, arrays=arrays, provenance=bundle.provenance | {"correction": about})
@@ -97,44 +99,47 @@ def prefiltered(
     return made, gaps
 
 
-def _textures(bundle: Bundle, name: str, seed: int) -> list[DeviceMaterial]:
+def _textures(bundle: Bundle, name: str, rng: np.random.Generator) -> list[DeviceMaterial]:
     """What the correction is fitted to: the material's texture, or some that its generator grows, of any geometry."""
     if bundle.wraps:
         return [ready(bundle)]
     if bundle.generator is None:
         raise InputError(name, "is one texture with edges: correct the material that it was grown from")
-    rng, side = np.random.default_rng(seed), GROWN * int(bundle.texel_density)
+    side = GROWN * int(bundle.texel_density)
     ranges = {p.name: p.range for p in bundle.parameters if p.role == "beta"}
     some = []
-    for k in range(TEXTURES):
-        values = {key: float(rng.uniform(*between)) for key, between in ranges.items()}
-        some.append(ready(baked(bundle, name, (side, side), TextureRequest(seed + k, values))[0]))
+    for _ in range(TEXTURES):
+        wanted = TextureRequest(
+            int(rng.integers(2**31)), {key: float(rng.uniform(*between)) for key, between in ranges.items()}
+        )
+        some.append(ready(baked(bundle, name, (side, side), wanted)[0]))
     return some
 
 
 def _fit(
-    textures: Sequence[DeviceMaterial], steps: int, seed: int, show: Callable[[Gap], None]
+    textures: Sequence[DeviceMaterial], steps: int, rng: np.random.Generator, show: Callable[[Gap], None]
 ) -> tuple[Float[np.ndarray, "L B C"], list[Gap]]:
     """δ of all levels, from fine to coarse: each begins as the one before, and is 0 where that has the smaller rms."""
-    layout, rng = textures[0].layout, np.random.default_rng(seed)
+    layout = textures[0].layout
     learned, held = (
         [_views(texture, n // len(textures), rays, rng) for texture in textures]
         for n, rays in ((VIEWS, RAYS), (HELD, MANY))
     )
     channels = textures[0].material.texture.rows.shape[1]
     delta, gaps = np.zeros((len(layout.sizes), ROWS, channels), np.float32), []
-    optimiser = optax.adam(optax.cosine_decay_schedule(RATE, steps, 0.05))
     for level in range(1, len(layout.sizes)):
         before = _gap(textures, held, jnp.zeros((ROWS, channels)), level)
         row = jnp.asarray(delta[level - 1])
-        state = optimiser.init(row)
+        state = _ADAM.init(row)
         for i in range(steps):
             k = i % len(textures)
             chosen = rng.choice(len(learned[k].true), BATCH, replace=False)
             some = jax.tree.map(lambda x, chosen=chosen: x[chosen], learned[k])
             key = jax.random.key(int(rng.integers(2**31)))
             gradient = _slope(layout, _samples(level), textures[k].material, row, np.float32(level), some, key)
-            row, state = _updated(optimiser, row, gradient, state)
+            row, state = _updated(
+                row, gradient, state, np.float32(RATE * (0.05 + 0.95 * np.cos(np.pi / 2 * i / steps) ** 2))
+            )
         after = _gap(textures, held, row, level)
         if after[1] < before[1]:
             delta[level] = row
@@ -146,9 +151,10 @@ def _fit(
     return delta, gaps
 
 
-def _updated(optimiser: optax.GradientTransformation, row: Array, gradient: Array, state: optax.OptState) -> tuple:
-    updates, state = optimiser.update(gradient, state)
-    return optax.apply_updates(row, updates), state
+@jax.jit
+def _updated(row: Array, gradient: Array, state: optax.OptState, rate: Array) -> tuple[Array, optax.OptState]:
+    updates, state = descent(_ADAM, row, state, gradient)
+    return row - rate * updates, state
 
 
 def _views(texture: DeviceMaterial, count: int, rays: int, rng: np.random.Generator) -> View:

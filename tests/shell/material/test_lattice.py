@@ -19,21 +19,24 @@ LAYOUTS = {
     "around": replace(LAYOUT, sizes=mip.level_sizes(8, 8)),
     "edges": replace(LAYOUT, open=True, origin=(-1, 2)),
     "nodes": replace(LAYOUT, open=True, origin=(-1, 2), nodes=NODES),
+    "corrected": replace(LAYOUT, sizes=mip.level_sizes(8, 8)),
     "planes": replace(LAYOUT, sizes=mip.level_sizes(8, 8), open=True, cells=(2, 2)),
 }
 
 
-def material_of(layout: Layout) -> Material:
+def material_of(layout: Layout, corrected: bool = False) -> Material:
     """Noise, with rows enough for any layout."""
     rng = np.random.default_rng(0)
     texture, height = (mip.Pyramid(jnp.asarray(rng.normal(size=(2000, C)), jnp.float32)) for _ in range(2))
-    return Material(texture, height, init_decoder(jax.random.key(0), C + 1 + 2 + 2, (8,), (8,)))
+    correction = mip.Pyramid(jnp.asarray(rng.normal(size=(6 * len(layout.sizes), C)), jnp.float32))
+    decoder = init_decoder(jax.random.key(0), C + 1 + 2 + 2, (8,), (8,))
+    return Material(texture, height, decoder, correction if corrected else None)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.11, 0.4, 1e9])
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_every_place_is_looked_up_as_a_point(name: str, radius: float) -> None:
-    layout, material = LAYOUTS[name], material_of(LAYOUTS[name])
+    layout, material = LAYOUTS[name], material_of(LAYOUTS[name], name == "corrected")
     v, u = jnp.asarray([-0.7, 0.0, 0.31, 0.99, 3.3]), jnp.asarray([-1.2, 0.03, 0.5, 1.77])
     at = Point(jnp.zeros(3).at[2].set(0.37), jnp.asarray(radius), jnp.asarray(0.2), jnp.asarray([0.2, 0.9]))
     found = jax.jit(lambda: inputs_on_lattice(material, layout, v, u, at))()

@@ -31,7 +31,7 @@ def inputs_on_lattice(
     plane = mip.lookup_lattice(
         material.texture, layout.sizes, v, u, level, layout.texel_density if layout.open else None
     )
-    plane += correction(material, layout, at)
+    plane += jnp.broadcast_to(correction(material, layout, at), plane.shape)
     if layout.nodes is None:
         profile = mip.lookup_height(material.height, layout.height_sizes, at.xi[2], level_h)[None, None]
     else:

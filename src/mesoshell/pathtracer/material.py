@@ -44,6 +44,7 @@ class Material:
         self.plane = Levels([a[f"features/{i}"] for i in range(count(a, "features/{}"))])
         self.heights = Heights(a, origin)
         self.correction = Levels([level[None] for level in a["correction"]]) if "correction" in a else None
+        self.finest_corrected = "correction" in a and bool(a["correction"][0].any())
         self.grid = Levels([a[f"grid/{i}"] for i in range(len(self.plane.shapes))], wide=False)
         self.scale = float(a["sigma_scale"])
         self.trunk, self.sigma = network(a, "decoder/trunk", "decoder/sigma")
@@ -88,7 +89,7 @@ class Material:
         """Inputs of the trunk: filtered F(u, v) + F(h) + δ, encoded height, α. alpha: a list of floats."""
         xi = sample.xi
         plane = self._along(sample, taps) if taps > 1 else self._filtered(xi, self.level(sample.radius, taps))
-        if self.correction is not None:
+        if self.correction is not None and (taps or self.finest_corrected):
             spread = dr.sqrt(sample.major * self._radius(sample, taps)) if taps > 1 else sample.radius
             last = len(self.plane.shapes) - 1
             plane = _plus(

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import InputError
-from mesoshell.io.bundle import Bundle, Parameter, read_bundle
+from mesoshell.io.bundle import Bundle, Parameter, read_bundle, write_bundle
 from mesoshell.io.image import read_picture
 from mesoshell.io.material import PARAMS, check_name, find
-from mesoshell.io.surface import KIND, SurfaceBundle, kind_of, read_surface
+from mesoshell.io.surface import KIND, SurfaceBundle, kind_of, read_surface, write_surface
 
 #: A parameter's value: a number in its unit; or an image of it, black to white over its range, as a file or (H, W) in [0, 1].
 Value = float | str | PathLike[str] | Float[np.ndarray, "_ _"]
@@ -56,6 +56,13 @@ class Material:
         if isinstance(self.bundle, Bundle):
             raise InputError(self.name, f"its kind is 'shell'; expected '{KIND}'")
         return self.bundle
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it as one .npz file. Raises InputError if it cannot be written."""
+        if isinstance(self.bundle, SurfaceBundle):
+            write_surface(path, self.bundle)
+        else:
+            write_bundle(path, self.bundle)
 
 
 def load_material(name: str | PathLike[str]) -> Material:

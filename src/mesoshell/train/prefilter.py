@@ -265,7 +265,18 @@ def _slope(
     return jax.grad(loss)(row)
 
 
-_measured = jax.jit(_halves, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=(0, 1))
+def _measured(
+    layout: Layout,
+    counts: tuple[int, int],
+    material: Material,
+    row: Float[Array, "B C"],
+    level: Scalar,
+    views: View,
+    key: Key[Array, ""],
+) -> tuple[Float[Array, "V 4"], Float[Array, "V 4"]]:
+    """`_halves`, compiled."""
+    return _halves(layout, counts, material, row, level, views, key)
 
 
 def _gap(

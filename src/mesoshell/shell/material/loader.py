@@ -35,6 +35,12 @@ class DeviceMaterial:
     grid: Grid
     grid_shapes: tuple[tuple[int, int, int], ...]
     names: tuple[str, ...]
+    #: Whether features of the finest level are corrected: those of a texture whose finer levels are left out.
+    finest_corrected: bool = False
+
+    def material_for(self, filtering: bool) -> Material:
+        """The material as it is read with filtering, or without: then no correction is looked up that is 0."""
+        return self.material if filtering or self.finest_corrected else self.material._replace(correction=None)
 
 
 def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
@@ -66,7 +72,8 @@ def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
     )
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
     names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
-    return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), tuple(g.shape for g in grids), names)
+    shapes, corrected = tuple(g.shape for g in grids), "correction" in a and bool(a["correction"][0].any())
+    return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), shapes, names, corrected)
 
 
 def pack_heights(levels: list[Float[np.ndarray, "P Q _r C"]]) -> Float[np.ndarray, "P Q R C"]:

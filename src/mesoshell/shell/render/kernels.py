@@ -21,7 +21,7 @@ from mesoshell.nets.mlp import in_tiles
 from mesoshell.numerics import optical_depth, product, safe_div, safe_sqrt
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, frame, place, place_exact
 from mesoshell.shell.material import decoder as net
-from mesoshell.shell.material.field import Layout, Material, Point, inputs
+from mesoshell.shell.material.field import Layout, Material, Point, correction, inputs
 from mesoshell.shell.material.loader import Grid
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import Footprint
@@ -153,13 +153,17 @@ def _inputs(program: StaticConfig, table: DeviceTables, xi: Vec3, footprint: Foo
     spacing = footprint.major * (positions[1] - positions[0])
     radius = jnp.minimum(jnp.maximum(footprint.minor, 0.35 * spacing), footprint.major)
     reach = safe_sqrt(footprint.major**2 - radius**2)  # each tap is as wide as radius along the axis, too
-    spread = safe_sqrt(footprint.major * radius)
+    spread, plain = safe_sqrt(footprint.major * radius), table.material._replace(correction=None)
 
     def tap(x: Scalar) -> Array:
         at = xi.at[:2].add(x * reach * footprint.axis)
-        return inputs(table.material, program.layout, Point(at, radius, footprint.height, alpha, spread))
+        return inputs(plain, program.layout, Point(at, radius, footprint.height, alpha))
 
-    return jnp.matmul(weights, jax.vmap(tap)(positions), precision="highest")
+    mean = jnp.matmul(weights, jax.vmap(tap)(positions), precision="highest")
+    if table.material.correction is None:
+        return mean
+    added = correction(table.material, program.layout, Point(xi, radius, footprint.height, alpha, spread))
+    return mean.at[: table.material.texture.rows.shape[1]].add(added)
 
 
 def gaussian_taps(n: int) -> tuple[Array, Array]:

@@ -77,7 +77,7 @@ def _decoding(medium: Medium, scene: Scene, quality: Quality, effects: Effects, 
     maps = [medium.maps[ready.names[i]] for i in varying]
     table = DeviceTables(
         chart,
-        ready.material,
+        ready.material_for(effects.filtering.on),
         ready.grid,
         jnp.asarray(medium.alpha, jnp.float32),
         jnp.asarray(np.stack(maps) if maps else np.zeros((0, 1, 1)), jnp.float32),

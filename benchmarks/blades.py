@@ -240,6 +240,7 @@ def own_texels(folder: Path, side: int) -> None:
     """The bundled grass as a texture of side × side patches that does not repeat, as `mesoshell texture` writes it."""
     grass_bundle = read_bundle(find("grass"))
     arrays = {k: v for k, v in grass_bundle.arrays.items() if not k.startswith(("features/", "grid/"))}
+    arrays["correction"] = arrays["correction"][OWN_LEVEL:]
     levels = sum(k.startswith("features/") for k in grass_bundle.arrays) - OWN_LEVEL
     for i in range(levels):
         texels = grass_bundle.arrays[f"features/{i + OWN_LEVEL}"]

@@ -60,6 +60,8 @@ def as_tiles(bundle: Bundle) -> Bundle:
     for i, side in enumerate((2, 1), levels):
         arrays[f"features/{i}"] = arrays[f"features/{levels - 1}"][:side, :side]
         arrays[f"grid/{i}"] = arrays[f"grid/{levels - 1}"][:, :side, :side]
+    if "correction" in arrays:
+        arrays["correction"] = np.concatenate([arrays["correction"], arrays["correction"][[-1, -1]]])
     return replace(bundle, arrays=arrays, tiles=COLOURS, twin=None)
 
 

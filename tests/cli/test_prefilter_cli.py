@@ -45,6 +45,17 @@ def test_a_material_is_corrected_by_the_command_and_in_python_alike(few, tiny_bu
     }
 
 
+def test_what_is_corrected_is_in_no_file_until_it_is_saved(few, tiny_bundle, tmp_path) -> None:
+    write_bundle(tmp_path / "tiny.npz", tiny_bundle)
+    made = ms.prefilter(ms.load_material(tmp_path / "tiny.npz"), steps=1)
+    scene = ms.Scene(Path(__file__).parents[1] / "data" / "suzanne.obj", made, size=(16, 12))
+    with pytest.raises(ms.InputError, match="is a material in no file"):
+        ms.write_scene(scene, tmp_path / "scene")
+    made.save(tmp_path / "made.npz")
+    again = ms.load_material(tmp_path / "made.npz")
+    assert again.shell.arrays.keys() == made.shell.arrays.keys() > tiny_bundle.arrays.keys()
+
+
 def rounded(gaps: list[prefilter.Gap]) -> list[np.ndarray]:
     return [np.round(gap.rms, 4) for gap in gaps]
 
@@ -56,7 +67,7 @@ def test_faults_are_one_line(tiny_bundle, tmp_path: Path, capsys) -> None:
         (("tiny.npz", "--out", "a.png"), "a.png: must end in .npz"),
         (("tiny.npz", "--out", "a.npz", "--steps", "0"), "--steps: must be at least 1"),
         (("tiny.npz", "--out", "a.npz", "--seed", "4294967296"), "--seed: 4294967296 must be from"),
-        (("dots.npz", "--out", "a.npz"), "kind"),
+        (("dots.npz", "--out", "a.npz"), "dots.npz: manifest.json: kind is 'silhouette'; expected 'shell'"),
         (("missing.npz", "--out", "a.npz"), "missing.npz: no such material"),
     ):
         with pytest.raises(SystemExit) as caught, pytest.MonkeyPatch.context() as patch:

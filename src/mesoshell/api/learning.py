@@ -91,12 +91,13 @@ def fit(
 def prefilter(
     material: Material, *, steps: int = 300, seed: int = 0, show: Callable[[Gap], None] = lambda gap: None
 ) -> Material:
-    """The material, corrected for views from afar as by `mesoshell prefilter`: it learns from its own unfiltered rays.
+    """The material, corrected for views from afar as by `mesoshell prefilter`: it learns from its own unfiltered rays. It is in
+    no file until it is saved, and has no twin.
 
     steps: of each level of the texture. seed: of views and rays. show: called with each level's `Gap`. Raises InputError for a
     surface material, and for one texture with edges, about the material; about `steps` and `seed`.
     """
-    return Material(material.name, prefiltered(material.shell, material.name, steps, seed, show)[0])
+    return Material(f"{material.name}, corrected", prefiltered(material.shell, material.name, steps, seed, show))
 
 
 @dataclass(frozen=True, eq=False)

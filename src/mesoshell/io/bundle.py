@@ -114,6 +114,11 @@ class Bundle:
     def baked(self) -> bool:
         return "features/0" in self.arrays
 
+    @property
+    def finest_corrected(self) -> bool:
+        """Whether features are corrected at level 0 too: of a texture whose finer levels are left out."""
+        return "correction" in self.arrays and bool(self.arrays["correction"][0].any())
+
 
 def _is_number(x: Any) -> bool:
     return type(x) in (int, float) and -1e300 < x < 1e300

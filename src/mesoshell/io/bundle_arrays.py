@@ -35,7 +35,7 @@ SHELL: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 
 #: What is there if the texture is baked.
-_BAKED = ("features/", "height/", "heights/", "grid/")
+BAKED = ("features/", "height/", "heights/", "grid/")
 _NON_NEGATIVE = ("sigma_scale", "grid/")
 #: Numbers that are looked at at a time: a folder's arrays may be larger than memory.
 _BLOCK = 2**24
@@ -88,8 +88,8 @@ def check_heads(path: str | PathLike[str], fields: dict[str, Any], heads: dict[s
     if fields["tiles"] is not None and "heights/0" in heads:
         raise InputError(path, "array heights/0: corner tiles have one height feature")
     made = fields["generator"] is not None
-    if made and not any(key.startswith(_BAKED) for key in heads):
-        expected = {key: entry for key, entry in expected.items() if not key.startswith(_BAKED)}
+    if made and not any(key.startswith(BAKED) for key in heads):
+        expected = {key: entry for key, entry in expected.items() if not key.startswith(BAKED)}
     weights = {key for key in heads if made and key.startswith("generator/")}
     for key in sorted(expected.keys() - heads.keys()):
         raise InputError(path, f"array {key} is missing")

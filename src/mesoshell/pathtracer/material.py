@@ -44,7 +44,7 @@ class Material:
         self.plane = Levels([a[f"features/{i}"] for i in range(count(a, "features/{}"))])
         self.heights = Heights(a, origin)
         self.correction = Levels([level[None] for level in a["correction"]]) if "correction" in a else None
-        self.finest_corrected = "correction" in a and bool(a["correction"][0].any())
+        self.finest_corrected = bundle.finest_corrected
         self.grid = Levels([a[f"grid/{i}"] for i in range(len(self.plane.shapes))], wide=False)
         self.scale = float(a["sigma_scale"])
         self.trunk, self.sigma = network(a, "decoder/trunk", "decoder/sigma")
@@ -90,11 +90,7 @@ class Material:
         xi = sample.xi
         plane = self._along(sample, taps) if taps > 1 else self._filtered(xi, self.level(sample.radius, taps))
         if self.correction is not None and (taps or self.finest_corrected):
-            spread = dr.sqrt(sample.major * self._radius(sample, taps)) if taps > 1 else sample.radius
-            last = len(self.plane.shapes) - 1
-            plane = _plus(
-                plane, 1, between_levels(self.level(spread, taps), last, lambda l: self.correction.linear(xi.z, l))
-            )
+            plane = _plus(plane, 1, self._correction(sample, taps))
         profile = self.heights.at(xi, sample.deviation if taps else None)
         angles = [dr.pi * 2.0**k * xi.z for k in range(self.octaves)]
         encoded = [xi.z, *(dr.sin(x) for x in angles), *(dr.cos(x) for x in angles)]
@@ -154,6 +150,12 @@ class Material:
             total = _plus(total, weight, features)
             k += 1
         return total
+
+    def _correction(self, sample, taps):
+        """δ of a sample."""
+        spread = dr.sqrt(sample.major * self._radius(sample, taps)) if taps > 1 else sample.radius
+        last = len(self.plane.shapes) - 1
+        return between_levels(self.level(spread, taps), last, lambda l: self.correction.linear(sample.xi.z, l))
 
     def _radius(self, sample, taps):
         """Radius of a tap."""

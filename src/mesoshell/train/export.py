@@ -168,11 +168,13 @@ def decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:
     return kernels | biases | {"sigma_scale": np.asarray(d.scale, np.float32)}
 
 
-def grids_of(bundle: Bundle) -> list[np.ndarray]:
-    """Bounds of every cell of every level of a texture that wraps."""
+def grids_of(bundle: Bundle) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """The σ grid's arrays of a texture that wraps, and how far σ is above it."""
     made = ready(bundle)
     grids = _grids(replace(made.layout, colours=None), made.material)
-    return grids if bundle.tiles is None else [_any_neighbour(grid) for grid in grids]
+    if bundle.tiles is not None:
+        grids = [_any_neighbour(grid) for grid in grids]
+    return {f"grid/{i}": grid for i, grid in enumerate(grids)}, _excess(made.layout, made.material, grids)
 
 
 def _grids(layout: Layout, material: Material) -> list[np.ndarray]:

@@ -12,14 +12,15 @@ A network of averaged features is not the average of the network: grass that was
 light from above, and up to 1.8 of it against the sun. What is wrong depends on height more than on place, so that some numbers
 a level and height suffice. Features stay, F(h) stays, and so does what is seen from nearby.
 
-Rays enter at the top and end at the base, or after REACH patches. T is of few rays, but of many views: the loss is the product
-of two halves' differences, of rays that are their own, and so noise adds nothing to its mean; a third part gives its scale.
+Rays enter at the top and end at the base, or after REACH patches; they are not filtered along the height. T is of few rays, but
+of many views: the loss is the product of two halves' differences, of rays that are their own, and so noise adds nothing to its
+mean; a third part gives its scale.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,13 +30,13 @@ from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle
-from mesoshell.limits import check_seed
+from mesoshell.io.bundle_arrays import BAKED
+from mesoshell.limits import check_memory, check_seed
 from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import weights
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
 from mesoshell.shell.material.field import Layout, Material, Point, neural_field
 from mesoshell.shell.material.loader import DeviceMaterial, ready
-from mesoshell.texture import mip
 from mesoshell.train.export import grids_of
 from mesoshell.train.update import descent
 from mesoshell.typing import Array, Key, Scalar, Vec2, Vec3
@@ -50,7 +51,7 @@ BATCH, SOME, MORE = 64, 6, 96
 SAMPLES, FEW, FINE = 192, 96, 2
 #: Patches after which a ray ends, and the flattest elevations: of the viewer (radians), and of the light (sine).
 REACH, FLATTEST, LOWEST = 4.0, 0.035, 0.05
-#: Patches along a side of a grown texture, and how many are grown: no ray from its middle leaves it.
+#: Patches along a side of a grown texture, which no ray from its middle leaves; and how many are grown.
 GROWN, TEXTURES = 12, 3
 #: Radiance is compared over its view's mean plus this; opacity counts so much.
 DARK, OPACITY = 0.02, 2.0
@@ -80,32 +81,40 @@ class Gap(NamedTuple):
 
 def prefiltered(
     bundle: Bundle, name: str, steps: int = 300, seed: int = 0, show: Callable[[Gap], None] = lambda gap: None
-) -> tuple[Bundle, list[Gap]]:
-    """The material with its correction fitted, and what it mends at each level. steps: of each level; show: called after each.
+) -> Bundle:
+    """The material with its correction fitted, without a twin, which is of what was seen before. steps: of each level; show:
+    called with what a level's correction mends.
 
-    Raises InputError, about `name`, if it is one texture with edges; about `steps` and `seed`.
+    Raises InputError, about `name`, if it is one texture with edges, or needs more memory than there is; about `steps` and
+    `seed`.
     """
     if steps < 1:
         raise InputError(Argument("steps"), "must be at least 1")
     check_seed(seed)
-    plain = replace(bundle, arrays={key: array for key, array in bundle.arrays.items() if key != "correction"})
+    old = ("correction",) if bundle.generator is None else ("correction", *BAKED)
+    plain = {key: array for key, array in bundle.arrays.items() if not key.startswith(old)}
+    made = replace(bundle, arrays=plain, twin=None)
     rng = np.random.default_rng(seed % 2**32)
-    delta, gaps = _fit(_textures(plain, name, rng), steps, rng, show)
-    arrays = plain.arrays | {"correction": delta.astype(np.float16)}
+    delta, gaps = _fit(_textures(made, name, rng), steps, rng, show)
     about = {"steps": steps, "seed": seed, "rms": [[round(x, 4) for x in gap.rms] for gap in gaps]}
-    made = replace(bundle, arrays=arrays, provenance=bundle.provenance | {"correction": about})
-    if bundle.wraps:
-        made = replace(made, arrays=arrays | {f"grid/{i}": grid for i, grid in enumerate(grids_of(made))})
-    return made, gaps
+    made.arrays["correction"] = delta.astype(np.float16)
+    entries: dict[str, Any] = {"correction": about}
+    if bundle.generator is None:
+        grids, excess = grids_of(made)
+        made.arrays.update(grids)
+        entries |= excess
+    return replace(made, provenance=bundle.provenance | entries)
 
 
 def _textures(bundle: Bundle, name: str, rng: np.random.Generator) -> list[DeviceMaterial]:
     """What the correction is fitted to: the material's texture, or some that its generator grows, of any geometry."""
-    if bundle.wraps:
-        return [ready(bundle)]
-    if bundle.generator is None:
+    if bundle.generator is None and not bundle.wraps:
         raise InputError(name, "is one texture with edges: correct the material that it was grown from")
+    if bundle.generator is None:
+        made = ready(bundle)
+        return [replace(made, layout=replace(made.layout, colours=None))]  # of tiles, their torus: each of them once
     side = GROWN * int(bundle.texel_density)
+    check_memory(name, f"{TEXTURES} textures of {side} texels a side", 6 * TEXTURES * bundle.channels * side**2)
     ranges = {p.name: p.range for p in bundle.parameters if p.role == "beta"}
     some = []
     for _ in range(TEXTURES):
@@ -164,7 +173,7 @@ def _views(texture: DeviceMaterial, count: int, rays: int, rng: np.random.Genera
     toward, light = _unit(up, rng), _unit(np.arcsin(rng.uniform(LOWEST, 1, count)), rng)
     alpha = rng.uniform(size=(count, len(texture.names))).astype(np.float32)
     keys = jax.random.split(jax.random.key(int(rng.integers(2**31))), count)
-    true = _true(texture.layout, rays, texture.material, (toward, light, alpha), keys)
+    true = _true(texture.layout, (rays, SAMPLES), texture.material, (toward, light, alpha), keys)
     return View(toward, light, alpha, np.asarray(true))
 
 
@@ -176,12 +185,13 @@ def _unit(elevation: Float[np.ndarray, "V"], rng: np.random.Generator) -> Float[
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _true(
-    layout: Layout, rays: int, material: Material, views: tuple[Array, Array, Array], keys: Array
+    layout: Layout, counts: tuple[int, int], material: Material, views: tuple[Array, Array, Array], keys: Array
 ) -> Float[Array, "V 3 4"]:
-    """T by three parts, each of so many rays."""
+    """T by three parts. counts: of rays of each, and of samples of a ray."""
+    rays, samples = counts
 
     def one(view: tuple[tuple[Array, Array, Array], Array]) -> Array:
-        every = _rays(layout, (3 * rays, SAMPLES), material, jnp.zeros(()), view[0], view[1])
+        every = _rays(layout, (3 * rays, samples), material, jnp.zeros(()), view[0], view[1])
         return every.reshape(3, rays, 4).mean(axis=1)
 
     return jax.lax.map(one, (views, keys), batch_size=4)
@@ -225,6 +235,7 @@ def _rays(
     return jax.vmap(ray)(begin, jax.random.uniform(k[1], (rays,)))
 
 
+@partial(jax.jit, static_argnums=(0, 1))
 def _halves(
     layout: Layout,
     counts: tuple[int, int],
@@ -235,8 +246,7 @@ def _halves(
     key: Key[Array, ""],
 ) -> tuple[Float[Array, "V 4"], Float[Array, "V 4"]]:
     """P of each view by two halves of its rays, with `row` as δ of the level."""
-    every = jnp.broadcast_to(row, (len(layout.sizes), *row.shape)).reshape(-1, row.shape[1])
-    material = material._replace(correction=mip.Pyramid(every))
+    material = material._replace(correction=jnp.broadcast_to(row, (len(layout.sizes), *row.shape)))
     directions = views.toward, views.light, views.alpha
     one = lambda view, key: _rays(layout, counts, material, level, view, key)  # noqa: E731
     y = jax.vmap(one)(directions, jax.random.split(key, len(views.true)))
@@ -265,20 +275,6 @@ def _slope(
     return jax.grad(loss)(row)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _measured(
-    layout: Layout,
-    counts: tuple[int, int],
-    material: Material,
-    row: Float[Array, "B C"],
-    level: Scalar,
-    views: View,
-    key: Key[Array, ""],
-) -> tuple[Float[Array, "V 4"], Float[Array, "V 4"]]:
-    """`_halves`, compiled."""
-    return _halves(layout, counts, material, row, level, views, key)
-
-
 def _gap(
     textures: Sequence[DeviceMaterial], held: Sequence[View], row: Float[Array, "B C"], level: int
 ) -> tuple[float, float]:
@@ -288,11 +284,12 @@ def _gap(
         for i in range(0, len(views.true), AT_ONCE):
             some = jax.tree.map(lambda x, i=i: x[i : i + AT_ONCE], views)
             how = texture.layout, (MORE, _samples(level)), texture.material
-            a, b = _measured(*how, row, np.float32(level), some, jax.random.key(i))
+            a, b = _halves(*how, row, np.float32(level), some, jax.random.key(i))
             first.append(a[:, :3])
             second.append(b[:, :3])
             true.append(some.true[..., :3])
     a, b, parts = (np.concatenate(x).astype(np.float64) for x in (first, second, true))
     t = parts.mean(axis=1)
     apart = max(0.0, float(((a - parts[:, 0]) * (b - parts[:, 1])).mean())) ** 0.5
-    return float((a + b).mean() / 2 / t.mean()), apart / float(t.mean())
+    mean = max(float(t.mean()), 1e-9)
+    return float((a + b).mean() / 2) / mean, apart / mean

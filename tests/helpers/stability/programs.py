@@ -47,7 +47,6 @@ from mesoshell.stability import field as field_checks
 from mesoshell.stability import surface as surface_checks
 from mesoshell.surface_material import network as surface_material
 from mesoshell.surface_material import renderer as surface_renderer
-from mesoshell.texture.mip import Pyramid
 from mesoshell.train import export, prefilter
 from mesoshell.train.export import decoder_arrays
 from mesoshell.train.fit import patch_rays
@@ -143,9 +142,7 @@ def _of_shells(bundle: Bundle) -> Programs:
     nodes = replace(ready.layout, open=True, origin=(1, 1), nodes=(3, 3))
     planes = Layout(ready.layout.sizes, (), ready.layout.texel_density, ready.layout.octaves, True, cells=(2, 2))
     ways = [wraps, *(replace(wraps, layout=layout) for layout in (nodes, planes))]
-    corrected = ready.material._replace(
-        correction=Pyramid(f(2 * len(ready.layout.sizes), ready.material.height.rows.shape[1]))
-    )
+    corrected = ready.material._replace(correction=f(len(ready.layout.sizes), 2, ready.material.height.rows.shape[1]))
     views, row = prefilter.View(f(4, 3), f(4, 3), f(4, 1), f(4, 3, 4)), f(2, ready.material.height.rows.shape[1])
     cell = density_bounds._largest, ready.layout, ready.material, f(), (2, 4, 4), 2, (f(2), f(2)), KEY
     decoder = ready.material.decoder
@@ -168,11 +165,11 @@ def _of_shells(bundle: Bundle) -> Programs:
             _jitted(kernels.density, wraps, table._replace(material=corrected), pieces, at, samples, i()),
         ],
         "train.prefilter._true": [
-            _jitted(prefilter._true, ready.layout, 2, ready.material, views[:3], jax.random.split(KEY, 4))
+            _jitted(prefilter._true, ready.layout, (2, 8), ready.material, views[:3], jax.random.split(KEY, 4))
         ],
         "train.prefilter._slope": [_jitted(prefilter._slope, ready.layout, 8, ready.material, row, f(), views, KEY)],
-        "train.prefilter._measured": [
-            _jitted(prefilter._measured, ready.layout, (2, 8), ready.material, row, f(), views, KEY)
+        "train.prefilter._halves": [
+            _jitted(prefilter._halves, ready.layout, (2, 8), ready.material, row, f(), views, KEY)
         ],
         "train.prefilter._updated": [
             _jitted(prefilter._updated, row, row, jax.eval_shape(prefilter._ADAM.init, row), f())

@@ -28,7 +28,7 @@ def material_of(layout: Layout, corrected: bool = False) -> Material:
     """Noise, with rows enough for any layout."""
     rng = np.random.default_rng(0)
     texture, height = (mip.Pyramid(jnp.asarray(rng.normal(size=(2000, C)), jnp.float32)) for _ in range(2))
-    correction = mip.Pyramid(jnp.asarray(rng.normal(size=(6 * len(layout.sizes), C)), jnp.float32))
+    correction = jnp.asarray(rng.normal(size=(len(layout.sizes), 6, C)), jnp.float32)
     decoder = init_decoder(jax.random.key(0), C + 1 + 2 + 2, (8,), (8,))
     return Material(texture, height, decoder, correction if corrected else None)
 

@@ -24,7 +24,8 @@ def run(options: Options) -> None:
         )
 
     bundle = read_bundle(find(options.material))
-    made, _ = prefiltered(bundle, options.material, options.steps, options.seed, show)
+    with console.status("learning from unfiltered rays"):
+        made = prefiltered(bundle, options.material, options.steps, options.seed, show)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write_bundle(options.out, made)
     print(options.out)

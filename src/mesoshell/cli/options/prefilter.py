@@ -10,7 +10,8 @@ import tyro
 class Options:
     """Correct a material for views from afar: what is averaged over a pixel shall show the mean of what near views show.
 
-    It learns from the material's own unfiltered rays, and needs no images. About four minutes on two cores.
+    It learns from the material's own unfiltered rays, and needs no images: three to six minutes on two cores. A twin is
+    left out: distil it anew.
     """
 
     #: A bundled material's name, or a .npz file: a patch, corner tiles, or a generator.

@@ -167,10 +167,7 @@ def _grids(
     rows, nodes = tuple((h.shape[2], 1) for h in heights), (step + 3, step + 3) if varies else None
     layout = Layout(sizes, rows, float(texels), maker.octaves, open=True, nodes=nodes)
     corner = np.array([[1.0, 1.0], [step + 1.0, step + 1.0]])
-    correction = None
-    if maker.correction is not None:
-        kept = maker.correction[maker.config.texels.bit_length() - len(features) :]
-        correction = mip.Pyramid(jnp.asarray(kept.reshape(-1, maker.config.channels)))
+    correction = None if maker.correction is None else jnp.asarray(maker.correction)
     above, most, points = 0, 0.0, 0
     for done, place in enumerate(places):
         levels = [_window(f, place, step, texels >> i) for i, f in enumerate(features)]

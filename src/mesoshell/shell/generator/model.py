@@ -36,7 +36,8 @@ from mesoshell.typing import Array
 
 @dataclass(frozen=True, eq=False)
 class GeneratorModel:
-    """A generator with its averages, its decoder, octaves of the height encoding, and the correction of its levels."""
+    """A generator with its averages, its decoder, octaves of the height encoding, and the correction of its levels that are
+    kept."""
 
     config: GeneratorConfig
     generator: Generator

@@ -7,7 +7,7 @@ excess      of σ over the bound, at points that no probe saw
 
 σ is the decoder's, of features that are interpolated: it has no cheap bound. So each cell is probed in random places, a tenth
 of a cell beyond its walls included, at random fractions of a level, heights' filters, parameters, and corrections of up to
-a level more, as taps along an ellipse have them; half of the probes at the level itself, since unfiltered features have the
+two levels more, as taps along an ellipse have them; half of the probes at the level itself, since unfiltered features have the
 greatest extremes and all of a close view is unfiltered.
 
 A probe is drawn for all cells of one height together: they are looked up as a lattice (lattice.py), at a third of the cost.
@@ -109,5 +109,5 @@ def _drawn(
     radius = jnp.where(at == 0, 0.0, 2.0**at / (2 * layout.texel_density))
     encoded = layout.octaves * 2 + 1 + material.texture.rows.shape[1]
     alpha = jax.random.uniform(k[2], (*shape, material.decoder.trunk[0].kernel.shape[0] - encoded))
-    spread = radius * 2.0 ** jax.random.uniform(k[3], shape)
+    spread = radius * 4.0 ** jax.random.uniform(k[3], shape)
     return radius, jax.random.uniform(k[1], shape, maxval=DEEPEST), alpha, spread

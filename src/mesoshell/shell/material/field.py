@@ -4,7 +4,7 @@ Notation
 ξ           (u, v, h), u and v in patches                                    (3,), canonical
 r, σ_h      standard deviations of the filter on the tangent plane, in patches, and along the height
 s           radius of a circle as large as all that is averaged; r, unless taps along an ellipse are
-δ(λ, h)     correction of features that are averaged at level λ (train/prefilter); none at level 0    (C,)
+δ(λ, h)     correction of features that are averaged at level λ (train/prefilter)                     (C,)
 F           F(u, v) + F(h) + δ, each filtered                                 (C,)
 α           appearance parameters, normalised                                 (A,)
 σ, ρ        extinction and transport function
@@ -73,7 +73,7 @@ class Material(NamedTuple):
     texture: Pyramid
     height: Pyramid
     decoder: Decoder
-    correction: Pyramid | None = None
+    correction: Float[Array, "L B C"] | None = None
 
 
 class Point(NamedTuple):
@@ -84,6 +84,11 @@ class Point(NamedTuple):
     height_deviation: Scalar
     alpha: Float[Array, "A"]
     spread: Scalar | None = None
+
+
+def spread_of(point: Point) -> Scalar:
+    """s of a point."""
+    return point.radius if point.spread is None else point.spread
 
 
 class Field(NamedTuple):
@@ -104,7 +109,8 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
     rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
-    plane = layout.plane(material.texture, point.xi[:2], level) + correction(material, layout, point)
+    plane = layout.plane(material.texture, point.xi[:2], level)
+    plane = plane + correction(material, layout, point.xi[2], spread_of(point))
     if layout.nodes is None:
         profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
     else:
@@ -113,14 +119,14 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     return jnp.concatenate([plane + profile, encoded, point.alpha])
 
 
-def correction(material: Material, layout: Layout, point: Point) -> Float[Array, "C"] | float:
-    """δ at a point; 0 if the material has none."""
+def correction(material: Material, layout: Layout, h: Scalar, spread: Scalar) -> Float[Array, "C"] | float:
+    """δ at h and s; 0 if the material has none."""
     if material.correction is None:
         return 0.0
-    last = len(layout.sizes) - 1
-    level = mip.level_of(point.radius if point.spread is None else point.spread, layout.texel_density, last)
-    rows = material.correction.rows.shape[0] // (last + 1)
-    return mip.lookup_height(material.correction, ((rows, 1),) * (last + 1), point.xi[2], level)
+    levels, rows, channels = material.correction.shape
+    assert levels == len(layout.sizes)
+    level = mip.level_of(spread, layout.texel_density, levels - 1)
+    return mip.lookup_height(Pyramid(material.correction.reshape(-1, channels)), ((rows, 1),) * levels, h, level)
 
 
 def _between_nodes(

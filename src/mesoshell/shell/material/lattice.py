@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from mesoshell.shell.material import decoder as net
-from mesoshell.shell.material.field import Layout, Material, Point, correction, inputs
+from mesoshell.shell.material.field import Layout, Material, Point, correction, inputs, spread_of
 from mesoshell.texture import mip
 from mesoshell.texture.mip import Pyramid
 from mesoshell.typing import Array, Float, Scalar
@@ -31,7 +31,7 @@ def inputs_on_lattice(
     plane = mip.lookup_lattice(
         material.texture, layout.sizes, v, u, level, layout.texel_density if layout.open else None
     )
-    plane += jnp.broadcast_to(correction(material, layout, at), plane.shape)
+    plane += jnp.broadcast_to(correction(material, layout, at.xi[2], spread_of(at)), plane.shape)
     if layout.nodes is None:
         profile = mip.lookup_height(material.height, layout.height_sizes, at.xi[2], level_h)[None, None]
     else:

@@ -68,12 +68,12 @@ def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
         mip.Pyramid(jnp.asarray(np.concatenate([x.reshape(-1, bundle.channels) for x in levels]))),
         mip.Pyramid(jnp.asarray(pack_heights(heights).reshape(-1, bundle.channels))),
         decoder_of(a),
-        mip.Pyramid(jnp.asarray(a["correction"].reshape(-1, bundle.channels))) if "correction" in a else None,
+        jnp.asarray(a["correction"]) if "correction" in a else None,
     )
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
     names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
-    shapes, corrected = tuple(g.shape for g in grids), "correction" in a and bool(a["correction"][0].any())
-    return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), shapes, names, corrected)
+    shapes = tuple(g.shape for g in grids)
+    return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), shapes, names, bundle.finest_corrected)
 
 
 def pack_heights(levels: list[Float[np.ndarray, "P Q _r C"]]) -> Float[np.ndarray, "P Q R C"]:

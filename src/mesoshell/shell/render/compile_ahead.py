@@ -27,13 +27,14 @@ NONE, I = np.int32(0), np.zeros(CAPACITY, np.int32)
 def compile_ahead(media: Sequence[Decoding], prisms: Prisms, quality: Quality, lights: int, rows: int) -> None:
     """Compile the programs of a tile, those that take longest first. lights: toward which a ray is lit; rows: of its padded
     intervals."""
-    tables = {decoding.program: decoding.table for decoding in media}  # of several that compile alike, one
+    # of several that compile alike, one
+    tables = {(d.program, jax.tree.structure(d.table)): d.table for d in media}
     chart = media[0].table.chart
     wide = ((), (2,), (2, 2), (2,), (3,), (3,))
     pieces = Piece(*(jnp.zeros((rows, *shape), jnp.float32 if shape else jnp.int32) for shape in wide))
     at = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(kernels.frames, chart, pieces, NONE))
     calls: list[Callable[[], object]] = [lambda: compile_walk(prisms, exact=True)]
-    for program, table in tables.items():
+    for (program, _), table in tables.items():
         calls += _calls(program, table, pieces, at, quality, lights)
     calls.insert(2, lambda: compile_walk(prisms, exact=False))
     if lights:

@@ -153,7 +153,7 @@ def _inputs(program: StaticConfig, table: DeviceTables, xi: Vec3, footprint: Foo
     spacing = footprint.major * (positions[1] - positions[0])
     radius = jnp.minimum(jnp.maximum(footprint.minor, 0.35 * spacing), footprint.major)
     reach = safe_sqrt(footprint.major**2 - radius**2)  # each tap is as wide as radius along the axis, too
-    spread, plain = safe_sqrt(footprint.major * radius), table.material._replace(correction=None)
+    plain = table.material._replace(correction=None)
 
     def tap(x: Scalar) -> Array:
         at = xi.at[:2].add(x * reach * footprint.axis)
@@ -162,7 +162,7 @@ def _inputs(program: StaticConfig, table: DeviceTables, xi: Vec3, footprint: Foo
     mean = jnp.matmul(weights, jax.vmap(tap)(positions), precision="highest")
     if table.material.correction is None:
         return mean
-    added = correction(table.material, program.layout, Point(xi, radius, footprint.height, alpha, spread))
+    added = correction(table.material, program.layout, xi[2], safe_sqrt(footprint.major * radius))
     return mean.at[: table.material.texture.rows.shape[1]].add(added)
 
 

@@ -90,7 +90,8 @@ def test_bounds_are_of_the_corrected_material(tiny_bundle) -> None:
         radius = 2**level / 8 * 2 ** -rng.random(4000)
         spread = radius * 2 ** rng.random(4000)
         xi, alpha = rng.random((4000, 3)).astype(np.float32), rng.random((4000, 1)).astype(np.float32)
-        points = Point(xi, *(np.float32(x) for x in (radius, np.zeros(4000))), alpha, np.float32(spread))
+        wide, none = jnp.asarray(radius, jnp.float32), jnp.zeros(4000, jnp.float32)
+        points = Point(jnp.asarray(xi), wide, none, jnp.asarray(alpha), jnp.asarray(spread, jnp.float32))
         sigma = np.asarray(jax.jit(jax.vmap(lambda p: field.density(p)[0]))(points))
         above = {}
         for name, grids in (("old", tiny_bundle.arrays), ("new", bounds)):

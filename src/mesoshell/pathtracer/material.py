@@ -90,7 +90,7 @@ class Material:
         xi = sample.xi
         plane = self._along(sample, taps) if taps > 1 else self._filtered(xi, self.level(sample.radius, taps))
         if self.correction is not None and (taps or self.finest_corrected):
-            plane = _plus(plane, 1, self._correction(sample, taps))
+            plane = _plus(plane, 1, self._correction(self.correction, sample, taps))
         profile = self.heights.at(xi, sample.deviation if taps else None)
         angles = [dr.pi * 2.0**k * xi.z for k in range(self.octaves)]
         encoded = [xi.z, *(dr.sin(x) for x in angles), *(dr.cos(x) for x in angles)]
@@ -151,11 +151,11 @@ class Material:
             k += 1
         return total
 
-    def _correction(self, sample, taps):
-        """δ of a sample."""
+    def _correction(self, levels, sample, taps):
+        """δ of a sample. levels: of the correction."""
         spread = dr.sqrt(sample.major * self._radius(sample, taps)) if taps > 1 else sample.radius
         last = len(self.plane.shapes) - 1
-        return between_levels(self.level(spread, taps), last, lambda l: self.correction.linear(sample.xi.z, l))
+        return between_levels(self.level(spread, taps), last, lambda l: levels.linear(sample.xi.z, l))
 
     def _radius(self, sample, taps):
         """Radius of a tap."""

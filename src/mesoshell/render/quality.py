@@ -92,7 +92,7 @@ class Quality:
     filtering: bool = _setting(
         True,
         "filter features over the pixel's footprint; without it, afar is noise",
-        "what is afar: a network of averaged features is not the average of the network",
+        "what is afar: a network of averaged features is not the average of the network; a correction leaves some of it",
     )
     #: 1 is the paper's r = min(a, b).
     anisotropy: int = _setting(

@@ -64,10 +64,10 @@ AT_ONCE = 8
 class View(NamedTuple):
     """Directions and appearances, (V, …) each, and T by three parts of its rays, (V, 3, 4)."""
 
-    toward: Array
-    light: Array
-    alpha: Array
-    true: Array
+    toward: Any
+    light: Any
+    alpha: Any
+    true: Any
 
 
 class Gap(NamedTuple):

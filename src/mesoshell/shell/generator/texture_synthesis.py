@@ -80,8 +80,8 @@ def baked(
     beta = _geometry(bundle, wanted, count_nodes(size, maker.config.texels))
     arrays = {key: array for key, array in bundle.arrays.items() if key.startswith(("decoder/", "sigma_scale"))}
     if maker.correction is not None:
-        maker = replace(maker, correction=maker.correction[wanted.coarser :])
-        arrays["correction"] = maker.correction
+        arrays["correction"] = maker.correction[wanted.coarser :]
+        maker = replace(maker, correction=arrays["correction"])
 
     def in_memory(key: str, shape: tuple[int, ...]) -> np.ndarray:
         return np.zeros(shape, np.float16)

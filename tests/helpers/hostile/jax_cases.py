@@ -198,6 +198,7 @@ def of_commands(good: Path) -> Iterator[Case]:
     for place in ("/dev/null/x", "/proc/x", f"{shell}/x"):
         given += [
             ["export", "none", "--out", place],
+            ["prefilter", "none", "--out", place],
             ["texture", shell, "--out", place],
             ["atlas", "render", thing, "--out", place],
         ]

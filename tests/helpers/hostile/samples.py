@@ -65,7 +65,7 @@ def shell_manifest() -> dict[str, Any]:
 
 def shell_arrays(random: np.random.Generator) -> dict[str, np.ndarray]:
     """The arrays of `SHELL` by its own table of symbols."""
-    sizes = {"C": 2, "T0": 6, "T1": 4, "T": 4, "S0": 10, "S1": 4, "S": 4, "1": 1, "3": 3, "any": 2}
+    sizes = {"C": 2, "T0": 6, "T1": 4, "T": 4, "S0": 10, "S1": 4, "S": 4, "1": 1, "3": 3, "any": 2, "L": 3, "B": 2}
     sizes |= {f"{letter}{i}": 4 >> i for letter in "HWR" for i in range(3)}
     arrays = {}
     for pattern, (symbols, _) in SHELL.items():

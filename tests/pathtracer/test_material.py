@@ -135,3 +135,35 @@ def test_tiles_far_out_and_of_a_seed_are_those_of_the_other_engine(tiled_bundle,
     )
     off = np.abs(ours.T - np.asarray(expected)).max(axis=1)
     assert np.quantile(off, 0.99) < 2e-4, "taps that fall on a border may round to either side"
+
+
+@pytest.mark.parametrize("taps", [0, 1, 2, 8])
+def test_a_correction_is_read_at_the_area_that_is_averaged(taps) -> None:
+    """In both engines: its numbers are the levels themselves here, and features are 0. Without a filter there is none."""
+    bundle = read_bundle(GRASS)
+    levels = np.arange(9, dtype=np.float32)[:, None, None] * np.ones((9, 3, bundle.channels), np.float32)
+    zero = {k: 0 * x for k, x in bundle.arrays.items() if k.startswith(("features/", "height/"))}
+    made = replace(bundle, arrays=bundle.arrays | zero | {"correction": levels})
+    minor, major = 2.0**-6, 2.0**-4
+    between = {0: 0.0, 1: 0.0, 2: 2.0, 8: 4.6 / 8 / np.sqrt(np.dot(*_variance(8)))}[taps]
+    s = minor if taps <= 1 else np.sqrt(major * max(minor, 0.35 * between * major))
+    expected = 0.0 if taps == 0 else np.log2(2 * s * bundle.texel_density)
+    xi, alpha = np.float32([[0.3], [0.4], [0.5]]), 0.2
+    sample = Sample(
+        mi.UInt32(0), mi.Float(0), mi.Vector3f(xi), mi.Float(minor), mi.Float(0), mi.Float(major), mi.Vector2f(1, 0)
+    )
+    ours = Material(made).inputs(sample, [mi.Float(alpha)], taps)[: bundle.channels]
+    np.testing.assert_allclose(np.array(ours).ravel(), expected, rtol=1e-5, atol=1e-6)
+    loaded, nothing = ready(made), None
+    program = StaticConfig(loaded.layout, loaded.grid_shapes, taps > 0, max(taps, 1), False, ())
+    table = DeviceTables(nothing, loaded.material, loaded.grid, jnp.full(1, alpha, jnp.float32), *[nothing] * 4)
+    footprint = Footprint(*(jnp.float32(x) for x in (minor, major)), jnp.array([1.0, 0.0]), jnp.float32(0))
+    theirs = _inputs(program, table, jnp.asarray(xi[:, 0]), footprint)[: bundle.channels]
+    np.testing.assert_allclose(theirs, expected, rtol=1e-5, atol=1e-6)
+
+
+def _variance(taps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of taps, and squares of their places before these are scaled."""
+    places = (np.arange(taps) + 0.5) / taps * 4.6 - 2.3
+    weights = np.exp(-(places**2) / 2)
+    return weights / weights.sum(), places**2

@@ -44,7 +44,8 @@ for level in (2, 4, 6, 8):
         label=f"level {level}",
     )
 axes.set(xlabel="height h", ylabel="rms of δ over channels")
-axes.legend()
+axes.legend(loc="upper left", ncols=2, fontsize=8)
+plt.tight_layout()
 plt.show()
 
 # %% [markdown]

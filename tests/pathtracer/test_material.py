@@ -148,16 +148,17 @@ def test_a_correction_is_read_at_the_area_that_is_averaged(taps) -> None:
     between = {0: 0.0, 1: 0.0, 2: 2.0, 8: 4.6 / 8 / np.sqrt(np.dot(*_variance(8)))}[taps]
     s = minor if taps <= 1 else np.sqrt(major * max(minor, 0.35 * between * major))
     expected = 0.0 if taps == 0 else np.log2(2 * s * bundle.texel_density)
-    xi, alpha = np.float32([[0.3], [0.4], [0.5]]), 0.2
+    xi, alpha = np.array([[0.3], [0.4], [0.5]], np.float32), 0.2
     sample = Sample(
         mi.UInt32(0), mi.Float(0), mi.Vector3f(xi), mi.Float(minor), mi.Float(0), mi.Float(major), mi.Vector2f(1, 0)
     )
     ours = Material(made).inputs(sample, [mi.Float(alpha)], taps)[: bundle.channels]
     np.testing.assert_allclose(np.array(ours).ravel(), expected, rtol=1e-5, atol=1e-6)
-    loaded, nothing = ready(made), None
+    loaded = ready(made)
+    nothing: Any = None
     program = StaticConfig(loaded.layout, loaded.grid_shapes, taps > 0, max(taps, 1), False, ())
     table = DeviceTables(nothing, loaded.material, loaded.grid, jnp.full(1, alpha, jnp.float32), *[nothing] * 4)
-    footprint = Footprint(*(jnp.float32(x) for x in (minor, major)), jnp.array([1.0, 0.0]), jnp.float32(0))
+    footprint = Footprint(jnp.float32(minor), jnp.float32(major), jnp.array([1.0, 0.0]), jnp.float32(0))
     theirs = _inputs(program, table, jnp.asarray(xi[:, 0]), footprint)[: bundle.channels]
     np.testing.assert_allclose(theirs, expected, rtol=1e-5, atol=1e-6)
 

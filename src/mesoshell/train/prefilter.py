@@ -9,8 +9,8 @@ P           the same of rays that are filtered at level λ
 rms         of P − T over all views, over the mean of T
 
 A network of averaged features is not the average of the network: a field of grass had four fifths of its light from above, and
-1.3 of it along the ground against the sun (1.8 at its horizon). What is wrong depends on height more than on place, so that some
-numbers a level and height suffice. Features stay, F(h) stays, and so does what is not filtered.
+1.3 of it along the ground against the sun (1.8 at its horizon). What is wrong depends on height more than on place, so that
+some numbers a level and height suffice. Features stay, F(h) stays, and so does what is not filtered.
 
 Rays enter at the top and end at the base, or after REACH patches; they are not filtered along the height. T is of few rays, but
 of many views: the loss is the product of two halves' differences, of rays that are their own, and so noise adds nothing to its

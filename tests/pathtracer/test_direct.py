@@ -119,7 +119,7 @@ def test_the_engines_agree(name: str, changes: dict) -> None:
         1 if quality.filtering else 10
     )  # texels that no filter blurs are crossed within few of float32's steps of (u, v)
     assert error.mean() < 1e-4 * loose * mean
-    # a correction that begins at some level makes features steep in the footprint there
+    # the bundled grass's correction is rough along h, where places differ in float32: of its mean over h this is 6e-4
     assert np.quantile(error.max(axis=-1), 0.99) < 2e-3 * loose * mean
     free = ~np.array(met.is_valid()).reshape(SIZE, SIZE)
     np.testing.assert_allclose(

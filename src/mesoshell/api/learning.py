@@ -95,7 +95,8 @@ def prefilter(
     no file until it is saved, and has no twin.
 
     steps: of each level of the texture. seed: of views and rays. show: called with each level's `Gap`. Raises InputError for a
-    surface material, and for one texture with edges, about the material; about `steps` and `seed`.
+    surface material, for one texture with edges, and for more textures than memory holds, about the material; about `steps` and
+    `seed`.
     """
     return Material(f"{material.name}, corrected", prefiltered(material.shell, material.name, steps, seed, show))
 

@@ -115,7 +115,7 @@ def _compiling(node: ast.AST, inside: str) -> Iterator[str]:
 def traced(bundle: Bundle) -> dict[str, list[Any]]:
     """Their jaxprs, in all the ways that matter, and those of functions that run as they are. bundle: a shell's."""
     makers = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
-    makers |= _of_judges(bundle)
+    makers |= _of_judges(bundle) | _of_corrections(bundle)
     return {name: [x() for x in programs] for name, programs in makers.items()}
 
 
@@ -143,7 +143,6 @@ def _of_shells(bundle: Bundle) -> Programs:
     planes = Layout(ready.layout.sizes, (), ready.layout.texel_density, ready.layout.octaves, True, cells=(2, 2))
     ways = [wraps, *(replace(wraps, layout=layout) for layout in (nodes, planes))]
     corrected = ready.material._replace(correction=f(len(ready.layout.sizes), 2, ready.material.height.rows.shape[1]))
-    views, row = prefilter.View(f(4, 3), f(4, 3), f(4, 1), f(4, 3, 4)), f(2, ready.material.height.rows.shape[1])
     cell = density_bounds._largest, ready.layout, ready.material, f(), (2, 4, 4), 2, (f(2), f(2)), KEY
     decoder = ready.material.decoder
     found, lay = f(ROWS, decoder.trunk[-1].bias.shape[0]), shell_teacher.Lay(f(), f(2, 2), f(2))
@@ -163,16 +162,6 @@ def _of_shells(bundle: Bundle) -> Programs:
         "shell.render.kernels.density": [
             *(_jitted(kernels.density, p, table, pieces, at, samples, i()) for p in ways),
             _jitted(kernels.density, wraps, table._replace(material=corrected), pieces, at, samples, i()),
-        ],
-        "train.prefilter._true": [
-            _jitted(prefilter._true, ready.layout, (2, 8), ready.material, views[:3], jax.random.split(KEY, 4))
-        ],
-        "train.prefilter._slope": [_jitted(prefilter._slope, ready.layout, 8, ready.material, row, f(), views, KEY)],
-        "train.prefilter._halves": [
-            _jitted(prefilter._halves, ready.layout, (2, 8), ready.material, row, f(), views, KEY)
-        ],
-        "train.prefilter._updated": [
-            _jitted(prefilter._updated, row, row, jax.eval_shape(prefilter._ADAM.init, row), f())
         ],
         "shell.render.kernels.density_at": [_jitted(kernels.density_at, wraps, table, f(ROWS, 3), f(ROWS), i())],
         "shell.render.kernels.transport": [
@@ -371,6 +360,20 @@ def _of_textures() -> Programs:
         "train.textures.synthesis._moments": [_jitted(synthesis._moments, config, begun, KEY)],
         "train.textures.snapshot._made": [_jitted(textures_snapshot._made, config, begun, f(2, 0), phases)],
         "train.textures.snapshot._shown": [shown],
+    }
+
+
+def _of_corrections(bundle: Bundle) -> Programs:
+    ready = loader.ready(bundle)
+    views, row = prefilter.View(f(4, 3), f(4, 3), f(4, 1), f(4, 3, 4)), f(2, ready.material.height.rows.shape[1])
+    held, rest = (ready.layout, (2, 8), ready.material), (row, f(), views, KEY)
+    return {
+        "train.prefilter._true": [_jitted(prefilter._true, *held, views[:3], jax.random.split(KEY, 4))],
+        "train.prefilter._slope": [_jitted(prefilter._slope, ready.layout, 8, ready.material, *rest)],
+        "train.prefilter._halves": [_jitted(prefilter._halves, *held, *rest)],
+        "train.prefilter._updated": [
+            _jitted(prefilter._updated, row, row, jax.eval_shape(prefilter._ADAM.init, row), f())
+        ],
     }
 
 

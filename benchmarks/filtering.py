@@ -1,8 +1,8 @@
 """What filtering does to fields seen from afar, with a material's correction and without: python -m benchmarks.filtering
 
 A field of 33 × 33 patches along the ground, with the light behind the camera and against it, from nearby (a texel of `turf` a
-pixel) and from above. The same samples a ray with `filtering` and without; without it, features are not averaged and many rays
-do it. light: radiance of the filtered picture over the unfiltered one's; apart: rms of what differs between blocks of 8 × 8
+pixel) and from above. The same samples a ray, filtered over a pixel and not; without a filter, features are not averaged and many
+rays do it. light: radiance of the filtered picture over the unfiltered one's; apart: rms of what differs between blocks of 8 × 8
 pixels, over the mean. The last column is seconds of `normal` without set-up, the least of three in turns, over those without a
 correction.
 """
@@ -44,7 +44,7 @@ def field(material: ms.Material, view: str, side: int) -> ms.Scene:
 
 def blocks(scene: ms.Scene, **changes: Any) -> Float[np.ndarray, "h w 3"]:
     """Means of blocks of pixels, as linear light."""
-    rgb = ms.render(scene, "normal", samples=SAMPLES, light_samples=0, **changes).rgba[..., :3]
+    rgb = ms.render(scene, "normal", samples=SAMPLES, light_samples=0, footprint=1.0, **changes).rgba[..., :3]
     side = len(rgb) // BLOCK
     return rgb.reshape(side, BLOCK, side, BLOCK, 3).mean(axis=(1, 3))
 

@@ -9,8 +9,8 @@ Notation
 n           rays a pixel of marches; paths have 16 n
 q           network queries a pixel and ray
 x           1 for exact coordinates, else 0
-c(S, n)     n (RAY + q (1 + TAP (taps − 1) + EXACT x)): what settings S cost in queries, which nothing else that the machine
-            does moves; geometric mean of scenes
+c(S, n)     n (RAY + q (1 + TAP (taps − 1) + EXACT x)), with one tap unfiltered: what settings S cost in queries, which nothing
+            else that the machine does moves; geometric mean of scenes
 e(S, n)     FLIP, geometric mean of scenes
 """
 
@@ -51,12 +51,19 @@ TRACED = {"spot": 48, "room": 48}
 REFER, AIM, PATHS_A_RAY = 100.0, 0.001, 16
 COUNTS = (1, 2, 4, 8)
 #: Others change less than what is measured here (docs/how_to/tradeoff.md).
-KNOBS = ("samples", "height_filter", "coordinates", "early_stop", "light_samples", "anisotropy")
+KNOBS = (
+    "samples",
+    "height_filter",
+    "coordinates",
+    "early_stop",
+    "light_samples",
+    "filtering",
+    "footprint",
+    "anisotropy",
+)
 #: Cost beyond which nothing is asked for.
 DEAREST = 1000.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
-#: What marches are measured against: nearly `reference`, of which too few passes are affordable here.
-FINE = REFERENCE.with_changes(samples=128, spacing="density", anisotropy=8)
 
 
 class Place(NamedTuple):
@@ -107,7 +114,8 @@ class Measured:
         def count(place: Place, n: int) -> int:
             return n * PATHS_A_RAY if place.paths else n
 
-        query = 1 + TAP * (settings["anisotropy"] - 1) + EXACT * (settings["coordinates"] == "exact")
+        taps = settings["anisotropy"] if settings["filtering"] else 1
+        query = 1 + TAP * (taps - 1) + EXACT * (settings["coordinates"] == "exact")
         cost = mean(lambda place, p: RAY + p.evaluations * query)
         flip = tuple(mean(lambda place, p, n=n: p.error(count(place, n))) for n in COUNTS)
         bias = mean(lambda place, p: max(p.bias, place.reference.noise))
@@ -122,7 +130,7 @@ def places(folder: Path) -> Iterator[Place]:
         scene = ms.Scene(mesh, ms.load_material(material), scale=scale, camera=camera, size=(side, side))
         yield place(name, prepare(scene, NORMAL), folder)
     for name, side in TRACED.items():
-        yield place(f"{name}, paths", prepare_file(PLACES / f"{name}.xml", NORMAL, None, pixels=side * side), folder)
+        yield place(f"{name}, paths", prepare_file(PLACES / f"{name}.xml", REFERENCE, None, pixels=side * side), folder)
 
 
 def place(name: str, prepared: Prepared, folder: Path) -> Place:
@@ -133,13 +141,12 @@ def place(name: str, prepared: Prepared, folder: Path) -> Place:
         used |= set(passes.ended(np.zeros((*passes.shape, 4)), 1).record["quality"])
     file = folder / f"{name}.npz"
     if not file.exists():
-        exact = REFERENCE.with_changes(**noise_of(NORMAL, KNOBS)) if paths else FINE
-        made = refer(prepared.passes(exact), None, REFER, AIM, lambda share: None)._replace(same_rays=not paths)
+        exact = REFERENCE.with_changes(**noise_of(NORMAL, KNOBS)) if paths else REFERENCE
+        made = refer(prepared.passes(exact), not paths, REFER, AIM, lambda share: None)
         np.savez(file, **made._asdict())
         print(f"{name}: reference of noise {made.noise:.4f}", flush=True)
     with np.load(file) as held:
-        rest = float(held["noise"]), int(held["passes"]), int(held["cheaper"]), bool(held["same_rays"])
-        reference = Reference(held["image"], held["first"], *rest)
+        reference = Reference(held["image"], held["first"], *(held[name].item() for name in Reference._fields[2:]))
     return Place(name, prepared, paths, tuple(k for k in KNOBS if k in used), reference)
 
 

@@ -23,6 +23,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import mesoshell as ms
+from mesoshell.measure.flip import flip
 
 corrected = ms.load_material("grass")
 arrays = {key: array for key, array in corrected.shell.arrays.items() if key != "correction"}
@@ -79,8 +80,8 @@ views = {
 figure, axes = plt.subplots(2, 3, figsize=(9.6, 5))
 for row, (name, view) in zip(axes, views.items(), strict=True):
     pictures = {
-        "averaged features": ms.render(field(plain, *view), "normal"),
-        "corrected": ms.render(field(corrected, *view), "normal"),
+        "averaged features": ms.render(field(plain, *view), "normal", footprint=1.0),
+        "corrected": ms.render(field(corrected, *view), "normal", footprint=1.0),
         "no filter, 12 rays": ms.render(
             field(corrected, *view), "normal", filtering=False, samples=64, pixel_samples=12
         ),
@@ -90,6 +91,28 @@ for row, (name, view) in zip(axes, views.items(), strict=True):
         axis.imshow(shown(picture))
         axis.set_title(f"{name}, {title}\n{mean / light[-1]:.2f} of the light", fontsize=9)
         axis.axis("off")
+plt.tight_layout()
+plt.show()
+
+# %% [markdown]
+# ## How wide a footprint
+#
+# `footprint` is the filter's width in pixels. Rays that share a pixel show what is finer than it; one ray alone is noisier with
+# a narrow footprint. FLIP is against many rays without a filter.
+
+# %%
+hill = field(corrected, (0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 40.0), (0.3, 0.5, 0.8))
+fine = {"samples": 64, "coordinates": "exact"}
+many = ms.render(hill, "normal", filtering=False, pixel_samples=32, **fine)
+figure, axes = plt.subplots(1, 4, figsize=(11, 2.8))
+for axis, footprint in zip(axes, (1.0, 0.5, 0.25), strict=False):
+    picture = ms.render(hill, "normal", footprint=footprint, pixel_samples=4, **fine)
+    axis.imshow(shown(picture))
+    axis.set_title(f"footprint {footprint}, FLIP {flip(picture.rgba[..., :3], many.rgba[..., :3]):.3f}", fontsize=9)
+    axis.axis("off")
+axes[3].imshow(shown(many))
+axes[3].set_title("no filter, 32 rays", fontsize=9)
+axes[3].axis("off")
 plt.tight_layout()
 plt.show()
 

@@ -13,9 +13,8 @@ def picture() -> np.ndarray:
     return np.stack([0.3 + 0.2 * np.sin(6 * x), 0.4 + 0.2 * y, 0.5 - 0.2 * x, np.ones(SHAPE)], axis=-1)
 
 
-def passes(bias: float, noise: float, common: float = 0.0, queries: int = 7) -> Passes:
-    """bias: added to all colours; noise: deviation of a pass of its own; common: of the noise that passes of the same number
-    have alike; queries: a pixel and pass."""
+def passes(bias: float, noise: float, queries: int = 7) -> Passes:
+    """bias: added to all colours; noise: deviation of a pass; queries: a pixel and pass."""
     asked = 0
 
     def one(k: int, pixels: np.ndarray, progress) -> np.ndarray:
@@ -23,8 +22,7 @@ def passes(bias: float, noise: float, common: float = 0.0, queries: int = 7) -> 
         asked += queries * len(pixels)
         image = picture()
         own = np.random.default_rng([k, round(1e6 * bias), round(1e6 * noise)]).normal(size=(*SHAPE, 3))
-        shared = np.random.default_rng([k, 99]).normal(size=(*SHAPE, 3))
-        image[..., :3] += bias + noise * own + common * shared
+        image[..., :3] += bias + noise * own
         return image.reshape(-1, 4)[pixels]
 
     def ended(image: np.ndarray, samples: int) -> Rendered:

@@ -37,19 +37,24 @@ def least(away: float, scale: float) -> float:
 @pytest.mark.parametrize("away", [0.5, 1.0, 3.0, 9.0, 200.0])
 @pytest.mark.parametrize("scale", [0.5, 1.0])
 def test_the_least_power_of_two_that_is_enough(away, scale) -> None:
-    found = texels_needed([camera(away)], [plane(scale)], 256)
+    found = texels_needed([camera(away)], [plane(scale)], 256, 1.0)
     needed = np.clip(least(away, scale), 0.5, 256)
     assert needed <= found * 1.03  # pixels are as wide as their middles are apart, and the corner's middle lies inside
     assert found == 1 or found / 2 < needed * 1.03
 
 
+def test_narrower_footprints_need_finer_texels() -> None:
+    found = [texels_needed([camera(9.0)], [plane(1.0)], 256, footprint) for footprint in (1.0, 0.5, 0.0)]
+    assert found == [found[0], 2 * found[0], 256] and found[1] < 256
+
+
 def test_the_nearest_of_cameras_and_shells_counts() -> None:
     near, far = camera(1.0), camera(9.0)
-    assert texels_needed([near, far], [plane(1.0)], 256) == texels_needed([near], [plane(1.0)], 256)
-    assert texels_needed([far], [plane(1.0), plane(0.5)], 256) == texels_needed([far], [plane(1.0)], 256)
+    assert texels_needed([near, far], [plane(1.0)], 256, 1.0) == texels_needed([near], [plane(1.0)], 256, 1.0)
+    assert texels_needed([far], [plane(1.0), plane(0.5)], 256, 1.0) == texels_needed([far], [plane(1.0)], 256, 1.0)
 
 
 def test_all_texels_where_rays_come_from_elsewhere_or_a_camera_is_in_the_shell() -> None:
-    assert texels_needed([camera(9.0, "orthographic")], [plane(1.0)], 64) == 64
-    assert texels_needed([camera(0.1)], [plane(1.0)], 64) == 64
-    assert texels_needed([], [plane(1.0)], 64) == 64
+    assert texels_needed([camera(9.0, "orthographic")], [plane(1.0)], 64, 1.0) == 64
+    assert texels_needed([camera(0.1)], [plane(1.0)], 64, 1.0) == 64
+    assert texels_needed([], [plane(1.0)], 64, 1.0) == 64

@@ -141,7 +141,7 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     marched |= {"base_samples", "light_samples"}
     assert used(lone, MARCH) == marched
     assert used(lone, MARCH, spacing="length") == marched | {"skip"}
-    filtered = {"height_filter", "anisotropy"}
+    filtered = {"height_filter", "footprint", "anisotropy"}
     assert used(sky, MARCH) == marched | filtered | {"visibility", "twin", "environment_samples"}
     assert used(replace(lone, distant=0), MARCH) == marched - {"weight_cut", "base_samples", "light_samples"}
     own = {"pixel_samples", "early_stop", "curvature_filter", "curve_length"}

@@ -16,6 +16,7 @@ BAD = {
     "skip": -0.1,
     "weight_cut": float("nan"),
     "light_samples": -1,
+    "footprint": 4.0,
     "anisotropy": 0,
     "visibility": "never",
     "environment_samples": 0,

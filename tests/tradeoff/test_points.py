@@ -12,7 +12,7 @@ from mesoshell.tradeoff.points import Point, measured, together
 from mesoshell.tradeoff.reference import Reference, refer, refers_to
 from tests.helpers.made_passes import SHAPE, passes, picture
 
-EXACT = Reference(picture(), np.stack([picture()] * 2), 0.0, 1, 16, True)
+EXACT = Reference(picture(), picture(), 0.0, 0.0, 16, True)
 
 
 def quiet(share: float) -> None:
@@ -27,7 +27,7 @@ def test_a_reference_is_of_one_scene_however_dim_or_far(covered: float, scale: f
     lit = lambda share: lambda p: image * np.array([share, share, share, 1.0])  # noqa: E731
     hidden = np.arange(image[..., 0].size).reshape(SHAPE) >= covered * image[..., 0].size
     image[hidden] = 0
-    kept = Reference(image, np.stack([image] * 2), 0.0, 1, 16, True)
+    kept = Reference(image, image, 0.0, 0.0, 16, True)
     assert refers_to(kept, begun, lit(1.001)) and not refers_to(kept, begun, lit(1.2))
     assert not refers_to(kept, begun, lambda p: image * np.array([1.0, 1.0, 1.0, 0.9]))
     assert not refers_to(kept, begun._replace(shape=(3, 3)), lambda p: image)
@@ -66,7 +66,7 @@ def test_the_estimate_of_bias_is_not_biased() -> None:
     """Over draws, that of an engine without bias has mean 0, where the square of a mean has not."""
     found = []
     for seed in range(40):
-        exact = Reference(picture(), np.stack([picture()] * 2), 0.0, 1, 16, True)
+        exact = Reference(picture(), picture(), 0.0, 0.0, 16, True)
         found.append(measured({}, passes(0.0, 0.05 + 1e-6 * seed), exact, quiet)[0])
     each = np.array([p.bias2 for p in found])
     assert abs(each.mean()) < 4 * each.std(ddof=1) / len(each) ** 0.5
@@ -85,15 +85,19 @@ def test_the_noise_of_the_reference_is_taken_off() -> None:
     np.testing.assert_allclose(same.flip, noise, rtol=1e-6)  # what cannot be told
 
 
-def test_two_levels_see_the_expected_picture() -> None:
-    """Of a costly engine that shares its rays' noise with a cheap one: better than its few passes alone."""
-    exact, cheap = passes(0.0, 0.002, 0.08), passes(0.05, 0.002, 0.08)
-    two, one = refer(exact, cheap, 1e9, 0.02, quiet), refer(exact, None, 1e-9, 0.0, quiet)
+def test_a_reference_knows_its_noise() -> None:
+    """And that its passes are other ones than those of points."""
+    exact = passes(0.0, 0.02)
+    made, short = refer(exact, True, 1e9, 0.004, quiet), refer(exact, False, 1e-9, 0.0, quiet)
     true = over_backdrop(picture())
-    assert flip(over_backdrop(two.image), true) < 0.3 * flip(over_backdrop(two.first.mean(axis=0)), true)
-    assert two.same_rays and two.cheaper >= 64 and two.noise <= 0.02 and two.passes == 16
-    assert (one.passes, one.cheaper, len(one.first)) == (16, 0, 2) and not one.same_rays
-    assert 0.5 < two.noise / flip(over_backdrop(two.image), true) < 2
+    assert made.same_rays and made.noise <= 0.004 and made.passes > 64
+    assert short.passes == 16 and not short.same_rays and short.noise > 2 * made.noise
+    assert 0.5 < made.noise / flip(over_backdrop(made.image), true) < 2
+    off = np.mean((over_backdrop(made.image) - true) ** 2 / (true**2 + 0.01))
+    assert 0.5 < made.variance / off < 2
+    np.testing.assert_array_equal(
+        made.first, exact.render(0, np.arange(made.first[..., 0].size), quiet).reshape(*SHAPE, 4)
+    )
 
 
 def test_points_are_kept_as_json() -> None:

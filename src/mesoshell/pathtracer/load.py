@@ -87,7 +87,7 @@ def _loaded(source: str, parse: Callable, quality: Quality, size: tuple[int, int
                     added, own_notes = _surfaces(element, mesh, quality, materials)
                     surfaces += added
                 else:
-                    added = _shells(element, mesh, scene.sensors(), materials)
+                    added = _shells(element, mesh, scene.sensors(), quality, materials)
                     shells, own_notes = shells + added, added[0][0].notes
             except InputError as error:
                 raise InputError(element.where, str(error).replace("`", "")) from error
@@ -156,7 +156,9 @@ def _world(
     return World(shells, media, surface_meshes, quality, effects, lights, notes, facts)
 
 
-def _shells(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: dict) -> list[tuple[Shell, Medium]]:
+def _shells(
+    element: Element, mesh: Mesh, sensors: list[mi.Sensor], quality: Quality, materials: dict
+) -> list[tuple[Shell, Medium]]:
     """The shells of an element, one for each placement, with their medium."""
     path = _file(element.material)
     bundle = read_bundle(path)
@@ -167,7 +169,8 @@ def _shells(element: Element, mesh: Mesh, sensors: list[mi.Sensor], materials: d
     alpha = normalised(bundle, element.numbers, "alpha", element.material)
     places = [transformed(shell, m) for m in element.placed] or [shell]
     most = int(bundle.texel_density)
-    texels = most if bundle.generator is None else texels_needed(sensors, places, most)
+    footprint = quality.footprint if quality.filtering else 0.0
+    texels = most if bundle.generator is None else texels_needed(sensors, places, most, footprint)
     names, patches = [p.name for p in bundle.parameters if p.role == "alpha"], patches_per_uv(mesh, shell)
     fields = {
         name: field_of(name, texture, patches, element.flipped, mesh.uv, element.material)

@@ -124,7 +124,8 @@ def sample_at(world, ray, here: IntervalFrame, f, share) -> Sample:
     xi = _exact(world.shells, ray, here, f, t) if world.exact else here.xi0 + f * (here.xi1 - here.xi0)
     if not world.taps:
         return Sample(here.prism, t, xi, mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
-    along, across = _cone(dr.maximum(t - half, 0) + ray.apex, t + half + ray.apex, ray.spread)
+    spread = world.quality.footprint * ray.spread
+    along, across = _cone(dr.maximum(t - half, 0) + ray.apex, t + half + ray.apex, spread)
     radius, deviation, major, axis = footprint(here, mi.Vector3f(ray.d), along, across)
     deviation *= world.quality.height_filter
     if world.taps == 1:

@@ -4,7 +4,8 @@ Notation
 ṙ           deviation of a pixel's cone at distance 1: half its radius
 d           least distance from a camera to a prism, world
 s           greatest world length of a patch on a prism, over directions of (u, v)
-needed      s / (2 ṙ d) texels a patch: there a texel is as wide as the footprint's ±1 deviation, and finer levels are not read
+needed      s / (2 κ ṙ d) texels a patch, of footprints κ pixels wide: there a texel is as wide as the footprint's ±1
+            deviation, and finer levels are not read
 coarsest    2 ṙ D n / s, with the greatest distance D and the least s, at n texels a patch: a footprint's ±1 deviation in texels
 
 Indirect views have longer paths, so their footprints are wider. (Magnification by a lens or a concave mirror is ignored.)
@@ -28,11 +29,12 @@ _PLACES = (0.0, 0.5, 1.0)
 PINHOLES = ("PerspectiveCamera", "ThinLensCamera")
 
 
-def texels_needed(sensors: list[mi.Sensor], shells: list[Shell], most: int) -> int:
-    """Texels a patch, `most` or a half, a quarter, ... of it, that the nearest view of any shell needs."""
-    if any(s.class_name() not in PINHOLES for s in sensors):
+def texels_needed(sensors: list[mi.Sensor], shells: list[Shell], most: int, footprint: float) -> int:
+    """Texels a patch, `most` or a half, a quarter, ... of it, that the nearest view of any shell needs. footprint: in pixels, 0
+    without a filter."""
+    if footprint == 0 or any(s.class_name() not in PINHOLES for s in sensors):
         return most
-    needed = max((_needed(sensor, shell) for sensor in sensors for shell in shells), default=float(most))
+    needed = max((_needed(sensor, shell) / footprint for sensor in sensors for shell in shells), default=float(most))
     while most > 1 and needed <= most / 2:
         most //= 2
     return most

@@ -245,8 +245,9 @@ def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: En
     opens = engine.draws and (called["bounces"].on or f.area > 0 or f.environment)
     if opens:
         return Effect(True, "footprints open at an event")
-    if f.coarsest > 1:
-        return Effect(True, f"footprints reach {f.coarsest:.1f} texels")
+    coarsest = quality.footprint * f.coarsest
+    if coarsest > 1:
+        return Effect(True, f"footprints reach {coarsest:.1f} texels")
     if quality.anisotropy > 1:
         return Effect(True, "taps lie along footprints, whose long side has no bound")
     if not f.alone or quality.spacing == "interval":
@@ -255,4 +256,4 @@ def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: En
     spaced = 2 * f.rows * quality.height_filter * apart / 3**0.5  # a ray goes down and comes up again at most
     if spaced > 1:
         return Effect(True, f"heights are averaged over up to {spaced:.1f} rows of the height feature")
-    return Effect(False, f"footprints reach {f.coarsest:.2g} texels at most: the finest level everywhere")
+    return Effect(False, f"footprints reach {coarsest:.2g} texels at most: the finest level everywhere")

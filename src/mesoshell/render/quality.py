@@ -94,6 +94,13 @@ class Quality:
         "filter features over the pixel's footprint; without it, afar is noise",
         "what is afar: a network of averaged features is not the average of the network; a correction leaves some of it",
     )
+    #: 1 is the paper's. Rays that share a pixel show more of what is finer than it.
+    footprint: float = _setting(
+        0.5,
+        "width of that filter across a ray, in pixels; less is sharper, and noisier with few rays a pixel",
+        "as filtering does",
+        below=4,
+    )
     #: 1 is the paper's r = min(a, b).
     anisotropy: int = _setting(
         2,
@@ -223,6 +230,7 @@ PRESETS = {
         height_filter=0.3,
         light_samples=4,
         early_stop=0.05,
+        footprint=0.7,
         anisotropy=1,
         environment_samples=2,
         base_samples=4,
@@ -232,7 +240,7 @@ PRESETS = {
     ),
     "normal": Quality(),
     "reference": Quality(
-        pixel_samples=16,
+        pixel_samples=32,
         samples=256,
         spacing="length",
         light_samples=0,
@@ -240,6 +248,8 @@ PRESETS = {
         early_stop=0.0,
         skip=0.0,
         weight_cut=0.0,
+        filtering=False,
+        footprint=0.25,
         anisotropy=16,
         visibility="sample",
         environment_samples=16,

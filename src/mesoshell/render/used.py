@@ -19,6 +19,7 @@ def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str
         "weight_cut": sums and lit,
         "light_samples": shells and lit and not paths,
         "filtering": shells,
+        "footprint": effects.filtering.on,
         "anisotropy": effects.filtering.on,
         "visibility": sums and lit and (effects.mesh_shadow.on or effects.object_shadow.on),
         "environment_samples": effects.environment.on and not paths,

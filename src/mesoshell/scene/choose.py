@@ -9,9 +9,10 @@ c           what a ray costs, in queries, over the first rung's: RAY + q Q (1 + 
             filter, Q queries of the first rung's ray, x of 1 for exact coordinates, else 0
 
 b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur (benchmarks/ladder). The
-last two biases are in proportion to the one before as the field's are; the others are not above the noise of their references.
+last two biases are in proportion to the one before as those that are above the noise of their references: the field's and the
+carpet's, and then the field's alone.
 Of the user's scene two rays a pixel tell the seconds of a pass, its queries and its noise; its biases are taken to be as large
-beside that noise as they were there, and where an error is promised SURE times as large: the four scenes' are from 0.7 to 1.5
+beside that noise as they were there, and where an error is promised SURE times as large: the four scenes' are from 0.4 to 2.0
 times their mean.
 """
 
@@ -29,9 +30,9 @@ from mesoshell.scene.picture import Passes, Prepared
 RAY, TAP, EXACT = 15.0, 0.4, 0.3
 #: FLIP of one ray a pixel against two, over ν; passes that a budget must hold; pixels, about, that a scene is probed with, and
 #: that the chosen settings are compiled with.
-PAIR, FEWEST, PROBE, COMPILED = 0.8, 1.1, 16384, 2048
+PAIR, FEWEST, PROBE, COMPILED = 0.79, 1.1, 16384, 2048
 #: What the estimate of noise, which ends a picture, is over the noise itself, on the mean.
-SURE, FALL, EXCESS = 1.4, 1.5, 1.17
+SURE, FALL, EXCESS = 1.4, 1.35, 1.17
 
 
 class Rung(NamedTuple):
@@ -44,7 +45,7 @@ class Rung(NamedTuple):
 
     def cost(self, queries: float) -> float:
         """c, where a ray of the first rung makes so many queries, over that rung's."""
-        first, taps = RAY + queries, self.settings["anisotropy"]
+        first, taps = RAY + queries, self.settings.get("anisotropy", 1)
         exact = EXACT * (self.settings.get("coordinates") == "exact")
         return (RAY + self.queries * queries * (1 + TAP * (taps - 1) + exact)) / first
 
@@ -52,14 +53,14 @@ class Rung(NamedTuple):
 _FINE = {"light_samples": 12, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
 _EXACT = {"light_samples": 0, "early_stop": 0.0, "skip": 0.0, "weight_cut": 0.0, "base_samples": 32}
 LADDER = (
-    Rung({"samples": 10, "early_stop": 0.05, "light_samples": 4, "anisotropy": 1}, 0.76, 1.0, 1.0),
-    Rung({"samples": 14, "anisotropy": 1}, 0.61, 0.88, 1.32),
-    Rung({"samples": 20, "height_filter": 0.2, "light_samples": 6, "anisotropy": 1}, 0.50, 0.80, 1.58),
-    Rung({"samples": 28, "anisotropy": 2}, 0.42, 0.63, 2.2),
-    Rung({"samples": 40, "anisotropy": 2, "coordinates": "exact"}, 0.30, 0.59, 2.7),
-    Rung({"samples": 64, "anisotropy": 4, "coordinates": "exact", **_FINE}, 0.16, 0.53, 4.6),
-    Rung({"samples": 64, "anisotropy": 8, "coordinates": "exact", **_FINE, "light_samples": 0}, 0.15, 0.40, 8.3),
-    Rung({"samples": 256, "anisotropy": 16, "coordinates": "exact", **_EXACT}, 0.085, 0.27, 44.0),
+    Rung({"samples": 10, "early_stop": 0.05, "light_samples": 4, "footprint": 0.7, "anisotropy": 1}, 0.71, 1.0, 1.0),
+    Rung({"samples": 14, "anisotropy": 1}, 0.59, 0.94, 1.30),
+    Rung({"samples": 20, "height_filter": 0.2, "light_samples": 6, "anisotropy": 1}, 0.50, 0.85, 1.57),
+    Rung({"samples": 28, "anisotropy": 2}, 0.48, 0.68, 2.1),
+    Rung({"samples": 40, "footprint": 0.35, "anisotropy": 2, "coordinates": "exact"}, 0.32, 0.70, 2.7),
+    Rung({"samples": 64, "footprint": 0.25, "anisotropy": 2, "coordinates": "exact", **_FINE}, 0.22, 0.64, 4.5),
+    Rung({"samples": 128, "filtering": False, "coordinates": "exact", **_FINE}, 0.15, 0.65, 7.0),
+    Rung({"samples": 256, "filtering": False, "spacing": "length", "coordinates": "exact", **_EXACT}, 0.089, 0.46, 47.0),
 )
 
 

@@ -18,6 +18,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "weight_cut": (0.2, 0.1, 0.048, 0.02, 0.0),
     "light_samples": (1, 2, 4, 6, 8, 0),
     "filtering": (False, True),
+    "footprint": (1.4, 1.0, 0.7, 0.5, 0.35, 0.25),
     "anisotropy": (1, 2, 4, 8, 16),
     "visibility": ("interval", "sample"),
     "environment_samples": (1, 2, 4, 8, 16),
@@ -30,8 +31,8 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "curvature_filter": ("point", "curve"),
     "curve_length": (0.25, 0.5, 1.0),
 }
-#: Fields that change what is prepared, and not only how it is rendered.
-OF_SETUP = ("twin", "curvature_filter", "curve_length")
+#: Fields that change what is prepared, and not only how it is rendered; what texels a path tracer's textures have.
+OF_SETUP, OF_TEXTURES = ("twin", "curvature_filter", "curve_length"), ("filtering", "footprint")
 
 Settings = Mapping[str, Any]
 

@@ -50,8 +50,9 @@ def page(made: "Tradeoff") -> str:
     head = f"<!doctype html><html lang=en><meta charset=utf-8><title>What accuracy costs</title><style>{_STYLE}</style>"
     intro = (
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
-        f"beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference ({_counted(made)}) whose own "
-        f"noise of {noise:.4f} is taken off, and below which nothing is told; the least error here is {best.flip:.4f}."
+        "beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference "
+        f"({made.reference.passes} passes) whose own noise of {noise:.4f} is taken off, and below which nothing is told; the "
+        f"least error here is {best.flip:.4f}."
     )
     if not made.clear(best):
         intro += " <b>What is less than 10 times that is not told apart with certainty</b>, and drawn hollow: more minutes, in"
@@ -77,12 +78,6 @@ def page(made: "Tradeoff") -> str:
         f"<script type=application/json id=entries>{data}</script><script>{_SCRIPT}</script></html>\n",
     ]
     return head + "\n".join(parts)
-
-
-def _counted(made: "Tradeoff") -> str:
-    """Passes of the reference, in words."""
-    passes, cheaper = made.reference.passes, made.reference.cheaper
-    return f"{cheaper} passes of cheaper settings, corrected by {passes} of both" if cheaper else f"{passes} passes"
 
 
 def _equal(made: "Tradeoff") -> int:

@@ -1,7 +1,7 @@
 """Measure settings: seconds and evaluations of a pass, errors after so many.
 
 Notation
-I_k, r_k    passes of these settings, and of the reference                                             (H, W, 4)
+I_k         passes of these settings                                                                   (H, W, 4)
 T           reference
 e(n)        FLIP of the mean of n passes against T, the mean over disjoint groups of n passes, less the noise of T, which is
             independent, and not below that noise. Where passes are of rays that lie outward from the pixel's centre, one is
@@ -9,8 +9,8 @@ e(n)        FLIP of the mean of n passes against T, the mean over disjoint group
 q           2/0.7: FLIP grows as the 0.7th power of a small difference of colours, and squares of independent differences add
 b, ν        bias and noise, fitted: e(n)^q = b^q + ν^q/n
 relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, over the backdrop, linear, with T's noise
-bias²       of a point: |mean of (I_k − r_k)|² less its variance over k: free of bias itself if passes are independent of each
-            other, however I_k and r_k depend. Of passes that are even together it takes off too much
+bias²       of a point: |mean of I_k − T|² less its variance over k and that of T: free of bias itself if passes are independent
+            of each other. Of passes that are even together it takes off too much
 """
 
 import hashlib
@@ -26,11 +26,11 @@ from mesoshell.measure.flip import POWER, flip, flip_map
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
 from mesoshell.tradeoff.knobs import Settings, named
-from mesoshell.tradeoff.reference import FIRST, Reference
+from mesoshell.tradeoff.reference import FIRST, Reference, relative
 
 #: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
 MOST, FEWEST, ENOUGH = {True: FIRST, False: 64}, 4, 20.0
-Q, _DARK = POWER, 0.01
+Q = POWER
 
 
 @dataclass(frozen=True)
@@ -88,9 +88,9 @@ def measured(settings: Settings, passes: Passes, reference: Reference, progress:
     spread = np.array(spread) * (means / np.maximum(e, 1e-9)) ** (Q - 1)  # as e changes with what was found
     reliable = (e > reference.noise) | (np.arange(len(e)) < 2)
     bias, noise = _fitted(np.array(counts)[reliable], e[reliable])
-    apart = over_backdrop(images[: len(reference.first)]) - over_backdrop(reference.first)
-    mean = apart.mean(axis=0)
-    bias2 = _relative(mean, true) - _relative(apart.std(axis=0, ddof=1), true) / len(apart)
+    shown = over_backdrop(images)
+    variance = relative(shown.std(axis=0, ddof=1), true)
+    bias2 = relative(shown.mean(axis=0) - true, true) - variance / len(images) - reference.variance
     later = np.array(seconds[1:])
     quartiles = np.percentile(later, [25, 50, 75])
     point = Point(
@@ -102,12 +102,12 @@ def measured(settings: Settings, passes: Passes, reference: Reference, progress:
         flip=tuple(map(float, e)),
         spread=tuple(map(float, spread)),
         relative=tuple(
-            float(np.mean([_relative(over_backdrop(g) - true, true) for g in groups[n][:8]])) for n in counts
+            float(np.mean([relative(over_backdrop(g) - true, true) for g in groups[n][:8]])) for n in counts
         ),
         bias=bias,
         noise=noise,
         bias2=bias2,
-        variance=_relative(over_backdrop(images).std(axis=0, ddof=1), true),
+        variance=variance,
     )
     return point, np.array([groups[n][0] for n in counts])
 
@@ -145,10 +145,6 @@ def _fitted(n: np.ndarray, e: np.ndarray) -> tuple[float, float]:
 def _less(error: np.ndarray, noise: float) -> np.ndarray:
     """Errors without an independent one, and not below it: what is less cannot be told."""
     return np.maximum(np.maximum(error**Q - noise**Q, 0) ** (1 / Q), np.minimum(error, noise))
-
-
-def _relative(difference: np.ndarray, true: np.ndarray) -> float:
-    return float(np.mean(difference**2 / (true**2 + _DARK)))
 
 
 def error_map(image: np.ndarray, reference: Reference) -> np.ndarray:

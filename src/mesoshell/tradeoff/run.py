@@ -30,13 +30,14 @@ from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Prepared
 from mesoshell.tradeoff.front import Entry, entries, front
-from mesoshell.tradeoff.knobs import OF_SETUP, changes, named, noise_of, settings_of, varied
+from mesoshell.tradeoff.knobs import OF_SETUP, OF_TEXTURES, changes, named, noise_of, settings_of, varied
 from mesoshell.tradeoff.points import Point, error_map, measured, picture_path
-from mesoshell.tradeoff.reference import CHEAPER, Reference, refer, refers_to
+from mesoshell.tradeoff.reference import Reference, refer, refers_to
 from mesoshell.tradeoff.search import around, proposed, singles
 
-#: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; what a front must be above, in noises.
-SHARE, AIM, MOST, CLEAR = 0.3, 0.001, 400, 10.0
+#: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; what a front must be above, in noises;
+#: scenes as prepared that are held.
+SHARE, AIM, MOST, CLEAR, HELD = 0.3, 0.001, 400, 10.0, 4
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 #: Called with the share done, 0 to 1, and what is done.
 Show = Callable[[float, str], None]
@@ -110,8 +111,7 @@ def explore(
         kept = _kept_reference(folder, exact)
         points = [] if kept is None else [p for p in _kept_points(folder) if tuple(p.settings) == names]
         if kept is None:
-            cheaper = scene.passes(CHEAPER) if same else None
-            kept = refer(exact, cheaper, SHARE * limit, AIM, share("reference"), lambda: stop.requested)
+            kept = refer(exact, same, SHARE * limit, AIM, share("reference"), lambda: stop.requested)
             _keep_reference(folder, kept)
         for settings in _wanted(names, points):
             usual = np.median([p.first + p.seconds[1] * p.samples[-1] for p in points]) if points else 0.0
@@ -128,17 +128,21 @@ def explore(
 
 
 class _Scenes:
-    """The scene as it is prepared for qualities, once for all that differ in no field of OF_SETUP."""
+    """The scene as it is prepared for qualities, once for all that differ in nothing that is set up."""
 
     def __init__(self, prepare: Callable[[Quality], Prepared]):
-        self.prepare, self.prepared = prepare, {}
+        first = prepare(NORMAL)
+        self.prepare, self.engine, self.notes = prepare, first.engine, first.notes
+        self.prepared = {self.key(NORMAL): first}
 
     def key(self, quality: Quality) -> tuple:
-        return tuple(getattr(quality, name) for name in OF_SETUP)
+        names = OF_SETUP + (OF_TEXTURES if self.engine == PATHS.name else ())
+        return tuple(getattr(quality, name) for name in names)
 
     def passes(self, quality: Quality) -> Passes:
         key = self.key(quality)
         if key not in self.prepared:
+            self.prepared = dict([*self.prepared.items()][1 - HELD :])  # the oldest goes
             self.prepared[key] = self.prepare(quality)
         return self.prepared[key].passes(quality)
 
@@ -149,14 +153,6 @@ class _Scenes:
             passes = self.passes(preset)
             names += passes.ended(np.zeros((*passes.shape, 4)), 1).record["quality"]
         return names
-
-    @property
-    def engine(self) -> str:
-        return next(iter(self.prepared.values())).engine
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        return self.prepared[self.key(NORMAL)].notes
 
 
 def _wanted(names: Sequence[str], points: list[Point]) -> Iterator[dict[str, Any]]:
@@ -196,8 +192,7 @@ def _kept_reference(folder: Path, exact: Passes) -> Reference | None:
         return None
     try:
         with np.load(path) as held:
-            numbers = float(held["noise"]), int(held["passes"]), int(held["cheaper"]), bool(held["same_rays"])
-            kept = Reference(held["image"], held["first"], *numbers)
+            kept = Reference(held["image"], held["first"], *(held[name].item() for name in Reference._fields[2:]))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(path, "is no reference of a tradeoff") from error
     pixels = np.arange(exact.shape[0] * exact.shape[1])
@@ -231,7 +226,7 @@ def _summarise(made: Tradeoff) -> None:
 
     described = {
         "engine": made.engine,
-        "reference": {k: getattr(made.reference, k) for k in ("noise", "passes", "cheaper")},
+        "reference": {k: getattr(made.reference, k) for k in ("noise", "passes")},
         "seconds": [_entry(made, e) for e in made.front],
         "evaluations": [_entry(made, e) for e in made.by_evaluations],
     }

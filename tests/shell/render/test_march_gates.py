@@ -11,7 +11,7 @@ import pytest
 from mesoshell.io.bundle import Bundle
 from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.effects import MARCH, Effect, plan_effects
-from mesoshell.render.light import environment
+from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport
 from mesoshell.scene.render_shell import facts
@@ -48,6 +48,23 @@ def test_near_footprints_need_no_filter(slab: Scene) -> None:
     """Of 4 texels a patch, none is as small as a pixel; the programs with and without are counted in test_kernels."""
     off, on = shown(slab)[0], shown(slab, "filtering")[0]
     np.testing.assert_allclose(off, on, rtol=1e-5, atol=1e-7)
+
+
+def test_a_footprint_is_in_pixels(tiny_bundle: Bundle) -> None:
+    """One third of a pixel is all of a pixel of a picture with three times as many a side, whose every third ray is the same."""
+    mesh = scenes.slab_mesh()
+    shell = extrude(mesh, 1 / 40, 1 / 40)
+
+    def picture(side: int, footprint: float) -> np.ndarray:
+        camera = Camera(look_at((0.5, -0.4, 0.6), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.7, side, side)
+        of = ready(tiny_bundle), camera, (Distant((0.0, 0.6, 0.8), (1.0, 1.0, 1.0)),), None, np.array([0.5], np.float32)
+        field = Scene(mesh, shell, *of, patches_per_uv=patches_per_uv(mesh, shell))
+        quality = QUALITY.with_changes(footprint=footprint, light_samples=0, anisotropy=4)
+        return render(field, quality, plan_effects(facts(field), quality))[0]
+
+    narrow, wide, fine = picture(11, 1 / 3), picture(11, 1.0), picture(33, 1.0)[1::3, 1::3]
+    np.testing.assert_allclose(narrow, fine, rtol=1e-4, atol=1e-5)
+    assert np.abs(wide - fine).max() > 0.01
 
 
 def test_a_field_needs_only_what_it_is_given(tiny_bundle: Bundle) -> None:

@@ -82,7 +82,7 @@ def _decoding(medium: Medium, scene: Scene, quality: Quality, effects: Effects, 
         jnp.asarray(medium.alpha, jnp.float32),
         jnp.asarray(np.stack(maps) if maps else np.zeros((0, 1, 1)), jnp.float32),
         jnp.asarray(medium.patches_per_uv, jnp.float32),
-        jnp.asarray(pixel_radius(scene.camera.spread), jnp.float32),
+        jnp.asarray(quality.footprint * pixel_radius(scene.camera.spread), jnp.float32),
         jnp.asarray(quality.height_filter, jnp.float32),
     )
     return Decoding(program, table)

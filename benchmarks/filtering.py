@@ -1,10 +1,10 @@
 """What filtering does to fields seen from afar, with a material's correction and without: python -m benchmarks.filtering
 
 A field of 33 × 33 patches along the ground, with the light behind the camera and against it, from nearby (a texel of `turf` a
-pixel) and from above. The same samples a ray, filtered over a pixel and not; without a filter, features are not averaged and many
-rays do it. light: radiance of the filtered picture over the unfiltered one's; apart: rms of what differs between blocks of 8 × 8
-pixels, over the mean. The last column is seconds of `normal` without set-up, the least of three in turns, over those without a
-correction.
+pixel) and from above. The same samples a ray, filtered over a pixel and not; without a filter many rays average what is seen,
+and no features. light: radiance of the filtered picture over the unfiltered one's; apart: rms of what differs between blocks of
+8 × 8 pixels, over the mean. The last column is seconds of `normal` without set-up, the least of three in turns, over those
+without a correction.
 """
 
 import argparse

@@ -17,7 +17,7 @@ import numpy as np
 import mesoshell as ms
 from mesoshell.io.atomic import replace_file
 from mesoshell.measure.flip import flip
-from mesoshell.render.quality import PRESETS
+from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.accumulate import Goal, over_backdrop
 from mesoshell.scene.picture import Prepared
 from mesoshell.scene.prepare import prepare
@@ -38,7 +38,7 @@ MARCHED: dict[str, tuple[str, str, float | None, tuple[float, ...] | None]] = {
     "slab, turf, far": (PLANE, "turf", 0.05, (0, 0.5, 2, 0, 0, 0, 40)),
     "spot, carpet, close": (SPOT, "carpet", 0.25, (1.5, 0.9, -2.4, 0, 0.05, 0.15, 12)),
 }
-TRACED = ("spot", "room", "field")
+TRACED = ("spot.xml", "room.xml", "field.xml")
 GOALS: tuple[dict[str, Any], ...] = ({"budget": 1.0}, {"budget": 4.0}, {"error": 0.05}, {"error": 0.03})
 OF_PATHS: tuple[dict[str, Any], ...] = ({"budget": 8.0}, {"budget": 24.0}, {"error": 0.1}, {"error": 0.06})
 ON_TIME, AIM = (0.8, 1.2), 0.002
@@ -61,16 +61,22 @@ def views(side: int) -> Iterator[View]:
         scene = ms.Scene(mesh, ms.load_material(material), scale=scale, camera=camera, size=(side, side))
         yield View(name, prepare(scene, NORMAL), False, side)
     for name in TRACED:
-        path = Path("experiments/scenes") / f"{name}.xml"
-        yield View(f"{name}.xml", prepare_file(path, REFERENCE, None, pixels=side * side), True, side)
+        yield View(name, traced(name, side, NORMAL), True, side)
+
+
+def traced(name: str, side: int, quality: Quality) -> Prepared:
+    return prepare_file(Path("experiments/scenes") / name, quality, None, pixels=side * side)
 
 
 def reference(view: View, seconds: float, folder: Path) -> tuple[np.ndarray, float]:
     """The folder's, or a new one: its picture and its noise."""
     file = folder / f"{view.name}, {view.side}, {seconds:g}.npz"
     if not file.exists():
-        exact = REFERENCE.with_changes(**noise_of(NORMAL, KNOBS)) if view.paths else REFERENCE
-        made = refer(view.prepared.passes(exact), not view.paths, seconds, AIM, lambda share: None)
+        exact, prepared = REFERENCE, view.prepared
+        if view.paths:
+            exact = REFERENCE.with_changes(**noise_of(NORMAL, KNOBS))
+            prepared = traced(view.name, view.side, exact)  # with all texels
+        made = refer(prepared.passes(exact), not view.paths, seconds, AIM, lambda share: None)
         np.savez(file, image=made.image, noise=made.noise)
     with np.load(file) as held:
         return held["image"], float(held["noise"])

@@ -39,7 +39,7 @@ def main() -> None:
     scene = spot(size)
     print("| quality | seconds | floor | time / floor | trace | sample | decode | transport | light | surfaces |")
     print("|---|---|---|---|---|---|---|---|---|---|")
-    before = {"spacing": "length", "height_filter": 1.0, "light_samples": 0}
+    before = {"spacing": "length", "height_filter": 1.0, "light_samples": 0, "footprint": 1.0}
     settings = {
         "draft": PRESETS["draft"],
         "draft as it was": PRESETS["draft"].with_changes(**before, samples=24),

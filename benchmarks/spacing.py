@@ -18,7 +18,7 @@ from benchmarks.light_samples import shown
 from mesoshell.measure.flip import flip
 
 #: What `normal` was on 2026-11-21, and until 2026-11-28.
-RAYS: dict[str, Any] = {"pixel_samples": 4, "early_stop": 0.01, "anisotropy": 1}
+RAYS: dict[str, Any] = {"pixel_samples": 4, "early_stop": 0.01, "footprint": 1.0, "anisotropy": 1}
 BEFORE: dict[str, Any] = RAYS | {"samples": 48, "spacing": "length", "height_filter": 1.0, "light_samples": 0}
 LATER: dict[str, Any] = RAYS | {"samples": 20, "light_samples": 6}
 STEPS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -58,6 +58,8 @@ def main() -> None:
             pixel_samples=36,
             samples=160,
             coordinates="interpolated",
+            filtering=True,
+            footprint=1.0,
             anisotropy=1,
             visibility="interval",
             base_samples=8,

@@ -105,7 +105,7 @@ hill = field(corrected, (0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 40.0), (0.3, 0.5, 0.8))
 fine = {"samples": 64, "coordinates": "exact"}
 many = ms.render(hill, "normal", filtering=False, pixel_samples=32, **fine)
 figure, axes = plt.subplots(1, 4, figsize=(11, 2.8))
-for axis, footprint in zip(axes, (1.0, 0.5, 0.25), strict=False):
+for axis, footprint in zip(axes[:3], (1.0, 0.5, 0.25), strict=True):
     picture = ms.render(hill, "normal", footprint=footprint, pixel_samples=4, **fine)
     axis.imshow(shown(picture))
     axis.set_title(f"footprint {footprint}, FLIP {flip(picture.rgba[..., :3], many.rgba[..., :3]):.3f}", fontsize=9)

@@ -307,7 +307,7 @@ def test_a_texture_is_as_fine_as_its_camera_sees(materials, tmp_path, tmp_path_f
     write_bundle(materials / "far.npz", growing.bundle())
     away = mi.ScalarTransform4f().look_at([0.5, -7.0, 11.0], [0.5, 0.5, 0.4], [0, 0, 1])
     parts = scene(shell(materials, "far", asked={"seed": 3}), eye=sensor(to_world=away))
-    exact = QUALITY.with_changes(skip=0.0)
+    exact = QUALITY.with_changes(skip=0.0, footprint=1.0)
     coarse = loaded(parts, exact)
     assert coarse.integrator().world.media.materials[0].density == growing.TEXELS / 4
     monkeypatch.setattr("mesoshell.pathtracer.load.texels_needed", lambda *_: growing.TEXELS)

@@ -2,6 +2,7 @@
 
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 
 from mesoshell.render.effects import (
@@ -27,6 +28,9 @@ SHARED = [
     ({}, {}, set()),
     ({"distant": 2}, {}, set()),
     ({"coarsest": 3.0}, {}, {"filtering"}),
+    ({"coarsest": 1.8}, {}, set()),
+    ({"coarsest": 1.8}, {"footprint": 1.0}, {"filtering"}),
+    ({"coarsest": np.inf}, {"footprint": 0.0}, set()),
     ({"coarsest": 3.0}, {"anisotropy": 4}, {"filtering", "anisotropic_filtering"}),
     ({"coarsest": 3.0}, {"anisotropy": 4, "filtering": False}, set()),
     ({"coarsest": 0.9}, {"anisotropy": 4}, {"filtering", "anisotropic_filtering"}),  # long sides have no bound

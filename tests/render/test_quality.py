@@ -66,7 +66,7 @@ def test_presets_spend_ever_more():
             "max_depth",
         ):
             assert getattr(cheap, name) <= getattr(dear, name)
-        for name in ("early_stop", "skip", "weight_cut", "dark_ground", "bounce_spread"):
+        for name in ("early_stop", "skip", "weight_cut", "footprint", "dark_ground", "bounce_spread"):
             assert getattr(cheap, name) >= getattr(dear, name)
     assert (reference.early_stop, reference.skip, reference.weight_cut) == (0, 0, 0)
 

@@ -4,9 +4,10 @@ Notation
 ṙ           deviation of a pixel's cone at distance 1: half its radius
 d           least distance from a camera to a prism, world
 s           greatest world length of a patch on a prism, over directions of (u, v)
-needed      s / (2 κ ṙ d) texels a patch, of footprints κ pixels wide: there a texel is as wide as the footprint's ±1
-            deviation, and finer levels are not read
-coarsest    2 ṙ D n / s, with the greatest distance D and the least s, at n texels a patch: a footprint's ±1 deviation in texels
+w           width of the filter, `Quality.footprint`, pixels
+needed      s / (2 w ṙ d) texels a patch: there a texel is as wide as the footprint's ±1 deviation, and finer levels are not
+            read
+coarsest    2 ṙ D n / s, with the greatest distance D and the least s, at n texels a patch: a pixel's ±1 deviation in texels
 
 Indirect views have longer paths, so their footprints are wider. (Magnification by a lens or a concave mirror is ignored.)
 """

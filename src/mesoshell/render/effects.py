@@ -245,7 +245,7 @@ def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: En
     opens = engine.draws and (called["bounces"].on or f.area > 0 or f.environment)
     if opens:
         return Effect(True, "footprints open at an event")
-    coarsest = quality.footprint * f.coarsest
+    coarsest = quality.footprint * f.coarsest if quality.footprint else 0.0
     if coarsest > 1:
         return Effect(True, f"footprints reach {coarsest:.1f} texels")
     if quality.anisotropy > 1:

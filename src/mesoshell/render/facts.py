@@ -22,9 +22,9 @@ class Facts:
     seen: it is visible behind the scene. convex: no part of a mesh can shadow another part of it. enclosed: mean share of the
     directions from a surface that meet a surface again, for the mesh or object where it is largest; 0 only if none can. low:
     light may come from below the horizon of a shell's face. ground: albedo under the shells, 1 where it is not plain diffuse.
-    coarsest: the largest footprint in texels that a camera can have on the shells (one standard deviation to either side);
-    rows: of their height features. inside: a camera may be in a shell. varying: names of appearance parameters that vary over
-    the surface; shaped: geometry varies; tiled: a texture is corner tiles. passable: rays may pass the surface materials.
+    coarsest: the largest footprint in texels that a pixel of a camera can have on the shells (one standard deviation to either
+    side); rows: of their height features. inside: a camera may be in a shell. varying: names of appearance parameters that vary
+    over the surface; shaped: geometry varies; tiled: a texture is corner tiles. passable: rays may pass the surface materials.
     """
 
     shells: int = 0

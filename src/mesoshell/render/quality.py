@@ -97,7 +97,8 @@ class Quality:
     #: 1 is the paper's. Rays that share a pixel show more of what is finer than it.
     footprint: float = _setting(
         0.5,
-        "width of that filter across a ray, in pixels; less is sharper, and noisier with few rays a pixel",
+        "width of a shell's filter across a ray, in pixels (of a ray that scattered, in its cones); less is sharper, and "
+        "noisier with few rays a pixel",
         "as filtering does",
         below=4,
     )
@@ -249,7 +250,7 @@ PRESETS = {
         skip=0.0,
         weight_cut=0.0,
         filtering=False,
-        footprint=0.25,
+        footprint=0.25,  # this and the taps are for `filtering=True`
         anisotropy=16,
         visibility="sample",
         environment_samples=16,

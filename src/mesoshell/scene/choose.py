@@ -6,7 +6,7 @@ q           network queries of a ray, over the first rung's
 e(n)        error of n rays a pixel, (b^p + ν^p / n^FALL)^(1/p): FLIP's power p (measure/flip); noise of independent rays
             would have a FALL of 1, and rays that cover a pixel evenly fall faster
 c           what a ray costs, in queries, over the first rung's: RAY + q Q (1 + TAP (taps − 1) + EXACT x), with taps of the
-            filter, Q queries of the first rung's ray, x of 1 for exact coordinates, else 0
+            filter (one without), Q queries of the first rung's ray, x of 1 for exact coordinates, else 0
 
 b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur (benchmarks/ladder). The
 last two biases are in proportion to the one before as those that are above the noise of their references: the field's and the
@@ -32,7 +32,7 @@ RAY, TAP, EXACT = 15.0, 0.4, 0.3
 #: that the chosen settings are compiled with.
 PAIR, FEWEST, PROBE, COMPILED = 0.79, 1.1, 16384, 2048
 #: What the estimate of noise, which ends a picture, is over the noise itself, on the mean.
-SURE, FALL, EXCESS = 1.4, 1.35, 1.17
+SURE, FALL, EXCESS = 1.7, 1.35, 1.17
 
 
 class Rung(NamedTuple):
@@ -45,7 +45,7 @@ class Rung(NamedTuple):
 
     def cost(self, queries: float) -> float:
         """c, where a ray of the first rung makes so many queries, over that rung's."""
-        first, taps = RAY + queries, self.settings.get("anisotropy", 1)
+        first, taps = RAY + queries, self.settings["anisotropy"] if self.settings.get("filtering", True) else 1
         exact = EXACT * (self.settings.get("coordinates") == "exact")
         return (RAY + self.queries * queries * (1 + TAP * (taps - 1) + exact)) / first
 
@@ -60,7 +60,9 @@ LADDER = (
     Rung({"samples": 40, "footprint": 0.35, "anisotropy": 2, "coordinates": "exact"}, 0.32, 0.70, 2.7),
     Rung({"samples": 64, "footprint": 0.25, "anisotropy": 2, "coordinates": "exact", **_FINE}, 0.22, 0.64, 4.5),
     Rung({"samples": 128, "filtering": False, "coordinates": "exact", **_FINE}, 0.15, 0.65, 7.0),
-    Rung({"samples": 256, "filtering": False, "spacing": "length", "coordinates": "exact", **_EXACT}, 0.089, 0.46, 47.0),
+    Rung(
+        {"samples": 256, "filtering": False, "spacing": "length", "coordinates": "exact", **_EXACT}, 0.089, 0.46, 47.0
+    ),
 )
 
 

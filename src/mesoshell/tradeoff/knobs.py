@@ -17,7 +17,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "skip": (0.2, 0.1, 0.05, 0.02, 0.0),
     "weight_cut": (0.2, 0.1, 0.048, 0.02, 0.0),
     "light_samples": (1, 2, 4, 6, 8, 0),
-    "filtering": (False, True),
+    "filtering": (True, False),
     "footprint": (1.4, 1.0, 0.7, 0.5, 0.35, 0.25),
     "anisotropy": (1, 2, 4, 8, 16),
     "visibility": ("interval", "sample"),
@@ -31,8 +31,8 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "curvature_filter": ("point", "curve"),
     "curve_length": (0.25, 0.5, 1.0),
 }
-#: Fields that change what is prepared, and not only how it is rendered; what texels a path tracer's textures have.
-OF_SETUP, OF_TEXTURES = ("twin", "curvature_filter", "curve_length"), ("filtering", "footprint")
+#: Fields that change what is prepared, and not only how it is rendered; and those that do nothing without a filter.
+OF_SETUP, OF_FILTER = ("twin", "curvature_filter", "curve_length"), ("height_filter", "footprint", "anisotropy")
 
 Settings = Mapping[str, Any]
 
@@ -54,7 +54,8 @@ def noise_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
 
 def changes(settings: Settings) -> dict[str, Any]:
     """What differs from `normal`: what `--set` is given."""
-    return {name: value for name, value in settings.items() if value != getattr(PRESETS["normal"], name)}
+    idle = () if settings.get("filtering", True) else OF_FILTER
+    return {k: x for k, x in settings.items() if x != getattr(PRESETS["normal"], k) and k not in idle}
 
 
 def named(settings: Settings) -> str:
@@ -63,9 +64,12 @@ def named(settings: Settings) -> str:
 
 
 def beside(settings: Settings, distance: int = 1) -> Iterator[dict[str, Any]]:
-    """Settings of which one knob has the next value but `distance` − 1, cheaper ones last."""
+    """Settings of which one knob has the next value but `distance` − 1, cheaper ones last. What does nothing without a filter
+    does not vary there, and is `reference`'s."""
+    idle = {name: getattr(PRESETS["reference"], name) for name in OF_FILTER if name in settings}
     for step in (distance, -distance):
         for name, value in settings.items():
             at = VALUES[name].index(value) + step
-            if 0 <= at < len(VALUES[name]):
-                yield {**settings, name: VALUES[name][at]}
+            if 0 <= at < len(VALUES[name]) and (settings.get("filtering", True) or name not in idle):
+                other = {**settings, name: VALUES[name][at]}
+                yield other if other.get("filtering", True) else other | idle

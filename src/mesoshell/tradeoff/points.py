@@ -26,10 +26,10 @@ from mesoshell.measure.flip import POWER, flip, flip_map
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
 from mesoshell.tradeoff.knobs import Settings, named
-from mesoshell.tradeoff.reference import FIRST, Reference, relative
+from mesoshell.tradeoff.reference import Reference, relative
 
 #: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
-MOST, FEWEST, ENOUGH = {True: FIRST, False: 64}, 4, 20.0
+MOST, FEWEST, ENOUGH = {True: 9, False: 64}, 4, 20.0
 Q = POWER
 
 

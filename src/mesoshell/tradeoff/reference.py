@@ -4,8 +4,8 @@ Notation
 R           the expected picture of the preset `reference`, whose rays see the texture unfiltered. R is the same with any
             values of knobs that only add noise, which a path tracer's r_k have from `normal`
 r_k         passes of it, of a ray a pixel
-T           R's estimate: the mean of r_k over other k than those of points, an even number from an odd k on, so that their rays
-            lie evenly about the pixel's centre
+T           R's estimate: the mean of r_k over other k than those of points, an even number. A march's rays lie evenly about the
+            pixel's centre from an odd k on, paths from a multiple of a power of two
 noise       FLIP of T of the first half of passes against T, which estimates that of T against R
 variance    relative squared error of T, which the two halves estimate too
 """
@@ -21,8 +21,8 @@ from mesoshell.measure.flip import flip
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
 
-#: First of T's passes, the fewest and most of them; most passes of a point where rays are the same.
-AT, LEAST, MOST, FIRST = 2**20 + 1, 16, 1024, 9
+#: First of T's passes of paths; the fewest and most of T's.
+AT, LEAST, MOST = 2**20, 16, 1024
 _DARK = 0.01
 
 
@@ -52,16 +52,18 @@ def refer(
         progress(min(1.0, (time.perf_counter() - begin) / seconds))
         return exact.render(k, pixels, lambda share: None).reshape(*exact.shape, 4)
 
-    first = one(0)
+    first, due, noise = one(0), LEAST, np.inf
     many: list[np.ndarray] = []
-    noise = np.inf
-    late = lambda: time.perf_counter() - begin > seconds or stopped()  # noqa: E731
-    while len(many) < LEAST or (noise > aim and len(many) < MOST and not late()):
-        many += [one(AT + len(many) + k) for k in range(max(LEAST, len(many) // 8 * 2))]
+    while True:
+        many += [one(AT + same_rays + len(many) + k) for k in range(2)]
+        late = len(many) >= LEAST and (time.perf_counter() - begin > seconds or stopped())
+        if len(many) < due and not late:
+            continue
         whole, half = np.mean(many, axis=0), np.mean(many[: len(many) // 2], axis=0)
         true, apart = over_backdrop(whole), over_backdrop(half) - over_backdrop(whole)
-        noise = flip(true + apart, true)
-    return Reference(whole, first, noise, relative(apart, true), len(many), same_rays)
+        noise, due = flip(true + apart, true), len(many) * 5 / 4
+        if late or noise <= aim or len(many) >= MOST:
+            return Reference(whole, first, noise, relative(apart, true), len(many), same_rays)
 
 
 def relative(difference: np.ndarray, true: np.ndarray) -> float:

@@ -30,14 +30,13 @@ from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Prepared
 from mesoshell.tradeoff.front import Entry, entries, front
-from mesoshell.tradeoff.knobs import OF_SETUP, OF_TEXTURES, changes, named, noise_of, settings_of, varied
+from mesoshell.tradeoff.knobs import OF_SETUP, changes, named, noise_of, settings_of, varied
 from mesoshell.tradeoff.points import Point, error_map, measured, picture_path
 from mesoshell.tradeoff.reference import Reference, refer, refers_to
 from mesoshell.tradeoff.search import around, proposed, singles
 
-#: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; what a front must be above, in noises;
-#: scenes as prepared that are held.
-SHARE, AIM, MOST, CLEAR, HELD = 0.3, 0.001, 400, 10.0, 4
+#: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; what a front must be above, in noises.
+SHARE, AIM, MOST, CLEAR = 0.3, 0.001, 400, 10.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 #: Called with the share done, 0 to 1, and what is done.
 Show = Callable[[float, str], None]
@@ -128,22 +127,19 @@ def explore(
 
 
 class _Scenes:
-    """The scene as it is prepared for qualities, once for all that differ in nothing that is set up."""
+    """The scene as it is prepared for qualities, once for all that differ in no field of OF_SETUP: with all texels, as pictures
+    without a filter need them."""
 
     def __init__(self, prepare: Callable[[Quality], Prepared]):
-        first = prepare(NORMAL)
-        self.prepare, self.engine, self.notes = prepare, first.engine, first.notes
-        self.prepared = {self.key(NORMAL): first}
+        self.prepare, self.prepared = prepare, {}
 
     def key(self, quality: Quality) -> tuple:
-        names = OF_SETUP + (OF_TEXTURES if self.engine == PATHS.name else ())
-        return tuple(getattr(quality, name) for name in names)
+        return tuple(getattr(quality, name) for name in OF_SETUP)
 
     def passes(self, quality: Quality) -> Passes:
         key = self.key(quality)
         if key not in self.prepared:
-            self.prepared = dict([*self.prepared.items()][1 - HELD :])  # the oldest goes
-            self.prepared[key] = self.prepare(quality)
+            self.prepared[key] = self.prepare(quality.with_changes(filtering=False))
         return self.prepared[key].passes(quality)
 
     def used(self) -> list[str]:
@@ -153,6 +149,14 @@ class _Scenes:
             passes = self.passes(preset)
             names += passes.ended(np.zeros((*passes.shape, 4)), 1).record["quality"]
         return names
+
+    @property
+    def engine(self) -> str:
+        return next(iter(self.prepared.values())).engine
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return self.prepared[self.key(NORMAL)].notes
 
 
 def _wanted(names: Sequence[str], points: list[Point]) -> Iterator[dict[str, Any]]:

@@ -51,7 +51,7 @@ def test_near_footprints_need_no_filter(slab: Scene) -> None:
 
 
 def test_a_footprint_is_in_pixels(tiny_bundle: Bundle) -> None:
-    """One third of a pixel is all of a pixel of a picture with three times as many a side, whose every third ray is the same."""
+    """A third of a pixel is a whole one of a picture with three times as many a side, whose every third ray is the same."""
     mesh = scenes.slab_mesh()
     shell = extrude(mesh, 1 / 40, 1 / 40)
 

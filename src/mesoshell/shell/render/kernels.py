@@ -41,8 +41,8 @@ class StaticConfig:
 
 
 class DeviceTables(NamedTuple):
-    """Everything a kernel reads that is not per sample. maps: (M, H, W), repeated over the UV square; height_filter: of
-    `Quality`."""
+    """Everything a kernel reads that is not per sample. maps: (M, H, W), repeated over the UV square; cone: of a pixel, times
+    `Quality.footprint`; height_filter: of `Quality`."""
 
     chart: Chart
     material: Material

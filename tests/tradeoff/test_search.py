@@ -37,6 +37,17 @@ def test_singles_hold_the_presets_and_change_one_knob() -> None:
     assert named(normal) == "normal" and named({**normal, "samples": 56}) == "samples 56"
 
 
+def test_what_does_nothing_without_a_filter_does_not_vary() -> None:
+    names = ("samples", "filtering", "footprint", "anisotropy")
+    reference = settings_of(PRESETS["reference"], names)
+    near = list(beside(reference))
+    assert all(s["samples"] != 256 or s["filtering"] for s in near) and len(near) == 2
+    normal = settings_of(PRESETS["normal"], names)
+    (off,) = (s for s in beside(normal) if not s["filtering"])
+    assert off == {**reference, "samples": normal["samples"]}
+    assert named(off) == "filtering False" and {**normal, "footprint": 0.35} in list(beside(normal))
+
+
 def engine(settings) -> Point:
     """A made-up engine: costs multiply, squares of biases add, and one knob costs nothing."""
     t = settings["samples"] / 48 * {1: 1.0, 2: 1.02, 4: 1.05, 8: 1.5, 16: 2.5}[settings["anisotropy"]]

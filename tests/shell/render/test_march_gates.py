@@ -55,9 +55,11 @@ def test_a_footprint_is_in_pixels(tiny_bundle: Bundle) -> None:
     mesh = scenes.slab_mesh()
     shell = extrude(mesh, 1 / 40, 1 / 40)
 
+    sun = Distant(np.array([0.0, 0.6, 0.8]), np.ones(3))
+
     def picture(side: int, footprint: float) -> np.ndarray:
         camera = Camera(look_at((0.5, -0.4, 0.6), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.7, side, side)
-        of = ready(tiny_bundle), camera, (Distant((0.0, 0.6, 0.8), (1.0, 1.0, 1.0)),), None, np.array([0.5], np.float32)
+        of = ready(tiny_bundle), camera, (sun,), None, np.array([0.5], np.float32)
         field = Scene(mesh, shell, *of, patches_per_uv=patches_per_uv(mesh, shell))
         quality = QUALITY.with_changes(footprint=footprint, light_samples=0, anisotropy=4)
         return render(field, quality, plan_effects(facts(field), quality))[0]

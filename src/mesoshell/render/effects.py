@@ -99,7 +99,8 @@ def plan_effects(facts: Facts, quality: Quality, engine: Engine = MARCH) -> Effe
     called["quadrature"] = _quadrature(facts, engine, reached and not bounces.on)
     called["filtering"] = _filtering(facts, quality, called, engine)
     called["anisotropic_filtering"] = Effect(
-        called["filtering"].on and quality.anisotropy > 1, f"{quality.anisotropy} taps by quality"
+        called["filtering"].on and quality.anisotropy > 1,
+        f"{quality.anisotropy} taps by quality" if called["filtering"].on else "nothing is filtered",
     )
     called["twin"] = plan_twin(facts.twin, quality)
     return Effects(**{name: _if_it_can(name, effect, engine) for name, effect in called.items()})

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -77,6 +78,24 @@ def test_an_open_mesh_that_the_camera_does_not_see(tiny_bundle: Bundle) -> None:
     found = ms.stability(replace(scene, size=(24, 16)), rays=1000)
     assert found.broken == () and (found.first < 0).all() and found.map().startswith(b"\x89PNG")
     assert "0 of 0 rays at the front" not in str(found) and "the camera does not see the shell" in str(found)
+
+
+@pytest.mark.parametrize("engine", ["jax", "mitsuba"])
+def test_each_of_several_materials_is_checked_and_all_are_walked(
+    scene: ms.Scene, tiny_bundle: Bundle, engine: Literal["jax", "mitsuba"]
+) -> None:
+    """One of them has a density that is not finite."""
+    bias = tiny_bundle.arrays["decoder/sigma/bias"] * np.float32(np.nan)
+    bad = replace(tiny_bundle, arrays=tiny_bundle.arrays | {"decoder/sigma/bias": bias})
+    square = scenes.slab_mesh()
+    lid = check_mesh(square.vertices + np.array([-3, 1, 7]), square.faces, square.uv, "lid")
+    two = replace(scene, also=(ms.Grown(lid, Material("other", bad), thickness=0.2),))
+    found = ms.stability(two, rays=1000, engine=engine)
+    own = [check for check in found.checks if check.name in ("mesh", "offset", "sides", "material", "network")]
+    assert [c.said.split(": ")[0] for c in own] == ["tiny"] * 3 + ["other"] * 3 + ["tiny"] * 2 + ["other"] * 2
+    assert {"material", "network"} <= {c.name for c in found.broken if c.said.startswith("other: ")}
+    assert not [c for c in found.broken if c.said.startswith("tiny: ")]
+    assert len(found.kept) == len(found.excess) == 967 + len(lid.faces) and found.kept.max() == pytest.approx(1)
 
 
 def test_the_path_tracer_walks_and_renders_too(scene: ms.Scene, sound, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,7 +274,7 @@ def test_a_network_that_gives_nonsense(damage: dict, broken: set, tiny_bundle: B
         layer = getattr(decoder, name)
         decoder = decoder._replace(**{name: layer._replace(bias=layer.bias.at[0].set(value))})
     ready = replace(scene.ready, material=scene.ready.material._replace(decoder=decoder))
-    found = field.of_material(replace(scene, ready=ready), np.random.default_rng(0))
+    found = field.of_material(replace(scene, ready=ready).media[0], scene.shell.uv, np.random.default_rng(0))
     assert {check.name for check in found if check.broken} == broken
 
 

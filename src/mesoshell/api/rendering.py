@@ -56,7 +56,7 @@ def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine =
 def stability(
     scene: Scene, *, engine: Engine = "jax", rays: int = 100_000, progress: Progress = lambda share: None
 ) -> Stability:
-    """What is hard about a scene with a neural shell, as `mesoshell stability` finds it: folds, edges, grazing rays, precision,
+    """What is hard about a scene with neural shells, as `mesoshell stability` finds it: folds, edges, grazing rays, precision,
     by oracles in float64.
 
     Prints as a line a check; `.broken` holds those whose bound is broken; a notebook displays the map of where. engine:

@@ -1,20 +1,27 @@
-"""Walk a scene with the checks that the hard cases test (docs/results/stability.md), and say where it is hard."""
+"""Walk a scene with the checks that the hard cases test (docs/results/stability.md), and say where it is hard.
+
+Of several materials, each one's mesh, shell and network are checked by themselves, and rays are walked through all shells
+together; lengths are in the thickness of the thinnest.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
+from mesoshell.scene.growth import Growth, thickness_and_scale
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.render_shell import facts, marched_scene
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import describe_shell
-from mesoshell.shell.geometry.extrude import proportions
+from mesoshell.scene.unpack import unpacked
 from mesoshell.shell.render.renderer import render
 from mesoshell.stability import surface
 from mesoshell.stability.checks import Check
@@ -29,12 +36,10 @@ PIXELS, LEAST, WALKED = 192, 1000, 20_000
 def examine(
     scene: Scene, count: int, progress: Callable[[float], None] = lambda share: None, engine: str = "jax"
 ) -> Stability:
-    """Check a scene with a neural shell. count: rays that are aimed at what is hard; progress: called with the share done, 0 to
+    """Check a scene with neural shells. count: rays that are aimed at what is hard; progress: called with the share done, 0 to
     1; engine: that renders the picture; if "mitsuba", its walk is checked too. Raises InputError."""
     if scene.material.kind == KIND:
         raise InputError(Argument("material"), f"{scene.material.name} is a surface material: it has no shell to walk")
-    if scene.also:
-        raise InputError(Argument("also"), "is not checked: examine one material at a time")
     if count < LEAST:
         raise InputError(Argument("rays"), f"must be at least {LEAST}, not {count}")
     if engine == "mitsuba":
@@ -42,21 +47,31 @@ def examine(
             raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
         from mesoshell.stability.paths import of_walk
     d = describe_shell(scene, lambda share: progress(0.2 * share))
-    thickness = proportions(d.mesh, d.material.thickness, scene.thickness, scene.scale)[0]
+    grown = [scene, *unpacked(scene).also]
+    each = [thickness_and_scale(one, x.mesh)[0] for one, x in zip(grown, d.growths, strict=True)]
+    names = [f"{one.material.name}: " if len(grown) > 1 else "" for one in grown]
     made = marched_scene(replace(d, camera=_smaller(d.camera)))
     rng = np.random.default_rng(0)
-    kept = np.linalg.norm(d.shell.offset.astype(np.float64), axis=1)[d.shell.faces].mean(axis=1) / thickness
+    kept = [_lengths(x) / own for x, own in zip(d.growths, each, strict=True)]
     checks = [
-        surface.of_mesh(d.mesh),
-        surface.of_grid(d.shell, thickness),
-        surface.of_folds(d.shell),
-        surface.of_thickness(d.shell, thickness, len(d.mesh.faces)),
-        surface.of_chart(d.shell),
-        surface.of_sides(d.shell, rng),
+        replace(check, said=name + check.said)
+        for name, x, own in zip(names, d.growths, each, strict=True)
+        for check in (
+            surface.of_mesh(x.mesh),
+            surface.of_grid(x.shell, own),
+            surface.of_folds(x.shell),
+            surface.of_thickness(x.shell, own, len(x.mesh.faces)),
+            surface.of_chart(x.shell),
+            surface.of_sides(x.shell, rng),
+        )
     ]
+    thickness = min(each)
     walks = walk_through(made, thickness, count, rng, lambda share: progress(0.2 + 0.5 * share))
     checks += walks.checks
-    checks += of_material(made, rng)
+    ends = [*(m.prism for m in made.media), len(made.shell.faces)]
+    for name, medium, (first, end) in zip(names, made.media, pairwise(ends), strict=True):
+        own = of_material(medium, made.shell.uv[first:end], rng)
+        checks += [replace(check, said=name + check.said) for check in own]
     progress(0.8)
     quality = PRESETS["normal"]
     if engine == "mitsuba":
@@ -70,7 +85,12 @@ def examine(
     line = f"{wrong.sum()} of {wrong.size} pixels are negative or not finite; the brightest is {brightest:.3g}"
     checks.append(Check("radiance", line, float(wrong.sum()), 0.0))
     progress(1.0)
-    return Stability(tuple(checks), picture, walks.first, kept, walks.excess, d.notes)
+    return Stability(tuple(checks), picture, walks.first, np.concatenate(kept), walks.excess, d.notes)
+
+
+def _lengths(x: Growth) -> Float[np.ndarray, "P"]:
+    """How thick a shell is over each face (world)."""
+    return np.linalg.norm(x.shell.offset.astype(np.float64), axis=1)[x.shell.faces].mean(axis=1)
 
 
 def _smaller(camera: Camera) -> Camera:

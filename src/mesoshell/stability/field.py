@@ -17,7 +17,7 @@ from mesoshell.shell.material.field import Layout, Material, Point, inputs, neur
 from mesoshell.shell.material.loader import Grid
 from mesoshell.shell.material.precision import SHORT, STEP, decode
 from mesoshell.shell.render.kernels import StaticConfig, bound
-from mesoshell.shell.render.scene import Scene
+from mesoshell.shell.render.scene import Medium
 from mesoshell.stability.checks import Check
 from mesoshell.typing import Array
 
@@ -25,13 +25,14 @@ from mesoshell.typing import Array
 POINTS, ERROR = 20_000, 1e-4
 
 
-def of_material(scene: Scene, rng: np.random.Generator) -> list[Check]:
-    """Random points of the shell, half of them with parameters at the ends of their ranges, unfiltered and widely filtered."""
-    shell, ready = scene.shell, scene.ready
-    prism, share = rng.integers(0, len(shell.faces), POINTS), rng.dirichlet((1, 1, 1), POINTS)
+def of_material(medium: Medium, uv: Float[np.ndarray, "P 3 2"], rng: np.random.Generator) -> list[Check]:
+    """Random points of its prisms, whose corners have uv (patches), half of them with parameters at the ends of their ranges,
+    unfiltered and widely filtered."""
+    ready = medium.ready
+    prism, share = rng.integers(0, len(uv), POINTS), rng.dirichlet((1, 1, 1), POINTS)
     h = np.clip(rng.uniform(-0.05, 1.05, POINTS), 0, 1)
-    xi = np.concatenate([np.einsum("nk,nki->ni", share, shell.uv[prism]), h[:, None]], axis=1).astype(np.float32)
-    alpha = np.tile(scene.alpha, (POINTS, 1))
+    xi = np.concatenate([np.einsum("nk,nki->ni", share, uv[prism]), h[:, None]], axis=1).astype(np.float32)
+    alpha = np.tile(medium.alpha, (POINTS, 1))
     alpha[::2] = rng.integers(0, 2, alpha[::2].shape)
     radius = np.where(np.arange(POINTS) % 4 < 2, 0, 10.0 ** rng.uniform(-3, 1, POINTS))
     toward = rng.normal(size=(2, POINTS, 3))

@@ -95,7 +95,11 @@ def test_each_of_several_materials_is_checked_and_all_are_walked(
     assert [c.said.split(": ")[0] for c in own] == ["tiny"] * 3 + ["other"] * 3 + ["tiny"] * 2 + ["other"] * 2
     assert {"material", "network"} <= {c.name for c in found.broken if c.said.startswith("other: ")}
     assert not [c for c in found.broken if c.said.startswith("tiny: ")]
-    assert len(found.kept) == len(found.excess) == 967 + len(lid.faces) and found.kept.max() == pytest.approx(1)
+    assert (
+        found.kept is not None
+        and len(found.kept) == len(found.excess) == 967 + len(lid.faces)
+        and found.kept.max() == pytest.approx(1)
+    )
 
 
 def test_the_path_tracer_walks_and_renders_too(scene: ms.Scene, sound, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,8 +133,8 @@ def test_the_path_tracer_holds_nothing_out(scene: ms.Scene) -> None:
 
 
 def test_a_mesh_far_from_the_origin() -> None:
-    assert not surface.of_grid(SHELL, 0.1).broken
-    check = surface.of_grid(replace(SHELL, base=SHELL.base + np.float32(1e4)), 0.1)
+    assert not surface.of_grid(SHELL.base, 0.1).broken
+    check = surface.of_grid(SHELL.base + np.float32(1e4), 0.1)
     assert check.broken and check.worst == pytest.approx(2**-10 / 0.1)
 
 
@@ -324,7 +328,10 @@ def test_a_broken_bound_is_exit_status_1(tiny: list[str], capsys) -> None:
         (["--rays", "10"], "--rays: must be at least 1000, not 10"),
         (["--out", "a.jpg"], "a.jpg: must end in .png"),
         (["--out", "."], ".: must end in .png"),
-        (["--material", "dots.npz"], "--material: dots.npz is a surface material: it has no shell to walk"),
+        (
+            ["--material", "dots.npz", "--thickness", "1"],
+            "--thickness: dots.npz is a surface material: it has none (see --scale)",
+        ),
         (["--thickness", "-1"], "--thickness: must be positive and finite, not -1"),
     ],
 )

@@ -56,8 +56,8 @@ def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine =
 def stability(
     scene: Scene, *, engine: Engine = "jax", rays: int = 100_000, progress: Progress = lambda share: None
 ) -> Stability:
-    """What is hard about a scene with neural shells, as `mesoshell stability` finds it: folds, edges, grazing rays, precision,
-    by oracles in float64.
+    """What is hard about a scene, as `mesoshell stability` finds it: folds, edges, grazing rays, precision, by oracles in
+    float64.
 
     Prints as a line a check; `.broken` holds those whose bound is broken; a notebook displays the map of where. engine:
     "mitsuba" checks the path tracer's walk and picture too. rays: that are aimed at what is hard; the camera's come on top.

@@ -1,7 +1,7 @@
-"""Walk a scene with the checks that the hard cases test (docs/results/stability.md), and say where it is hard.
+"""Check a scene as the hard cases do (docs/results/stability.md), and say where it is hard.
 
 Of several materials, each one's mesh, shell and network are checked by themselves, and rays are walked through all shells
-together; lengths are in the thickness of the thinnest.
+together; lengths are in the thickness of the thinnest. A surface material has no shell to walk: its hits are checked.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from mesoshell.scene.growth import Growth, thickness_and_scale
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.render_shell import facts, marched_scene
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.setup import describe_shell
+from mesoshell.scene.setup import describe_shell, describe_surface
 from mesoshell.scene.unpack import unpacked
 from mesoshell.shell.render.renderer import render
 from mesoshell.stability import surface
@@ -36,12 +36,12 @@ PIXELS, LEAST, WALKED = 192, 1000, 20_000
 def examine(
     scene: Scene, count: int, progress: Callable[[float], None] = lambda share: None, engine: str = "jax"
 ) -> Stability:
-    """Check a scene with neural shells. count: rays that are aimed at what is hard; progress: called with the share done, 0 to
-    1; engine: that renders the picture; if "mitsuba", its walk is checked too. Raises InputError."""
-    if scene.material.kind == KIND:
-        raise InputError(Argument("material"), f"{scene.material.name} is a surface material: it has no shell to walk")
+    """Check a scene. count: rays that are aimed at what is hard; progress: called with the share done, 0 to 1; engine: that
+    renders the picture; if "mitsuba", its walk of shells is checked too. Raises InputError."""
     if count < LEAST:
         raise InputError(Argument("rays"), f"must be at least {LEAST}, not {count}")
+    if scene.material.kind == KIND:
+        return _of_surface_material(scene, count, progress, engine)
     if engine == "mitsuba":
         if scene.holdout:
             raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
@@ -58,7 +58,7 @@ def examine(
         for name, x, own in zip(names, d.growths, each, strict=True)
         for check in (
             surface.of_mesh(x.mesh),
-            surface.of_grid(x.shell, own),
+            surface.of_grid(x.shell.base, own),
             surface.of_folds(x.shell),
             surface.of_thickness(x.shell, own, len(x.mesh.faces)),
             surface.of_chart(x.shell),
@@ -80,12 +80,30 @@ def examine(
         picture = prepare(seen, quality.with_changes(twin=0.0), engine).picture().rgba
     else:
         picture = render(made, quality, plan_effects(facts(made), quality))[0]
+    checks.append(_of_radiance(picture))
+    progress(1.0)
+    return Stability(tuple(checks), picture, walks.first, np.concatenate(kept), walks.excess, d.notes)
+
+
+def _of_surface_material(scene: Scene, count: int, progress: Callable[[float], None], engine: str) -> Stability:
+    from mesoshell.stability.surface_material import of_surface_material
+    from mesoshell.surface_material.loader import ready
+
+    d = describe_surface(scene)
+    camera = _smaller(d.camera)
+    seen = replace(scene, camera=camera, size=(camera.width, camera.height))
+    picture = prepare(seen, PRESETS["normal"], engine).picture(lambda share: progress(0.5 * share)).rgba
+    rng = np.random.default_rng(0)
+    checks, first, excess = of_surface_material(d, ready(scene.material.surface), camera, count, rng)
+    progress(1.0)
+    return Stability((*checks, _of_radiance(picture)), picture, first, None, excess)
+
+
+def _of_radiance(picture: Float[np.ndarray, "H W 4"]) -> Check:
     wrong = ~np.isfinite(picture).all(axis=2) | (picture < 0).any(axis=2)
     brightest = np.max(picture[..., :3], where=np.isfinite(picture[..., :3]), initial=0)
     line = f"{wrong.sum()} of {wrong.size} pixels are negative or not finite; the brightest is {brightest:.3g}"
-    checks.append(Check("radiance", line, float(wrong.sum()), 0.0))
-    progress(1.0)
-    return Stability(tuple(checks), picture, walks.first, np.concatenate(kept), walks.excess, d.notes)
+    return Check("radiance", line, float(wrong.sum()), 0.0)
 
 
 def _lengths(x: Growth) -> Float[np.ndarray, "P"]:

@@ -19,7 +19,7 @@ LEAST, MOST = 1e-4, 10.0
 def png_of(
     picture: Float[np.ndarray, "H W 4"],
     first: Int[np.ndarray, "H W"],
-    kept: Float[np.ndarray, "P"],
+    kept: Float[np.ndarray, "P"] | None,
     excess: Float[np.ndarray, "P"],
 ) -> bytes:
     """The map as a PNG file. picture, first, kept, excess: of `Stability` (stability/report)."""
@@ -27,18 +27,20 @@ def png_of(
     from matplotlib.figure import Figure
 
     high, wide = first.shape
-    figure = Figure(figsize=(12, 12 / 3.3 * min(high / wide, 2) + 0.6), dpi=100, layout="constrained")
-    panels = figure.subplots(1, 3)
+    count = 2 if kept is None else 3
+    figure = Figure(figsize=(4 * count, 12 / 3.3 * min(high / wide, 2) + 0.6), dpi=100, layout="constrained")
+    panels = figure.subplots(1, count)
     panels[0].imshow(linear_to_srgb(np.clip(over_backdrop(np.nan_to_num(picture)), 0, 1)))
     panels[0].set_title("the scene", fontsize=10)
-    shares = panels[1].imshow(_where_visible(first, kept), cmap="viridis", vmin=0, vmax=1)
-    panels[1].set_title("share of the thickness that is kept", fontsize=10)
-    over = panels[2].imshow(
+    if kept is not None:
+        shares = panels[1].imshow(_where_visible(first, kept), cmap="viridis", vmin=0, vmax=1)
+        panels[1].set_title("share of the thickness that is kept", fontsize=10)
+        figure.colorbar(shares, ax=panels[1], shrink=0.8)
+    over = panels[-1].imshow(
         _where_visible(first, np.clip(excess, LEAST, MOST)), cmap="magma", norm=LogNorm(LEAST, MOST)
     )
-    panels[2].set_title("how far off a place is, over what it may be", fontsize=10)
-    for panel, shown in ((panels[1], shares), (panels[2], over)):
-        figure.colorbar(shown, ax=panel, shrink=0.8)
+    panels[-1].set_title("how far off a place is, over what it may be", fontsize=10)
+    figure.colorbar(over, ax=panels[-1], shrink=0.8)
     for panel in panels:
         panel.set_axis_off()
     file = io.BytesIO()

@@ -1,8 +1,9 @@
 """What checks of a scene found, as lines and as a map.
 
 Notation
-P           prisms of the scene's shell
-excess      of each prism: the worst place of edges, prisms, crossings and precision, over what one may be off       (P,)
+P           prisms of the scene's shells, or faces under a surface material
+excess      of each of them: the worst place of edges, prisms, crossings and precision, or of hits, over what one may be
+            off                                                                                                      (P,)
 """
 
 from dataclasses import dataclass, field
@@ -17,12 +18,13 @@ from mesoshell.stability.map import png_of
 @dataclass(frozen=True, eq=False)
 class Stability:
     """What was found; prints as a line each. picture: RGBA, as rendered; first: the prism that each pixel sees, −1 for none;
-    kept: of each prism, the share of its thickness; excess: as above; notes: what the user should know, a line each."""
+    kept: of each prism, the share of its thickness, None of a surface material; excess: as above; notes: what the user should
+    know, a line each."""
 
     checks: tuple[Check, ...]
     picture: Float[np.ndarray, "H W 4"] = field(repr=False)
     first: Int[np.ndarray, "H W"] = field(repr=False)
-    kept: Float[np.ndarray, "P"] = field(repr=False)
+    kept: Float[np.ndarray, "P"] | None = field(repr=False)
     excess: Float[np.ndarray, "P"] = field(repr=False)
     notes: tuple[str, ...] = ()
 

@@ -31,10 +31,10 @@ def of_mesh(mesh: Mesh) -> Check:
     )
 
 
-def of_grid(shell: Shell, T: float) -> Check:
-    """How fine the mesh's coordinates are, so far from the origin."""
-    step = float(np.spacing(np.abs(shell.base).max()))
-    line = f"the mesh's coordinates are rounded to {step / T:.1g} of the thickness"
+def of_grid(points: Float[np.ndarray, "V 3"], T: float, unit: str = "thickness") -> Check:
+    """How fine the mesh's coordinates are, so far from the origin. unit: what T is."""
+    step = float(np.spacing(np.abs(points).max()))
+    line = f"the mesh's coordinates are rounded to {step / T:.1g} of the {unit}"
     return Check("offset", line, step / T, GRID)
 
 

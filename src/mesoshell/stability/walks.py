@@ -149,13 +149,13 @@ def _of_edges(aimed: list[Walked], near: float, excess: np.ndarray) -> Check:
         _raise(excess, walked.rays.prism[which], 1 / OFF)
     count, tried = sum(x.sum() for x in leaking), sum(np.isfinite(walked.rays.reach).sum() for walked in aimed)
     line = f"{count} of {tried} rays at posts and sides that prisms share miss the shell there, from near or from afar"
-    return _rare("edges", line, count, tried, LEAKS)
+    return rare("edges", line, count, tried, LEAKS)
 
 
 def _of_surface(front: Walked, near: float) -> Check:
     through = passing(front, near)
     line = f"{through.sum()} of {len(through)} rays at the front of its vertices and edges go through the surface"
-    return _rare("surface", line, through.sum(), len(through), LEAKS)
+    return rare("surface", line, through.sum(), len(through), LEAKS)
 
 
 def _of_prisms(inverted: list[Middles], excess: np.ndarray) -> Check:
@@ -164,7 +164,7 @@ def _of_prisms(inverted: list[Middles], excess: np.ndarray) -> Check:
     outside = np.concatenate([some.outside for some in inverted])
     astray, worst = (~(outside <= OUTSIDE)).sum(), outside.max(initial=0)
     line = f"{astray} of {len(outside)} intervals lie in a neighbour of their prism (worst λ or h: {worst:.1g} outside)"
-    return _rare("prisms", line, astray, len(outside), ASTRAY)
+    return rare("prisms", line, astray, len(outside), ASTRAY)
 
 
 def _of_joins(shell: Shell, many: Iterable[Walked], T: float, excess: np.ndarray) -> Check:
@@ -206,7 +206,7 @@ def _of_coordinates(camera: Middles) -> Check:
     return Check("coordinates", line + (": consider coordinates=exact" if most > 0.05 else ""), most, None)
 
 
-def _rare(name: str, line: str, count: int | np.integer, tried: int | np.integer, most: float) -> Check:
+def rare(name: str, line: str, count: int | np.integer, tried: int | np.integer, most: float) -> Check:
     """A check on a share, of which one may always be lost."""
     tried = max(int(tried), 1)
     return Check(name, line, int(count) / tried, max(most, 1 / tried))

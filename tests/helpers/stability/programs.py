@@ -45,6 +45,7 @@ from mesoshell.shell.render import kernels, lighting, spacing
 from mesoshell.signal.fourier import shifted_phase
 from mesoshell.stability import field as field_checks
 from mesoshell.stability import surface as surface_checks
+from mesoshell.stability import surface_material as surface_material_checks
 from mesoshell.surface_material import network as surface_material
 from mesoshell.surface_material import renderer as surface_renderer
 from mesoshell.train import export, prefilter
@@ -259,6 +260,9 @@ def _of_surfaces() -> Programs:
                 surface_renderer._ask, config, table, (*rows, f(ROWS, 2, 3)), i()
             ),
             "surface_material.network.tables": _plain(surface_material.tables, made, f()),
+            "stability.surface_material._answers": _jitted(
+                surface_material_checks._answers, config, table, (*rows, f(ROWS, 3))
+            ),
             "train.surface.snapshot._current": _jitted(surface_snapshot._current, training, state, asked),
             "train.surface.snapshot._answers": _jitted(surface_snapshot._answers, training, made, asked),
             "train.surface.step.step": _plain(partial(surface.step, training), state, asked),

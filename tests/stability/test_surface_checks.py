@@ -1,5 +1,6 @@
 """`mesoshell stability` of surface materials: checks hold on sound scenes, and each of them is broken by what it looks for."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -12,7 +13,7 @@ from mesoshell.io.surface import SurfaceBundle
 from mesoshell.scene.materials import Material
 from mesoshell.stability.rays import at_the_front
 from mesoshell.stability.surface_material import nearest, passing
-from mesoshell.surface_material.intersector import Hits
+from mesoshell.surface_material.intersector import Hits, SurfaceIntersector
 from tests.helpers import wearing
 
 NAMES = ["mesh", "offset", "surface", "places", "hits", "curvature", "material", "network", "radiance"]
@@ -64,3 +65,33 @@ def test_rays_that_go_through_are_seen() -> None:
     assert passing(hits._replace(t=hits.t + 0.1), front, 1e-3).all()
     assert passing(hits._replace(face=np.full(count, -1)), front, 1e-3).all()
     assert passing(hits._replace(front=np.zeros(count, bool)), front, 1e-3).all()
+    assert not passing(hits._replace(t=hits.t - 0.1, front=np.zeros(count, bool)), front, 1e-3).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("surface", lambda h: h._replace(face=np.full_like(h.face, -1))),
+        ("hits", lambda h: h._replace(t=h.t + 0.1)),
+        ("places", lambda h: h._replace(bary=h.bary[:, ::-1])),
+    ],
+)
+def test_wrong_hits_are_seen(name: str, wrong: Callable[[Hits], Hits], monkeypatch: pytest.MonkeyPatch) -> None:
+    right = SurfaceIntersector.meet
+    monkeypatch.setattr(SurfaceIntersector, "meet", lambda self, o, d: wrong(right(self, o, d)))
+    assert name in {c.name for c in ms.stability(scene(wearing.bundle()), rays=1000).broken}
+
+
+def test_an_open_mesh_beside_an_object_and_one_that_is_not_seen() -> None:
+    """What an object hides is not seen; a half of a ball shows its back to rays from below."""
+    ball = wearing.ball()
+    half = ball.vertices[ball.faces][..., 2].min(axis=1) > -1e-3
+    bowl = check_mesh(ball.vertices, ball.faces[half], ball.uv[half], "bowl")
+    camera = (0.0, -4.0, 0.5, 0.0, 0.0, 0.5, 40.0)
+    lid = check_mesh(np.array([[-3, -2, -3], [3, -2, -3], [0, -2, 5.0]]), np.array([[0, 1, 2]]), None, "lid")
+    open_ = ms.Scene(bowl, Material("dots", wearing.bundle()), scale=0.5, camera=camera, size=(32, 24))
+    alone, hidden = (ms.stability(x, rays=1000) for x in (open_, replace(open_, objects=[lid])))
+    away = ms.stability(replace(open_, camera=(0.0, -4.0, 0.5, 0.0, -9.0, 0.5, 40.0)), rays=1000)
+    assert alone.broken == hidden.broken == away.broken == ()
+    assert (alone.first >= 0).mean() > 0.1 and (hidden.first < 0).all() and (away.first < 0).all()
+    assert "the camera does not see the mesh" in str(away)

@@ -75,7 +75,7 @@ class Seen(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A rung's settings for a scene, its passes, the bias expected of them, and seconds of probing and compiling."""
+    """A rung's settings for a scene, its passes, the bias allowed for them, and seconds of probing and compiling."""
 
     settings: dict[str, object]
     passes: Passes

@@ -21,7 +21,6 @@ from mesoshell.scene.prepare import prepare
 from mesoshell.scene.render_shell import facts, marched_scene
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import describe_shell, describe_surface
-from mesoshell.scene.unpack import unpacked
 from mesoshell.shell.render.renderer import render
 from mesoshell.stability import surface
 from mesoshell.stability.checks import Check
@@ -47,7 +46,7 @@ def examine(
             raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
         from mesoshell.stability.paths import of_walk
     d = describe_shell(scene, lambda share: progress(0.2 * share))
-    grown = [scene, *unpacked(scene).also]
+    grown = [scene, *scene.also]
     each = [thickness_and_scale(one, x.mesh)[0] for one, x in zip(grown, d.growths, strict=True)]
     names = [f"{one.material.name}: " if len(grown) > 1 else "" for one in grown]
     made = marched_scene(replace(d, camera=_smaller(d.camera)))
@@ -92,11 +91,11 @@ def _of_surface_material(scene: Scene, count: int, progress: Callable[[float], N
     d = describe_surface(scene)
     camera = _smaller(d.camera)
     seen = replace(scene, camera=camera, size=(camera.width, camera.height))
-    picture = prepare(seen, PRESETS["normal"], engine).picture(lambda share: progress(0.5 * share)).rgba
+    made = prepare(seen, PRESETS["normal"], engine).picture(lambda share: progress(0.5 * share))
     rng = np.random.default_rng(0)
     checks, first, excess = of_surface_material(d, ready(scene.material.surface), camera, count, rng)
     progress(1.0)
-    return Stability((*checks, _of_radiance(picture)), picture, first, None, excess)
+    return Stability((*checks, _of_radiance(made.rgba)), made.rgba, first, None, excess, made.notes)
 
 
 def _of_radiance(picture: Float[np.ndarray, "H W 4"]) -> Check:

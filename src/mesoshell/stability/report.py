@@ -2,8 +2,8 @@
 
 Notation
 P           prisms of the scene's shells, or faces under a surface material
-excess      of each of them: the worst place of edges, prisms, crossings and precision, or of hits, over what one may be
-            off                                                                                                      (P,)
+excess      of each of them: the worst place of edges, prisms, crossings and precision, or of hits' places, over what one may
+            be off                                                                                                   (P,)
 """
 
 from dataclasses import dataclass, field

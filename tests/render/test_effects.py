@@ -99,6 +99,7 @@ def test_one_rule(engine: Engine, facts: dict, quality: dict, changed: set):
     )
     assert on(plan) == ALWAYS ^ changed
     assert all(isinstance(r["on"], bool) and str(r["why"]) for r in plan.as_dict().values())
+    assert "nan" not in str(plan.filtering.why)
 
 
 def test_a_surface_material_is_queried_by_either_engine():

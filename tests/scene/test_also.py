@@ -196,8 +196,6 @@ def test_what_cannot_be_is_said(tiny_bundle: Bundle):
                 continue  # a seed is looked at when textures are laid
             with pytest.raises(InputError, match=said):
                 use(ms.Scene(mesh, shell, also=[further]))
-    with pytest.raises(InputError, match=r"^also: is not checked"):
-        ms.stability(ms.Scene(mesh, shell, also=[ms.Grown(mesh, shell)]))
 
 
 def test_options_name_them(tiny_bundle: Bundle, tmp_path: Path):

@@ -1,7 +1,7 @@
 """What the width of the texture's filter costs in accuracy, by rays a pixel: python -m benchmarks.footprints FOLDER
 
 FLIP of the four marches of benchmarks.presets and of one from afar, against unfiltered references that FOLDER keeps, less the
-noise of these. Settings are `normal`'s, and finer ones that leave little other bias. A width takes no time; without a filter
+noise of these. Settings are `normal`'s, and finer ones that leave little other bias. A width takes no queries; without a filter
 there are no taps.
 """
 

@@ -25,6 +25,9 @@ PLAIN = {
     "ball.stl": 28,
     "ball.ply": 28,
     "text.ply": 28,
+    "ball.usda": 28,
+    "ball.usdc": 28,
+    "ball.usdz": 28,
     "shell.npz": 28,
     "surface.npz": 28,
 }

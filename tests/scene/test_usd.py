@@ -2,6 +2,7 @@
 
 The stages are written here by hand; tests/scene/test_blender_views has those that Blender writes."""
 
+import resource
 import sys
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,17 @@ def stage(folder: Path, body: str, head: str = 'upAxis = "Y"') -> Path:
 
 def mesh(name: str, more: str = "", kind: str = "", body: str = SQUARE) -> str:
     return f'    def Mesh "{name}" {kind}\n    {{\n{body}{more}\n    }}\n'
+
+
+def test_memory_is_bounded_while_a_stage_is_read(tmp_path: Path):
+    """A damaged one may ask for more than there is, and Linux would end the process when it is used."""
+    path = stage(tmp_path, mesh("A"))
+    free = resource.getrlimit(resource.RLIMIT_AS)
+    with read_usd.opened(path):
+        assert resource.getrlimit(resource.RLIMIT_AS)[0] < 2**63 - 1
+        with pytest.raises(MemoryError):
+            np.empty(read_usd.ROOM + 2**30, np.uint8)
+    assert resource.getrlimit(resource.RLIMIT_AS) == free
 
 
 def test_meshes_stand_where_they_are(tmp_path: Path):

@@ -11,11 +11,14 @@ import pytest
 
 import mesoshell as ms
 from mesoshell.io.image import read_png
+from mesoshell.measure.flip import flip
 from mesoshell.render.quality import Quality
+from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Prepared, Rendered
 from mesoshell.tradeoff import run
 from mesoshell.tradeoff.knobs import changes, settings_of
 from mesoshell.tradeoff.points import picture_path
+from mesoshell.tradeoff.reference import refer
 from tests.helpers import made_passes
 
 NAMES = ("samples", "anisotropy")
@@ -83,6 +86,20 @@ def test_what_is_measured_is_written(first: tuple[run.Tradeoff, Path]) -> None:
     height, width = made_passes.SHAPE
     assert all(read_png(picture_path(tmp_path, p)).shape[:2] == (2 * height, 4 * width) for p in made.points)
     assert made._repr_html_().startswith("<iframe")
+
+
+def test_an_error_is_certain_where_a_tenth_of_the_reference_has_it() -> None:
+    """Of as many passes, independent ones: ten times the squared error."""
+    exact = made_passes.passes(0.0, 0.2)
+    reference = refer(exact, True, 1e9, 0.01, lambda share: None)
+    pixels, count = np.arange(np.prod(made_passes.SHAPE)), reference.passes // 10
+    means = [
+        np.mean([exact.render(count * k + i, pixels, lambda share: None) for i in range(count)], axis=0) for k in range(8)
+    ]
+    true = over_backdrop(made_passes.picture())
+    errors = [flip(over_backdrop(mean.reshape(*made_passes.SHAPE, 4)), true) for mean in means]
+    certain = run.Tradeoff("made", NAMES, reference, (), Path()).certain
+    assert count >= 5 and np.mean(errors) == pytest.approx(certain, rel=0.25)
 
 
 def test_csv_has_a_column_for_each_thing(first: tuple[run.Tradeoff, Path]) -> None:

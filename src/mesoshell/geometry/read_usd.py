@@ -16,11 +16,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from os import PathLike, fspath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from mesoshell.contained import bounded, hushed
 from mesoshell.errors import InputError
 from mesoshell.limits import check_memory
 
@@ -28,6 +30,8 @@ FORMATS = (".usd", ".usda", ".usdc", ".usdz")
 SEEN = ("default", "render")
 #: Most prims that are walked, instances counted each; instancers within each other.
 MOST, DEEPEST = 500_000, 8
+#: Bytes that reading a stage may take: ROOM, and TIMES its file's size. A damaged one asks for anything.
+ROOM, TIMES = 2**33, 100
 #: Names of a mesh's prim and of those above it; its points, triangles and corner UVs.
 Placed = tuple[list[str], tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]]
 
@@ -47,12 +51,13 @@ def opened(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
     said: Any = UsdUtils.CoalescingDiagnosticDelegate()  # what OpenUSD would print
     stage: Any = None
     try:
-        known = Sdf.Layer.Find(fspath(path))  # as it was read before: someone may still hold it
-        stage = Usd.Stage.Open(fspath(path))
-        if known:
-            stage.Reload()
-        begins = stage.HasAuthoredMetadata("startTimeCode")
-        yield stage, Usd.TimeCode(stage.GetStartTimeCode()) if begins else Usd.TimeCode.EarliestTime()
+        with hushed(), bounded(ROOM + TIMES * Path(path).stat().st_size):
+            known = Sdf.Layer.Find(fspath(path))  # as it was read before: someone may still hold it
+            stage = Usd.Stage.Open(fspath(path))
+            if known:
+                stage.Reload()
+            begins = stage.HasAuthoredMetadata("startTimeCode")
+            yield stage, Usd.TimeCode(stage.GetStartTimeCode()) if begins else Usd.TimeCode.EarliestTime()
     except Tf.ErrorException as fault:
         raise InputError(path, "is no USD stage that can be read, or a damaged one") from fault
     finally:

@@ -10,22 +10,18 @@ Alpha is premultiplied everywhere in memory and in EXR (the format's own convent
 Every writer makes the whole file in memory and hands it to `replace_file`: no half-written image is ever left.
 """
 
-import contextlib
 import io
-import os
-import threading
-from collections.abc import Iterator
 from os import PathLike
 
 import numpy as np
 from jaxtyping import Float, Float32
 
+from mesoshell.contained import hushed
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file, replace_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HALF_MAX = 65504.0
-_HUSH = threading.Lock()
 
 
 def read_exr(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
@@ -186,7 +182,7 @@ def _checked(path: str | PathLike[str], image: np.ndarray) -> np.ndarray:
 def _exr_planes(path: str | PathLike[str], data: bytes) -> dict[str, np.ndarray]:
     import OpenEXR
 
-    with _hushed():
+    with hushed():
         try:
             with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
                 return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
@@ -194,18 +190,3 @@ def _exr_planes(path: str | PathLike[str], data: bytes) -> dict[str, np.ndarray]
             raise InputError(path, "corrupt or truncated OpenEXR file") from error
 
 
-@contextlib.contextmanager
-def _hushed() -> Iterator[None]:
-    """Drop what OpenEXR prints before it raises: from C on descriptor 2, and through `sys.stdout`.
-
-    Both belong to the whole process, so threads take turns: two that overlap would restore each other's redirection.
-    """
-    with _HUSH, contextlib.redirect_stdout(io.StringIO()):
-        kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-        try:
-            os.dup2(null, 2)
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            os.close(null)

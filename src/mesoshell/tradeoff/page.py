@@ -52,11 +52,11 @@ def page(made: "Tradeoff") -> str:
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
         "beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference "
         f"({made.reference.passes} passes) whose own noise of {noise:.4f} is taken off, and below which nothing is told; the "
-        f"least error here is {best.flip:.4f}."
+        f"least error here is {best.flip:.4f}. From {made.certain:.4f} on the reference is ten times as accurate, in squared error."
     )
-    if not made.clear(best):
-        intro += " <b>What is less than 10 times that is not told apart with certainty</b>, and drawn hollow: more minutes, in"
-        intro += " a new folder, help."
+    if best.flip < made.certain:
+        intro += " <b>What is below that is not told apart with certainty</b>, and drawn hollow: more minutes, in a new folder,"
+        intro += " help."
     data = json.dumps([{"said": _summary(e), "how": _how(made, e)} for e in kept]).replace("<", "\\u003c")
     parts = [
         f"<h1>What accuracy costs in time</h1><p>{intro}</p>",
@@ -143,7 +143,7 @@ def _front_plot(made: "Tradeoff") -> str:
         bars = np.abs(wide) if what == "seconds" else None
         axes.errorbar(x, y, over, bars, fmt="none", ecolor="C2", elinewidth=1)
         for e, a, b in zip(kept, x, y, strict=True):
-            axes.plot(a, b, "o", color="C2", markerfacecolor="C2" if made.clear(e) else "white", markersize=5)
+            axes.plot(a, b, "o", color="C2", markerfacecolor="C2" if b >= made.certain else "white", markersize=5)
         for name, marker in (("draft", "v"), ("normal", "s")):
             _preset(axes, made, name, marker, what)
         axes.set(xscale="log", yscale="log", xlabel=f"{what} {'' if what == 'seconds' else 'a pixel'}", ylabel="FLIP")

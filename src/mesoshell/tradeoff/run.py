@@ -25,6 +25,7 @@ from mesoshell.interrupt import StopRequest
 from mesoshell.io.atomic import probe_outputs, replace_file
 from mesoshell.io.image import srgb_to_linear, write_png
 from mesoshell.io.records import read_object
+from mesoshell.measure.flip import POWER
 from mesoshell.render.effects import PATHS
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.accumulate import over_backdrop
@@ -35,7 +36,8 @@ from mesoshell.tradeoff.points import Point, error_map, measured, picture_path
 from mesoshell.tradeoff.reference import Reference, refer, refers_to
 from mesoshell.tradeoff.search import around, proposed, singles
 
-#: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; what a front must be above, in noises.
+#: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; how many times its squared error an
+#: entry's must be to be certain: then it changes an error by 3% at most.
 SHARE, AIM, MOST, CLEAR = 0.3, 0.001, 400, 10.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 #: Called with the share done, 0 to 1, and what is done.
@@ -72,9 +74,10 @@ class Tradeoff:
         """The point of a preset."""
         return next((p for p in self.points if p.settings == settings_of(PRESETS[name], self.names)), None)
 
-    def clear(self, entry: Entry) -> bool:
-        """Whether an entry's error is at least CLEAR times the reference's."""
-        return entry.flip >= CLEAR * self.reference.noise
+    @property
+    def certain(self) -> float:
+        """The least FLIP at which the reference is CLEAR times as accurate, in squared error."""
+        return CLEAR ** (1 / POWER) * self.reference.noise
 
 
 def begin(folder: Path, minutes: float) -> None:
@@ -248,7 +251,7 @@ def _entry(made: Tradeoff, e: Entry) -> dict[str, Any]:
         "flip": e.flip,
         "bias": e.point.bias,
         "noise": e.point.noise,
-        "clear": made.clear(e),
+        "clear": e.flip >= made.certain,
     }
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from mesoshell.geometry.read_usd import pxr
 from mesoshell.io.archive import write_arrays
 from mesoshell.io.bundle_arrays import SHELL
 from mesoshell.io.image import write_exr, write_png
@@ -43,6 +44,9 @@ def make(folder: Path) -> None:
     ball.export(folder / "ball.stl")
     ball.export(folder / "ball.ply")
     ball.export(folder / "text.ply", encoding="ascii")
+    for kind in ("usda", "usdc"):
+        stage(folder / f"ball.{kind}", ball.vertices, ball.faces, uv)
+    pxr("UsdUtils").CreateNewUsdzPackage(str(folder / "ball.usdc"), str(folder / "ball.usdz"))
     write_exr(folder / "sky.exr", random.random((4, 8, 4), np.float32))
     write_exr(folder / "float.exr", random.random((4, 8, 3), np.float32), half=False)
     write_png(folder / "a.png", random.random((6, 5, 3), np.float32))
@@ -54,6 +58,20 @@ def make(folder: Path) -> None:
     patches(folder / "queries")
     capture(folder / "capture", random)
     np.savez(folder / "cameras.npz", world_mat_0=np.diag([5.0, 5, 1, 1]), scale_mat_0=np.eye(4))
+
+
+def stage(path: Path, points: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> None:
+    """A USD stage of one mesh, under a transform."""
+    Sdf, Usd, UsdGeom = pxr("Sdf"), pxr("Usd"), pxr("UsdGeom")
+    made = Usd.Stage.CreateNew(str(path))
+    UsdGeom.Xform.Define(made, "/World").AddTranslateOp().Set((1, 2, 3))
+    mesh = UsdGeom.Mesh.Define(made, "/World/Ball")
+    mesh.GetPointsAttr().Set(points.tolist())
+    mesh.GetFaceVertexCountsAttr().Set([3] * len(faces))
+    mesh.GetFaceVertexIndicesAttr().Set(faces.ravel().tolist())
+    coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex")
+    coordinates.Set(uv.tolist())
+    made.Save()
 
 
 def shell_manifest() -> dict[str, Any]:

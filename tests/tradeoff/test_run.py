@@ -94,7 +94,8 @@ def test_an_error_is_certain_where_a_tenth_of_the_reference_has_it() -> None:
     reference = refer(exact, True, 1e9, 0.01, lambda share: None)
     pixels, count = np.arange(np.prod(made_passes.SHAPE)), reference.passes // 10
     means = [
-        np.mean([exact.render(count * k + i, pixels, lambda share: None) for i in range(count)], axis=0) for k in range(8)
+        np.mean([exact.render(count * k + i, pixels, lambda share: None) for i in range(count)], axis=0)
+        for k in range(8)
     ]
     true = over_backdrop(made_passes.picture())
     errors = [flip(over_backdrop(mean.reshape(*made_passes.SHAPE, 4)), true) for mean in means]

@@ -188,5 +188,3 @@ def _exr_planes(path: str | PathLike[str], data: bytes) -> dict[str, np.ndarray]
                 return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
         except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError, MemoryError, …
             raise InputError(path, "corrupt or truncated OpenEXR file") from error
-
-

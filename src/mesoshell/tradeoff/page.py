@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 from PIL import Image
 
 from mesoshell.render.quality import PRESETS, SETTINGS
 from mesoshell.tradeoff.front import Entry
-from mesoshell.tradeoff.knobs import VALUES, changes, named, settings_of
+from mesoshell.tradeoff.knobs import VALUES, changes, named
 from mesoshell.tradeoff.points import Point, picture_path
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ EQUAL = {True: 4, False: 32}
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:72em;margin:2em auto;padding:0 1em;color:#222}
 figure{display:inline-block;margin:0 1em 1em 0;vertical-align:top}figcaption{font-size:14px;color:#555}
-img.shot{image-rendering:pixelated;width:21.5em;border-radius:4px}.strip img{image-rendering:pixelated;width:8.5em}
+img.shot{image-rendering:pixelated;width:20em;border-radius:4px}.strip img{image-rendering:pixelated;width:8.5em}
 .strip{white-space:nowrap;overflow-x:auto}.strip figure{margin-right:.5em}input[type=range]{flex:1}.ends{display:flex;gap:1em}
 table{border-collapse:collapse}td,th{padding:.15em .8em;text-align:right}td:last-child,th:last-child{text-align:left}
 tr:nth-child(even){background:#f4f4f4}code{background:#f0f0f0;padding:.1em .3em;overflow-wrap:anywhere}
@@ -52,7 +53,8 @@ def page(made: "Tradeoff") -> str:
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
         "beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference "
         f"({made.reference.passes} passes) whose own noise of {noise:.4f} is taken off, and below which nothing is told; the "
-        f"least error here is {best.flip:.4f}. From {made.certain:.4f} on the reference is ten times as accurate, in squared error."
+        f"least error here is {best.flip:.4f}. From {made.certain:.4f} on the reference is ten times as accurate, in squared "
+        "error."
     )
     if best.flip < made.certain:
         intro += " <b>What is below that is not told apart with certainty</b>, and drawn hollow: more minutes, in a new folder,"
@@ -69,7 +71,8 @@ def page(made: "Tradeoff") -> str:
         f"<h2>Along the front</h2><div class=strip>{''.join(_pair(made, i, e) for i, e in enumerate(kept))}</div>",
         f"<div class=plots>{_front_plot(made)}</div>",
         f"<h2>What each setting buys</h2><p>One setting changed at a time, beside <code>normal</code>; {_equal(made)} samples "
-        "a pixel each. To the left is faster, down is better; the ring is <code>normal</code>.</p>"
+        "a pixel each. To the left is faster, down is better; the ring is <code>normal</code>; grey bars are quartiles of the "
+        "time.</p>"
         f"<div class=plots>{_knob_plots(made)}</div>{_knob_table(made)}",
         f"<h2>The front</h2>{_front_table(made)}",
         "<p>Seconds are those of passes of a sample a pixel, as <code>--budget</code> takes them, at this size on this "
@@ -142,7 +145,7 @@ def _front_plot(made: "Tradeoff") -> str:
         wide = np.array([[(q - e.point.seconds[1]) * e.samples for q in e.point.seconds[::2]] for e in kept]).T
         bars = np.abs(wide) if what == "seconds" else None
         axes.errorbar(x, y, over, bars, fmt="none", ecolor="C2", elinewidth=1)
-        for e, a, b in zip(kept, x, y, strict=True):
+        for a, b in zip(x, y, strict=True):
             axes.plot(a, b, "o", color="C2", markerfacecolor="C2" if b >= made.certain else "white", markersize=5)
         for name, marker in (("draft", "v"), ("normal", "s")):
             _preset(axes, made, name, marker, what)
@@ -169,33 +172,55 @@ def _preset(axes: Any, made: "Tradeoff", name: str, marker: str, what: str) -> N
 def _knob_plots(made: "Tradeoff") -> str:
     """Time against error of one knob a plot."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullLocator
 
     alone = {name: points for name in made.names if len(points := _alone(made, name)) > 1}
     base = made.preset("normal")
     if base is None or not alone:
         return ""
-    rows = -(-len(alone) // 4)
-    figure = Figure(figsize=(12, 2.7 * rows), layout="constrained")
-    grid = figure.subplots(rows, 4, squeeze=False).ravel()
-    most = 1.2 * max(p.error(_equal(made)) for points in alone.values() for p in points)
+    rows = -(-len(alone) // 3)
+    figure = Figure(figsize=(12, 3.0 * rows), layout="constrained")
+    grid = figure.subplots(rows, 3, squeeze=False).ravel()
+    errors = [p.error(_equal(made)) for points in alone.values() for p in points]
+    low, high = 0.9 * min(errors), 1.2 * max(errors)
+    times = np.array([p.seconds[::2] for points in alone.values() for p in points]) / base.seconds[1]
     for axes in grid[len(alone) :]:
         axes.axis("off")
     for axes, (name, points) in zip(grid, alone.items(), strict=False):
         x, y = [p.seconds[1] / base.seconds[1] for p in points], [p.error(_equal(made)) for p in points]
-        axes.plot(x, y, "o-", color="C0", markersize=4)
+        quartiles = np.abs([[q / base.seconds[1] - a for q in p.seconds[::2]] for p, a in zip(points, x, strict=True)])
+        axes.errorbar(x, y, xerr=quartiles.T, fmt="o-", color="C0", ecolor="0.7", markersize=4)
         axes.plot(1, base.error(_equal(made)), "o", markersize=10, markerfacecolor="none", color="C3")
-        for p, a, b in zip(points, x, y, strict=True):
-            axes.annotate(str(p.settings[name]), (a, b), textcoords="offset points", xytext=(4, 4), fontsize=8)
-        axes.set(title=name, xlabel="time of normal's", ylabel=f"FLIP, {_equal(made)} samples", ylim=(0, most))
-        axes.margins(x=0.2)
+        for label, place in _labels([str(p.settings[name]) for p in points], np.log(x), np.log(y)):
+            axes.annotate(
+                label, np.exp(place).tolist(), textcoords="offset points", xytext=(0, 8), ha="center", fontsize=8
+            )
+        axes.set(title=name, xlabel="time of normal's", ylabel=f"FLIP, {_equal(made)} samples", ylim=(low, high))
+        axes.set(xscale="log", xlim=(0.85 * times.min(), 1.2 * times.max()))
+        axes.set_xticks([t for t in (0.125, 0.25, 0.5, 1, 2, 4, 8) if times.min() / 2 <= t <= 2 * times.max()])
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.grid(color="0.93")
     return _svg(figure)
 
 
+def _labels(
+    values: list[str], x: Float[np.ndarray, "n"], y: Float[np.ndarray, "n"]
+) -> list[tuple[str, Float[np.ndarray, "2"]]]:
+    """One label for values that lie in one place, and where."""
+    groups: list[list[int]] = []
+    for i in range(len(values)):
+        near = [g for g in groups if all(abs(x[i] - x[j]) < 0.15 and abs(y[i] - y[j]) < 0.04 for j in g)]
+        if near:
+            near[0].append(i)
+        else:
+            groups.append([i])
+    return [(", ".join(values[i] for i in g), np.array([x[g].mean(), y[g].max()])) for g in groups]
+
+
 def _alone(made: "Tradeoff", name: str) -> list[Point]:
     """The points that differ from `normal` in one knob at most, from its cheapest value on."""
-    others = {k: v for k, v in settings_of(PRESETS["normal"], made.names).items() if k != name}
-    points = [p for p in made.points if {k: v for k, v in p.settings.items() if k != name} == others]
+    points = [p for p in made.points if changes(p.settings).keys() <= {name}]
     return sorted(points, key=lambda p: VALUES[name].index(p.settings[name]))
 
 

@@ -1,7 +1,7 @@
 """A capture whose truth is known: a painted ellipsoid away from the origin, in units of its own, seen from a dome.
 
 The colour of a point is its direction from the centre: red and blue across, green by height, with dark bands. It has no
-shading, so that all views agree; pixels are means over SUB² points.
+shading, so that all views agree, or it is diffuse and lit by a flash at the camera; pixels are means over SUB² points.
 """
 
 import json
@@ -37,8 +37,8 @@ def colour(u: np.ndarray) -> np.ndarray:
     return np.stack([0.5 + 0.4 * u[:, 0], 0.5 + 0.4 * u[:, 2], 0.5 - 0.4 * u[:, 0]], axis=1) * band[:, None]
 
 
-def picture(photo: Photo) -> np.ndarray:
-    """Linear premultiplied RGBA."""
+def picture(photo: Photo, flash: float | None = None) -> np.ndarray:
+    """Linear premultiplied RGBA. flash: irradiance at distance 1 of a light at the camera."""
     offset = (np.arange(SUB) + 0.5) / SUB
     y, x, j, i = np.meshgrid(np.arange(photo.height), np.arange(photo.width), offset, offset, indexing="ij")
     o, d = photo_rays(photo, np.stack([(x + i).ravel(), (y + j).ravel()], axis=1))
@@ -48,7 +48,12 @@ def picture(photo: Photo) -> np.ndarray:
     t = (-b - np.sqrt(np.maximum(root, 0))) / a
     at = o + t[:, None] * d - CENTRE
     u = at / np.linalg.norm(at, axis=1, keepdims=True)
-    rgba = np.concatenate([colour(u), np.ones((len(u), 1))], axis=1) * (root > 0)[:, None]
+    lit = colour(u)
+    if flash:
+        n = at / AXES**2
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        lit = lit / np.pi * (flash * np.maximum(-(n * d).sum(1), 0) / t**2)[:, None]
+    rgba = np.concatenate([lit, np.ones((len(u), 1))], axis=1) * (root > 0)[:, None]
     return rgba.reshape(photo.height, photo.width, SUB * SUB, 4).mean(axis=2).astype(np.float32)
 
 
@@ -77,13 +82,13 @@ def write_colmap(folder: Path, photos: list[Photo], camera: str, points: np.ndar
 
 
 def write_capture(folder: Path, views: int = 16, size: int = 48, flash: float | None = None) -> Path:
-    """transforms.json, RGBA images, and points.ply. flash: said of the photographs, and not so."""
+    """transforms.json, RGBA images, and points.ply."""
     import trimesh
 
     (folder / "images").mkdir(parents=True)
     said = photos(views, size)
     for i, photo in enumerate(said):
-        write_png(folder / f"images/{i:03d}.png", picture(photo))
+        write_png(folder / f"images/{i:03d}.png", picture(photo, flash))
     fx, fy, cx, cy = said[0].lens
     about = {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": size, "h": size}
     trimesh.PointCloud(cloud()).export(folder / "points.ply")

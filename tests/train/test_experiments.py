@@ -53,10 +53,12 @@ def larger(tmp_path_factory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def ball(tmp_path_factory) -> Capture:
-    return read_capture(
-        balls.write_capture(tmp_path_factory.mktemp("captures") / "ball", views=10, size=24, flash=30.0)
-    )
+def captures(tmp_path_factory) -> dict[str, Capture]:
+    """A painted ball, by the colour that a field learns of it; what learns reflectance sees it under a flash."""
+    folder = tmp_path_factory.mktemp("captures")
+    plain = read_capture(balls.write_capture(folder / "plain", views=10, size=24))
+    flash = read_capture(balls.write_capture(folder / "flash", views=10, size=24, flash=50.0))
+    return {"texture": plain, "volume": plain, "reflectance": flash}
 
 
 @pytest.fixture(scope="module")
@@ -127,10 +129,13 @@ VARIANTS |= {"atlas_nerf", "atlas_reflectance", "spheres_silhouette", "triplane"
     [pytest.param(f, marks=pytest.mark.slow) if f.stem in VARIANTS else f for f in DISTINCT],
     ids=[f.stem for f in DISTINCT],
 )
-def test_it_takes_two_steps(file: Path, data, answered, ball, tmp_path: Path) -> None:
+def test_it_takes_two_steps(file: Path, data, answered, captures, tmp_path: Path) -> None:
     """Everything that learns has moved, is finite, and is kept as a snapshot with a sheet; the log has all losses."""
     config = shrunk(read_experiment(file, "tiny"))
-    data = {SurfaceTraining: answered, AtlasTraining: ball, TexturesConfig: taught()}.get(type(config), data)
+    if isinstance(config, AtlasTraining):
+        data = captures[config.field.colour]
+    else:
+        data = {SurfaceTraining: answered, TexturesConfig: taught()}.get(type(config), data)
     method = method_of(config)
     state = train(config, data, tmp_path / "run")
     assert int(state.images) == 8 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
@@ -145,17 +150,19 @@ def test_it_takes_two_steps(file: Path, data, answered, ball, tmp_path: Path) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", DISTINCT, ids=lambda p: p.stem)
-def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, ball, tmp_path: Path) -> None:
+def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, captures, tmp_path: Path) -> None:
     config = read_experiment(file, "tiny")
     if isinstance(config, TexturesConfig):
         state = train(config, taught(), tmp_path / "run")
         assert all(np.isfinite(x).all() for x in jax.tree.leaves(state))
         return
     if isinstance(config, AtlasTraining):
+        ball = captures[config.field.colour]
         train(config, ball, tmp_path / "run")
         pictures = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
         (made,) = pictures([ball.photos[7]])
-        assert np.abs(made[..., :3] - ball.rgb[7]).mean() < 0.05
+        others = np.mean([x for i, x in enumerate(ball.rgb) if i != 7], axis=0)
+        assert np.abs(made[..., :3] - ball.rgb[7]).mean() < 0.7 * np.abs(others - ball.rgb[7]).mean()
         return
     if isinstance(config, SurfaceTraining):
         train(config, answered, tmp_path / "run")

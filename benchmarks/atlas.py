@@ -62,8 +62,8 @@ def main(options: Options) -> None:
     rate, curves = matrix_rate(), {}
     for run in options.runs:
         config, data = read_record(run)
-        assert isinstance(config, atlas.AtlasTraining)
-        config, capture = atlas.fitted(config, ray_batches.recorded(data, config.side))
+        assert isinstance(config, atlas.NeuTexTrainConfig)
+        config, capture = atlas.adapt(config, ray_batches.recorded(data, config.side))
         rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
         log = sorted(
             {row["kimg"]: row for row in rows}.values(), key=lambda row: row["kimg"]
@@ -92,8 +92,8 @@ def main(options: Options) -> None:
 
 def by_samples(run: Path, samples: tuple[int, ...]) -> None:
     config, data = read_record(run)
-    assert isinstance(config, atlas.AtlasTraining)
-    _, capture = atlas.fitted(config, ray_batches.recorded(data, config.side))
+    assert isinstance(config, atlas.NeuTexTrainConfig)
+    _, capture = atlas.adapt(config, ray_batches.recorded(data, config.side))
     found = read_neutex(snapshots(run)[-1][1])
     for n in samples:
         how = view(found.config, found.field, Quality(samples=n, pixel_samples=1))

@@ -88,21 +88,21 @@ def marched(names: str, words: str, scene: ms.Scene, quality: Quality = NORMAL) 
 
 def traced(names: str, words: str, scene: Any, spp: int = SPP) -> Tried:
     """In Mitsuba; an effect that is planned off is switched on."""
-    world = scene.integrator().world
-    plan = world.effects
+    context = scene.integrator().context
+    plan = context.effects
     other = {name: Effect(not getattr(plan, name).on, "for the benchmark") for name in names.split()}
     ways = (plan, replace(plan, **other))
     ways = ways if getattr(plan, names.split()[0]).on else ways[::-1]
 
     def way(effects: Any) -> Way:
         def one(turn: int) -> tuple[np.ndarray, int]:
-            world.effects, before = effects, world.queries
-            return shot(scene, spp, turn), world.queries - before
+            context.effects, before = effects, context.queries
+            return shot(scene, spp, turn), context.queries - before
 
         return one
 
     made = tried(names, words, "Mitsuba", (way(ways[0]), way(ways[1])))
-    world.effects = plan
+    context.effects = plan
     return made
 
 

@@ -25,11 +25,11 @@ from mesoshell.measure.equivariance import eq_t
 from mesoshell.measure.features import extractor
 from mesoshell.measure.repetition import largest_repeat
 from mesoshell.shell.generator.generator import draw_phases, synthesise
-from mesoshell.shell.generator.model import GeneratorModel, grown, maker_of
+from mesoshell.shell.generator.model import GeneratorModel, generator_model, grown
 from mesoshell.shell.generator.plan import CELL
-from mesoshell.train.gan.curriculum import fitted, views_of
+from mesoshell.train.gan.curriculum import adapt, views_of
 from mesoshell.train.gan.snapshot import pictures
-from mesoshell.train.gan.state import Learner, TrainConfig
+from mesoshell.train.gan.state import GanConfig, Learner
 from mesoshell.train.run_config import read_record, snapshots
 
 PATCHES, TILE, BATCH = 12, 4, 20
@@ -68,7 +68,7 @@ def moments(large: np.ndarray, crops: np.ndarray, side: int) -> tuple[float, flo
 
 
 def features(
-    config: TrainConfig, maker: GeneratorModel, dataset, count: int, tile: tuple[int, int] | None, network
+    config: GanConfig, maker: GeneratorModel, dataset, count: int, tile: tuple[int, int] | None, network
 ) -> np.ndarray:
     """Of renders, or of pictures of a tile from their cameras."""
     positions = np.random.default_rng(0).permutation(len(dataset.samples))[:count]
@@ -90,7 +90,7 @@ def main() -> None:
     options = parser.parse_args()
     config, data = read_record(options.run)
     images, path = snapshots(options.run)[-1]
-    maker = maker_of(read_bundle(path), str(path))
+    maker = generator_model(read_bundle(path), str(path))
     print(f"{path}, {images / 1000:g} kimg\n\n| | measured | asked |\n|---|---|---|")
     beta = np.full(maker.config.betas, 0.5, np.float32)
     large, crops = textures(maker, beta)
@@ -103,8 +103,8 @@ def main() -> None:
     found = eq_t(maker.config, (maker.generator, maker.averages), w, phases, (5.0, 9.0))
     print(f"| EQ-T | {found:.1f} dB | ≥ 45 dB |", flush=True)
     dataset, network = read_dataset(Path(data["folder"])), extractor()
-    assert isinstance(config, TrainConfig)
-    config, dataset = fitted(config, dataset)
+    assert isinstance(config, GanConfig)
+    config, dataset = adapt(config, dataset)
     real, crop, inside = (
         features(config, maker, dataset, options.images, tile, network) for tile in (None, (0, 0), INSIDE)
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 import mesoshell as ms
 from mesoshell.film.motion import Motion, turned
-from mesoshell.film.shoot import planned, shoot
+from mesoshell.film.shoot import plan_motion, shoot
 from mesoshell.geometry.mesh import bounding_box
 from mesoshell.io.material import bundled
 from mesoshell.render.quality import PRESETS, Quality
@@ -41,7 +41,7 @@ def main() -> None:
         scene = ms.Scene(MESH, ms.load_material(name), size=(given.size, given.size))
         moves = {
             "orbit": lambda still: orbit(given.frames, still),
-            "dolly": planned(scene, dolly=given.frames, far=2 ** ((given.frames - 1) / 4)),
+            "dolly": plan_motion(scene, dolly=given.frames, far=2 ** ((given.frames - 1) / 4)),
         }
         for motion, move in moves.items():
             for quality, settings in QUALITIES.items():

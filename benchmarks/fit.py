@@ -27,7 +27,7 @@ def main() -> None:
     from mesoshell.io.dataset import read_dataset
     from mesoshell.io.exemplars import read_exemplars
     from mesoshell.io.records import read_rows
-    from mesoshell.train.fit.feed import fitted
+    from mesoshell.train.fit.feed import adapt
     from mesoshell.train.fit.holdout import score
     from mesoshell.train.fit.patch_rays import shots_of
     from mesoshell.train.fit.state import FitConfig, given
@@ -43,7 +43,7 @@ def main() -> None:
     print("| steps | minutes | foreground | alpha | 4 × 4 blocks | SSIM |\n|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as run:
         train(config, shots, Path(run))
-        config, shots = fitted(config, shots)
+        config, shots = adapt(config, shots)
         rows, seconds, minutes = read_rows(Path(run) / "log.jsonl", ("kimg", "images_per_s")), 0.0, {}
         for before, row in zip([{"kimg": 0.0}, *rows], rows, strict=False):
             seconds += 1000 * (row["kimg"] - before["kimg"]) / row["images_per_s"]

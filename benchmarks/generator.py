@@ -34,7 +34,7 @@ from mesoshell.signal.fourier import fourier_map
 from mesoshell.signal.modulated import modulated_conv
 from mesoshell.train.gan.generate import ImageBatch, generate, label
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig, sized, start
+from mesoshell.train.gan.state import GanConfig, sized, start
 from mesoshell.train.gan.step import step
 from mesoshell.train.losses import r1
 from mesoshell.train.parallel import in_turn
@@ -145,7 +145,7 @@ def tiles() -> None:
     print()
 
 
-def batch_of(config: TrainConfig) -> ImageBatch:
+def batch_of(config: GanConfig) -> ImageBatch:
     """Random renders from straight above, of one appearance."""
     k, n = jax.random.split(jax.random.key(1), 3), config.batch
     above = jnp.eye(4).at[:3, 3].set(jnp.array([0.5, 0.5, 4.0]))
@@ -199,7 +199,7 @@ def training() -> None:
     memory(config, state, batch, each)
 
 
-def memory(config: TrainConfig, state, batch: ImageBatch, each: Callable) -> None:
+def memory(config: GanConfig, state, batch: ImageBatch, each: Callable) -> None:
     print("| a step | temporary memory, MiB | with arguments and results |\n|---|---|---|")
     for name, filtering in (("mip-mapping", True), ("without", False)):
         other = replace(config, picture=replace(config.picture, filtering=filtering))

@@ -25,7 +25,7 @@ from mesoshell.scene.reach import picture_of
 from mesoshell.scene.render_paths import prepare_file
 from mesoshell.tradeoff.knobs import noise_of
 from mesoshell.tradeoff.points import together
-from mesoshell.tradeoff.reference import refer
+from mesoshell.tradeoff.reference import render_reference
 
 SPOT, SUZANNE, PLANE = "src/mesoshell/assets/spot.obj", "tests/data/suzanne.obj", "experiments/scenes/plane.obj"
 #: Mesh, material, scale and camera.
@@ -76,7 +76,7 @@ def reference(view: View, seconds: float, folder: Path) -> tuple[np.ndarray, flo
         if view.paths:
             exact = REFERENCE.with_changes(**noise_of(NORMAL, KNOBS))
             prepared = traced(view.name, view.side, exact)  # with all texels
-        made = refer(prepared.passes(exact), not view.paths, seconds, AIM, lambda share: None)
+        made = render_reference(prepared.passes(exact), not view.paths, seconds, AIM, lambda share: None)
         np.savez(file, image=made.image, noise=made.noise)
     with np.load(file) as held:
         return held["image"], float(held["noise"])

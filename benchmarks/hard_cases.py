@@ -350,7 +350,7 @@ def white() -> Iterator[Row]:
 def radiometric() -> Iterator[Row]:
     grass = read_bundle(Path(mesoshell.__file__).parent / "assets/grass.npz")
     scene = scenes.slab(grass)
-    scene = replace(scene, alpha=np.full(len(scene.ready.names), 0.5, np.float32))
+    scene = replace(scene, alpha=np.full(len(scene.device_material.names), 0.5, np.float32))
     a = laws.AFFINE["thickness 2"]
     base, offset = ((x @ a.T).astype(np.float32) for x in (scene.shell.base, scene.shell.offset))
     mapped = replace(

@@ -73,9 +73,9 @@ def decoding(side: int) -> None:
         STEPS,
     )
     first = seconds(lambda: shot(scene, 1))
-    before = scene.integrator().world.queries
+    before = scene.integrator().context.queries
     times = [seconds(lambda seed=seed: shot(scene, 1, seed)) for seed in range(1, 6)]
-    queries = (scene.integrator().world.queries - before) / 5
+    queries = (scene.integrator().context.queries - before) / 5
     rate, floor = queries / min(times), matrix_rate() / (2 * multiplications())
     print(
         f"{side}², {queries / side**2:.0f} samples a ray: {rate / 1e6:.1f} M decoded a second, {rate / floor:.2f} of the"
@@ -89,11 +89,11 @@ def to_goal(name: str, side: int, spp: int = 16, passes: int = 6) -> None:
     scene: Any = load_file(SCENES / f"{name}.xml", width=side, height=side)
     set_up = time.perf_counter() - begin
     first = seconds(lambda: shot(scene, spp))
-    world = scene.integrator().world
-    before, begin = world.queries, time.perf_counter()
+    context = scene.integrator().context
+    before, begin = context.queries, time.perf_counter()
     pictures = np.stack([shot(scene, spp, seed) for seed in range(1, passes + 1)])
     each = (time.perf_counter() - begin) / passes
-    queries = (world.queries - before) / passes / each
+    queries = (context.queries - before) / passes / each
     error = pictures.std(axis=0, ddof=1).mean() / pictures.mean()
     needed = each * (error / GOAL) ** 2
     bare = mi.load_file(str(_bare(name)), width=str(side), height=str(side))
@@ -137,13 +137,13 @@ def spacings(name: str, side: int, spp: int = 16, passes: int = 8) -> None:
             SCENES / f"{name}.xml", PRESETS["normal"].with_changes(**changed), width=side, height=side
         )
         shot(scene, spp)
-        before, took, many = scene.integrator().world.queries, [], []
+        before, took, many = scene.integrator().context.queries, [], []
         for seed in range(1, passes * (1 if plain else 2) + 1):
             begin = time.perf_counter()
             many.append(shot(scene, spp, seed + 1000 * (plain is None)))
             took.append(time.perf_counter() - begin)
         mean, noise = np.mean(many, axis=0), np.var(many, axis=0, ddof=1).mean() / len(many)
-        queries = (scene.integrator().world.queries - before) / len(many) / side**2 / spp
+        queries = (scene.integrator().context.queries - before) / len(many) / side**2 / spp
         plain = plain or (mean, noise)
         apart = max(np.square(mean - plain[0]).mean() - noise - plain[1], 0) ** 0.5 / plain[0].mean()
         what = ", ".join(f"{k} {v}" for k, v in changed.items()) or "normal"
@@ -189,13 +189,13 @@ def slab(light: dict[str, Any], side: int) -> dict[str, Any]:
 
 def gates(name: str, scene: Any, spp: int = 16, turns: int = 6) -> None:
     """Seconds of pictures with all effects compiled over those with what is planned, in turn; and until both are as noisy."""
-    world = scene.integrator().world
-    plan: Effects = world.effects
+    context = scene.integrator().context
+    plan: Effects = context.effects
     every = {n: Effect(n != "quadrature", "for the benchmark") for n in GATED}
     took, shown, ways = ([], []), ([], []), (plan, replace(plan, **every))
     for turn in range(turns + 1):
         for way, effects in enumerate(ways):
-            world.effects, begin = effects, time.perf_counter()
+            context.effects, begin = effects, time.perf_counter()
             shown[way].append(shot(scene, spp, turn))
             took[way].append(time.perf_counter() - begin)
     gated, full = (min(times[1:]) for times in took)  # the first ones compile

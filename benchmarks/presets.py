@@ -35,7 +35,7 @@ from mesoshell.scene.render_paths import prepare_file
 from mesoshell.tradeoff.front import Entry, entries, front
 from mesoshell.tradeoff.knobs import named, noise_of, settings_of
 from mesoshell.tradeoff.points import Point, Q, measured
-from mesoshell.tradeoff.reference import Reference, refer
+from mesoshell.tradeoff.reference import Reference, render_reference
 from mesoshell.tradeoff.search import proposed, singles
 
 SPOT, PLACES = "src/mesoshell/assets/spot.obj", Path("experiments/scenes")
@@ -142,7 +142,7 @@ def place(name: str, prepared: Prepared, folder: Path) -> Place:
     file = folder / f"{name}.npz"
     if not file.exists():
         exact = REFERENCE.with_changes(**noise_of(NORMAL, KNOBS)) if paths else REFERENCE
-        made = refer(prepared.passes(exact), not paths, REFER, AIM, lambda share: None)
+        made = render_reference(prepared.passes(exact), not paths, REFER, AIM, lambda share: None)
         np.savez(file, **made._asdict())
         print(f"{name}: reference of noise {made.noise:.4f}", flush=True)
     with np.load(file) as held:

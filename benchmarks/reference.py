@@ -84,7 +84,7 @@ def _wide(x: jax.Array) -> jax.Array:
 def _sample(renderer, material, chart: Chart, lights, piece: Piece, at: Frame, f, share) -> tuple:
     """σ, and ρ toward each light, of the sample at position f."""
     placed = place(piece, at, f, share, jnp.asarray(renderer.media.each[0].table.cone, jnp.float64))
-    xi = place_exact(chart, piece, at, f)
+    xi = place_exact(chart, piece, f)
     alpha = jnp.asarray(renderer.media.each[0].table.alpha, jnp.float64)
     height = jnp.asarray(renderer.media.each[0].table.height_filter, jnp.float64) * placed.footprint.height
     x = inputs(material, renderer.media.each[0].program.layout, Point(xi, placed.footprint.minor, height, alpha))

@@ -23,10 +23,10 @@ from mesoshell.shell.render.renderer import render
 
 def work(scene, counts: dict[str, int]) -> tuple[float, float]:
     """Floating-point operations and bytes gathered of a render."""
-    decoder = scene.ready.material.decoder
+    decoder = scene.device_material.material.decoder
     trunk = 2 * sum(x.kernel.size for x in [*decoder.trunk, decoder.sigma])
     head = 2 * sum(x.kernel.size for x in [*decoder.head, decoder.rho])
-    row = scene.ready.material.texture.rows
+    row = scene.device_material.material.texture.rows
     gathered = 8 * row.shape[1] * row.dtype.itemsize
     queries = counts["density_queries"] + counts.get("surface_queries", 0)
     return queries * trunk + counts.get("transport_queries", 0) * head, queries * gathered

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import mesoshell as ms
-from mesoshell.datasets.queries.dress import dressed
+from mesoshell.datasets.queries.dress import apply_mesostructure
 from mesoshell.datasets.queries.sources import source
 from mesoshell.datasets.queries.tile import Tile
 from mesoshell.geometry.mesh import Mesh, load_mesh, uv_stretch
@@ -25,7 +25,7 @@ from mesoshell.measure.flip import flip
 from mesoshell.pathtracer import scene_dict
 from mesoshell.render.quality import PRESETS, SETTINGS
 from mesoshell.scene.setup import describe_surface
-from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.loader import load_device_material
 from mesoshell.surface_material.renderer import SurfaceScene, plan, render
 from mesoshell.surface_material.scene import SurfaceDescription
 
@@ -58,7 +58,7 @@ def torus(path: Path, around: int = 240, across: int = 96) -> Path:
 
 def of_geometry(tile: Tile, mesh: Mesh, d: SurfaceDescription, spp: int) -> tuple[np.ndarray, np.ndarray, float, int]:
     """Linear RGBA by path tracing, twice; seconds of one; and triangles."""
-    points, faces, albedo = dressed(tile, mesh, d.period)
+    points, faces, albedo = apply_mesostructure(tile, mesh, d.period)
     props = mi.Properties()
     colour = {"type": "mesh_attribute", "name": "vertex_albedo"}
     props["bsdf"] = mi.load_dict({"type": "twosided", "inner": {"type": "diffuse", "reflectance": colour}})
@@ -98,7 +98,7 @@ def compare(name: str, bundle: Path, mesh: Path, period: float | None, asked: ar
     d = describe_surface(ms.Scene(mesh, material, scale=period, size=side, **lit))
     one, two, traced, triangles = of_geometry(source(name), d.mesh, d, asked.spp // 2)
     true = (one + two) / 2
-    scene = SurfaceScene(**vars(d), ready=ready(material.surface))
+    scene = SurfaceScene(**vars(d), device_material=load_device_material(material.surface))
     quality = PRESETS["normal"].with_changes(pixel_samples=asked.samples, curvature_filter=asked.filter)
     effects = plan(scene, quality)
     render(scene, quality.with_changes(pixel_samples=1), effects)

@@ -14,7 +14,7 @@ from mesoshell.measure.variance import Shares, shares
 from mesoshell.shell.generator import generator
 from mesoshell.shell.generator.generator import draw_phases, init_averages, map_latent, synthesise, synthesise_height
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig, sized, start
+from mesoshell.train.gan.state import GanConfig, sized, start
 from mesoshell.train.patch_renderer import material_of
 from mesoshell.typing import Array
 
@@ -22,7 +22,7 @@ SEEDS = 6
 SCALES = ((0.25, 0.25), (1.0, 0.25), (generator.PLANE_SCALE, generator.HEIGHT_SCALE))
 
 
-def begun(config: TrainConfig, seed: Array | int) -> Shares:
+def begun(config: GanConfig, seed: Array | int) -> Shares:
     """Shares of a texture of a generator that begins with this seed."""
     key = jax.random.key(seed)
     learner, texels = start(config, key).learner, config.generator.texels

@@ -27,12 +27,12 @@ from mesoshell.render.quality import PRESETS
 from mesoshell.render.tiles import RenderReport
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.generator.generator import synthesise
-from mesoshell.shell.generator.model import GeneratorModel, grown, maker_of
+from mesoshell.shell.generator.model import GeneratorModel, generator_model, grown
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, grow
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.material.density_bounds import bounds
 from mesoshell.shell.material.field import Layout, Material
-from mesoshell.shell.material.loader import DeviceMaterial, Grid, ready
+from mesoshell.shell.material.loader import DeviceMaterial, Grid, load_device_material
 from mesoshell.shell.material.triplane import pack_planes
 from mesoshell.shell.render.renderer import render
 from mesoshell.shell.render.scene import Scene
@@ -66,7 +66,7 @@ def hill(patches: int, rng: np.random.Generator | None, steps: int = 4) -> Mesh:
 
 def ours(bundle: Bundle, name: str, mesh: Mesh) -> DeviceMaterial:
     found, origin = grow(bundle, name, extrude(mesh, THICKNESS, 1.0).uv, TextureRequest())
-    return ready(found, origin)
+    return load_device_material(found, origin)
 
 
 def planes(bundle: Bundle, maker: GeneratorModel, patches: int) -> DeviceMaterial:
@@ -124,7 +124,7 @@ def main() -> None:
         if name == "triplanes":
             mesh = hill(options.patches, np.random.default_rng(0))
             bundle = read_bundle(path)
-            material = planes(bundle, maker_of(bundle, str(path)), options.patches)
+            material = planes(bundle, generator_model(bundle, str(path)), options.patches)
         else:
             mesh = hill(options.patches, None)
             material = ours(read_bundle(path), str(path), mesh)

@@ -23,7 +23,7 @@ from benchmarks import leaf
 from benchmarks.blades import PATCH, blades
 from benchmarks.silhouettes import SPOT, over, torus
 from data_gen import grass
-from mesoshell.datasets.queries.dress import dressed
+from mesoshell.datasets.queries.dress import apply_mesostructure
 from mesoshell.datasets.queries.tile import Tile
 from mesoshell.geometry.mesh import load_mesh, uv_stretch
 from mesoshell.io.image import tonemap
@@ -34,13 +34,13 @@ from mesoshell.pathtracer import scene_dict
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS, Quality
-from mesoshell.scene.lod import in_place, twin_facts
+from mesoshell.scene.lod import describe_twin, twin_facts
 from mesoshell.scene.render_shell import facts, marched_scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.render import renderer as march
 from mesoshell.shell.render.scene import Scene
 from mesoshell.surface_material import renderer as surface
-from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.loader import load_device_material
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
 
@@ -126,7 +126,7 @@ def marched(scene: Scene, quality: Quality) -> tuple[np.ndarray, float, float]:
 
 def distilled(d: ShellDescription, twin: Twin, quality: Quality) -> tuple[np.ndarray, float, float]:
     """The same of the surface material."""
-    standing = surface.SurfaceScene(**vars(in_place(d)), ready=ready(twin.surface))
+    standing = surface.SurfaceScene(**vars(describe_twin(d)), device_material=load_device_material(twin.surface))
     effects = surface.plan(standing, quality)
     surface.render(standing, quality, effects)
     begin = time.perf_counter()
@@ -137,14 +137,14 @@ def distilled(d: ShellDescription, twin: Twin, quality: Quality) -> tuple[np.nda
 
 def traced(d: ShellDescription) -> tuple[np.ndarray, float, int]:
     """The picture of the recipe's blades where the shell is, seconds for `normal`'s rays a pixel, and triangles."""
-    there = in_place(d)
+    there = describe_twin(d)
     grown, *colours = blades(np.random.default_rng(PATCH), 1, float(d.alpha[0]))
     at, depth = grown.reshape(-1, 3), float(np.linalg.norm(d.shell.offset, axis=1).mean()) / there.period
     faces = np.arange(len(grown))[:, None, None] * grown.shape[1] + grass.strip_triangles(grass.ROWS)
     place = np.stack([at[:, 0], at[:, 1], (at[:, 2] - 1) * depth], axis=1)
     number = np.repeat(np.arange(len(at), dtype=float)[:, None], 3, axis=1)  # in the place of an albedo
     tile = Tile(place, faces.reshape(-1, 3), number, depth, (-1.0, -1.0, -1.0))
-    points, faces, of = dressed(tile, there.mesh, there.period)
+    points, faces, of = apply_mesostructure(tile, there.mesh, there.period)
     of = of[:, 0].astype(int)
     body = of[faces[:, 0]] < 0
     attributes = {name: c.reshape(-1, 3)[of] for name, c in zip(("reflect", "transmit"), colours, strict=True)}

@@ -2,12 +2,12 @@
 at `--preset paper` by the paper's sines and cosines, which atlas_frequency has at any."""
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.neutex.step import AtlasTraining, atlas_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.neutex.step import NeuTexTrainConfig, neutex_config
 
 
-def variant(preset: TrainConfig) -> AtlasTraining:
-    return atlas_as(preset)
+def variant(preset: GanConfig) -> NeuTexTrainConfig:
+    return neutex_config(preset)
 
 
 config = variant(SMALL)

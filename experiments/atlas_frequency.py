@@ -1,12 +1,12 @@
 """An object from its photographs, encoded as in the paper: sines and cosines of places instead of hash grids."""
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.neutex.step import AtlasTraining, atlas_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.neutex.step import NeuTexTrainConfig, neutex_config
 
 
-def variant(preset: TrainConfig) -> AtlasTraining:
-    return atlas_as(preset, "frequency")
+def variant(preset: GanConfig) -> NeuTexTrainConfig:
+    return neutex_config(preset, "frequency")
 
 
 config = variant(SMALL)

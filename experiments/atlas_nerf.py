@@ -4,12 +4,12 @@ cycle, nothing that can be painted on."""
 from dataclasses import replace
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.neutex.step import AtlasTraining, atlas_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.neutex.step import NeuTexTrainConfig, neutex_config
 
 
-def variant(preset: TrainConfig) -> AtlasTraining:
-    config = atlas_as(preset)
+def variant(preset: GanConfig) -> NeuTexTrainConfig:
+    config = neutex_config(preset)
     return replace(config, field=replace(config.field, colour="volume"), chamfer=0.0, finish=0.0)
 
 

@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.neutex.step import AtlasTraining, atlas_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.neutex.step import NeuTexTrainConfig, neutex_config
 
 
-def variant(preset: TrainConfig) -> AtlasTraining:
-    return replace(atlas_as(preset), chamfer=0.0)
+def variant(preset: GanConfig) -> NeuTexTrainConfig:
+    return replace(neutex_config(preset), chamfer=0.0)
 
 
 config = variant(SMALL)

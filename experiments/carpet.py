@@ -4,10 +4,10 @@ With the datasets carpet2, carpet4, carpet6 and carpet8, as many parameters (Mes
 """
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 
 
-def variant(preset: TrainConfig) -> TrainConfig:
+def variant(preset: GanConfig) -> GanConfig:
     return preset
 
 

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 
 
-def variant(preset: TrainConfig) -> TrainConfig:
+def variant(preset: GanConfig) -> GanConfig:
     return replace(preset, mismatch=1.0)
 
 

@@ -5,12 +5,12 @@ It learns one patch by heart, so every image must show that patch: mesoshell dat
 """
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.nerf_tex.network import ParametricConfig, sized_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.nerf_tex.network import NerfTexConfig, nerf_tex_config
 
 
-def variant(preset: TrainConfig) -> ParametricConfig:
-    return sized_as(preset)
+def variant(preset: GanConfig) -> NerfTexConfig:
+    return nerf_tex_config(preset)
 
 
 config = variant(SMALL)

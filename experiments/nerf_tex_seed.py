@@ -5,12 +5,12 @@ learn them all by heart, and what does it make of a seed between those that it h
 """
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.nerf_tex.network import ParametricConfig, sized_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.nerf_tex.network import NerfTexConfig, nerf_tex_config
 
 
-def variant(preset: TrainConfig) -> ParametricConfig:
-    return sized_as(preset, seeded=True)
+def variant(preset: GanConfig) -> NerfTexConfig:
+    return nerf_tex_config(preset, seeded=True)
 
 
 config = variant(SMALL)

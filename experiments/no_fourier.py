@@ -6,10 +6,10 @@ Its data are those of what it is compared with: the paper's is the carpet of 8 p
 from dataclasses import replace
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 
 
-def variant(preset: TrainConfig) -> TrainConfig:
+def variant(preset: GanConfig) -> GanConfig:
     return replace(preset, generator=replace(preset.generator, fourier="off"))
 
 

@@ -1,11 +1,11 @@
 """From fitted patches (mesoshell fit): the generator learns their textures by regression, each at phases of its own."""
 
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.textures.state import TexturesConfig, textures_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.textures.state import TexturesConfig, textures_config
 
 
-def variant(preset: TrainConfig) -> TexturesConfig:
-    return textures_as(preset)
+def variant(preset: GanConfig) -> TexturesConfig:
+    return textures_config(preset)
 
 
 config = TexturesConfig()

@@ -6,12 +6,12 @@ Its 58 000 rows took 400 s of an H200 (docs/results/generator.md).
 from dataclasses import replace
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.textures.state import TexturesConfig, critic_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.textures.state import TexturesConfig, critic_config
 
 
-def variant(preset: TrainConfig) -> TexturesConfig:
-    made = replace(critic_as(preset), batch=8, kimg=58.0, snapshot_kimg=4.0)
+def variant(preset: GanConfig) -> TexturesConfig:
+    made = replace(critic_config(preset), batch=8, kimg=58.0, snapshot_kimg=4.0)
     return made if made.generator.channel_max >= 64 else replace(made, window=64, kimg=0.04)
 
 

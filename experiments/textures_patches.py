@@ -7,12 +7,12 @@ Its 245 000 rows took 395 s of an H200 (docs/results/generator.md): `carpet` was
 from dataclasses import replace
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.textures.state import TexturesConfig, critic_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.textures.state import TexturesConfig, critic_config
 
 
-def variant(preset: TrainConfig) -> TexturesConfig:
-    made = replace(critic_as(preset), batch=32, kimg=245.0, window=64, snapshot_kimg=16.0)
+def variant(preset: GanConfig) -> TexturesConfig:
+    made = replace(critic_config(preset), batch=32, kimg=245.0, window=64, snapshot_kimg=16.0)
     return made if made.generator.channel_max >= 64 else replace(made, kimg=0.08)
 
 

@@ -7,10 +7,10 @@ They end where the patch does: a surface is broken into patches, each turned at 
 from dataclasses import replace
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 
 
-def variant(preset: TrainConfig) -> TrainConfig:
+def variant(preset: GanConfig) -> GanConfig:
     return replace(preset, generator=replace(preset.generator, planes=3))
 
 

@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.surface.step import SurfaceTraining, surface_as
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.surface.step import SurfaceTrainConfig, surface_config
 
 
-def variant(preset: TrainConfig) -> SurfaceTraining:
-    made = surface_as(preset)
+def variant(preset: GanConfig) -> SurfaceTrainConfig:
+    made = surface_config(preset)
     return replace(made, surface=replace(made.surface, opacity="cosine"))
 
 

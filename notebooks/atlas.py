@@ -31,13 +31,13 @@ from mesoshell.measure.captured import score_views
 from mesoshell.neutex import edit as paint
 from mesoshell.neutex.capture import read_capture
 from mesoshell.neutex.layout import directions
-from mesoshell.neutex.mesh import wrapped
+from mesoshell.neutex.mesh import extract_mesh
 from mesoshell.neutex.render import picture, view
 from mesoshell.neutex.store import read_neutex
 from mesoshell.render.quality import Quality
 from mesoshell.train.gan.presets import TINY
 from mesoshell.train.neutex.snapshot import board_paint
-from mesoshell.train.neutex.step import atlas_as, fitted
+from mesoshell.train.neutex.step import adapt, neutex_config
 
 folder = Path(tempfile.mkdtemp())
 shooting = Shooting(views=12, size=32, spp=4, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)
@@ -72,11 +72,11 @@ for axis, along in zip(axes, range(3), strict=True):
 # ## Learning it
 
 # %%
-config = replace(atlas_as(TINY), batch=96, samples=12, kimg=96 * 0.25, snapshot_kimg=96 * 0.25)
+config = replace(neutex_config(TINY), batch=96, samples=12, kimg=96 * 0.25, snapshot_kimg=96 * 0.25)
 rows = []
 run = ms.train(config, capture, folder / "run", show=rows.append)
 found = read_neutex(max(run.snapshots.values()))
-config, capture = fitted(config, capture)
+config, capture = adapt(config, capture)
 for name, score in score_views(found, capture, config.samples).items():
     print(f"{name}: {score.value:.3g}")
 figure, axis = plt.subplots(figsize=(6, 3))
@@ -134,7 +134,7 @@ for samples in (8, config.samples):
 # The inverse map wraps a sphere around the object: a closed mesh with the texture's own coordinates, that shells grow on.
 
 # %%
-surface = wrapped(found.config, found.field, 24, 64)
+surface = extract_mesh(found.config, found.field, 24, 64)
 figure = plt.figure(figsize=(5, 5))
 axes = figure.add_subplot(projection="3d")
 x, y, z = surface.vertices.T

@@ -27,7 +27,7 @@ from mesoshell.io.corner_tiles import SIDE, seed_origin
 from mesoshell.measure import above
 from mesoshell.measure.repetition import largest_repeat
 from mesoshell.shell.material.corner_tiles import on_torus
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 
 turf, grass = ms.load_material("turf").shell, ms.load_material("grass").shell
 colours = np.array(turf.tiles)
@@ -42,7 +42,7 @@ print(
 # %%
 def picture(bundle, patches, pixels, seed=0):
     """A field from straight above, under an aslant light, at age 0, in x/(1 + x)."""
-    material = ready(bundle, seed_origin(seed) if bundle.tiles else (0, 0))
+    material = load_device_material(bundle, seed_origin(seed) if bundle.tiles else (0, 0))
     return above.picture(material, np.zeros(1, np.float32), (patches, pixels), (0.6, 0.0, 0.8), 24)
 
 

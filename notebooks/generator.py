@@ -36,7 +36,7 @@ from mesoshell.shell.generator.generator import (
     synthesise,
     synthesise_height,
 )
-from mesoshell.shell.generator.model import grown, maker_of
+from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, reach, rows_of
 from mesoshell.train.gan.snapshot import as_colours
 from mesoshell.train.textures.depth_map import from_above
@@ -193,7 +193,7 @@ def seen_from_above(maker, seed, beta, alpha):
     return looked_at(maker.decoder, maker.octaves, synthesised(*given).feature[0], height, jnp.array(alpha), 16)
 
 
-carpet = maker_of(ms.load_material("carpet").shell, "carpet")
+carpet = generator_model(ms.load_material("carpet").shell, "carpet")
 figure, axes = plt.subplots(1, 4, figsize=(12, 3.4), layout="constrained")
 depths = [seen_from_above(carpet, 0, [0.7, turn / 4], [0.6]).depth for turn in range(4)]
 for turn, axis in enumerate(axes):
@@ -206,7 +206,7 @@ assert np.abs(np.corrcoef([np.ravel(x) for x in depths])[np.triu_indices(4, 1)])
 # `fur` was told the length of each patch in the same way: three lengths of one seed, and the longest of another.
 
 # %%
-fur = maker_of(ms.load_material("fur").shell, "fur")
+fur = generator_model(ms.load_material("fur").shell, "fur")
 figure, axes = plt.subplots(1, 4, figsize=(12, 3.4), layout="constrained")
 shown = [(0, 0.25), (0, 0.6), (0, 0.95), (1, 0.95)]
 depths = [seen_from_above(fur, seed, [(length - 0.25) / 0.7, 0.2], [0.1, 0.7, 0.6]).depth for seed, length in shown]

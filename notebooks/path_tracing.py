@@ -59,7 +59,7 @@ def shown(image: np.ndarray) -> np.ndarray:
 
 # %%
 made = load_dict(scene())
-for name, effect in made.integrator().world.effects.as_dict().items():
+for name, effect in made.integrator().context.effects.as_dict().items():
     print("on " if effect["on"] else "off", name.replace("_", " ") + ":", effect["why"])
 
 # %% [markdown]
@@ -89,5 +89,5 @@ for axis, (name, quality) in zip(axes, {"8 samples a ray": coarse, "32": fine}.i
     lit = load_dict(scene(sky=sun, integrator={"type": "path", "max_depth": 2}), quality)
     image = np.array(mi.render(lit, spp=8))
     axis.imshow(shown(image))
-    axis.set_title(f"{name}: {lit.integrator().world.queries / SIZE**2 / 8:.1f} decoded a path")
+    axis.set_title(f"{name}: {lit.integrator().context.queries / SIZE**2 / 8:.1f} decoded a path")
     axis.axis("off")

@@ -65,13 +65,13 @@ for axis, (curvature, cosine) in zip(axes, ((0.0, 1.0), (0.0, 0.4), (1.0, 0.4), 
 # %%
 from mesoshell.datasets.queries.render import Settings, of_geometry, render_patches  # noqa: E402
 from mesoshell.train.gan.presets import TINY  # noqa: E402
-from mesoshell.train.surface.step import surface_as  # noqa: E402
+from mesoshell.train.surface.step import surface_config  # noqa: E402
 
 folder = Path(tempfile.mkdtemp())
 settings = Settings("spheres", tile.depth, (-1.0, 2.0), queries=2048, spp=4, seed=0)
 render_patches(settings, of_geometry(tile, settings.spp), 6, folder / "data", lambda done, of: None)
 log = []
-config = replace(surface_as(TINY), kimg=100.0, rate=8e-3)
+config = replace(surface_config(TINY), kimg=100.0, rate=8e-3)
 run = ms.train(config, folder / "data", folder / "run", show=log.append)
 figure, axis = plt.subplots(figsize=(6, 3))
 for name in ("reflectance", "opacity"):

@@ -11,7 +11,7 @@ import trimesh
 from mesoshell.cli.main import main
 from mesoshell.io.image import read_exr, read_png, write_png
 from mesoshell.neutex.layout import shape
-from mesoshell.neutex.mesh import wrapped
+from mesoshell.neutex.mesh import extract_mesh
 from mesoshell.neutex.store import read_neutex
 from mesoshell.train.run_config import snapshots
 from tests.helpers import balls
@@ -95,7 +95,7 @@ def test_a_mesh_is_where_the_object_was_and_renders(folder, tmp_path) -> None:
     for name in ("a.glb", "a.obj"):
         main(["atlas", "mesh", str(folder / "run"), "--quads", "10", "--size", "16", "--out", str(tmp_path / name)])
         mesh = trimesh.load_mesh(tmp_path / name)
-        wanted = known.centre + known.half * wrapped(known.config, known.field, 10, 16).vertices
+        wanted = known.centre + known.half * extract_mesh(known.config, known.field, 10, 16).vertices
         np.testing.assert_allclose(mesh.bounds, [wanted.min(axis=0), wanted.max(axis=0)], atol=1e-5)
         mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=5)
         assert mesh.is_watertight

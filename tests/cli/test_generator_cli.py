@@ -35,10 +35,10 @@ config = replace(
 #: The network that is compared with, at a size of its own.
 NETWORK = """
 from dataclasses import replace
-from mesoshell.train.nerf_tex.network import sized_as
+from mesoshell.train.nerf_tex.network import nerf_tex_config
 from mesoshell.train.gan.presets import TINY
 config = replace(
-    sized_as(TINY, seeded=True),
+    nerf_tex_config(TINY, seeded=True),
     picture=replace(TINY.picture, size=8),
     trunk=(8,),
     head=(8,),

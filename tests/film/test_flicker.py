@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mesoshell as ms
-from mesoshell.film.flicker import FrameView, carried, flicker, frame_view
+from mesoshell.film.flicker import FrameView, flicker, frame_view, reproject
 from mesoshell.geometry.mesh import Mesh, check_mesh
 from mesoshell.render.camera import pixel_grid, rays
 
@@ -45,7 +45,7 @@ def test_what_motion_explains_is_no_flicker():
 def test_points_are_carried_to_where_they_were():
     """Oracle: the plane's points, projected by hand."""
     a, b = camera(-0.3), camera(0.5)
-    points, valid = carried(frame_view(a, [(FLOOR, 0.0)]), frame_view(b, [(FLOOR, 0.0)]))
+    points, valid = reproject(frame_view(a, [(FLOOR, 0.0)]), frame_view(b, [(FLOOR, 0.0)]))
     o, d = rays(b, pixel_grid(b, 1, 0))
     x = o - d * (o[:, 1] / d[:, 1])[:, None]
     clip = np.linalg.inv(a.to_world) @ np.concatenate([x, np.ones((len(x), 1))], axis=1).T
@@ -59,8 +59,8 @@ def test_points_are_carried_to_where_they_were():
 def test_what_was_hidden_is_left_out():
     a, b = camera(-1.5), camera(1.5)
     before, now = (frame_view(c, [(FLOOR, 0.0)], (WALL,)) for c in (a, b))
-    _, valid = carried(before, now)
-    _, bare = carried(frame_view(a, [(FLOOR, 0.0)]), frame_view(b, [(FLOOR, 0.0)]))
+    _, valid = reproject(before, now)
+    _, bare = reproject(frame_view(a, [(FLOOR, 0.0)]), frame_view(b, [(FLOOR, 0.0)]))
     hidden = bare & ~valid
     assert 0.01 < hidden.mean() < 0.3
 
@@ -69,7 +69,7 @@ def test_a_surface_that_moved_is_followed():
     """Points of a floor that rises are found where they were."""
     a = camera(0.0)
     low, high = frame_view(a, [(FLOOR, 0.0)]), frame_view(a, [(FLOOR, 0.8)])
-    points, valid = carried(low, high)
+    points, valid = reproject(low, high)
     o, d = rays(a, pixel_grid(a, 1, 0))
     x = (o - d * ((o[:, 1] - 0.4) / d[:, 1])[:, None]) - [0, 0.4, 0]
     clip = np.linalg.inv(a.to_world) @ np.concatenate([x, np.ones((len(x), 1))], axis=1).T

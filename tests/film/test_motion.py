@@ -99,7 +99,7 @@ def test_between_keys_nothing_lies_beyond_them(values: list[float], data: st.Dat
 @pytest.mark.parametrize(
     ("keys", "fault"),
     [
-        ([], "hold no key"),
+        ([], "must hold at least one key"),
         ([{"frame": 1}, {"frame": 1}], "key 1: frame must be a whole number above 1, not 1"),
         ([{"frame": -1}], "key 0: frame must be a whole number above -1, not -1"),
         ([{"frame": 0.5}], "key 0: frame must be a whole number above -1, not 0.5"),
@@ -107,10 +107,10 @@ def test_between_keys_nothing_lies_beyond_them(values: list[float], data: st.Dat
         ([{"camera": [0] * 7}], "key 0: frame must be a whole number above -1, not None"),
         ([{"frame": 0, "camera": [0, 1, 2]}], "key 0: camera must be 7 numbers"),
         ([{"frame": 0, "camera": [0, 1, 2, 0, 0, 0, float("nan")]}], "key 0: camera must be 7 numbers"),
-        ([{"frame": 0, "eye": [0, 1, 2]}], "key 0: has no 'eye': it has frame, camera, params, thickness"),
+        ([{"frame": 0, "eye": [0, 1, 2]}], "key 0: unknown field 'eye': there are frame, camera, params, thickness"),
         ([{"frame": 0, "params": {"age": "old"}}], "key 0: params must give numbers by name"),
         ([{"frame": 0, "thickness": 0}], "key 0: thickness must be a positive number"),
-        ([3], "key 0: is no object"),
+        ([3], "key 0: must be an object"),
         ([{"frame": 0, "camera": [0, 1, 2, 0, 0, 0, 180]}], "key 0: camera must have its eye apart from its target"),
         ([{"frame": 0, "camera": [0, 1, 2, 0, 1, 2, 30]}], "key 0: camera must have its eye apart from its target"),
         ([{"frame": 0, "camera": [0, 1, 1e30, 0, 1, 2, 30]}], "key 0: camera holds a number beyond 1e"),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.film.motion import Motion
-from mesoshell.film.wind import SPEED, blown, combed, ground_of, gusts
+from mesoshell.film.wind import SPEED, add_wind, combed, ground_of, gusts
 from mesoshell.geometry.mesh import check_mesh, load_mesh
 from mesoshell.io.bundle import Bundle, Parameter
 from mesoshell.scene.materials import Material
@@ -86,7 +86,7 @@ def scene(bundle: Bundle, names: tuple[str, ...]) -> ms.Scene:
 
 def test_wind_changes_lean_alone(tiny_bundle: Bundle):
     begin = scene(tiny_bundle, ("lean", "lean_angle"))
-    moves = blown(Motion(3, lambda k: {"thickness": 0.1 + k}), begin, FIELD, EAST, 0.4, 12.0)
+    moves = add_wind(Motion(3, lambda k: {"thickness": 0.1 + k}), begin, FIELD, EAST, 0.4, 12.0)
     change = moves.change(2)
     assert moves.count == 3 and moves.shape and change["thickness"] == 2.1
     assert (
@@ -99,20 +99,20 @@ def test_wind_changes_lean_alone(tiny_bundle: Bundle):
 def test_wind_is_refused_where_nothing_leans(tiny_bundle: Bundle):
     motion = Motion(3, lambda k: {})
     with pytest.raises(InputError, match=r"^wind: pile has no lean"):
-        blown(motion, scene(tiny_bundle, ("lean",)), FIELD, EAST, 0.4, 24.0)
+        add_wind(motion, scene(tiny_bundle, ("lean",)), FIELD, EAST, 0.4, 24.0)
     for fps in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match=r"^fps: must be positive and finite"):
-            blown(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, 0.4, fps)
+            add_wind(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, 0.4, fps)
     for name in ("lean", "lean_angle"):
         given = replace(scene(tiny_bundle, ("lean", "lean_angle")), params={name: 0.5})
         with pytest.raises(InputError, match=f"^wind: sets {name}, which is given too"):
-            blown(motion, given, FIELD, EAST, 0.4, 24.0)
+            add_wind(motion, given, FIELD, EAST, 0.4, 24.0)
         with pytest.raises(InputError, match=f"^wind: sets {name}, which is given too"):
             keyed = Motion(3, lambda k, name=name: {"params": {name: 0.1 * k}})
-            blown(keyed, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, 0.4, 24.0)
+            add_wind(keyed, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, 0.4, 24.0)
     for strength in (0.0, -0.2, 1.5, np.nan):
         with pytest.raises(InputError, match=r"^wind: must be above 0"):
-            blown(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, strength, 24.0)
+            add_wind(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, strength, 24.0)
 
 
 def test_a_chart_smaller_than_a_pixel_is_refused():

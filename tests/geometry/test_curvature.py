@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from mesoshell.errors import InputError
 from mesoshell.geometry import curvature
-from mesoshell.geometry.curvature import Table, curvature_table, lookup, range_of
+from mesoshell.geometry.curvature import CurvatureTable, curvature_table, lookup, range_of
 from mesoshell.geometry.mesh import Mesh, check_mesh, load_mesh
 from mesoshell.geometry.principal_curvature import along, principal
 
@@ -177,7 +177,7 @@ def test_along_a_direction_and_along_the_normal(k1: float, k2: float, seed: int)
     np.testing.assert_allclose(along(values, directions, np.zeros((1, 3))), [(k1 + k2) / 2], atol=1e-12)
 
 
-def at(table: Table, vertices: np.ndarray, d: np.ndarray) -> np.ndarray:
+def at(table: CurvatureTable, vertices: np.ndarray, d: np.ndarray) -> np.ndarray:
     """What a lookup at vertices gives."""
     faces = np.stack(np.broadcast_arrays(vertices, 0, 0), axis=1)
     return lookup(table, faces, np.broadcast_to([1.0, 0, 0], faces.shape), np.broadcast_to(d, faces.shape))
@@ -294,7 +294,7 @@ def test_a_longer_curve_never_sees_more_and_a_point_is_euler():
 def test_lookup_interpolates_between_directions_and_corners():
     t, b = np.eye(3, dtype=np.float32)[[0, 1]]
     kappa = np.array([[0, 1, 2, 5], [10, 10, 10, 10], [0, 0, 0, 8]], np.float32)
-    table = Table(kappa, np.tile(t, (3, 1)), np.tile(b, (3, 1)), 0, ())
+    table = CurvatureTable(kappa, np.tile(t, (3, 1)), np.tile(b, (3, 1)), 0, ())
     angles = np.radians([0, 45, 67.5, 135, 157.5, 180, -45, 225])
     d = np.stack([np.cos(angles), np.sin(angles), 0.7 + 0 * angles], axis=1)
     faces, first, second = (np.tile(x, (8, 1)) for x in ([0, 1, 2], [1.0, 0, 0], [0.0, 1, 0]))

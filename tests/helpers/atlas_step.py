@@ -19,12 +19,12 @@ import numpy as np
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.neutex.field import FieldConfig
 from mesoshell.train.neutex.ray_batches import Rays
-from mesoshell.train.neutex.step import AtlasTraining, start, step
+from mesoshell.train.neutex.step import NeuTexTrainConfig, start, step
 from mesoshell.train.parallel import spread_step
 from tests.helpers.same_trees import apart
 
 FIELD = FieldConfig((8, 8), (8,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 1), hash=HashConfig(3, 2, 8, 4, 12))
-CONFIG = AtlasTraining(
+CONFIG = NeuTexTrainConfig(
     FIELD, side=16, samples=8, batch=16, kimg=0.16, cloud=True, chamfer=0.5, finish=0.2, snapshot_kimg=0.08
 )
 

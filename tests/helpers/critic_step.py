@@ -23,7 +23,7 @@ from mesoshell.train.export import decoder_arrays
 from mesoshell.train.parallel import spread_step
 from mesoshell.train.textures import critic_view
 from mesoshell.train.textures.exemplars import feed
-from mesoshell.train.textures.state import TexturesConfig, fitted
+from mesoshell.train.textures.state import TexturesConfig, adapt
 from mesoshell.train.textures.step import start, step
 from tests.helpers.same_trees import apart
 
@@ -41,7 +41,7 @@ def exemplars() -> Exemplars:
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    config, data = fitted(CONFIG, exemplars())
+    config, data = adapt(CONFIG, exemplars())
     begun, batch = start(config, data, jax.random.key(0)), feed(config, data)(0)
     exact = jax.tree.map(lambda x: x.astype(jnp.float64) if jnp.issubdtype(x.dtype, jnp.floating) else x, begun)
     batch = batch._replace(feature=batch.feature.astype(np.float64), beta=batch.beta.astype(np.float64))

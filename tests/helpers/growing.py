@@ -14,7 +14,7 @@ from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.generator import init_averages
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.train.export import generator_bundle
-from mesoshell.train.gan.state import Learner, TrainConfig, sized, start
+from mesoshell.train.gan.state import GanConfig, Learner, sized, start
 from mesoshell.train.patch_renderer import PictureConfig
 from mesoshell.train.run_config import keep_record
 from mesoshell.typing import Array, Key
@@ -26,7 +26,7 @@ PARAMETERS = (
 )
 
 
-CONFIG = TrainConfig(
+CONFIG = GanConfig(
     GeneratorConfig(TEXELS, "T", 64, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4),
     DiscriminatorConfig(8, 64, 4, embedding=4),
     PictureConfig(8, 4, texels=TEXELS, height_rows=8, octaves=1),
@@ -51,7 +51,7 @@ def write_run(data: Dataset, folder: Path, *images: int) -> None:
         write_bundle(folder / "snapshots" / f"{count:09d}.npz", _begun(config, count))
 
 
-def _begun(config: TrainConfig, images: int) -> Bundle:
+def _begun(config: GanConfig, images: int) -> Bundle:
     # in one program, and without what only training has: step by step it is hundreds
     learner = _start(config)(jax.random.key(3))
     declared = PARAMETERS[: 1 + config.generator.betas]
@@ -59,7 +59,7 @@ def _begun(config: TrainConfig, images: int) -> Bundle:
 
 
 @cache
-def _start(config: TrainConfig) -> Callable[[Key[Array, ""]], Learner]:
+def _start(config: GanConfig) -> Callable[[Key[Array, ""]], Learner]:
     return jax.jit(lambda key: start(config, key).learner)
 
 

@@ -18,7 +18,7 @@ from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.export import decoder_arrays
 from mesoshell.train.fit.state import FitConfig
 from mesoshell.train.method import Method, method_of
-from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.surface.step import SurfaceTrainConfig
 from mesoshell.train.textures.state import TexturesConfig
 from tests.helpers import atlas_step, balls, fog, parametric_step, small_step, wearing
 
@@ -35,7 +35,7 @@ CONFIGS: dict[str, Any] = {
         near_kimg=0.01,
         seeded=True,
     ),
-    "surface": SurfaceTraining(SurfaceConfig(8, 3, (8,)), batch=256),
+    "surface": SurfaceTrainConfig(SurfaceConfig(8, 3, (8,)), batch=256),
     "atlas": replace(atlas_step.CONFIG, side=32),
     "textures": TexturesConfig(
         GeneratorConfig(32, "T", 64, 4, channels=4, layers=4, z=0, w=4, waves=2, height_width=4), batch=4

@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 
 from mesoshell.train.gan.generate import ImageBatch
-from mesoshell.train.nerf_tex.network import ParametricConfig, start, step
+from mesoshell.train.nerf_tex.network import NerfTexConfig, start, step
 from mesoshell.train.parallel import spread_step
 from tests.helpers import small_step
 from tests.helpers.same_trees import apart
 
-CONFIG = ParametricConfig(small_step.CONFIG.picture, (16, 16), (8,), octaves=2, batch=8, parameters=2)
+CONFIG = NerfTexConfig(small_step.CONFIG.picture, (16, 16), (8,), octaves=2, batch=8, parameters=2)
 
 
 def batch() -> ImageBatch:

@@ -10,7 +10,7 @@ from mesoshell.render.facts import Facts
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry.extrude import Shell
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.shell.render.scene import Scene
 
 #: Every sample decoded, none skipped, nothing filtered: what laws can be tested on exactly.
@@ -56,7 +56,7 @@ def slab(bundle: Bundle) -> Scene:
     """The unit slab seen aslant from above, under one distant light."""
     camera = Camera(look_at((0.2, -1.4, 2.2), (0.5, 0.5, 0.4), (0.0, 0.0, 1.0)), 0.7, 16, 16)
     alpha = np.array([0.5], np.float32)
-    return Scene(slab_mesh(), unit_box(), ready(bundle), camera, lights(), alpha=alpha)
+    return Scene(slab_mesh(), unit_box(), load_device_material(bundle), camera, lights(), alpha=alpha)
 
 
 def effects(scene: Scene, quality: Quality, coarsest: float = 8.0) -> Effects:

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mesoshell.train.fit.feed import feed, fitted
+from mesoshell.train.fit.feed import adapt, feed
 from mesoshell.train.fit.patch_rays import shots_of
 from mesoshell.train.fit.state import FitConfig
 from mesoshell.train.fit.step import start, step
@@ -31,7 +31,7 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     with tempfile.TemporaryDirectory() as folder:
         shots = shots_of([of_tiles(Path(folder) / "set", [*range(16)])])
-    config, shots = fitted(replace(SMALL, decoded=1.0, rate=1e-3, texture_rate=1e-3), shots)
+    config, shots = adapt(replace(SMALL, decoded=1.0, rate=1e-3, texture_rate=1e-3), shots)
     begin = start(config, shots, jax.random.key(0))
     exact = jax.tree.map(lambda x: x.astype(jnp.float64) if jnp.issubdtype(x.dtype, jnp.floating) else x, begin)
     at = feed(config, shots)

@@ -72,7 +72,7 @@ def test_a_shard_with_a_wrong_byte_in_its_header_is_a_fault(folder, tmp_path, by
 
 @pytest.mark.parametrize("size", [0, 4, 5, 12])
 def test_a_size_that_does_not_divide_is_refused(folder, tmp_path, size: int):
-    with pytest.raises(InputError, match=f"--size: {size} does not divide the images' 6 × 4 pixels"):
+    with pytest.raises(InputError, match=f"size: {size} does not divide the images' 6 × 4 pixels"):
         pack_dataset(read_dataset(folder.path), tmp_path / "packed", size)
     assert not (tmp_path / "packed").exists()
 

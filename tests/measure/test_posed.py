@@ -17,7 +17,7 @@ from mesoshell.measure.posed import posed
 from mesoshell.render.composite import weights
 from mesoshell.shell.generator.texture_synthesis import TextureRequest
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from tests.helpers import fog, growing
 
 #: Programs that its tests share.
@@ -70,7 +70,7 @@ def test_a_generator_makes_another_texture_for_each(data) -> None:
 @pytest.fixture(scope="module")
 def column(tiny_bundle):
     """σ and ρ of one column of a field, layer by layer from the base, by the field itself."""
-    found, light = ready(tiny_bundle), jnp.array([0.6, 0.0, 0.8])
+    found, light = load_device_material(tiny_bundle), jnp.array([0.6, 0.0, 0.8])
     field = neural_field(found.material, found.layout)
     layers, alpha = 5, np.array([0.4], np.float32)
 

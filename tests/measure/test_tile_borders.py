@@ -11,7 +11,7 @@ from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.material import find
 from mesoshell.measure import above
 from mesoshell.shell.material import corner_tiles
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 
 #: Patches along the field, and pixels a patch.
 FIELD = (8, 32)
@@ -19,7 +19,10 @@ FIELD = (8, 32)
 
 def jumps(bundle: Bundle) -> list[np.ndarray]:
     """Mean change of radiance from pixel to pixel across each line of a patch (32,), by axis; the first is its border."""
-    picture, by_axis = above.picture(ready(bundle), np.zeros(1, np.float32), FIELD, (0.6, 0.0, 0.8), 32), []
+    picture, by_axis = (
+        above.picture(load_device_material(bundle), np.zeros(1, np.float32), FIELD, (0.6, 0.0, 0.8), 32),
+        [],
+    )
     for axis in (0, 1):
         change = np.abs(np.diff(picture, axis=axis)).mean(axis=(1 - axis, 2))
         line = np.arange(1, len(change) + 1) % FIELD[1]

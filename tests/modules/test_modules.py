@@ -35,10 +35,10 @@ from mesoshell.shell.material.loader import decoder_of
 from mesoshell.surface_material.network import (
     SurfaceConfig,
     SurfaceQuery,
+    blur_textures,
     eval_opacity,
     init_surface,
     reflectance,
-    tables,
 )
 from tests.helpers import growing, wearing
 from tests.helpers.same_trees import FIELD, same
@@ -81,7 +81,7 @@ def _decoded(tree: Any, x: Any, w: Any, light: Any) -> Any:
 
 
 def _answered(tree: Any, place: SurfaceQuery, light: Any, blur: Any) -> Any:
-    table = tables(tree, blur)
+    table = blur_textures(tree, blur)
     found = eval_opacity(SURFACE, table, place)
     return found, reflectance(SURFACE, table, place, found, light)
 

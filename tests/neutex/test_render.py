@@ -14,7 +14,7 @@ from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.archive import read_arrays, write_arrays
 from mesoshell.io.image import srgb_to_linear, write_png
-from mesoshell.io.mesh_export import write_wrapped
+from mesoshell.io.mesh_export import write_textured_mesh
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.nets.mlp import Dense
 from mesoshell.neutex.cameras import Photo, photo_rays, pixels
@@ -22,7 +22,7 @@ from mesoshell.neutex.edit import painted, read_edit, texture_image
 from mesoshell.neutex.field import FieldConfig, density, init_field, lobes, texture, to_surface, to_texture, viewed
 from mesoshell.neutex.layout import LAYOUTS, checkerboard, directions, shape
 from mesoshell.neutex.march import CELLS, march
-from mesoshell.neutex.mesh import REACH, wrapped
+from mesoshell.neutex.mesh import REACH, extract_mesh
 from mesoshell.neutex.render import Lighting, Paint, View, occupancy, picture
 from mesoshell.neutex.store import NeuTexModel, read_neutex, write_neutex
 from mesoshell.render.camera import look_at
@@ -208,7 +208,7 @@ def test_edits_are_read_by_their_proportions(tmp_path) -> None:
 
 
 def test_the_mesh_is_closed_outside_out_and_where_the_map_says(field) -> None:
-    found = wrapped(CONFIG, field, 12, 64)
+    found = extract_mesh(CONFIG, field, 12, 64)
     one, of = np.unique(found.vertices, axis=0, return_inverse=True)  # the same bits, as meshes are welded
     mesh = trimesh.Trimesh(one, of.ravel()[found.faces], process=False)
     assert len(one) == 6 * 12**2 + 2 and mesh.is_watertight and mesh.euler_number == 2
@@ -223,7 +223,7 @@ def test_the_mesh_is_closed_outside_out_and_where_the_map_says(field) -> None:
 
 def test_the_mesh_lies_where_half_of_the_light_is_through(field) -> None:
     """Along the way that a vertex moved from F_uv⁻¹'s surface, by fine steps."""
-    found = wrapped(CONFIG, field, 6, 64)
+    found = extract_mesh(CONFIG, field, 6, 64)
     wrap = np.asarray(surfaces(field, jnp.asarray(found.u, jnp.float32)), np.float64)
     moved = found.vertices - wrap
     moved, wrap, u = (x[np.linalg.norm(moved, axis=1) > 1e-3] for x in (moved, wrap, found.u))
@@ -242,7 +242,7 @@ def test_the_mesh_lies_where_half_of_the_light_is_through(field) -> None:
 
 def test_a_mesh_of_nothing_is_the_inverse_maps(field) -> None:
     empty = field._replace(sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, -40.0))))
-    found = wrapped(CONFIG, empty, 8, 64)
+    found = extract_mesh(CONFIG, empty, 8, 64)
     wanted = surfaces(field, jnp.asarray(found.u, jnp.float32))
     np.testing.assert_allclose(found.vertices, wanted, atol=1e-6)
 
@@ -251,7 +251,7 @@ def test_a_vertex_that_begins_inside_knows_no_surface(field) -> None:
     """In the middle of fog without an end nothing moves, though half of the light is soon gone."""
     last = field.sigma.last
     even = last._replace(kernel=jnp.zeros_like(last.kernel), bias=jnp.full(1, 4.0))  # σ = 100
-    found = wrapped(CONFIG, field._replace(sigma=field.sigma._replace(last=even)), 6, 64)
+    found = extract_mesh(CONFIG, field._replace(sigma=field.sigma._replace(last=even)), 6, 64)
     wrap = surfaces(field, jnp.asarray(found.u, jnp.float32))
     np.testing.assert_allclose(found.vertices, wrap, atol=1e-6)
 
@@ -259,7 +259,7 @@ def test_a_vertex_that_begins_inside_knows_no_surface(field) -> None:
 def test_what_knows_no_surface_follows_what_does(field) -> None:
     """The tips of a large octahedron lie farther from the wrap than a vertex looks; no step is left around them."""
     large = field._replace(sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, 11.0))))
-    found = wrapped(CONFIG, large, 12, 64)
+    found = extract_mesh(CONFIG, large, 12, 64)
     wrap = np.asarray(surfaces(field, jnp.asarray(found.u, jnp.float32)))
     move = np.linalg.norm(found.vertices - wrap, axis=1)
     # the surface is |y|₁ = 1.1 or so: 0.64 from the middle in the midst of a face, and 1.1 at the tips; the wrap is at 0.6
@@ -273,7 +273,7 @@ def test_no_triangle_folds_however_rough_the_density(field, monkeypatch) -> None
     random = np.random.default_rng(2)
     found = lambda kernel, y, n: (random.uniform(-REACH, REACH, len(y)), np.ones(len(y)))  # noqa: E731
     monkeypatch.setattr("mesoshell.neutex.mesh.run", found)
-    mesh = wrapped(CONFIG, field, 24, 64)
+    mesh = extract_mesh(CONFIG, field, 24, 64)
     wrap = np.asarray(surfaces(field, jnp.asarray(mesh.u, jnp.float32)))
     before, after = (
         np.cross(x[mesh.faces[:, 1]] - x[mesh.faces[:, 0]], x[mesh.faces[:, 2]] - x[mesh.faces[:, 0]])
@@ -285,7 +285,7 @@ def test_no_triangle_folds_however_rough_the_density(field, monkeypatch) -> None
 
 def test_the_meshs_coordinates_are_the_cubemaps(field) -> None:
     """Each vertex finds its direction in an image of directions, and no triangle leaves its square."""
-    found = wrapped(CONFIG, field, 8, 128)
+    found = extract_mesh(CONFIG, field, 8, 128)
     image = directions("cubemap", 128)
     h, w = image.shape[:2]
     inside = np.abs(found.uv * [3, 2] - np.round(found.uv * [3, 2])).min(axis=1) > 0.02
@@ -456,9 +456,9 @@ def test_roughness_is_written_as_it_is(stone, tmp_path) -> None:
     np.testing.assert_allclose(
         texture_image(captured(stone, LIT), "cubemap", 16, "specular")[5, 7], float(wanted.specular), atol=1e-6
     )
-    found = wrapped(LIT, stone, 4, 16)
+    found = extract_mesh(LIT, stone, 4, 16)
     image = texture_image(captured(stone, LIT), "cubemap", 16)
-    write_wrapped(tmp_path / "a.glb", found.vertices, found.faces, found.uv, found.normals, image, rough[..., 0])
+    write_textured_mesh(tmp_path / "a.glb", found.vertices, found.faces, found.uv, found.normals, image, rough[..., 0])
     made: Any = trimesh.load_mesh(tmp_path / "a.glb")
     kept = np.asarray(made.visual.material.metallicRoughnessTexture, np.float64)[..., :3] / 255
     np.testing.assert_allclose(kept[..., 1], rough[..., 0], atol=0.5 / 255 + 1e-6)
@@ -468,9 +468,9 @@ def test_roughness_is_written_as_it_is(stone, tmp_path) -> None:
 @pytest.mark.parametrize("name", ["a.glb", pytest.param("a.obj", marks=pytest.mark.slow)])
 def test_a_files_texture_lies_where_the_map_says(field, tmp_path, name) -> None:
     """Colours found through the file's coordinates are those of the image at each vertex's direction; welded, it is closed."""
-    found = wrapped(CONFIG, field, 8, 64)
+    found = extract_mesh(CONFIG, field, 8, 64)
     smooth = np.clip(0.5 + 0.4 * directions("cubemap", 64), 0, 1)
-    write_wrapped(tmp_path / name, found.vertices, found.faces, found.uv, found.normals, smooth)
+    write_textured_mesh(tmp_path / name, found.vertices, found.faces, found.uv, found.normals, smooth)
     mesh: Any = trimesh.load_mesh(tmp_path / name)
     colours = srgb_to_linear(mesh.visual.to_color().vertex_colors[:, :3].astype(np.float32) / 255)
     near = np.linalg.norm(mesh.vertices[:, None] - found.vertices[None], axis=-1).argmin(axis=1)

@@ -12,7 +12,7 @@ import pytest
 
 from mesoshell.geometry.mesh import check_mesh
 from mesoshell.pathtracer.free_flight import fly
-from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.render_context import RenderContext
 from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.render.effects import PATHS, plan_effects
@@ -48,13 +48,15 @@ class Blocks:
         return (u * (SIDE * CELLS) + v) * CELLS + h
 
 
-def world(medium: Blocks, **quality: object) -> World:
+def context(medium: Blocks, **quality: object) -> RenderContext:
     """A flat shell of height 1 over a square of SIDE patches of 1."""
     corners = SIDE * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     shells = Shells([extrude(check_mesh(corners, faces, (corners[faces] + medium.first)[..., :2], "square"), 1.0, 1.0)])
     asked = PRESETS["normal"].with_changes(samples=20, anisotropy=1, early_stop=0.0, skip=0.0).with_changes(**quality)
-    return World(shells, medium, None, asked, plan_effects(Facts(shells=1, distant=1, convex=True), asked, PATHS))
+    return RenderContext(
+        shells, medium, None, asked, plan_effects(Facts(shells=1, distant=1, convex=True), asked, PATHS)
+    )
 
 
 def ray(o: np.ndarray, d: np.ndarray) -> Ray:
@@ -104,7 +106,7 @@ def test_the_mean_over_shifts_is_the_optical_depth(grid: str) -> None:
     o, d = rays(24, 2)
     many = ray(np.repeat(o, SHIFTS, axis=0), np.repeat(d, SHIFTS, axis=0))
     shifts = mi.Float(np.tile((np.arange(SHIFTS) + 0.5) / SHIFTS, len(o)).astype(np.float32))
-    flight = fly(world(Blocks(sigma, bound)), many, dr.inf, dr.full(mi.Bool, True, len(o) * SHIFTS), shifts)
+    flight = fly(context(Blocks(sigma, bound)), many, dr.inf, dr.full(mi.Bool, True, len(o) * SHIFTS), shifts)
     mean = np.array(flight.depth).reshape(-1, SHIFTS).mean(axis=1)
     expected = np.array([true_depth(sigma, *x) for x in zip(o, d, strict=True)])
     assert (expected > 0.2).sum() > 15
@@ -121,7 +123,7 @@ def test_most_samples_lie_where_light_is_lost() -> None:
     medium, every = Blocks(0 * bound, bound), dr.full(mi.Bool, True, 64)
 
     def evaluated(skip: float) -> float:
-        return np.array(fly(world(medium, samples=40, skip=skip), ray(o, d), dr.inf, every, shifts).queries).mean()
+        return np.array(fly(context(medium, samples=40, skip=skip), ray(o, d), dr.inf, every, shifts).queries).mean()
 
     wall, all_ = evaluated(0.5), evaluated(0.0)
     lost = -np.expm1(-0.025 * 1e3 / CELLS)
@@ -134,10 +136,10 @@ def test_a_sample_stands_for_no_more_than_it_may() -> None:
     o, d = rays(200, 3)
     nothing = np.zeros((SIDE * CELLS, SIDE * CELLS, CELLS))
     shifts = mi.Float(np.random.default_rng(0).random(200).astype(np.float32))
-    flight = fly(world(Blocks(nothing, nothing), skip=0.0), ray(o, d), dr.inf, dr.full(mi.Bool, True, 200), shifts)
+    flight = fly(context(Blocks(nothing, nothing), skip=0.0), ray(o, d), dr.inf, dr.full(mi.Bool, True, 200), shifts)
     assert (np.array(flight.queries) == 0).all()  # what is bounded by 0 is not evaluated
     faint = nothing + 1e-6
-    flight = fly(world(Blocks(faint, faint)), ray(o, d), dr.inf, dr.full(mi.Bool, True, 200), shifts)
+    flight = fly(context(Blocks(faint, faint)), ray(o, d), dr.inf, dr.full(mi.Bool, True, 200), shifts)
     length = np.array([true_depth(nothing + 1, *x) for x in zip(o, d, strict=True)])
     expected = 20 * length / WIDEST
     assert (np.abs(np.array(flight.queries) - expected) <= 1.01).all()
@@ -148,7 +150,7 @@ def test_far_from_the_textures_origin_rays_end(first: int) -> None:
     """At 10⁶ patches a float32 has a step of half a cell."""
     sigma = blocks(4)
     o, d = rays(500, 5)
-    flight = fly(world(Blocks(sigma, 4 * sigma, first)), ray(o, d), dr.inf, dr.full(mi.Bool, True, 500))
+    flight = fly(context(Blocks(sigma, 4 * sigma, first)), ray(o, d), dr.inf, dr.full(mi.Bool, True, 500))
     queries, depth = np.array(flight.queries), np.array(flight.depth)
     assert queries.max() < 400 and np.isfinite(depth).all()
     expected = np.array([true_depth(sigma, *x) for x in zip(o, d, strict=True)])
@@ -160,5 +162,5 @@ def test_any_bound(bound: float) -> None:
     sigma = blocks(6)
     o, d = rays(50, 7)
     every = np.full_like(sigma, bound)
-    flight = fly(world(Blocks(sigma, every)), ray(o, d), dr.inf, dr.full(mi.Bool, True, 50))
+    flight = fly(context(Blocks(sigma, every)), ray(o, d), dr.inf, dr.full(mi.Bool, True, 50))
     assert np.isfinite(np.array(flight.depth)).all() and np.array(flight.queries).max() < 400

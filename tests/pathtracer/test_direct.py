@@ -12,7 +12,7 @@ from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.pathtracer.direct import gather_light
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.render_context import RenderContext
 from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.render.camera import Camera, look_at, pixel_grid, pixel_radius, rays
@@ -21,7 +21,7 @@ from mesoshell.render.light import Distant
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, grow
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.shell.render.renderer import render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import growing
@@ -100,7 +100,7 @@ def test_the_engines_agree(name: str, changes: dict) -> None:
     scene = Scene(
         mesh,
         shell,
-        ready(bundle, origin),
+        load_device_material(bundle, origin),
         camera,
         (light,),
         alpha=np.array([AGE], np.float32),
@@ -125,8 +125,10 @@ def test_the_engines_agree(name: str, changes: dict) -> None:
     )
     shells = Shells([shell])
     lights = [(tuple(map(float, light.direction)), tuple(map(float, light.irradiance)))]
-    world = World(shells, Media(shells, [Medium(Material(bundle, origin), (AGE,))]), None, quality, effects, lights)
-    rgb, through, _ = gather_light(world, surfaces, ray)
+    context = RenderContext(
+        shells, Media(shells, [Medium(Material(bundle, origin), (AGE,))]), None, quality, effects, lights
+    )
+    rgb, through, _ = gather_light(context, surfaces, ray)
     rgb, mean = np.array(rgb).T.reshape(SIZE, SIZE, 3), expected[..., :3].mean()
     error = np.abs(rgb - expected[..., :3])
     assert mean > 1e-3

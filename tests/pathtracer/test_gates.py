@@ -45,12 +45,12 @@ def operations(made) -> int:
 @pytest.mark.parametrize(("name", "depth", "more"), GATES)
 def test_an_effect_that_is_off_is_not_compiled(materials, name: str, depth: int, more: tuple) -> None:
     made = loaded(scene(shell(materials, "thin"), light=SUN, depth=depth), QUALITY.with_changes(anisotropy=4))
-    world = made.integrator().world
-    plain = replace(world.effects, **{k: Effect(True, "for the test") for k in more})
+    context = made.integrator().context
+    plain = replace(context.effects, **{k: Effect(True, "for the test") for k in more})
     plain = replace(plain, quadrature=Effect(name in ("filtering", "anisotropic_filtering"), "for the test"))
     counts = []
     for on in (False, True):
-        world.effects = replace(plain, **{name: Effect(on, "for the test")})
+        context.effects = replace(plain, **{name: Effect(on, "for the test")})
         counts.append(operations(made))
     assert 0 < counts[0] < counts[1], counts
 
@@ -82,12 +82,12 @@ def questions(monkeypatch):
 def test_light_that_leaves_and_rays_from_outside_ask_less(materials, questions, name: str) -> None:
     """And it is the same picture, sample by sample: no light meets the shell again, no ray begins in it."""
     made = loaded(scene(shell(materials, "rough"), light=SUN))
-    world = made.integrator().world
-    plain = replace(world.effects, quadrature=Effect(False, "for the test"))
+    context = made.integrator().context
+    plain = replace(context.effects, quadrature=Effect(False, "for the test"))
     assert not getattr(plain, name).on
     found = []
     for on in (False, True):
-        world.effects, before = replace(plain, **{name: Effect(on, "for the test")}), questions()
+        context.effects, before = replace(plain, **{name: Effect(on, "for the test")}), questions()
         found.append((np.array(mi.render(made, spp=16)), questions() - before))
     (off, few), (full, many) = found
     assert 0 < few < many
@@ -98,13 +98,13 @@ def test_a_convex_shell_under_the_sun_is_summed_however_deep_paths_may_go(materi
     """It needs no bounce; beside a wall it does."""
     wall = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 3, 0]).rotate([1, 0, 0], 90)}
     alone, beside = (
-        loaded(scene(*shapes, light=SUN, depth=8)).integrator().world.effects
+        loaded(scene(*shapes, light=SUN, depth=8)).integrator().context.effects
         for shapes in ([shell(materials, "thin")], [shell(materials, "thin"), wall])
     )
     assert alone.quadrature.on and not alone.bounces.on
     assert beside.bounces.on and beside.object_shadow.on and not beside.quadrature.on
     white = shell(materials, "thin", asked={"inner": {"type": "diffuse"}})
-    assert loaded(scene(white, light=SUN, depth=8)).integrator().world.effects.bounces.on
+    assert loaded(scene(white, light=SUN, depth=8)).integrator().context.effects.bounces.on
 
 
 def test_what_stands_beside_a_shell_is_not_forgotten(materials, folder) -> None:
@@ -112,15 +112,17 @@ def test_what_stands_beside_a_shell_is_not_forgotten(materials, folder) -> None:
     square = shell(materials, "thin")
     bsdf = {"type": "mesoshell", "material": str(folder / "half.npz"), "scale": 0.5}
     textured = {"type": "obj", "filename": str(folder / "square.obj"), "bsdf": bsdf}
-    assert loaded(scene(square, textured, light=SUN)).integrator().world.effects.object_shadow.on
+    assert loaded(scene(square, textured, light=SUN)).integrator().context.effects.object_shadow.on
     group, instance = placed(materials, "thin", np.eye(4))
     group["other"] = {"type": "rectangle"}
-    assert loaded(scene(group, instance, light=SUN)).integrator().world.effects.object_shadow.on
+    assert loaded(scene(group, instance, light=SUN)).integrator().context.effects.object_shadow.on
 
 
 def test_light_from_below_a_face_is_shadowed_by_a_convex_mesh(materials) -> None:
     for direction, low in (([-0.3, 0.2, -1.0], False), ([-0.3, 0.2, 1.0], True), ([1.0, 0.0, 0.0], True)):
-        plan = loaded(scene(shell(materials, "thin"), light=SUN | {"direction": direction})).integrator().world.effects
+        plan = (
+            loaded(scene(shell(materials, "thin"), light=SUN | {"direction": direction})).integrator().context.effects
+        )
         assert plan.mesh_shadow.on == low
 
 
@@ -132,5 +134,5 @@ def test_spacing_that_paths_do_not_have_is_refused(materials) -> None:
 def test_depths_are_the_scenes_own(materials) -> None:
     parts = scene(shell(materials, "thin"), depth=3)
     parts["integrator"]["rr_depth"] = 2
-    quality = loaded(parts, PRESETS["reference"]).integrator().world.quality
+    quality = loaded(parts, PRESETS["reference"]).integrator().context.quality
     assert (quality.max_depth, quality.rr_depth) == (3, 2)

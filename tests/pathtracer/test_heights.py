@@ -23,7 +23,7 @@ from mesoshell.pathtracer.samples import Sample
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of, grow
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from tests.helpers import caches, growing
 from tests.helpers.path_traced import rough
 
@@ -69,7 +69,7 @@ def asked(material: Material, points: dict[str, np.ndarray]) -> tuple[np.ndarray
 
 def expected(bundle: Bundle, points: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """σ and ρ by the JAX engine."""
-    made = ready(bundle, ORIGIN)
+    made = load_device_material(bundle, ORIGIN)
     field = neural_field(made.material, made.layout)
 
     def one(xi, radius, deviation, alpha, w, light):
@@ -158,7 +158,7 @@ def test_a_texture_of_a_scene_varies_geometry_as_an_image_of_the_command_line_do
     monkeypatch.setattr("mesoshell.pathtracer.load.texels_needed", lambda *_: growing.TEXELS)
     monkeypatch.setattr(texture_cache, "_run", lambda path, options: main(["texture", str(path), *options]))
     made = scene(folder, BITMAP.replace("MORE", NEAREST))
-    (material,) = made.integrator().world.media.materials
+    (material,) = made.integrator().context.media.materials
     mesh = load_mesh(folder / "square.obj")
     shell = extrude(mesh, 0.4, 0.4)
     patches = patches_per_uv(mesh, shell)

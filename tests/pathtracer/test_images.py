@@ -74,11 +74,11 @@ def made(parts: dict, quality: Quality = EXACT) -> Any:
 
 def test_effects_gated_and_all_compiled(materials) -> None:
     gated, full = made(stage(materials)), made(stage(materials))
-    world = full.integrator().world
+    context = full.integrator().context
     every = {
-        name: Effect(name not in ("quadrature", "surface_materials"), "for the test") for name in vars(world.effects)
+        name: Effect(name not in ("quadrature", "surface_materials"), "for the test") for name in vars(context.effects)
     }
-    world.effects = replace(world.effects, **every)
+    context.effects = replace(context.effects, **every)
     agree(runs(gated), runs(full, PASSES))
 
 
@@ -92,9 +92,9 @@ def test_collisions_drawn_and_samples_summed(materials) -> None:
     summed, drawn = (
         made(scene(shell(materials, "rough"), eye=view), EXACT.with_changes(samples=256)) for _ in range(2)
     )
-    assert summed.integrator().world.effects.quadrature.on
-    world = drawn.integrator().world
-    world.effects = replace(world.effects, quadrature=Effect(False, "for the test"))
+    assert summed.integrator().context.effects.quadrature.on
+    context = drawn.integrator().context
+    context.effects = replace(context.effects, quadrature=Effect(False, "for the test"))
     agree(runs(summed), runs(drawn, PASSES))
 
 

@@ -40,11 +40,11 @@ def grass(depth: int) -> mi.Scene:
 def test_a_scene_is_let_go() -> None:
     """Nothing that a scene's integrator holds holds the scene."""
     made: Any = grass(4)
-    world = weakref.ref(made.integrator().world)
-    assert world() is not None
+    context = weakref.ref(made.integrator().context)
+    assert context() is not None
     del made
     gc.collect()
-    assert world() is None
+    assert context() is None
 
 
 @pytest.mark.slow

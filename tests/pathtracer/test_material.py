@@ -17,7 +17,7 @@ from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.samples import Sample
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.shell.render.kernels import DeviceTables, StaticConfig, _inputs, bound
 from mesoshell.texture import mip
 from mesoshell.texture.footprint import Footprint
@@ -67,7 +67,7 @@ def points() -> dict[str, np.ndarray]:
 
 def test_features_and_density_and_transport(bundle, points) -> None:
     """To 1e-5 of the largest value."""
-    made = ready(bundle)
+    made = load_device_material(bundle)
     field = neural_field(made.material, made.layout)
 
     def one(xi, radius, deviation, alpha, w, light):
@@ -88,7 +88,7 @@ def test_features_and_density_and_transport(bundle, points) -> None:
 
 
 def test_bounds_are_the_grids(bundle, points) -> None:
-    made, material = ready(bundle), Material(bundle)
+    made, material = load_device_material(bundle), Material(bundle)
     program = StaticConfig(made.layout, made.grid_shapes, True, 1, False, ())
     last = len(made.layout.sizes) - 1
 
@@ -111,7 +111,7 @@ def test_any_footprint_has_a_level(bundle, radius) -> None:
 def test_tiles_far_out_and_of_a_seed_are_those_of_the_other_engine(tiled_bundle, points, seed, taps, made_of) -> None:
     origin = seed_origin(seed)
     tiled = made_of(tiled_bundle) if made_of else tiled_bundle
-    made, material = ready(tiled, origin), Material(tiled, origin)
+    made, material = load_device_material(tiled, origin), Material(tiled, origin)
     random = np.random.default_rng(1)
     # eighths of a texel, which float32 has exactly that far out
     xi = np.vstack([random.integers(-4000 * 32, 4000 * 32, (2, 500)) / 32, random.random((1, 500))]).astype(np.float32)
@@ -154,7 +154,7 @@ def test_a_correction_is_read_at_the_area_that_is_averaged(taps) -> None:
     )
     ours = Material(made).inputs(sample, [mi.Float(alpha)], taps)[: bundle.channels]
     np.testing.assert_allclose(np.array(ours).ravel(), expected, rtol=1e-5, atol=1e-6)
-    loaded = ready(made)
+    loaded = load_device_material(made)
     nothing: Any = None
     program = StaticConfig(loaded.layout, loaded.grid_shapes, taps > 0, max(taps, 1), False, ())
     table = DeviceTables(nothing, loaded.material, loaded.grid, jnp.full(1, alpha, jnp.float32), *[nothing] * 4)

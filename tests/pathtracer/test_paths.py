@@ -28,14 +28,14 @@ def picture(parts: dict, spp: int = 64, seed: int = 0) -> np.ndarray:
 def test_sums_and_draws_agree(materials) -> None:
     """The flat box by distant light: all samples summed, and collisions drawn, which is the same estimate with more noise."""
     made: Any = load_dict(scene(shell(materials, "rough")), QUALITY.with_changes(samples=256, weight_cut=0.0))
-    world = made.integrator().world
-    assert world.effects.quadrature.on
+    context = made.integrator().context
+    assert context.effects.quadrature.on
 
     def runs(first: int) -> np.ndarray:
         return np.stack([np.array(mi.render(made, spp=256, seed=mi.UInt32(k))) for k in range(first, first + 8)])
 
     summed = runs(0)
-    world.effects = replace(world.effects, quadrature=Effect(False, "for the test"))
+    context.effects = replace(context.effects, quadrature=Effect(False, "for the test"))
     drawn = runs(8)
     assert summed[..., :3].mean() > 1e-3 and 0.1 < summed[..., 3].mean() < 0.95
     for c in (1, 3):
@@ -62,7 +62,7 @@ def test_all_densities_that_are_asked_for_are_counted(materials) -> None:
     parts = scene(shell(materials, "thin", asked=white), light=light, eye=sensor(to_world=down, fov=5))
     made = loaded(parts, QUALITY.with_changes(samples=16, skip=0.0, early_stop=0.0))
     mi.render(made, spp=1).numpy()
-    assert made.integrator().world.queries == 2 * 16 * SIZE**2
+    assert made.integrator().context.queries == 2 * 16 * SIZE**2
 
 
 POINT = {"type": "point", "position": [-0.5, 0.2, 1.5], "intensity": 10.0}
@@ -84,8 +84,8 @@ def test_effects_that_are_off_change_nothing(materials, material, patches, eye, 
     4 × 4 pixels. The ground is black, so that bounces can bring nothing."""
     asked = {"thickness": 1 / patches, "scale": 1 / patches}
     made = loaded(scene(shell(materials, material, asked=asked), light=light, depth=depth, eye=eye))
-    world = made.integrator().world
-    left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
+    context = made.integrator().context
+    left_out = {name for name, effect in vars(context.effects).items() if not effect.on}
     others = {"shell_shadow", "object_shadow", "bounces", "roulette", "camera_in_shell", "quadrature"}
     others |= {
         "area_light",
@@ -105,9 +105,9 @@ def test_effects_that_are_off_change_nothing(materials, material, patches, eye, 
     gated = means(0)
     assert gated.mean() > 0.01
     every = {
-        name: Effect(name not in ("quadrature", "surface_materials"), "for the test") for name in vars(world.effects)
+        name: Effect(name not in ("quadrature", "surface_materials"), "for the test") for name in vars(context.effects)
     }
-    world.effects = replace(world.effects, **every)
+    context.effects = replace(context.effects, **every)
     full = means(16)
     noise = np.sqrt((gated.var(axis=0) + full.var(axis=0)) / 15)
     assert noise.mean() < 0.02 * gated.mean()
@@ -122,7 +122,7 @@ def test_over_dark_ground_little_is_lost_for_want_of_bounces(materials) -> None:
         loaded(scene(shell(materials, "thin", asked=asked), depth=8), QUALITY.with_changes(dark_ground=dark))
         for dark in (0.1, 0.0)
     )
-    assert not cut.integrator().world.effects.bounces.on and traced.integrator().world.effects.bounces.on
+    assert not cut.integrator().context.effects.bounces.on and traced.integrator().context.effects.bounces.on
     few, all_of_it = (np.array(mi.render(made, spp=2048))[..., :3].mean() for made in (cut, traced))
     assert 0.01 < 1 - few / all_of_it < 0.035
 
@@ -217,8 +217,8 @@ def test_a_material_lies_on_a_file_as_it_does_in_the_other_engine(materials) -> 
         asked = {"material": str(materials / "rough.npz"), "thickness": 0.1, "scale": 0.5}
         square = {"type": "obj", "filename": str(path), "bsdf": {"type": "mesoshell", **asked}}
         ours = extrude(load_mesh(path), 0.1, 0.5)
-        world = loaded(scene(square)).integrator().world
-        found = np.array(world.shells.uv).reshape(-1, 3, 2)
+        context = loaded(scene(square)).integrator().context
+        found = np.array(context.shells.uv).reshape(-1, 3, 2)
         assert found.shape == ours.uv.shape
         np.testing.assert_allclose(found.mean(axis=1), ours.uv.mean(axis=1), atol=1e-4)
 
@@ -229,7 +229,7 @@ def test_a_shell_has_the_proportions_of_its_material(materials, tiny_bundle) -> 
     for name, patches in (("rough", 18), ("flat", 4)):
         bsdf = {"type": "mesoshell", "material": str(materials / f"{name}.npz")}
         made: Any = load_dict(scene({"type": "obj", "filename": str(materials / "box.obj"), "bsdf": bsdf}))
-        assert np.array(made.integrator().world.shells.uv).max() == patches
+        assert np.array(made.integrator().context.shells.uv).max() == patches
 
 
 def test_a_mirror_shows_the_shell(materials) -> None:
@@ -262,7 +262,7 @@ def test_a_file_is_read_and_its_integrator_keeps_its_depth(materials, tmp_path) 
             <float name="thickness" value="1"/><integer name="scale" value="1"/></bsdf>
         <shape type="obj"><string name="filename" value="{materials / "box.obj"}"/><ref id="turf"/></shape></scene>""")
     made: Any = load_file(path, depth=3)
-    assert made.integrator().max_depth == 3 and made.integrator().world.shells.size == 1
+    assert made.integrator().max_depth == 3 and made.integrator().context.shells.size == 1
     assert "SmoothDiffuse" in str(made.shapes()[0].bsdf())
     assert np.array(mi.render(made, spp=4)).mean() > 0
 
@@ -309,10 +309,10 @@ def test_a_texture_is_as_fine_as_its_camera_sees(materials, tmp_path, tmp_path_f
     parts = scene(shell(materials, "far", asked={"seed": 3}), eye=sensor(to_world=away))
     exact = QUALITY.with_changes(skip=0.0, footprint=1.0)
     coarse = loaded(parts, exact)
-    assert coarse.integrator().world.media.materials[0].density == growing.TEXELS / 4
+    assert coarse.integrator().context.media.materials[0].density == growing.TEXELS / 4
     monkeypatch.setattr("mesoshell.pathtracer.load.texels_needed", lambda *_: growing.TEXELS)
     fine = loaded(parts, exact)
-    assert fine.integrator().world.media.materials[0].density == growing.TEXELS
+    assert fine.integrator().context.media.materials[0].density == growing.TEXELS
     one, other = (np.array(mi.render(x, spp=4)) for x in (coarse, fine))
     assert one[..., :3].max() > 1e-3
     np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
@@ -351,7 +351,7 @@ def test_what_was_mended_is_said(materials, tmp_path, more, said) -> None:
     (tmp_path / "box.obj").write_text((materials / "box.obj").read_text() + more)
     square = shell(materials, "thin") | {"filename": str(tmp_path / "box.obj")}
     made = loaded(scene(square))
-    notes = made.integrator().world.notes
+    notes = made.integrator().context.notes
     assert any(said in note for note in notes), notes
     found = np.array(mi.render(made, spp=4))
     assert np.isfinite(found).all() and found[..., 3].max() > 0

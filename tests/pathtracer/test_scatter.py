@@ -11,7 +11,7 @@ from mesoshell.pathtracer.direct import gather_light
 from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.render_context import RenderContext
 from mesoshell.pathtracer.samples import IntervalFrame, Ray, canonical, no_frame
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.render.effects import PATHS, plan_effects
@@ -75,7 +75,7 @@ def test_collisions_are_drawn_by_their_weights(spacing: str) -> None:
     media = Media(shells, [Medium(Material(read_bundle(ROOT / "src/mesoshell/assets/grass.npz")), (AGE,))])
     quality = QUALITY.with_changes(spacing=spacing)
     plan = plan_effects(Facts(shells=1, distant=1, coarsest=2.0, seen=False), quality, PATHS)
-    world = World(shells, media, None, quality, plan, [(LIGHT, (1.0, 1.0, 1.0))])
+    context = RenderContext(shells, media, None, quality, plan, [(LIGHT, (1.0, 1.0, 1.0))])
     rng, count, draws = np.random.default_rng(0), 64, 512
     target = rng.uniform(0.2, 0.8, (3, count))
     d = rng.normal(size=(3, count)) - np.array([[0], [0], [2.0]])
@@ -89,10 +89,10 @@ def test_collisions_are_drawn_by_their_weights(spacing: str) -> None:
             o, along, dr.zeros(mi.Float64, n), far, dr.full(mi.Bool, True, n), dr.full(mi.Float, 1e-3, n), mi.Float(0)
         )
 
-    rgb, through, _ = gather_light(world, surface(mesh), ray(1))
+    rgb, through, _ = gather_light(context, surface(mesh), ray(1))
     many = ray(draws)
     numbers = mi.Float(rng.random(count * draws).astype(np.float32))
-    flight = fly(world, many, -dr.log(1 - numbers), dr.full(mi.Bool, True, count * draws))
+    flight = fly(context, many, -dr.log(1 - numbers), dr.full(mi.Bool, True, count * draws))
     view = dr.normalize(canonical(flight.here, -mi.Vector3f(many.d)))
     light = dr.normalize(canonical(flight.here, mi.Vector3f(*LIGHT)))
     rho = dr.select(flight.collided, media.rho(flight.sample, media.decode(flight.sample)[1], view, [light])[0], 0)

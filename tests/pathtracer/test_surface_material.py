@@ -25,7 +25,7 @@ from mesoshell.render.effects import Effect
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.surface_material.intersector import Local, SurfaceIntersector
-from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.loader import load_device_material
 from mesoshell.surface_material.renderer import SurfaceScene, _answered, plan, render
 from mesoshell.surface_material.tables import surface_tables
 from tests.helpers import wearing
@@ -122,7 +122,9 @@ def test_answers_are_the_other_engines_and_the_descriptions(opacity: str, curvat
     np.testing.assert_allclose(alpha, wanted, atol=2e-4)
     np.testing.assert_allclose(rho, wanted_rho, rtol=1e-3, atol=1e-4 * wanted_rho.max())
     u, r, toward, k = (q[name].astype(np.float64) for name in ("u", "r", "w", "kappa"))
-    theirs, their_rho = _answered(ready(b), Local(u, r, toward, k, np.zeros((2000, 3, 3))), q["light"][:, None])
+    theirs, their_rho = _answered(
+        load_device_material(b), Local(u, r, toward, k, np.zeros((2000, 3, 3))), q["light"][:, None]
+    )
     np.testing.assert_allclose(alpha, theirs, atol=5e-5)
     np.testing.assert_allclose(rho, their_rho[:, 0], rtol=1e-4, atol=2e-5 * wanted_rho.max())
     assert rho.std() > 0.01 and (alpha.std() > 0.1 or opacity == "none")
@@ -234,9 +236,9 @@ def test_directions_are_drawn_with_their_density() -> None:
     turn = np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, -1]])  # left-handed
     here.a, here.b, here.c = (mi.Vector3f(*map(float, row)) for row in turn)
     d, local, pdf = draw_around(here, mi.Point2f(xi))
-    world, inner = np.array(d).T, np.array(local).T
-    np.testing.assert_allclose(np.linalg.norm(world, axis=1), 1, atol=1e-5)
-    np.testing.assert_allclose(world @ turn.T, inner, atol=1e-5)
+    context, inner = np.array(d).T, np.array(local).T
+    np.testing.assert_allclose(np.linalg.norm(context, axis=1), 1, atol=1e-5)
+    np.testing.assert_allclose(context @ turn.T, inner, atol=1e-5)
     np.testing.assert_allclose(np.array(pdf), np.array(density_around(here, d)), rtol=1e-4)
     np.testing.assert_allclose((1 / np.array(pdf)).mean(), SPHERE, rtol=0.02)
     z = np.linspace(-1, 1, 20_001)
@@ -260,7 +262,7 @@ def test_the_engines_show_the_same(folder) -> None:
     camera = Camera(look_at((2.2, -1.9, 1.3), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.6, 24, 24)
     toward = np.array([[0.48, -0.6, 0.64], [-0.6, -0.8, 0.0]])
     lights = tuple(Distant(x, np.array([3.0, 2.0, 1.0])) for x in toward)
-    s = SurfaceScene(mesh, 1.0, camera, lights, None, (0.5, 0.5, 0.5), (), True, ready(b))
+    s = SurfaceScene(mesh, 1.0, camera, lights, None, (0.5, 0.5, 0.5), (), True, load_device_material(b))
     theirs = render(s, Quality(pixel_samples=64, early_stop=0.0), plan(s, QUALITY))[0]
     assert ((theirs[..., 3] > 0.1) & (theirs[..., 3] < 0.9)).mean() > 0.15
     shape = surface_shape(folder, "lump", "rough", {"scale": 1.0})
@@ -327,7 +329,7 @@ def test_what_is_not_there_changes_nothing(folder, light: dict) -> None:
     eye = seen_from(0.5, -4.0, 1.5, up=(0, 0, 1), fov=40)
     with_it = loaded(scene(surface_shape(folder, "lump", "none"), *grounds(), light=light, depth=4, eye=eye))
     without = mi.load_dict(scene(*grounds(), light=light, depth=4, eye=eye))
-    assert with_it.integrator().world is not None
+    assert with_it.integrator().context is not None
     one, two = means(with_it, 0), means(without, 50)
     assert one[:, :3].mean() > 0.02
     agree(one, two)
@@ -415,15 +417,15 @@ def test_effects_that_are_off_change_nothing(folder, light: dict, depth: int, of
     """What the plan leaves out is not needed: with all of it compiled, the same picture within its noise."""
     eye = seen_from(2.2, -1.9, 1.3, up=(0, 0, 1), fov=35)
     made = loaded(scene(surface_shape(folder, "lump", "rough"), grounds()[0], light=light, depth=depth, eye=eye))
-    world = made.integrator().world
-    left_out = {name for name, effect in vars(world.effects).items() if not effect.on}
+    context = made.integrator().context
+    left_out = {name for name, effect in vars(context.effects).items() if not effect.on}
     others = {"area_light", "shells", "shell_shadow", "camera_in_shell", "quadrature", "varying_parameters"}
     others |= {"varying_geometry", "filtering", "anisotropic_filtering", "twin", "corner_tiles"}
     assert left_out == off | others
     gated = means(made, 0, 16)
     assert gated[:, :3].mean() > 0.01
-    every = {name: Effect(name not in ("quadrature", "shells"), "for the test") for name in vars(world.effects)}
-    world.effects = replace(world.effects, **every)
+    every = {name: Effect(name not in ("quadrature", "shells"), "for the test") for name in vars(context.effects)}
+    context.effects = replace(context.effects, **every)
     agree(gated, means(made, 16, 16))
 
 
@@ -453,7 +455,7 @@ def test_two_materials_in_one_scene(folder) -> None:
     eyes = [seen_from(x + 0.5, 0.2, 2.0, at=(x + 0.5, 0.5, 0), fov=15) for x in (0.0, 2.0, 4.0)]
     shapes = [surface_shape(folder, "square", name, {"scale": scale}, to_world=where) for name, where, scale in asked]
     together = loaded(scene(*shapes, light=ASLANT))
-    assert len(together.integrator().world.surface_meshes.materials) == 2
+    assert len(together.integrator().context.surface_meshes.materials) == 2
     for shape, eye in zip(shapes, eyes, strict=True):
         alone = loaded(scene(shape, light=ASLANT))
         one, two = (np.array(mi.render(s, spp=512, sensor=mi.load_dict(eye))) for s in (together, alone))
@@ -476,7 +478,7 @@ def test_a_material_in_the_middle_of_a_shell(folder) -> None:
     eye = seen_from(*ABOVE, fov=5, size=4)
     exact = QUALITY.with_changes(skip=0.0, samples=32)
     made: Any = load_dict(in_it("fog", "opaque"), exact)
-    assert made.integrator().world.effects.shells.on and made.integrator().world.effects.surface_materials.on
+    assert made.integrator().context.effects.shells.on and made.integrator().context.effects.surface_materials.on
     found = means(made, 0)
     agree(found[:, :1], np.full((2, 1), 0.2 * 3.0 * np.exp(-1.0)))
     agree(found[:, 3:], np.ones((2, 1)))
@@ -523,8 +525,8 @@ def test_what_else_is_in_a_group_stays(folder) -> None:
     group, instance = placed(folder, far, ball)
     second = instance | {"to_world": mi.ScalarTransform4f().translate([9, 0, 0])}
     made = loaded(scene(group, instance, second, light=DOWN))
-    world = made.integrator().world
-    assert len(world.surface_meshes.which) == 2 * len(wearing.lump().faces)
+    context = made.integrator().context
+    assert len(context.surface_meshes.which) == 2 * len(wearing.lump().faces)
     assert len([s for s in made.shapes() if not s.is_mesh()]) >= 2
     for x in (5.5, 9.5):
         eye = mi.load_dict(seen_from(x, 0.5, 4.0, at=(x, 0.5, 0), fov=2))
@@ -607,17 +609,17 @@ def test_files_of_mitsubas_are_read(folder, tmp_path) -> None:
 def test_what_was_not_trained_is_said(folder) -> None:
     write_surface(folder / "narrow.npz", wearing.constant(1.0, 0.2, curvature=(-0.1, 0.1)))
     made = loaded(scene(surface_shape(folder, "ball", "narrow")))
-    assert any("shape0.bsdf" in n and "outside the trained -0.1 to 0.1" in n for n in made.integrator().world.notes)
+    assert any("shape0.bsdf" in n and "outside the trained -0.1 to 0.1" in n for n in made.integrator().context.notes)
     assert not any(
-        "trained" in n for n in loaded(scene(surface_shape(folder, "ball", "opaque"))).integrator().world.notes
+        "trained" in n for n in loaded(scene(surface_shape(folder, "ball", "opaque"))).integrator().context.notes
     )
 
 
 def test_the_scale_is_a_25th_of_two_diagonals_if_none_is_given(folder) -> None:
-    world = loaded(scene(surface_shape(folder, "lump", "rough", {}))).integrator().world
+    context = loaded(scene(surface_shape(folder, "lump", "rough", {}))).integrator().context
     box = bounding_box(load_mesh(folder / "lump.obj"))
     np.testing.assert_allclose(
-        np.array(world.surface_meshes.period), 2 / 25 * np.linalg.norm(box[1] - box[0]), rtol=1e-5
+        np.array(context.surface_meshes.period), 2 / 25 * np.linalg.norm(box[1] - box[0]), rtol=1e-5
     )
 
 
@@ -631,7 +633,7 @@ def test_a_scene_without_ours_is_mitsubas_own(folder) -> None:
 
 def test_surface_materials_are_all_that_is_there(folder) -> None:
     """What shows which effects there are: with a material alone no shells, with neither Mitsuba's integrator."""
-    effects = loaded(scene(surface_shape(folder, "square", "half"))).integrator().world.effects.as_dict()
+    effects = loaded(scene(surface_shape(folder, "square", "half"))).integrator().context.effects.as_dict()
     assert effects["surface_materials"] == {"on": True, "why": "on 1 of the meshes"}
     assert not effects["shells"]["on"] and not effects["quadrature"]["on"]
     assert effects["opacity"]["on"]

@@ -178,7 +178,10 @@ def test_a_signal_leaves_the_passes_so_far(number: int) -> None:
         ((None, float("nan"), None, {}), "error: must be above 0 and below 1, not nan"),
         ((None, 1.0, None, {}), "error: must be above 0 and below 1, not 1.0"),
         ((None, None, 0, {}), "max_samples: must be at least 1, not 0"),
-        ((2.0, None, None, {"spp": 3}), "spp: a picture with a goal takes as many as it needs: give `max_samples`"),
+        (
+            (2.0, None, None, {"spp": 3}),
+            "spp: cannot be combined with a goal, which sets it: give `max_samples`",
+        ),
     ],
 )
 def test_goals_that_none_can_be_are_refused(given: tuple, said: str) -> None:

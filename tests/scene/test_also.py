@@ -146,7 +146,7 @@ def test_nodes_of_a_file_carry_materials_of_their_own(tiny_bundle: Bundle):
     assert counts((), ("Stone",)) == [120, 24]
     assert counts(("Stone",), ("Moss",)) == [12, 12, 120]
     assert counts(("Moss",), ("Stone",), ("Hill",)) == [12, 12, 120]
-    with pytest.raises(InputError, match="'Hill' is to carry two materials"):
+    with pytest.raises(InputError, match="two materials are given for 'Hill'"):
         counts(("Hill",), ("Hill",))
     with pytest.raises(InputError, match="none is left for the scene's own"):
         counts((), ("Hill",), ("Stone",))
@@ -275,7 +275,7 @@ def test_meshes_of_one_material_share_it(two: tuple[ms.Scene, ms.Scene, ms.Scene
     prisms = np.array([m.prism for m in made.media])
     parts = {id(decoding): own.tolist() for decoding, own in renderer.media.parts(prisms)}
     assert sorted(parts.values()) == [[0], [1, 2, 3], [4]]
-    assert made.media[1].ready is made.media[4].ready
+    assert made.media[1].device_material is made.media[4].device_material
 
 
 def test_a_mesh_shades_anothers_shell(two: tuple[ms.Scene, ms.Scene, ms.Scene]):

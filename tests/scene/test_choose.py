@@ -9,10 +9,10 @@ from mesoshell.measure.flip import POWER
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene import choose as room
 from mesoshell.scene.accumulate import FIRST, Goal
-from mesoshell.scene.choose import EXCESS, FALL, FEWEST, LADDER, PROBE, SURE, Rung, Seen, choose
+from mesoshell.scene.choose import EXCESS, FALL, FEWEST, LADDER, PROBE, SURE, Probe, Rung, choose
 from mesoshell.scene.picture import Passes, Prepared, Rendered
 
-SCENES = st.builds(Seen, st.floats(1e-3, 1e3), st.floats(1e-3, 0.5), st.floats(0.01, 100))
+SCENES = st.builds(Probe, st.floats(1e-3, 1e3), st.floats(1e-3, 0.5), st.floats(0.01, 100))
 GOALS = st.floats(1e-2, 1e4), st.floats(1e-3, 0.5)
 
 
@@ -22,7 +22,7 @@ PASSES = Passes(
 )
 
 
-def chosen(seen: Seen, budget: float | None = None, error: float | None = None) -> int:
+def chosen(seen: Probe, budget: float | None = None, error: float | None = None) -> int:
     """The rung for a scene that looks so."""
     prepared = Prepared("jax", {}, None, (), 0.0, 0.0, lambda progress: NOTHING, lambda other: PASSES)
     with pytest.MonkeyPatch.context() as patch:
@@ -46,18 +46,18 @@ def test_rungs_are_settings() -> None:
 
 
 @given(SCENES, GOALS[0], st.floats(1, 100))
-def test_more_time_takes_no_coarser_settings(seen: Seen, budget: float, more: float) -> None:
+def test_more_time_takes_no_coarser_settings(seen: Probe, budget: float, more: float) -> None:
     assert chosen(seen, budget) <= chosen(seen, more * budget)
 
 
 @given(SCENES, GOALS[0])
-def test_a_budget_holds_its_passes_if_it_can(seen: Seen, budget: float) -> None:
+def test_a_budget_holds_its_passes_if_it_can(seen: Probe, budget: float) -> None:
     found = chosen(seen, budget)
     assert FEWEST * LADDER[found].cost(seen.queries) * seen.seconds <= budget * (1 + 1e-9) or found == 0
 
 
 @given(SCENES, GOALS[1])
-def test_an_error_is_above_the_bias_if_that_can_be(seen: Seen, error: float) -> None:
+def test_an_error_is_above_the_bias_if_that_can_be(seen: Probe, error: float) -> None:
     found = chosen(seen, error=error)
     assert SURE * seen.noise * LADDER[found].bias < error or found == len(LADDER) - 1
 
@@ -72,7 +72,7 @@ def test_an_error_is_above_the_bias_if_that_can_be(seen: Seen, error: float) -> 
 
 @given(SCENES, *GOALS)
 def test_an_error_that_the_budget_does_not_allow_gives_way_to_the_budget(
-    seen: Seen, budget: float, error: float
+    seen: Probe, budget: float, error: float
 ) -> None:
     of_budget, of_error = chosen(seen, budget), chosen(seen, error=error)
     assert chosen(seen, budget, error) in (of_budget, of_error)

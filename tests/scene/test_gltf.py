@@ -26,7 +26,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.scene.gltf import LUX
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
-from mesoshell.scene.unpack import read_told, unpacked
+from mesoshell.scene.unpack import read_scene_file, unpacked
 from tests.helpers import wearing
 
 FILE = Path(__file__).parents[1] / "data" / "blender.glb"
@@ -48,7 +48,7 @@ def material(tiny_bundle: Bundle) -> Material:
 
 
 def test_blenders_camera_and_sun():
-    told = read_told(FILE)
+    told = read_scene_file(FILE)
     assert told.camera is not None
     np.testing.assert_allclose(told.camera[0][:3], FROM_BLENDER @ CAMERA, atol=1e-6)
     assert told.camera[1] == pytest.approx(2 * math.atan(36 * 54 / 96 / 2 / 45)) and told.aspect == pytest.approx(
@@ -62,7 +62,7 @@ def test_blenders_camera_and_sun():
 
 def test_they_take_the_place_of_defaults(material: Material):
     scene = ms.Scene(FILE, material, size=(96, 54))
-    still, told = settled(scene), read_told(FILE)
+    still, told = settled(scene), read_scene_file(FILE)
     assert isinstance(still.camera, ms.Camera) and told.camera is not None
     np.testing.assert_array_equal(still.camera.to_world, told.camera[0])
     assert (still.camera.width, still.camera.height, still.camera.fov) == (96, 54, told.camera[1])
@@ -146,7 +146,7 @@ def test_a_turned_node_turns_its_camera(tmp_path_factory: pytest.TempPathFactory
     """Oracle: scipy's rotation of the same quaternion."""
     lens = {"type": "perspective", "perspective": {"yfov": 0.5}}
     node = {"camera": 0, "rotation": q, "translation": [1, 2, 3], "scale": [scale[0]] * 3}
-    told = read_told(written(tmp_path_factory.mktemp("x"), {"nodes": [node], "cameras": [lens]}))
+    told = read_scene_file(written(tmp_path_factory.mktemp("x"), {"nodes": [node], "cameras": [lens]}))
     assert told.camera is not None and told.aspect is None
     np.testing.assert_allclose(told.camera[0][:3, :3], Rotation.from_quat(q).as_matrix(), atol=1e-9)
     np.testing.assert_array_equal(told.camera[0][:3, 3], [1, 2, 3])
@@ -161,16 +161,16 @@ def test_transforms_of_parents_are_applied_and_matrices_go_by_columns(tmp_path: 
     ]
     lens = {"type": "perspective", "perspective": {"yfov": 0.5}}
     header = {"nodes": nodes, "cameras": [lens], "scenes": [{"nodes": []}, {"nodes": [0]}], "scene": 1}
-    camera = read_told(written(tmp_path, header)).camera
+    camera = read_scene_file(written(tmp_path, header)).camera
     assert camera is not None
     np.testing.assert_allclose(camera[0][:3, 3], matrix[:3] @ [0, 0, 2, 1])
     np.testing.assert_allclose(camera[0][:3, 2], matrix[:3, 2], atol=1e-12)
     assert np.linalg.det(camera[0]) == pytest.approx(1)  # a mirrored node mirrors no picture
-    assert read_told(written(tmp_path, header | {"scene": 0})).camera is None
+    assert read_scene_file(written(tmp_path, header | {"scene": 0})).camera is None
 
 
 def test_a_suns_strength_is_in_lux(tmp_path: Path):
-    (sun,) = read_told(written(tmp_path, lit({}, {"type": "directional", "intensity": 2 * LUX}))).suns
+    (sun,) = read_scene_file(written(tmp_path, lit({}, {"type": "directional", "intensity": 2 * LUX}))).suns
     np.testing.assert_allclose(sun.direction, [0, 0, 1])
     np.testing.assert_allclose(sun.irradiance, 2)
 
@@ -178,7 +178,7 @@ def test_a_suns_strength_is_in_lux(tmp_path: Path):
 def test_what_cannot_be_taken_is_said(tmp_path: Path):
     cameras = [{"type": "orthographic"}, *[{"type": "perspective", "perspective": {"yfov": 0.5 + k}} for k in (0, 1)]]
     nodes = [{"camera": k, "name": name} for k, name in enumerate(("plan", "wide", "near"))]
-    told = read_told(written(tmp_path, {"nodes": nodes, "cameras": cameras}))
+    told = read_scene_file(written(tmp_path, {"nodes": nodes, "cameras": cameras}))
     assert told.camera is not None and told.camera[1] == 0.5
     assert told.notes == (
         "its camera plan is no perspective one: left out",
@@ -206,12 +206,12 @@ def test_what_cannot_be_taken_is_said(tmp_path: Path):
 def test_damaged_cameras_and_lights_are_one_line(tmp_path: Path, header: Any):
     path = written(tmp_path, header)
     with pytest.raises(InputError, match="its cameras or lights cannot be read: ") as raised:
-        read_told(path)
+        read_scene_file(path)
     assert str(raised.value).startswith(str(path)) and "\n" not in str(raised.value)
 
 
 def test_nodes_that_go_round_end(tmp_path: Path):
-    assert read_told(written(tmp_path, {"nodes": [{"children": [1]}, {"children": [0]}]})).camera is None
+    assert read_scene_file(written(tmp_path, {"nodes": [{"children": [1]}, {"children": [0]}]})).camera is None
 
 
 def test_a_header_without_its_end_is_one_line(tmp_path: Path):
@@ -219,7 +219,7 @@ def test_a_header_without_its_end_is_one_line(tmp_path: Path):
     path = tmp_path / "short.glb"
     path.write_bytes(data[:12] + struct.pack("<I", 40) + data[16:])
     with pytest.raises(InputError) as raised:
-        read_told(path)
+        read_scene_file(path)
     assert "\n" not in str(raised.value)
 
 
@@ -283,7 +283,7 @@ def test_a_mesh_may_hang_on_a_camera(tmp_path: Path):
     assert len(faces) == 2
     np.testing.assert_allclose(np.sort(points[:, 2]), [0, 0, 0, 9, 9, 9])
     np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [[5, 7, 0], [6, 8, 9]])
-    camera = read_told(path).camera
+    camera = read_scene_file(path).camera
     assert camera is not None
     np.testing.assert_allclose(camera[0][:3, 3], [5, 7, 0])
 
@@ -326,7 +326,7 @@ def test_values_of_other_kinds(material: Material, changes: dict, said: str):
 
 
 def test_faint_suns_are_said(tmp_path: Path):
-    told = read_told(written(tmp_path, lit({}, {"type": "directional", "intensity": 3.0})))
+    told = read_scene_file(written(tmp_path, lit({}, {"type": "directional", "intensity": 3.0})))
     assert told.notes[0].startswith("its suns are so faint that they may be in W/m²")
     with pytest.raises(InputError, match="a sun has the irradiance"):
-        read_told(written(tmp_path, lit({}, {"type": "directional", "intensity": -3})))
+        read_scene_file(written(tmp_path, lit({}, {"type": "directional", "intensity": -3})))

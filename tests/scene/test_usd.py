@@ -17,7 +17,7 @@ from mesoshell.geometry.mesh import load_mesh, load_nodes
 from mesoshell.io.bundle import Bundle
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
-from mesoshell.scene.unpack import read_told, unpacked
+from mesoshell.scene.unpack import read_scene_file, unpacked
 
 #: A square in the plane z = 0, of texture coordinates equal to positions.
 SQUARE = """
@@ -167,7 +167,7 @@ def test_what_is_left_out_is_said(tmp_path: Path):
     }}
     def Camera "Shifted" {{ float horizontalApertureOffset = 3 }}
     """
-    notes = read_told(stage(tmp_path, body)).notes
+    notes = read_scene_file(stage(tmp_path, body)).notes
     for said in (
         "shapes that are no meshes are left out: Floor",
         "1 of its layers or references",
@@ -180,7 +180,7 @@ def test_what_is_left_out_is_said(tmp_path: Path):
 @pytest.mark.parametrize(("angle", "size"), [(0, 1), (180, np.pi), (270, 1.5 * np.pi), (360, 2 * np.pi)])
 def test_the_size_of_a_sun(tmp_path: Path, angle: float, size: float):
     body = f'def DistantLight "S" {{ float inputs:intensity = 1\n float inputs:angle = {angle} }}\n{mesh("A")}'
-    np.testing.assert_allclose(read_told(stage(tmp_path, body)).suns[0].irradiance, np.full(3, size), rtol=1e-6)
+    np.testing.assert_allclose(read_scene_file(stage(tmp_path, body)).suns[0].irradiance, np.full(3, size), rtol=1e-6)
 
 
 @pytest.mark.parametrize("count", [3, 5, 7])
@@ -228,7 +228,7 @@ def test_the_camera_the_suns_and_the_axis(tmp_path: Path, tiny_bundle: Bundle):
     def SphereLight "Lamp" {{ float inputs:intensity = 9 }}
     """
     path = stage(tmp_path, body, 'upAxis = "Z"')
-    told = read_told(path)
+    told = read_scene_file(path)
     assert told.camera is not None and told.up == "z" and told.aspect == pytest.approx(1.5)
     np.testing.assert_allclose(told.camera[0], [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]], atol=1e-12)
     assert told.camera[1] == pytest.approx(2 * np.arctan(24 / 2 / 50))
@@ -247,7 +247,7 @@ def test_the_camera_the_suns_and_the_axis(tmp_path: Path, tiny_bundle: Bundle):
     assert ms.render(scene, "draft", max_samples=1).rgba[..., 3].max() == 1
     mine = path.read_text().replace('upAxis = "Z"', 'upAxis = "Z"\n    doc = "Blender v5.0.1"')
     path.write_text(mine)
-    np.testing.assert_allclose(read_told(path).suns[0].irradiance, [24, 12, 6])
+    np.testing.assert_allclose(read_scene_file(path).suns[0].irradiance, [24, 12, 6])
 
 
 @pytest.mark.parametrize("suffix", read_usd.FORMATS)
@@ -257,7 +257,7 @@ def test_the_camera_the_suns_and_the_axis(tmp_path: Path, tiny_bundle: Bundle):
 def test_what_is_no_stage_is_one_line(tmp_path: Path, suffix: str, content: bytes, capfd: pytest.CaptureFixture[str]):
     path = tmp_path / f"bad{suffix}"
     path.write_bytes(content)
-    for read in (load_mesh, read_told):
+    for read in (load_mesh, read_scene_file):
         with pytest.raises(InputError) as caught:
             read(path)
         assert str(caught.value).startswith(f"{path}: is no USD stage") and "\n" not in str(caught.value)

@@ -12,7 +12,7 @@ import pytest
 
 from mesoshell.io.bundle import Bundle
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 
 #: Borders and corners of patches, from both sides, here and at 4096 patches, and what has no more digits than whole patches.
 PLACES = [
@@ -29,7 +29,7 @@ RADII = [0.0, 1e-45, 1e-3, 0.5, 4.0, 1e30, np.inf, np.nan]
 
 
 def density(bundle: Bundle):
-    made = ready(bundle)
+    made = load_device_material(bundle)
     field = neural_field(made.material, made.layout)
 
     def at(uv, h, radius):

@@ -18,15 +18,15 @@ from mesoshell.nets.mlp import Dense
 from mesoshell.render.camera import look_at
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.generator import init_averages, init_generator, synthesise, synthesise_height
-from mesoshell.shell.generator.model import grown, maker_of
+from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.material.decoder import Decoder, head, init_decoder, toward_viewer, trunk
 from mesoshell.shell.material.field import Layout, Material, Point, inputs
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.shell.material.precision import SHORT, STEP, decode, decoder_error
 from mesoshell.shell.render.renderer import render
 from mesoshell.train.export import generator_bundle
-from mesoshell.train.gan.state import Learner, TrainConfig, sized
+from mesoshell.train.gan.state import GanConfig, Learner, sized
 from mesoshell.train.patch_renderer import PictureConfig, along, material_of, pixel_rays
 from mesoshell.typing import Array
 from tests.helpers import scenes
@@ -51,7 +51,7 @@ class Rays:
     """What the decoder is asked for a picture of the unit box: x, ω, ω′ of all samples, and their lengths, in float32."""
 
     def __init__(self, bundle: Bundle):
-        made = ready(bundle)
+        made = load_device_material(bundle)
         pose = jnp.asarray(look_at((0.2, -1.4, 2.2), (0.5, 0.5, 0.4), (0.0, 0.0, 1.0)), jnp.float32)
 
         @jax.jit
@@ -83,7 +83,7 @@ class Rays:
 def generated() -> Bundle:
     """A random generator's bundle, with one appearance and one geometry parameter."""
     config = sized(
-        TrainConfig(
+        GanConfig(
             GeneratorConfig(16, "T", 64, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4),
             DiscriminatorConfig(8, 64, 4, embedding=4),
             PictureConfig(8, 4, texels=16, height_rows=8, octaves=1),
@@ -104,9 +104,9 @@ def generated() -> Bundle:
 def material(bundle: Bundle) -> tuple[Material, Layout]:
     """A bundle's texture; of a generator, one patch of seed 0 in the middle of its geometry."""
     if bundle.generator is None:
-        made = ready(bundle)
+        made = load_device_material(bundle)
         return made.material, made.layout
-    maker, shape = maker_of(bundle, "bundle"), PictureConfig(texels=16, height_rows=8, octaves=1)
+    maker, shape = generator_model(bundle, "bundle"), PictureConfig(texels=16, height_rows=8, octaves=1)
     w, phases = grown(maker, 0, np.array([0.5], np.float32))
     corner, size = jnp.zeros(2, jnp.int32), (16, 16)
     synthesised = jax.jit(lambda: synthesise(maker.config, maker.generator, maker.averages, w, phases, corner, size))
@@ -204,9 +204,11 @@ def test_the_renderer_with_rounded_weights(tiny_bundle: Bundle):
     scene = replace(scene, camera=replace(scene.camera, width=48, height=48))
 
     def picture(kind: np.dtype) -> np.ndarray:
-        made = scene.ready.material
+        made = scene.device_material.material
         rounded = jax.tree.map(lambda x: x.astype(kind).astype(jnp.float32), made.decoder)
-        changed = replace(scene, ready=replace(scene.ready, material=made._replace(decoder=rounded)))
+        changed = replace(
+            scene, device_material=replace(scene.device_material, material=made._replace(decoder=rounded))
+        )
         radiance = render(changed, scenes.FULL, scenes.effects(changed, scenes.FULL))[0][..., :3]
         return radiance / (1 + radiance)
 

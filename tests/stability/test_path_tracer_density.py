@@ -20,7 +20,7 @@ from mesoshell.pathtracer.direct import gather_light, opacity
 from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.levels import softplus
 from mesoshell.pathtracer.material import Material
-from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.render_context import RenderContext
 from mesoshell.pathtracer.samples import Ray, nothing
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.surface_material import _sigmoid
@@ -68,12 +68,12 @@ def through(sigma: np.ndarray) -> tuple[float, float]:
     shells = Shells([extrude(check_mesh(corners, faces, corners[faces][..., :2], "box"), 1.0, 1.0)])
     quality = PRESETS["normal"].with_changes(samples=STEPS, spacing="length", early_stop=0.0, skip=0.0)
     plan = plan_effects(Facts(shells=1, distant=1, convex=True), quality, PATHS)
-    world = World(shells, Layers(sigma), None, quality, plan)
+    context = RenderContext(shells, Layers(sigma), None, quality, plan)
     zero, far, yes = dr.zeros(mi.Float64, 1), dr.full(mi.Float64, 1.5, 1), dr.full(mi.Bool, True, 1)
     spread = dr.zeros(mi.Float, 1)
     ray = Ray(mi.Vector3d(0.7, 0.2, 2.0), mi.Vector3d(0, 0, -1), zero, far + 10, yes, spread, mi.Float(spread))
-    flight = fly(world, ray, dr.inf, dr.full(mi.Bool, True, 1))
-    _, left, queries = gather_light(world, mi.load_dict({"type": "scene"}), ray)
+    flight = fly(context, ray, dr.inf, dr.full(mi.Bool, True, 1))
+    _, left, queries = gather_light(context, mi.load_dict({"type": "scene"}), ray)
     assert int(queries[0]) == STEPS
     return float(flight.depth[0]), float(left[0])
 

@@ -14,7 +14,7 @@ from mesoshell.render.camera import rays
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.tiles import RenderReport
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.shell.render.lighting import Tile
 from mesoshell.shell.render.renderer import _Renderer, render
 from mesoshell.shell.render.scene import Scene
@@ -22,7 +22,7 @@ from tests.helpers import scenes
 
 
 def test_extinction_is_bit_identical_under_any_directions(tiny_bundle):
-    made = ready(tiny_bundle)
+    made = load_device_material(tiny_bundle)
     field = neural_field(made.material, made.layout)
 
     @jax.jit

@@ -273,12 +273,14 @@ def test_a_precision_that_is_not_enough_is_seen(walked: Walked) -> None:
 )
 def test_a_network_that_gives_nonsense(damage: dict, broken: set, tiny_bundle: Bundle) -> None:
     scene: MarchedScene = scenes.slab(tiny_bundle)
-    decoder = scene.ready.material.decoder
+    decoder = scene.device_material.material.decoder
     for name, value in damage.items():
         layer = getattr(decoder, name)
         decoder = decoder._replace(**{name: layer._replace(bias=layer.bias.at[0].set(value))})
-    ready = replace(scene.ready, material=scene.ready.material._replace(decoder=decoder))
-    found = field.of_material(replace(scene, ready=ready).media[0], scene.shell.uv, np.random.default_rng(0))
+    device_material = replace(scene.device_material, material=scene.device_material.material._replace(decoder=decoder))
+    found = field.of_material(
+        replace(scene, device_material=device_material).media[0], scene.shell.uv, np.random.default_rng(0)
+    )
     assert {check.name for check in found if check.broken} == broken
 
 

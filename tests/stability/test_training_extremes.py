@@ -16,7 +16,7 @@ from jax.typing import DTypeLike
 from mesoshell.shell.generator.discriminator import Discriminator, DiscriminatorConfig, discriminate, init_discriminator
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.train.gan.generate import ImageBatch, label
-from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers, sized, start
+from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers, sized, start
 from mesoshell.train.gan.step import GanReport, step
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
 from mesoshell.train.patch_renderer import PictureConfig, shown
@@ -27,7 +27,7 @@ from mesoshell.typing import Array
 pytestmark = pytest.mark.xdist_group("training_extremes")
 
 #: The discriminator's rate is 0, so that R1 is that of the weights the step began with.
-CONFIG = TrainConfig(
+CONFIG = GanConfig(
     GeneratorConfig(16, "T", 32, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4),
     DiscriminatorConfig(16, 128, 8, embedding=8),
     PictureConfig(16, 4, texels=16, height_rows=8, octaves=1),

@@ -21,7 +21,7 @@ from mesoshell.pathtracer import scatter
 from mesoshell.pathtracer.free_flight import Flight, fly
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.render_context import RenderContext
 from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.render.composite import weights
@@ -100,15 +100,15 @@ def plate():
 
 def flown(
     plate: Shells, bundle: Bundle, cosine: float, shift: float = 0.5, xi: np.ndarray = XI
-) -> tuple[Flight, World]:
+) -> tuple[Flight, RenderContext]:
     """The path tracer's flights of DRAWS rays of a cosine, to where they collide by the uniform numbers ξ."""
     plan = plan_effects(Facts(shells=1, environment=True, convex=True), EVEN, PATHS)
-    world = World(plate, Media(plate, [Medium(Material(bundle), (0.5,))]), None, EVEN, plan)
+    context = RenderContext(plate, Media(plate, [Medium(Material(bundle), (0.5,))]), None, EVEN, plan)
     d = np.array([np.sqrt(1 - cosine**2), 0, -cosine])
     o, along = (mi.Vector3d(*map(float, x)) + dr.zeros(mi.Vector3d, DRAWS) for x in ((0.3, 0.2, 0) - 2 / cosine * d, d))
     far = dr.full(mi.Float64, 2 / cosine, DRAWS)  # the surface below
     ray = Ray(o, along, 0 * far, far, dr.full(mi.Bool, True, DRAWS), dr.full(mi.Float, 1e-3, DRAWS), 0 * mi.Float(far))
-    return fly(world, ray, -dr.log(1 - mi.Float(xi)), dr.full(mi.Bool, True, DRAWS), shift), world
+    return fly(context, ray, -dr.log(1 - mi.Float(xi)), dr.full(mi.Bool, True, DRAWS), shift), context
 
 
 @pytest.mark.parametrize("sigma", [DENSE, THIN])
@@ -116,11 +116,11 @@ def flown(
 def test_by_sampling(plate, tiny_bundle: Bundle, sigma: float, cosine: float):
     """Free flights, and directions of light, as the path tracer draws them. Its ρ fades out over FADE below the horizon: what
     returns all light is ρ = 1/2π(1 + FADE/2) above it."""
-    flight, world = flown(plate, constant_bundle(tiny_bundle, sigma, 1 / (2 * np.pi * (1 + FADE / 2))), cosine)
+    flight, context = flown(plate, constant_bundle(tiny_bundle, sigma, 1 / (2 * np.pi * (1 + FADE / 2))), cosine)
     numbers = mi.Point2f(np.random.default_rng(8).random((2, DRAWS)).astype(np.float32))
     _, light, density = scatter.draw(flight.here, numbers)
-    _, features = world.media.decode(flight.sample)
-    (rho,) = world.media.rho(flight.sample, features, mi.Vector3f(*map(float, viewer(cosine))), [light])
+    _, features = context.media.decode(flight.sample)
+    (rho,) = context.media.rho(flight.sample, features, mi.Vector3f(*map(float, viewer(cosine))), [light])
     collided, value = np.array(flight.collided), np.array(rho / density)
     each = np.where(collided, value, 0.0)
     spread = 4 * each.std(axis=1) / np.sqrt(DRAWS)

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.surface_material import network
-from mesoshell.surface_material.loader import ready, surface_of
+from mesoshell.surface_material.loader import load_device_material, surface_of
 from mesoshell.surface_material.network import (
     SurfaceConfig,
     SurfaceQuery,
@@ -21,13 +21,13 @@ from mesoshell.surface_material.network import (
 from tests.helpers import wearing
 
 FORMS = ("direct", "cosine", "none")
-blurred, tables = jax.jit(network.blurred), jax.jit(network.tables)
+blurred, blur_textures = jax.jit(network.blurred), jax.jit(network.blur_textures)
 
 
 def asked(b: SurfaceBundle, q: dict[str, np.ndarray], surface=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """α, c and ρ of queries by the network, its textures as they are."""
-    made = ready(b)
-    table = made.table if surface is None else tables(surface, jnp.float32(1e-3))
+    made = load_device_material(b)
+    table = made.table if surface is None else blur_textures(surface, jnp.float32(1e-3))
     low, high = b.curvature
     kappa = (2 * np.clip(q["kappa"], low, high) - low - high) / (high - low)
 
@@ -62,7 +62,7 @@ def test_no_blur_is_the_texture_and_a_blur_moves_with_it() -> None:
 def test_every_level_is_blurred_by_itself() -> None:
     """By as many of its own texels."""
     surface = init_surface(SurfaceConfig(8, 2, (4,)), jax.random.key(0))
-    table = tables(surface, jnp.float32(1.3))
+    table = blur_textures(surface, jnp.float32(1.3))
     for pyramid, module in zip(table.pyramids, surface, strict=True):
         levels = [
             gaussian_filter(np.asarray(x, np.float64), (1.3, 1.3, 0), mode="wrap", truncate=9.0) for x in module.texture
@@ -127,7 +127,7 @@ def test_a_silhouette_cosine_is_where_opacity_steps() -> None:
 def test_several_lights_share_what_is_seen() -> None:
     """`eval_opacity` once, `reflectance` for each light, as the renderers do: each light's ρ is its own, and α is the same."""
     b, q = wearing.bundle(), wearing.queries(200)
-    made, lights = ready(b), wearing.directions(np.random.default_rng(2), 5).astype(np.float32)
+    made, lights = load_device_material(b), wearing.directions(np.random.default_rng(2), 5).astype(np.float32)
     kappa = (2 * np.clip(q["kappa"], -1, 2) - 1) / 3
 
     def one(u, r, w, k):
@@ -147,13 +147,13 @@ def test_several_lights_share_what_is_seen() -> None:
 def test_extremes_are_finite_and_so_are_their_gradients(opacity: str) -> None:
     """Footprints of nothing, of everything and of none; directions along the surface; both ends of curvature."""
     b = wearing.bundle(opacity=opacity)
-    config, surface = ready(b).config, surface_of(b)
+    config, surface = load_device_material(b).config, surface_of(b)
     radius = jnp.array([0.0, 1e-42, 1e-3, 1e30, jnp.inf, jnp.nan], jnp.float32)
     flat = jnp.array([[1.0, 0, 0], [0, -1, 1e-3], [0.6, 0, 0.8], [0, 0, 1]], jnp.float32)
     grid = [x.reshape(-1) for x in jnp.meshgrid(jnp.arange(6), jnp.arange(4), jnp.array([-1.0, 1.0]), indexing="ij")]
 
     def answered(surface):
-        table = tables(surface, jnp.float32(0.5))
+        table = blur_textures(surface, jnp.float32(0.5))
 
         def one(i, j, kappa):
             place = SurfaceQuery(jnp.array([1e4, -0.25], jnp.float32), radius[i], flat[j], kappa)
@@ -179,7 +179,7 @@ def test_gradients_are_slopes(opacity: str) -> None:
     b, q = wearing.bundle(opacity=opacity, step=0.2), wearing.queries(64)
     low, high = b.curvature
     kappa = (2 * np.clip(q["kappa"], low, high) - low - high) / (high - low)
-    config, random = ready(b).config, np.random.default_rng(5)
+    config, random = load_device_material(b).config, np.random.default_rng(5)
     # in float64, of which a bundle holds halves
     along = {k: random.normal(size=x.shape) for k, x in b.arrays.items()}
     weight = random.normal(size=(3, 64))
@@ -190,7 +190,7 @@ def test_gradients_are_slopes(opacity: str) -> None:
         return float((weight * np.stack([alpha, cosine, rho.sum(axis=1)])).sum())
 
     def ours(surface):
-        table = tables(surface, jnp.float32(1e-3))
+        table = blur_textures(surface, jnp.float32(1e-3))
 
         def one(u, r, w, k, light):
             place = SurfaceQuery(u, r, w, k)
@@ -213,7 +213,7 @@ def test_gradients_are_slopes(opacity: str) -> None:
 
 def test_a_surface_begins_opaque_and_dim() -> None:
     config = SurfaceConfig(8, 3, (8,))
-    table = tables(init_surface(config, jax.random.key(1)), jnp.float32(1e-3))
+    table = blur_textures(init_surface(config, jax.random.key(1)), jnp.float32(1e-3))
     q = wearing.queries(200)
 
     def one(u, r, w, light):

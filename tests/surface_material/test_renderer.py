@@ -19,7 +19,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport
 from mesoshell.surface_material import renderer
 from mesoshell.surface_material.intersector import SurfaceIntersector
-from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.loader import load_device_material
 from mesoshell.surface_material.renderer import SurfaceScene, facts, plan, render
 from mesoshell.surface_material.tables import surface_tables
 from tests.helpers import wearing
@@ -38,7 +38,7 @@ def above(width: int = 12, height: int = 2, fov: float = 0.6) -> Camera:
 def scene(mesh: Mesh, b: SurfaceBundle, *lights: Distant, **more: Any) -> SurfaceScene:
     given: dict[str, Any] = {"environment": None, "base_colour": (0.5, 0.5, 0.5), "objects": (), "transparent": True}
     given |= {"camera": above(), "period": 0.5}
-    return SurfaceScene(mesh=mesh, ready=ready(b), lights=lights, **(given | more))
+    return SurfaceScene(mesh=mesh, device_material=load_device_material(b), lights=lights, **(given | more))
 
 
 def shown(s: SurfaceScene, quality: Quality = EXACT, convex: bool | None = None) -> tuple[np.ndarray, RenderReport]:
@@ -325,7 +325,7 @@ def test_curvature_that_was_not_trained_is_said() -> None:
     s = scene(wearing.ball(0.5), narrow, DOWN, period=0.4)
     report = shown(s)[1]
     assert any("outside the trained -0.1 to 0.1 per period" in note for note in report.notes)
-    assert shown(replace(s, ready=ready(wearing.constant(1.0, 0.2))))[1].notes == ()
+    assert shown(replace(s, device_material=load_device_material(wearing.constant(1.0, 0.2))))[1].notes == ()
 
 
 def test_footprints_choose_the_level() -> None:

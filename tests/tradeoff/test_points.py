@@ -9,7 +9,7 @@ from mesoshell.measure.flip import flip
 from mesoshell.render.camera import in_pixel, outward
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.tradeoff.points import Point, measured, together
-from mesoshell.tradeoff.reference import Reference, refer, refers_to
+from mesoshell.tradeoff.reference import Reference, is_same_scene, render_reference
 from tests.helpers.made_passes import SHAPE, passes, picture
 
 EXACT = Reference(picture(), picture(), 0.0, 0.0, 16, True)
@@ -28,9 +28,9 @@ def test_a_reference_is_of_one_scene_however_dim_or_far(covered: float, scale: f
     hidden = np.arange(image[..., 0].size).reshape(SHAPE) >= covered * image[..., 0].size
     image[hidden] = 0
     kept = Reference(image, image, 0.0, 0.0, 16, True)
-    assert refers_to(kept, begun, lit(1.001)) and not refers_to(kept, begun, lit(1.2))
-    assert not refers_to(kept, begun, lambda p: image * np.array([1.0, 1.0, 1.0, 0.9]))
-    assert not refers_to(kept, begun._replace(shape=(3, 3)), lambda p: image)
+    assert is_same_scene(kept, begun, lit(1.001)) and not is_same_scene(kept, begun, lit(1.2))
+    assert not is_same_scene(kept, begun, lambda p: image * np.array([1.0, 1.0, 1.0, 0.9]))
+    assert not is_same_scene(kept, begun._replace(shape=(3, 3)), lambda p: image)
 
 
 def test_noise_falls_with_samples_and_bias_does_not() -> None:
@@ -88,7 +88,7 @@ def test_the_noise_of_the_reference_is_taken_off() -> None:
 def test_a_reference_knows_its_noise() -> None:
     """And that its passes are other ones than those of points."""
     exact = passes(0.0, 0.02)
-    made, short = refer(exact, True, 1e9, 0.004, quiet), refer(exact, False, 1e-9, 0.0, quiet)
+    made, short = render_reference(exact, True, 1e9, 0.004, quiet), render_reference(exact, False, 1e-9, 0.0, quiet)
     true = over_backdrop(picture())
     assert made.same_rays and made.noise <= 0.004 and made.passes > 64
     assert short.passes == 16 and not short.same_rays and short.noise > 2 * made.noise

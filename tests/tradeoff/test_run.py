@@ -18,7 +18,7 @@ from mesoshell.scene.picture import Passes, Prepared, Rendered
 from mesoshell.tradeoff import run
 from mesoshell.tradeoff.knobs import changes, settings_of
 from mesoshell.tradeoff.points import picture_path
-from mesoshell.tradeoff.reference import refer
+from mesoshell.tradeoff.reference import render_reference
 from tests.helpers import made_passes
 
 NAMES = ("samples", "anisotropy")
@@ -91,7 +91,7 @@ def test_what_is_measured_is_written(first: tuple[run.Tradeoff, Path]) -> None:
 def test_an_error_is_certain_where_a_tenth_of_the_reference_has_it() -> None:
     """Of as many passes, independent ones: ten times the squared error."""
     exact = made_passes.passes(0.0, 0.2)
-    reference = refer(exact, True, 1e9, 0.01, lambda share: None)
+    reference = render_reference(exact, True, 1e9, 0.01, lambda share: None)
     pixels, count = np.arange(np.prod(made_passes.SHAPE)), reference.passes // 10
     means = [
         np.mean([exact.render(count * k + i, pixels, lambda share: None) for i in range(count)], axis=0)

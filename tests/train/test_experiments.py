@@ -23,11 +23,11 @@ from mesoshell.train.export import decoder_arrays
 from mesoshell.train.gan.curriculum import views_of
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import method_of
-from mesoshell.train.nerf_tex.network import ParametricConfig
-from mesoshell.train.neutex.step import AtlasTraining
+from mesoshell.train.nerf_tex.network import NerfTexConfig
+from mesoshell.train.neutex.step import NeuTexTrainConfig
 from mesoshell.train.run import train
 from mesoshell.train.run_config import RunConfig, read_record, snapshots
-from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.surface.step import SurfaceTrainConfig
 from mesoshell.train.textures.state import TexturesConfig
 from tests.helpers import balls, fog
 
@@ -90,16 +90,16 @@ def taught() -> Exemplars:
 
 def shrunk(config: Any) -> RunConfig:
     """Two steps of 8² pictures, networks of a few channels."""
-    if isinstance(config, AtlasTraining):
+    if isinstance(config, NeuTexTrainConfig):
         return replace(config, side=8, samples=4, batch=4, kimg=0.008)
     if isinstance(config, TexturesConfig):  # a critic's window asks for 64 texels
         generator = replace(config.generator, texels=64, channel_base=256, channel_max=4, layers=4)
         critic = replace(config.critic, width=2)
         return replace(config, generator=generator, critic=critic, batch=4, window=64, kimg=0.008)
-    if isinstance(config, SurfaceTraining):
+    if isinstance(config, SurfaceTrainConfig):
         return replace(config, surface=replace(config.surface, texels=8, hidden=(8,)), batch=4, kimg=0.008)
     config = replace(config, picture=replace(config.picture, size=8, samples=4), kimg=0.008)
-    if isinstance(config, ParametricConfig):
+    if isinstance(config, NerfTexConfig):
         return config
     return replace(
         config,
@@ -132,14 +132,14 @@ VARIANTS |= {"atlas_nerf", "atlas_reflectance", "spheres_silhouette", "triplane"
 def test_it_takes_two_steps(file: Path, data, answered, captures, tmp_path: Path) -> None:
     """Everything that learns has moved, is finite, and is kept as a snapshot with a sheet; the log has all losses."""
     config = shrunk(read_experiment(file, "tiny"))
-    if isinstance(config, AtlasTraining):
+    if isinstance(config, NeuTexTrainConfig):
         data = captures[config.field.colour]
     else:
-        data = {SurfaceTraining: answered, TexturesConfig: taught()}.get(type(config), data)
+        data = {SurfaceTrainConfig: answered, TexturesConfig: taught()}.get(type(config), data)
     method = method_of(config)
     state = train(config, data, tmp_path / "run")
     assert int(state.images) == 8 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
-    begin = method.start(*method.fitted(config, data), jax.random.key(config.seed))
+    begin = method.start(*method.adapt(config, data), jax.random.key(config.seed))
     for name, part in method.parts(state).items():
         pairs = zip(jax.tree.leaves(part), jax.tree.leaves(method.parts(begin)[name]), strict=True)
         assert any((np.asarray(a) != np.asarray(b)).any() for a, b in pairs), name
@@ -156,24 +156,26 @@ def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, captures,
         state = train(config, taught(), tmp_path / "run")
         assert all(np.isfinite(x).all() for x in jax.tree.leaves(state))
         return
-    if isinstance(config, AtlasTraining):
+    if isinstance(config, NeuTexTrainConfig):
         ball = captures[config.field.colour]
         train(config, ball, tmp_path / "run")
-        pictures = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
+        pictures = method_of(config).load_predictor(
+            read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1]
+        )
         (made,) = pictures([ball.photos[7]])
         others = np.mean([x for i, x in enumerate(ball.rgb) if i != 7], axis=0)
         assert np.abs(made[..., :3] - ball.rgb[7]).mean() < 0.7 * np.abs(others - ball.rgb[7]).mean()
         return
-    if isinstance(config, SurfaceTraining):
+    if isinstance(config, SurfaceTrainConfig):
         train(config, answered, tmp_path / "run")
-        answers = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
+        answers = method_of(config).load_predictor(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
         rho = answers(answered.patches[-1])[2]
         assert abs(rho.mean() - 0.1) < 0.01 and np.abs(rho - 0.1).mean() < 0.02
         return
     state = train(config, larger, tmp_path / "run")
     assert int(state.images) == 240 and all(np.isfinite(x).all() for x in jax.tree.leaves(state))
-    pictures = method_of(config).painter(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
-    config, seen = method_of(config).fitted(config, larger)
+    pictures = method_of(config).load_predictor(read_record(tmp_path / "run")[0], snapshots(tmp_path / "run")[-1][1])
+    config, seen = method_of(config).adapt(config, larger)
     made = pictures(views_of(config, seen, [0, 7]))
     assert made.shape == (2, 16, 16, 4) and np.isfinite(made).all() and made.max() > 0
 
@@ -181,7 +183,7 @@ def test_it_runs_through_the_tiny_preset(file: Path, larger, answered, captures,
 @pytest.mark.parametrize("file", FILES, ids=lambda p: p.stem)
 def test_its_own_size_is_the_small_preset(file: Path) -> None:
     config = read_experiment(file)
-    assert isinstance(config, SurfaceTraining | AtlasTraining | TexturesConfig) or config.picture.size == 64
+    assert isinstance(config, SurfaceTrainConfig | NeuTexTrainConfig | TexturesConfig) or config.picture.size == 64
     assert config == read_experiment(file, "small")
     if not isinstance(config, TexturesConfig):  # whose start needs its data
         jax.eval_shape(lambda: method_of(config).start(config, None, jax.random.key(0)))
@@ -205,7 +207,7 @@ def test_comparisons_have_their_presets_pictures_and_length(preset: str) -> None
     for file in FILES:
         if file.stem.startswith("nerf_tex"):
             config, ours = read_experiment(file, preset), PRESETS[preset]
-            assert isinstance(config, ParametricConfig) and config.seeded == (file.stem == "nerf_tex_seed")
+            assert isinstance(config, NerfTexConfig) and config.seeded == (file.stem == "nerf_tex_seed")
             for name in ("picture", "batch", "kimg", "near_kimg", "snapshot_kimg"):
                 assert getattr(config, name) == getattr(ours, name)
 
@@ -216,13 +218,13 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         (
             "config = 3",
             None,
-            "defines no `config` that is a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an Atl",
+            "defines no `config` that is a GanConfig, a TexturesConfig, a NerfTexConfig, a SurfaceTrainConfig or a NeuT",
         ),
         ("variant = 3", "small", "defines no `variant`"),
         (
             "",
             "tiny",
-            "defines no `variant` that makes of a TrainConfig a TrainConfig, a TexturesConfig, a ParametricConfig, a Surf",
+            "defines no `variant` that makes of a GanConfig a GanConfig, a TexturesConfig, a NerfTexConfig, a Surf",
         ),
         ("def variant(c): return c.nothing", "tiny", "AttributeError"),
         ("import nothing_of_the_kind", None, "ModuleNotFoundError"),

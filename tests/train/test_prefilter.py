@@ -13,7 +13,7 @@ from mesoshell.io.kept_textures import to_folder
 from mesoshell.io.twin import Twin
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
 from mesoshell.shell.material.field import Point, inputs, neural_field
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.train import prefilter
 from mesoshell.train.export import grids_of
 from mesoshell.train.prefilter import prefiltered
@@ -40,7 +40,7 @@ def corrected(few, tiny_bundle) -> tuple[Bundle, list[prefilter.Gap]]:
 
 def looked_up(bundle: Bundle, radius: float, h: float = 0.6) -> np.ndarray:
     """The network's inputs at places of one height."""
-    made, rng = ready(bundle), np.random.default_rng(0)
+    made, rng = load_device_material(bundle), np.random.default_rng(0)
     xi = jnp.asarray(np.append(rng.random((50, 2)), np.full((50, 1), h), axis=1), jnp.float32)
     one = lambda xi: inputs(made.material, made.layout, Point(xi, jnp.float32(radius), jnp.float32(0), jnp.ones(1)))  # noqa: E731
     return np.asarray(jax.jit(jax.vmap(one))(xi))
@@ -83,7 +83,7 @@ def test_bounds_are_of_the_corrected_material(tiny_bundle) -> None:
     added = np.zeros((3, 4, 4), np.float16)
     added[1:] = np.random.default_rng(0).normal(size=(2, 4, 4)) * 3
     made = replace(tiny_bundle, arrays=tiny_bundle.arrays | {"correction": added})
-    loaded, rng = ready(made), np.random.default_rng(1)
+    loaded, rng = load_device_material(made), np.random.default_rng(1)
     field = neural_field(loaded.material, loaded.layout)
     bounds, excess = grids_of(made)
     for level in (1, 2):
@@ -132,7 +132,10 @@ def test_a_grown_texture_has_the_correction_of_its_levels(tmp_path) -> None:
             np.testing.assert_array_equal(found.arrays["correction"], numbered[coarser:])
         assert texture.finest_corrected == (coarser == 2)
         assert (texture.arrays["grid/1"] != plain.arrays["grid/1"]).any(), "bounds are of what is corrected"
-        kept, all_ = ready(texture).material_for(filtering=False), ready(texture).material_for(filtering=True)
+        kept, all_ = (
+            load_device_material(texture).material_for(filtering=False),
+            load_device_material(texture).material_for(filtering=True),
+        )
         assert (kept.correction is None) == (coarser == 0)
         assert all_.correction is not None
 

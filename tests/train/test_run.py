@@ -17,15 +17,15 @@ from mesoshell.io.image import read_png
 from mesoshell.io.pack import pack_dataset
 from mesoshell.train import run
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.gan.curriculum import fitted, renders
-from mesoshell.train.gan.state import TrainConfig, TrainState
+from mesoshell.train.gan.curriculum import adapt, renders
+from mesoshell.train.gan.state import GanConfig, TrainState
 from mesoshell.train.method import GAN
-from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.nerf_tex.network import NerfTexConfig
 from mesoshell.train.nerf_tex.seeds import SEED
-from mesoshell.train.nerf_tex.seeds import fitted as fitted_parametric
+from mesoshell.train.nerf_tex.seeds import adapt as adapt_nerf_tex
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.run_config import keep_record, read_record
-from mesoshell.train.transfer import lender
+from mesoshell.train.transfer import transfer_from
 from tests.helpers import fog, small_step
 
 #: One process compiles what its tests share. Where a read fails, orbax closes its event loop under others that are under way.
@@ -177,7 +177,7 @@ def test_weights_that_do_not_fit_are_refused_and_nothing_is_written(data, whole,
         assert str(caught.value).startswith(str(folder)) and str(caught.value).endswith(said)
     assert not (tmp_path / "a").exists() and not (tmp_path / "nothing").exists()
     with pytest.raises(InputError, match="weights can be transferred only between generators' runs"):
-        lender(ParametricConfig(), data, whole[1])
+        transfer_from(NerfTexConfig(), data, whole[1])
 
 
 def test_another_configuration_is_refused_before_anything_compiles(data, whole, monkeypatch) -> None:
@@ -191,7 +191,7 @@ def test_another_configuration_is_refused_before_anything_compiles(data, whole, 
 
 def test_a_record_older_than_a_field_has_its_default(data, whole, tmp_path) -> None:
     """So a run goes on after a version that can do more; a field or a method that is not ours is refused."""
-    config, path = fitted(CONFIG, data)[0], tmp_path / "config.json"
+    config, path = adapt(CONFIG, data)[0], tmp_path / "config.json"
     kept = json.loads((whole[1] / "config.json").read_text())
     assert list(kept) == ["config", "data"] and read_record(whole[1]) == (config, kept["data"])
     old = json.loads(json.dumps(kept))
@@ -212,14 +212,14 @@ def test_a_record_older_than_a_field_has_its_default(data, whole, tmp_path) -> N
 def test_what_was_fixed_for_all_renders_is_no_parameter(data) -> None:
     """What it does cannot be learned, so no label, material or mapping network knows it."""
     fixed = replace(data, manifest=data.manifest | {"fixed_parameters": {"age": 0.5}})
-    config, seen = fitted(CONFIG, fixed)
+    config, seen = adapt(CONFIG, fixed)
     assert (config.appearance, config.generator.betas) == (0, 0) and seen.manifest["parameters"] == {}
     batch = renders(config, seen, 0, 1)(0)
     assert batch.alpha.shape == (4, 0) and batch.beta.shape == (4, 0)
-    assert fitted(CONFIG, data)[0].appearance == 1
+    assert adapt(CONFIG, data)[0].appearance == 1
     with pytest.raises(InputError, match=r"^mismatch: needs a dataset with parameters"):
-        fitted(replace(CONFIG, mismatch=1.0), fixed)
-    network, seen = fitted_parametric(ParametricConfig(CONFIG.picture, seeded=True), fixed)
+        adapt(replace(CONFIG, mismatch=1.0), fixed)
+    network, seen = adapt_nerf_tex(NerfTexConfig(CONFIG.picture, seeded=True), fixed)
     assert network.parameters == 1 and list(seen.manifest["parameters"]) == [SEED]
 
 
@@ -230,7 +230,7 @@ def test_a_folder_is_known_by_any_path_to_it(data, whole, tmp_path) -> None:
     with pytest.raises(
         InputError, match=r"run/config\.json: the run was begun with another configuration: config.gamma"
     ):
-        keep_record(replace(fitted(CONFIG, data)[0], gamma=7.0), data, tmp_path / "nothing" / ".." / "run")
+        keep_record(replace(adapt(CONFIG, data)[0], gamma=7.0), data, tmp_path / "nothing" / ".." / "run")
     assert (tmp_path / "run" / "config.json").read_bytes() == kept and not (tmp_path / "nothing").exists()
 
 
@@ -252,7 +252,7 @@ def test_what_is_not_finite_stops_the_run_by_name(data, whole, tmp_path, monkeyp
 
 
 def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:
-    config = fitted(CONFIG, data)[0]
+    config = adapt(CONFIG, data)[0]
     at = renders(config, data)
 
     def distance(i: int) -> np.ndarray:
@@ -267,11 +267,11 @@ def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:
 
 
 def test_images_of_another_size_are_refused(data) -> None:
-    config: TrainConfig = replace(CONFIG, picture=replace(CONFIG.picture, size=16))
+    config: GanConfig = replace(CONFIG, picture=replace(CONFIG.picture, size=16))
     with pytest.raises(
         InputError, match=r"has images of 8 × 8 pixels; the experiment expects 16 × 16: mesoshell dataset pack"
     ):
-        fitted(config, data)
+        adapt(config, data)
 
 
 def test_a_batch_that_parts_the_views_of_a_texture_is_refused(data, tmp_path) -> None:
@@ -281,4 +281,4 @@ def test_a_batch_that_parts_the_views_of_a_texture_is_refused(data, tmp_path) ->
 
 def test_views_that_would_share_a_group_are_refused(data) -> None:
     with pytest.raises(InputError, match="views: 2 of a texture need a batch of 8, not 4"):
-        fitted(replace(CONFIG, views=2), data)
+        adapt(replace(CONFIG, views=2), data)

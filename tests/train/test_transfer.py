@@ -7,7 +7,7 @@ import pytest
 
 from mesoshell.shell.material.decoder import trunk
 from mesoshell.train.gan.state import TrainState, sized, start
-from mesoshell.train.transfer import lend
+from mesoshell.train.transfer import transfer_weights
 from tests.helpers import small_step
 
 OLD, NEW = sized(small_step.CONFIG, 1, 1), sized(small_step.CONFIG, 3, 0)
@@ -19,7 +19,7 @@ def states() -> tuple[TrainState, TrainState, TrainState]:
     old = start(OLD, jax.random.key(1))
     old = jax.tree.map(lambda x: x + jnp.asarray(np.random.default_rng(x.size).normal(size=x.shape), x.dtype), old)
     fresh = start(NEW, jax.random.key(2))
-    return fresh, old, lend(fresh, old, NEW.appearance)
+    return fresh, old, transfer_weights(fresh, old, NEW.appearance)
 
 
 def named(tree: object) -> dict[str, np.ndarray]:

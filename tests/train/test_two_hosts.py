@@ -191,10 +191,10 @@ def test_a_host_that_does_not_come_is_not_waited_for_for_ever(network) -> None:
 
 EXPERIMENT = """
 from dataclasses import replace
-from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.nerf_tex.network import NerfTexConfig
 from mesoshell.train.gan.presets import TINY
 picture = replace(TINY.picture, size=8, samples=4)
-config = ParametricConfig(picture, (4,), (4,), octaves=1, batch=4, kimg=0.012, seeded=True)
+config = NerfTexConfig(picture, (4,), (4,), octaves=1, batch=4, kimg=0.012, seeded=True)
 """
 
 

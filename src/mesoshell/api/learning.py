@@ -13,7 +13,7 @@ from mesoshell.io.dataset import read_dataset
 from mesoshell.io.exemplars import Exemplars, write_exemplars
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.train import run as runs
-from mesoshell.train.experiment import check_recipe, experiment_of, of_length, read_data
+from mesoshell.train.experiment import check_recipe, experiment_of, read_data, with_kimg
 from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.holdout import Scores
 from mesoshell.train.fit.result import conclude, fit_config, shots_to_fit
@@ -151,7 +151,7 @@ def train(
         begun = config
     else:
         raise InputError(Argument("config"), f"{config!r} is neither an experiment's file nor its `config`")
-    begun = of_length(begun, kimg)
+    begun = with_kimg(begun, kimg)
     dataset = read_data(begun, data, at) if isinstance(data, str | PathLike) else data
     if file is not None:
         check_recipe(file, recipe, dataset)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.keys import Keys
-from mesoshell.film.shoot import Film, planned, shoot
+from mesoshell.film.shoot import Film, plan_motion, shoot
 from mesoshell.render.effects import Effects
 from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import goal_of
@@ -56,11 +56,11 @@ def explain(scene: Scene, quality: str | Quality = "normal", *, engine: Engine =
 def stability(
     scene: Scene, *, engine: Engine = "jax", rays: int = 100_000, progress: Progress = lambda share: None
 ) -> Stability:
-    """What is hard about a scene, as `mesoshell stability` finds it: folds, edges, grazing rays, precision, by oracles in
-    float64.
+    """Check a scene for numerical problems, as `mesoshell stability` does: folded prisms, edges, grazing rays, precision, by
+    oracles in float64.
 
-    Prints as a line a check; `.broken` holds those whose bound is broken; a notebook displays the map of where. engine:
-    "mitsuba" checks the path tracer's walk and picture too. rays: that are aimed at what is hard; the camera's come on top.
+    Prints one line per check; `.broken` holds the checks that failed; a notebook displays the map of problem places. engine:
+    "mitsuba" checks the path tracer's walk and picture too. rays: number of test rays; the camera's rays are added.
     Raises InputError.
     """
     from mesoshell.stability.examine import examine
@@ -103,7 +103,7 @@ def film(
     called with the share done, and what is done. Raises InputError, also for a folder that holds another film's frames.
     """
     chosen = quality_of(quality, engine, changes)
-    motion = planned(scene, orbit, dolly, far, keys, wind, fps)
+    motion = plan_motion(scene, orbit, dolly, far, keys, wind, fps)
     step = lambda done, count: progress(done / count, f"frame {min(int(done) + 1, count)} of {count}")  # noqa: E731
     return shoot(scene, motion, Path(folder), chosen, engine, lambda share: progress(share, "growing"), step)
 

@@ -33,8 +33,8 @@ class SceneOptions:
     #: --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: Name of a glTF file's node, or path of a USD stage's prim, that the material grows on; may be repeated. The file's other
-    #: meshes stand beside it, as each --object does. NODE=MATERIAL grows another material on it. Default: on all that is not
-    #: named so.
+    #: meshes become plain objects, as each --object is. NODE=MATERIAL grows another material on it. Default: every mesh that
+    #: no NODE=MATERIAL names.
     grow: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"
@@ -42,8 +42,8 @@ class SceneOptions:
     #: generator also varies geometry: an image of a carpet's lean angle combs it. MATERIAL:NAME=VALUE is for a further
     #: material, also its thickness, scale and seed. Of a scene of Mitsuba's: a value of its $NAME.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    #: Which of a generator's textures grows on the mesh, or in which order corner tiles lie; a material that is one patch has
-    #: no other. Default: 0.
+    #: Seed of the texture that a generator makes, or of the order of corner tiles; a material of one patch takes none.
+    #: Default: 0.
     seed: int | None = None
     #: Height of the shell in the mesh's unit; default: the material's own thickness times --scale, or 1/25 of the bounding
     #: box's diagonal.
@@ -74,7 +74,7 @@ class SceneOptions:
     #: Make the background transparent even where an environment is given.
     transparent: bool = False
     #: Leave the picture transparent where it would show an --object, to lay it over a render that shows them; they still cast
-    #: and receive shadows. Shells by --engine jax alone.
+    #: and receive shadows. Only for shells with --engine jax.
     holdout: bool = False
     #: jax marches rays, with direct light only; mitsuba traces paths, with indirect light too.
     engine: Literal["jax", "mitsuba"] = "jax"

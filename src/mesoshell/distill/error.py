@@ -15,27 +15,27 @@ from jaxtyping import Float
 
 from mesoshell.datasets.queries.render import LEAST, Answers, rows_of
 from mesoshell.datasets.queries.tile import Placing
-from mesoshell.io.query_dataset import COLUMNS
+from mesoshell.io.query_dataset import ALPHA, RGB
 from mesoshell.measure.flip import flip
+from mesoshell.render.light import LUMINANCE
 from mesoshell.scene.defaults import BOUNCE, FILL
 
 SIDE, PICTURES, RAYS, BEHIND = 32, 24, 8, 0.18
 #: Irradiances of a scene's default lights.
 LIGHTS = (1.0, FILL, BOUNCE)
-GREY, LUMINANCE = 0.18, np.array([0.2126, 0.7152, 0.0722])
-_ALPHA, _RGB = COLUMNS.index("alpha"), slice(COLUMNS.index("r"), COLUMNS.index("b") + 1)
+GREY = 0.18
 
 #: From rows of queries to α, the silhouette cosine and ρ.
-Painter = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+Predictor = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 def errors_by_radius(
-    answers: Answers, painter: Painter, curvature: tuple[float, float], narrowest: float, widest: float
+    answers: Answers, predict: Predictor, curvature: tuple[float, float], narrowest: float, widest: float
 ) -> tuple[tuple[float, float], ...]:
     """(radius, error) for each of `radii`: the mean over pictures, plus 1.96 standard errors."""
     errors = []
     for k, radius in enumerate(radii(narrowest, widest)):
-        each = [_error(answers, painter, curvature, radius, np.random.default_rng([k, i])) for i in range(PICTURES)]
+        each = [_error(answers, predict, curvature, radius, np.random.default_rng([k, i])) for i in range(PICTURES)]
         errors.append((radius, float(np.mean(each) + 1.96 * np.std(each, ddof=1) / PICTURES**0.5)))
     return tuple(errors)
 
@@ -46,7 +46,7 @@ def radii(narrowest: float, widest: float) -> tuple[float, ...]:
 
 
 def _error(
-    answers: Answers, painter: Painter, curvature: tuple[float, float], radius: float, random: np.random.Generator
+    answers: Answers, predict: Predictor, curvature: tuple[float, float], radius: float, random: np.random.Generator
 ) -> float:
     placing = Placing(random.uniform(*curvature), random.uniform(0, 2 * np.pi), tuple(random.random(2)))
     cosine = max(LEAST, random.random() ** 0.5)  # distributed as over the pixels of a sphere
@@ -65,10 +65,10 @@ def _error(
         lit, seeds = query | {"light": light}, random.integers(2**31, size=RAYS)
         each = [rows_of(placing, lit, answers(placing, lit, int(seed))[0], 0) for seed in seeds]
         rows = np.mean(each, axis=0)
-        alpha, _, rho = painter(rows)
-        true += irradiance * rows[:, _RGB]
+        alpha, _, rho = predict(rows)
+        true += irradiance * rows[:, RGB]
         ours += irradiance * alpha[:, None] * rho
-        alpha_true, alpha_ours = alpha_true + rows[:, _ALPHA] / len(LIGHTS), alpha_ours + alpha / len(LIGHTS)
+        alpha_true, alpha_ours = alpha_true + rows[:, ALPHA] / len(LIGHTS), alpha_ours + alpha / len(LIGHTS)
     exposure = GREY * alpha_true.mean() / max(float(true.mean(axis=0) @ LUMINANCE), 1e-6)
     return flip(_shown(alpha_true, exposure * true), _shown(alpha_ours, exposure * ours))
 

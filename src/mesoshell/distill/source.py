@@ -20,11 +20,11 @@ from mesoshell.io.material import PARAMS, WITH, bundled, digest, find, normalise
 from mesoshell.io.surface import KIND, kind_of
 from mesoshell.scene.materials import read_params
 from mesoshell.shell.geometry.extrude import EARTH
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.surface_material.network import SurfaceConfig
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.surface.shell_teacher import Teacher, answers
-from mesoshell.train.surface.step import SurfaceTraining, surface_as
+from mesoshell.train.surface.step import SurfaceTrainConfig, surface_config
 
 #: Widths of the network's layers for a shell, whose reflectance varies more than a woven surface's: at the widest footprints,
 #: layers of 24 reached a median error of 4%, these 2%.
@@ -50,7 +50,7 @@ class Source:
     settings: Settings
     patches: int
     answers: Answers
-    config: SurfaceTraining
+    config: SurfaceTrainConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def shell_source(
     values, maps = read_params(bundle, params)
     if maps:
         raise InputError(PARAMS, f"{next(iter(maps))} is an image: a surface material is the same everywhere")
-    alpha, loaded = normalised(bundle, values), ready(bundle)
+    alpha, loaded = normalised(bundle, values), load_device_material(bundle)
     thickness, base = thickness or bundle.thickness, base or EARTH
     if not all(0 <= v <= 1 for v in base):
         raise InputError(Argument("base"), "must be from 0 to 1: the share of light that it reflects")
@@ -139,6 +139,6 @@ def geometry_source(
     return Source(settings, patches or OF_GEOMETRY[0], of_geometry(tile, paths), config)
 
 
-def _config(preset: str, kimg: float | None, hidden: tuple[int, ...]) -> SurfaceTraining:
-    config = surface_as(PRESETS[preset], hidden)
+def _config(preset: str, kimg: float | None, hidden: tuple[int, ...]) -> SurfaceTrainConfig:
+    config = surface_config(PRESETS[preset], hidden)
     return config if kimg is None else replace(config, kimg=kimg)

@@ -54,7 +54,7 @@ def frame_view(camera: Camera, grown: Sequence[tuple[Mesh, float]], objects: tup
     return FrameView(camera, np.concatenate(corners))
 
 
-def carried(before: FrameView, now: FrameView) -> tuple[Float[np.ndarray, "P 2"], Bool[np.ndarray, "P"]]:
+def reproject(before: FrameView, now: FrameView) -> tuple[Float[np.ndarray, "P 2"], Bool[np.ndarray, "P"]]:
     """Image points in the earlier frame of what each pixel of the later one sees, and whether the earlier one sees it too."""
     o, d = rays(now.camera, pixel_grid(now.camera, 1, 0))
     face, _ = now.hit(o, d)
@@ -79,7 +79,7 @@ def flicker(
     earlier: Float[np.ndarray, "H W 3"], later: Float[np.ndarray, "H W 3"], before: FrameView, now: FrameView
 ) -> float | None:
     """Flicker of two frames, linear Rec. 709 as a screen shows them; None if they share too little."""
-    points, valid = carried(before, now)
+    points, valid = reproject(before, now)
     if valid.mean() < LEAST_SHARE:
         return None
     valid = valid.reshape(later.shape[:2])

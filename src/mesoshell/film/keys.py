@@ -101,7 +101,7 @@ def _check(keys: Keys) -> None:
     """Raise InputError unless these are keys."""
     last = -1
     if not keys:
-        raise InputError(Argument("keys"), "hold no key")
+        raise InputError(Argument("keys"), "must hold at least one key")
     for i, key in enumerate(keys):
         fault = _fault(key, last)
         if fault:
@@ -111,10 +111,10 @@ def _check(keys: Keys) -> None:
 
 def _fault(key: Any, last: int) -> str:
     if not isinstance(key, Mapping):
-        return "is no object"
+        return "must be an object"
     unknown = sorted(set(key) - {"frame", "camera", "params", *NUMBERS})
     if unknown:
-        return f"has no '{unknown[0]}': it has frame, camera, params, {', '.join(NUMBERS)}"
+        return f"unknown field '{unknown[0]}': there are frame, camera, params, {', '.join(NUMBERS)}"
     frame = key.get("frame")
     if type(frame) is not int or frame <= last:
         return f"frame must be a whole number above {last}, not {frame!r}"

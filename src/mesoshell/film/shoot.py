@@ -24,7 +24,7 @@ from mesoshell.film.motion import Motion
 from mesoshell.film.motion import dolly as toward
 from mesoshell.film.motion import orbit as around
 from mesoshell.film.mp4 import check_mp4, write_mp4
-from mesoshell.film.wind import blown
+from mesoshell.film.wind import add_wind
 from mesoshell.io.atomic import probe_folder, replace_file
 from mesoshell.io.image import linear_to_srgb, read_picture, write_png
 from mesoshell.io.records import read_object
@@ -114,7 +114,7 @@ def on_white(path: Path) -> Float[np.ndarray, "H W 3"]:
     return np.clip(rgba[..., :3] + (1 - rgba[..., 3:]), 0, 1)
 
 
-def planned(
+def plan_motion(
     scene: Scene,
     orbit: int | None = None,
     dolly: int | None = None,
@@ -139,7 +139,7 @@ def planned(
         if wind is None:
             return moves
         right = _camera(replace(still, **{k: x for k, x in moves.change(0).items() if k == "camera"})).to_world[:3, 0]
-        return blown(moves, still, mesh_of(still.mesh), right, wind, fps)
+        return add_wind(moves, still, mesh_of(still.mesh), right, wind, fps)
 
     def moved(still: Scene) -> Motion:
         if keys is not None:
@@ -182,7 +182,7 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
     path = folder / RECORD
     if not path.exists():
         if any(folder.glob("[0-9]" * 5 + ".png")):
-            raise InputError(folder, f"holds frames without {RECORD}, of what film is not known: choose another folder")
+            raise InputError(folder, f"holds frames but no {RECORD}, so their film is unknown: choose another folder")
         return {}
     try:
         record = read_object(path)

@@ -45,7 +45,7 @@ class Ground:
     along_v: Float[np.ndarray, "H W 3"]
 
 
-def blown(
+def add_wind(
     motion: Motion, scene: Scene, mesh: Mesh, toward: Float[np.ndarray, "3"], strength: float, fps: float
 ) -> Motion:
     """The motion of a scene with wind. mesh: the scene's; toward: ω. Raises InputError for a material without lean, or a

@@ -33,7 +33,7 @@ from mesoshell.geometry.topology import pair_edges
 
 
 @dataclass(frozen=True)
-class Table:
+class CurvatureTable:
     """Least curvature of D curves through each of V vertices; float32. `mended` and `notes` as in Principal."""
 
     kappa: Float[np.ndarray, "V D"]  # 1 / world length
@@ -43,7 +43,7 @@ class Table:
     notes: tuple[str, ...]
 
 
-def curvature_table(mesh: Mesh, length: float, directions: int = 32) -> Table:
+def curvature_table(mesh: Mesh, length: float, directions: int = 32) -> CurvatureTable:
     """Least curvature within length / 2 (world, along the curve) to both sides of each vertex; at it if length is 0.
 
     Raises InputError for a length that is negative or not finite.
@@ -61,11 +61,11 @@ def curvature_table(mesh: Mesh, length: float, directions: int = 32) -> Table:
             _lower(kappa[:, j], surface, m, length / 2)
     most = float(np.finfo(np.float32).max)
     held = np.clip(kappa, -most, most).astype(np.float32)
-    return Table(held, t.astype(np.float32), b.astype(np.float32), curvature.mended, curvature.notes)
+    return CurvatureTable(held, t.astype(np.float32), b.astype(np.float32), curvature.mended, curvature.notes)
 
 
 def lookup(
-    table: Table, faces: Int[np.ndarray, "P 3"], bary: Float[np.ndarray, "P 3"], d: Float[np.ndarray, "P 3"]
+    table: CurvatureTable, faces: Int[np.ndarray, "P 3"], bary: Float[np.ndarray, "P 3"], d: Float[np.ndarray, "P 3"]
 ) -> Float[np.ndarray, "P"]:
     """Curvature along d, of any length, at points given by their faces' vertices and barycentric coordinates.
 
@@ -80,7 +80,7 @@ def lookup(
     return (bary * (before + (angle - low) * (after - before))).sum(axis=-1)
 
 
-def range_of(table: Table) -> tuple[float, float]:
+def range_of(table: CurvatureTable) -> tuple[float, float]:
     """The least and the greatest curvature that a lookup can give."""
     return float(table.kappa.min()), float(table.kappa.max())
 

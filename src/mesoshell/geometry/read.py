@@ -60,7 +60,7 @@ def read_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tu
                     paths = [x for x in present if x.startswith("/")]  # of a stage, whose names need not be unique
                     raise InputError(path, f"has no mesh named {name!r}: its names are {', '.join(paths or present)}")
                 if group_of.setdefault(name, k) != k:
-                    raise InputError(path, f"{name!r} is to carry two materials")
+                    raise InputError(path, f"two materials are given for {name!r}")
         chosen = [next((group_of[x] for x in owners if x in group_of), -1) for owners, _ in parts]
         meshes = [
             _joined([part for (_, part), own in zip(parts, chosen, strict=True) if own == k])

@@ -25,6 +25,8 @@ from mesoshell.limits import check_memory
 
 #: Bytes of a manifest, at most.
 LONGEST_TEXT = 2**24
+#: Key, and in a folder the file, of what an archive says of itself as JSON.
+MANIFEST = "manifest.json"
 
 Head = tuple[tuple[int, ...], np.dtype]
 
@@ -41,7 +43,7 @@ def read_heads(path: str | PathLike[str]) -> dict[str, Head]:
     with _opened(path) as file:
         check_memory(path, "what it holds", sum(info.file_size for info in file.infolist()))
         heads = {info.filename.removesuffix(".npy"): _head(path, file, info) for info in file.infolist()}
-        text = heads.get("manifest.json")
+        text = heads.get(MANIFEST)
         if text is not None and math.prod(text[0]) > LONGEST_TEXT:
             raise InputError(path, f"its manifest.json is longer than {LONGEST_TEXT >> 20} MiB")
         if len(heads) < len(file.infolist()):
@@ -85,7 +87,7 @@ def _mapped(folder: Path) -> dict[str, np.ndarray]:
     arrays = {}
     for file in sorted(p for p in folder.rglob("*") if p.is_file()):
         key = file.relative_to(folder).as_posix()
-        if key == "manifest.json":
+        if key == MANIFEST:
             arrays[key] = np.frombuffer(read_file(file), np.uint8)
             continue
         if file.suffix != ".npy":

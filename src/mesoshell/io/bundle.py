@@ -65,7 +65,7 @@ from typing import Any
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.archive import read_arrays, read_heads, write_arrays
+from mesoshell.io.archive import MANIFEST, read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle_arrays import check_heads, check_values
 from mesoshell.io.corner_tiles import Colours, is_torus
 from mesoshell.io.records import parsed
@@ -73,7 +73,6 @@ from mesoshell.io.twin import PREFIX, Twin, checked_twin, twin_arrays, twin_mani
 
 #: Of a texture without corner tiles, and with them.
 SCHEMA, TILED_SCHEMA = 2, 3
-MANIFEST = "manifest.json"
 #: Cells of the σ grid along a patch's side, at most one a texel, where the texture has edges.
 GRID_CELLS = 8
 #: How far below the horizon, as a cosine, light still counts a little: ρ falls to 0 there.

@@ -23,13 +23,12 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import InputError
-from mesoshell.io.archive import read_arrays, read_heads, write_arrays
+from mesoshell.io.archive import MANIFEST, read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle import Parameter, read_bundle
 from mesoshell.io.corner_tiles import SIDE
 from mesoshell.io.material import digest
 from mesoshell.io.records import parsed
 
-_MANIFEST = "manifest.json"
 _FIELDS = {"kind", "height_octaves", "parameters", "provenance"}
 
 
@@ -84,7 +83,7 @@ def write_exemplars(path: str | PathLike[str], exemplars: Exemplars) -> None:
         "beta": exemplars.beta.astype(np.float32),
     }
     text = np.frombuffer(json.dumps(manifest, indent=1, allow_nan=False).encode(), np.uint8)
-    write_arrays(path, {_MANIFEST: text} | arrays | exemplars.decoder)
+    write_arrays(path, {MANIFEST: text} | arrays | exemplars.decoder)
 
 
 def read_exemplars(path: str | PathLike[str]) -> Exemplars:
@@ -92,18 +91,18 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
     heads = read_heads(path)
     if "features/0" in heads:
         return _of_material(path)
-    wanted = {"features": 4, "height": 2, "beta": 2, _MANIFEST: 1, "sigma_scale": 0}
+    wanted = {"features": 4, "height": 2, "beta": 2, MANIFEST: 1, "sigma_scale": 0}
     for key, axes in wanted.items():
         if key not in heads or len(heads[key][0]) != axes:
             raise InputError(path, f"has no array {key} of {axes} axes: not exemplars")
     arrays = read_arrays(path, heads)
-    manifest = parsed(path, arrays.pop(_MANIFEST).tobytes(), f"{_MANIFEST} is ")
+    manifest = parsed(path, arrays.pop(MANIFEST).tobytes(), f"{MANIFEST} is ")
     if not isinstance(manifest, dict) or manifest.keys() != _FIELDS or manifest["kind"] != "exemplars":
-        raise InputError(path, f"{_MANIFEST} does not describe exemplars")
+        raise InputError(path, f"{MANIFEST} does not describe exemplars")
     try:
         parameters = tuple(Parameter(**p | {"range": tuple(p["range"])}) for p in manifest["parameters"])
     except (TypeError, KeyError) as error:
-        raise InputError(path, f"{_MANIFEST}: parameters: {error}") from None
+        raise InputError(path, f"{MANIFEST}: parameters: {error}") from None
     for key, array in arrays.items():
         if not np.isfinite(array).all():
             raise InputError(path, f"array {key} has NaN or infinite values")
@@ -116,7 +115,7 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
     octaves, provenance = manifest["height_octaves"], manifest["provenance"]
     roles = [p.role for p in parameters]
     if beta.shape[1] != roles.count("beta") or type(octaves) is not int or not isinstance(provenance, dict):
-        raise InputError(path, f"{_MANIFEST}: parameters, height_octaves or provenance do not match its arrays")
+        raise InputError(path, f"{MANIFEST}: parameters, height_octaves or provenance do not match its arrays")
     inputs, layers = channels + 1 + 2 * octaves + roles.count("alpha"), ("trunk/0", "head/0", "sigma", "rho")
     missing = [k for n in layers for k in (f"decoder/{n}/kernel", f"decoder/{n}/bias") if k not in arrays]
     if missing or len(arrays["decoder/trunk/0/kernel"]) != inputs:

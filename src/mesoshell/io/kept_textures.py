@@ -20,8 +20,9 @@ from jaxtyping import Float
 
 from mesoshell import __version__
 from mesoshell.errors import InputError
+from mesoshell.io.archive import MANIFEST
 from mesoshell.io.atomic import new_array, new_folder
-from mesoshell.io.bundle import MANIFEST, Bundle, checked_manifest, read_bundle
+from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle
 from mesoshell.io.cache import cache_folder, forget
 
 LEAST, MOST = 32 << 20, 4 << 30

@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.io.bundle import MANIFEST, Bundle
+from mesoshell.io.archive import MANIFEST
+from mesoshell.io.bundle import Bundle
 
 #: The argument that errors about parameter values name, unless the caller gives another.
 PARAMS = Argument("params")

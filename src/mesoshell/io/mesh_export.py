@@ -10,7 +10,7 @@ from mesoshell.io.atomic import replace_file
 from mesoshell.io.image import linear_to_srgb, write_png
 
 
-def write_wrapped(
+def write_textured_mesh(
     path: Path,
     vertices: Float[np.ndarray, "V 3"],
     faces: Int[np.ndarray, "T 3"],

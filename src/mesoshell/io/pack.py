@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float16, Float32
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.io.atomic import new_folder, replace_file
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.dataset_images import load_image
@@ -32,7 +32,7 @@ def pack_dataset(dataset: Dataset, out: Path, size: int | None = None) -> int:
     width, height = dataset.samples[0].size
     size = width if size is None else size
     if size < 1 or width % size or height % (width // size):
-        raise InputError("--size", f"{size} does not divide the images' {width} × {height} pixels")
+        raise InputError(Argument("size"), f"{size} does not divide the images' {width} × {height} pixels")
     with new_folder(out) as folder:
         (folder / "shards").mkdir()
         return _write(dataset, folder, width // size)

@@ -29,6 +29,8 @@ from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file
 
 COLUMNS = ("u", "v", "radius", "wx", "wy", "wz", "kappa", "lx", "ly", "lz", "alpha", "cosine", "r", "g", "b", "patch")
+#: Columns of opacity and of reflectance.
+ALPHA, RGB = COLUMNS.index("alpha"), slice(COLUMNS.index("r"), COLUMNS.index("b") + 1)
 PARTS = "patches"
 
 

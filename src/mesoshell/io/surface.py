@@ -36,10 +36,10 @@ from typing import Any
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.archive import Head, read_arrays, read_heads, write_arrays
+from mesoshell.io.archive import MANIFEST, Head, read_arrays, read_heads, write_arrays
 from mesoshell.io.records import parsed
 
-SCHEMA, KIND, MANIFEST = 2, "silhouette", "manifest.json"
+SCHEMA, KIND = 2, "silhouette"
 #: Inputs of each module besides its texture, and its outputs.
 MODULES = {"opacity": (4, 1), "offset": (4, 1), "reflectance": (7, 3)}
 

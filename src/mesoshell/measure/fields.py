@@ -24,7 +24,7 @@ from mesoshell.measure.copies import Nearest, layer_means, nearest
 from mesoshell.measure.direction import leans, mean_error, strokes
 from mesoshell.measure.repetition import largest_repeat
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
-from mesoshell.shell.material.loader import DeviceMaterial, ready
+from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
 
 #: Patches along a field, pixels a patch, layers; light of its picture.
 FIELD, LAYERS, ASLANT = (12, 24), 32, (0.6, 0.0, 0.8)
@@ -147,4 +147,4 @@ def _grown(
         texels = round(side * bundle.texel_density)
         bundle = baked(bundle, name, (texels, texels), wanted)[0]
     origin = (0, 0) if bundle.tiles is None else seed_origin(wanted.seed)
-    return ready(bundle, origin), normalised(bundle, {})
+    return load_device_material(bundle, origin), normalised(bundle, {})

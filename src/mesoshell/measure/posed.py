@@ -23,12 +23,12 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.dataset import Dataset, Sample
 from mesoshell.io.material import normalised
-from mesoshell.shell.generator.model import maker_of
+from mesoshell.shell.generator.model import generator_model
 from mesoshell.shell.material.field import Point, inputs
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.snapshot import pictures
-from mesoshell.train.gan.state import Learner, TrainConfig
+from mesoshell.train.gan.state import GanConfig, Learner
 from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
 
 #: Samples a ray: more do not change the scores of a fit. Pictures a call.
@@ -82,16 +82,16 @@ def _shown(bundle: Bundle, samples: list[Sample], seed: tuple[int, int]) -> Imag
 def _generated(
     bundle: Bundle, name: str, picture: PictureConfig | None, frame: tuple[int, float]
 ) -> Callable[[ImageBatch], np.ndarray]:
-    maker = maker_of(bundle, name)
+    maker = generator_model(bundle, name)
     g = maker.config
     taken = picture or PictureConfig(0, SAMPLES, 0.0, g.texels, g.height_rows, maker.octaves, planes=g.planes)
     taken = PictureConfig(**vars(taken) | {"size": frame[0], "fov": frame[1]})
-    config = TrainConfig(generator=g, picture=taken)
+    config = GanConfig(generator=g, picture=taken)
     return lambda batch: pictures(config, Learner(maker.generator, maker.decoder), maker.averages, batch)
 
 
 def _fitted(bundle: Bundle, frame: tuple[int, float]) -> Callable[[ImageBatch], np.ndarray]:
-    loaded = ready(bundle)
+    loaded = load_device_material(bundle)
     size, fov = frame
     reach = 1.0 if bundle.tiles is None else 64.0  # patches: far enough to see all tiles
     config = PictureConfig(size, SAMPLES, fov, max(1, math.ceil(bundle.texel_density)))

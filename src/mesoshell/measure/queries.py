@@ -11,12 +11,11 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.io.query_dataset import COLUMNS
+from mesoshell.io.query_dataset import ALPHA, RGB
 from mesoshell.measure.distribution import Estimate
 
 #: Names of the scores.
 QUERIES = ("reflectance: relative squared error", "opacity: mean error")
-_ALPHA, _RGB = COLUMNS.index("alpha"), slice(COLUMNS.index("r"), COLUMNS.index("b") + 1)
 
 
 def score(
@@ -27,8 +26,8 @@ def score(
     each = []
     for rows in patches:
         alpha, _, rho = answers(rows)
-        met = rows[:, _ALPHA, None]
-        wanted = rows[:, _RGB] / np.maximum(met, 1e-3)
+        met = rows[:, ALPHA, None]
+        wanted = rows[:, RGB] / np.maximum(met, 1e-3)
         apart = (met * (rho - wanted) ** 2).sum() / max(float((met * wanted**2).sum()), 1e-30)
         each.append((apart, np.abs(alpha - met[:, 0]).mean()))
     table = np.array(each, np.float64)

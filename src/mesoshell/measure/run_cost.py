@@ -17,7 +17,7 @@ from mesoshell.train.run_config import RunConfig
 def run_cost(config: RunConfig, dataset: Data) -> str:
     """A few lines: parameters, memory, and the least time, operations over this machine's matrix rate. Compiles a step."""
     method = method_of(config)
-    config, dataset = method.fitted(config, dataset)
+    config, dataset = method.adapt(config, dataset)
     state = jax.eval_shape(lambda: method.start(config, dataset, jax.random.key(0)))
     batch = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), method.feed(config, dataset, 0, 1)(0))
     memory = jax.jit(lambda s, b: method.step(config, s, b)).lower(state, batch).compile().memory_analysis()

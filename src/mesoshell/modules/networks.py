@@ -13,15 +13,15 @@ from jax.typing import DTypeLike
 from mesoshell.modules.network import Network
 from mesoshell.neutex import field as captured
 from mesoshell.neutex.field import Field, FieldConfig, init_field
-from mesoshell.shell.generator import discriminator as judging
-from mesoshell.shell.generator import generator as making
-from mesoshell.shell.generator import texture_critic as criticising
+from mesoshell.shell.generator import discriminator as discriminator_pure
+from mesoshell.shell.generator import generator as generator_pure
+from mesoshell.shell.generator import texture_critic as texture_critic_pure
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.generator import Phases, Texture
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.generator.texture_critic import CriticConfig
-from mesoshell.shell.material import decoder as decoding
-from mesoshell.surface_material import network as silhouette
+from mesoshell.shell.material import decoder as decoder_pure
+from mesoshell.surface_material import network as surface_network
 from mesoshell.surface_material.network import OpacityEval, SurfaceConfig, SurfaceQuery
 from mesoshell.typing import Array, Float, Int, Key, Scalar, Vec3
 
@@ -37,21 +37,21 @@ class Generator(Network):
         """On the texels of one patch."""
         return cls(config, (config.texels, config.texels))
 
-    def draw(self, key: Key[Array, ""]) -> making.Generator:
-        return making.init_generator(self.config, key)
+    def draw(self, key: Key[Array, ""]) -> generator_pure.Generator:
+        return generator_pure.init_generator(self.config, key)
 
     @nn.compact
-    def averages(self) -> making.Averages:
+    def averages(self) -> generator_pure.Averages:
         """The running averages, which are not learned, as a tree."""
-        return self.declared("averages", lambda key: making.init_averages(self.config))
+        return self.declared("averages", lambda key: generator_pure.init_averages(self.config))
 
     def __call__(
         self, z: Float[Array, "B Z"], beta: Float[Array, "B G"], phases: Phases, tile: Int[Array, "2"]
     ) -> tuple[Texture, Float[Array, "B R C"]]:
         generator, averages = self.tree(), self.averages()
-        w = making.map_latent(generator, z, beta)
-        texture = making.synthesise(self.config, generator, averages, w, phases, tile, self.size)
-        return texture, making.synthesise_height(self.config, generator, w)
+        w = generator_pure.map_latent(generator, z, beta)
+        texture = generator_pure.synthesise(self.config, generator, averages, w, phases, tile, self.size)
+        return texture, generator_pure.synthesise_height(self.config, generator, w)
 
 
 class Discriminator(Network):
@@ -60,11 +60,11 @@ class Discriminator(Network):
     config: DiscriminatorConfig
     dtype: DTypeLike = jnp.float32
 
-    def draw(self, key: Key[Array, ""]) -> judging.Discriminator:
-        return judging.init_discriminator(self.config, key)
+    def draw(self, key: Key[Array, ""]) -> discriminator_pure.Discriminator:
+        return discriminator_pure.init_discriminator(self.config, key)
 
     def __call__(self, y: Float[Array, "B S S 3"], c: Float[Array, "B L"]) -> Float[Array, "B"]:
-        return judging.discriminate(self.tree(), y, c, dtype=self.dtype)
+        return discriminator_pure.discriminate(self.tree(), y, c, dtype=self.dtype)
 
 
 class TextureCritic(Network):
@@ -72,11 +72,11 @@ class TextureCritic(Network):
 
     config: CriticConfig
 
-    def draw(self, key: Key[Array, ""]) -> criticising.Critic:
-        return criticising.init_critic(self.config, key)
+    def draw(self, key: Key[Array, ""]) -> texture_critic_pure.Critic:
+        return texture_critic_pure.init_critic(self.config, key)
 
     def __call__(self, y: Float[Array, "B S S I"], beta: Float[Array, "B G"]) -> Float[Array, "B s s"]:
-        return criticising.criticise(self.tree(), y, beta)
+        return texture_critic_pure.criticise(self.tree(), y, beta)
 
 
 class Decoder(Network):
@@ -87,20 +87,20 @@ class Decoder(Network):
     hidden: tuple[tuple[int, ...], tuple[int, ...]]
 
     @classmethod
-    def like(cls, tree: decoding.Decoder) -> "Decoder":
+    def like(cls, tree: decoder_pure.Decoder) -> "Decoder":
         """The module of an existing decoder."""
         trunk, head = (tuple(layer.bias.shape[0] for layer in layers) for layers in (tree.trunk, tree.head))
         return cls(tree.trunk[0].kernel.shape[0], (trunk, head))
 
-    def draw(self, key: Key[Array, ""]) -> decoding.Decoder:
-        return decoding.init_decoder(key, self.inputs, *self.hidden)
+    def draw(self, key: Key[Array, ""]) -> decoder_pure.Decoder:
+        return decoder_pure.init_decoder(key, self.inputs, *self.hidden)
 
     def __call__(
         self, x: Float[Array, "*batch I"], w: Float[Array, "*batch 3"], w_light: Float[Array, "*batch 3"]
     ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch 3"]]:
         decoder = self.tree()
-        sigma, features = decoding.trunk(decoder, x)
-        return sigma, decoding.head(decoder, decoding.toward_viewer(decoder, features, w), w_light)
+        sigma, features = decoder_pure.trunk(decoder, x)
+        return sigma, decoder_pure.head(decoder, decoder_pure.toward_viewer(decoder, features, w), w_light)
 
 
 class SurfaceMaterial(Network):
@@ -109,13 +109,13 @@ class SurfaceMaterial(Network):
 
     config: SurfaceConfig
 
-    def draw(self, key: Key[Array, ""]) -> silhouette.Surface:
-        return silhouette.init_surface(self.config, key)
+    def draw(self, key: Key[Array, ""]) -> surface_network.Surface:
+        return surface_network.init_surface(self.config, key)
 
     def __call__(self, place: SurfaceQuery, light: Vec3, blur: Scalar) -> tuple[OpacityEval, Vec3]:
-        table = silhouette.tables(self.tree(), blur)
-        opacity = silhouette.eval_opacity(self.config, table, place)
-        return opacity, silhouette.reflectance(self.config, table, place, opacity, light)
+        table = surface_network.blur_textures(self.tree(), blur)
+        opacity = surface_network.eval_opacity(self.config, table, place)
+        return opacity, surface_network.reflectance(self.config, table, place, opacity, light)
 
 
 class CapturedField(Network):

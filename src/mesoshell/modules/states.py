@@ -15,14 +15,14 @@ from flax.training.train_state import TrainState
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.modules.networks import CapturedField, Decoder, Discriminator, Generator, SurfaceMaterial, TextureCritic
-from mesoshell.train.gan.state import TrainConfig, optimisers
+from mesoshell.train.gan.state import GanConfig, optimisers
 from mesoshell.train.nerf_tex import network as parametric
-from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.nerf_tex.network import NerfTexConfig
 from mesoshell.train.neutex import step as atlas
-from mesoshell.train.neutex.step import AtlasTraining
+from mesoshell.train.neutex.step import NeuTexTrainConfig
 from mesoshell.train.run_config import RunConfig
 from mesoshell.train.surface import step as surface
-from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.surface.step import SurfaceTrainConfig
 from mesoshell.train.textures import adversarial
 from mesoshell.train.textures import step as textures
 from mesoshell.train.textures.state import TexturesConfig
@@ -56,7 +56,7 @@ def with_train_states(config: RunConfig, state: Any, states: Mapping[str, TrainS
 
 
 def _players(config: RunConfig, state: Any) -> dict[str, Player]:
-    if isinstance(config, TrainConfig):
+    if isinstance(config, GanConfig):
         for_learner, for_discriminator = optimisers(config)
         generator = Generator.of_patch(config.generator)
         judge = Discriminator(config.discriminator, jnp.dtype(config.precision))
@@ -73,12 +73,12 @@ def _players(config: RunConfig, state: Any) -> dict[str, Player]:
             "generator": Player(("generator",), ("adam",), generator.apply, tx),
             "critic": Player(("versus", "critic"), ("versus", "adam"), critic.apply, for_critic),
         }
-    if isinstance(config, SurfaceTraining):
+    if isinstance(config, SurfaceTrainConfig):
         module, tx = SurfaceMaterial(config.surface), surface.optimiser(config)
         return {"surface": Player(("surface",), ("adam",), module.apply, tx)}
-    if isinstance(config, AtlasTraining):
+    if isinstance(config, NeuTexTrainConfig):
         return {"field": Player(("field",), ("adam",), CapturedField(config.field).apply, atlas.optimiser(config))}
-    if isinstance(config, ParametricConfig):
+    if isinstance(config, NerfTexConfig):
         module, tx = Decoder.like(state.decoder), parametric.optimiser(config)
         return {"decoder": Player(("decoder",), ("adam",), module.apply, tx)}
     raise InputError(Argument("config"), "a fit of patches has no train state: its step sets the rates")

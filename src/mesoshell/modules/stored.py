@@ -5,9 +5,9 @@ from mesoshell.io.surface import SurfaceBundle
 from mesoshell.modules.network import Network
 from mesoshell.modules.networks import CapturedField, Decoder, Generator, SurfaceMaterial
 from mesoshell.neutex.store import NeuTexModel
-from mesoshell.shell.generator.model import maker_of
+from mesoshell.shell.generator.model import generator_model
 from mesoshell.shell.material.loader import decoder_of
-from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.loader import load_device_material
 
 
 def networks_of(stored: Bundle | SurfaceBundle | NeuTexModel) -> dict[str, Network]:
@@ -17,12 +17,12 @@ def networks_of(stored: Bundle | SurfaceBundle | NeuTexModel) -> dict[str, Netwo
     if isinstance(stored, NeuTexModel):
         return {"field": CapturedField(stored.config).bind({"params": stored.field})}
     if isinstance(stored, SurfaceBundle):
-        loaded = ready(stored)
+        loaded = load_device_material(stored)
         return {"surface": SurfaceMaterial(loaded.config).bind({"params": loaded.table.surface})}
     decoder = decoder_of(stored.arrays)
     networks: dict[str, Network] = {"decoder": Decoder.like(decoder).bind({"params": decoder})}
     if stored.generator is not None:
-        maker = maker_of(stored, "bundle")
+        maker = generator_model(stored, "bundle")
         generator = Generator.of_patch(maker.config)
         networks["generator"] = generator.bind({"params": maker.generator, "averages": maker.averages})
     return networks

@@ -66,7 +66,7 @@ def at(occupied: Bool[Array, "n n n"], y: Float[Array, "*k 3"]) -> Bool[Array, "
     return occupied[cell[..., 0], cell[..., 1], cell[..., 2]]
 
 
-def widened(held: Bool[Array, "n n n"]) -> Bool[Array, "n n n"]:
+def dilate(held: Bool[Array, "n n n"]) -> Bool[Array, "n n n"]:
     """Cells and all their neighbours."""
     return jax.lax.reduce_window(held, False, jax.lax.bitwise_or, (3, 3, 3), (1, 1, 1), "SAME")
 

@@ -34,7 +34,7 @@ REACH, SAMPLES = 0.1, 48
 LEVEL, ROUNDS = 0.5, 24
 
 
-class Wrapped(NamedTuple):
+class TexturedMesh(NamedTuple):
     """uv: of the cubemap's image, v upward; u: directions of the vertices; normals: unit, outward."""
 
     vertices: Float[np.ndarray, "V 3"]
@@ -44,7 +44,7 @@ class Wrapped(NamedTuple):
     normals: Float[np.ndarray, "V 3"]
 
 
-def wrapped(config: FieldConfig, field: Field, n: int, side: int) -> Wrapped:
+def extract_mesh(config: FieldConfig, field: Field, n: int, side: int) -> TexturedMesh:
     """In the box's units; n: quads a side of the cube; side: pixels a side of the cubemap's squares."""
     grid = np.linspace(0, 1, n + 1)
     y, x = np.meshgrid(grid, grid, indexing="ij")
@@ -62,7 +62,7 @@ def wrapped(config: FieldConfig, field: Field, n: int, side: int) -> Wrapped:
     normals = _normals(points, of[faces], u)
     inset = np.clip(0.5 + np.tan((square - 0.5) * np.pi / 2) / 2, 0.5 / side, 1 - 0.5 / side)
     at = (inset + np.stack([face % 3, face // 3], axis=1)) / np.array([3, 2])
-    return Wrapped(points[of], faces, np.stack([at[:, 0], 1 - at[:, 1]], axis=1), u[of], normals[of])
+    return TexturedMesh(points[of], faces, np.stack([at[:, 0], 1 - at[:, 1]], axis=1), u[of], normals[of])
 
 
 def _normals(points: np.ndarray, faces: np.ndarray, otherwise: np.ndarray) -> Float[np.ndarray, "V 3"]:

@@ -20,7 +20,7 @@ from mesoshell.neutex.brdf import shade
 from mesoshell.neutex.cameras import Photo, photo_rays, pixels
 from mesoshell.neutex.field import Field, FieldConfig, density, lobes, normal, radiance, to_texture
 from mesoshell.neutex.layout import Layout, lookup
-from mesoshell.neutex.march import CELLS, flashed, places, widened
+from mesoshell.neutex.march import CELLS, dilate, flashed, places
 from mesoshell.numerics import opacity, optical_depth
 from mesoshell.render.camera import centred
 from mesoshell.render.light import Distant, Environment, beams
@@ -92,7 +92,7 @@ def occupancy(config: FieldConfig, field: Field, skip: float) -> Bool[Array, "n 
     """Cells that rays take samples in; all of them if nothing may be skipped."""
     if not skip:
         return jnp.ones((CELLS,) * 3, bool)
-    return widened(_greatest(config, field) > skip / (2 * 3**0.5))
+    return dilate(_greatest(config, field) > skip / (2 * 3**0.5))
 
 
 @partial(jax.jit, static_argnums=0)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import InputError
-from mesoshell.io.archive import read_arrays, read_heads, write_arrays
+from mesoshell.io.archive import MANIFEST, read_arrays, read_heads, write_arrays
 from mesoshell.io.records import parsed
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.neutex.cameras import Photo
@@ -56,17 +56,17 @@ def write_neutex(path: Path, captured: NeuTexModel) -> None:
         "tested": captured.tested,
         "provenance": captured.provenance,
     }
-    arrays = {"manifest.json": np.frombuffer(json.dumps(about).encode(), np.uint8)}
+    arrays = {MANIFEST: np.frombuffer(json.dumps(about).encode(), np.uint8)}
     write_arrays(path, arrays | {k: np.asarray(x, np.float32) for k, x in _named(captured.field).items()})
 
 
 def read_neutex(path: Path) -> NeuTexModel:
     """Read an object. Raises InputError if the file is not one, or its contents do not match its manifest."""
     heads = read_heads(path)
-    if "manifest.json" not in heads:
+    if MANIFEST not in heads:
         raise InputError(path, "is not a captured object: it has no manifest.json")
     try:
-        about = parsed(path, read_arrays(path, ["manifest.json"])["manifest.json"].tobytes(), "manifest.json is ")
+        about = parsed(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes(), "manifest.json is ")
         if about["kind"] != "captured object" or about["schema"] != SCHEMA:
             raise InputError(
                 path, f"is not a captured object of schema {SCHEMA}, but {about['kind']} of {about['schema']}"

@@ -62,14 +62,14 @@ def begin(ray, shift) -> DensitySampling:
 
 
 @dr.syntax
-def seek(world, ray, s):
+def seek(context, ray, s):
     """The state after the next sample that may not be empty, that sample, and whether there is one."""
-    shells, media, taps = world.shells, world.media, world.taps
-    count, skip = world.quality.samples, world.quality.skip
+    shells, media, taps = context.shells, context.media, context.taps
+    count, skip = context.quality.samples, context.quality.skip
     occupied, sample = mi.Bool(False), nothing()
     while ~occupied & ~s.over:
         if (s.f >= s.end) & (s.end < 1):
-            s = _next_segment(world, ray, s)
+            s = _next_segment(context, ray, s)
         if s.f < s.end:
             more = s.rate * (s.end - s.f)
             if s.until < more:
@@ -77,7 +77,7 @@ def seek(world, ray, s):
                 s.until = mi.Float(1)
                 share = 1 / s.rate
                 s.step = share * s.here.length
-                sample = sample_at(world, ray, s.here, s.f, share)
+                sample = sample_at(context, ray, s.here, s.f, share)
                 occupied = media.bound(sample, taps) * s.step * count > skip
             else:
                 s.until -= more
@@ -86,7 +86,7 @@ def seek(world, ray, s):
             walker, piece, some = advance(shells, ray.o, ray.d, ray.tmax, s.walker)
             s.walker = walker
             if some:
-                s.here = canonical_frame(shells, piece, world.exact)
+                s.here = canonical_frame(shells, piece, context.exact)
                 s.f = dr.select(s.here.length > 0, mi.Float(0), 1)
                 s.end = mi.Float(s.f)
             elif s.walker.mode == OVER:
@@ -94,13 +94,13 @@ def seek(world, ray, s):
     return s, sample, occupied
 
 
-def _next_segment(world, ray, s: DensitySampling) -> DensitySampling:
+def _next_segment(context, ray, s: DensitySampling) -> DensitySampling:
     """The state at the beginning of the next cell of the σ grid."""
-    here, count = s.here, world.quality.samples
-    at = sample_at(world, ray, here, s.f, 0.0)
+    here, count = s.here, context.quality.samples
+    at = sample_at(context, ray, here, s.f, 0.0)
     along: Any = here.xi1 - here.xi0
     at.xi = here.xi0 + s.f * along
-    cells = world.media.cells(at, world.taps)
+    cells = context.media.cells(at, context.taps)
     way, place = along * cells, at.xi * cells
     ahead = dr.select(way < 0, -place, place)
     speed = dr.abs(way)
@@ -108,7 +108,7 @@ def _next_segment(world, ray, s: DensitySampling) -> DensitySampling:
     least = dr.maximum(LEAST / dr.maximum(dr.max(speed), LEAST), LEAST_OF_PIECE)
     end = dr.minimum(s.f + dr.maximum(dr.min(left), least), 1)
     at.xi = here.xi0 + 0.5 * (s.f + end) * along
-    bound = world.media.bound(at, world.taps)
+    bound = context.media.bound(at, context.taps)
     length = (end - s.f) * here.length
     lost = dr.exp(-s.expected) * _opacity(EXPECTED * bound * length)
     samples = count * (LOST_SHARE * lost + (OCCUPIED_SHARE * _opacity(bound) + 1 / WIDEST) * length)

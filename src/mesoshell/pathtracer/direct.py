@@ -21,41 +21,41 @@ from mesoshell.pathtracer.traversal import ADVANCE
 
 
 @dr.syntax
-def gather_light(world, scene, ray, shift=0.5):
+def gather_light(context, scene, ray, shift=0.5):
     """Radiance toward a ray from what it passes, its transmittance, and the count of decoded samples. shift: as in `begin`."""
-    s = begin(world, ray, shift)
+    s = begin(context, ray, shift)
     n = dr.width(ray.o)
     depth, rgb, queries = dr.zeros(mi.Float64, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
-    cut, stop = world.quality.least_weight, world.dark
+    cut, stop = context.quality.least_weight, context.dark
     busy = dr.full(mi.Bool, True, n)
     while busy:
-        s, sample, occupied = seek(world, ray, s)
+        s, sample, occupied = seek(context, ray, s)
         busy = occupied
         if occupied:
-            sigma, features = world.media.decode(sample, world.taps)
+            sigma, features = context.media.decode(sample, context.taps)
             tau = dr.minimum(sigma, 1e20) * mi.Float(s.step)
             weight = dr.exp(-mi.Float(depth)) * opacity(tau)
             depth += mi.Float64(tau)
             queries += 1
             busy = depth < stop
             if weight > cut:
-                rgb += weight * scattered(world, scene, ray, s.here, sample, features)
+                rgb += weight * scattered(context, scene, ray, s.here, sample, features)
     return rgb, dr.exp(-mi.Float(depth)), queries
 
 
-def scattered(world, scene, ray, here, sample, features):
+def scattered(context, scene, ray, here, sample, features):
     """Σ ρ E⊥ V at a sample, from its trunk features."""
     total = mi.Color3f(0)
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
     at, height = sample.t, sample.xi.z
-    if world.quality.visibility == "interval":
+    if context.quality.visibility == "interval":
         at, height = 0.5 * (here.t0 + here.t1), 0.5 * (here.xi0.z + here.xi1.z)
-    directions = [mi.Vector3f(*direction) for direction, _ in world.lights]
-    rhos = world.media.rho(sample, features, view, [dr.normalize(canonical(here, d)) for d in directions])
-    for toward, rho, (_, irradiance) in zip(directions, rhos, world.lights, strict=True):
-        leave = exit_distance(here, height, toward, world.shells.size) + ADVANCE * world.shells.size
+    directions = [mi.Vector3f(*direction) for direction, _ in context.lights]
+    rhos = context.media.rho(sample, features, view, [dr.normalize(canonical(here, d)) for d in directions])
+    for toward, rho, (_, irradiance) in zip(directions, rhos, context.lights, strict=True):
+        leave = exit_distance(here, height, toward, context.shells.size) + ADVANCE * context.shells.size
         lit = rho * mi.Color3f(*irradiance)
-        if world.surfaces_shadow:
+        if context.surfaces_shadow:
             x = mi.Point3f(ray.o + mi.Float64(at) * ray.d) + leave * toward
             lit = dr.select(scene.ray_test(mi.Ray3f(x, toward)), 0, lit)
         total += lit
@@ -72,21 +72,21 @@ def opacity(tau):
 
 def light_directly(settings, scene, sampler, ray, active):
     """Radiance toward rays by distant lights and one event, and whether they met anything. settings: a ShellPath."""
-    world, first = settings.world, ray
+    context, first = settings.context, ray
     si = scene.ray_intersect(single(ray), active)
     met = si.is_valid()
     first.tmax = dr.select(met, mi.Float64(si.t), dr.inf)
-    light, through, queries = gather_light(world, scene, first, sampler.next_1d())
+    light, through, queries = gather_light(context, scene, first, sampler.next_1d())
     bsdf = si.bsdf()
-    for direction, irradiance in world.lights:
+    for direction, irradiance in context.lights:
         toward = mi.Vector3f(*direction)
         value = bsdf.eval(mi.BSDFContext(), si, si.to_local(toward), met) * mi.Color3f(*irradiance)
         lit = met & (dr.max(value) > 0)
         away = si.spawn_ray(toward)
-        if world.surfaces_shadow:
+        if context.surfaces_shadow:
             lit &= ~scene.ray_test(away, lit)
-        dimmed = fly(world, segment(first, si.t, away.o, toward), dr.inf, lit, sampler.next_1d())
+        dimmed = fly(context, segment(first, si.t, away.o, toward), dr.inf, lit, sampler.next_1d())
         queries += dimmed.queries
         light += dr.select(lit, through * value * dr.exp(-mi.Float(dimmed.depth)), 0)
-    world.count(queries)
+    context.count(queries)
     return light, met | (sampler.next_1d() > through)

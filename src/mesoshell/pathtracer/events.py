@@ -23,7 +23,7 @@ from mesoshell.pathtracer.surface_material import density_around, draw_around
 from mesoshell.pathtracer.traversal import ADVANCE
 
 #: Of a shadow's way, what is left out at the emitter, which would block it.
-SHY = 1e-4
+SHADOW_EPSILON = 1e-4
 
 
 @dataclass
@@ -68,40 +68,40 @@ def at_surface(si, ray, ds, wanted, active, numbers, opening) -> Event:
     )
 
 
-def at_collision(world, flight, ray, ds, numbers, opening) -> Event:
+def at_collision(context, flight, ray, ds, numbers, opening) -> Event:
     """A shell scatters. numbers: two uniform ones, or none if the path ends here."""
     here, sample = flight.here, flight.sample
-    size = world.shells.size
+    size = context.shells.size
     x = ray.o + mi.Float64(sample.t) * ray.d
     view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
     toward = dr.normalize(canonical(here, ds.d))
-    _, features = world.media.decode(sample, world.taps)
+    _, features = context.media.decode(sample, context.taps)
 
     def away(d, far, opening, pdf):
         leave = exit_distance(here, sample.xi.z, d, size) + ADVANCE * size
         return segment(ray, sample.t, x + mi.Vector3d(leave * d), d, dr.maximum(far - leave, 0), True, opening, pdf)
 
     def rho(directions):
-        return world.media.rho(sample, features, view, directions)
+        return context.media.rho(sample, features, view, directions)
 
     drawn = None if numbers is None else draw(here, numbers)
     return scattered(ds, toward, density(here, ds.d), rho, drawn, away, opening)
 
 
-def at_surface_material(world, met, ray, ds, numbers, opening) -> Event:
+def at_surface_material(context, met, ray, ds, numbers, opening) -> Event:
     """A surface material scatters. numbers: as of a collision."""
     here = met.here
     x = ray.o + mi.Float64(met.t) * ray.d
 
     def away(d, far, opening, pdf):
         # by the face's own normal: over the horizon of an interpolated one there is light that comes through the face
-        off = dr.select(dr.dot(met.normal, d) < 0, -1, 1) * (world.surface_meshes.beyond(met.t) - met.t)
+        off = dr.select(dr.dot(met.normal, d) < 0, -1, 1) * (context.surface_meshes.beyond(met.t) - met.t)
         return segment(ray, met.t, x + mi.Vector3d(off * met.normal), d, far, False, opening, pdf)
 
     toward = canonical(here, ds.d)
 
     def rho(directions):
-        return world.surface_meshes.rho(met, directions)
+        return context.surface_meshes.rho(met, directions)
 
     drawn = None if numbers is None else draw_around(here, numbers)
     return scattered(ds, toward, density_around(here, ds.d), rho, drawn, away, opening)
@@ -110,7 +110,7 @@ def at_surface_material(world, met, ray, ds, numbers, opening) -> Event:
 def scattered(ds, toward, p, rho, drawn, away, opening) -> Event:
     """toward, p: the emitter's direction in the material's frame, and its density; rho: of directions; drawn: a direction, it
     in that frame, and its density; or none if the path ends here; away: the segment from here in a direction."""
-    shadow = away(ds.d, ds.dist * (1 - SHY), dr.select(ds.delta, 0, opening), ds.pdf)
+    shadow = away(ds.d, ds.dist * (1 - SHADOW_EPSILON), dr.select(ds.delta, 0, opening), ds.pdf)
     if drawn is None:
         (value,) = rho([toward])
         return last(value, p, shadow)

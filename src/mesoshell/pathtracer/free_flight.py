@@ -37,18 +37,18 @@ def still(n: int) -> Flight:
 
 
 @dr.syntax
-def fly(world, ray, target, active, shift: Any = 0.5):
+def fly(context, ray, target, active, shift: Any = 0.5):
     """The flight of active rays; the others end at once."""
-    s = begin(world, ray, shift)
+    s = begin(context, ray, shift)
     s.over = ~active
     n = dr.width(ray.o)
     end = still(n)
     busy = mi.Bool(active)
     while busy:
-        s, sample, occupied = seek(world, ray, s)
+        s, sample, occupied = seek(context, ray, s)
         busy = occupied
         if occupied:
-            end.depth += mi.Float64(dr.minimum(world.media.sigma(sample, world.taps), 1e20) * mi.Float(s.step))
+            end.depth += mi.Float64(dr.minimum(context.media.sigma(sample, context.taps), 1e20) * mi.Float(s.step))
             end.queries += 1
             if end.depth >= target:
                 end.collided = mi.Bool(True)

@@ -13,7 +13,7 @@ MOST = 2**31
 
 
 class ShellPath(mi.SamplingIntegrator):
-    """`mesoshell_path`: max_depth, rr_depth and hide_emitters as of Mitsuba's `path`. world: set by pathtracer/load."""
+    """`mesoshell_path`: max_depth, rr_depth and hide_emitters as of Mitsuba's `path`. context: set by pathtracer/load."""
 
     def __init__(self, props):
         super().__init__(props)
@@ -21,12 +21,12 @@ class ShellPath(mi.SamplingIntegrator):
         self.max_depth = MOST if depth < 0 else min(depth, MOST)
         self.rr_depth = min(max(int(props.get("rr_depth", 5)), 0), MOST)
         self.hide_emitters = bool(props.get("hide_emitters", False))
-        self.world: Any = None
+        self.context: Any = None
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Radiance toward rays, and whether they met anything."""
-        camera = self.world.camera_ray(ray, sampler)
-        if self.world.effects.quadrature.on:
+        camera = self.context.camera_ray(ray, sampler)
+        if self.context.effects.quadrature.on:
             return *light_directly(self, scene, sampler, camera, active), []
         return *follow(self, scene, sampler, camera, active), []
 
@@ -40,7 +40,7 @@ def follow(settings, scene, sampler, ray, active):
     lane = begin(settings, scene, ray, active)
     while busy(lane):
         lane = advance(settings, scene, sampler, lane)
-    settings.world.count(lane.queries)
+    settings.context.count(lane.queries)
     return lane.light, lane.valid
 
 

@@ -49,23 +49,23 @@ def begin(ray, shift) -> LengthSampling:
 
 
 @dr.syntax
-def seek(world, ray, s):
+def seek(context, ray, s):
     """The state after the next sample that may not be empty, that sample, and whether there is one."""
-    shells, count, skip = world.shells, world.quality.samples, world.quality.skip
+    shells, count, skip = context.shells, context.quality.samples, context.quality.skip
     occupied, sample = mi.Bool(False), nothing()
     while ~occupied & ~s.over:
         position = (mi.Float64(s.k) + mi.Float64(s.shift)) * s.step
         length = mi.Float64(s.here.length)
         if ~s.measuring & (s.k < count) & (position < s.begin + length):
-            sample = sample_at(world, ray, s.here, mi.Float((position - s.begin) / length), mi.Float(s.step / length))
-            occupied = world.media.bound(sample, world.taps) * mi.Float(s.total) > skip
+            sample = sample_at(context, ray, s.here, mi.Float((position - s.begin) / length), mi.Float(s.step / length))
+            occupied = context.media.bound(sample, context.taps) * mi.Float(s.total) > skip
             s.k += 1
         else:
             walker, piece, some = advance(shells, ray.o, ray.d, ray.tmax, s.walker)
             s.walker = walker
             if some:
                 s.begin += length
-                s.here = canonical_frame(shells, piece, world.exact)
+                s.here = canonical_frame(shells, piece, context.exact)
             elif s.walker.mode == OVER:
                 if s.measuring:
                     s.measuring = mi.Bool(False)

@@ -24,7 +24,7 @@ from mesoshell.pathtracer.facts import distant, facts_of
 from mesoshell.pathtracer.maps import check_map, field_of
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
-from mesoshell.pathtracer.render_context import World
+from mesoshell.pathtracer.render_context import RenderContext
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.surface_material import SurfaceMaterial, SurfaceMeshes
 from mesoshell.pathtracer.texture_cache import TextureKey, textured
@@ -124,19 +124,21 @@ def set_shells(scene: mi.Scene, grown: SceneShells, quality: Quality) -> None:
     path: Any = scene.integrator()
     quality = quality.with_changes(max_depth=max(path.max_depth, 1), rr_depth=max(path.rr_depth, 1))
     facts = replace(facts_of(scene, grown.shells, grown.surfaces, grown.convex), twin=grown.twin)
-    path.world = _world(scene, quality, facts, shells, media, surface_meshes, grown.notes)
+    path.context = _context(scene, quality, facts, shells, media, surface_meshes, grown.notes)
 
 
 def set_quality(scene: mi.Scene, quality: Quality) -> None:
     """Render a scene with shells with another quality from now on, its path depths too; a scene without stays as it is."""
     path: Any = scene.integrator()
-    world = getattr(path, "world", None)
-    if world is not None:
+    context = getattr(path, "context", None)
+    if context is not None:
         path.max_depth, path.rr_depth = quality.max_depth, quality.rr_depth
-        path.world = _world(scene, quality, world.facts, world.shells, world.media, world.surface_meshes, world.notes)
+        path.context = _context(
+            scene, quality, context.facts, context.shells, context.media, context.surface_meshes, context.notes
+        )
 
 
-def _world(
+def _context(
     scene: mi.Scene,
     quality: Quality,
     facts: Facts,
@@ -144,7 +146,7 @@ def _world(
     media: Media | None,
     surface_meshes: SurfaceMeshes | None,
     notes: tuple[str, ...],
-) -> World:
+) -> RenderContext:
     """What a scene's integrator holds, with the effects that the facts call for. Raises InputError (`set_shells`)."""
     if shells is not None and quality.spacing == "interval":
         raise InputError(
@@ -153,7 +155,7 @@ def _world(
         )
     effects = plan_effects(facts, quality, PATHS)
     lights = [distant(e) for e in scene.emitters()] if effects.quadrature.on else []
-    return World(shells, media, surface_meshes, quality, effects, lights, notes, facts)
+    return RenderContext(shells, media, surface_meshes, quality, effects, lights, notes, facts)
 
 
 def _shells(

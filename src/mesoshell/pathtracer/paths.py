@@ -112,8 +112,8 @@ def busy(lane: PathState):
 def advance(settings, scene, sampler, lane):
     """One segment: of the shadow that a lane waits for, or of its path."""
     plan = _plan(settings)
-    end = _trace(settings.world, plan, scene, sampler, lane)
-    shadow, light, passing = _arrive(settings.world, plan, lane, end)
+    end = _trace(settings.context, plan, scene, sampler, lane)
+    shadow, light, passing = _arrive(settings.context, plan, lane, end)
 
     uncollided = end.mine & ~end.flight.collided
     reached, on_material = uncollided & ~end.met.hit, uncollided & end.met.hit
@@ -126,14 +126,14 @@ def advance(settings, scene, sampler, lane):
     going = stopped & (lane.path.depth + 1 < plan.max_depth)
 
     event, p, shadow = _scatter(
-        settings.world, plan, scene, sampler, lane.path, end, (going, kept, reached), shadow, passing
+        settings.context, plan, scene, sampler, lane.path, end, (going, kept, reached), shadow, passing
     )
     path = _go_on(settings, plan, sampler, lane.path, end, event, p, going, on_material & ~kept)
     return PathState(path, shadow, light, lane.valid | stopped, lane.queries + end.flight.queries)
 
 
 def _plan(settings) -> Plan:
-    effects, most = settings.world.effects, settings.max_depth
+    effects, most = settings.context.effects, settings.max_depth
     if not effects.bounces.on:
         most = min(most, 2)
     emitters = effects.environment.on or effects.area_light.on
@@ -149,29 +149,29 @@ def _plan(settings) -> Plan:
     )
 
 
-def _trace(world, plan: Plan, scene, sampler, lane: PathState) -> SegmentEnd:
+def _trace(context, plan: Plan, scene, sampler, lane: PathState) -> SegmentEnd:
     """Find the end of a lane's segment: surfaces, then surface materials in front of them, then shells in front of both."""
     path, shadow = lane.path, lane.shadow
     mine = ~shadow.pending
     si = scene.ray_intersect(single(path.ray), mi.RayFlags.All, coherent=mi.Bool(False), active=mine)
     blocked = mi.Bool(False)
-    if world.surfaces_shadow:
+    if context.surfaces_shadow:
         blocked = scene.ray_test(single(shadow.ray), active=shadow.pending)
     segment = dr.select(shadow.pending, shadow.ray, path.ray)
     segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
     n = dr.width(path.eta)
     met = nothing_met(n)
     if plan.surface_materials:
-        met = world.surface_meshes.meet(segment, mine | ~blocked)
+        met = context.surface_meshes.meet(segment, mine | ~blocked)
         segment.tmax = dr.select(met.hit, mi.Float64(met.t), segment.tmax)
     flight = still(n)
     if plan.shells:
-        target = dr.select(mine, -dr.log(1 - sampler.next_1d()), world.dark)
-        flight = fly(world, segment, target, mine | (shadow.crosses & ~blocked), sampler.next_1d())
+        target = dr.select(mine, -dr.log(1 - sampler.next_1d()), context.dark)
+        flight = fly(context, segment, target, mine | (shadow.crosses & ~blocked), sampler.next_1d())
     return SegmentEnd(mine, si, blocked, met, flight)
 
 
-def _arrive(world, plan: Plan, lane: PathState, end: SegmentEnd):
+def _arrive(context, plan: Plan, lane: PathState, end: SegmentEnd):
     """End a shadow, or take it on behind a surface material. Returns it, the lane's light, and whether it goes on."""
     shadow = lane.shadow
     arrived = shadow.pending & ~end.blocked
@@ -181,19 +181,19 @@ def _arrive(world, plan: Plan, lane: PathState, end: SegmentEnd):
     ray = shadow.ray
     if plan.surface_materials:
         radiance *= dr.select(end.met.front, 1 - end.met.alpha, 1)
-        ray = beyond(ray, world.surface_meshes.beyond(end.met.t))
+        ray = beyond(ray, context.surface_meshes.beyond(end.met.t))
         passing &= dr.max(radiance) > 0
     return Shadow(ray, radiance, shadow.crosses, shadow.pending), light, passing
 
 
 @dr.syntax
-def _scatter(world, plan, scene, sampler, path, end, where, shadow, passing):
+def _scatter(context, plan, scene, sampler, path, end, where, shadow, passing):
     """Sample an emitter, and scatter the path. where: lanes that go on, those at surface materials, and those at surfaces.
     Returns the event, its place, and the shadow that the lane waits for now."""
     shells, surface_materials, direct, onward = plan.shells, plan.surface_materials, plan.direct, plan.onward
     shell_shadow = mi.Bool(plan.shell_shadow)
     going, kept, reached = where
-    si, met, flight, opening = end.si, end.met, end.flight, world.quality.bounce_spread
+    si, met, flight, opening = end.si, end.met, end.flight, context.quality.bounce_spread
     inside, at_material, surface = going & end.mine & flight.collided, going & kept, going & reached
     t = dr.select(inside, flight.sample.t, met.t)
     origin = mi.SurfaceInteraction3f(si)
@@ -208,9 +208,9 @@ def _scatter(world, plan, scene, sampler, path, end, where, shadow, passing):
     numbers = (sampler.next_1d(), sampler.next_2d()) if onward else None
     event = at_surface(si, path.ray, ds, surface & wanted, surface, numbers, opening)
     if shells and inside:
-        event = at_collision(world, flight, path.ray, ds, numbers and numbers[1], opening)
+        event = at_collision(context, flight, path.ray, ds, numbers and numbers[1], opening)
     if surface_materials and at_material:
-        event = at_surface_material(world, met, path.ray, ds, numbers and numbers[1], opening)
+        event = at_surface_material(context, met, path.ray, ds, numbers and numbers[1], opening)
     if surface_materials and direct:  # Mitsuba puts a sky at the size of a scene that these meshes are not in
         sky = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
         event.shadow.tmax = dr.select(sky, dr.inf, event.shadow.tmax)
@@ -231,7 +231,7 @@ def _go_on(settings, plan, sampler, path, end, event, p, going, behind) -> Path:
     strongest = dr.max(path.beta)
     path.alive = dr.select(end.mine, going & mi.Bool(plan.onward) & (strongest > 0), path.alive)
     if plan.surface_materials:
-        path.ray = dr.select(behind, beyond(path.ray, settings.world.surface_meshes.beyond(end.met.t)), path.ray)
+        path.ray = dr.select(behind, beyond(path.ray, settings.context.surface_meshes.beyond(end.met.t)), path.ray)
         path.alive |= behind
     if not plan.emitters:  # a last segment could only end on an emitter
         path.alive &= path.depth + 1 < plan.max_depth
@@ -258,7 +258,7 @@ def _onward(path, event, going, p) -> Path:
 
 
 def _emitted(settings, scene, si, path, met):
-    """What arrives along a path from the emitter that it has met, by its share against having been asked for."""
+    """Radiance from an emitter that a path hits, weighted against sampling that emitter (multiple importance sampling)."""
     before = dr.zeros(mi.SurfaceInteraction3f)
     before.p = path.p
     p = scene.pdf_emitter_direction(before, mi.DirectionSample3f(scene, si, before), met & ~path.delta)

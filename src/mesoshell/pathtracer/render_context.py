@@ -15,7 +15,7 @@ from mesoshell.render.camera import pixel_radius
 RADIUS = pixel_radius(1.0)
 
 
-class World:
+class RenderContext:
     """shells, and media, their contents, or None; surface_meshes: with surface materials, or None; quality: render/quality;
     effects: render/effects; lights: for `direct`, the distant ones, (unit direction toward it, E⊥) each; notes: how all this
     departs from the request; facts: what the effects were planned from. It must not hold the user's scene: the scene holds the

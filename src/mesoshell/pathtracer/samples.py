@@ -117,18 +117,18 @@ def _exact(shells, ray, here: IntervalFrame, f, t):
     return _xi(uv, bary, h)
 
 
-def sample_at(world, ray, here: IntervalFrame, f, share) -> Sample:
+def sample_at(context, ray, here: IntervalFrame, f, share) -> Sample:
     """The sample at position f; share: its part of the piece."""
     f, half = dr.clip(f, 0, 1), dr.minimum(share, 1) * (here.t1 - here.t0) / 2
     t = here.t0 + f * (here.t1 - here.t0)
-    xi = _exact(world.shells, ray, here, f, t) if world.exact else here.xi0 + f * (here.xi1 - here.xi0)
-    if not world.taps:
+    xi = _exact(context.shells, ray, here, f, t) if context.exact else here.xi0 + f * (here.xi1 - here.xi0)
+    if not context.taps:
         return Sample(here.prism, t, xi, mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
-    spread = world.quality.footprint * ray.spread
+    spread = context.quality.footprint * ray.spread
     along, across = _cone(dr.maximum(t - half, 0) + ray.apex, t + half + ray.apex, spread)
     radius, deviation, major, axis = footprint(here, mi.Vector3f(ray.d), along, across)
-    deviation *= world.quality.height_filter
-    if world.taps == 1:
+    deviation *= context.quality.height_filter
+    if context.taps == 1:
         major, axis = mi.Float(0), mi.Vector2f(0)
     return Sample(here.prism, t, xi, radius, deviation, major, axis)
 

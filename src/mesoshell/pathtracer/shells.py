@@ -17,9 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from mesoshell.pathtracer.prism import BASE, TOP
-from mesoshell.shell.geometry.extrude import Shell
-
-_TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+from mesoshell.shell.geometry.extrude import TETRAHEDRON, Shell
 
 
 class Shells:
@@ -84,7 +82,7 @@ def _tables(s: Shell) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     top, here = foot + s.offset, np.arange(len(s.faces))
     p, k = np.nonzero(s.neighbour < 0)
     ends = np.stack([s.faces[p, k], s.faces[p, (k + 1) % 3]], axis=1)
-    sides = np.concatenate([foot[ends], top[ends][:, ::-1]], axis=1)[:, _TETRAHEDRON].reshape(-1, 3, 3)
+    sides = np.concatenate([foot[ends], top[ends][:, ::-1]], axis=1)[:, TETRAHEDRON].reshape(-1, 3, 3)
     triangles = np.concatenate([top[s.faces], foot[s.faces], sides])
     prism = np.concatenate([here, here, np.repeat(p, 4)])
     code = np.concatenate([np.full(len(here), TOP), np.full(len(here), BASE), np.repeat(k, 4)])

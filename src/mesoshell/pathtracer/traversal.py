@@ -15,9 +15,10 @@ sought from its entry on, since shells may overlap. An exit that no walk has rea
 rounding: walk back to there, or to where the last walk ended, then forward. (The ray's own beginning is not such an end: that
 it begins outside is believed.)
 
-A ray that may begin inside: if it leaves, it did; walk back to where it began, then forward. If it enters, it may still have
-begun inside another shell: it did if, further on, it leaves more often than it enters. This is counted. If it did, search its
-exits for the one from which a walk back reaches where it began. After a walk it may be inside another shell again.
+A ray that may begin inside a shell: if its first boundary is an exit, it began inside; walk back to its origin, then forward.
+If its first boundary is an entry, count entries and exits along the rest of the ray; more exits mean that it began inside
+another shell. Then search the exits for the one whose backward walk reaches the origin. After a walk it may be inside another
+shell again.
 
 Where two visits overlap, the later one begins where the earlier one ended. So density is never counted twice, and pieces come
 in the order of the ray.

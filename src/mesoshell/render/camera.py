@@ -27,11 +27,11 @@ class Camera:
 
     def __post_init__(self) -> None:
         if not 0 < self.fov < np.pi:
-            raise InputError(Argument("fov"), f"no such camera: {self.fov} is not between 0 and π")
+            raise InputError(Argument("fov"), f"must be between 0 and π radians, not {self.fov}")
         if self.width < 1 or self.height < 1:
-            raise InputError(Argument("width"), f"no such camera: {self.width} x {self.height} has no pixels")
+            raise InputError(Argument("width"), f"{self.width} x {self.height} has no pixels")
         if not np.isfinite(self.to_world).all():
-            raise InputError(Argument("to_world"), "no such camera: holds NaN or infinite values")
+            raise InputError(Argument("to_world"), "holds NaN or infinite values")
 
     @property
     def spread(self) -> float:

@@ -95,7 +95,7 @@ def plan_effects(facts: Facts, quality: Quality, engine: Engine = MARCH) -> Effe
     reached = not engine.draws or quality.max_depth > 1
     called = _light(facts, reached) | _detail(facts)
     bounces = _bounces(facts, quality, engine)
-    called |= {"bounces": bounces, "roulette": _roulette(facts, quality, engine, bounces.on)}
+    called |= {"bounces": bounces, "roulette": _roulette(quality, engine, bounces.on)}
     called["quadrature"] = _quadrature(facts, engine, reached and not bounces.on)
     called["filtering"] = _filtering(facts, quality, called, engine)
     called["anisotropic_filtering"] = Effect(
@@ -187,11 +187,11 @@ def _detail(f: Facts) -> dict[str, Effect]:
         "shells": _either(
             f.shells > 0, f"rays are marched through {f.shells} {'shells' if f.shells > 1 else 'shell'}", "no shells"
         ),
-        "surface_materials": _either(f.surfaces > 0, f"on {f.surfaces} of the meshes", "no mesh wears one"),
+        "surface_materials": _either(f.surfaces > 0, f"on {f.surfaces} of the meshes", "no mesh has one"),
         "opacity": _either(
             f.passable,
             "rays may pass a silhouette, and go on behind",
-            "the surface material is opaque" if f.surfaces else "no mesh wears a surface material",
+            "the surface material is opaque" if f.surfaces else "no mesh has a surface material",
         ),
         "camera_in_shell": _either(
             f.inside, "a camera may be within the shells' bounds", "cameras are outside all shells"
@@ -217,7 +217,7 @@ def _bounces(f: Facts, quality: Quality, engine: Engine) -> Effect:
     return Effect(True, "light may go from one surface, or shell, to another")
 
 
-def _roulette(f: Facts, quality: Quality, engine: Engine, bounces: bool) -> Effect:
+def _roulette(quality: Quality, engine: Engine, bounces: bool) -> Effect:
     if not (engine.draws and bounces):
         return Effect(False, "no paths are drawn" if not engine.draws else "paths are short")
     if quality.max_depth <= quality.rr_depth:

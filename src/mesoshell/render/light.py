@@ -15,6 +15,9 @@ from jaxtyping import Float
 
 from mesoshell.render.sequence import Draws
 
+#: Luminance of linear Rec. 709.
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
 
 class Distant(NamedTuple):
     """A distant light: unit direction toward it, and E⊥."""
@@ -35,7 +38,7 @@ def environment(radiance: Float[np.ndarray, "H W 3"], up: int) -> Environment:
     """Make a map ready for sampling in proportion to luminance times solid angle."""
     h = radiance.shape[0]
     area = np.sin((np.arange(h) + 0.5) / h * np.pi)[:, None]
-    luminance = radiance @ np.array([0.2126, 0.7152, 0.0722])
+    luminance = radiance @ LUMINANCE
     weight = (luminance + 1e-3 * luminance.mean() + 1e-12) * area
     cumulative = np.cumsum(weight.ravel())
     return Environment(np.asarray(radiance, np.float32), up, cumulative / cumulative[-1])

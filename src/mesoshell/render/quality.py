@@ -15,7 +15,7 @@ WIDEST = 10
 EXPECTED = 0.025
 #: Samples of density: this share of them by the light that is expected to be lost, and by whether there may be anything.
 LOST_SHARE, OCCUPIED_SHARE = 0.5, 0.5 - 1 / WIDEST
-_WORDS = {int: "whole number", float: "number", bool: "truth value", str: "word"}
+_WORDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a word"}
 
 
 class Setting(NamedTuple):
@@ -39,7 +39,7 @@ def _setting(default: Any, meaning: str, bias: str = "", **more: Any) -> Any:
 class Quality:
     """The settings of a render. Raises ValueError for a value out of range."""
 
-    pixel_samples: int = _setting(2, "rays a pixel; more smooth silhouettes", engine="jax", least=1)
+    pixel_samples: int = _setting(2, "rays a pixel; more rays give smoother silhouettes", engine="jax", least=1)
     samples: int = _setting(
         28, "samples a ray, spread over all its intervals", "opacity of what is thinner than their distance", least=1
     )
@@ -71,28 +71,29 @@ class Quality:
     #: A sample is not decoded if the material's σ grid bounds it below its share of this, by length.
     skip: float = _setting(
         0.05,
-        "optical depth that a ray may lose where space is empty; by density a march loses none, a path so much a patch at most",
+        "optical depth that a ray may lose where empty space is skipped; with spacing=density a march loses none, and a path "
+        "at most this much a patch",
         "alpha",
         below=1,
     )
     weight_cut: float = _setting(
         0.048,
-        "samples of a weight below weight_cut / samples are not lit, so a ray loses at most this share of its opacity; with "
-        "light_samples above 0 this is of the ground alone",
+        "samples of a weight below weight_cut / samples are not lit, so at most this share of a ray's opacity is unlit; with "
+        "light_samples above 0, engine jax applies it to the ground only",
         "colour, by at most this share",
         below=1,
     )
     #: As with any estimate by few samples, pictures of many rays a pixel average it.
     light_samples: int = _setting(
         8,
-        "about so many samples a ray are lit, drawn in proportion to their weights; more where the σ grid expects less than "
-        "there is; 0: all that weight_cut leaves",
+        "expected number of lit samples a ray, drawn in proportion to their weights; more where the σ grid underestimates "
+        "opacity; 0 lights every sample that weight_cut keeps",
         engine="jax",
     )
     filtering: bool = _setting(
         True,
-        "filter features over the pixel's footprint; without it, afar is noise",
-        "what is afar: a network of averaged features is not the average of the network; a correction leaves some of it",
+        "filter features over the pixel's footprint; without it, distant surfaces are noisy",
+        "distant surfaces: a network of averaged features is not the average of the network; a correction removes part of this",
     )
     #: 1 is the paper's. Rays that share a pixel show more of what is finer than it.
     footprint: float = _setting(
@@ -122,7 +123,11 @@ class Quality:
     #: A Mitsuba scene file sets its own number and depth.
     spp: int = _setting(48, "paths a pixel", engine="mitsuba", least=1)
     max_depth: int = _setting(
-        8, "segments of a path at most; 2 is direct light", "darker: light of later bounces", engine="mitsuba", least=1
+        8,
+        "maximum of segments of a path; 2 is direct light",
+        "darker: light of later bounces",
+        engine="mitsuba",
+        least=1,
     )
     rr_depth: int = _setting(
         5, "length from which on paths end by chance (Russian roulette)", engine="mitsuba", least=1
@@ -130,7 +135,7 @@ class Quality:
     #: At 0.1 dense grass loses 0.1% of its light, a shell that lets half of it through a few percent.
     dark_ground: float = _setting(
         0.1,
-        "albedo of the ground up to which one shell on a convex mesh is not traced for light between the two",
+        "largest albedo of the ground at which light between it and one shell on a convex mesh is not traced",
         "darker: light between ground and shell",
         engine="mitsuba",
         below=1,
@@ -201,7 +206,7 @@ def wrong_kind(name: str, value: object) -> str:
     """How a value is not of its field's type; "" if it is."""
     kind = kind_of(name)
     fits = isinstance(value, {int: Integral, float: Real}.get(kind, kind))
-    return "" if fits and isinstance(value, bool) == (kind is bool) else f"{value!r} is no {_WORDS[kind]}"
+    return "" if fits and isinstance(value, bool) == (kind is bool) else f"must be {_WORDS[kind]}, not {value!r}"
 
 
 def out_of_range(name: str, value: Any) -> str:

@@ -68,7 +68,7 @@ def goal_of(
         return None
     for name in ("pixel_samples", "spp"):
         if name in changes:
-            raise InputError(Argument(name), "a picture with a goal takes as many as it needs: give `max_samples`")
+            raise InputError(Argument(name), "cannot be combined with a goal, which sets it: give `max_samples`")
     return Goal(budget, error, MOST if max_samples is None else max_samples)
 
 

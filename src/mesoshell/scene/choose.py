@@ -66,7 +66,7 @@ LADDER = (
 )
 
 
-class Seen(NamedTuple):
+class Probe(NamedTuple):
     """What a probe tells of a scene, at the first rung: seconds a pass, FLIP of one ray a pixel, queries a ray."""
 
     seconds: float
@@ -101,7 +101,7 @@ def choose(prepared: Prepared, quality: Quality, goal: Goal) -> Choice:
     return Choice(rung.settings, passes, SURE * seen.noise * rung.bias, time.perf_counter() - begin)
 
 
-def _due(rung: Rung, seen: Seen, error: float | None) -> float:
+def _due(rung: Rung, seen: Probe, error: float | None) -> float:
     """Seconds to an error; infinite for one that the rung does not reach, or none."""
     if error is None or error <= SURE * seen.noise * rung.bias:
         return np.inf
@@ -110,7 +110,7 @@ def _due(rung: Rung, seen: Seen, error: float | None) -> float:
     return max(FIRST, passes) * rung.cost(seen.queries) * seen.seconds
 
 
-def _error(rung: Rung, seen: Seen, budget: float) -> float:
+def _error(rung: Rung, seen: Probe, budget: float) -> float:
     """e of a budget's passes, over ν; more than any if these are too few to be on time with."""
     passes = budget / (rung.cost(seen.queries) * seen.seconds)
     if passes < FEWEST:
@@ -118,7 +118,7 @@ def _error(rung: Rung, seen: Seen, budget: float) -> float:
     return (rung.bias**POWER + rung.noise**POWER / passes**FALL) ** (1 / POWER)
 
 
-def _probe(passes: Passes) -> Seen:
+def _probe(passes: Passes) -> Probe:
     """From two rays a pixel; the first may wait for compiling."""
     pixels, count = _some(passes, PROBE), passes.shape[0] * passes.shape[1]
     sums, seconds = Sums(passes.shape), []
@@ -129,7 +129,7 @@ def _probe(passes: Passes) -> Seen:
     whole = count / passes.threads(count) / (len(pixels) / passes.threads(len(pixels)))
     record = passes.ended(np.zeros((*passes.shape, 4), np.float32), 2).record
     noise = float(sums.error().flat[pixels].mean()) / PAIR
-    return Seen(seconds[1] * whole, max(noise, 1e-6), record["queries"] / max(record["rays"], 1))
+    return Probe(seconds[1] * whole, max(noise, 1e-6), record["queries"] / max(record["rays"], 1))
 
 
 def _some(passes: Passes, count: int) -> np.ndarray:

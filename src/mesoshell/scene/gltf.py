@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.scene.told import Told, frame_of, sun_of
+from mesoshell.scene.file_scene import FileScene, frame_of, sun_of
 
 LUX = 683.0
 LIGHTS = "KHR_lights_punctual"
@@ -25,7 +25,7 @@ LIGHTS = "KHR_lights_punctual"
 FAINT = 0.05
 
 
-def told_by(path: str | PathLike[str]) -> Told:
+def read_file_scene(path: str | PathLike[str]) -> FileScene:
     """What a glTF file says. Raises ValueError and its like if it is damaged there."""
     return _told(_header(Path(path)))
 
@@ -39,7 +39,7 @@ def _header(path: Path) -> dict[str, Any]:
         return json.load(file)
 
 
-def _told(header: dict[str, Any]) -> Told:
+def _told(header: dict[str, Any]) -> FileScene:
     cameras, suns, others, notes = [], [], [], []
     lights = header.get("extensions", {}).get(LIGHTS, {}).get("lights", [])
     for node, to_world in _nodes(header):
@@ -71,7 +71,7 @@ def _told(header: dict[str, Any]) -> Told:
     if others:
         notes.append(f"its lights that are no suns are left out: {', '.join(others)}")
     _, camera, aspect = cameras[0] if cameras else ("", None, None)
-    return Told(camera, aspect, tuple(suns), tuple(notes))
+    return FileScene(camera, aspect, tuple(suns), tuple(notes))
 
 
 def _nodes(header: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Float[np.ndarray, "4 4"]]]:

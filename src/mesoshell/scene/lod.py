@@ -37,7 +37,7 @@ def twin_facts(scene: Scene, d: ShellDescription, quality: Quality) -> TwinFacts
     return TwinFacts(finest, twin.errors, misfit)
 
 
-def in_place(d: ShellDescription) -> SurfaceDescription:
+def describe_twin(d: ShellDescription) -> SurfaceDescription:
     """The scene with the shell's top as its mesh, for a surface material."""
     top = surface(d.shell)
     return SurfaceDescription(

@@ -14,8 +14,8 @@ import numpy as np
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh
+from mesoshell.io.archive import MANIFEST
 from mesoshell.io.atomic import new_folder, read_file
-from mesoshell.io.bundle import MANIFEST
 from mesoshell.io.image import write_exr
 from mesoshell.io.material import bundled
 from mesoshell.io.surface import KIND

@@ -24,7 +24,7 @@ from mesoshell.render.mitsuba_frame import fitting_grid
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
 from mesoshell.scene.growth import Growth
-from mesoshell.scene.lod import in_place, twin_facts
+from mesoshell.scene.lod import describe_twin, twin_facts
 from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, check_size, describe_shell, describe_surface
@@ -40,10 +40,10 @@ LANES = 2**22
 def prepare_paths(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
     """The scene, ready for Mitsuba. progress: of growing a texture. Raises InputError."""
     made, notes = _made(scene, quality, progress)
-    world = _world(made)
-    assert world is not None
+    context = _context(made)
+    assert context is not None
     work = _work(made, quality.spp), lambda other: _passes(made, other or quality)
-    return Prepared.now(scene, PATHS.name, world.effects, (*notes, *world.notes), begun, *work)
+    return Prepared.now(scene, PATHS.name, context.effects, (*notes, *context.notes), begun, *work)
 
 
 def prepare_file(
@@ -63,15 +63,15 @@ def prepare_file(
     samples = _samples(made, path, samples)
     if pixels is not None:
         _shrink(made, pixels)
-    world = _world(made)
-    effects, notes = (None, ()) if world is None else (world.effects, world.notes)
+    context = _context(made)
+    effects, notes = (None, ()) if context is None else (context.effects, context.notes)
     own: Any = made.integrator()
-    depths = {} if world is None else {"max_depth": max(own.max_depth, 1), "rr_depth": max(own.rr_depth, 1)}
+    depths = {} if context is None else {"max_depth": max(own.max_depth, 1), "rr_depth": max(own.rr_depth, 1)}
     work = _work(made, samples), lambda other: _passes(made, (other or quality).with_changes(**depths))
     return Prepared(PATHS.name, {}, effects, notes, begun, time.perf_counter() - begun, *work)
 
 
-def _world(scene: mi.Scene) -> Any:
+def _context(scene: mi.Scene) -> Any:
     """Our integrator's context: what paths meet beside surfaces. None for another integrator."""
     return getattr(scene.integrator(), "world", None)
 
@@ -87,11 +87,11 @@ def _work(scene: mi.Scene, samples: int) -> Callable[[Progress], Rendered]:
 
 def _record(scene: mi.Scene, samples: int, rays: int) -> dict[str, Any]:
     """The engine's part of the report."""
-    world = _world(scene)
-    if world is None:
+    context = _context(scene)
+    if context is None:
         return {"rays": rays, "queries": 0, "effects": {}, "quality": {}}
-    used = quality_used(world.quality.with_changes(spp=samples), world.effects, PATHS)
-    return {"rays": rays, "queries": world.queries, "effects": world.effects.as_dict(), "quality": used}
+    used = quality_used(context.quality.with_changes(spp=samples), context.effects, PATHS)
+    return {"rays": rays, "queries": context.queries, "effects": context.effects.as_dict(), "quality": used}
 
 
 def _passes(scene: mi.Scene, quality: Quality) -> Passes:
@@ -99,7 +99,7 @@ def _passes(scene: mi.Scene, quality: Quality) -> Passes:
     set_quality(scene, quality)
     film, begin, rays = scene.sensors()[0].film(), time.perf_counter(), 0
     width, height = (int(x) for x in film.crop_size())
-    ours = _world(scene) is not None and can_pass(film)
+    ours = _context(scene) is not None and can_pass(film)
     chosen = ours and film.rfilter().is_box_filter()
 
     def one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
@@ -125,9 +125,9 @@ def _shrink(scene: mi.Scene, pixels: int) -> None:
     parameters = mi.traverse(scene.sensors()[0])
     parameters["film.size"] = mi.ScalarVector2u(max(1, int(less * width)), max(1, int(less * height)))
     parameters.update()
-    world = _world(scene)
-    if world is not None:  # footprints grow as pixels do
-        world.facts = replace(world.facts, coarsest=world.facts.coarsest / less)
+    context = _context(scene)
+    if context is not None:  # footprints grow as pixels do
+        context.facts = replace(context.facts, coarsest=context.facts.coarsest / less)
 
 
 def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:
@@ -152,7 +152,7 @@ def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene,
     d, bundle = describe_shell(scene, progress), scene.material.shell
     twin = twin_facts(scene, d, quality)
     if bundle.twin is not None and plan_twin(twin, quality).on:
-        return _made_surface(in_place(d), bundle.twin.surface, quality, d.notes, twin)
+        return _made_surface(describe_twin(d), bundle.twin.surface, quality, d.notes, twin)
     grounds = {f"surface{i}": scene_dict.surface(x.mesh, d.base_colour) for i, x in enumerate(d.growths)}
     made = mi.load_dict(_parts(quality, d) | grounds)
     materials: dict[tuple, Material] = {}

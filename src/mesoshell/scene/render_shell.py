@@ -17,14 +17,14 @@ from mesoshell.render.facts import Facts
 from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport
 from mesoshell.render.used import quality_used
-from mesoshell.scene.lod import in_place, twin_facts
+from mesoshell.scene.lod import describe_twin, twin_facts
 from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered, tiled_passes
-from mesoshell.scene.render_surface import prepare_wearing
+from mesoshell.scene.render_surface import prepare_surface_mesh
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.shell.geometry.join import joined
-from mesoshell.shell.material.loader import DeviceMaterial, ready
+from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
 from mesoshell.shell.render.renderer import RAYS, marched_tile, render
 from mesoshell.shell.render.scene import Medium
 from mesoshell.shell.render.scene import Scene as MarchedScene
@@ -36,7 +36,7 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
     d = describe_shell(scene, progress)
     twin, seen = scene.material.shell.twin, twin_facts(scene, d, quality)
     if twin is not None and plan_twin(seen, quality).on:
-        return prepare_wearing(scene, in_place(d), twin.surface, quality, begun, seen, d.notes)
+        return prepare_surface_mesh(scene, describe_twin(d), twin.surface, quality, begun, seen, d.notes)
     marched = marched_scene(d)
     known = replace(facts(marched), twin=seen)
     effects = plan_effects(known, quality)
@@ -77,13 +77,13 @@ def marched_scene(d: ShellDescription) -> MarchedScene:
     for x in d.growths:
         key = id(x.material), x.origin
         if key not in made:
-            made[key] = ready(x.material, x.origin)
+            made[key] = load_device_material(x.material, x.origin)
         media.append(Medium(made[key], x.alpha, x.maps, x.patches_per_uv, prism, face))
         prism, face = prism + len(x.shell.faces), face + len(x.mesh.faces)
     return MarchedScene(
         mesh=mesh,
         shell=shell,
-        ready=media[0].ready,
+        device_material=media[0].device_material,
         camera=d.camera,
         lights=d.lights,
         environment=d.environment,
@@ -102,7 +102,7 @@ def facts(scene: MarchedScene) -> Facts:
     """The facts that the effects are planned from."""
     corners = bounding_box(scene.mesh)
     far = np.linalg.norm(np.abs(corners - scene.camera.to_world[:3, 3]).max(axis=0))
-    media, layouts = scene.media, [m.ready.layout for m in scene.media]
+    media, layouts = scene.media, [m.device_material.layout for m in scene.media]
     patches = [_patch(scene, *ends) for ends in pairwise([*(m.prism for m in media), len(scene.shell.faces)])]
     footprint = pixel_radius(scene.camera.spread) / 2 * far
     convex = not scene.others and is_convex(scene.mesh)

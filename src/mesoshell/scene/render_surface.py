@@ -13,7 +13,7 @@ from mesoshell.render.used import quality_used
 from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered, tiled_passes
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import describe_surface
-from mesoshell.surface_material.loader import ready
+from mesoshell.surface_material.loader import load_device_material
 from mesoshell.surface_material.renderer import RAYS, SurfaceScene, cut_short, facts, render, tile_renderer
 from mesoshell.surface_material.scene import SurfaceDescription
 
@@ -21,10 +21,10 @@ from mesoshell.surface_material.scene import SurfaceDescription
 def prepare_surface(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
     """The scene, ready to be rendered; progress is not called, as no texture is grown. Raises InputError."""
     d = describe_surface(scene)
-    return prepare_wearing(scene, d, scene.material.surface, quality, begun, None, d.mesh.notes)
+    return prepare_surface_mesh(scene, d, scene.material.surface, quality, begun, None, d.mesh.notes)
 
 
-def prepare_wearing(
+def prepare_surface_mesh(
     scene: Scene,
     d: SurfaceDescription,
     bundle: SurfaceBundle,
@@ -34,7 +34,7 @@ def prepare_wearing(
     notes: tuple[str, ...],
 ) -> Prepared:
     """The described mesh with a bundle's material, ready to be rendered. twin: facts, if it replaces the scene's shell."""
-    surface = SurfaceScene(**vars(d), ready=ready(bundle))
+    surface = SurfaceScene(**vars(d), device_material=load_device_material(bundle))
     effects = plan_effects(replace(facts(surface), twin=twin), quality, SURFACE)
 
     def work(progress: Progress) -> Rendered:

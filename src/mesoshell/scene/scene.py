@@ -118,4 +118,4 @@ class Scene:
 
 def _check_material(material: object) -> None:
     if not isinstance(material, Material):
-        raise InputError(Argument("material"), f"{material!r} was not loaded: give load_material's")
+        raise InputError(Argument("material"), f"must be a Material, as load_material gives, not {material!r}")

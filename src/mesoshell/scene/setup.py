@@ -49,7 +49,7 @@ class ShellDescription(Growth):
 
 def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda share: None) -> ShellDescription:
     """The description of a scene with neural shells. progress: of growing textures. Raises InputError."""
-    _check_colours(scene)
+    _check_values(scene)
     scene = unpacked(scene)
     count, others = 1 + len(scene.also), []
     own = growth_of(scene, lambda share: progress(share / count))
@@ -81,7 +81,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
 
 def check_shell(scene: Scene) -> tuple[str, ...]:
     """Raise InputError as `describe_shell` does, but grow no texture. What the user should know, a line each."""
-    _check_colours(scene)
+    _check_values(scene)
     scene = unpacked(scene)
     notes = [check_growth(scene)]
     for one in scene.also:
@@ -101,13 +101,12 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     given = {"params": bool(scene.params), "seed": scene.seed is not None, "thickness": scene.thickness is not None}
     for name in (name for name, is_given in given.items() if is_given):
         raise InputError(Argument(name), f"{scene.material.name} is a surface material: it has none (see `scale`)")
-    _check_colours(scene)
+    _check_values(scene)
     scene = unpacked(scene)
     if scene.holdout:
         raise InputError(
             Argument("holdout"), f"{scene.material.name} is a surface material: only shells hold objects out"
         )
-    _check_colours(scene)
     mesh, up = mesh_of(scene.mesh), up_axis(scene)
     period = default_period(mesh) if scene.scale is None else scene.scale
     if not (np.isfinite(period) and period > 0):
@@ -118,7 +117,7 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     return SurfaceDescription(mesh, period, camera, lights, sky, scene.base_colour, objects, scene.transparent)
 
 
-def _check_colours(scene: Scene) -> None:
+def _check_values(scene: Scene) -> None:
     """Raise InputError for an irradiance or an albedo out of range, or for `objects` or `grow` that are not lists."""
     check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
     if np.shape(scene.base_colour) != (3,):

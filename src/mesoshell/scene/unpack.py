@@ -11,12 +11,16 @@ from mesoshell.geometry.mesh import load_nodes
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera
 from mesoshell.scene import gltf, usd
+from mesoshell.scene.file_scene import FileScene
 from mesoshell.scene.kept_meshes import kept_mesh
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.told import Told
 
 #: What reads each format.
-READERS = {".glb": gltf.told_by, ".gltf": gltf.told_by, **dict.fromkeys(read_usd.FORMATS, usd.told_by)}
+READERS = {
+    ".glb": gltf.read_file_scene,
+    ".gltf": gltf.read_file_scene,
+    **dict.fromkeys(read_usd.FORMATS, usd.read_file_scene),
+}
 #: Share by which a picture's proportions may differ from the camera's before it is said.
 ALIKE = 0.01
 
@@ -26,7 +30,7 @@ def is_scene_file(mesh: Any) -> bool:
     return isinstance(mesh, str | PathLike) and Path(mesh).suffix.lower() in READERS
 
 
-def read_told(path: str | PathLike[str]) -> Told:
+def read_scene_file(path: str | PathLike[str]) -> FileScene:
     """What such a file says. Raises InputError if it is damaged there."""
     try:
         return READERS[Path(path).suffix.lower()](path)
@@ -50,18 +54,18 @@ def unpacked(scene: Scene) -> Scene:
     else:
         mesh, meshes, others = kept_mesh(scene.mesh), [], ()
     own = iter(meshes)
-    told = read_told(scene.mesh)
-    notes, camera, lights = list(told.notes), scene.camera, scene.lights
-    if camera is None and told.camera is not None and _is_size(scene.size):
+    inside = read_scene_file(scene.mesh)
+    notes, camera, lights = list(inside.notes), scene.camera, scene.lights
+    if camera is None and inside.camera is not None and _is_size(scene.size):
         width, height = scene.size
         check_memory(Argument("size"), f"a picture of {width} x {height}", 64 * width * height)
-        camera = Camera(*told.camera, width, height)
-        if told.aspect is not None and abs(width / height / told.aspect - 1) > ALIKE:
+        camera = Camera(*inside.camera, width, height)
+        if inside.aspect is not None and abs(width / height / inside.aspect - 1) > ALIKE:
             notes.append(
-                f"its camera is {told.aspect:.3g} times as wide as high: --size {width} {round(width / told.aspect)}"
+                f"its camera is {inside.aspect:.3g} times as wide as high: --size {width} {round(width / inside.aspect)}"
             )
     if not lights and scene.suns:
-        lights = told.suns
+        lights = inside.suns
     return replace(
         scene,
         mesh=replace(mesh, notes=(*mesh.notes, *notes)),
@@ -70,7 +74,7 @@ def unpacked(scene: Scene) -> Scene:
         objects=(*scene.objects, *others),
         grow=(),
         also=tuple(replace(x, mesh=next(own), grow=()) if x.mesh is None else x for x in scene.also),
-        up=scene.up or told.up,
+        up=scene.up or inside.up,
     )
 
 

@@ -17,13 +17,13 @@ import numpy as np
 
 from mesoshell.geometry.read_usd import is_visible, matrix, opened, prims, pxr
 from mesoshell.render.light import Distant
-from mesoshell.scene.told import Told, frame_of, sun_of
+from mesoshell.scene.file_scene import FileScene, frame_of, sun_of
 
 #: As above; the temperature of white light, kelvin, by default.
 BLENDERS, WHITE = 4.0, 6500.0
 
 
-def told_by(path: str | PathLike[str]) -> Told:
+def read_file_scene(path: str | PathLike[str]) -> FileScene:
     """What a stage says. Raises InputError, or ValueError if it is damaged there."""
     with opened(path) as (stage, time):
         UsdGeom, UsdLux, UsdSkel = pxr("UsdGeom"), pxr("UsdLux"), pxr("UsdSkel")
@@ -50,7 +50,7 @@ def told_by(path: str | PathLike[str]) -> Told:
         if missing := stage.GetCompositionErrors():
             notes.append(f"{len(missing)} of its layers or references cannot be read: {str(missing[0])[:200]}")
         up = "z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "y"
-        return Told(camera, aspect, tuple(suns), (*more, *notes), up)
+        return FileScene(camera, aspect, tuple(suns), (*more, *notes), up)
 
 
 def _some(names: list[str]) -> str:

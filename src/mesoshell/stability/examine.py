@@ -86,14 +86,14 @@ def examine(
 
 def _of_surface_material(scene: Scene, count: int, progress: Callable[[float], None], engine: str) -> Stability:
     from mesoshell.stability.surface_material import of_surface_material
-    from mesoshell.surface_material.loader import ready
+    from mesoshell.surface_material.loader import load_device_material
 
     d = describe_surface(scene)
     camera = _smaller(d.camera)
     seen = replace(scene, camera=camera, size=(camera.width, camera.height))
     made = prepare(seen, PRESETS["normal"], engine).picture(lambda share: progress(0.5 * share))
     rng = np.random.default_rng(0)
-    checks, first, excess = of_surface_material(d, ready(scene.material.surface), camera, count, rng)
+    checks, first, excess = of_surface_material(d, load_device_material(scene.material.surface), camera, count, rng)
     progress(1.0)
     return Stability((*checks, _of_radiance(made.rgba)), made.rgba, first, None, excess, made.notes)
 

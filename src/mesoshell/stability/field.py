@@ -28,7 +28,7 @@ POINTS, ERROR = 20_000, 1e-4
 def of_material(medium: Medium, uv: Float[np.ndarray, "P 3 2"], rng: np.random.Generator) -> list[Check]:
     """Random points of its prisms, whose corners have uv (patches), half of them with parameters at the ends of their ranges,
     unfiltered and widely filtered."""
-    ready = medium.ready
+    device_material = medium.device_material
     prism, share = rng.integers(0, len(uv), POINTS), rng.dirichlet((1, 1, 1), POINTS)
     h = np.clip(rng.uniform(-0.05, 1.05, POINTS), 0, 1)
     xi = np.concatenate([np.einsum("nk,nki->ni", share, uv[prism]), h[:, None]], axis=1).astype(np.float32)
@@ -39,14 +39,16 @@ def of_material(medium: Medium, uv: Float[np.ndarray, "P 3 2"], rng: np.random.G
     toward[..., 2] = np.abs(toward[..., 2])
     w, w_light = (toward / np.linalg.norm(toward, axis=-1, keepdims=True)).astype(np.float32)
     point = Point(*(jnp.asarray(x, jnp.float32) for x in (xi, radius, radius / 10, alpha)))
-    x, sigma, rho = (np.asarray(v) for v in _network_queries(ready.layout, ready.material, point, w, w_light))
+    x, sigma, rho = (
+        np.asarray(v) for v in _network_queries(device_material.layout, device_material.material, point, w, w_light)
+    )
     checks = [_finite(sigma, rho)]
-    exact_sigma, exact_rho = decode(ready.material.decoder, x, w, w_light, np.dtype(np.float64))
+    exact_sigma, exact_rho = decode(device_material.material.decoder, x, w, w_light, np.dtype(np.float64))
     a, rest = _opacity(exact_sigma), (exact_sigma, exact_rho)
     error = np.max([np.abs(_opacity(sigma) - a).max(), _of_light(sigma, rho, *rest)])  # NaN stays
     line = f"float32 changes opacity and reflected light by at most {error:.1g}"
     checks.append(Check("network", line, float(error), ERROR))
-    short = {k: decode(ready.material.decoder, x, w, w_light, kind)[0] for k, kind in SHORT.items()}
+    short = {k: decode(device_material.material.decoder, x, w, w_light, kind)[0] for k, kind in SHORT.items()}
     off = {k: float(np.sqrt(np.mean((_opacity(v) - a) ** 2) / max(np.mean(a**2), 1e-30))) for k, v in short.items()}
     line = "; ".join(
         f"{k} changes opacity by {v:.2%} (rms)" if np.isfinite(v) else f"{k} overflows" for k, v in off.items()
@@ -54,7 +56,11 @@ def of_material(medium: Medium, uv: Float[np.ndarray, "P 3 2"], rng: np.random.G
     checks.append(Check("16 bits", line, 0.0, None))
     level = point.radius == 0
     limit = np.asarray(
-        _bounds(StaticConfig(ready.layout, ready.grid_shapes, False, 1, False, ()), ready.grid, point.xi)
+        _bounds(
+            StaticConfig(device_material.layout, device_material.grid_shapes, False, 1, False, ()),
+            device_material.grid,
+            point.xi,
+        )
     )
     above = (sigma > limit)[np.asarray(level)]
     lost = (_opacity(sigma) - _opacity(limit))[np.asarray(level)][above]

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.traversal import length
 from mesoshell.shell.geometry.tracer import Boundary
-from mesoshell.shell.render.renderer import soup
+from mesoshell.shell.render.renderer import object_triangles
 from mesoshell.shell.render.scene import Scene
 from mesoshell.stability.checks import Check
 from mesoshell.stability.rays import FAR, NEAR, aimed
@@ -25,7 +25,7 @@ OTHER = 2e-3
 
 def of_walk(scene: Scene, T: float, count: int, rng: np.random.Generator) -> Check:
     """Lengths in the shell of so many rays at vertices, edges and sides, from near and from afar."""
-    boundary, shells = Boundary(scene.shell, scene.mesh.faces, others=soup(scene)), Shells([scene.shell])
+    boundary, shells = Boundary(scene.shell, scene.mesh.faces, others=object_triangles(scene)), Shells([scene.shell])
     off = []
     for distance in (NEAR, FAR):
         rays = aimed(scene.shell, count // 2, distance, rng)

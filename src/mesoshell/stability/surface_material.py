@@ -23,7 +23,7 @@ from mesoshell.stability.surface import of_grid, of_mesh
 from mesoshell.stability.walks import OFF, SHIFT, rare
 from mesoshell.surface_material.intersector import Hits, SurfaceIntersector
 from mesoshell.surface_material.loader import DeviceMaterial
-from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, eval_opacity, reflectance
+from mesoshell.surface_material.network import BlurredSurface, SurfaceConfig, SurfaceQuery, eval_opacity, reflectance
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
 from mesoshell.typing import Array
@@ -39,7 +39,7 @@ POINTS, ERROR = 20_000, 1e-4
 
 
 def of_surface_material(
-    d: SurfaceDescription, ready: DeviceMaterial, camera: Camera, count: int, rng: np.random.Generator
+    d: SurfaceDescription, device_material: DeviceMaterial, camera: Camera, count: int, rng: np.random.Generator
 ) -> tuple[list[Check], Int[np.ndarray, "H W"], Float[np.ndarray, "F"]]:
     """The checks; the face that each pixel of the camera sees first, from outside, −1 for none; and of each face the worst
     place, over what it may be. count: rays that are aimed at the front of vertices and edges."""
@@ -50,7 +50,7 @@ def of_surface_material(
     hits = meets.meet(seen.o, seen.d)
     excess = np.zeros(len(meets.corners))
     low, high = (d.period * x for x in range_of(tables.table))
-    told = "; ".join(tables.notes(ready.curvature)) or f"{low:.2g} to {high:.2g} per period, as trained"
+    told = "; ".join(tables.notes(device_material.curvature)) or f"{low:.2g} to {high:.2g} per period, as trained"
     checks = [
         of_mesh(d.mesh),
         of_grid(d.mesh.vertices, d.period, "period"),
@@ -58,7 +58,7 @@ def of_surface_material(
         _of_places(meets, seen, hits, d.period, excess),
         _of_hits(meets, seen, hits, d.period, rng),
         Check("curvature", told, 0.0, None),
-        *_of_network(ready, rng),
+        *_of_network(device_material, rng),
     ]
     first = np.where(hits.front & (hits.face < meets.count), hits.face, -1)
     return checks, first.reshape(camera.height, camera.width), excess[: meets.count]
@@ -124,7 +124,7 @@ def nearest(
     return np.concatenate(found)
 
 
-def _of_network(ready: DeviceMaterial, rng: np.random.Generator) -> list[Check]:
+def _of_network(device_material: DeviceMaterial, rng: np.random.Generator) -> list[Check]:
     """Random queries, half of them at the ends of curvature, a quarter grazing, and an eighth both, of all footprints."""
     u, radius = rng.uniform(size=(POINTS, 2)), 10.0 ** rng.uniform(-5, 1, POINTS)
     toward = rng.normal(size=(2, POINTS, 3))
@@ -132,10 +132,10 @@ def _of_network(ready: DeviceMaterial, rng: np.random.Generator) -> list[Check]:
     w, light = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
     kappa = np.where(np.arange(POINTS) // 4 % 2, rng.choice([-1.0, 1.0], POINTS), rng.uniform(-1, 1, POINTS))
     rows = tuple(x.astype(np.float32) for x in (u, radius, w, kappa, light))
-    alpha, rho = (np.asarray(x, np.float64) for x in _answers(ready.config, ready.table, rows))
+    alpha, rho = (np.asarray(x, np.float64) for x in _answers(device_material.config, device_material.table, rows))
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):  # lookups make integers of the default type
-        table, fine = jax.tree.map(lambda x: jnp.asarray(np.asarray(x), jnp.float64), (ready.table, rows))
-        exact_alpha, exact_rho = (np.asarray(x) for x in _answers(ready.config, table, fine))
+        table, fine = jax.tree.map(lambda x: jnp.asarray(np.asarray(x), jnp.float64), (device_material.table, rows))
+        exact_alpha, exact_rho = (np.asarray(x) for x in _answers(device_material.config, table, fine))
     wrong = ~((alpha >= 0) & (alpha <= 1) & np.isfinite(rho).all(axis=1) & (rho >= 0).all(axis=1))
     line = f"{wrong.sum()} of {POINTS} queries have an opacity out of 0 to 1, or reflect what is negative or not finite"
     light_of, exact = alpha[:, None] * rho, exact_alpha[:, None] * exact_rho
@@ -146,7 +146,7 @@ def _of_network(ready: DeviceMaterial, rng: np.random.Generator) -> list[Check]:
 
 
 @partial(jax.jit, static_argnums=0)
-def _answers(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...]) -> tuple[Array, Array]:
+def _answers(config: SurfaceConfig, table: BlurredSurface, rows: tuple[Array, ...]) -> tuple[Array, Array]:
     """α (N,) and ρ (N, 3)."""
 
     def one(u: Array, radius: Array, w: Array, kappa: Array, light: Array) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.shell.geometry.tracer import Boundary, Trace
-from mesoshell.shell.render.renderer import soup
+from mesoshell.shell.render.renderer import object_triangles
 from mesoshell.shell.render.scene import Scene
 from mesoshell.stability import rays as of
 from mesoshell.stability.checks import Check
@@ -63,7 +63,7 @@ def walk_through(
 ) -> Walks:
     """Walk rays of the camera, and so many that are aimed, through the scene's shell."""
     shell, camera = scene.shell, scene.camera
-    boundary = Boundary(shell, scene.mesh.faces, others=soup(scene))
+    boundary = Boundary(shell, scene.mesh.faces, others=object_triangles(scene))
     kinds = {
         "camera": of.of_camera(camera, np.arange(camera.width * camera.height), rng),
         "near": of.aimed(shell, int(NEAR * count), of.NEAR, rng),

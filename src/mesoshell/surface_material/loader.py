@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from mesoshell.io.surface import SurfaceBundle
 from mesoshell.nets.mlp import Dense
-from mesoshell.surface_material.network import Module, Surface, SurfaceConfig, Tables, tables
+from mesoshell.surface_material.network import BlurredSurface, Module, Surface, SurfaceConfig, blur_textures
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,11 +15,11 @@ class DeviceMaterial:
     """curvature: the range of κ that the material was trained for."""
 
     config: SurfaceConfig
-    table: Tables
+    table: BlurredSurface
     curvature: tuple[float, float]
 
 
-def ready(bundle: SurfaceBundle) -> DeviceMaterial:
+def load_device_material(bundle: SurfaceBundle) -> DeviceMaterial:
     """A bundle's network, ready to be evaluated."""
     hidden = tuple(
         bundle.arrays[f"reflectance/hidden/{i}/bias"].shape[0]
@@ -27,7 +27,7 @@ def ready(bundle: SurfaceBundle) -> DeviceMaterial:
     )
     options: Any = (bundle.opacity, bundle.sees_curvature, bundle.step, bundle.offset)
     config = SurfaceConfig(bundle.texels, bundle.channels, hidden, *options)
-    return DeviceMaterial(config, tables(surface_of(bundle), jnp.asarray(1e-3, jnp.float32)), bundle.curvature)
+    return DeviceMaterial(config, blur_textures(surface_of(bundle), jnp.asarray(1e-3, jnp.float32)), bundle.curvature)
 
 
 def surface_of(bundle: SurfaceBundle) -> Surface:

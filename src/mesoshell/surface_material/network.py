@@ -69,7 +69,7 @@ class Surface(NamedTuple):
     reflectance: Module
 
 
-class Tables(NamedTuple):
+class BlurredSurface(NamedTuple):
     """A surface ready to be evaluated: pyramids of blurred textures in place of levels."""
 
     pyramids: tuple[mip.Pyramid, ...]
@@ -111,9 +111,11 @@ def init_surface(config: SurfaceConfig, key: Key[Array, ""]) -> Surface:
     return Surface(module(a, 4, 1, 2.0), module(b, 4, 1), module(c, 7, 3))
 
 
-def tables(surface: Surface, blur: Scalar) -> Tables:
+def blur_textures(surface: Surface, blur: Scalar) -> BlurredSurface:
     """Pyramids, each level blurred by `blur` texels (a standard deviation)."""
-    return Tables(tuple(mip.pack([blurred(level, blur) for level in module.texture]) for module in surface), surface)
+    return BlurredSurface(
+        tuple(mip.pack([blurred(level, blur) for level in module.texture]) for module in surface), surface
+    )
 
 
 def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "n n C"]:
@@ -127,7 +129,7 @@ def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "
     return jnp.einsum("ij,kl,jlc->ikc", weight, weight, texture, precision="highest")
 
 
-def eval_opacity(config: SurfaceConfig, table: Tables, place: SurfaceQuery) -> OpacityEval:
+def eval_opacity(config: SurfaceConfig, table: BlurredSurface, place: SurfaceQuery) -> OpacityEval:
     """α, and the features for `reflectance`."""
     surface, kappa = table.surface, place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
     level = mip.level_of(place.radius, float(config.texels), len(config.sizes) - 1)
@@ -147,7 +149,9 @@ def eval_opacity(config: SurfaceConfig, table: Tables, place: SurfaceQuery) -> O
     return OpacityEval(alpha, cosine, ask(2, place.u - config.offset * way * place.w[:2]))
 
 
-def reflectance(config: SurfaceConfig, table: Tables, place: SurfaceQuery, opacity: OpacityEval, light: Vec3) -> Vec3:
+def reflectance(
+    config: SurfaceConfig, table: BlurredSurface, place: SurfaceQuery, opacity: OpacityEval, light: Vec3
+) -> Vec3:
     """ρ(ω, ω′)."""
     kappa = place.kappa * jnp.asarray(config.curvature, place.kappa.dtype)
     x = jnp.concatenate([opacity.features, place.w, light, kappa[None]])

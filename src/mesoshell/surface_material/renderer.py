@@ -33,7 +33,7 @@ from mesoshell.render.sequence import Draws
 from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.surface_material.intersector import ADVANCE, Hits, Local, SurfaceIntersector
 from mesoshell.surface_material.loader import DeviceMaterial
-from mesoshell.surface_material.network import SurfaceConfig, SurfaceQuery, Tables, eval_opacity, reflectance
+from mesoshell.surface_material.network import BlurredSurface, SurfaceConfig, SurfaceQuery, eval_opacity, reflectance
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
 from mesoshell.typing import Array
@@ -46,7 +46,7 @@ RAYS, MOST = 32768, 1024
 class SurfaceScene(SurfaceDescription):
     """A mesh to render, with its material and lights."""
 
-    ready: DeviceMaterial
+    device_material: DeviceMaterial
 
 
 def facts(scene: SurfaceScene) -> Facts:
@@ -60,7 +60,7 @@ def facts(scene: SurfaceScene) -> Facts:
         seen=not scene.transparent,
         convex=convex,
         enclosed=0.0 if convex and not scene.objects else enclosure([scene.mesh, *scene.objects]),
-        passable=scene.ready.config.opacity != "none",
+        passable=scene.device_material.config.opacity != "none",
     )
 
 
@@ -91,7 +91,7 @@ def tile_renderer(scene: SurfaceScene, quality: Quality, effects: Effects, repor
     intersector = SurfaceIntersector(
         surface_tables(scene.mesh, scene.period, quality), np.concatenate([np.zeros((0, 3, 3)), *others])
     )
-    report.notes = intersector.tables.notes(scene.ready.curvature)
+    report.notes = intersector.tables.notes(scene.device_material.curvature)
     report.time("prepare", begin)
 
     def tile(o: np.ndarray, d: np.ndarray, shift: float, draws: Draws) -> np.ndarray:
@@ -157,11 +157,11 @@ class _Tile:
         clock = time.perf_counter()
         local = self.intersector.queries(hits, rows, d, self.spread * t)
         if not lights:
-            alpha = _opacity(self.scene.ready, local)
+            alpha = _opacity(self.scene.device_material, local)
             self.report.time("query", clock, queries=len(rows))
             return alpha, np.zeros((len(rows), 3))
         toward = [np.einsum("hij,hj->hi", local.axes, beam.toward) for beam in lights]
-        alpha, rho = _answered(self.scene.ready, local, np.stack(toward, axis=1))
+        alpha, rho = _answered(self.scene.device_material, local, np.stack(toward, axis=1))
         normal = self.intersector.facing(hits, rows, d)
         self.report.time("query", clock, queries=len(rows), transport_queries=len(rows) * len(lights))
         out = np.zeros((len(rows), 3))
@@ -199,7 +199,7 @@ class _Tile:
             ray = alive[rows]
             if self.effects.opacity.on:
                 local = self.intersector.queries(hits, rows, toward[ray], self.spread * t[ray])
-                alpha = _opacity(self.scene.ready, local)
+                alpha = _opacity(self.scene.device_material, local)
                 queries += len(rows)
             else:
                 alpha = np.ones(len(rows))
@@ -215,34 +215,37 @@ def _some(lights: list[Beam], rows: np.ndarray) -> list[Beam]:
     return [Beam(beam.toward[rows], beam.strength[rows]) for beam in lights]
 
 
-def _opacity(ready: DeviceMaterial, local: Local) -> Float[np.ndarray, "H"]:
+def _opacity(device_material: DeviceMaterial, local: Local) -> Float[np.ndarray, "H"]:
     """α."""
-    return run(lambda *x: _ask_opacity(ready.config, ready.table, x[:-1], x[-1]), *_rows(ready, local)).astype(
-        np.float64
-    )
+    return run(
+        lambda *x: _ask_opacity(device_material.config, device_material.table, x[:-1], x[-1]),
+        *_rows(device_material, local),
+    ).astype(np.float64)
 
 
-def _answered(ready: DeviceMaterial, local: Local, light: Float[np.ndarray, "H L 3"]) -> tuple[np.ndarray, np.ndarray]:
+def _answered(
+    device_material: DeviceMaterial, local: Local, light: Float[np.ndarray, "H L 3"]
+) -> tuple[np.ndarray, np.ndarray]:
     """α (H,) and ρ (H, L, 3); at least one light."""
-    rows = (*_rows(ready, local), light.astype(np.float32))
-    alpha, rho = run(lambda *x: _ask(ready.config, ready.table, x[:-1], x[-1]), *rows)
+    rows = (*_rows(device_material, local), light.astype(np.float32))
+    alpha, rho = run(lambda *x: _ask(device_material.config, device_material.table, x[:-1], x[-1]), *rows)
     return alpha.astype(np.float64), rho.reshape(light.shape).astype(np.float64)
 
 
-def _rows(ready: DeviceMaterial, local: Local) -> tuple[np.ndarray, ...]:
-    low, high = ready.curvature
+def _rows(device_material: DeviceMaterial, local: Local) -> tuple[np.ndarray, ...]:
+    low, high = device_material.curvature
     kappa = (2 * np.clip(local.kappa, low, high) - low - high) / (high - low)
     return tuple(np.asarray(x, np.float32) for x in (local.u, local.radius, local.w, kappa))
 
 
 @partial(jax.jit, static_argnums=0)
-def _ask_opacity(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> Array:
+def _ask_opacity(config: SurfaceConfig, table: BlurredSurface, rows: tuple[Array, ...], count: Array) -> Array:
     alpha = jax.vmap(lambda *x: eval_opacity(config, table, SurfaceQuery(*x)).alpha)
     return in_tiles(lambda *x: (alpha(*x),), count, rows, ((0, jnp.float32),))[0]
 
 
 @partial(jax.jit, static_argnums=0)
-def _ask(config: SurfaceConfig, table: Tables, rows: tuple[Array, ...], count: Array) -> tuple[Array, Array]:
+def _ask(config: SurfaceConfig, table: BlurredSurface, rows: tuple[Array, ...], count: Array) -> tuple[Array, Array]:
     def one(u: Array, radius: Array, w: Array, kappa: Array, light: Array) -> tuple[Array, Array]:
         place = SurfaceQuery(u, radius, w, kappa)
         opacity = eval_opacity(config, table, place)

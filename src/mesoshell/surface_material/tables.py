@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.geometry.curvature import Table, curvature_table, range_of
+from mesoshell.geometry.curvature import CurvatureTable, curvature_table, range_of
 from mesoshell.geometry.mesh import Mesh, uv_stretch
 from mesoshell.render.quality import Quality
 
@@ -29,7 +29,7 @@ class SurfaceTables:
     uv: Float[np.ndarray, "F 3 2"]
     along_u: Float[np.ndarray, "F 3"]
     along_v: Float[np.ndarray, "F 3"]
-    table: Table
+    table: CurvatureTable
 
     def notes(self, trained: tuple[float, float]) -> tuple[str, ...]:
         """Notes on curvature that was mended, or for which the material was not trained."""

@@ -4,8 +4,8 @@ Notation
 I_k         passes of these settings                                                                   (H, W, 4)
 T           reference
 e(n)        FLIP of the mean of n passes against T, the mean over disjoint groups of n passes, less the noise of T, which is
-            independent, and not below that noise. Where passes are of rays that lie outward from the pixel's centre, one is
-            that at the centre, and groups are of those about it: as evenly as `pixel_samples` of n has them
+            independent, and not below that noise. Where passes share rays, pass 0 goes through the pixel's centre and is the
+            group of one; larger groups take passes after it, which lie about the centre as evenly as `pixel_samples` = n
 q           2/0.7: FLIP grows as the 0.7th power of a small difference of colours, and squares of independent differences add
 b, ν        bias and noise, fitted: e(n)^q = b^q + ν^q/n
 relative squared error    mean of (I − T)²/(T² + 0.01) over pixels and channels, over the backdrop, linear, with T's noise

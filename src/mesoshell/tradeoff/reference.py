@@ -37,7 +37,7 @@ class Reference(NamedTuple):
     same_rays: bool
 
 
-def refer(
+def render_reference(
     exact: Passes,
     same_rays: bool,
     seconds: float,
@@ -71,7 +71,7 @@ def relative(difference: np.ndarray, true: np.ndarray) -> float:
     return float(np.mean(difference**2 / (true**2 + _DARK)))
 
 
-def refers_to(kept: Reference, passes: Passes, pass_of: Callable[[Passes], np.ndarray]) -> bool:
+def is_same_scene(kept: Reference, passes: Passes, pass_of: Callable[[Passes], np.ndarray]) -> bool:
     """Whether the exact passes are of the scene that a reference was made of."""
     if kept.first.shape[:2] != passes.shape:
         return False

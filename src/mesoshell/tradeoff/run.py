@@ -33,7 +33,7 @@ from mesoshell.scene.picture import Passes, Prepared
 from mesoshell.tradeoff.front import Entry, entries, front
 from mesoshell.tradeoff.knobs import OF_SETUP, changes, named, noise_of, settings_of, varied
 from mesoshell.tradeoff.points import Point, error_map, measured, picture_path
-from mesoshell.tradeoff.reference import Reference, refer, refers_to
+from mesoshell.tradeoff.reference import Reference, is_same_scene, render_reference
 from mesoshell.tradeoff.search import around, proposed, singles
 
 #: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; how many times its squared error an
@@ -113,7 +113,7 @@ def explore(
         kept = _kept_reference(folder, exact)
         points = [] if kept is None else [p for p in _kept_points(folder) if tuple(p.settings) == names]
         if kept is None:
-            kept = refer(exact, same, SHARE * limit, AIM, share("reference"), lambda: stop.requested)
+            kept = render_reference(exact, same, SHARE * limit, AIM, share("reference"), lambda: stop.requested)
             _keep_reference(folder, kept)
         for settings in _wanted(names, points):
             usual = np.median([p.first + p.seconds[1] * p.samples[-1] for p in points]) if points else 0.0
@@ -203,8 +203,8 @@ def _kept_reference(folder: Path, exact: Passes) -> Reference | None:
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(path, "is no reference of a tradeoff") from error
     pixels = np.arange(exact.shape[0] * exact.shape[1])
-    if not refers_to(kept, exact, lambda p: p.render(0, pixels, lambda share: None).reshape(*p.shape, 4)):
-        raise InputError(folder, "holds the tradeoff of another scene: give another --out")
+    if not is_same_scene(kept, exact, lambda p: p.render(0, pixels, lambda share: None).reshape(*p.shape, 4)):
+        raise InputError(folder, "holds the tradeoff of another scene: choose another folder")
     return kept
 
 

@@ -32,11 +32,11 @@ def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | Non
     except Exception as error:
         raise InputError(path, f"{type(error).__name__}: {error}") from error
     if not isinstance(config, RunConfig):
-        of = {"config": "that is", "variant": "that makes of a TrainConfig"}[wanted]
+        of = {"config": "that is", "variant": "that makes of a GanConfig"}[wanted]
         raise InputError(
             path,
-            f"defines no `{wanted}` {of} a TrainConfig, a TexturesConfig, a ParametricConfig, a SurfaceTraining or an "
-            "AtlasTraining (mesoshell.train: gan.state, textures.state, nerf_tex.network, surface.step, neutex.step)",
+            f"defines no `{wanted}` {of} a GanConfig, a TexturesConfig, a NerfTexConfig, a SurfaceTrainConfig or a "
+            "NeuTexTrainConfig (mesoshell.train: gan.state, textures.state, nerf_tex.network, surface.step, neutex.step)",
         )
     return config, defined.get("recipe")
 
@@ -53,7 +53,7 @@ def check_recipe(path: Path, recipe: str | None, dataset: Data) -> None:
         raise InputError(dataset.folder, f"its recipe is {dataset.recipe}; {path.name} is about {recipe}")
 
 
-def of_length(config: Any, kimg: float | None) -> Any:
+def with_kimg(config: Any, kimg: float | None) -> Any:
     """The configuration with another `kimg`, if one is given. Raises InputError."""
     if kimg is None:
         return config

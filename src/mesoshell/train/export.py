@@ -23,11 +23,11 @@ from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.density_bounds import bounds, new_points
 from mesoshell.shell.material.field import Layout, Material
-from mesoshell.shell.material.loader import decoder_of, ready
+from mesoshell.shell.material.loader import decoder_of, load_device_material
 from mesoshell.shell.material.precision import decoder_error
 from mesoshell.texture import mip
 from mesoshell.train.fit.state import Common, FitConfig
-from mesoshell.train.gan.state import Learner, TrainConfig
+from mesoshell.train.gan.state import GanConfig, Learner
 from mesoshell.typing import Array, Float
 
 CELLS_UV, CELLS_H, PROBES = 64, 32, 256
@@ -109,7 +109,7 @@ def half(material: Material) -> Material:
 
 
 def generator_bundle(
-    config: TrainConfig,
+    config: GanConfig,
     learner: Learner,
     averages: Averages,
     declared: tuple[Parameter, ...],
@@ -170,7 +170,7 @@ def decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:
 
 def grids_of(bundle: Bundle) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """The σ grid's arrays of a texture that wraps, and how far σ is above it."""
-    made = ready(bundle)
+    made = load_device_material(bundle)
     grids = _grids(replace(made.layout, colours=None), made.material)
     if bundle.tiles is not None:
         grids = [_any_neighbour(grid) for grid in grids]

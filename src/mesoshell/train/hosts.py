@@ -18,7 +18,7 @@ import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 
 #: Seconds without a heartbeat after which a host is lost, and within which all must connect at the start.
 LOST_AFTER, JOIN_WITHIN = 60, 300
@@ -38,11 +38,13 @@ def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
     is lost later."""
     count, mine = hosts or (None, None)
     if coordinator != "auto" and not re.fullmatch(r"\S+:\d{1,5}", coordinator):
-        raise InputError("--coordinator", f"must be HOST:PORT or auto, not {coordinator}")
+        raise InputError(Argument("coordinator"), f"must be HOST:PORT or auto, not {coordinator}")
     if coordinator != "auto" and (count is None or mine is None):
-        raise InputError("--hosts", "needs the number of hosts and this host's number beside --coordinator HOST:PORT")
+        raise InputError(
+            Argument("hosts"), "needs the number of hosts and this host's number beside --coordinator HOST:PORT"
+        )
     if count is not None and mine is not None and not 0 <= mine < count:
-        raise InputError("--hosts", f"of {count} hosts none has the number {mine}: they count from 0")
+        raise InputError(Argument("hosts"), f"of {count} hosts none has the number {mine}: they count from 0")
     # this service would handle SIGTERM, by which a run stops in its own way
     jax.config.update("jax_enable_preemption_service", False)
     try:
@@ -55,10 +57,10 @@ def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
         )
     except (ValueError, TypeError) as error:
         raise InputError(
-            "--coordinator", f"no cluster is known here ({error}): give HOST:PORT and --hosts COUNT NUMBER"
+            Argument("coordinator"), f"no cluster is known here ({error}): give HOST:PORT and --hosts COUNT NUMBER"
         ) from error
     except RuntimeError as error:
-        raise InputError("--coordinator", f"{coordinator}: {error}") from error
+        raise InputError(Argument("coordinator"), f"{coordinator}: {error}") from error
     # on CPUs the first connection to a host waits only half a minute; connect before slow work begins
     with noticing():
         multihost_utils.sync_global_devices("the beginning of a run")

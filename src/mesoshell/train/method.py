@@ -21,15 +21,15 @@ from mesoshell.train.fit import snapshot as fit_snapshot
 from mesoshell.train.fit import step as fit
 from mesoshell.train.fit.patch_rays import Shots, shots_of
 from mesoshell.train.gan import snapshot, state, step
-from mesoshell.train.gan.curriculum import fitted, renders
-from mesoshell.train.gan.state import TrainConfig, TrainState
-from mesoshell.train.nerf_tex import network as parametric
-from mesoshell.train.nerf_tex import snapshot as parametric_snapshot
-from mesoshell.train.nerf_tex.network import ParametricConfig
-from mesoshell.train.nerf_tex.seeds import fitted as fitted_parametric
+from mesoshell.train.gan.curriculum import adapt, renders
+from mesoshell.train.gan.state import GanConfig, TrainState
+from mesoshell.train.nerf_tex import network as nerf_tex
+from mesoshell.train.nerf_tex import snapshot as nerf_tex_snapshot
+from mesoshell.train.nerf_tex.network import NerfTexConfig
+from mesoshell.train.nerf_tex.seeds import adapt as adapt_nerf_tex
 from mesoshell.train.neutex import ray_batches
-from mesoshell.train.neutex import snapshot as atlas_snapshot
-from mesoshell.train.neutex import step as atlas
+from mesoshell.train.neutex import snapshot as neutex_snapshot
+from mesoshell.train.neutex import step as neutex
 from mesoshell.train.run_config import RunConfig
 from mesoshell.train.surface import snapshot as surface_snapshot
 from mesoshell.train.surface import step as surface
@@ -43,16 +43,16 @@ Data = Dataset | Patches | Capture | Shots | Exemplars
 
 
 class Method(NamedTuple):
-    """read: (config, a record's data: `folder`, and what the run was begun with) → the data. fitted: the configuration
+    """read: (config, a record's data: `folder`, and what the run was begun with) → the data. adapt: the configuration
     adapted to them, and the data as the method sees them. feed: (config, data, host, hosts) → this host's rows of the batch of
     step i. start: (config, data, key) → state. step: (config, state, shown, across) → (state, report); a report's fields are
     numbers for the log, and `bad`: which leaves of the gradients of `parts` are not finite. parts: what learns, by name.
     together: how many consecutive rows of a batch belong to each other. losses: the report's fields that a console shows. save:
-    (path, config, data, state) → a file. sheet: (config, data, state) → a picture. painter: (config, saved file) → function
-    from shown to what is scored: pictures, or answers."""
+    (path, config, data, state) → a file. sheet: (config, data, state) → a picture. load_predictor: (config, saved file) → a
+    function from what is shown to what is scored: pictures, or answers."""
 
     read: Callable[[Any, dict[str, Any]], Any]
-    fitted: Callable[[Any, Any], tuple[Any, Any]]
+    adapt: Callable[[Any, Any], tuple[Any, Any]]
     feed: Callable[..., Callable[[int], Any]]
     start: Callable[..., Any]
     step: Callable[..., tuple[Any, Any]]
@@ -61,7 +61,7 @@ class Method(NamedTuple):
     losses: tuple[str, ...]
     save: Callable[[Path, Any, Any, Any], None]
     sheet: Callable[[Any, Any, Any], np.ndarray]
-    painter: Callable[[Any, Path], Callable[[Any], Any]]
+    load_predictor: Callable[[Any, Path], Callable[[Any], Any]]
 
 
 def _gan_parts(state: TrainState) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def _gan_parts(state: TrainState) -> dict[str, Any]:
 
 GAN = Method(
     read=lambda config, data: read_dataset(data["folder"]),
-    fitted=fitted,
+    adapt=adapt,
     feed=renders,
     start=lambda config, data, key: state.start(config, key),
     step=step.step,
@@ -80,24 +80,24 @@ GAN = Method(
     losses=("generator", "discriminator", "r1"),
     save=snapshot.save,
     sheet=snapshot.sheet,
-    painter=snapshot.painter,
+    load_predictor=snapshot.load_predictor,
 )
 NERF_TEX = Method(
     read=lambda config, data: read_dataset(data["folder"]),
-    fitted=fitted_parametric,
+    adapt=adapt_nerf_tex,
     feed=renders,
-    start=lambda config, data, key: parametric.start(config, key),
-    step=parametric.step,
+    start=lambda config, data, key: nerf_tex.start(config, key),
+    step=nerf_tex.step,
     parts=lambda state: {"network": state.decoder},
     together=lambda config: 1,
     losses=("radiance", "transmittance"),
-    save=parametric_snapshot.save,
-    sheet=parametric_snapshot.sheet,
-    painter=parametric_snapshot.painter,
+    save=nerf_tex_snapshot.save,
+    sheet=nerf_tex_snapshot.sheet,
+    load_predictor=nerf_tex_snapshot.load_predictor,
 )
 SURFACE = Method(
     read=lambda config, data: read_patches(data["folder"]),
-    fitted=surface.fitted,
+    adapt=surface.adapt,
     feed=surface.feed,
     start=lambda config, data, key: surface.start(config, key),
     step=surface.step,
@@ -106,24 +106,24 @@ SURFACE = Method(
     losses=("reflectance", "opacity"),
     save=surface_snapshot.save,
     sheet=surface_snapshot.sheet,
-    painter=surface_snapshot.painter,
+    load_predictor=surface_snapshot.load_predictor,
 )
 ATLAS = Method(
     read=lambda config, data: ray_batches.recorded(data, config.side),
-    fitted=atlas.fitted,
-    feed=atlas.feed,
-    start=lambda config, data, key: atlas.start(config, key),
-    step=atlas.step,
+    adapt=neutex.adapt,
+    feed=neutex.feed,
+    start=lambda config, data, key: neutex.start(config, key),
+    step=neutex.step,
     parts=lambda state: {"field": state.field},
     together=lambda config: 1,
     losses=("render", "cycle", "mask", "chamfer", "facing"),
-    save=atlas_snapshot.save,
-    sheet=atlas_snapshot.sheet,
-    painter=atlas_snapshot.painter,
+    save=neutex_snapshot.save,
+    sheet=neutex_snapshot.sheet,
+    load_predictor=neutex_snapshot.load_predictor,
 )
 FIT = Method(
     read=lambda config, data: shots_of([read_dataset(data["folder"])], config.held),
-    fitted=fit_feed.fitted,
+    adapt=fit_feed.adapt,
     feed=fit_feed.feed,
     start=fit.start,
     step=fit.step,
@@ -132,11 +132,11 @@ FIT = Method(
     losses=("error",),
     save=fit_snapshot.save,
     sheet=fit_snapshot.sheet,
-    painter=fit_snapshot.painter,
+    load_predictor=fit_snapshot.load_predictor,
 )
 TEXTURES = Method(
     read=lambda config, data: read_exemplars(data["folder"]),
-    fitted=textures_state.fitted,
+    adapt=textures_state.adapt,
     feed=exemplars.feed,
     start=textures.start,
     step=textures.step,
@@ -145,13 +145,13 @@ TEXTURES = Method(
     losses=("error", "height", "critic"),
     save=textures_snapshot.save,
     sheet=textures_snapshot.sheet,
-    painter=textures_snapshot.painter,
+    load_predictor=textures_snapshot.load_predictor,
 )
 _OF: dict[type, Method] = {
-    TrainConfig: GAN,
-    ParametricConfig: NERF_TEX,
-    surface.SurfaceTraining: SURFACE,
-    atlas.AtlasTraining: ATLAS,
+    GanConfig: GAN,
+    NerfTexConfig: NERF_TEX,
+    surface.SurfaceTrainConfig: SURFACE,
+    neutex.NeuTexTrainConfig: ATLAS,
     fit.FitConfig: FIT,
     textures_state.TexturesConfig: TEXTURES,
 }

@@ -60,16 +60,6 @@ def replicate(tree):
     return jax.device_put(tree, NamedSharding(_mesh(), P()))
 
 
-def mean_gradient(loss: Callable) -> Callable:
-    """((parameters, shared, split) → ((value, extra), gradient)) with means over devices, from loss(parameters, shared,
-    split) → (value, extra). parameters and shared are whole on every device; split's first axis is divided among them."""
-
-    def local(parameters, shared, split):
-        return jax.lax.pmean(jax.value_and_grad(loss, has_aux=True)(parameters, shared, split), AXIS)
-
-    return jax.shard_map(local, mesh=_mesh(), in_specs=(P(), P(), P(AXIS)), out_specs=P(), check_vma=False)
-
-
 class ParallelStep(NamedTuple):
     """A step on all devices of all hosts: (state, batch, this host's requests) → (state, report, any host's requests). place: a
     state, the same on every host, to every device; share: this host's rows of a batch, to its devices; whole: a placed state

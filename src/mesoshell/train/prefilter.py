@@ -36,7 +36,7 @@ from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import weights
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
 from mesoshell.shell.material.field import Layout, Material, Point, neural_field
-from mesoshell.shell.material.loader import DeviceMaterial, ready
+from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
 from mesoshell.train.export import grids_of
 from mesoshell.train.update import descent
 from mesoshell.typing import Array, Key, Scalar, Vec2, Vec3
@@ -111,7 +111,7 @@ def _textures(bundle: Bundle, name: str, rng: np.random.Generator) -> list[Devic
     if bundle.generator is None and not bundle.wraps:
         raise InputError(name, "is one texture with edges: correct the material that it was grown from")
     if bundle.generator is None:
-        made = ready(bundle)
+        made = load_device_material(bundle)
         return [replace(made, layout=replace(made.layout, colours=None))]  # of tiles, their torus: each of them once
     side = GROWN * int(bundle.texel_density)
     check_memory(name, f"{TEXTURES} textures of {side} texels a side", 6 * TEXTURES * bundle.channels * side**2)
@@ -121,7 +121,7 @@ def _textures(bundle: Bundle, name: str, rng: np.random.Generator) -> list[Devic
         wanted = TextureRequest(
             int(rng.integers(2**31)), {key: float(rng.uniform(*between)) for key, between in ranges.items()}
         )
-        some.append(ready(baked(bundle, name, (side, side), wanted)[0]))
+        some.append(load_device_material(baked(bundle, name, (side, side), wanted)[0]))
     return some
 
 

@@ -30,7 +30,7 @@ from mesoshell.train.parallel import ParallelStep, spread_step
 from mesoshell.train.report import write_report
 from mesoshell.train.run_config import RunConfig, forget_after, keep_record
 from mesoshell.train.tensorboard import open_board
-from mesoshell.train.transfer import lender
+from mesoshell.train.transfer import transfer_from
 
 LOG_EVERY = 16
 SAVE_EVERY = 120.0
@@ -57,8 +57,8 @@ def train(
     not fit; Diverged if something is not finite; HostLost if another host is lost.
     """
     method = method_of(config)
-    config, data = method.fitted(config, dataset)
-    lend = lender(config, data, transfer) if transfer and is_first() else None
+    config, data = method.adapt(config, dataset)
+    transfer_weights = transfer_from(config, data, transfer) if transfer and is_first() else None
     keep_record(config, dataset, folder, transfer)
     batch_of = method.feed(config, data, jax.process_index(), jax.process_count())
     spread = spread_step(
@@ -74,7 +74,7 @@ def train(
         StopRequest(again) as stop,
         _Book(folder, method, config, data, show) as book,
     ):
-        done, begin = _begun(checkpoints, method.start(config, data, jax.random.key(config.seed)), lend)
+        done, begin = _begun(checkpoints, method.start(config, data, jax.random.key(config.seed)), transfer_weights)
         book.begin(done)
         names, state = leaf_names(method.parts(begin)), spread.place(begin)
         saved = time.perf_counter()
@@ -103,11 +103,11 @@ def train(
         return spread.whole(state)
 
 
-def _begun(checkpoints: Checkpoints, begin: Any, lend: Callable[[Any], Any] | None) -> tuple[int, Any]:
+def _begun(checkpoints: Checkpoints, begin: Any, transfer_weights: Callable[[Any], Any] | None) -> tuple[int, Any]:
     """Steps done, and the state after them, from the first host: its newest checkpoint, else lent weights, else `begin`."""
     latest = checkpoints.newest(begin)
-    if lend and not latest:
-        latest = 0, lend(begin)
+    if transfer_weights and not latest:
+        latest = 0, transfer_weights(begin)
         checkpoints.save(*latest)
     good = -1 if latest is None else latest[0]
     good, state = received((good, begin if latest is None else latest[1]))

@@ -23,19 +23,19 @@ from mesoshell.io.records import read_object, read_rows
 from mesoshell.neutex.capture import Capture
 from mesoshell.train.fit.patch_rays import Shots
 from mesoshell.train.fit.state import FitConfig
-from mesoshell.train.gan.state import TrainConfig
-from mesoshell.train.nerf_tex.network import ParametricConfig
-from mesoshell.train.neutex.step import AtlasTraining
-from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.nerf_tex.network import NerfTexConfig
+from mesoshell.train.neutex.step import NeuTexTrainConfig
+from mesoshell.train.surface.step import SurfaceTrainConfig
 from mesoshell.train.textures.state import TexturesConfig
 
 #: The configuration of a run, by any method.
-RunConfig = TrainConfig | ParametricConfig | SurfaceTraining | AtlasTraining | FitConfig | TexturesConfig
+RunConfig = GanConfig | NerfTexConfig | SurfaceTrainConfig | NeuTexTrainConfig | FitConfig | TexturesConfig
 METHODS: dict[str, type[RunConfig]] = {
-    "gan": TrainConfig,
-    "nerf_tex": ParametricConfig,
-    "surface": SurfaceTraining,
-    "atlas": AtlasTraining,
+    "gan": GanConfig,
+    "nerf_tex": NerfTexConfig,
+    "surface": SurfaceTrainConfig,
+    "atlas": NeuTexTrainConfig,
     "fit": FitConfig,
     "textures": TexturesConfig,
 }

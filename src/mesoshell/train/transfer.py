@@ -24,9 +24,9 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import read_bundle
 from mesoshell.nets.mlp import Dense
-from mesoshell.shell.generator.model import maker_of
+from mesoshell.shell.generator.model import generator_model
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, start
+from mesoshell.train.gan.state import GanConfig, Learner, TrainState, start
 from mesoshell.train.run_config import RunConfig, flat, read_record
 from mesoshell.train.textures import step as textures
 from mesoshell.train.textures import synthesis
@@ -38,19 +38,19 @@ WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")
 MAY_DIFFER = ("generator.betas", "discriminator.labels", "generator.precision", "generator.turn", "generator.fourier")
 
 
-def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
+def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
     """A function that replaces the weights of a run's first state by those of the newest checkpoint in `folder`; for a run on
     textures, `folder` may also be a snapshot. Raises InputError if it is no generator's run, has no checkpoint, or has other
     networks, with the fields that differ."""
     if isinstance(config, TexturesConfig) and folder.is_file():
         return _of_snapshot(config, data, folder)
     other, begun = read_record(folder)
-    if type(config) is not type(other) or not isinstance(config, TrainConfig | TexturesConfig):
+    if type(config) is not type(other) or not isinstance(config, GanConfig | TexturesConfig):
         raise InputError(folder, "weights can be transferred only between generators' runs of the same method")
     if isinstance(config, TexturesConfig) and begun.get("digest") != data.manifest["digest"]:
         raise InputError(folder, f"was begun with other exemplars than {data.folder}, which scale its weights")
     mine, theirs = flat(asdict(config)), flat(asdict(other))
-    may_differ = MAY_DIFFER if isinstance(config, TrainConfig) else ()
+    may_differ = MAY_DIFFER if isinstance(config, GanConfig) else ()
     differ = [k for k in mine if k.startswith(WEIGHTS) and k not in may_differ and mine[k] != theirs[k]]
     if differ:
         differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
@@ -60,15 +60,15 @@ def lender(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
     if latest is None:
         raise InputError(folder, "has no checkpoint yet")
     old = latest[1]
-    if isinstance(config, TrainConfig):
-        return lambda fresh: lend(fresh, old, config.appearance)
+    if isinstance(config, GanConfig):
+        return lambda fresh: transfer_weights(fresh, old, config.appearance)
     lent = {"generator": old.smooth, "smooth": jax.tree.map(jnp.copy, old.smooth)}
     return lambda fresh: fresh._replace(averages=old.averages, a=old.a, b=old.b, **lent)
 
 
 def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> Callable[[TexturesState], TexturesState]:
     """The weights of a snapshot. The exemplars scale its decoder, so comparing decoders tells whether they are the same."""
-    maker = maker_of(read_bundle(path), str(path))
+    maker = generator_model(read_bundle(path), str(path))
     mine, theirs = asdict(config.generator), asdict(maker.config)
     differ = [k for k in mine if k != "precision" and mine[k] != theirs[k]]
     differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
@@ -87,10 +87,10 @@ def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> C
 
 def _started(config: Any, data: Any) -> Any:
     key = jax.random.key(config.seed)
-    return start(config, key) if isinstance(config, TrainConfig) else textures.start(config, data, key)
+    return start(config, key) if isinstance(config, GanConfig) else textures.start(config, data, key)
 
 
-def lend(fresh: TrainState, old: TrainState, appearance: int) -> TrainState:
+def transfer_weights(fresh: TrainState, old: TrainState, appearance: int) -> TrainState:
     """`fresh` with the weights of `old`. appearance: how many of the last inputs of its decoder are parameters."""
 
     def learner(own: Learner, lent: Learner) -> Learner:

@@ -51,6 +51,6 @@ def test_a_worker_killed_midway_loses_nothing_and_doubles_nothing(cluster, farm,
 
 def test_an_address_where_nobody_is(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster_module, "_PATIENCE", "1s")
-    with pytest.raises(InputError, match=r"--scheduler: tcp://127\.0\.0\.1:9 does not answer"):
+    with pytest.raises(InputError, match=r"scheduler: tcp://127\.0\.0\.1:9 does not answer"):
         render_dataset(settings(), 1, tmp_path / "d", Farm(1, 1, "tcp://127.0.0.1:9", STAND_IN), ignore)
     assert not (tmp_path / "d").exists()

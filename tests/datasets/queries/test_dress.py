@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mesoshell.datasets.queries.dress import dressed
+from mesoshell.datasets.queries.dress import apply_mesostructure
 from mesoshell.datasets.queries.sources import of_heights
 from mesoshell.geometry.mesh import Mesh, uv_stretch
 
@@ -46,7 +46,7 @@ def bumps():
 def test_a_torus_of_whole_periods_is_closed(torus) -> None:
     """Around its texture's seams too: no triangle is missing there, and none is there twice."""
     tile, period = bumps(), float(uv_stretch(torus))
-    points, faces, albedo = dressed(tile, torus, period)
+    points, faces, albedo = apply_mesostructure(tile, torus, period)
     assert len(points) == len(albedo)
     outer = faces[: len(faces) - len(torus.faces)]
     assert len(outer) == 5 * 2 * len(tile.faces)
@@ -65,7 +65,7 @@ def test_a_square_of_whole_periods_is_no_torus() -> None:
     up = np.tile(np.array([0, 0, 1], np.float32), (4, 1))
     square = Mesh(points, faces, corners[faces], up, ())
     tile = bumps()
-    made, of, _ = dressed(tile, square, 1.0)
+    made, of, _ = apply_mesostructure(tile, square, 1.0)
     outer = of[: len(of) - 2]
     assert 0.9 < len(outer) / (16 * len(tile.faces)) < 1
     edge = np.linalg.norm(made[outer] - made[np.roll(outer, 1, axis=1)], axis=-1)
@@ -75,6 +75,6 @@ def test_a_square_of_whole_periods_is_no_torus() -> None:
 def test_seams_elsewhere_stay_bare(torus) -> None:
     """Of a number of periods that is not whole, what crosses the seam is left out, and nothing else."""
     tile, period = bumps(), float(uv_stretch(torus)) / 1.1  # 5.5 times 2.2 periods
-    _, faces, _ = dressed(tile, torus, period)
+    _, faces, _ = apply_mesostructure(tile, torus, period)
     outer = len(faces) - len(torus.faces)
     assert 0.85 < outer / (5.5 * 2.2 * len(tile.faces)) < 1

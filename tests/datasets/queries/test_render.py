@@ -178,7 +178,7 @@ def test_a_dataset_of_images_is_no_place_for_patches(settings, tmp_path):
     ],
 )
 def test_cylinders_that_cannot_be(curvature, depth, said):
-    assert fault_of(check_curvature, curvature, depth) == f"--curvature: {said}"
+    assert fault_of(check_curvature, curvature, depth) == f"curvature: {said}"
     check_curvature((-3.0, 4.7), 0.2)
 
 

@@ -19,7 +19,7 @@ from mesoshell.train.experiment import experiment_of
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.report import write_report
 from mesoshell.train.run_config import read_record, snapshots
-from mesoshell.train.surface.step import feed, surface_as
+from mesoshell.train.surface.step import feed, surface_config
 from tests.helpers.hostile import samples
 from tests.helpers.hostile.damage import THINGS, damaged, variants
 from tests.helpers.hostile.option_cases import commands
@@ -51,12 +51,12 @@ EXPERIMENTS += [
 ]
 EXPERIMENTS += [
     "def f(): f()\nf()",
-    "from mesoshell.train.gan.state import TrainConfig\nconfig = TrainConfig",
+    "from mesoshell.train.gan.state import GanConfig\nconfig = GanConfig",
     "\0",
     "é = 1\nconfig = é",
 ]
 EXPERIMENTS += [
-    "from mesoshell.train.gan.state import TrainConfig\nconfig = TrainConfig(batch='x', nothing=1)",
+    "from mesoshell.train.gan.state import GanConfig\nconfig = GanConfig(batch='x', nothing=1)",
     "raise Exception('x' * 10**6)",
 ]
 
@@ -87,7 +87,7 @@ def of_experiments() -> Iterator[Case]:
 def of_runs() -> Iterator[Case]:
     """config.json of a run of each way to learn."""
     record = json.loads(json.dumps({"config": asdict(PRESETS["tiny"]), "data": {"folder": "d", "recipe": "grass"}}))
-    surface = {"method": "surface", "config": asdict(surface_as(PRESETS["tiny"], (8,))), "data": {"folder": "d"}}
+    surface = {"method": "surface", "config": asdict(surface_config(PRESETS["tiny"], (8,))), "data": {"folder": "d"}}
     for name, said in (("gan", record), ("surface", json.loads(json.dumps(surface)))):
         for what, other in variants(said, 40):
             yield Case(
@@ -169,7 +169,7 @@ def _object(path: Path, data: bytes) -> None:
 
 def of_fed(good: Path) -> Iterator[Case]:
     """Queries with NaN, or infinite."""
-    config = surface_as(PRESETS["tiny"], (8,))
+    config = surface_config(PRESETS["tiny"], (8,))
     for value in (np.nan, np.inf):
 
         def put(path: Path, value=value) -> None:

@@ -132,20 +132,38 @@ def _plain(function: Callable, *arguments: Any) -> Callable[[], Any]:
 
 
 def _of_shells(bundle: Bundle) -> Programs:
-    ready = loader.ready(bundle)
+    device_material = loader.load_device_material(bundle)
     prisms, chart = Prisms(f(2, 18), i(2, 6)), Chart(f(2, 18), f(2, 6))
     rays = Ray(f(128, 3), f(128, 3), f(128, 3))
     place = WalkState(i(128), f(128), f(128), f(128, 2), f(128), i(128), b(128))
     pieces = Piece(i(ROWS), f(ROWS, 2), f(ROWS, 2, 2), f(ROWS, 2), f(ROWS, 3), f(ROWS, 3))
     at, samples = Frame(f(ROWS, 3), f(ROWS, 3), f(ROWS), f(ROWS, 3, 3)), kernels.Samples(i(ROWS), *(f(ROWS),) * 3)
-    wraps = kernels.StaticConfig(ready.layout, ready.grid_shapes, True, 4, True, (0,))
-    table = kernels.DeviceTables(chart, ready.material, ready.grid, f(1), f(1, 2, 2), f(), f(), f())
-    nodes = replace(ready.layout, open=True, origin=(1, 1), nodes=(3, 3))
-    planes = Layout(ready.layout.sizes, (), ready.layout.texel_density, ready.layout.octaves, True, cells=(2, 2))
+    wraps = kernels.StaticConfig(device_material.layout, device_material.grid_shapes, True, 4, True, (0,))
+    table = kernels.DeviceTables(chart, device_material.material, device_material.grid, f(1), f(1, 2, 2), f(), f(), f())
+    nodes = replace(device_material.layout, open=True, origin=(1, 1), nodes=(3, 3))
+    planes = Layout(
+        device_material.layout.sizes,
+        (),
+        device_material.layout.texel_density,
+        device_material.layout.octaves,
+        True,
+        cells=(2, 2),
+    )
     ways = [wraps, *(replace(wraps, layout=layout) for layout in (nodes, planes))]
-    corrected = ready.material._replace(correction=f(len(ready.layout.sizes), 2, ready.material.height.rows.shape[1]))
-    cell = density_bounds._largest, ready.layout, ready.material, f(), (2, 4, 4), 2, (f(2), f(2)), KEY
-    decoder = ready.material.decoder
+    corrected = device_material.material._replace(
+        correction=f(len(device_material.layout.sizes), 2, device_material.material.height.rows.shape[1])
+    )
+    cell = (
+        density_bounds._largest,
+        device_material.layout,
+        device_material.material,
+        f(),
+        (2, 4, 4),
+        2,
+        (f(2), f(2)),
+        KEY,
+    )
+    decoder = device_material.material.decoder
     found, lay = f(ROWS, decoder.trunk[-1].bias.shape[0]), shell_teacher.Lay(f(), f(2, 2), f(2))
     lesson = shell_teacher.Lesson(f(64, 2), f(64), f(64, 3), f(64, 3))
     return {
@@ -157,7 +175,8 @@ def _of_shells(bundle: Bundle) -> Programs:
         ],
         "shell.render.spacing.interval_segments": [_jitted(spacing.interval_segments, wraps, table, pieces, at, i())],
         "shell.render.spacing.depth_profile": [
-            _jitted(spacing.depth_profile, p, ready.grid, f(ROWS, 7), i(ROWS), f(ROWS), f(ROWS), i()) for p in ways
+            _jitted(spacing.depth_profile, p, device_material.grid, f(ROWS, 7), i(ROWS), f(ROWS), f(ROWS), i())
+            for p in ways
         ],
         "shell.render.spacing.places": [_jitted(spacing.places, 4, f(ROWS, spacing.BINS), f(), i())],
         "shell.render.kernels.density": [
@@ -174,26 +193,32 @@ def _of_shells(bundle: Bundle) -> Programs:
         "stability.field._network_queries": [
             _jitted(
                 field_checks._network_queries,
-                ready.layout,
-                ready.material,
+                device_material.layout,
+                device_material.material,
                 Point(f(64, 3), f(64), f(64), f(64, 1)),
                 f(64, 3),
                 f(64, 3),
             )
         ],
-        "stability.field._bounds": [_jitted(field_checks._bounds, wraps, ready.grid, f(64, 3))],
+        "stability.field._bounds": [_jitted(field_checks._bounds, wraps, device_material.grid, f(64, 3))],
         "shell.material.density_bounds.new_points": [
-            _jitted(density_bounds.new_points, ready.layout, ready.material, f(), 64, (f(2), f(2)), KEY)
+            _jitted(
+                density_bounds.new_points, device_material.layout, device_material.material, f(), 64, (f(2), f(2)), KEY
+            )
         ],
         "train.surface.shell_teacher._taught": [
             _jitted(
-                shell_teacher._taught, ready.layout, shell_teacher.Teacher(ready.material, f(1), f(), f(3)), lay, lesson
+                shell_teacher._taught,
+                device_material.layout,
+                shell_teacher.Teacher(device_material.material, f(1), f(), f(3)),
+                lay,
+                lesson,
             )
         ],
     }
 
 
-SMALL = gan.TrainConfig(
+SMALL = gan.GanConfig(
     GeneratorConfig(16, "R", 32, 4, channels=4, layers=4, waves=2, drift=1.0, z=4, w=4, height_rows=8, height_width=4),
     DiscriminatorConfig(8, 64, 4, embedding=4),
     PictureConfig(8, 4, texels=16, height_rows=8, octaves=1),
@@ -210,7 +235,7 @@ SHORT = gan.sized(replace(SMALL, precision="bfloat16", views=2), 1, 1)
 SHOWN = ImageBatch(
     f(4, 8, 8, 4), f(4, 1), f(4, 1), f(4, 4, 4), f(4, 3), f(4, 3), jax.ShapeDtypeStruct((4, 2), jnp.uint32)
 )
-PARAMETRIC = parametric.ParametricConfig(SMALL.picture, (8,), (8,), octaves=2, batch=4, parameters=2)
+PARAMETRIC = parametric.NerfTexConfig(SMALL.picture, (8,), (8,), octaves=2, batch=4, parameters=2)
 
 
 def _of_generators() -> Programs:
@@ -249,8 +274,8 @@ def _of_surfaces() -> Programs:
     found: Programs = {}
     for config in (surface_material.SurfaceConfig(8, 3, (8,), opacity=o) for o in ("direct", "cosine")):
         made = jax.eval_shape(lambda c=config: surface_material.init_surface(c, KEY))
-        table = jax.eval_shape(surface_material.tables, made, f())
-        training = surface.SurfaceTraining(config, batch=64)
+        table = jax.eval_shape(surface_material.blur_textures, made, f())
+        training = surface.SurfaceTrainConfig(config, batch=64)
         state = jax.eval_shape(lambda t=training: surface.start(t, KEY))
         rows = f(ROWS, 2), f(ROWS), f(ROWS, 3), f(ROWS)
         asked = surface.QueryBatch(f(64, 2), f(64), f(64, 3), f(64), f(64, 3), f(64), f(64), f(64, 3))
@@ -259,7 +284,7 @@ def _of_surfaces() -> Programs:
             "surface_material.renderer._ask": _jitted(
                 surface_renderer._ask, config, table, (*rows, f(ROWS, 2, 3)), i()
             ),
-            "surface_material.network.tables": _plain(surface_material.tables, made, f()),
+            "surface_material.network.blur_textures": _plain(surface_material.blur_textures, made, f()),
             "stability.surface_material._answers": _jitted(
                 surface_material_checks._answers, config, table, (*rows, f(ROWS, 3))
             ),
@@ -284,7 +309,7 @@ def _of_objects() -> Programs:
             atlas_render.StaticConfig(config, 8, "latlong", True),
             atlas_render.FieldArrays(field, occupied, f(), image),
         )
-        training = atlas.AtlasTraining(config, side=16, samples=8, batch=16, kimg=0.16, cloud=True)
+        training = atlas.NeuTexTrainConfig(config, side=16, samples=8, batch=16, kimg=0.16, cloud=True)
         state = jax.eval_shape(lambda t=training: atlas.start(t, KEY))
         rays = Rays(f(16, 3), f(16, 3), f(16, 3), f(16), i(16), f(16, 3), f(16, 3))
         programs = {
@@ -304,7 +329,7 @@ def _of_objects() -> Programs:
 
 
 def _of_training() -> Programs:
-    def steps(config: gan.TrainConfig) -> Callable[[], Any]:
+    def steps(config: gan.GanConfig) -> Callable[[], Any]:
         return _plain(partial(gan_step.step, config), jax.eval_shape(lambda: gan.start(config, KEY)), SHOWN)
 
     fitting = FitConfig(
@@ -368,12 +393,17 @@ def _of_textures() -> Programs:
 
 
 def _of_corrections(bundle: Bundle) -> Programs:
-    ready = loader.ready(bundle)
-    views, row = prefilter.View(f(4, 3), f(4, 3), f(4, 1), f(4, 3, 4)), f(2, ready.material.height.rows.shape[1])
-    held, rest = (ready.layout, (2, 8), ready.material), (row, f(), views, KEY)
+    device_material = loader.load_device_material(bundle)
+    views, row = (
+        prefilter.View(f(4, 3), f(4, 3), f(4, 1), f(4, 3, 4)),
+        f(2, device_material.material.height.rows.shape[1]),
+    )
+    held, rest = (device_material.layout, (2, 8), device_material.material), (row, f(), views, KEY)
     return {
         "train.prefilter._true": [_jitted(prefilter._true, *held, views[:3], jax.random.split(KEY, 4))],
-        "train.prefilter._slope": [_jitted(prefilter._slope, ready.layout, 8, ready.material, *rest)],
+        "train.prefilter._slope": [
+            _jitted(prefilter._slope, device_material.layout, 8, device_material.material, *rest)
+        ],
         "train.prefilter._halves": [_jitted(prefilter._halves, *held, *rest)],
         "train.prefilter._updated": [
             _jitted(prefilter._updated, row, row, jax.eval_shape(prefilter._ADAM.init, row), f())
@@ -382,7 +412,7 @@ def _of_corrections(bundle: Bundle) -> Programs:
 
 
 def _of_judges(bundle: Bundle) -> Programs:
-    found, how = loader.ready(bundle), ((1, 4), 2)
+    found, how = loader.load_device_material(bundle), ((1, 4), 2)
     picture = _jitted(above._picture, found.layout, (*how, (0.0, 0.0, 1.0)), found.material, f(1))
     return {
         "measure.above._picture": [picture],

@@ -11,11 +11,11 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.twin import Twin
 from mesoshell.shell.generator.generator import synthesise
-from mesoshell.shell.generator.model import grown, maker_of
+from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.plan import halo_cost
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, grow, patches_of
 from mesoshell.shell.material.field import Point, neural_field
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.texture import mip
 from tests.helpers import growing, wearing
 
@@ -37,7 +37,7 @@ def field(bundle) -> Bundle:
 
 
 def test_tiles_are_the_whole(bundle, field) -> None:
-    maker = maker_of(bundle, "it")
+    maker = generator_model(bundle, "it")
     g = grown(maker, 7, np.array([0.25], np.float32))
     corner = jnp.zeros(2, jnp.int32)
     whole = jax.jit(lambda t: synthesise(maker.config, maker.generator, maker.averages, g.w, g.phases, t, (74, 85)))(
@@ -54,7 +54,7 @@ def test_a_bundle_from_before_a_field_was_added_means_what_it_did(bundle) -> Non
     """Fourier maps had one sinusoid a channel before there was a choice."""
     assert bundle.generator is not None
     older = {key: value for key, value in bundle.generator.items() if key not in ("waves", "drift")}
-    found = maker_of(replace(bundle, generator=older), "it").config
+    found = generator_model(replace(bundle, generator=older), "it").config
     assert (found.waves, found.drift) == (1, 0.0)
 
 
@@ -65,7 +65,7 @@ def test_what_is_made_is_a_bundle_that_needs_no_generator(bundle, field, tmp_pat
     assert [p.default for p in found.parameters] == [4.0, 1.5]
     assert found.arrays.keys() == field.arrays.keys()
     with pytest.raises(InputError, match=r"^a\.npz: holds one texture and no generator"):
-        maker_of(found, "a.npz")
+        generator_model(found, "a.npz")
 
 
 def test_what_was_distilled_from_one_texture_is_not_kept_with_another(bundle, monkeypatch) -> None:
@@ -89,7 +89,7 @@ def test_other_seeds_and_other_geometry_are_other_textures(bundle, field, monkey
 
 
 def test_the_grid_bounds_what_no_probe_has_seen(field) -> None:
-    found = ready(field)
+    found = load_device_material(field)
     density = neural_field(found.material, found.layout).density
     rng = np.random.default_rng(1)
     xi = rng.uniform(size=(20_000, 3)) * [85 / TEXELS, 74 / TEXELS, 1]
@@ -141,7 +141,7 @@ def test_a_grown_surface_reads_its_own_texture(bundle) -> None:
     uv = np.array([[[100.6, -40.4], [101.4, -40.4], [100.6, -39.6]]])
     made, origin = grow(bundle, "it", uv, TextureRequest(7, {"length": 1.5}))
     assert origin == (100, -41) and made.arrays["features/0"].shape == (32, 32, 4)
-    far, near = ready(made, origin), ready(made)
+    far, near = load_device_material(made, origin), load_device_material(made)
     at = jnp.array([100.75, -40.25, 0.5])
     zero = jnp.zeros(())
 
@@ -154,7 +154,7 @@ def test_a_grown_surface_reads_its_own_texture(bundle) -> None:
 
 
 def test_halo_costs_less_the_larger_the_tile() -> None:
-    config = maker_of(growing.bundle(), "it").config
+    config = generator_model(growing.bundle(), "it").config
     found = [halo_cost(config, n * TEXELS) for n in (1, 2, 4, 64)]
     assert found == sorted(found, reverse=True) and 1 < found[-1] < 1.2
 
@@ -172,11 +172,11 @@ def test_halo_costs_less_the_larger_the_tile() -> None:
 def test_a_generator_that_does_not_fit_its_weights_is_refused(bundle, change, fault) -> None:
     wrong = replace(bundle, generator={**bundle.generator, **change})
     with pytest.raises(InputError) as caught:
-        maker_of(wrong, "it")
+        generator_model(wrong, "it")
     assert fault in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_mean_square_of_nothing_is_refused(bundle) -> None:
     arrays = bundle.arrays | {"generator/magnitude/2": np.zeros((), np.float32)}
     with pytest.raises(InputError, match=r"^it: array generator/magnitude/2 is 0\.0; a mean square must be above 0"):
-        maker_of(replace(bundle, arrays=arrays), "it")
+        generator_model(replace(bundle, arrays=arrays), "it")

@@ -8,13 +8,13 @@ import pytest
 import mesoshell.shell.generator.bake as bake
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.shell.generator.generator import init_averages, init_generator
-from mesoshell.shell.generator.model import GeneratorModel, grown, maker_of
+from mesoshell.shell.generator.model import GeneratorModel, generator_model, grown
 from mesoshell.shell.generator.nodes import hat, window
 from mesoshell.shell.generator.plan import GeneratorConfig, reach
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of, grow
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.field import Point, inputs
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from tests.helpers import growing
 
 #: One process compiles what its tests share.
@@ -30,7 +30,7 @@ def bundle() -> Bundle:
 
 @pytest.fixture(scope="module")
 def far(bundle) -> int:
-    return reach(maker_of(bundle, "it").config, (64, 64))
+    return reach(generator_model(bundle, "it").config, (64, 64))
 
 
 def made(bundle: Bundle, field, size=SIZE) -> Bundle:
@@ -51,7 +51,7 @@ def test_a_constant_field_is_the_constant(bundle) -> None:
         rounding = 1 / 16 if key.startswith("grid/") else 0  # bounds keep four bits
         np.testing.assert_allclose(varying.arrays[key], same.arrays[key], rtol=2e-3 + rounding, atol=2e-3, err_msg=key)
     assert varying.arrays["heights/0"].shape == (4, 6, *same.arrays["height/0"].shape)
-    found, expected = ready(varying), ready(same)
+    found, expected = load_device_material(varying), load_device_material(same)
     for xi in ([0.3, 0.2, 0.1], [4.3, 2.1, 0.9], [2.0, 1.0, 0.5]):
         point = Point(jnp.array(xi), jnp.zeros(()), jnp.zeros(()), jnp.zeros(1))
         a, b = (inputs(x.material, x.layout, point) for x in (found, expected))
@@ -101,10 +101,10 @@ def test_it_is_a_bundle(bundle, tmp_path) -> None:
     write_bundle(tmp_path / "a.npz", made(bundle, lambda at: at[..., 1] / 5, (70, 40)))
     found = read_bundle(tmp_path / "a.npz")
     assert found.provenance["varies"] == ["length"]
-    layout = ready(found).layout
+    layout = load_device_material(found).layout
     assert layout.nodes == (6, 4)
     point = Point(jnp.array([1.3, 2.1, 0.4]), jnp.zeros(()), jnp.zeros(()), jnp.zeros(1))
-    value, back = jax.vjp(lambda p: inputs(ready(found).material, layout, p), point)
+    value, back = jax.vjp(lambda p: inputs(load_device_material(found).material, layout, p), point)
     assert all(jnp.isfinite(x).all() for x in jax.tree.leaves((value, back(jnp.ones_like(value)))))
 
 

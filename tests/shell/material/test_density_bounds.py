@@ -8,7 +8,7 @@ import pytest
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.shell.material.density_bounds import DEEPEST, new_points, rounded_up
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.texture.footprint import footprint
 
 
@@ -16,7 +16,7 @@ from mesoshell.texture.footprint import footprint
 def test_density_stays_below_the_bounds_at_every_level(level: int) -> None:
     """But for one point in two hundred. Bounds that were probed with heights blurred as by a cone had 1 in 20 above them."""
     bundle = read_bundle(find("grass"))
-    held, grid = ready(bundle), bundle.arrays[f"grid/{level}"].astype(np.float32)
+    held, grid = load_device_material(bundle), bundle.arrays[f"grid/{level}"].astype(np.float32)
     place = jnp.zeros(2), jnp.ones(2)
     xi, sigma = new_points(held.layout, held.material, jnp.float32(level), 40_000, place, jax.random.key(7 + level))
     shape = np.array(grid.shape)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mesoshell.errors import InputError
 from mesoshell.shell.generator.generator import init_averages, init_generator, synthesise_height
-from mesoshell.shell.generator.model import generator_arrays, generator_fields, maker_of
+from mesoshell.shell.generator.model import generator_arrays, generator_fields, generator_model
 from mesoshell.shell.generator.plan import GeneratorConfig, rows_of
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
 from mesoshell.shell.material.triplane import PLANES, lookup_planes, pack_planes
@@ -78,7 +78,7 @@ def test_the_generator_makes_all_three_and_no_height_feature() -> None:
 
 def test_no_texture_can_be_made_of_them() -> None:
     bundle = growing.bundle()
-    config = replace(maker_of(bundle, "it").config, planes=3)
+    config = replace(generator_model(bundle, "it").config, planes=3)
     made = generator_arrays(init_generator(config, jax.random.key(0)), init_averages(config))
     kept = {k: v for k, v in bundle.arrays.items() if not k.startswith("generator/")}
     planes = replace(bundle, arrays=kept | made, generator=generator_fields(config))

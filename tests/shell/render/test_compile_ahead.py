@@ -10,7 +10,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry import batched_walk
 from mesoshell.shell.geometry.march import TOP
 from mesoshell.shell.geometry.tracer import Boundary
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.shell.render import kernels, lighting, renderer, spacing
 from mesoshell.shell.render.scene import Medium
 from tests.helpers import scenes
@@ -30,7 +30,9 @@ def test_tiles_compile_nothing_more(tiny_bundle, tiled_bundle, monkeypatch, by: 
     """Several tiles of a picture whose ground is seen through the shell, of which a half may be of another material."""
     scene = scenes.slab(tiny_bundle)
     if several:
-        scene = replace(scene, others=(Medium(ready(tiled_bundle), scene.alpha, {}, 1.0, prism=1, face=1),))
+        scene = replace(
+            scene, others=(Medium(load_device_material(tiled_bundle), scene.alpha, {}, 1.0, prism=1, face=1),)
+        )
     quality = Quality(spacing=by, pixel_samples=1, light_samples=0)
     plan = scenes.effects(scene, quality)
     expected, _ = renderer.render(scene, quality, plan)

@@ -27,13 +27,13 @@ def roof(edge: float) -> Mesh:
 def seen(bundle: Bundle, quality: Quality, edge: float) -> float:
     """Radiance of the slab, thin as mist, along y in the plane where one interval reaches from side to side."""
     slab = scenes.slab(bundle)
-    decoder = slab.ready.material.decoder
-    thin = slab.ready.material._replace(decoder=decoder._replace(scale=jnp.asarray(1e-3, jnp.float32)))
+    decoder = slab.device_material.material.decoder
+    thin = slab.device_material.material._replace(decoder=decoder._replace(scale=jnp.asarray(1e-3, jnp.float32)))
     camera = Camera(look_at((0.3, -4.0, 0.5), (0.3, 0.5, 0.5), (0.0, 0.0, 1.0)), 1e-3, 1, 1)
     scene = Scene(
         slab.mesh,
         slab.shell,
-        replace(slab.ready, material=thin),
+        replace(slab.device_material, material=thin),
         camera,
         (DOWN,),
         alpha=slab.alpha,

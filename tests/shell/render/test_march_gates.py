@@ -16,7 +16,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport
 from mesoshell.scene.render_shell import facts
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.shell.render.renderer import render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import scenes
@@ -59,7 +59,7 @@ def test_a_footprint_is_in_pixels(tiny_bundle: Bundle) -> None:
 
     def picture(side: int, footprint: float) -> np.ndarray:
         camera = Camera(look_at((0.5, -0.4, 0.6), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.7, side, side)
-        of = ready(tiny_bundle), camera, (sun,), None, np.array([0.5], np.float32)
+        of = load_device_material(tiny_bundle), camera, (sun,), None, np.array([0.5], np.float32)
         field = Scene(mesh, shell, *of, patches_per_uv=patches_per_uv(mesh, shell))
         quality = QUALITY.with_changes(footprint=footprint, light_samples=0, anisotropy=4)
         return render(field, quality, plan_effects(facts(field), quality))[0]
@@ -75,7 +75,7 @@ def test_a_field_needs_only_what_it_is_given(tiny_bundle: Bundle) -> None:
     shell = extrude(mesh, 1 / 40, 1 / 40)
     camera = Camera(look_at((0.5, -0.4, 0.6), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.7, 16, 16)
     sky = environment(np.random.default_rng(0).uniform(size=(4, 8, 3)).astype(np.float32), 2)
-    of = ready(tiny_bundle), camera, (), sky, np.array([0.5], np.float32)
+    of = load_device_material(tiny_bundle), camera, (), sky, np.array([0.5], np.float32)
     field = Scene(mesh, shell, *of, patches_per_uv=patches_per_uv(mesh, shell), transparent=False)
     assert field.patches_per_uv == 40
     plan = plan_effects(facts(field), QUALITY)

@@ -20,7 +20,7 @@ from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.exemplars import Exemplars, read_exemplars, write_exemplars
 from mesoshell.train import run
 from mesoshell.train.export import patch_bundle
-from mesoshell.train.fit.feed import feed, fitted
+from mesoshell.train.fit.feed import adapt, feed
 from mesoshell.train.fit.holdout import score
 from mesoshell.train.fit.patch_rays import Rays, Shots, shots_of
 from mesoshell.train.fit.result import conclude, fit_config
@@ -29,7 +29,7 @@ from mesoshell.train.fit.snapshot import exemplars, provenance
 from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
 from mesoshell.train.fit.step import start, step
 from mesoshell.train.textures.state import TexturesConfig
-from mesoshell.train.textures.state import fitted as fitted_textures
+from mesoshell.train.textures.state import adapt as adapt_textures
 from mesoshell.typing import Scalar
 from tests.helpers import fog
 from tests.helpers.patch_images import of_patches, of_tiles
@@ -57,7 +57,7 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> Shots:
 
 
 def test_fog_is_recovered_in_views_not_seen(shots: Shots, tmp_path: Path):
-    config, seen = fitted(replace(CONFIG, steps=200), shots)
+    config, seen = adapt(replace(CONFIG, steps=200), shots)
     state = run.train(config, seen, tmp_path)
     where = shots.samples[-1].file.parents[1]
     scores, pictures = score(config, seen, lambda k: material_of(state.common, state.own.feature[k]), where)
@@ -72,7 +72,7 @@ def patches(tmp_path_factory: pytest.TempPathFactory) -> Shots:
 
 
 def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: Shots):
-    config, seen = fitted(replace(CONFIG, group=2, steps=4, stand=0.0), patches)
+    config, seen = adapt(replace(CONFIG, group=2, steps=4, stand=0.0), patches)
     state, batch = start(config, seen, jax.random.key(0)), feed(config, seen)(3)
     new, _ = jax.jit(lambda s, b: step(config, s, b))(state, batch)
     moved = [k for k in range(3) if not np.array_equal(state.own.feature[k], new.own.feature[k])]
@@ -88,7 +88,7 @@ def tiles(tmp_path_factory: pytest.TempPathFactory) -> Shots:
 
 def test_a_tile_is_learned_where_it_lies_on_the_torus(tiles: Shots):
     """A row moves the texels of its tile, and those beyond its borders that it is interpolated from; nothing else."""
-    config, seen = fitted(replace(CONFIG, batch=1, rays=256), tiles)
+    config, seen = adapt(replace(CONFIG, batch=1, rays=256), tiles)
     state, batch = start(config, seen, jax.random.key(0)), feed(config, seen)(0)
     assert state.own.feature.shape == (1, 16, 16, 4) and config.layout.period == 4
     finest = batch._replace(patch=np.full_like(batch.patch, 6), radius=np.zeros_like(batch.radius))
@@ -103,7 +103,7 @@ def test_a_tile_is_learned_where_it_lies_on_the_torus(tiles: Shots):
 
 @pytest.mark.slow
 def test_a_torus_of_fog_is_recovered(tiles: Shots, tmp_path: Path):
-    config, seen = fitted(replace(CONFIG, steps=150), tiles)
+    config, seen = adapt(replace(CONFIG, steps=150), tiles)
     state = run.train(config, seen, tmp_path / "run")
     where = tiles.samples[0].file.parents[1]
     scores, _ = score(config, seen, lambda k: material_of(state.common, texture_of(config, state, k)), where)
@@ -111,7 +111,7 @@ def test_a_torus_of_fog_is_recovered(tiles: Shots, tmp_path: Path):
 
 
 def test_a_torus_is_a_material(tiles: Shots):
-    config, seen = fitted(CONFIG, tiles)
+    config, seen = adapt(CONFIG, tiles)
     state = start(config, seen, jax.random.key(0))
     made = conclude(config, seen, state, [], []).made
     assert isinstance(made, Bundle) and made.tiles == tuple(map(tuple, COLOURS)) and made.texel_density == 4
@@ -133,18 +133,18 @@ def test_tiles_on_one_device_two_and_pmap_agree():
 
 
 def test_tiles_on_their_way_are_no_patches_that_repeat(tiles: Shots, tmp_path: Path):
-    config, seen = fitted(CONFIG, tiles)
+    config, seen = adapt(CONFIG, tiles)
     state = start(config, seen, jax.random.key(0))
     write_exemplars(tmp_path / "a.npz", exemplars(config, seen, state, provenance(config, seen, state)))
     found = read_exemplars(tmp_path / "a.npz")
     with pytest.raises(InputError, match=r"a.npz: holds corner tiles of an unfinished fit, not patches that repeat"):
         patch_bundle(found, 0)
     with pytest.raises(InputError, match="not patches that repeat"):
-        fitted_textures(TexturesConfig(), found)
+        adapt_textures(TexturesConfig(), found)
 
 
 def test_the_decoder_stands_when_it_has_settled(patches: Shots):
-    config, seen = fitted(replace(CONFIG, steps=10, settle=0.5), patches)
+    config, seen = adapt(replace(CONFIG, steps=10, settle=0.5), patches)
     learn, at = jax.jit(lambda s, b: step(config, s, b)), feed(config, seen)
     states = [start(config, seen, jax.random.key(0))]
     for i in range(7):
@@ -157,7 +157,7 @@ def test_the_decoder_stands_when_it_has_settled(patches: Shots):
 def test_a_decoder_that_is_given_stays(patches: Shots, tiny_bundle: Bundle, tmp_path: Path):
     age = replace(tiny_bundle.parameters[0], name="age", range=(0.0, 10.0))
     write_bundle(tmp_path / "given.npz", replace(tiny_bundle, parameters=(age,)))
-    config, seen = fitted(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
+    config, seen = adapt(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
     assert (config.channels, config.trunk, config.head) == (4, (8, 8), (8,))
     state = start(config, seen, jax.random.key(0))
     new, _ = jax.jit(lambda s, b: step(config, s, b))(state, feed(config, seen)(0))
@@ -165,12 +165,12 @@ def test_a_decoder_that_is_given_stays(patches: Shots, tiny_bundle: Bundle, tmp_
     np.testing.assert_array_equal(new.common.decoder.sigma.kernel, tiny_bundle.arrays["decoder/sigma/kernel"])
     write_bundle(tmp_path / "given.npz", tiny_bundle)
     with pytest.raises(InputError, match="its decoder takes dryness from 0 to 2; the data give age from 0 to 10"):
-        fitted(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
+        adapt(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
 
 
 @pytest.mark.slow
 def test_an_interrupted_fit_goes_on(patches: Shots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    config, seen = fitted(replace(CONFIG, steps=12, group=2), patches)
+    config, seen = adapt(replace(CONFIG, steps=12, group=2), patches)
     whole = run.train(config, seen, tmp_path / "whole")
     monkeypatch.setattr(run, "SAVE_EVERY", 0.0)
     monkeypatch.setattr(run, "LOG_EVERY", 5)
@@ -187,7 +187,7 @@ def test_an_interrupted_fit_goes_on(patches: Shots, tmp_path: Path, monkeypatch:
 
 
 def test_exemplars_are_read_as_they_were_written(patches: Shots, tmp_path: Path):
-    config, seen = fitted(CONFIG, patches)
+    config, seen = adapt(CONFIG, patches)
     state = start(config, seen, jax.random.key(0))
     written: Exemplars = exemplars(config, seen, state, provenance(config, seen, state))
     write_exemplars(tmp_path / "e.npz", written)
@@ -209,7 +209,7 @@ predicted = jax.jit(predict, static_argnums=(0, 1))
 
 def some(shots: Shots) -> tuple[FitConfig, FitState, Rays]:
     """A row of rays whose filters are no wider than a cell: those that are wide are always decoded."""
-    config, seen = fitted(replace(CONFIG, rays=128), shots)
+    config, seen = adapt(replace(CONFIG, rays=128), shots)
     row = jax.tree.map(lambda x: jnp.asarray(x[0]), feed(config, seen)(0))
     return config, start(config, seen, jax.random.key(0)), row._replace(radius=0.01 * row.radius)
 
@@ -263,7 +263,7 @@ def tonemapped(x: float) -> float:
 
 
 def test_one_patch_of_many_is_a_material(patches: Shots, tmp_path: Path, capsys: pytest.CaptureFixture):
-    config, seen = fitted(CONFIG, patches)
+    config, seen = adapt(CONFIG, patches)
     state = start(config, seen, jax.random.key(0))
     write_exemplars(tmp_path / "e.npz", exemplars(config, seen, state, provenance(config, seen, state)))
     main(["export", str(tmp_path / "e.npz"), "--patch", "2", "--out", str(tmp_path / "m.npz")])

@@ -20,10 +20,10 @@ from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.presets import TINY
 from mesoshell.train.losses import EPSILON, smape, transmittance_loss
 from mesoshell.train.method import NERF_TEX, method_of
-from mesoshell.train.nerf_tex.network import ParametricConfig, paint, redrawn, see, sized_as, start, step
+from mesoshell.train.nerf_tex.network import NerfTexConfig, nerf_tex_config, paint, redrawn, see, start, step
 from mesoshell.train.nerf_tex.seeds import SEED, with_seeds
-from mesoshell.train.nerf_tex.seeds import fitted as fitted_parametric
-from mesoshell.train.nerf_tex.snapshot import painter, pictures, save
+from mesoshell.train.nerf_tex.seeds import adapt as adapt_nerf_tex
+from mesoshell.train.nerf_tex.snapshot import load_predictor, pictures, save
 from mesoshell.train.run import train
 from mesoshell.train.run_config import keep_record, read_record
 from mesoshell.train.update import HERE
@@ -104,7 +104,7 @@ def test_the_gradient_is_the_losss_slope() -> None:
 
 def test_a_fit_of_fog_learns_it(data) -> None:
     """Ninety steps lower both losses twentyfold: fog is one σ and one ρ, and its renders are known."""
-    config, _ = fitted_parametric(replace(CONFIG, near_kimg=0.01, rate=3e-3), data)
+    config, _ = adapt_nerf_tex(replace(CONFIG, near_kimg=0.01, rate=3e-3), data)
     at, state = renders(config, data), start(config, jax.random.key(0))
     learn = jax.jit(lambda s, b: step(config, s, b))
     reports = []
@@ -135,7 +135,7 @@ def test_all_that_it_is_told_changes_the_picture(batch) -> None:
 
 
 def test_a_place_is_seen_by_its_sines_and_cosines() -> None:
-    config = ParametricConfig(octaves=2, parameters=1)
+    config = NerfTexConfig(octaves=2, parameters=1)
     point = Point(jnp.array([0.25, 0.5, 1.0]), jnp.float32(0), jnp.float32(0), jnp.array([0.5]))
     root = 0.5**0.5
     expected = [0.25, root, 1, root, 0, 0.5, 1, 0, 0, -1, 1.0, 0, 0, -1, 1, 0.5, 1, 0, 0, 0, 0, -1, 1, 1]
@@ -144,7 +144,7 @@ def test_a_place_is_seen_by_its_sines_and_cosines() -> None:
 
 def test_seeds_are_one_more_parameter(data) -> None:
     """Each sample's is its own; a new picture's is drawn by its key, and the other parameters stay."""
-    config, seen = fitted_parametric(replace(CONFIG, seeded=True), data)
+    config, seen = adapt_nerf_tex(replace(CONFIG, seeded=True), data)
     assert config.parameters == 2 and SEED in seen.manifest["parameters"] and SEED not in data.manifest["parameters"]
     views = views_of(config, seen, list(range(8)))
     np.testing.assert_allclose(views.beta[:, 0], (np.arange(8) + 0.5) / 8)
@@ -169,18 +169,18 @@ def test_geometry_that_cannot_be_told_apart_is_refused(data) -> None:
     with pytest.raises(
         InputError, match=r"cannot tell apart: render one patch \(mesoshell dataset render carpet2 --patch 0"
     ):
-        fitted_parametric(CONFIG, other)
+        adapt_nerf_tex(CONFIG, other)
     same = replace(data, manifest=data.manifest | {"patch": 3})
     with pytest.raises(
         InputError, match="every image shows patch 3; seeds as a parameter need a dataset without --patch"
     ):
-        fitted_parametric(replace(CONFIG, seeded=True), same)
+        adapt_nerf_tex(replace(CONFIG, seeded=True), same)
     assert (
-        fitted_parametric(CONFIG, same)[0].parameters
-        == fitted_parametric(replace(CONFIG, seeded=True), other)[0].parameters - 1
+        adapt_nerf_tex(CONFIG, same)[0].parameters
+        == adapt_nerf_tex(replace(CONFIG, seeded=True), other)[0].parameters - 1
     )
     with pytest.raises(InputError, match="has images of 8 × 8 pixels; the experiment expects 16 × 16"):
-        fitted_parametric(replace(CONFIG, picture=replace(CONFIG.picture, size=16)), data)
+        adapt_nerf_tex(replace(CONFIG, picture=replace(CONFIG.picture, size=16)), data)
 
 
 @pytest.mark.slow  # two hosts take its steps both ways in test_two_hosts
@@ -201,9 +201,9 @@ def test_a_run_is_recorded_resumed_and_read_back(data, tmp_path) -> None:
     """Its configuration returns from its record; a GAN's experiment is refused in its folder; a longer one goes on."""
     config = replace(CONFIG, seeded=True, kimg=0.016)
     train(config, data, tmp_path)
-    fitted, _ = fitted_parametric(config, data)
+    adapted, _ = adapt_nerf_tex(config, data)
     read, about = read_record(tmp_path)
-    assert read == fitted and method_of(read) is NERF_TEX and SEED not in about["parameters"]
+    assert read == adapted and method_of(read) is NERF_TEX and SEED not in about["parameters"]
     assert json.loads((tmp_path / "config.json").read_text())["method"] == "nerf_tex"
     with pytest.raises(InputError, match="the run was begun by another method: nerf_tex, asked for gan"):
         keep_record(TINY, data, tmp_path)
@@ -215,16 +215,18 @@ def test_a_run_is_recorded_resumed_and_read_back(data, tmp_path) -> None:
 
 
 def test_a_snapshot_is_the_network(data, tmp_path) -> None:
-    config, _ = fitted_parametric(CONFIG, data)
+    config, _ = adapt_nerf_tex(CONFIG, data)
     state = start(config, jax.random.key(3))
     save(tmp_path / "a.npz", config, data, state)
     views = views_of(config, data, [0, 5])
-    np.testing.assert_array_equal(painter(config, tmp_path / "a.npz")(views), pictures(config, state.decoder, views))
+    np.testing.assert_array_equal(
+        load_predictor(config, tmp_path / "a.npz")(views), pictures(config, state.decoder, views)
+    )
     with pytest.raises(InputError, match=r"a\.npz: array trunk/0/kernel is not of shape \(\d+, 5\) and float32"):
-        painter(replace(config, trunk=(5, 4)), tmp_path / "a.npz")
+        load_predictor(replace(config, trunk=(5, 4)), tmp_path / "a.npz")
 
 
 def test_a_preset_gives_its_size() -> None:
-    config = sized_as(TINY)
+    config = nerf_tex_config(TINY)
     assert config.trunk == (32,) * 4 and config.head == (16,) and config.octaves == 5
     assert config.picture == TINY.picture and (config.batch, config.kimg) == (TINY.batch, TINY.kimg)

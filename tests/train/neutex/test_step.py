@@ -28,11 +28,11 @@ from mesoshell.train.neutex.ray_batches import Rays, held_out, recorded
 from mesoshell.train.neutex.step import (
     EACH,
     KEEP,
-    AtlasTraining,
-    atlas_as,
+    NeuTexTrainConfig,
+    adapt,
     encoded,
     feed,
-    fitted,
+    neutex_config,
     start,
     step,
     updated_grid,
@@ -58,7 +58,7 @@ def capture(tmp_path_factory) -> Capture:
 once = jax.jit(step, static_argnums=0)
 
 
-def stepped(config: AtlasTraining, share: float, batch: Rays | None = None):
+def stepped(config: NeuTexTrainConfig, share: float, batch: Rays | None = None):
     """A step at this share of the run; the state before, and after."""
     begin = start(config, jax.random.key(0))._replace(images=jnp.asarray(round(share * config.kimg * 1000), jnp.int32))
     return begin, *once(config, begin, batch or jax.tree.map(jnp.asarray, atlas_step.rays()))
@@ -73,7 +73,7 @@ def moved(a, b) -> dict[str, bool]:
 
 
 def test_a_batch_is_two_thirds_of_the_object(capture) -> None:
-    config, capture = fitted(replace(CONFIG, batch=96, side=32), capture)
+    config, capture = adapt(replace(CONFIG, batch=96, side=32), capture)
     rows = feed(config, capture)(3)
     assert rows.o.shape == (96, 3) and (rows.mask >= 0.5).sum() == 64
     assert {x.dtype.name for x in rows} == {"float32", "int32"}
@@ -84,7 +84,7 @@ def test_a_batch_is_two_thirds_of_the_object(capture) -> None:
 
 def test_rows_are_pixels_of_the_views_that_are_learned_from(capture) -> None:
     """Each ray with its colour is found among the photographs, in the box's units, and never in one that is held out."""
-    config, capture = fitted(replace(CONFIG, batch=48, side=32), capture)
+    config, capture = adapt(replace(CONFIG, batch=48, side=32), capture)
     rows = feed(config, capture)(0)
     learned, tested = held_out(capture)
     assert tested == [7, 15]
@@ -100,7 +100,7 @@ def test_rows_are_pixels_of_the_views_that_are_learned_from(capture) -> None:
 
 
 def test_a_step_depends_on_its_number_alone_and_hosts_share_it(capture) -> None:
-    config, capture = fitted(replace(CONFIG, side=32), capture)
+    config, capture = adapt(replace(CONFIG, side=32), capture)
     whole = feed(config, capture)(5)
     parts = [feed(config, capture, host, 2)(5) for host in (0, 1)]
     for name in Rays._fields:
@@ -251,8 +251,8 @@ def test_one_device_eight_and_pmap_agree() -> None:
 
 
 def test_presets_grow() -> None:
-    assert atlas_as(TINY).side < atlas_as(SMALL).side < atlas_as(PAPER).side
-    paper = atlas_as(PAPER, "frequency")
+    assert neutex_config(TINY).side < neutex_config(SMALL).side < neutex_config(PAPER).side
+    paper = neutex_config(PAPER, "frequency")
     assert paper.samples == 256 and paper.field.sigma == (256,) * 8 and paper.field.uv == (128, 128)
     assert paper.field.inverse == (512, 512) and 600 <= paper.batch <= 800
 
@@ -273,7 +273,7 @@ def test_a_run_is_resumed_to_the_bit_and_kept(capture, tmp_path) -> None:
     for a, b in zip(jax.tree.leaves(on), jax.tree.leaves(whole), strict=True):
         np.testing.assert_array_equal(a, b)
     read, about = read_record(tmp_path / "a")
-    assert method_of(read) is ATLAS and read == fitted(config, capture)[0]
+    assert method_of(read) is ATLAS and read == adapt(config, capture)[0]
     assert len(recorded(about, 16).photos) == 16
     images, path = snapshots(tmp_path / "a")[-1]
     kept = read_neutex(path)
@@ -306,7 +306,7 @@ def test_the_unit_of_length_does_not_matter_to_a_flash(capture) -> None:
     for p in photos:
         p.to_world[:3, 3] *= 100
     large = replace(capture, photos=photos, centre=100 * capture.centre, half=100 * capture.half, flash=30e4)
-    (a, one), (b, other) = (fitted(config, replace(c, points=None)) for c in (replace(capture, flash=30.0), large))
+    (a, one), (b, other) = (adapt(config, replace(c, points=None)) for c in (replace(capture, flash=30.0), large))
     assert a.field.flash == pytest.approx(b.field.flash)
     rows, again = feed(a, one)(2), feed(b, other)(2)
     np.testing.assert_allclose(rows.o, again.o, rtol=1e-5, atol=1e-6)
@@ -317,8 +317,8 @@ def test_reflectance_is_learned_from_a_flash(capture) -> None:
     """Without one it is refused; with one, E⊥ comes in the box's units, and a step moves all but the colours of views."""
     config = replace(CONFIG, field=replace(CONFIG.field, colour="reflectance"))
     with pytest.raises(InputError, match="says no `flash`"):
-        fitted(config, capture)
-    made, _ = fitted(config, replace(capture, flash=30.0))
+        adapt(config, capture)
+    made, _ = adapt(config, replace(capture, flash=30.0))
     assert made.field.flash == pytest.approx(30 / capture.half**2)
     begin, after, report = stepped(replace(made, batch=16), 0.6)
     assert moved(begin, after) == {"sigma": True, "texture": True, "view": False, "uv": True, "inverse": True}
@@ -328,15 +328,15 @@ def test_reflectance_is_learned_from_a_flash(capture) -> None:
 def test_objects_that_shrink_to_nothing_are_refused(capture) -> None:
     thin = replace(capture, masks=tuple(np.full_like(m, 0.3) for m in capture.masks))
     with pytest.raises(InputError, match="at 16 pixels a side no pixel is half covered"):
-        fitted(CONFIG, thin)
+        adapt(CONFIG, thin)
 
 
 @pytest.mark.slow
 def test_it_learns_a_painted_ball(capture, tmp_path, optimised) -> None:
     """Views that were held out are shown, and the surface lies once, and evenly, in its texture."""
-    config = replace(atlas_as(TINY), batch=256, kimg=256 * 0.3)
+    config = replace(neutex_config(TINY), batch=256, kimg=256 * 0.3)
     train(config, capture, tmp_path)
-    config, capture = fitted(config, capture)
+    config, capture = adapt(config, capture)
     scores = score_views(read_neutex(snapshots(tmp_path)[-1][1]), capture, config.samples)
     assert tuple(scores) == VIEWS + CHART
     assert scores["PSNR"].value > 22 and scores["SSIM"].value > 0.8

@@ -11,7 +11,7 @@ from mesoshell.datasets.queries.tile import Placing, bent
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.shell.material.field import Field, Layout
-from mesoshell.shell.material.loader import ready
+from mesoshell.shell.material.loader import load_device_material
 from mesoshell.train.surface import shell_teacher
 from mesoshell.train.surface.shell_teacher import BATCH, SAMPLES, Lay, Lesson, Teacher, answer, answers, frame, span
 
@@ -190,7 +190,7 @@ def test_a_footprint_is_about_the_place_on_the_surface(monkeypatch) -> None:
 def test_grass_seen_wide_is_the_mean_of_grass_seen_narrow(degrees: float):
     """The bundled grass, by footprints of a patch and of a texel: one that mixed heights was 4 to 7 times too bright."""
     bundle = read_bundle(find("grass"))
-    held = ready(bundle)
+    held = load_device_material(bundle)
     alpha, base = jnp.full(len(held.names), 0.2, jnp.float32), jnp.float32([0.09, 0.06, 0.035])
     ask = answers(held.layout, Teacher(held.material, alpha, jnp.asarray(0.5, jnp.float32), base))
     n, random = 2048, np.random.default_rng(0)

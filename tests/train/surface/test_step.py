@@ -25,7 +25,7 @@ from mesoshell.train.method import SURFACE, method_of
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.run_config import keep_record, read_record
 from mesoshell.train.surface import step as surface
-from mesoshell.train.surface.snapshot import bundle, painter, save, sheet
+from mesoshell.train.surface.snapshot import bundle, load_predictor, save, sheet
 from mesoshell.train.surface.step import (
     COARSE,
     FINE,
@@ -35,16 +35,16 @@ from mesoshell.train.surface.step import (
     WIDE,
     QueryBatch,
     SurfaceState,
-    SurfaceTraining,
+    SurfaceTrainConfig,
+    adapt,
     ask,
     blur_at,
     feed,
-    fitted,
     held_out,
     query_batch,
     start,
     step,
-    surface_as,
+    surface_config,
 )
 from mesoshell.train.update import Across
 from tests.helpers import wearing
@@ -52,7 +52,7 @@ from tests.helpers import wearing
 #: One process compiles what its tests share.
 pytestmark = pytest.mark.xdist_group("train_surface")
 
-CONFIG = SurfaceTraining(
+CONFIG = SurfaceTrainConfig(
     SurfaceConfig(8, 3, (8,)), batch=256, kimg=256 * 0.1, snapshot_kimg=256 * 0.05, curvature=(-1.0, 2.0), fine=COARSE
 )
 FORMS = ("direct", "cosine", "none")
@@ -86,7 +86,9 @@ def batch_of(answer: Callable, count: int = 256, seed: int = 0) -> QueryBatch:
     return jax.tree.map(jnp.asarray, query_batch(np.concatenate(parts)))
 
 
-def learned(config: SurfaceTraining, batches: list[QueryBatch], steps: int) -> tuple[SurfaceState, list[list[float]]]:
+def learned(
+    config: SurfaceTrainConfig, batches: list[QueryBatch], steps: int
+) -> tuple[SurfaceState, list[list[float]]]:
     state, learn = start(config, jax.random.key(0)), jax.jit(lambda s, b: step(config, s, b))
     losses = []
     for i in range(steps):
@@ -95,11 +97,11 @@ def learned(config: SurfaceTraining, batches: list[QueryBatch], steps: int) -> t
     return state, losses
 
 
-def answered(config: SurfaceTraining, surface: Surface, batch: QueryBatch, blur: float) -> tuple[OpacityEval, Any]:
+def answered(config: SurfaceTrainConfig, surface: Surface, batch: QueryBatch, blur: float) -> tuple[OpacityEval, Any]:
     return jax.jit(lambda s, b: ask(config, s, b, jnp.float32(blur)))(surface, batch)
 
 
-def as_bundle(config: SurfaceTraining, surface: Any) -> SurfaceBundle:
+def as_bundle(config: SurfaceTrainConfig, surface: Any) -> SurfaceBundle:
     """The network's numbers by the names of the file, in float64."""
     arrays = {}
     for name, module in surface._asdict().items():
@@ -185,7 +187,7 @@ def test_columns_come_by_their_meaning() -> None:
 def test_what_is_too_little_or_uneven_is_refused(data, tmp_path) -> None:
     alone = read_patches(wearing.write_patches(tmp_path / "one", [numbered(8, 0)]))
     with pytest.raises(InputError, match=r"one: has 1 patch: one is held out, others are learned from"):
-        fitted(CONFIG, alone)
+        adapt(CONFIG, alone)
     with pytest.raises(InputError, match="has 64 queries in a patch; a step takes 128"):
         feed(replace(CONFIG, batch=64 * 128), data)
     with pytest.raises(InputError, match="batch: 100 queries do not come evenly from 64 patches for 1 hosts"):
@@ -209,7 +211,7 @@ def test_what_is_too_little_or_uneven_is_refused(data, tmp_path) -> None:
 def test_a_dataset_that_does_not_say_what_it_is_of_is_refused(tmp_path, manifest: dict) -> None:
     found = read_patches(wearing.write_patches(tmp_path / "set", [numbered(8, k) for k in range(3)], **manifest))
     with pytest.raises(InputError, match=r"set/manifest\.json: has no range of curvature, or no depth") as fault:
-        fitted(CONFIG, found)
+        adapt(CONFIG, found)
     assert "\n" not in str(fault.value)
 
 
@@ -217,7 +219,7 @@ def test_the_datasets_curvature_is_the_materials(tmp_path) -> None:
     """It reaches the configuration and the file, and is what networks see as −1 to 1."""
     patches = [wearing.rows(16, k, uneven) for k in range(3)]
     found = read_patches(wearing.write_patches(tmp_path / "set", patches, curvature=[-4, 0.5]))
-    config, same = fitted(CONFIG, found)
+    config, same = adapt(CONFIG, found)
     assert config.curvature == (-4.0, 0.5) and same is found
     assert config == replace(CONFIG, curvature=(-4.0, 0.5))
     state = start(config, jax.random.key(0))
@@ -283,7 +285,7 @@ def test_the_fewer_queries_the_wider_the_least_blur(data, each: int, fine: float
     """As many queries a texel are learned from; those that are held out count for nothing."""
     rows = np.zeros((each, 16), np.float32)
     config = replace(CONFIG, surface=replace(CONFIG.surface, texels=1))
-    found, _ = fitted(config, replace(data, patches=(rows, rows)))
+    found, _ = adapt(config, replace(data, patches=(rows, rows)))
     assert found.fine == pytest.approx(fine) and found == replace(config, curvature=found.curvature, fine=found.fine)
     assert float(blur_at(found, jnp.float32(1))) == pytest.approx(fine)
 
@@ -392,9 +394,9 @@ def test_rays_that_meet_nothing_say_nothing_of_reflectance() -> None:
 
 
 def test_a_preset_gives_its_size() -> None:
-    tiny, small = surface_as(TINY), surface_as(SMALL)
+    tiny, small = surface_config(TINY), surface_config(SMALL)
     assert tiny.surface.texels == 32 and round(tiny.kimg * 1000 / tiny.batch) == 200
-    assert small == SurfaceTraining() and round(small.kimg * 1000 / small.batch) == 30_000
+    assert small == SurfaceTrainConfig() and round(small.kimg * 1000 / small.batch) == 30_000
 
 
 def test_a_run_leaves_its_record_its_log_and_materials(data, tmp_path) -> None:
@@ -477,7 +479,7 @@ def test_a_snapshot_is_the_material_as_it_is(data, tmp_path, opacity: Any) -> No
     assert (read.depth, read.opacity, read.texels) == (0.125, opacity, 8)
     assert read.provenance["queries"] == int(state.images) and read.provenance["dataset"]["source"] == "weave"
     rows = np.asarray(data.patches[0])
-    alpha, cosine, rho = painter(config, tmp_path / "a.npz")(rows)
+    alpha, cosine, rho = load_predictor(config, tmp_path / "a.npz")(rows)
     batch = jax.tree.map(jnp.asarray, query_batch(rows))
     wanted, wanted_rho = answered(config, lively, batch, WIDE * (COARSE / WIDE) ** 0.5)
     assert np.asarray(wanted_rho).std() > 1e-3

@@ -31,10 +31,10 @@ from mesoshell.train.textures.depth_map import TOP, from_above
 from mesoshell.train.textures.exemplars import ScaledExemplars, feed, scaled
 from mesoshell.train.textures.natural_start import wide
 from mesoshell.train.textures.snapshot import bundle
-from mesoshell.train.textures.state import TexturesConfig, TexturesState, fitted
+from mesoshell.train.textures.state import TexturesConfig, TexturesState, adapt
 from mesoshell.train.textures.step import start, step
 from mesoshell.train.textures.synthesis import folded, latents, made, own_phases, settled, standard
-from mesoshell.train.transfer import lender
+from mesoshell.train.transfer import transfer_from
 from tests.helpers.quick_start import begin_soon
 
 pytestmark = pytest.mark.xdist_group("textures")
@@ -65,7 +65,7 @@ def exemplars() -> Exemplars:
 
 @pytest.fixture(scope="module")
 def begun(exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars, TexturesState]:
-    config, data = fitted(replace(CONFIG, kimg=0.12), exemplars)
+    config, data = adapt(replace(CONFIG, kimg=0.12), exemplars)
     return config, data, start(config, data, jax.random.key(0))
 
 
@@ -124,7 +124,7 @@ def test_regression_repeats_its_exemplars(begun):
 @pytest.fixture(scope="module")
 def against_a_critic(exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars, TexturesState]:
     generator = replace(GENERATOR, channel_base=128, channel_max=4)
-    config, data = fitted(
+    config, data = adapt(
         replace(CONFIG, generator=generator, adversarial=True, balance=0.6, rate=3e-3, kimg=0.1), exemplars
     )
     with pytest.MonkeyPatch.context() as patch:
@@ -232,7 +232,7 @@ def test_a_material_of_corner_tiles_is_an_exemplar(exemplars: Exemplars):
     turf = read_exemplars(path)
     assert turf.patches == 4 and turf.features.shape == (1, 512, 512, 32) and turf.recipe == "grass"
     generator = replace(GENERATOR, texels=64, channels=32)
-    config, data = fitted(replace(CONFIG, generator=generator, adversarial=True, window=80), turf)
+    config, data = adapt(replace(CONFIG, generator=generator, adversarial=True, window=80), turf)
     coarse = read_bundle(path).arrays["features/1"].astype(np.float32)
     expected = (coarse - coarse.mean(axis=(0, 1))) / coarse.std(axis=(0, 1))
     np.testing.assert_allclose(data.features[0], expected, atol=0.02)
@@ -241,16 +241,16 @@ def test_a_material_of_corner_tiles_is_an_exemplar(exemplars: Exemplars):
     v, u = np.argwhere((data.features[0] == rows.feature[0][0, 0]).all(axis=2))[0]
     np.testing.assert_array_equal(rows.feature[0], np.roll(data.features[0], (-v, -u), axis=(0, 1))[:80, :80])
     with pytest.raises(InputError, match="is a torus of many patches; the experiment needs each by itself"):
-        fitted(replace(CONFIG, generator=generator), turf)
+        adapt(replace(CONFIG, generator=generator), turf)
 
 
 def test_exemplars_of_other_texels_and_too_few_are_refused(exemplars: Exemplars):
     with pytest.raises(InputError, match="has 32 texels a patch; the generator has 64"):
-        fitted(replace(CONFIG, generator=replace(GENERATOR, texels=64)), exemplars)
+        adapt(replace(CONFIG, generator=replace(GENERATOR, texels=64)), exemplars)
     with pytest.raises(InputError, match="has 2 patches; the experiment needs 3"):
-        fitted(replace(CONFIG, exemplars=3), exemplars)
+        adapt(replace(CONFIG, exemplars=3), exemplars)
     with pytest.raises(InputError, match="window: 32 texels are less than the critic's 64"):
-        fitted(replace(CONFIG, adversarial=True, window=32), exemplars)
+        adapt(replace(CONFIG, adversarial=True, window=32), exemplars)
 
 
 def test_no_latent_needs_no_z(begun):
@@ -307,8 +307,8 @@ def test_parameters_that_are_fixed_are_left_out_and_directions_are_known(exempla
     declared = [beta("length", "1", 0.0, 1.0), beta("lean", "rad", 0.0, 1.0), beta("lean_angle", "rad", 0.0, 2 * np.pi)]
     values = np.array([[0.5, 0.1, 0.9], [0.5, 0.7, 0.2]], np.float32)
     some = replace(exemplars, beta=values, parameters=(*declared, *exemplars.parameters))
-    assert fitted(CONFIG, some)[0].directions == ()  # regression turns nothing
-    config, data = fitted(replace(CONFIG, adversarial=True), some)
+    assert adapt(CONFIG, some)[0].directions == ()  # regression turns nothing
+    config, data = adapt(replace(CONFIG, adversarial=True), some)
     assert config.generator.betas == config.critic.betas == 2 and config.directions == (1,)
     assert [p.name for p in data.what.parameters] == ["lean", "lean_angle", "age"]
     batch = feed(config, data)(0)
@@ -316,7 +316,7 @@ def test_parameters_that_are_fixed_are_left_out_and_directions_are_known(exempla
     turned = adversarial._turned_beta(config, jnp.asarray(values[:, 1:]), jnp.array([0, 1]))
     np.testing.assert_allclose(turned, [[0.1, 0.9], [0.7, 0.8]], rtol=1e-6)
     config = replace(CONFIG, adversarial=True)
-    assert fitted(config, replace(some, beta=values[:, :0], parameters=exemplars.parameters))[0].directions == ()
+    assert adapt(config, replace(some, beta=values[:, :0], parameters=exemplars.parameters))[0].directions == ()
 
 
 def test_a_view_aslant_looks_along_its_slant():
@@ -362,17 +362,19 @@ def test_a_run_begins_with_a_snapshot(begun, exemplars: Exemplars, tmp_path: Pat
     write_bundle(tmp_path / "grass.npz", bundle(config, data, state))
     begin_soon(monkeypatch)
     fresh = start(config, data, jax.random.key(9))
-    lent = lender(config, data, tmp_path / "grass.npz")(fresh)
+    lent = transfer_from(config, data, tmp_path / "grass.npz")(fresh)
     for own, given in zip(*(jax.tree.leaves(folded(s.smooth, s)) for s in (state, lent)), strict=True):
         np.testing.assert_allclose(given, own, rtol=1e-3, atol=1e-4)
     assert jax.tree.map(jnp.shape, lent) == jax.tree.map(jnp.shape, fresh)
     shorter = replace(config, generator=replace(config.generator, precision="bfloat16"))
-    np.testing.assert_array_equal(lender(shorter, data, tmp_path / "grass.npz")(fresh).smooth.mix, lent.smooth.mix)
+    np.testing.assert_array_equal(
+        transfer_from(shorter, data, tmp_path / "grass.npz")(fresh).smooth.mix, lent.smooth.mix
+    )
     other = scaled(replace(exemplars, features=exemplars.features * 2))
     with pytest.raises(InputError, match="scaled by other exemplars"):
-        lender(config, other, tmp_path / "grass.npz")
+        transfer_from(config, other, tmp_path / "grass.npz")
     with pytest.raises(InputError, match="generator is not this run's: w is 8, asked for 16"):
-        lender(replace(config, generator=replace(config.generator, w=16)), data, tmp_path / "grass.npz")
+        transfer_from(replace(config, generator=replace(config.generator, w=16)), data, tmp_path / "grass.npz")
 
 
 def test_faulty_exemplars_are_refused_in_one_line(exemplars: Exemplars, tmp_path: Path):

@@ -12,27 +12,27 @@ from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_folder, probe_outputs
 from mesoshell.io.image import write_exr, write_png
-from mesoshell.io.mesh_export import write_wrapped
+from mesoshell.io.mesh_export import write_textured_mesh
 from mesoshell.limits import check_memory
 from mesoshell.neutex import edit as paint
 from mesoshell.neutex.cameras import Photo, around
 from mesoshell.neutex.capture import read_capture
-from mesoshell.neutex.mesh import wrapped
+from mesoshell.neutex.mesh import extract_mesh
 from mesoshell.neutex.render import Lighting, picture, view
 from mesoshell.neutex.store import NeuTexModel, read_neutex
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.setup import check_irradiance, environment_of, light_of
-from mesoshell.train.experiment import of_length, read_experiment
+from mesoshell.train.experiment import read_experiment, with_kimg
 from mesoshell.train.gan.presets import PRESETS as SIZES
 from mesoshell.train.neutex.snapshot import board_paint
-from mesoshell.train.neutex.step import AtlasTraining, atlas_as
+from mesoshell.train.neutex.step import NeuTexTrainConfig, neutex_config
 from mesoshell.train.run_config import read_record, snapshots
 
 
 def train(options: Train) -> None:
     """`mesoshell atlas train`."""
     keep_compiled()
-    config = of_length(_config(options), options.kimg)
+    config = with_kimg(_config(options), options.kimg)
     with stderr().status("reading photographs"):
         capture = read_capture(options.capture, options.background, config.side)
     print_length(options.run, learn(config, capture, options.run))
@@ -100,14 +100,14 @@ def mesh(options: Mesh) -> None:
     check_memory("--quads", f"a wrap of 6 x {options.quads} x {options.quads} quads", 6 * 512 * options.quads**2)
     probe_outputs((options.out,))
     model, side = _read_textured(options.object), options.size
-    surface = wrapped(model.config, model.field, options.quads, side)
+    surface = extract_mesh(model.config, model.field, options.quads, side)
     image = paint.texture_image(model, "cubemap", side)
     rough = None
     if model.config.colour == "reflectance" and options.out.suffix.lower() == ".glb":
         rough = paint.texture_image(model, "cubemap", side, "roughness")[..., 0]
     options.out.parent.mkdir(parents=True, exist_ok=True)
     vertices = model.centre + model.half * surface.vertices
-    write_wrapped(options.out, vertices, surface.faces, surface.uv, surface.normals, image, rough)
+    write_textured_mesh(options.out, vertices, surface.faces, surface.uv, surface.normals, image, rough)
     print(f"{options.out}: {len(surface.faces)} triangles, texture {image.shape[1]} x {image.shape[0]}")
 
 
@@ -122,15 +122,15 @@ def _lit(model: NeuTexModel, options: Render) -> Lighting | None:
     return Lighting(lights, environment_of(options.environment, {"y": 1, "z": 2}[options.up]))
 
 
-def _config(options: Train) -> AtlasTraining:
+def _config(options: Train) -> NeuTexTrainConfig:
     """The experiment's configuration at the preset's size, or the preset's own, with this encoding."""
     if options.experiment is None:
-        return atlas_as(SIZES[options.preset], options.encoding)
+        return neutex_config(SIZES[options.preset], options.encoding)
     if options.encoding is not None:
         raise InputError("--encoding", "cannot be combined with --experiment, which sets it")
     config = read_experiment(options.experiment, options.preset)
-    if not isinstance(config, AtlasTraining):
-        raise InputError(options.experiment, "its `variant` must make an AtlasTraining")
+    if not isinstance(config, NeuTexTrainConfig):
+        raise InputError(options.experiment, "its `variant` must make an NeuTexTrainConfig")
     return config
 
 
@@ -138,7 +138,7 @@ def _read_model(path: Path) -> NeuTexModel:
     """The model in a snapshot, or in the newest snapshot of a run."""
     if not path.is_dir():
         return read_neutex(path)
-    if not isinstance(read_record(path)[0], AtlasTraining):
+    if not isinstance(read_record(path)[0], NeuTexTrainConfig):
         raise InputError(path, "was not made by `mesoshell atlas train`")
     return read_neutex(snapshots(path)[-1][1])
 

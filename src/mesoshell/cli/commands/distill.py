@@ -19,8 +19,8 @@ from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.io.twin import Twin
 from mesoshell.measure.evaluation import with_scores
 from mesoshell.train.run_config import snapshots
-from mesoshell.train.surface.snapshot import painter
-from mesoshell.train.surface.step import MIXED, fitted
+from mesoshell.train.surface.snapshot import load_predictor
+from mesoshell.train.surface.step import MIXED, adapt
 
 #: Folders inside the run's folder: its queries, and the twin's own run.
 QUERIES, AFAR = "queries", "afar"
@@ -61,7 +61,7 @@ def source_of(options: Options) -> Source:
 def _twin(source: ShellSource, folder: Path) -> Twin:
     """A surface material for wide footprints, and its error at each of them."""
     surface, settings = _learned(source, folder), source.settings
-    looks = painter(fitted(source.config, read_patches(folder / QUERIES))[0], snapshots(folder)[-1][1])
+    looks = load_predictor(adapt(source.config, read_patches(folder / QUERIES))[0], snapshots(folder)[-1][1])
     errors = errors_by_radius(source.answers, looks, settings.curvature, settings.narrowest, settings.widest)
     return Twin(surface, source.alpha, source.base, errors)
 

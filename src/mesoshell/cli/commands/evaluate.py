@@ -27,7 +27,7 @@ def run(options: Options) -> None:
     probe_folder(options.run, "RUN")
     method = method_of(config)
     source = {**data, "folder": options.data or data["folder"]}
-    config, dataset = method.fitted(config, method.read(config, source))
+    config, dataset = method.adapt(config, method.read(config, source))
     measure = evaluation(config, dataset, options.run, options.images, options.inception)
     chosen = [saved[i] for i in sorted(set(np.linspace(len(saved) - 1, 0, options.snapshots).round().astype(int)))]
     other = _other(options.data, data["folder"])

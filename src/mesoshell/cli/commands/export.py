@@ -11,9 +11,9 @@ from mesoshell.io.exemplars import read_exemplars
 from mesoshell.io.surface import read_surface, write_surface
 from mesoshell.measure.evaluation import with_scores
 from mesoshell.train.export import patch_bundle
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.run_config import read_record, snapshots
-from mesoshell.train.surface.step import SurfaceTraining
+from mesoshell.train.surface.step import SurfaceTrainConfig
 from mesoshell.train.textures.state import TexturesConfig
 
 
@@ -42,10 +42,10 @@ def _snapshot(options: Options) -> str:
     if options.patch is not None:
         raise InputError("--patch", f"requires a file of exemplars; {options.run} is not one")
     config = read_record(options.run)[0]
-    if not isinstance(config, TrainConfig | TexturesConfig | SurfaceTraining):
+    if not isinstance(config, GanConfig | TexturesConfig | SurfaceTrainConfig):
         raise InputError(options.run, "holds a network but no generator: it can be evaluated, not exported")
     images, path = _chosen(options.run, options.kimg)
-    shell = not isinstance(config, SurfaceTraining)
+    shell = not isinstance(config, SurfaceTrainConfig)
     read, write = (read_bundle, write_bundle) if shell else (read_surface, write_surface)
     bundle: Any = with_scores(read(path), options.run, images)
     options.out.parent.mkdir(parents=True, exist_ok=True)

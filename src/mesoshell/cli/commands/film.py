@@ -9,7 +9,7 @@ from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.film.keys import read_keys
 from mesoshell.film.mp4 import check_mp4
-from mesoshell.film.shoot import Film, planned, shoot
+from mesoshell.film.shoot import Film, plan_motion, shoot
 from mesoshell.io.atomic import probe_folder, probe_outputs
 from mesoshell.scene.defaults import SIZE
 from mesoshell.scene.materials import load_material
@@ -27,7 +27,7 @@ def run(options: Options) -> None:
     quality = quality_of(options.quality, options.engine, settings_of(options.set))
     scene = scene_of(options, load_material(options.material))
     keys = None if options.keys is None else read_keys(options.keys)
-    motion = planned(scene, options.orbit, options.dolly, options.far, keys, options.wind, options.fps)
+    motion = plan_motion(scene, options.orbit, options.dolly, options.far, keys, options.wind, options.fps)
     folder = options.out.with_suffix(".frames") if filmed else options.out
     probe_folder(folder, "--out")
     console = stderr()

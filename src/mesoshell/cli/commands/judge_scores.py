@@ -20,7 +20,7 @@ from mesoshell.io.image import write_png
 from mesoshell.io.names import distinct_names
 from mesoshell.measure import fields
 from mesoshell.measure.copies import among
-from mesoshell.measure.features import Extractor, extractor, unseen
+from mesoshell.measure.features import Extractor, efficientnet_lite2, extractor
 from mesoshell.measure.scores import halves, judge_of, renders, score
 from mesoshell.measure.sliced import SIDE
 
@@ -89,7 +89,7 @@ def _cell(x: dict[str, float] | None) -> str:
 def _networks(console: Console) -> list[Extractor]:
     """EfficientNet-Lite2 first, if its weights are installed, since no discriminator was trained with it; then Lite0."""
     try:
-        return [unseen(), extractor()]
+        return [efficientnet_lite2(), extractor()]
     except InputError as error:
         say_notes(console, [error])
         return [extractor()]

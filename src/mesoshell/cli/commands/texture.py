@@ -17,7 +17,7 @@ from mesoshell.io.material import find, normalised
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.scene.materials import read_params
 from mesoshell.shell.generator.bake import patches_a_tile
-from mesoshell.shell.generator.model import maker_of
+from mesoshell.shell.generator.model import generator_model
 from mesoshell.shell.generator.plan import halo_cost
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of
 
@@ -31,7 +31,7 @@ def run(options: Options) -> None:
         probe_folder(options.out, "--out")
     keep_compiled()
     bundle = read_bundle(find(options.material))
-    config = maker_of(bundle, options.material).config
+    config = generator_model(bundle, options.material).config
     size = _size(options, config.texels)
     if options.out.suffix == ".npz":
         held = 3 * bundle.channels * size[0] * size[1]  # float16, and a third more for coarser levels

@@ -17,12 +17,12 @@ def _train(options: Options) -> None:
     from mesoshell.cli.compilation_cache import keep_compiled
     from mesoshell.cli.learn import learn, print_length
     from mesoshell.measure.run_cost import run_cost
-    from mesoshell.train.experiment import check_recipe, experiment_of, of_length, read_data
+    from mesoshell.train.experiment import check_recipe, experiment_of, read_data, with_kimg
     from mesoshell.train.hosts import join
 
     keep_compiled()
     config, recipe = experiment_of(options.experiment, options.preset)
-    config = of_length(config, options.kimg)
+    config = with_kimg(config, options.kimg)
     dataset = read_data(config, options.data, options.run)
     check_recipe(options.experiment, recipe, dataset)
     if options.coordinator is not None:

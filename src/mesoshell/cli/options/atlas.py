@@ -45,7 +45,7 @@ class Train:
     #: Encoding of points for the networks: hash learns faster; frequency is the paper's. Default: frequency for --preset paper,
     #: else hash. An experiment sets its own.
     encoding: Literal["hash", "frequency"] | None = None
-    #: A Python file whose `variant` makes a mesoshell.train.neutex.step.AtlasTraining of a preset; instead of --encoding.
+    #: A Python file whose `variant` makes a mesoshell.train.neutex.step.NeuTexTrainConfig of a preset; instead of --encoding.
     experiment: Path | None = None
     #: Colour behind the object, in photographs that have neither masks nor alpha.
     background: Literal["black", "white"] | None = None

@@ -18,9 +18,9 @@ class Options(SceneOptions):
 
     #: Frames of one turn of the camera around what it looks at.
     orbit: int | None = None
-    #: Frames of a way toward the scene, from --far times the camera's distance to where it is.
+    #: Frames of a dolly toward the scene, from --far times the camera's distance to the camera.
     dolly: int | None = None
-    #: How many times its distance away a dolly begins; 8 if not given.
+    #: Start of the dolly, as a multiple of the camera's distance. Default: 8.
     far: float | None = None
     #: JSON file of keys: camera, parameters and thickness at some frames, smooth between them (docs/how_to/film.md).
     keys: Path | None = None

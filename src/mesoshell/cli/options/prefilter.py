@@ -8,10 +8,10 @@ import tyro
 
 @dataclass(frozen=True)
 class Options:
-    """Correct a material for views from afar: what is averaged over a pixel shall show the mean of what near views show.
+    """Correct a material for distant views: filtered pixels then show the mean of what close views show.
 
-    It learns from the material's own unfiltered rays, and needs no images: three to six minutes on two cores. A twin is
-    left out: distil it anew.
+    Fits the correction to the material's own unfiltered rays; needs no images; takes three to six minutes on two cores. Drops
+    a twin: distil it again.
     """
 
     #: A bundled material's name, or a .npz file: a patch, corner tiles, or a generator.
@@ -20,5 +20,5 @@ class Options:
     out: Path
     #: Steps for each level of the texture.
     steps: int = 300
-    #: Of the views and rays that it learns from.
+    #: Seed of the training views and rays.
     seed: int = 0

@@ -33,15 +33,16 @@ class Options(SceneOptions):
     #: or --error, a march's settings are chosen for the scene unless --quality or --set is given.
     quality: Literal["draft", "normal", "reference"] | None = None
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(help=SETTINGS_HELP)] = ()
-    #: Seconds for the render loop: as many samples as they allow. Set-up and compiling are not of it, and reported beside it.
+    #: Seconds for the render loop, which takes as many samples as fit. Set-up and compile times are reported separately.
     budget: float | None = None
-    #: Mean FLIP of the tone-mapped picture, 0 to 1: as few samples as it takes. With --budget too, what is met first ends it.
+    #: Mean FLIP of the tone-mapped picture to reach, 0 to 1, with as few samples as needed. With --budget too, rendering ends
+    #: at whichever is reached first.
     error: float | None = None
-    #: Most samples a pixel, alone or with --budget or --error, whose default is 4096. Ctrl-C writes what there is.
+    #: Maximum of samples a pixel, alone or with --budget or --error (then 4096 by default). Ctrl-C writes the picture so far.
     max_samples: int | None = None
-    #: Paths a pixel, for mitsuba. Default: 16, 64 or 512 by --quality, or what the XML scene says.
+    #: Paths a pixel, for mitsuba. Default: the setting spp of the --quality, or what the XML scene says.
     spp: int | None = None
-    #: Segments of a path at most, for mitsuba: 2 is direct light only. Default: 4, 8 or 64 by --quality.
+    #: Maximum of segments of a path, for mitsuba; 2 is direct light only. Default: the setting max_depth of the --quality.
     max_depth: int | None = None
     #: Print which effects the scene calls for, and why.
     explain: bool = False

@@ -8,11 +8,12 @@ from mesoshell.cli.scene_options import SceneOptions
 
 @dataclass(frozen=True)
 class Options(SceneOptions):
-    """Check what is hard about a scene: folds, edges, grazing rays, precision. A line a check; exit status 1 if one is BAD.
+    """Check a scene for numerical problems: folded prisms, edges, grazing rays, precision.
 
-    Writes a map of where, and the numbers as JSON beside it."""
+    Prints one line per check, and ends with status 1 if one is BAD. Writes a map of the problem places, and the numbers as
+    JSON beside it."""
 
-    #: Rays that are aimed at vertices, edges and sides, and along the top; the camera's come on top.
+    #: Number of test rays, aimed at vertices, edges and sides, and along the shell's top; the camera's rays are added.
     rays: int = 100_000
     #: PNG file for the map.
     out: Path = Path("out/stability.png")

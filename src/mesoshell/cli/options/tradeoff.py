@@ -8,14 +8,14 @@ from mesoshell.cli.scene_options import SceneOptions
 
 @dataclass(frozen=True)
 class Options(SceneOptions):
-    """Measure what accuracy costs in time in a scene: settings are varied one by one and together, against a reference.
+    """Measure error against render time in a scene: vary settings one by one and together, and compare with a reference.
 
     Writes report.html, front.json and points.csv. A run that was stopped goes on where it was."""
 
-    #: Width and height of the pictures in pixels. Details of more pixels are finer, and need more of some settings. An XML
-    #: scene keeps its proportions, with at most as many pixels.
+    #: Width and height of the pictures in pixels. Larger pictures show finer detail, which needs higher values of some
+    #: settings. An XML scene keeps its proportions, with at most as many pixels.
     size: tuple[int, int] = (96, 96)
-    #: Minutes that it takes, but for starting and the last settings under way; the reference has a third of them at most.
+    #: Time limit in minutes, without start-up and the settings under way at the end; the reference takes at most a third.
     minutes: float = 10.0
     #: Folder for all that is measured.
     out: Path = Path("out/tradeoff")

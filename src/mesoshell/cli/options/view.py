@@ -7,13 +7,14 @@ from mesoshell.cli.scene_options import SceneOptions
 
 @dataclass(frozen=True)
 class Options(SceneOptions):
-    """Look at a scene in the browser: camera by mouse, parameters by sliders, pictures that refine. Needs the extra `viewer`;
-    ends with Ctrl-C. In place of the mesh, or of the material, the folder of a training run: its newest snapshot, on a
-    bundled mesh or on this one, beside its sheets and curves as it trains."""
+    """View a scene in the browser: camera by mouse, sliders for parameters, progressive pictures.
 
-    #: Another material on the same mesh, with parameters, thickness and scale of its own, to compare with by a wipe.
+    Requires the extra `viewer`; Ctrl-C ends it. Give a training run's folder as the mesh or as --material to show its newest
+    snapshot, with its sheets and curves as it trains; as the mesh, it is shown on a bundled one."""
+
+    #: Second material on the same mesh, with its own parameters, thickness and scale, to compare with by a wipe.
     beside: str | None = None
-    #: Address to listen on. Whoever reaches it can look, and make this machine work.
+    #: Address to listen on. Anyone who can reach it can view the scene, and load this machine.
     host: str = "127.0.0.1"
     #: Port to listen on.
     port: int = 8080

@@ -8,7 +8,7 @@ from collections.abc import Generator, Sequence
 from typing import Any
 
 from mesoshell.datasets.blender.shard import Done, Fault, Shard, render_shard
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 
 #: How long a scheduler may take to answer.
 _PATIENCE = "10s"
@@ -19,11 +19,11 @@ def connect(address: str) -> Any:
     try:
         from distributed import Client
     except ModuleNotFoundError:
-        raise InputError("--scheduler", "needs Dask: pip install mesoshell[cluster]") from None
+        raise InputError(Argument("scheduler"), "needs Dask: pip install mesoshell[cluster]") from None
     try:
         return Client(address, timeout=_PATIENCE)
     except (OSError, ValueError) as error:
-        raise InputError("--scheduler", f"{address} does not answer: {str(error).splitlines()[0]}") from None
+        raise InputError(Argument("scheduler"), f"{address} does not answer: {str(error).splitlines()[0]}") from None
 
 
 def run_on_cluster(shards: Sequence[Shard], client: Any) -> Generator[Done | Fault, None, None]:

@@ -22,7 +22,7 @@ LONGEST = 3.0
 WHOLE = 1e-3
 
 
-def dressed(
+def apply_mesostructure(
     tile: Tile, mesh: Mesh, period: float
 ) -> tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "M 3"], Float[np.ndarray, "N 3"]]:
     """Vertices in the world, faces and albedos of the mesostructure all over a mesh, and of the body beneath it."""

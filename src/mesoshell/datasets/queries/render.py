@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.datasets.queries.tile import Placing, Tile
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.io.atomic import replace_file
 from mesoshell.io.dataset_writer import collecting
 from mesoshell.io.query_dataset import COLUMNS, PARTS
@@ -102,10 +102,10 @@ def check_curvature(curvature: tuple[float, float], depth: float) -> None:
     """Raises InputError unless a layer of this depth fits on all cylinders of this range."""
     low, high = curvature
     if not (np.isfinite(curvature).all() and low < high):
-        raise InputError("--curvature", f"{low:g} to {high:g} is no range")
+        raise InputError(Argument("curvature"), f"{low:g} to {high:g} is no range")
     if high * depth >= 0.95:
         raise InputError(
-            "--curvature",
+            Argument("curvature"),
             f"a layer {depth:g} deep does not fit under a surface of radius {1 / high:g}: at most {0.95 / depth:g}",
         )
 

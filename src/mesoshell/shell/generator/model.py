@@ -64,7 +64,7 @@ def generator_fields(config: GeneratorConfig) -> dict[str, Any]:
     return asdict(config)
 
 
-def maker_of(bundle: Bundle, name: str) -> GeneratorModel:
+def generator_model(bundle: Bundle, name: str) -> GeneratorModel:
     """The generator of a bundle. Raises InputError, about `name`, if it has none or its weights do not fit."""
     if bundle.generator is None:
         raise InputError(name, "holds one texture and no generator: it has no other seed, extent or geometry")

@@ -17,7 +17,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.io.kept_textures import Allocate, kept, key_of
 from mesoshell.io.material import normalised
 from mesoshell.shell.generator.bake import Share, bake
-from mesoshell.shell.generator.model import grown, maker_of
+from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.nodes import count_nodes
 from mesoshell.shell.geometry.chart import cells, fits, patches_of
 
@@ -74,7 +74,7 @@ def baked(
     allocate: Allocate | None = None,
 ) -> tuple[Bundle, Share]:
     """The bundle with a texture of `size` texels (V, U) in place of its generator; its defaults are the given values."""
-    maker = maker_of(bundle, name)
+    maker = generator_model(bundle, name)
     if maker.config.planes > 1:
         raise InputError(name, "has three planes per patch, which end at its sides: they make no larger texture")
     beta = _geometry(bundle, wanted, count_nodes(size, maker.config.texels))

@@ -31,6 +31,8 @@ from mesoshell.geometry.topology import pair_edges, split_fans
 
 #: Albedo of bare earth, linear Rec. 709: the default under a shell.
 EARTH = (0.09, 0.06, 0.035)
+#: Triangles of a tetrahedron, by corners: what a bilinear side of a shell lies in.
+TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 
 #: ε: a prism's cross-section, seen along its corner posts, keeps this share of its base. Below, float32 loses J.
 LEAST_AREA = 1e-2

@@ -100,7 +100,7 @@ def place(piece: Piece, at: Frame, f: Scalar, share: Scalar, cone: Scalar) -> Pl
     return Placed(xi, footprint(at.inverse, piece.direction, g.along, g.across))
 
 
-def place_exact(chart: Chart, piece: Piece, at: Frame, f: Scalar) -> Vec3:
+def place_exact(chart: Chart, piece: Piece, f: Scalar) -> Vec3:
     """ξ of the point at position f by four Newton steps on P(λ, h) = x; quadratic, so these exhaust float32."""
     row = chart.corners[piece.prism].reshape(6, 3)
     x = piece.start + f * (piece.t[1] - piece.t[0]) * piece.direction

@@ -32,7 +32,7 @@ from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Int
 
 from mesoshell.shell.geometry.batched_walk import Intervals, Starts, Visits, visit
-from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.extrude import TETRAHEDRON, Shell
 from mesoshell.shell.geometry.intervals import cut, without_overlap
 from mesoshell.shell.geometry.march import BASE, LOST, TOP, as_tables
 
@@ -46,7 +46,6 @@ REACH = 1e18
 BESIDE = 128 * float(np.finfo(np.float32).eps)
 #: Steps from the triangle that Embree reports to the one that owns the ray: at most half way round a vertex.
 HOPS = 16
-_TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 
 
 class Trace(NamedTuple):
@@ -99,7 +98,7 @@ class Boundary:
             ends = np.stack([shell.faces[p, k], shell.faces[p, (k + 1) % 3]], axis=1)
             corners = np.concatenate([foot[ends], top[ends][:, ::-1]], axis=1)
             p, k = np.repeat(p, 4), np.repeat(k, 4)
-            parts.append((corners[:, _TETRAHEDRON].reshape(-1, 3, 3), p, k, shell.mesh_face[p]))
+            parts.append((corners[:, TETRAHEDRON].reshape(-1, 3, 3), p, k, shell.mesh_face[p]))
         self.corners, self.prism, self.code, self.face = (
             np.concatenate(x).astype(np.float64 if i == 0 else np.int32) for i, x in enumerate(zip(*parts, strict=True))
         )

@@ -43,7 +43,7 @@ class DeviceMaterial:
         return self.material if filtering or self.finest_corrected else self.material._replace(correction=None)
 
 
-def ready(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
+def load_device_material(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
     """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather.
 
     origin: (u, v), in whole patches, at which a texture with edges begins, or that of a seed of corner tiles.

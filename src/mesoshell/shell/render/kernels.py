@@ -79,7 +79,7 @@ def frames(chart: Chart, pieces: Piece, count: Array) -> Frame:
 def _sample(program: StaticConfig, table: DeviceTables, pieces: Piece, at: Frame, s: Samples) -> tuple[Vec3, Footprint]:
     piece, here = jax.tree.map(lambda x: x[s.row], (pieces, at))
     placed = place(piece, here, s.f, s.share, table.cone)
-    xi = place_exact(table.chart, piece, here, s.f) if program.exact else placed.xi
+    xi = place_exact(table.chart, piece, s.f) if program.exact else placed.xi
     wide = placed.footprint
     return xi, wide._replace(height=table.height_filter * wide.height)
 

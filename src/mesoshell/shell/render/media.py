@@ -60,25 +60,29 @@ class Media:
 def _key(medium: Medium) -> tuple:
     """What media have in common that are decoded alike."""
     maps = tuple((name, id(image)) for name, image in medium.maps.items())
-    return id(medium.ready), medium.alpha.tobytes(), maps, medium.patches_per_uv if maps else None
+    return id(medium.device_material), medium.alpha.tobytes(), maps, medium.patches_per_uv if maps else None
 
 
 def _decoding(medium: Medium, scene: Scene, quality: Quality, effects: Effects, chart: Chart) -> Decoding:
-    ready = medium.ready
-    varying = tuple(i for i, n in enumerate(ready.names) if n in medium.maps) if effects.varying_parameters.on else ()
+    device_material = medium.device_material
+    varying = (
+        tuple(i for i, n in enumerate(device_material.names) if n in medium.maps)
+        if effects.varying_parameters.on
+        else ()
+    )
     program = StaticConfig(
-        ready.layout,
-        ready.grid_shapes,
+        device_material.layout,
+        device_material.grid_shapes,
         effects.filtering.on,
         quality.anisotropy if effects.anisotropic_filtering.on else 1,
         quality.coordinates == "exact",
         varying,
     )
-    maps = [medium.maps[ready.names[i]] for i in varying]
+    maps = [medium.maps[device_material.names[i]] for i in varying]
     table = DeviceTables(
         chart,
-        ready.material_for(effects.filtering.on),
-        ready.grid,
+        device_material.material_for(effects.filtering.on),
+        device_material.grid,
         jnp.asarray(medium.alpha, jnp.float32),
         jnp.asarray(np.stack(maps) if maps else np.zeros((0, 1, 1)), jnp.float32),
         jnp.asarray(medium.patches_per_uv, jnp.float32),

@@ -75,7 +75,7 @@ class _Renderer:
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
         self.rows = capacity(USUAL * min(RAYS, scene.camera.width * scene.camera.height))
         shell = scene.shell
-        self.boundary = Boundary(shell, scene.mesh.faces, others=soup(scene))
+        self.boundary = Boundary(shell, scene.mesh.faces, others=object_triangles(scene))
         chart = Chart(self.boundary.prisms.corners, jnp.asarray(shell.uv.reshape(-1, 6)))
         self.media = Media(scene, quality, effects, chart)
         self.lighting = Lighting(scene, quality, effects, self.boundary, self.media, report)
@@ -250,7 +250,7 @@ def take(s: Samples, index: np.ndarray) -> Samples:
     return Samples(*(x[index] for x in s))
 
 
-def soup(scene: Scene) -> np.ndarray:
+def object_triangles(scene: Scene) -> np.ndarray:
     """Triangles of the other objects, (F, 3, 3)."""
     parts = [m.vertices[m.faces] for m in scene.objects]
     return np.concatenate(parts) if parts else np.zeros((0, 3, 3), np.float32)

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant, Environment
-from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.extrude import EARTH, Shell
 from mesoshell.shell.material.loader import DeviceMaterial
 
 
@@ -22,7 +22,7 @@ class Medium:
     faces under them; alpha: normalised parameters; maps: those that vary, each (H, W) over the UV square, normalised too;
     patches_per_uv: texture patches along one unit of the mesh's UV."""
 
-    ready: DeviceMaterial
+    device_material: DeviceMaterial
     alpha: Float[np.ndarray, "A"]
     maps: dict[str, Float[np.ndarray, "_ _"]]
     patches_per_uv: float
@@ -32,14 +32,14 @@ class Medium:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene. mesh, shell: of all that is grown, joined. ready, alpha, maps, patches_per_uv: of the first medium, as in
-    `Medium`; others: the rest, by their prisms. base_colour: diffuse albedo under the shell and of `objects`. holdout: whether
-    the picture is transparent where it would show objects.
+    """A scene. mesh, shell: of all that is grown, joined. device_material, alpha, maps, patches_per_uv: of the first medium, as
+    in `Medium`; others: the rest, by their prisms. base_colour: diffuse albedo under the shell and of `objects`. holdout:
+    whether the picture is transparent where it would show objects.
     """
 
     mesh: Mesh
     shell: Shell
-    ready: DeviceMaterial
+    device_material: DeviceMaterial
     camera: Camera
     lights: tuple[Distant, ...]
     environment: Environment | None = None
@@ -47,7 +47,7 @@ class Scene:
     maps: dict[str, Float[np.ndarray, "_ _"]] = field(default_factory=dict)
     patches_per_uv: float = 1.0
     others: tuple[Medium, ...] = ()
-    base_colour: tuple[float, float, float] = (0.09, 0.06, 0.035)
+    base_colour: tuple[float, float, float] = EARTH
     objects: tuple[Mesh, ...] = ()
     transparent: bool = True
     holdout: bool = False
@@ -55,4 +55,4 @@ class Scene:
     @property
     def media(self) -> tuple[Medium, ...]:
         """All of them, in the order of their prisms."""
-        return Medium(self.ready, self.alpha, self.maps, self.patches_per_uv, 0, 0), *self.others
+        return Medium(self.device_material, self.alpha, self.maps, self.patches_per_uv, 0, 0), *self.others

@@ -20,7 +20,7 @@ from mesoshell.train.fit.state import FitConfig
 FEW = 4
 
 
-def fitted(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
+def adapt(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
     """The configuration adapted to the data, with the given decoder. Raises InputError if that does not fit them."""
     config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1], tiles=shots.tiles)
     if config.given:

@@ -23,7 +23,7 @@ from mesoshell.train.fit.slab_pixels import predict
 from mesoshell.train.fit.state import FitConfig
 
 #: The material of each patch.
-Fitted = Callable[[int], Material]
+MaterialOfPatch = Callable[[int], Material]
 #: Rays a call, and candidate samples a ray: more of them do not change the scores.
 _RAYS, _CANDIDATES = 1024, 96
 
@@ -40,7 +40,9 @@ class Scores(NamedTuple):
     mean: float
 
 
-def score(config: FitConfig, shots: Shots, fitted: Fitted, folder: Path) -> tuple[Scores, Float[np.ndarray, "N H W 4"]]:
+def score(
+    config: FitConfig, shots: Shots, fitted: MaterialOfPatch, folder: Path
+) -> tuple[Scores, Float[np.ndarray, "N H W 4"]]:
     """Scores over all held-out pictures of a dataset, and their predictions, patch by patch."""
     some = [(k, n) for k, n in held_pictures(shots) if shots.samples[n].file.is_relative_to(folder)]
     pictures, true = (

@@ -17,7 +17,7 @@ from mesoshell.io.exemplars import Exemplars
 from mesoshell.io.names import distinct_names
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared, to_bundle
-from mesoshell.train.fit.feed import fitted
+from mesoshell.train.fit.feed import adapt
 from mesoshell.train.fit.holdout import Scores, score
 from mesoshell.train.fit.patch_rays import Shots, shots_of
 from mesoshell.train.fit.snapshot import exemplars, provenance
@@ -25,7 +25,7 @@ from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_
 from mesoshell.train.parallel import rows_of
 
 
-class Fitted(NamedTuple):
+class FitResult(NamedTuple):
     """made: a material of one patch or of corner tiles, or textures of many; scores and sheets: by a dataset's folder."""
 
     made: Bundle | Exemplars
@@ -87,9 +87,9 @@ def shots_to_fit(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence
 
 def conclude(
     config: FitConfig, shots: Shots, state: FitState, datasets: Sequence[Dataset], tests: Sequence[Dataset]
-) -> Fitted:
+) -> FitResult:
     """The result of a finished fit, scored on held-out pictures and on tests."""
-    config, shots = fitted(config, shots)
+    config, shots = adapt(config, shots)
     scores, sheets = {}, {}
     for dataset in [*(datasets if config.held else ()), *tests]:
         scored, pictures = score(
@@ -100,9 +100,9 @@ def conclude(
     tested = {n: {k: round(v, 3) for k, v in s._asdict().items()} for n, s in zip(names, scores.values(), strict=True)}
     about: dict[str, Any] = provenance(config, shots, state) | {"test": tested}
     if config.patches > 1 and not config.tiles:
-        return Fitted(exemplars(config, shots, state, about), scores, sheets)
+        return FitResult(exemplars(config, shots, state, about), scores, sheets)
     parameters, colours = declared(shots.manifest), shots.manifest["tiles"] if config.tiles else None
-    return Fitted(to_bundle(config, state.common, state.own.feature[0], parameters, about, colours), scores, sheets)
+    return FitResult(to_bundle(config, state.common, state.own.feature[0], parameters, about, colours), scores, sheets)
 
 
 def _sheet(y: np.ndarray, columns: int = 6, most: int = 96) -> np.ndarray:

@@ -74,5 +74,5 @@ def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray,
     return np.asarray(tiled(shown[..., :3], len(pairs)))
 
 
-def painter(config: FitConfig, path: Path) -> Callable[[Any], Any]:
+def load_predictor(config: FitConfig, path: Path) -> Callable[[Any], Any]:
     raise InputError(path, "is of a fit, which scores its held-out pictures itself")

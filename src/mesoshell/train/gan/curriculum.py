@@ -18,7 +18,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.shell.generator.discriminator import GROUP
 from mesoshell.train.gan.generate import ImageBatch
-from mesoshell.train.gan.state import TrainConfig, sized
+from mesoshell.train.gan.state import GanConfig, sized
 from mesoshell.train.loader import Feed, take
 from mesoshell.train.patch_renderer import PictureConfig
 
@@ -38,7 +38,7 @@ class Paced(Protocol):
     def seed(self) -> int: ...
 
 
-def fitted(config: TrainConfig, dataset: Dataset) -> tuple[TrainConfig, Dataset]:
+def adapt(config: GanConfig, dataset: Dataset) -> tuple[GanConfig, Dataset]:
     """The configuration adapted to a dataset, and the dataset with only the parameters that vary. Raises InputError if its
     images have another size, or if the discriminator's groups could hold views of one texture, which renders never do."""
     if config.batch % GROUP == 0 and config.views > config.batch // GROUP:
@@ -49,7 +49,7 @@ def fitted(config: TrainConfig, dataset: Dataset) -> tuple[TrainConfig, Dataset]
     roles = [entry["role"] for entry in varied.manifest["parameters"].values()]
     if config.mismatch and not roles:
         raise InputError("mismatch", "needs a dataset with parameters, which it exchanges between renders")
-    config = replace(config, picture=fitted_picture(config.picture, dataset))
+    config = replace(config, picture=adapt_picture(config.picture, dataset))
     return sized(config, roles.count("alpha"), roles.count("beta")), varied
 
 
@@ -60,7 +60,7 @@ def varying(dataset: Dataset) -> Dataset:
     return replace(dataset, manifest=dataset.manifest | {"parameters": kept})
 
 
-def fitted_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
+def adapt_picture(picture: PictureConfig, dataset: Dataset) -> PictureConfig:
     """With the field of view of a dataset. Raises InputError if its images have another size."""
     size, wanted = dataset.samples[0].size, picture.size
     if size != (wanted, wanted):

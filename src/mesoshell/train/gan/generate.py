@@ -28,7 +28,7 @@ from mesoshell.shell.generator.generator import (
 )
 from mesoshell.shell.material.field import inputs
 from mesoshell.train.gan.regularise import roughness
-from mesoshell.train.gan.state import Learner, TrainConfig
+from mesoshell.train.gan.state import GanConfig, Learner
 from mesoshell.train.patch_renderer import View, material_of, take_picture
 from mesoshell.typing import Array, Float, Scalar
 
@@ -63,7 +63,7 @@ def label(batch: ImageBatch) -> Float[Array, "B L"]:
     return jnp.concatenate([about, toward / distance, jnp.log(distance), batch.light], axis=1)
 
 
-def conditions(config: TrainConfig, batch: ImageBatch) -> ImageBatch:
+def conditions(config: GanConfig, batch: ImageBatch) -> ImageBatch:
     """The conditions of generated pictures: all views of a texture have the parameters of the first."""
 
     def first(x: Array) -> Array:
@@ -73,7 +73,7 @@ def conditions(config: TrainConfig, batch: ImageBatch) -> ImageBatch:
 
 
 def generate(
-    config: TrainConfig,
+    config: GanConfig,
     learner: Learner,
     averages: Averages,
     batch: ImageBatch,

@@ -13,10 +13,10 @@ phases drift: textures do not repeat (docs/results/generator.md).
 
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.patch_renderer import PictureConfig
 
-TINY = TrainConfig(
+TINY = GanConfig(
     generator=GeneratorConfig(
         texels=16,
         channel_base=256,
@@ -40,7 +40,7 @@ TINY = TrainConfig(
     snapshot_kimg=0.12,
     gamma=0.06,
 )
-MINI = TrainConfig(
+MINI = GanConfig(
     generator=GeneratorConfig(
         texels=32, channel_base=1024, channel_max=64, layers=6, waves=16, drift=1.5, z=32, w=32, height_rows=32
     ),
@@ -52,8 +52,8 @@ MINI = TrainConfig(
     gamma=0.125,
     snapshot_kimg=4.0,
 )
-SMALL = TrainConfig(generator=GeneratorConfig(waves=16, drift=1.5), views=2, near_kimg=1.5)
-BASE = TrainConfig(
+SMALL = GanConfig(generator=GeneratorConfig(waves=16, drift=1.5), views=2, near_kimg=1.5)
+BASE = GanConfig(
     generator=GeneratorConfig(
         texels=128, channel_base=8192, channel_max=128, waves=16, drift=1.5, z=128, w=128, height_rows=128
     ),
@@ -67,7 +67,7 @@ BASE = TrainConfig(
     snapshot_kimg=50.0,
     gamma=1.0,
 )
-PAPER = TrainConfig(
+PAPER = GanConfig(
     generator=GeneratorConfig(
         texels=256, channel_base=32768, channel_max=512, waves=16, drift=1.5, z=512, w=512, height_rows=256
     ),

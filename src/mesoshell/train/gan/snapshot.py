@@ -23,26 +23,26 @@ from mesoshell.io.dataset import Dataset, origin
 from mesoshell.io.image import tonemap
 from mesoshell.io.sheet import tiled
 from mesoshell.shell.generator.generator import Averages, draw_phases, map_latent, synthesise
-from mesoshell.shell.generator.model import maker_of
+from mesoshell.shell.generator.model import generator_model
 from mesoshell.train.export import declared, generator_bundle
 from mesoshell.train.gan.curriculum import Paced, views_of
 from mesoshell.train.gan.generate import ImageBatch, generate
-from mesoshell.train.gan.state import Learner, TrainConfig, TrainState
+from mesoshell.train.gan.state import GanConfig, Learner, TrainState
 from mesoshell.train.parallel import in_turn
 from mesoshell.typing import Array
 
 COLUMNS, EXTENT = 6, 4
 
 
-def save(path: Path, config: TrainConfig, dataset: Dataset, state: TrainState) -> None:
+def save(path: Path, config: GanConfig, dataset: Dataset, state: TrainState) -> None:
     """The material of the averaged weights, as a bundle."""
     about = provenance(config, dataset, int(state.images))
     write_bundle(path, generator_bundle(config, state.smooth, state.averages, declared(dataset.manifest), about))
 
 
-def painter(config: TrainConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
+def load_predictor(config: GanConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
     """A function that makes pictures of a snapshot, a texture each, with the labels and keys of a batch."""
-    maker = maker_of(read_bundle(path), str(path))
+    maker = generator_model(read_bundle(path), str(path))
     learner = Learner(maker.generator, maker.decoder)
     return lambda batch: pictures(config, learner, maker.averages, batch)
 
@@ -52,7 +52,7 @@ def provenance(config: Any, dataset: Dataset, images: int) -> dict:
     return {"config": asdict(config), "dataset": origin(dataset), "commit": commit(), "images": images}
 
 
-def sheet(config: TrainConfig, dataset: Dataset, state: TrainState) -> Float[np.ndarray, "h w 3"]:
+def sheet(config: GanConfig, dataset: Dataset, state: TrainState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of fixed seeds, as linear values to be shown."""
     learner, averages = state.smooth, state.averages
     far, near = ends(config, dataset)
@@ -87,7 +87,7 @@ def as_colours(feature: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "V U 3"
 
 
 def pictures(
-    config: TrainConfig, learner: Learner, averages: Averages, batch: ImageBatch, tile: tuple[int, int] = (0, 0)
+    config: GanConfig, learner: Learner, averages: Averages, batch: ImageBatch, tile: tuple[int, int] = (0, 0)
 ) -> Float[np.ndarray, "B S S 4"]:
     """Generated pictures of a tile of the plane, a texture each, with the labels and keys of a batch."""
     return np.asarray(_pictures(replace(config, views=1), tile, learner, averages, jax.tree.map(jnp.asarray, batch)))
@@ -95,13 +95,13 @@ def pictures(
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _pictures(
-    config: TrainConfig, tile: tuple[int, int], learner: Learner, averages: Averages, batch: ImageBatch
+    config: GanConfig, tile: tuple[int, int], learner: Learner, averages: Averages, batch: ImageBatch
 ) -> Array:
     return generate(config, learner, averages, batch, in_turn, tile)[0]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _feature(config: TrainConfig, side: int, learner: Learner, averages: Averages, batch: ImageBatch) -> Array:
+def _feature(config: GanConfig, side: int, learner: Learner, averages: Averages, batch: ImageBatch) -> Array:
     k = jax.random.split(jax.random.key(config.seed))
     z = jax.random.normal(k[0], (1, config.generator.z), jnp.float32)
     w = map_latent(learner.generator, z, batch.beta[:1])

@@ -27,7 +27,7 @@ POSE = 7
 
 
 @dataclass(frozen=True)
-class TrainConfig:
+class GanConfig:
     """Everything that a run depends on beside the data.
 
     gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: when the nearest cameras are reached, from the
@@ -80,7 +80,7 @@ class TrainState(NamedTuple):
     images: Int[Array, ""]
 
 
-def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
+def sized(config: GanConfig, appearance: int, geometry: int) -> GanConfig:
     """The configuration for a dataset with this many parameters, which set the inputs of discriminator, decoder and mapping."""
     return replace(
         config,
@@ -91,7 +91,7 @@ def sized(config: TrainConfig, appearance: int, geometry: int) -> TrainConfig:
     )
 
 
-def optimisers(config: TrainConfig) -> tuple[optax.GradientTransformation, optax.GradientTransformation]:
+def optimisers(config: GanConfig) -> tuple[optax.GradientTransformation, optax.GradientTransformation]:
     """Adam (0, 0.99, 1e-8), for the learner and for the discriminator.
 
     All kernels but the decoder's are stored with unit variance and scaled where they are used. The decoder's are stored as
@@ -117,7 +117,7 @@ def _at_one_pace(updates: Any, parameters: Any) -> Any:
     return updates._replace(decoder=jax.tree.map(slowed, updates.decoder, is_leaf=lambda x: isinstance(x, Dense)))
 
 
-def start(config: TrainConfig, key: Key[Array, ""]) -> TrainState:
+def start(config: GanConfig, key: Key[Array, ""]) -> TrainState:
     k = jax.random.split(key, 3)
     encoded = config.generator.channels + 1 + 2 * config.picture.octaves + config.appearance
     decoder = init_decoder(k[1], encoded, config.trunk, config.head)

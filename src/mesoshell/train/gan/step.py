@@ -22,7 +22,7 @@ from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.shell.generator.generator import Averages
 from mesoshell.train.gan.generate import GeneratorStats, ImageBatch, conditions, generate, label
 from mesoshell.train.gan.regularise import blurred
-from mesoshell.train.gan.state import Learner, TrainConfig, TrainState, optimisers
+from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers
 from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
 from mesoshell.train.patch_renderer import shown
 from mesoshell.train.update import HERE, Across, not_finite, updated
@@ -47,7 +47,7 @@ class GanReport(NamedTuple):
 
 
 def step(
-    config: TrainConfig, state: TrainState, batch: ImageBatch, across: Across = HERE
+    config: GanConfig, state: TrainState, batch: ImageBatch, across: Across = HERE
 ) -> tuple[TrainState, GanReport]:
     """Both updates, R1 if it is due, and the averages. Pure."""
     wanted = conditions(config, batch)
@@ -117,7 +117,7 @@ def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:
 
 
 def _regularised(
-    config: TrainConfig, judge: Any, adam: Any, due: Array, labelled: tuple[Array, Array], across: Across
+    config: GanConfig, judge: Any, adam: Any, due: Array, labelled: tuple[Array, Array], across: Across
 ) -> tuple[Any, Any, Scalar, Bool[Array, "_leaves"]]:
     """Discriminator and optimiser after an update by R1 of (y, c) if it is due, R1, and which leaves of its gradient are not
     finite."""

@@ -24,7 +24,7 @@ import optax
 from mesoshell.shell.material.decoder import Decoder, encode_height, init_decoder
 from mesoshell.shell.material.field import Point
 from mesoshell.train.gan.generate import ImageBatch
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.losses import smape, transmittance_loss
 from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
 from mesoshell.train.update import HERE, Across, not_finite, updated
@@ -34,8 +34,8 @@ PARAMETER_OCTAVES = 4
 
 
 @dataclass(frozen=True)
-class ParametricConfig:
-    """Everything that a run depends on beside the data; for fields shared with TrainConfig, see there.
+class NerfTexConfig:
+    """Everything that a run depends on beside the data; for fields shared with GanConfig, see there.
 
     octaves: of the encoding of ξ; rate: Adam's; parameters: P, which follows from the dataset.
     """
@@ -71,11 +71,11 @@ class ParametricReport(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def sized_as(preset: TrainConfig, seeded: bool = False) -> ParametricConfig:
+def nerf_tex_config(preset: GanConfig, seeded: bool = False) -> NerfTexConfig:
     """The network at a preset's size. Since no texture stores the patch, it has twice the decoder's width and
     four layers in its trunk; the shortest wave of its encoding is two of the preset's texels long."""
     width = preset.trunk[0]
-    return ParametricConfig(
+    return NerfTexConfig(
         picture=preset.picture,
         trunk=(2 * width,) * 4,
         head=(width,),
@@ -89,7 +89,7 @@ def sized_as(preset: TrainConfig, seeded: bool = False) -> ParametricConfig:
     )
 
 
-def start(config: ParametricConfig, key: Key[Array, ""]) -> ParametricState:
+def start(config: NerfTexConfig, key: Key[Array, ""]) -> ParametricState:
     inputs = 3 * (1 + 2 * config.octaves) + config.parameters * (1 + 2 * PARAMETER_OCTAVES)
     decoder = init_decoder(key, inputs, config.trunk, config.head)
     adam = optimiser(config).init(decoder)
@@ -97,7 +97,7 @@ def start(config: ParametricConfig, key: Key[Array, ""]) -> ParametricState:
 
 
 def step(
-    config: ParametricConfig, state: ParametricState, batch: ImageBatch, across: Across = HERE
+    config: NerfTexConfig, state: ParametricState, batch: ImageBatch, across: Across = HERE
 ) -> tuple[ParametricState, ParametricReport]:
     """One update. Pure."""
 
@@ -117,7 +117,7 @@ def step(
 
 
 def paint(
-    config: ParametricConfig, decoder: Decoder, batch: ImageBatch, each: Callable[[Callable], Callable]
+    config: NerfTexConfig, decoder: Decoder, batch: ImageBatch, each: Callable[[Callable], Callable]
 ) -> Float[Array, "B S S 4"]:
     """Pictures from a batch's cameras, lights and parameters, the seeds among its β included."""
     keys = jax.random.wrap_key_data(batch.key)
@@ -131,14 +131,14 @@ def paint(
     return each(one)(View(batch.camera_to_world, batch.light, batch.irradiance, parameters), keys)
 
 
-def see(config: ParametricConfig, point: Point) -> Float[Array, "I"]:
+def see(config: NerfTexConfig, point: Point) -> Float[Array, "I"]:
     """The network's input at a point: ξ and p, each with its sines and cosines."""
     place = jax.vmap(lambda x: encode_height(x, config.octaves))(point.xi)
     parameters = jax.vmap(lambda x: encode_height(x, PARAMETER_OCTAVES))(point.alpha)
     return jnp.concatenate([place.reshape(-1), parameters.reshape(-1)])
 
 
-def redrawn(config: ParametricConfig, batch: ImageBatch) -> ImageBatch:
+def redrawn(config: NerfTexConfig, batch: ImageBatch) -> ImageBatch:
     """The batch with new seeds, drawn by its keys; unchanged if the network sees no seed."""
     if not config.seeded:
         return batch
@@ -147,5 +147,5 @@ def redrawn(config: ParametricConfig, batch: ImageBatch) -> ImageBatch:
     return batch._replace(beta=jnp.concatenate([jnp.asarray(batch.beta)[:, :-1], seeds], axis=1))
 
 
-def optimiser(config: ParametricConfig) -> optax.GradientTransformation:
+def optimiser(config: NerfTexConfig) -> optax.GradientTransformation:
     return optax.adam(config.rate)

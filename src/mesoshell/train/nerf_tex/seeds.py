@@ -8,14 +8,14 @@ from dataclasses import replace
 
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
-from mesoshell.train.gan.curriculum import fitted_picture, varying
-from mesoshell.train.nerf_tex.network import ParametricConfig
+from mesoshell.train.gan.curriculum import adapt_picture, varying
+from mesoshell.train.nerf_tex.network import NerfTexConfig
 
 #: The name of the seed among parameters; not one that a recipe can use.
 SEED = "geometry seed"
 
 
-def fitted(config: ParametricConfig, dataset: Dataset) -> tuple[ParametricConfig, Dataset]:
+def adapt(config: NerfTexConfig, dataset: Dataset) -> tuple[NerfTexConfig, Dataset]:
     """The configuration adapted to a dataset, and the dataset with the parameters that vary, and with seeds if the network sees
     them. Raises InputError if images have another size, if each shows another geometry and `seeded` is off, or if all show one
     geometry and `seeded` is on."""
@@ -31,7 +31,7 @@ def fitted(config: ParametricConfig, dataset: Dataset) -> tuple[ParametricConfig
             dataset.folder, f"every image shows patch {patch}; seeds as a parameter need a dataset without --patch"
         )
     dataset = with_seeds(varying(dataset)) if config.seeded else varying(dataset)
-    picture = fitted_picture(config.picture, dataset)
+    picture = adapt_picture(config.picture, dataset)
     return replace(config, picture=picture, parameters=len(dataset.manifest["parameters"])), dataset
 
 

@@ -18,25 +18,25 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import InputError
-from mesoshell.io.archive import read_arrays, read_heads, write_arrays
-from mesoshell.io.bundle import MANIFEST, SCHEMA
+from mesoshell.io.archive import MANIFEST, read_arrays, read_heads, write_arrays
+from mesoshell.io.bundle import SCHEMA
 from mesoshell.io.dataset import Dataset
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.snapshot import ends, in_rows, provenance
-from mesoshell.train.nerf_tex.network import ParametricConfig, ParametricState, paint, redrawn, start
+from mesoshell.train.nerf_tex.network import NerfTexConfig, ParametricState, paint, redrawn, start
 from mesoshell.train.parallel import in_turn
 from mesoshell.typing import Array
 
 
-def save(path: Path, config: ParametricConfig, dataset: Dataset, state: ParametricState) -> None:
+def save(path: Path, config: NerfTexConfig, dataset: Dataset, state: ParametricState) -> None:
     """The network's weights."""
     about = {"schema": SCHEMA, "kind": "nerf_tex", "provenance": provenance(config, dataset, int(state.images))}
     text = np.frombuffer(json.dumps(about, indent=1, sort_keys=True).encode(), np.uint8)
     write_arrays(path, {MANIFEST: text} | {name: np.asarray(leaf) for name, leaf in _named(state.decoder).items()})
 
 
-def painter(config: ParametricConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
+def load_predictor(config: NerfTexConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
     """A function that makes pictures of a snapshot with the labels of a batch, and with seeds drawn by its keys. Raises
     InputError if the file does not hold this configuration's network."""
     like = jax.eval_shape(lambda: start(config, jax.random.key(0))).decoder
@@ -49,19 +49,19 @@ def painter(config: ParametricConfig, path: Path) -> Callable[[ImageBatch], Floa
     return lambda batch: pictures(config, decoder, redrawn(config, batch))
 
 
-def sheet(config: ParametricConfig, dataset: Dataset, state: ParametricState) -> Float[np.ndarray, "h w 3"]:
+def sheet(config: NerfTexConfig, dataset: Dataset, state: ParametricState) -> Float[np.ndarray, "h w 3"]:
     """Renders beside what the network makes of them, as linear values to be shown."""
     far, near = ends(config, dataset)
     return in_rows([rows for batch in (near, far) for rows in (batch.image, pictures(config, state.decoder, batch))])
 
 
-def pictures(config: ParametricConfig, decoder: Decoder, batch: ImageBatch) -> Float[np.ndarray, "B S S 4"]:
+def pictures(config: NerfTexConfig, decoder: Decoder, batch: ImageBatch) -> Float[np.ndarray, "B S S 4"]:
     """Pictures with the labels of a batch."""
     return np.asarray(_pictures(config, decoder, jax.tree.map(jnp.asarray, batch)))
 
 
 @partial(jax.jit, static_argnums=0)
-def _pictures(config: ParametricConfig, decoder: Decoder, batch: ImageBatch) -> Array:
+def _pictures(config: NerfTexConfig, decoder: Decoder, batch: ImageBatch) -> Array:
     return paint(config, decoder, batch, in_turn)
 
 

@@ -21,18 +21,18 @@ from mesoshell.neutex.render import Paint, picture, view
 from mesoshell.neutex.store import NeuTexModel, read_neutex, write_neutex
 from mesoshell.render.quality import Quality
 from mesoshell.train.neutex.ray_batches import held_out
-from mesoshell.train.neutex.step import AtlasState, AtlasTraining
+from mesoshell.train.neutex.step import NeuTexState, NeuTexTrainConfig
 
 #: Of the checkerboard: squares along a face's side, and pixels.
 SQUARES, BOARD = 6, 192
 
 
-def save(path: Path, config: AtlasTraining, capture: Capture, state: AtlasState) -> None:
+def save(path: Path, config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> None:
     """The object as it is now."""
     write_neutex(path, captured(config, capture, state))
 
 
-def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> NeuTexModel:
+def captured(config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> NeuTexModel:
     about = {"config": asdict(config), "capture": capture.manifest, "commit": commit(), "rays": int(state.images)}
     return NeuTexModel(
         config.field,
@@ -45,7 +45,7 @@ def captured(config: AtlasTraining, capture: Capture, state: AtlasState) -> NeuT
     )
 
 
-def painter(config: AtlasTraining, path: Path) -> Callable[[list[Photo]], list[np.ndarray]]:
+def load_predictor(config: NeuTexTrainConfig, path: Path) -> Callable[[list[Photo]], list[np.ndarray]]:
     """A function that renders a snapshot from cameras: linear premultiplied RGBA."""
     model = read_neutex(path)
     how = view(model.config, model.field, quality_of(config))
@@ -56,7 +56,7 @@ def painter(config: AtlasTraining, path: Path) -> Callable[[list[Photo]], list[n
     return pictures
 
 
-def sheet(config: AtlasTraining, capture: Capture, state: AtlasState) -> Float[np.ndarray, "h w 3"]:
+def sheet(config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of the object, linear."""
     now = captured(config, capture, state)
     how = view(now.config, now.field, quality_of(config))
@@ -84,6 +84,6 @@ def board_paint() -> Paint:
     return Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
 
 
-def quality_of(config: AtlasTraining) -> Quality:
+def quality_of(config: NeuTexTrainConfig) -> Quality:
     """Samples a ray as in training, and one ray a pixel."""
     return Quality(samples=config.samples, pixel_samples=1)

@@ -35,8 +35,8 @@ from mesoshell.neutex.field import (
     to_surface,
     to_texture,
 )
-from mesoshell.neutex.march import CELLS, march, widened
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.neutex.march import CELLS, dilate, march
+from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.neutex.ray_batches import Rays, held_out, rays_for
 from mesoshell.train.update import HERE, Across, descent, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
@@ -48,7 +48,7 @@ SLOWEST = 0.05
 
 
 @dataclass(frozen=True)
-class AtlasTraining:
+class NeuTexTrainConfig:
     """Everything that a run depends on beside the data. side: of the pictures at most, pixels; samples: N; batch: B; kimg:
     thousands of rays; cycle, mask: weights a₁ and a₂; facing: weight; chamfer, finish: shares of the run; alone: cycle and
     mask wait until `chamfer` is over; cloud: whether there is one, which follows from the capture."""
@@ -71,7 +71,7 @@ class AtlasTraining:
     cloud: bool = False
 
 
-class AtlasState(NamedTuple):
+class NeuTexState(NamedTuple):
     """A run under way; a pytree of arrays. images: rays seen."""
 
     field: Field
@@ -81,7 +81,7 @@ class AtlasState(NamedTuple):
     images: Int[Array, ""]
 
 
-class AtlasReport(NamedTuple):
+class NeuTexReport(NamedTuple):
     """Parts of the loss, before their weights, and which leaves of the gradient are not finite."""
 
     render: Scalar
@@ -92,19 +92,19 @@ class AtlasReport(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None = None) -> AtlasTraining:
+def neutex_config(preset: GanConfig, encoding: Literal["frequency", "hash"] | None = None) -> NeuTexTrainConfig:
     """A run at a preset's size: `paper` as published, `small` for a CPU, `tiny` for a test of a minute. encoding: by default
     frequencies for `paper`, hash grids for the others. Maps as wide as the paper's fold at a rate that finishes in minutes: on
     a CPU they are narrower, and their cycle weighs ten times as much from the first step on (docs/results/capture.md)."""
     texels = preset.picture.texels
     if texels > 64:
         grids = FieldConfig((64,) * 2, (64,) * 2, encoding="hash", hash=HashConfig(16, 2, 19, 16, 1024))
-        return AtlasTraining(grids if encoding == "hash" else FieldConfig())
+        return NeuTexTrainConfig(grids if encoding == "hash" else FieldConfig())
     if encoding == "frequency":
         field = FieldConfig((96,) * 4, (96,) * 3, (64, 64), (128, 128), 32, octaves=(6, 6, 2))
     else:
         field = FieldConfig((64,) * 2, (64,) * 2, (64, 64), (128, 128), 32, "hash")
-    small = AtlasTraining(field, side=128, samples=32, batch=1024, kimg=1024 * 4.0, rate=2e-3, snapshot_kimg=512.0)
+    small = NeuTexTrainConfig(field, side=128, samples=32, batch=1024, kimg=1024 * 4.0, rate=2e-3, snapshot_kimg=512.0)
     small = replace(small, cycle=10.0, alone=False)
     if texels > 16:
         return small
@@ -114,7 +114,7 @@ def atlas_as(preset: TrainConfig, encoding: Literal["frequency", "hash"] | None 
     )
 
 
-def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capture]:
+def adapt(config: NeuTexTrainConfig, capture: Capture) -> tuple[NeuTexTrainConfig, Capture]:
     """The configuration adapted to a capture, and the capture at the configured size. Raises InputError if reflectance is to be
     learned without a known flash, or no pixel shows the object at that size."""
     if config.field.colour == "reflectance":
@@ -129,24 +129,24 @@ def fitted(config: AtlasTraining, capture: Capture) -> tuple[AtlasTraining, Capt
     return replace(config, cloud=capture.points is not None), capture
 
 
-def feed(config: AtlasTraining, capture: Capture, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
+def feed(config: NeuTexTrainConfig, capture: Capture, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
     """This host's rays of step i. Raises InputError if hosts cannot share them evenly."""
     return rays_for(config.batch, config.seed, capture, host, hosts)
 
 
-def start(config: AtlasTraining, key: Key[Array, ""]) -> AtlasState:
+def start(config: NeuTexTrainConfig, key: Key[Array, ""]) -> NeuTexState:
     field = init_field(config.field, key)
     grid = jnp.full((CELLS,) * 3, DENSITY, jnp.float32)
-    return AtlasState(field, optimiser(config).init(field), grid, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+    return NeuTexState(field, optimiser(config).init(field), grid, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def step(
-    config: AtlasTraining, state: AtlasState, batch: Rays, across: Across = HERE
-) -> tuple[AtlasState, AtlasReport]:
+    config: NeuTexTrainConfig, state: NeuTexState, batch: Rays, across: Across = HERE
+) -> tuple[NeuTexState, NeuTexReport]:
     """One update. Pure."""
     share = state.images.astype(jnp.float32) / (config.kimg * 1000)
     early = (share < config.chamfer) & config.cloud
-    occupied = widened(state.grid > SPARSE)
+    occupied = dilate(state.grid > SPARSE)
     key = jax.random.key(config.seed)
 
     def loss(field: Field) -> tuple[Scalar, tuple[Scalar, ...]]:
@@ -171,12 +171,12 @@ def step(
     bad = not_finite(gradient)
     grid = updated_grid(config, field, state.grid, state.step, key)
     rows = across.rows(batch.mask)
-    after = AtlasState(field, adam, grid, state.step + 1, state.images + rows)
-    return after, AtlasReport(*parts, bad=bad)
+    after = NeuTexState(field, adam, grid, state.step + 1, state.images + rows)
+    return after, NeuTexReport(*parts, bad=bad)
 
 
 def updated_grid(
-    config: AtlasTraining, field: Field, grid: Float[Array, "n n n"], step: Int[Array, ""], key: Array
+    config: NeuTexTrainConfig, field: Field, grid: Float[Array, "n n n"], step: Int[Array, ""], key: Array
 ) -> Array:
     """The grid after evaluating this step's cells, at a random point in each."""
     n = grid.shape[0]
@@ -195,7 +195,7 @@ def encoded(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
 
 
 def _ray(
-    config: AtlasTraining, field: Field, occupied: Array, key: Array, row: Rays
+    config: NeuTexTrainConfig, field: Field, occupied: Array, key: Array, row: Rays
 ) -> tuple[Scalar, Scalar, Scalar, Scalar]:
     """Parts of the loss of one ray: render, cycle, mask (equations 9, 12 and 13) and facing. row: of a batch."""
     xi, pick = jax.random.split(jax.random.fold_in(key, row.noise))
@@ -228,7 +228,7 @@ def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:
     return nearest(batch.point, all_surface) + nearest(surface, all_points)
 
 
-def optimiser(config: AtlasTraining) -> optax.GradientTransformation:
+def optimiser(config: NeuTexTrainConfig) -> optax.GradientTransformation:
     def label(field: Field) -> Field:
         def of(net: Any) -> Any:
             return jax.tree.map(lambda _: "network", net)._replace(tables=jax.tree.map(lambda _: "tables", net.tables))

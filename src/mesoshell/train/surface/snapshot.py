@@ -23,7 +23,7 @@ from mesoshell.io.query_dataset import Patches
 from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.surface_material.loader import surface_of
 from mesoshell.surface_material.network import Surface, blurred
-from mesoshell.train.surface.step import QueryBatch, SurfaceState, SurfaceTraining, ask, blur_at, query_batch
+from mesoshell.train.surface.step import QueryBatch, SurfaceState, SurfaceTrainConfig, ask, blur_at, query_batch
 from mesoshell.typing import Array
 
 #: Of the sheet: pixels of a picture, periods that it shows, cosines toward the viewer.
@@ -31,12 +31,12 @@ SIDE, PERIODS, COSINES = 96, 1.5, (1.0, 0.6, 0.35, 0.2)
 BEHIND = np.array([0.05, 0.1, 0.4])
 
 
-def save(path: Path, config: SurfaceTraining, data: Patches, state: SurfaceState) -> None:
+def save(path: Path, config: SurfaceTrainConfig, data: Patches, state: SurfaceState) -> None:
     """The material as it is now."""
     write_surface(path, bundle(config, data, state))
 
 
-def bundle(config: SurfaceTraining, data: Patches, state: SurfaceState) -> SurfaceBundle:
+def bundle(config: SurfaceTrainConfig, data: Patches, state: SurfaceState) -> SurfaceBundle:
     """The material as a bundle: half-precision textures, blurred."""
     blur = jnp.maximum(blur_at(config, state.images.astype(jnp.float32) / (config.kimg * 1000)), 1e-3)
     arrays: dict[str, np.ndarray] = {}
@@ -62,7 +62,9 @@ def bundle(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Surfa
     )
 
 
-def painter(config: SurfaceTraining, path: Path) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def load_predictor(
+    config: SurfaceTrainConfig, path: Path
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """A function from rows of patches to a snapshot's answers: α, the silhouette cosine and ρ."""
     surface = surface_of(read_surface(path))
 
@@ -73,7 +75,7 @@ def painter(config: SurfaceTraining, path: Path) -> Callable[[np.ndarray], tuple
     return answers
 
 
-def sheet(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Float[np.ndarray, "h w 3"]:
+def sheet(config: SurfaceTrainConfig, data: Patches, state: SurfaceState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of the material alone, as linear values to be shown."""
     grid = (np.arange(SIDE) + 0.5) / SIDE * PERIODS
     v, u = np.meshgrid(grid[::-1], grid, indexing="ij")
@@ -102,10 +104,10 @@ def sheet(config: SurfaceTraining, data: Patches, state: SurfaceState) -> Float[
 
 
 @partial(jax.jit, static_argnums=0)
-def _current(config: SurfaceTraining, state: SurfaceState, batch: QueryBatch) -> Any:
+def _current(config: SurfaceTrainConfig, state: SurfaceState, batch: QueryBatch) -> Any:
     return ask(config, state.surface, batch, blur_at(config, state.images.astype(jnp.float32) / (config.kimg * 1000)))
 
 
 @partial(jax.jit, static_argnums=0)
-def _answers(config: SurfaceTraining, surface: Surface, batch: QueryBatch) -> tuple[Any, Array]:
+def _answers(config: SurfaceTrainConfig, surface: Surface, batch: QueryBatch) -> tuple[Any, Array]:
     return ask(config, surface, batch, jnp.asarray(1e-3, jnp.float32))

@@ -29,12 +29,12 @@ from mesoshell.surface_material.network import (
     Surface,
     SurfaceConfig,
     SurfaceQuery,
+    blur_textures,
     eval_opacity,
     init_surface,
     reflectance,
-    tables,
 )
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.update import HERE, Across, descent, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
@@ -48,7 +48,7 @@ MIXED, HELD = 64, 32
 
 
 @dataclass(frozen=True)
-class SurfaceTraining:
+class SurfaceTrainConfig:
     """Everything that a run depends on beside the data. batch: B; kimg: thousands of queries to learn from; curvature: the
     range of the dataset's κ; fine: the least blur; both follow from the dataset."""
 
@@ -93,16 +93,16 @@ class SurfaceReport(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def surface_as(preset: TrainConfig, hidden: tuple[int, ...] = SurfaceConfig.hidden) -> SurfaceTraining:
+def surface_config(preset: GanConfig, hidden: tuple[int, ...] = SurfaceConfig.hidden) -> SurfaceTrainConfig:
     """A run at a preset's size: `small` and above are 30 000 steps, `mini` 6000, `tiny` is over in a minute and has networks
     of its own. hidden: their layers."""
     if preset.picture.texels < 32:
-        return SurfaceTraining(SurfaceConfig(32, hidden=(16, 16)), batch=1024, kimg=200 * 1.024, snapshot_kimg=102.4)
+        return SurfaceTrainConfig(SurfaceConfig(32, hidden=(16, 16)), batch=1024, kimg=200 * 1.024, snapshot_kimg=102.4)
     surface = SurfaceConfig(hidden=hidden)
-    return SurfaceTraining(surface) if preset.picture.texels > 32 else SurfaceTraining(surface, kimg=16384 * 6.0)
+    return SurfaceTrainConfig(surface) if preset.picture.texels > 32 else SurfaceTrainConfig(surface, kimg=16384 * 6.0)
 
 
-def fitted(config: SurfaceTraining, data: Patches) -> tuple[SurfaceTraining, Patches]:
+def adapt(config: SurfaceTrainConfig, data: Patches) -> tuple[SurfaceTrainConfig, Patches]:
     """The configuration adapted to a dataset. Raises InputError if it has too few patches, no curvature or no depth."""
     if len(data.patches) < 2:
         raise InputError(data.folder, f"has {len(data.patches)} patch: one is held out, others are learned from")
@@ -123,7 +123,7 @@ def held_out(data: Patches) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, .
     return data.patches[:-last], data.patches[-last:]
 
 
-def feed(config: SurfaceTraining, data: Patches, host: int = 0, hosts: int = 1) -> Callable[[int], "QueryBatch"]:
+def feed(config: SurfaceTrainConfig, data: Patches, host: int = 0, hosts: int = 1) -> Callable[[int], "QueryBatch"]:
     """This host's queries of step i: equal runs of consecutive queries from patches drawn for the step. Raises InputError if
     they cannot be divided evenly, or a patch is too small or holds NaN."""
     patches = held_out(data)[0]
@@ -160,13 +160,13 @@ def query_batch(rows: np.ndarray) -> "QueryBatch":
 _VECTORS = {"u": ("u", "v"), "w": ("wx", "wy", "wz"), "light": ("lx", "ly", "lz"), "rgb": ("r", "g", "b")}
 
 
-def start(config: SurfaceTraining, key: Key[Array, ""]) -> SurfaceState:
+def start(config: SurfaceTrainConfig, key: Key[Array, ""]) -> SurfaceState:
     surface = init_surface(config.surface, key)
     return SurfaceState(surface, optimiser(config).init(surface), jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def step(
-    config: SurfaceTraining, state: SurfaceState, batch: QueryBatch, across: Across = HERE
+    config: SurfaceTrainConfig, state: SurfaceState, batch: QueryBatch, across: Across = HERE
 ) -> tuple[SurfaceState, SurfaceReport]:
     """One update. Pure."""
     share = state.images.astype(jnp.float32) / (config.kimg * 1000)
@@ -187,16 +187,16 @@ def step(
     return SurfaceState(surface, adam, state.step + 1, state.images + rows), SurfaceReport(parts[0], parts[1], bad)
 
 
-def blur_at(config: SurfaceTraining, share: Scalar) -> Scalar:
+def blur_at(config: SurfaceTrainConfig, share: Scalar) -> Scalar:
     """The blur of textures when this share of the run is done."""
     return WIDE * (config.fine / WIDE) ** jnp.clip(share / SHRINK, 0, 1)
 
 
 def ask(
-    config: SurfaceTraining, surface: Surface, batch: QueryBatch, blur: Scalar
+    config: SurfaceTrainConfig, surface: Surface, batch: QueryBatch, blur: Scalar
 ) -> tuple[OpacityEval, Float[Array, "B 3"]]:
     """A surface's answers to a batch: α and c, and ρ."""
-    table = tables(surface, blur)
+    table = blur_textures(surface, blur)
     low, high = config.curvature
     kappa = (2 * batch.kappa - low - high) / (high - low)
     place = SurfaceQuery(batch.u, batch.radius, batch.w, kappa)
@@ -214,7 +214,7 @@ def _reflectance_loss(batch: QueryBatch, rho: Float[Array, "B 3"]) -> Scalar:
     return jnp.mean(met * apart)
 
 
-def _opacity_loss(config: SurfaceTraining, batch: QueryBatch, opacity: OpacityEval) -> Scalar:
+def _opacity_loss(config: SurfaceTrainConfig, batch: QueryBatch, opacity: OpacityEval) -> Scalar:
     if config.surface.opacity == "none":
         return jnp.zeros((), batch.alpha.dtype)
     if config.surface.opacity == "cosine":
@@ -223,7 +223,7 @@ def _opacity_loss(config: SurfaceTraining, batch: QueryBatch, opacity: OpacityEv
     return -jnp.mean(batch.alpha * jnp.log(p) + (1 - batch.alpha) * jnp.log1p(-p))
 
 
-def optimiser(config: SurfaceTraining) -> optax.GradientTransformation:
+def optimiser(config: SurfaceTrainConfig) -> optax.GradientTransformation:
     def label(surface: Surface) -> Surface:
         def of(module: Any) -> Any:
             networks = jax.tree.map(lambda _: "network", (module.hidden, module.last))

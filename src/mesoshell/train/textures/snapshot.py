@@ -70,7 +70,7 @@ def sheet(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -
     return np.concatenate(rows, axis=0)
 
 
-def painter(config: TexturesConfig, path: Path) -> Callable[[Any], Any]:
+def load_predictor(config: TexturesConfig, path: Path) -> Callable[[Any], Any]:
     raise InputError(path, "is of a run on textures, which has no renders to compare with")
 
 

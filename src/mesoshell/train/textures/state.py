@@ -18,7 +18,7 @@ from mesoshell.shell.generator.generator import Averages, Generator
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.generator.texture_critic import WINDOW, Critic, CriticConfig, grid_side
 from mesoshell.shell.material.decoder import Decoder
-from mesoshell.train.gan.state import TrainConfig
+from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.textures.critic_view import CHANNELS
 from mesoshell.train.textures.exemplars import ScaledExemplars, scaled
 from mesoshell.typing import Array, Bool, Float, Int, Scalar
@@ -54,7 +54,7 @@ class TexturesConfig:
     seed: int = 0
 
 
-def textures_as(preset: TrainConfig) -> TexturesConfig:
+def textures_config(preset: GanConfig) -> TexturesConfig:
     """A run at a preset's size: twice its texels a patch, 64 at least, with its channels. `tiny` is over in minutes."""
     texels, most = max(64, 2 * preset.generator.texels), preset.generator.channel_max
     config = TexturesConfig()
@@ -62,7 +62,7 @@ def textures_as(preset: TrainConfig) -> TexturesConfig:
     return replace(config, generator=generator, kimg=0.04 if most < 64 else config.kimg)
 
 
-def critic_as(preset: TrainConfig) -> TexturesConfig:
+def critic_config(preset: GanConfig) -> TexturesConfig:
     """A run against a critic at a preset's size: 64 texels a patch, with half as many channels again."""
     most = 3 * preset.generator.channel_max // 2
     generator = GeneratorConfig(
@@ -120,7 +120,7 @@ class TexturesReport(NamedTuple):
     bad: Bool[Array, "_leaves"]
 
 
-def fitted(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars]:
+def adapt(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars]:
     """The configuration adapted to exemplars, and the exemplars scaled, and averaged if they have more texels a patch than the
     generator. A geometry parameter that all share is left out: it teaches nothing. Raises InputError if they are tiles, have
     other texels, or are fewer than the configuration needs."""

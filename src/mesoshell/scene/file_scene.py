@@ -10,7 +10,7 @@ from mesoshell.render.light import Distant
 
 
 @dataclass(frozen=True)
-class Told:
+class FileScene:
     """camera: its frame and vertical field of view, radians, or None; aspect: width over height that it was made for, or None;
     suns; notes: what the user should know, a line each; up: the axis, "y" or "z"."""
 

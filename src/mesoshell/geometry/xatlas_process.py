@@ -11,6 +11,7 @@ import xatlas
 
 
 def run_xatlas(folder: Path) -> None:
+    """Read mesh.npz (vertices, faces, parts) in a folder; write uv.npz: corner UVs, (F, 3, 2), and how many charts."""
     chart, pack = xatlas.ChartOptions(), xatlas.PackOptions()
     chart.fix_winding = True
     pack.rotate_charts = False  # it rotates by exchanging u and v, which mirrors

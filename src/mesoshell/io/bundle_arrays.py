@@ -126,6 +126,7 @@ def _row(sides: Sequence[int | str]) -> str:
 
 
 def check_values(path: str | PathLike[str], arrays: dict[str, np.ndarray]) -> None:
+    """Raise InputError if an array holds NaN, infinity, or a negative value where there must be none."""
     for key, array in arrays.items():
         rows = max(1, _BLOCK * max(1, len(array)) // max(1, array.size)) if array.ndim else 1
         for block in (array[i : i + rows] for i in range(0, len(array), rows)) if array.ndim else [array]:

@@ -99,6 +99,7 @@ def origin(dataset: Dataset) -> dict[str, Any]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a dataset's folder, checked field by field. Raises InputError."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder")
     text = _text(path := folder / "manifest.json")
@@ -183,6 +184,7 @@ def _row_fault(manifest: dict[str, Any], row: Any) -> str | None:
 
 
 def sample_of(folder: Path, row: dict[str, Any]) -> Sample:
+    """A sample, of its row of samples.jsonl."""
     return Sample(
         index=int(row["index"]),
         file=folder / row["file"],

@@ -38,6 +38,7 @@ def twin_manifest(twin: Twin) -> dict[str, Any]:
 
 
 def twin_arrays(twin: Twin) -> dict[str, np.ndarray]:
+    """The twin's arrays by their keys in the shell's bundle."""
     return {PREFIX + key: array for key, array in twin.surface.arrays.items()}
 
 

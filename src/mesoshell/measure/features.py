@@ -59,6 +59,7 @@ def efficientnet_lite2() -> Extractor:
 
 
 def shown(image: Float[np.ndarray, "N H W C"]) -> Float[np.ndarray, "N H W 3"]:
+    """Linear radiance as an 8-bit picture would show it: tone-mapped, sRGB, 0 to 1."""
     return np.clip(linear_to_srgb(tonemap(np.maximum(image[..., :3], 0))), 0, 1).astype(np.float32)
 
 

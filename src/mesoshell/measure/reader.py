@@ -45,8 +45,10 @@ def learn(x: Float[np.ndarray, "N D"], t: Float[np.ndarray, "N P"]) -> Reader:
 
 
 def read(reader: Reader, x: Float[np.ndarray, "M D"]) -> Float[np.ndarray, "M P"]:
+    """Parameters, of features."""
     return (x - reader.mean) @ reader.weights + reader.bias
 
 
 def error(predicted: Float[np.ndarray, "M P"], true: Float[np.ndarray, "M P"]) -> Float[np.ndarray, "P"]:
+    """Root mean square error of each parameter."""
     return np.sqrt(np.mean((predicted - true) ** 2, axis=0))

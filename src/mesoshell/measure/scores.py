@@ -68,6 +68,7 @@ def judge_of(dataset: Dataset, a: list[Sample], networks: list[Extractor]) -> Ju
 
 
 def renders(dataset: Dataset, samples: list[Sample]) -> Float[np.ndarray, "N H W 4"]:
+    """The rendered images of samples, linear premultiplied."""
     return load_images(replace(dataset, samples=tuple(samples)))
 
 

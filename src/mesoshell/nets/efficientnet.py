@@ -52,6 +52,8 @@ class Block(NamedTuple):
 
 
 class EfficientNet(NamedTuple):
+    """First convolution, blocks, and the last convolution before the pooling."""
+
     stem: Conv
     blocks: list[Block]
     head: Conv
@@ -76,6 +78,7 @@ def efficientnet(weights: Mapping[str, np.ndarray], variant: Variant = LITE0) ->
 
 
 def features(net: EfficientNet, x: Float[Array, "B S S 3"], variant: Variant = LITE0) -> Float[Array, "B 1280"]:
+    """Pooled features of pictures in sRGB, 0 to 1, which are resized to the network's side."""
     x = jax.image.resize(x, (x.shape[0], variant.side, variant.side, 3), "bilinear", antialias=True)
     x = jax.nn.relu6(_convolved(net.stem, (x * 255 - 127) / 128, 2))
     for block, stride in zip(net.blocks, _strides(variant), strict=True):

@@ -38,6 +38,7 @@ def inception(weights: Mapping[str, np.ndarray]) -> Inception:
 
 
 def features(net: Inception, x: Float[Array, "B S S 3"]) -> Float[Array, "B 2048"]:
+    """Pooled features of pictures in sRGB, 0 to 1, which are resized to 299²."""
     x = 2 * jax.image.resize(x, (x.shape[0], SIDE, SIDE, 3), "bilinear", antialias=False) - 1
     x = _conv(net, "Conv2d_1a_3x3", x, 2, "VALID")
     x = _conv(net, "Conv2d_2b_3x3", _conv(net, "Conv2d_2a_3x3", x, padding="VALID"))

@@ -44,6 +44,7 @@ def linear(x: Float[Array, "... I"], kernel: Float[Array, "I O"]) -> Float[Array
 
 
 def apply_dense(layer: Dense, x: Float[Array, "... I"]) -> Float[Array, "... O"]:
+    """One layer: x W + b."""
     y = linear(x, layer.kernel)
     return y + jnp.broadcast_to(layer.bias.astype(x.dtype), y.shape)
 

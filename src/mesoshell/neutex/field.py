@@ -68,6 +68,7 @@ class Field(NamedTuple):
 
 
 def init_field(config: FieldConfig, key: Key[Array, ""]) -> Field:
+    """Networks with random weights, all that the configuration calls for."""
     k = jax.random.split(key, 5)
     lit = config.colour == "reflectance"
     sigma = _net(config, k[0], config.octaves[0], config.sigma, 4 if lit else 1)

@@ -61,6 +61,7 @@ def places(o: Vec3, d: Vec3, occupied: Bool[Array, "n n n"], xi: Float[Array, "N
 
 
 def at(occupied: Bool[Array, "n n n"], y: Float[Array, "*k 3"]) -> Bool[Array, "*k"]:
+    """Whether the cells that points of the box lie in, y in [−1, 1]³, are occupied."""
     n = occupied.shape[0]
     cell = jnp.clip(jnp.floor((y + 1) * (n / 2)).astype(jnp.int32), 0, n - 1)
     return occupied[cell[..., 0], cell[..., 1], cell[..., 2]]

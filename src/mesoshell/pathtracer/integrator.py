@@ -45,4 +45,5 @@ def follow(settings, scene, sampler, ray, active):
 
 
 def register() -> None:
+    """Make Mitsuba know the integrator `mesoshell_path`."""
     mi.register_integrator("mesoshell_path", ShellPath)

@@ -86,6 +86,7 @@ def network(a: dict[str, np.ndarray], hidden: str, last: str) -> tuple[list[Any]
 
 
 def count(a: dict[str, np.ndarray], key: str) -> int:
+    """How many arrays of a numbered key, such as `features/{}`, there are."""
     n = 0
     while key.format(n) in a:
         n += 1
@@ -93,6 +94,7 @@ def count(a: dict[str, np.ndarray], key: str) -> int:
 
 
 def level_of(radius, density: float, last: int):
+    """Level at which a texel is as wide as the footprint's ±1 standard deviation (texture/mip)."""
     width = 2 * radius * density
     return dr.log2(dr.clip(dr.select(dr.isnan(width), 1, width), 1, 2.0**last))
 

@@ -106,6 +106,7 @@ def begin(settings, scene, ray: Ray, active) -> PathState:
 
 
 def busy(lane: PathState):
+    """Whether a lane has a path or a shadow ray under way."""
     return lane.path.alive | lane.shadow.pending
 
 

@@ -62,11 +62,13 @@ class Sample:
 
 
 def nothing() -> Sample:
+    """A sample of nothing: of no weight."""
     z = mi.Float(0)
     return Sample(mi.UInt32(0), z, mi.Vector3f(0), mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
 
 
 def no_frame() -> IntervalFrame:
+    """The frame of no interval."""
     z = mi.Float(0)
     v = mi.Vector3f
     return IntervalFrame(

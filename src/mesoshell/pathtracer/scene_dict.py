@@ -16,6 +16,7 @@ from mesoshell.render.mitsuba_frame import camera_pose, sky_pose
 
 
 def sensor(camera: Camera, samples: int) -> dict:
+    """A camera, as a dictionary that `mi.load_dict` takes. samples: paths a pixel."""
     film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}}
     pose: Any = camera_pose(camera)
     film["pixel_format"] = "rgba"
@@ -32,11 +33,13 @@ def sensor(camera: Camera, samples: int) -> dict:
 
 
 def distant(light: Distant) -> dict:
+    """A distant light, as a dictionary that `mi.load_dict` takes."""
     toward = [float(-x) for x in light.direction]
     return {"type": "directional", "direction": toward, "irradiance": _rgb(light.irradiance)}
 
 
 def sky(environment: Environment) -> dict:
+    """An environment, as a dictionary that `mi.load_dict` takes."""
     image = np.ascontiguousarray(environment.radiance)
     pose: Any = sky_pose(environment.up)
     return {"type": "envmap", "bitmap": mi.Bitmap(image), "to_world": mi.ScalarTransform4f(pose)}

@@ -50,6 +50,7 @@ def coarsest(sensors: list[mi.Sensor], shells: list[Shell], texels: list[float])
 
 
 def eye_of(sensor: mi.Sensor) -> Float[np.ndarray, "3"]:
+    """Where a camera stands, world."""
     return np.array(sensor.world_transform().matrix)[:3, 3].ravel()
 
 

@@ -61,10 +61,12 @@ class Walker:
 
 
 def nowhere() -> WalkState:
+    """A walk that is in no prism."""
     return WalkState(mi.UInt32(0), mi.Float64(0), mi.Float64(0), mi.Vector2d(0), mi.Float64(0), mi.UInt32(LOST))
 
 
 def no_piece() -> Piece:
+    """An interval of no prism."""
     zero, none = mi.Float64(0), mi.Vector2d(0)
     return Piece(mi.UInt32(0), zero, mi.Float64(0), none, mi.Vector2d(0), mi.Float64(0), mi.Float64(0))
 

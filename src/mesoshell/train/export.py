@@ -161,6 +161,7 @@ def _patch(
 
 
 def decoder_arrays(d: Decoder) -> dict[str, np.ndarray]:
+    """The decoder's arrays by their keys in a bundle, float32."""
     named = {f"trunk/{i}": x for i, x in enumerate(d.trunk)} | {f"head/{i}": x for i, x in enumerate(d.head)}
     named |= {"sigma": d.sigma, "rho": d.rho}
     kernels = {f"decoder/{k}/kernel": np.asarray(v.kernel, np.float32) for k, v in named.items()}

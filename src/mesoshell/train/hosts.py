@@ -67,6 +67,7 @@ def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
 
 
 def is_first() -> bool:
+    """Whether this is host 0, which alone writes."""
     return jax.process_index() == 0
 
 

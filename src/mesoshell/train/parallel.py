@@ -47,6 +47,7 @@ def rows_of(rays: int) -> int:
 
 
 def device_count() -> int:
+    """Devices of all hosts together."""
     return len(jax.devices())
 
 

@@ -46,6 +46,7 @@ class Share(NamedTuple):
 
 
 def patches_a_tile(texels: int) -> int:
+    """Patches along a side of a tile that is made at once, for a number of texels a patch."""
     return min(MOST_PATCHES, max(1, TILE // texels))
 
 

@@ -104,6 +104,7 @@ def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
 
 
 def init_averages(config: GeneratorConfig) -> Averages:
+    """Averages before training: magnitudes of 1, and a mean w of 0."""
     return Averages([jnp.ones((), jnp.float32) for _ in rows_of(config)], jnp.zeros(config.w, jnp.float32))
 
 

@@ -56,6 +56,7 @@ class GeneratorConfig:
 
 @lru_cache
 def rows_of(config: GeneratorConfig) -> tuple[LayerRow, ...]:
+    """The layer table of a configuration (signal/schedule)."""
     sizes = config.channel_base, config.channel_max, config.planes * config.channels, config.layers
     return tuple(layer_schedule(config.texels, config.config, *sizes))
 
@@ -70,6 +71,7 @@ class Frequencies(NamedTuple):
 
 @lru_cache
 def frequencies_of(config: GeneratorConfig) -> Frequencies:
+    """Frequencies of all maps, drawn by the configuration's seed. Raises ValueError if maps drift and turn."""
     if config.turn and config.drift:
         raise ValueError("maps whose phases drift cannot be turned")
     rng, rows = np.random.default_rng(config.seed), rows_of(config)

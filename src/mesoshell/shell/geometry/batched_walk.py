@@ -141,6 +141,7 @@ def _padded(x: np.ndarray, rows: int) -> np.ndarray:
 
 
 def no_intervals() -> Intervals:
+    """None at all."""
     none, pair, index = np.zeros(0, np.float32), np.zeros((0, 2), np.float32), np.zeros(0, np.int32)
     return Intervals(index, index, none, none, pair, pair, none, none)
 

@@ -247,6 +247,7 @@ def draw(
 
 
 def take(s: Samples, index: np.ndarray) -> Samples:
+    """Some of the samples."""
     return Samples(*(x[index] for x in s))
 
 

@@ -51,6 +51,7 @@ def exemplars(config: FitConfig, shots: Shots, state: FitState, about: dict[str,
 
 
 def save(path: Path, config: FitConfig, shots: Shots, state: FitState) -> None:
+    """Write a state as exemplars."""
     write_exemplars(path, exemplars(config, shots, state, provenance(config, shots, state)))
 
 
@@ -75,4 +76,5 @@ def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray,
 
 
 def load_predictor(config: FitConfig, path: Path) -> Callable[[Any], Any]:
+    """Raise InputError: a fit scores its own held-out pictures."""
     raise InputError(path, "is of a fit, which scores its held-out pictures itself")

@@ -118,6 +118,7 @@ def _at_one_pace(updates: Any, parameters: Any) -> Any:
 
 
 def start(config: GanConfig, key: Key[Array, ""]) -> TrainState:
+    """A state before training."""
     k = jax.random.split(key, 3)
     encoded = config.generator.channels + 1 + 2 * config.picture.octaves + config.appearance
     decoder = init_decoder(k[1], encoded, config.trunk, config.head)

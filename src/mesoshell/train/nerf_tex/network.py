@@ -90,6 +90,7 @@ def nerf_tex_config(preset: GanConfig, seeded: bool = False) -> NerfTexConfig:
 
 
 def start(config: NerfTexConfig, key: Key[Array, ""]) -> ParametricState:
+    """A state before training."""
     inputs = 3 * (1 + 2 * config.octaves) + config.parameters * (1 + 2 * PARAMETER_OCTAVES)
     decoder = init_decoder(key, inputs, config.trunk, config.head)
     adam = optimiser(config).init(decoder)
@@ -148,4 +149,5 @@ def redrawn(config: NerfTexConfig, batch: ImageBatch) -> ImageBatch:
 
 
 def optimiser(config: NerfTexConfig) -> optax.GradientTransformation:
+    """Adam, at the configured rate."""
     return optax.adam(config.rate)

@@ -33,6 +33,7 @@ def save(path: Path, config: NeuTexTrainConfig, capture: Capture, state: NeuTexS
 
 
 def captured(config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> NeuTexModel:
+    """The object that a run has learned so far, with what it was learned from."""
     about = {"config": asdict(config), "capture": capture.manifest, "commit": commit(), "rays": int(state.images)}
     return NeuTexModel(
         config.field,

@@ -135,6 +135,7 @@ def feed(config: NeuTexTrainConfig, capture: Capture, host: int = 0, hosts: int 
 
 
 def start(config: NeuTexTrainConfig, key: Key[Array, ""]) -> NeuTexState:
+    """A state before training."""
     field = init_field(config.field, key)
     grid = jnp.full((CELLS,) * 3, DENSITY, jnp.float32)
     return NeuTexState(field, optimiser(config).init(field), grid, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
@@ -229,6 +230,8 @@ def _chamfer(field: Field, batch: Rays, across: Across) -> Scalar:
 
 
 def optimiser(config: NeuTexTrainConfig) -> optax.GradientTransformation:
+    """Adam, with a rate of its own for hash tables, that falls over the run."""
+
     def label(field: Field) -> Field:
         def of(net: Any) -> Any:
             return jax.tree.map(lambda _: "network", net)._replace(tables=jax.tree.map(lambda _: "tables", net.tables))

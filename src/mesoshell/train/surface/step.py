@@ -161,6 +161,7 @@ _VECTORS = {"u": ("u", "v"), "w": ("wx", "wy", "wz"), "light": ("lx", "ly", "lz"
 
 
 def start(config: SurfaceTrainConfig, key: Key[Array, ""]) -> SurfaceState:
+    """A state before training."""
     surface = init_surface(config.surface, key)
     return SurfaceState(surface, optimiser(config).init(surface), jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
@@ -224,6 +225,8 @@ def _opacity_loss(config: SurfaceTrainConfig, batch: QueryBatch, opacity: Opacit
 
 
 def optimiser(config: SurfaceTrainConfig) -> optax.GradientTransformation:
+    """Adam, with a rate of its own for textures."""
+
     def label(surface: Surface) -> Surface:
         def of(module: Any) -> Any:
             networks = jax.tree.map(lambda _: "network", (module.hidden, module.last))

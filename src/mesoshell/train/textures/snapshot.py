@@ -39,6 +39,7 @@ _DISTANCE, _LIGHT, _IRRADIANCE = 3.4, (0.4, 0.3, 0.85), 3.0
 
 
 def save(path: Path, config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -> None:
+    """Write a state as a generator's bundle."""
     write_bundle(path, bundle(config, data, state))
 
 
@@ -71,6 +72,7 @@ def sheet(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -
 
 
 def load_predictor(config: TexturesConfig, path: Path) -> Callable[[Any], Any]:
+    """Raise InputError: such a run has no renders to compare with."""
     raise InputError(path, "is of a run on textures, which has no renders to compare with")
 
 

@@ -30,6 +30,7 @@ MAGNITUDE_ROWS, AVERAGE_ROWS, AVERAGE_SHARE = 20.0, 2000.0, 0.05
 
 
 def start(config: TexturesConfig, data: ScaledExemplars, key: Key[Array, ""]) -> TexturesState:
+    """A state before training, begun as exemplars are (natural_start)."""
     k = jax.random.split(key)
     features = jnp.asarray(data.features)
     natural = natural_start(config.generator, features, k[0])

@@ -31,7 +31,7 @@ websockets = pytest.importorskip("websockets", reason="requires the extra viewer
 from mesoshell.viewer import refine as refining  # noqa: E402
 from mesoshell.viewer.address import own_names  # noqa: E402
 from mesoshell.viewer.browser import camera_of  # noqa: E402
-from mesoshell.viewer.page import Page, Rival  # noqa: E402
+from mesoshell.viewer.page import ComparisonView, Page  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -268,19 +268,19 @@ def test_a_picture_is_compared_with_another_quality(page: Page, watching: Watchi
     watching.wait(lambda: "reference: " in page._cost.content)
     page._mode.value = "error"
     watching.wait(lambda: "FLIP" in page._cost.content)
-    rival, same = page.work.picture(Rival(7))
-    assert same and rival is not None
+    compared_picture, same = page.work.picture(ComparisonView(7))
+    assert same and compared_picture is not None
     page.work.leave(7)
-    page.work.leave(Rival(7))
+    page.work.leave(ComparisonView(7))
     with monkeypatch.context() as patch:
-        patch.setattr(page.work, "picture", lambda eye: (rival, True))
+        patch.setattr(page.work, "picture", lambda eye: (compared_picture, True))
         page._mode.value = "wipe"
         assert watching.shown[-1].max() == 255
         page._mode.value = "error"
         assert "FLIP 0.0000" in page._cost.content and watching.shown[-1].max() < 10
         page._with.value = "nothing"
         assert page._cost.content.count("a pixel") == 1 and watching.shown[-1].max() == 255
-        patch.setattr(page.work, "picture", lambda eye: (rival, eye == 7))
+        patch.setattr(page.work, "picture", lambda eye: (compared_picture, eye == 7))
         page._with.value = "draft"
         assert page._cost.content.endswith("draft: under way")
 
@@ -326,7 +326,7 @@ def test_a_material_stands_beside_another(tiny_bundle: Bundle, monkeypatch: pyte
         assert page.work.look.params == {"dryness": 0.3} and page.beside.look.params == {"dryness": 0.9}
         assert page.beside.look.sun == page.work.look.sun is not None
         assert page.work.look.thickness is not None and page.beside.look.thickness == 2 * page.work.look.thickness
-        seen.wait(lambda: beside.picture(Rival(7))[1] and page.work.picture(7)[1])
+        seen.wait(lambda: beside.picture(ComparisonView(7))[1] and page.work.picture(7)[1])
         page._with.value = "nothing"
         assert not beside._views
     finally:

@@ -16,7 +16,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settled import settled
 from mesoshell.viewer import refine as refining
-from mesoshell.viewer.refine import Shown, refine
+from mesoshell.viewer.refine import RefinedPicture, refine
 from mesoshell.viewer.work import Workshop
 from tests.helpers import growing
 
@@ -60,16 +60,16 @@ def test_a_picture_to_compare_with_has_no_coarse_one(scene: ms.Scene):
     assert [(s.rgba.shape, s.samples) for s in steps] == [((15, 20, 4), k) for k in (1, 2)]
 
 
-@pytest.mark.parametrize("asked", [1, 3, 4, 6])
-def test_a_picture_that_nobody_waits_for_ends(scene: ms.Scene, asked: int):
+@pytest.mark.parametrize("polls", [1, 3, 4, 6])
+def test_a_picture_that_nobody_waits_for_ends(scene: ms.Scene, polls: int):
     times = 0
 
     def stopped() -> bool:
         nonlocal times
         times += 1
-        return times >= asked
+        return times >= polls
 
-    assert len(list(refine(settled(scene), "draft", stopped, most=50))) < 6 and times == asked
+    assert len(list(refine(settled(scene), "draft", stopped, most=50))) < 6 and times == polls
 
 
 class Seen:
@@ -78,7 +78,7 @@ class Seen:
     work: Workshop
 
     def __init__(self) -> None:
-        self.pictures: list[tuple[Any, Shown]] = []
+        self.pictures: list[tuple[Any, RefinedPicture]] = []
         self.lines: list[str] = []
         self.shares: list[float] = []
         self.changed = threading.Condition()
@@ -164,7 +164,7 @@ def test_an_eye_has_a_quality_of_its_own(scene: ms.Scene, opened, monkeypatch: p
 def test_workshops_of_one_hand_paint_in_turn(scene: ms.Scene, monkeypatch: pytest.MonkeyPatch):
     painting, most, lock = [0], [0], threading.Lock()
 
-    def passes(*_: Any) -> Iterator[Shown]:
+    def passes(*_: Any) -> Iterator[RefinedPicture]:
         for k in range(4):
             with lock:
                 painting[0] += 1
@@ -172,11 +172,11 @@ def test_workshops_of_one_hand_paint_in_turn(scene: ms.Scene, monkeypatch: pytes
             time.sleep(0.01)
             with lock:
                 painting[0] -= 1
-            yield Shown(np.zeros((2, 2, 4)), k + 1, 0.01, None, None, ())  # type: ignore[arg-type]
+            yield RefinedPicture(np.zeros((2, 2, 4)), k + 1, 0.01, None, None, ())  # type: ignore[arg-type]
 
     monkeypatch.setattr(refining, "_passes", passes)
-    hand, seen = threading.Lock(), [Seen(), Seen()]
-    shops = [Workshop(scene, s.show, s.say, s.shares.append, hand=hand) for s in seen]
+    paint_lock, seen = threading.Lock(), [Seen(), Seen()]
+    shops = [Workshop(scene, s.show, s.say, s.shares.append, paint_lock=paint_lock) for s in seen]
     try:
         for shop, s in zip(shops, seen, strict=True):
             s.work = shop

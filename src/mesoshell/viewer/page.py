@@ -1,37 +1,34 @@
 """The page of a viewer, by viser: sliders and buttons of a workshop, and its pictures behind them.
 
 The server listens on the address that it is given, answers sockets that its own page opens (their Origin), and takes no path
-from the browser: what is saved is downloaded there.
+from the browser: what is saved is downloaded there (viewer/downloads).
 """
 
-import io
 import re
 import threading
-import zipfile
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 import viser
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.io.image import exr_bytes, exr_image, linear_to_srgb, png_bytes, srgb_to_linear
+from mesoshell.io.image import exr_image, linear_to_srgb, srgb_to_linear
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import load_material
-from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import check_environment
 from mesoshell.viewer.address import check_port, own_sockets
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.brush import Brush
 from mesoshell.viewer.compare import difference, over_white, wiped
-from mesoshell.viewer.look import Look, Sky, command
+from mesoshell.viewer.downloads import Downloads
+from mesoshell.viewer.look import Look, Sky
 from mesoshell.viewer.panel import Panel
-from mesoshell.viewer.refine import Shown
+from mesoshell.viewer.refine import RefinedPicture
 from mesoshell.viewer.work import Workshop
 
 SIDES = (128, 256, 384, 512, 768, 1024)
@@ -40,7 +37,7 @@ JPEG = 85
 NOTHING = "nothing"
 
 
-class Rival(NamedTuple):
+class ComparisonView(NamedTuple):
     """The eye by which a client sees what its picture is compared with."""
 
     client: int
@@ -62,7 +59,7 @@ class Page:
     ):
         check_port(host, port)
         self._engine, self._changing = engine, threading.Lock()
-        self._joining, self._asked = threading.Lock(), 0
+        self._joining, self._latest = threading.Lock(), 0
         self._sky: Sky | None = None
         self.work, self.beside = self._workshops(scene, beside, progress)
         try:
@@ -89,13 +86,15 @@ class Page:
 
     def _workshops(self, scene: Scene, beside: Scene | None, progress: Any) -> tuple[Workshop, Workshop | None]:
         """Of the scene and of what it may be compared with; they paint in turn."""
-        hand = threading.Lock()
-        work = Workshop(scene, self._show, self._say, self._grown, self._engine, progress, hand)
+        paint_lock = threading.Lock()
+        work = Workshop(scene, self._show, self._say, self._grown, self._engine, progress, paint_lock)
         if beside is None:
             return work, None
         try:
             beside = replace(beside, camera=work.still.camera)
-            return work, Workshop(beside, self._show, self._say_other, self._grown_other, self._engine, progress, hand)
+            return work, Workshop(
+                beside, self._show, self._say_other, self._grown_other, self._engine, progress, paint_lock
+            )
         except BaseException:
             work.close()
             raise
@@ -156,12 +155,7 @@ class Page:
             self._with = gui.add_dropdown("with", tuple(names), initial_value=first, hint=hint)
             self._mode = gui.add_dropdown("show", ("wipe", "error"), hint="both pictures, or FLIP, where they differ")
             self._wipe = gui.add_slider("wipe", 0.0, 1.0, 0.01, 0.5, hint="what is compared with is right of it")
-        with gui.add_folder("Save"):
-            gui.add_button("PNG").on_click(partial(self._save, "png"))
-            gui.add_button("EXR").on_click(partial(self._save, "exr"))
-            gui.add_button("Scene", hint="of Mitsuba's, with its meshes and images, zipped").on_click(self._save_scene)
-            gui.add_button("Command").on_click(self._say_command)
-            self._command = gui.add_markdown("")
+        Downloads(gui, work, self._engine, lambda: self._quality.value)
         with gui.add_folder("Effects", expand_by_default=False):
             self._effects = gui.add_markdown("")
         self._fault, self._other_fault = gui.add_markdown(""), gui.add_markdown("")
@@ -172,7 +166,7 @@ class Page:
         if run is not None:
             from mesoshell.viewer.run import RunPanel  # training needs JAX
 
-            self._run = RunPanel(gui, run, Path(work.given.material.name), self._wear, partial(work.say, "run"))
+            self._run = RunPanel(gui, run, Path(work.given.material.name), self._set_material, partial(work.say, "run"))
         self._with.on_update(lambda _: self._compare())
         self._mode.on_update(lambda _: self._show_all())
         self._wipe.on_update(lambda _: self._show_all() if self._mode.value == "wipe" else None)
@@ -212,10 +206,10 @@ class Page:
         self._under.visible = self._under.value = True
         self._set(None)
 
-    def _wear(self, snapshot: Path) -> None:
+    def _set_material(self, snapshot: Path) -> None:
         """Another snapshot of the run."""
         try:
-            self.work.wear(load_material(snapshot))
+            self.work.set_material(load_material(snapshot))
         except InputError as fault:
             self.work.say("snapshot", str(fault))
         else:
@@ -236,46 +230,46 @@ class Page:
             camera = camera_of(client.camera)
             if camera is not None:
                 self.work.see(client.client_id, camera)
-                self._see_rival(client.client_id, camera)
+                self._see_comparison(client.client_id, camera)
 
-    def _rival(self) -> tuple[Workshop, str | None] | None:
+    def _comparison(self) -> tuple[Workshop, str | None] | None:
         """Whose pictures are compared with, and in which quality: None for the look's."""
         name = self._with.value
         if name in PRESETS:
             return self.work, name
         return None if self.beside is None or name == NOTHING else (self.beside, None)
 
-    def _see_rival(self, number: int, camera: Camera) -> None:
+    def _see_comparison(self, number: int, camera: Camera) -> None:
         """What a client compares with, from the same place."""
-        rival = self._rival()
-        if rival is not None:
-            work, quality = rival
-            work.see(Rival(number), camera, quality)
+        comparison = self._comparison()
+        if comparison is not None:
+            work, quality = comparison
+            work.see(ComparisonView(number), camera, quality)
 
     def _compare(self) -> None:
         """With something else: what was compared with before is seen no longer."""
         with self._changing:
             for number, client in self._server.get_clients().items():
-                self._leave_rival(number)
+                self._leave_comparison(number)
                 camera = camera_of(client.camera)
                 if camera is not None:
-                    self._see_rival(number, camera)
+                    self._see_comparison(number, camera)
         self._show_all()
 
-    def _leave_rival(self, number: int) -> None:
+    def _leave_comparison(self, number: int) -> None:
         for work in self._works():
-            work.leave(Rival(number))
+            work.leave(ComparisonView(number))
 
     def _works(self) -> tuple[Workshop, ...]:
         return (self.work,) if self.beside is None else (self.work, self.beside)
 
     def _forget(self, number: int) -> None:
         self.work.leave(number)
-        self._leave_rival(number)
+        self._leave_comparison(number)
 
-    def _show(self, eye: int | Rival) -> None:
+    def _show(self, eye: int | ComparisonView) -> None:
         """A picture has refined."""
-        number = eye.client if isinstance(eye, Rival) else eye
+        number = eye.client if isinstance(eye, ComparisonView) else eye
         client = self._server.get_clients().get(number)
         if client is None:  # it left in the meantime
             self._forget(number)
@@ -285,11 +279,11 @@ class Page:
 
     def _show_all(self) -> None:
         """What is compared, or how, has changed; only the last change is shown."""
-        self._asked += 1
-        asked = self._asked
+        self._latest += 1
+        this_call = self._latest
         for client in self._server.get_clients().values():
             with self._joining:
-                if asked == self._asked:
+                if this_call == self._latest:
                     self._join(client)
 
     def _join(self, client: Any) -> None:
@@ -297,23 +291,23 @@ class Page:
         picture, current = self.work.picture(client.client_id)
         if picture is None or not current:
             return
-        compared, name, lines = self._rival(), self._with.value, [_cost(picture)]
-        rival = None
-        if compared is not None:
-            found, same = compared[0].picture(Rival(client.client_id))
-            rival = found if same else None
-            if rival is None and compared[0] is self.beside and picture.samples == 1:
+        comparison, name, lines = self._comparison(), self._with.value, [_cost(picture)]
+        compared_picture = None
+        if comparison is not None:
+            other, up_to_date = comparison[0].picture(ComparisonView(client.client_id))
+            compared_picture = other if up_to_date else None
+            if compared_picture is None and comparison[0] is self.beside and picture.samples == 1:
                 return  # while a camera moves, both materials or none
-        if rival is None:
+        if compared_picture is None:
             image = over_white(picture.rgba)
-            lines += [] if compared is None else [f"{name}: under way"]
+            lines += [] if comparison is None else [f"{name}: under way"]
         else:
-            lines.append(f"{name}: {_cost(rival)}")
-            if self._mode.value == "error" and picture.rgba.shape == rival.rgba.shape:
-                image, flip = difference(picture.rgba, rival.rgba)
+            lines.append(f"{name}: {_cost(compared_picture)}")
+            if self._mode.value == "error" and picture.rgba.shape == compared_picture.rgba.shape:
+                image, flip = difference(picture.rgba, compared_picture.rgba)
                 lines.append(f"FLIP {flip:.4f} between them")
             else:
-                image = wiped(picture.rgba, rival.rgba, self._wipe.value)
+                image = wiped(picture.rgba, compared_picture.rgba, self._wipe.value)
         codes = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
         client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
         self._cost.content = "  \n".join(lines)
@@ -336,38 +330,8 @@ class Page:
         assert self._other is not None
         self._other.grown(share)
 
-    def _save(self, kind: str, event: Any) -> None:
-        picture, _ = self.work.picture(event.client_id)
-        if picture is not None and event.client is not None:
-            data = png_bytes(picture.rgba) if kind == "png" else exr_bytes(picture.rgba)
-            event.client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
 
-    def _save_scene(self, event: Any) -> None:
-        if self.work.picture(event.client_id)[0] is None or event.client is None:
-            return
-        packed = io.BytesIO()
-        with TemporaryDirectory() as parent:
-            folder = Path(parent) / "scene"
-            try:
-                write_folder(self.work.described(event.client_id), folder, PRESETS[self._quality.value])
-            except (InputError, OSError) as fault:
-                self.work.say("scene", str(fault))
-                return
-            with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
-                for path in sorted(folder.iterdir()):
-                    file.write(path, f"scene/{path.name}")
-        self.work.say("scene", "")
-        event.client.send_file_download("scene.zip", packed.getvalue(), save_immediately=True)
-
-    def _say_command(self, event: Any) -> None:
-        picture, _ = self.work.picture(event.client_id)
-        if picture is not None:
-            work = self.work
-            line = command(work.given, work.scene(event.client_id), work.look, self._engine, picture.samples)
-            self._command.content = f"    {line}"
-
-
-def _cost(picture: Shown) -> str:
+def _cost(picture: RefinedPicture) -> str:
     """What a picture's passes cost."""
     height, width = picture.rgba.shape[:2]
     record = picture.rendered.record

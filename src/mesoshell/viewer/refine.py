@@ -20,7 +20,7 @@ from mesoshell.viewer.look import sized
 COARSE, MOST = 128, 256
 
 
-class Shown(NamedTuple):
+class RefinedPicture(NamedTuple):
     """A picture on its way. rgba: linear, premultiplied; samples: of each pixel; seconds: of the last pass, with what came
     before it; rendered: what the engine gives."""
 
@@ -38,7 +38,7 @@ class Abandoned(Exception):
 
 def refine(
     scene: Scene, quality: str, stopped: Callable[[], bool], engine: str = "jax", coarse: bool = True, most: int = MOST
-) -> Iterator[Shown]:
+) -> Iterator[RefinedPicture]:
     """Ever better pictures of a settled scene, up to `most` samples a pixel. coarse: whether one of few pixels comes first.
     Ends early once `stopped` says so, and raises InputError as `prepare` does."""
     assert isinstance(scene.camera, Camera)
@@ -52,7 +52,9 @@ def refine(
         return
 
 
-def _passes(scene: Scene, preset: str, count: int, stopped: Callable[[], bool], engine: str) -> Iterator[Shown]:
+def _passes(
+    scene: Scene, preset: str, count: int, stopped: Callable[[], bool], engine: str
+) -> Iterator[RefinedPicture]:
     def check(share: float) -> None:
         if stopped():
             raise Abandoned
@@ -67,5 +69,5 @@ def _passes(scene: Scene, preset: str, count: int, stopped: Callable[[], bool], 
         total += passes.render(k, np.arange(len(total)), check)
         image = (total / (k + 1)).reshape(*passes.shape, 4)
         now = time.perf_counter()
-        yield Shown(image, k + 1, now - begin, passes.ended(image, k + 1), ready.effects, ready.notes)
+        yield RefinedPicture(image, k + 1, now - begin, passes.ended(image, k + 1), ready.effects, ready.notes)
         begin = time.perf_counter()

@@ -22,7 +22,7 @@ from mesoshell.scene.settled import settled
 from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface
 from mesoshell.scene.unpack import unpacked
 from mesoshell.viewer.look import Look, described, first_look, shown, sized, with_texture_of
-from mesoshell.viewer.refine import Abandoned, Shown, refine
+from mesoshell.viewer.refine import Abandoned, RefinedPicture, refine
 
 #: Seconds of rest before what takes long is begun: while a camera moves, there are only coarse pictures, and nothing has to be
 #: abandoned.
@@ -39,9 +39,9 @@ class View:
     quality: str | None = None
     wish: int = 1
     painted: int = 0
-    left: Iterator[Shown] | None = None
+    left: Iterator[RefinedPicture] | None = None
     shown: int = 0
-    picture: Shown | None = None
+    picture: RefinedPicture | None = None
     rest: float = 0.0
 
     def ask(self) -> None:
@@ -73,9 +73,9 @@ class Workshop:
         growing: Callable[[float], None],
         engine: str = "jax",
         progress: Callable[[float], None] = lambda share: None,
-        hand: AbstractContextManager | None = None,
+        paint_lock: AbstractContextManager | None = None,
     ):
-        """Settles the scene. hand: which workshops that paint in turn share. Raises InputError."""
+        """Settles the scene. paint_lock: what workshops that paint in turn share. Raises InputError."""
         self.given, scene = scene, unpacked(scene)
         self._lit = bool(scene.lights) or scene.environment is not None
         check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
@@ -92,7 +92,7 @@ class Workshop:
         self._faults = {"picture": "", "texture": "", "scene": "", "environment": "", "snapshot": "", "run": ""}
         self._views: dict[Hashable, View] = {}
         self._changed, self._open, self._turn = threading.Condition(), True, 0
-        self._hand, self._telling = hand or threading.Lock(), threading.Lock()
+        self._hand, self._telling = paint_lock or threading.Lock(), threading.Lock()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._paint, self._grow)]
         for thread in self._threads:
             thread.start()
@@ -113,7 +113,7 @@ class Workshop:
                 view.ask()
             self._changed.notify_all()
 
-    def picture(self, eye: Hashable) -> tuple[Shown | None, bool]:
+    def picture(self, eye: Hashable) -> tuple[RefinedPicture | None, bool]:
         """The last picture of an eye, and whether it shows what is wished for now."""
         with self._changed:
             view = self._views.get(eye)
@@ -129,7 +129,7 @@ class Workshop:
                 view.ask()
             self._changed.notify_all()
 
-    def wear(self, material: Material) -> None:
+    def set_material(self, material: Material) -> None:
         """Show another material with the same parameters, once its texture is grown. Raises InputError for one with others."""
         now = self.begun.material
         if (material.kind, material.parameters) != (now.kind, now.parameters):

@@ -1,0 +1,62 @@
+"""What a client takes home of a viewer: its picture, a scene of Mitsuba's, and the command line that renders it.
+
+All is made in memory and downloaded by the browser: nothing is written where the viewer runs, but for a temporary folder.
+"""
+
+import io
+import zipfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from mesoshell.errors import InputError
+from mesoshell.io.image import exr_bytes, png_bytes
+from mesoshell.render.quality import PRESETS
+from mesoshell.scene.mitsuba_xml import write_folder
+from mesoshell.viewer.look import command
+from mesoshell.viewer.work import Workshop
+
+
+class Downloads:
+    """The buttons of the folder "Save". quality: the name of the preset that is chosen now."""
+
+    def __init__(self, gui: Any, work: Workshop, engine: str, quality: Callable[[], str]):
+        self._work, self._engine, self._quality = work, engine, quality
+        with gui.add_folder("Save"):
+            gui.add_button("PNG").on_click(partial(self._picture, "png"))
+            gui.add_button("EXR").on_click(partial(self._picture, "exr"))
+            gui.add_button("Scene", hint="of Mitsuba's, with its meshes and images, zipped").on_click(self._scene)
+            gui.add_button("Command").on_click(self._say_command)
+            self._command = gui.add_markdown("")
+
+    def _picture(self, kind: str, event: Any) -> None:
+        picture, _ = self._work.picture(event.client_id)
+        if picture is not None and event.client is not None:
+            data = png_bytes(picture.rgba) if kind == "png" else exr_bytes(picture.rgba)
+            event.client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
+
+    def _scene(self, event: Any) -> None:
+        if self._work.picture(event.client_id)[0] is None or event.client is None:
+            return
+        packed = io.BytesIO()
+        with TemporaryDirectory() as parent:
+            folder = Path(parent) / "scene"
+            try:
+                write_folder(self._work.described(event.client_id), folder, PRESETS[self._quality()])
+            except (InputError, OSError) as fault:
+                self._work.say("scene", str(fault))
+                return
+            with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+                for path in sorted(folder.iterdir()):
+                    file.write(path, f"scene/{path.name}")
+        self._work.say("scene", "")
+        event.client.send_file_download("scene.zip", packed.getvalue(), save_immediately=True)
+
+    def _say_command(self, event: Any) -> None:
+        picture, _ = self._work.picture(event.client_id)
+        if picture is not None:
+            work = self._work
+            line = command(work.given, work.scene(event.client_id), work.look, self._engine, picture.samples)
+            self._command.content = f"    {line}"

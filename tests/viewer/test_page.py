@@ -345,7 +345,7 @@ def test_a_scene_of_mitsuba_s_is_downloaded(tiny_bundle: Bundle, tmp_path: Path,
             page.work.see(1, looking(page))
             monkeypatch.setattr(page.work, "picture", lambda eye: (eye, True))
             sent: dict[str, bytes] = {}
-            page._save_scene(Asked(sent))
+            page._downloads._scene(Asked(sent))
             if material.name == "tiny":
                 assert (
                     not sent

@@ -155,7 +155,7 @@ class Page:
             self._with = gui.add_dropdown("with", tuple(names), initial_value=first, hint=hint)
             self._mode = gui.add_dropdown("show", ("wipe", "error"), hint="both pictures, or FLIP, where they differ")
             self._wipe = gui.add_slider("wipe", 0.0, 1.0, 0.01, 0.5, hint="what is compared with is right of it")
-        Downloads(gui, work, self._engine, lambda: self._quality.value)
+        self._downloads = Downloads(gui, work, self._engine, lambda: self._quality.value)
         with gui.add_folder("Effects", expand_by_default=False):
             self._effects = gui.add_markdown("")
         self._fault, self._other_fault = gui.add_markdown(""), gui.add_markdown("")

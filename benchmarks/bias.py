@@ -12,7 +12,7 @@ import numpy as np
 
 from mesoshell.datasets.queries.render import FINEST, REACH, Settings, questions
 from mesoshell.datasets.queries.sources import PROCEDURES, source
-from mesoshell.datasets.queries.tile import Placing
+from mesoshell.datasets.queries.tile import PatchPlacement
 from mesoshell.datasets.queries.trace import Patch, queries
 
 SPP, QUERIES, REPEATS, CURVATURES = (4, 8, 16, 32), 2048, 32, (-0.5, 0.0, 1.0)
@@ -27,7 +27,7 @@ def bias(name: str, spp: int) -> tuple[float, float]:
     fine = asked["radius"] <= FINEST
     learned, mean = [], []
     for curvature in CURVATURES:
-        placing = Placing(curvature)
+        placing = PatchPlacement(curvature)
         patch = Patch(tile, placing, REACH)
         found = [queries(patch, placing, asked, spp, seed) for seed in range(REPEATS)]
         alpha = np.stack([f["alpha"] for f in found])

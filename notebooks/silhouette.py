@@ -26,7 +26,7 @@ import numpy as np
 
 import mesoshell as ms
 from mesoshell.datasets.queries.sources import source
-from mesoshell.datasets.queries.tile import Placing
+from mesoshell.datasets.queries.tile import PatchPlacement
 from mesoshell.datasets.queries.trace import Patch, queries
 
 tile = source("spheres")
@@ -43,7 +43,7 @@ y, x = np.meshgrid(np.linspace(0.5, -0.5, SIDE), np.linspace(-0.5, 0.5, SIDE), i
 place = np.stack([x, y], axis=-1).reshape(-1, 2)
 figure, axes = plt.subplots(1, 4, figsize=(12, 3))
 for axis, (curvature, cosine) in zip(axes, ((0.0, 1.0), (0.0, 0.4), (1.0, 0.4), (2.0, 0.4)), strict=True):
-    placing = Placing(curvature)
+    placing = PatchPlacement(curvature)
     toward = np.array([np.sqrt(1 - cosine**2), 0, cosine])
     asked = {
         "place": place,

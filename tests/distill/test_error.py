@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mesoshell.datasets.queries.render import FINEST
-from mesoshell.datasets.queries.tile import Placing
+from mesoshell.datasets.queries.tile import PatchPlacement
 from mesoshell.distill import error
 from mesoshell.distill.error import LIGHTS, SIDE, errors_by_radius, radii
 from mesoshell.io.query_dataset import COLUMNS
@@ -30,7 +30,7 @@ def told(u: np.ndarray, toward: np.ndarray, light: np.ndarray) -> tuple[np.ndarr
 
 
 def teacher(
-    placing: Placing, asked: dict[str, np.ndarray], seed: int
+    placing: PatchPlacement, asked: dict[str, np.ndarray], seed: int
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     c, s = np.cos(placing.turn), np.sin(placing.turn)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -76,7 +76,7 @@ def test_what_is_wrong_is_seen(off: dict[str, Any]) -> None:
 def test_what_is_hardly_there_is_hardly_seen() -> None:
     """A camera exposes for what is opaque, not for what a fiftieth of it lets through."""
 
-    def thin(placing: Placing, asked: dict[str, np.ndarray], seed: int):
+    def thin(placing: PatchPlacement, asked: dict[str, np.ndarray], seed: int):
         found, seconds = teacher(placing, asked, seed)
         return {name: x / 50 for name, x in found.items()}, seconds
 
@@ -98,7 +98,7 @@ def test_more_wrong_looks_more_different() -> None:
 def test_a_teacher_that_is_grainy_is_asked_several_times(monkeypatch) -> None:
     """Its mean is the same, and what is left of the grain is less than of one ray."""
 
-    def grainy(placing: Placing, asked: dict[str, np.ndarray], seed: int):
+    def grainy(placing: PatchPlacement, asked: dict[str, np.ndarray], seed: int):
         found, spent = teacher(placing, asked, seed)
         grain = np.random.default_rng(seed).choice([0.8, 1.2], size=(len(asked["radius"]), 1))
         return found | {"reflectance": grain * found["reflectance"]}, spent

@@ -23,7 +23,7 @@ from mesoshell.train.prefilter import Gap, prefiltered
 from mesoshell.train.run_config import RunConfig, snapshots
 
 #: Called with each row of the log: kimg, images_per_s and losses.
-Show = Callable[[dict[str, float]], None]
+ShowRow = Callable[[dict[str, float]], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def fit(
     texels: int = 256,
     width: int = 64,
     seed: int = 0,
-    show: Show = lambda row: None,
+    show: ShowRow = lambda row: None,
 ) -> Fit:
     """Fit patches to the datasets that show them, as `mesoshell fit` does; a repeated call goes on from the folder.
 
@@ -128,7 +128,7 @@ def train(
     kimg: float | None = None,
     transfer: str | PathLike[str] | None = None,
     parallel: Literal["jit", "pmap"] = "jit",
-    show: Show = lambda row: None,
+    show: ShowRow = lambda row: None,
 ) -> Run:
     """Train as `mesoshell train` does; a run that was stopped goes on from its folder.
 

@@ -12,11 +12,11 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import goal_of
 from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.scene.picture import Picture, Progress
-from mesoshell.scene.prepare import OF_FILES, prepare, quality_of
+from mesoshell.scene.prepare import FIXED_BY_XML, prepare, quality_of
 from mesoshell.scene.reach import picture_of
 from mesoshell.scene.scene import Scene
 from mesoshell.stability.report import Stability
-from mesoshell.tradeoff.run import Show, Tradeoff, explore
+from mesoshell.tradeoff.run import ShowStage, Tradeoff, explore
 
 Engine = Literal["jax", "mitsuba"]
 
@@ -90,7 +90,7 @@ def film(
     fps: float = 24.0,
     quality: str | Quality = "normal",
     engine: Engine = "jax",
-    progress: Show = lambda share, what: None,
+    progress: ShowStage = lambda share, what: None,
     **changes: Any,
 ) -> Film:
     """Frames of a scene over time, as `mesoshell film` makes them: `.frames` are their paths, `.flicker` what differs between
@@ -115,7 +115,7 @@ def tradeoff(
     engine: Engine = "jax",
     minutes: float = 10.0,
     pixels: int = 96 * 96,
-    progress: Show = lambda share, what: None,
+    progress: ShowStage = lambda share, what: None,
 ) -> Tradeoff:
     """What accuracy costs in time in a scene, as `mesoshell tradeoff` measures it: `.front` has what no other settings beat in
     both, `.points` all that were measured; a notebook displays report.html.
@@ -135,4 +135,4 @@ def tradeoff(
     if pixels < 1:
         raise InputError(Argument("pixels"), f"must be at least 1, not {pixels}")
     of_file = lambda quality: prepare_file(Path(scene), quality, None, pixels=pixels)  # noqa: E731
-    return explore(of_file, OF_FILES, Path(folder), minutes, progress)
+    return explore(of_file, FIXED_BY_XML, Path(folder), minutes, progress)

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 
-class Show(Protocol):
+class MoveBar(Protocol):
     """Move a bar on. done: of how much, and of what (both as before if not given)."""
 
     def __call__(self, done: float, of: float | None = None, what: str | None = None) -> None: ...
@@ -21,7 +21,7 @@ def stderr() -> Console:
 
 
 @contextmanager
-def bar(console: Console, what: str, total: int | float | None = 1.0, count: bool = False) -> Iterator[Show]:
+def bar(console: Console, what: str, total: int | float | None = 1.0, count: bool = False) -> Iterator[MoveBar]:
     """A bar that is removed at the end. count: also show numbers, done of total; leave it off where `done` is a share."""
     columns = [TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()]
     columns += [TextColumn("left"), TimeRemainingColumn()]

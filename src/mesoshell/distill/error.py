@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.datasets.queries.render import LEAST, Answers, rows_of
-from mesoshell.datasets.queries.tile import Placing
+from mesoshell.datasets.queries.tile import PatchPlacement
 from mesoshell.io.query_dataset import ALPHA, RGB
 from mesoshell.measure.flip import flip
 from mesoshell.render.light import LUMINANCE
@@ -48,7 +48,7 @@ def radii(narrowest: float, widest: float) -> tuple[float, ...]:
 def _error(
     answers: Answers, predict: Predictor, curvature: tuple[float, float], radius: float, random: np.random.Generator
 ) -> float:
-    placing = Placing(random.uniform(*curvature), random.uniform(0, 2 * np.pi), tuple(random.random(2)))
+    placing = PatchPlacement(random.uniform(*curvature), random.uniform(0, 2 * np.pi), tuple(random.random(2)))
     cosine = max(LEAST, random.random() ** 0.5)  # distributed as over the pixels of a sphere
     i = (np.arange(SIDE) + 0.5 - SIDE / 2) * 2 * radius
     n = SIDE**2

@@ -44,7 +44,7 @@ RECORD = "film.json"
 #: How many times its distance away a dolly begins.
 FAR = 8.0
 #: Called with frames done and frames in all.
-Show = Callable[[float, int], None]
+ShowFrames = Callable[[float, int], None]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def shoot(
     quality: Quality,
     engine: str = "jax",
     grown: Progress = lambda share: None,
-    show: Show = lambda done, count: None,
+    show: ShowFrames = lambda done, count: None,
 ) -> Film:
     """Render the frames that are not there yet. motion: of the settled scene; grown: progress of its texture. Raises
     InputError, also for a folder that holds another film's frames."""

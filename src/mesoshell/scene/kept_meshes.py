@@ -25,7 +25,7 @@ from mesoshell.io.atomic import replace_file
 from mesoshell.io.cache import cache_folder, forget, remove
 
 LEAST, MOST = 1 << 20, 1 << 30
-OF_FILES = (".gltf", *read_usd.FORMATS)
+MULTI_FILE_FORMATS = (".gltf", *read_usd.FORMATS)
 ARRAYS = ("vertices", "faces", "uv", "normals")
 
 
@@ -38,7 +38,7 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
     """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
     file = Path(path)
     try:
-        large = os.path.isfile(file) and file.suffix.lower() not in OF_FILES and file.stat().st_size >= LEAST
+        large = os.path.isfile(file) and file.suffix.lower() not in MULTI_FILE_FORMATS and file.stat().st_size >= LEAST
         entry = cache_folder("meshes") / f"{_key(file)}.npz" if large else None
     except OSError:
         entry = None

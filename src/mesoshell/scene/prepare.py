@@ -12,9 +12,9 @@ from mesoshell.scene.scene import Scene
 
 ENGINES = ("jax", "mitsuba")
 #: Fields of a quality that only the path tracer uses, and the greatest value of each.
-OF_PATHS, MOST = ("spp", "max_depth"), 2**24
+PATH_FIELDS, MOST = ("spp", "max_depth"), 2**24
 #: Fields that a scene of Mitsuba's fixes itself.
-OF_FILES = ("max_depth", "rr_depth")
+FIXED_BY_XML = ("max_depth", "rr_depth")
 
 
 def quality_of(quality: str | Quality, engine: str, changes: Mapping[str, Any]) -> Quality:
@@ -37,7 +37,7 @@ def _check_field(name: str, value: Any, engine: str) -> None:
         raise InputError(Argument(name), fault)
     if fault := out_of_range(name, value):
         raise InputError(Argument(name), f"{fault}, not {value}")
-    if name in OF_PATHS:
+    if name in PATH_FIELDS:
         if engine != "mitsuba":
             raise InputError(Argument(name), "requires `engine` mitsuba")
         if value > MOST:

@@ -41,7 +41,7 @@ from mesoshell.tradeoff.search import around, proposed, singles
 SHARE, AIM, MOST, CLEAR = 0.3, 0.001, 400, 10.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 #: Called with the share done, 0 to 1, and what is done.
-Show = Callable[[float, str], None]
+ShowStage = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def begin(folder: Path, minutes: float) -> None:
 
 
 def explore(
-    prepare: Callable[[Quality], Prepared], fixed: Sequence[str], folder: Path, minutes: float, show: Show
+    prepare: Callable[[Quality], Prepared], fixed: Sequence[str], folder: Path, minutes: float, show: ShowStage
 ) -> Tradeoff:
     """Measure a scene's settings for so many minutes, those of earlier runs in the folder not again. prepare: the scene for a
     quality; fixed: fields that it sets itself. SIGINT or SIGTERM ends it after the point under way; there is always one. Raises

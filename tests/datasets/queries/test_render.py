@@ -21,7 +21,7 @@ from mesoshell.datasets.queries.render import (
     sample,
 )
 from mesoshell.datasets.queries.sources import source
-from mesoshell.datasets.queries.tile import Placing, Tile
+from mesoshell.datasets.queries.tile import PatchPlacement, Tile
 from mesoshell.datasets.queries.trace import Patch, queries
 from mesoshell.errors import InputError
 from mesoshell.io.query_dataset import COLUMNS, read_patches
@@ -281,7 +281,7 @@ def test_a_row_is_a_query_that_can_be_asked_again(settings, index, monkeypatch):
     again, wrong = [], []
     for k in range(40):
         turn = float(np.arctan2(q.wy[k], q.wx[k]))
-        placing = Placing(float(q.kappa[k]), turn, (float(q.u[k]), float(q.v[k])))
+        placing = PatchPlacement(float(q.kappa[k]), turn, (float(q.u[k]), float(q.v[k])))
         patch = Patch(tile, placing, (2.5, 2.0))
         c, s = np.cos(turn), np.sin(turn)
         light = [c * q.lx[k] + s * q.ly[k], c * q.ly[k] - s * q.lx[k], q.lz[k]]

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from mesoshell.datasets.queries.tile import REACH, STRIPS, Placing, Tile, bent, frame, patch
+from mesoshell.datasets.queries.tile import REACH, STRIPS, PatchPlacement, Tile, bent, frame, patch
 
 CURVATURES = [-2.0, -0.3, 0.2, 1.7]
 
@@ -27,7 +27,7 @@ def shreds(random: np.random.Generator) -> Tile:
     return Tile(corners.reshape(-1, 3), np.arange(18).reshape(6, 3), random.random((18, 3)), 0.1, (0.1, 0.2, 0.3))
 
 
-def shown(tile: Tile, placing: Placing, reach: tuple[float, float]) -> np.ndarray:
+def shown(tile: Tile, placing: PatchPlacement, reach: tuple[float, float]) -> np.ndarray:
     """Corners and albedos of all triangles but the body's (n, 3, 6)."""
     points, faces, albedo = patch(tile, placing, reach)
     faces = faces[: len(faces) - 2 * STRIPS]
@@ -102,7 +102,7 @@ def test_a_frame_is_the_derivative_of_places(curvature: float):
 def test_unturned_and_flat_it_is_the_tiles_copies():
     """Two periods by four about the middle, each number as the tile has it."""
     tile = sheet(4, lambda u, v: -0.1 * u * v)
-    found = shown(tile, Placing(0.0), (1.0, 2.0))
+    found = shown(tile, PatchPlacement(0.0), (1.0, 2.0))
     corners = np.concatenate([tile.vertices[tile.faces], tile.albedo[tile.faces]], axis=-1)
     copies = [corners + np.array([i, j, 0, 0, 0, 0]) for i in (-1, 0) for j in (-2, -1, 0, 1)]
     np.testing.assert_array_equal(ordered(found), ordered(np.concatenate(copies)))
@@ -114,7 +114,7 @@ def test_no_copy_within_reach_is_left_out(seed: int, curvature: float):
     """Of triangles that overhang their period by more than one, turned and shifted: against all copies, one at a time."""
     random = np.random.default_rng(seed)
     tile, reach = shreds(random), tuple(random.uniform(0.3, 2.0, 2))
-    placing = Placing(curvature, random.uniform(0, 2 * np.pi), tuple(random.uniform(-3, 3, 2)))
+    placing = PatchPlacement(curvature, random.uniform(0, 2 * np.pi), tuple(random.uniform(-3, 3, 2)))
     back, expected = np.exp(-1j * placing.turn), []
     for i, j in product(range(-12, 13), repeat=2):
         moved = tile.vertices[:, :2] + [i, j] - np.array(placing.shift)
@@ -134,22 +134,22 @@ def test_area_grows_with_the_number_of_periods():
     one = area(np.concatenate([tile.vertices[tile.faces]] * 2, axis=-1))
     assert one > 1.02
     for reach, shift in (((0.5, 0.5), (0.31, 0.17)), ((1.0, 0.5), (-0.6, 2.3)), ((2.0, 1.5), (0.01, 0.44))):
-        found = area(shown(tile, Placing(0.0, shift=shift), reach))
+        found = area(shown(tile, PatchPlacement(0.0, shift=shift), reach))
         np.testing.assert_allclose(found, 4 * reach[0] * reach[1] * one, rtol=1e-12)
 
 
 def test_a_quarter_turn_and_whole_periods():
     """Turned by 90° the geometry is turned back by 90°; shifted by whole periods it is itself."""
     tile, reach = sheet(5, lambda u, v: -0.1 * u), (1.4, 1.4)
-    plain = shown(tile, Placing(0.0, 0.0, (0.03, 0.04)), reach)
+    plain = shown(tile, PatchPlacement(0.0, 0.0, (0.03, 0.04)), reach)
     turned = plain.copy()
     turned[..., 0], turned[..., 1] = plain[..., 1], -plain[..., 0]
-    found = shown(tile, Placing(0.0, np.pi / 2, (0.03, 0.04)), reach)
+    found = shown(tile, PatchPlacement(0.0, np.pi / 2, (0.03, 0.04)), reach)
     np.testing.assert_allclose(ordered(found), ordered(turned), atol=1e-12)
     assert np.abs(ordered(found) - ordered(plain)).max() > 0.1
     for curvature in (0.0, 1.1):
-        near = shown(tile, Placing(curvature, 0.7, (0.03, 0.04)), reach)
-        far = shown(tile, Placing(curvature, 0.7, (4.03, -6.96)), reach)
+        near = shown(tile, PatchPlacement(curvature, 0.7, (0.03, 0.04)), reach)
+        far = shown(tile, PatchPlacement(curvature, 0.7, (4.03, -6.96)), reach)
         np.testing.assert_allclose(ordered(far), ordered(near), atol=1e-12)
 
 
@@ -158,7 +158,7 @@ def test_texture_coordinates_are_those_of_the_geometry(curvature: float):
     """One speck at (0.3, 0.8) of each period: wherever it is found in the world, `texture` says (0.3, 0.8)."""
     speck = np.array([0.3, 0.8, -0.05]) + 1e-4 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     tile = Tile(speck, np.array([[0, 1, 2]]), np.ones((3, 3)), 0.1, (0.0, 0.0, 0.0))
-    placing = Placing(curvature, 2.2, (0.37, -1.2))
+    placing = PatchPlacement(curvature, 2.2, (0.37, -1.2))
     p = shown(tile, placing, (1.5, 1.5))[:, 0, :3]
     assert len(p) in range(6, 13)
     s = p[:, 0] if curvature == 0 else np.arctan(p[:, 0] / (p[:, 2] + 1 / curvature)) / curvature
@@ -172,14 +172,14 @@ def test_texture_coordinates_are_those_of_the_geometry(curvature: float):
 def test_the_mesostructure_lies_round_a_cylinder_at_most_once(curvature: float):
     """A cylinder that is narrower than the patch is covered once, not again by what reaches round it."""
     tile = sheet(32)
-    found = area(shown(tile, Placing(curvature), (2.5, 1.0)))
+    found = area(shown(tile, PatchPlacement(curvature), (2.5, 1.0)))
     np.testing.assert_allclose(found, 2 * np.pi * abs(1 / curvature - 0.05) * 2.0, rtol=0.03)
 
 
 @pytest.mark.parametrize("curvature", [0.06, 1.3, -0.06, -1.3])
 def test_the_body_closes_all_round(curvature: float):
     """At h = −D, each seam joined, as large as the cylinder."""
-    points, faces, albedo = patch(sheet(1), Placing(curvature), (0.5, 0.5))
+    points, faces, albedo = patch(sheet(1), PatchPlacement(curvature), (0.5, 0.5))
     points, faces = points[faces[-2 * STRIPS :]], faces[-2 * STRIPS :]
     np.testing.assert_allclose(np.hypot(points[..., 0], points[..., 2] + 1 / curvature), abs(1 / curvature - 0.1))
     assert (np.abs(points[..., 1]) == REACH).all() and (albedo[faces] == [0.1, 0.2, 0.3]).all()
@@ -195,7 +195,7 @@ def test_the_body_closes_all_round(curvature: float):
 
 @pytest.mark.parametrize("curvature", [0.0, 0.01, -0.01])
 def test_a_body_that_does_not_close_reaches_far(curvature: float):
-    points, faces, _ = patch(sheet(1), Placing(curvature), (0.5, 0.5))
+    points, faces, _ = patch(sheet(1), PatchPlacement(curvature), (0.5, 0.5))
     body = points[faces[-2 * STRIPS :]]
     np.testing.assert_allclose(area(body), (2 * REACH) ** 2 * (1 - 0.1 * curvature), rtol=1e-5)
     if curvature == 0:
@@ -204,6 +204,6 @@ def test_a_body_that_does_not_close_reaches_far(curvature: float):
 
 @pytest.mark.parametrize("curvature", [0.0, 1.2, -0.7])
 def test_every_vertex_is_used_and_none_is_missing(curvature: float):
-    points, faces, albedo = patch(sheet(4), Placing(curvature, 0.4, (0.2, 0.1)), (1.2, 0.7))
+    points, faces, albedo = patch(sheet(4), PatchPlacement(curvature, 0.4, (0.2, 0.1)), (1.2, 0.7))
     np.testing.assert_array_equal(np.unique(faces), np.arange(len(points)))
     assert albedo.shape == points.shape and np.isfinite(points).all()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mesoshell.datasets.queries.sources import HIGH, of_heights, source
-from mesoshell.datasets.queries.tile import REACH, Placing, Tile
+from mesoshell.datasets.queries.tile import REACH, PatchPlacement, Tile
 from mesoshell.datasets.queries.trace import AWAY, Patch, normal_lattice, queries
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer)
@@ -66,7 +66,9 @@ def across(cosine: np.ndarray, random: np.random.Generator) -> np.ndarray:
     return np.stack([sine, 0 * cosine, cosine], -1)
 
 
-def ask(patch: Patch, placing: Placing, toward, light, place=None, radius: float = 0.0, spp: int = 1, seed: int = 0):
+def ask(
+    patch: Patch, placing: PatchPlacement, toward, light, place=None, radius: float = 0.0, spp: int = 1, seed: int = 0
+):
     """Answers to queries; by default where the patch has its middle."""
     toward, light = np.broadcast_arrays(np.asarray(toward, float), np.asarray(light, float))
     toward, light = (np.atleast_2d(x) for x in (toward, light))
@@ -75,8 +77,8 @@ def ask(patch: Patch, placing: Placing, toward, light, place=None, radius: float
     return queries(patch, placing, asked, spp, seed)
 
 
-def about(tile: Tile, curvature: float, reach: tuple[float, float] = NEAR, **more) -> tuple[Patch, Placing]:
-    placing = Placing(curvature, **more)
+def about(tile: Tile, curvature: float, reach: tuple[float, float] = NEAR, **more) -> tuple[Patch, PatchPlacement]:
+    placing = PatchPlacement(curvature, **more)
     return Patch(tile, placing, reach), placing
 
 
@@ -304,9 +306,9 @@ def test_the_patchs_middle_may_lie_anywhere(curvature: float):
     place = np.array([0.4, -0.3])
     toward, light = across(random.uniform(0.03, 1, n), random), sphere(n, random)
     tile, wide = hills(1e-4), (2.4, 1.8)
-    first, second = Placing(curvature, turn, (0.2, 0.9)), Placing(curvature, turn)
+    first, second = PatchPlacement(curvature, turn, (0.2, 0.9)), PatchPlacement(curvature, turn)
     a, b = first.texture(place)
-    second = Placing(curvature, turn, (float(a), float(b)))
+    second = PatchPlacement(curvature, turn, (float(a), float(b)))
     here = ask(Patch(tile, first, wide), first, toward, light, place)
     there = ask(Patch(tile, second, wide), second, toward, light)
     other = ask(Patch(tile, first, wide), first, toward, light)
@@ -324,7 +326,7 @@ def test_turning_patch_view_and_light_changes_nothing():
     for turn, shift in ((0.0, (0.5, 0.5)), (0.8, (0.3, 0.6)), (np.pi, (0.6, 0.4)), (4.0, (0.5, 0.5))):
         c, s = np.cos(turn), np.sin(turn)
         back = np.array([[c, -s], [s, c]])
-        placing = Placing(0.0, turn, shift)
+        placing = PatchPlacement(0.0, turn, shift)
         w, l = (np.concatenate([x[:, :2] @ back, x[:, 2:]], axis=1) for x in (toward, light))
         place = (uv - np.array(shift)) @ back
         np.testing.assert_allclose(placing.texture(place), uv)

@@ -7,13 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesoshell.datasets.queries.tile import Placing, bent
+from mesoshell.datasets.queries.tile import PatchPlacement, bent
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.shell.material.field import Field, Layout
 from mesoshell.shell.material.loader import load_device_material
 from mesoshell.train.surface import shell_teacher
-from mesoshell.train.surface.shell_teacher import BATCH, SAMPLES, Lay, Lesson, Teacher, answer, answers, frame, span
+from mesoshell.train.surface.shell_teacher import (
+    BATCH,
+    SAMPLES,
+    DevicePlacement,
+    LocalQuery,
+    Teacher,
+    answer,
+    answers,
+    frame,
+    span,
+)
 
 DEPTH = 0.4
 TURN, SHIFT, PLACE = 0.7, np.array([0.3, -0.2]), np.array([0.1, 0.25])
@@ -24,8 +34,8 @@ def rotation(angle: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-def lay(curvature: float) -> Lay:
-    return Lay(*(jnp.asarray(x, jnp.float32) for x in (curvature, rotation(TURN), SHIFT)))
+def lay(curvature: float) -> DevicePlacement:
+    return DevicePlacement(*(jnp.asarray(x, jnp.float32) for x in (curvature, rotation(TURN), SHIFT)))
 
 
 def teacher(base: float = 0.0) -> Teacher:
@@ -45,9 +55,9 @@ def unit(*x: float) -> np.ndarray:
     return np.array(x) / np.linalg.norm(x)
 
 
-def asked(cosine: float, light: np.ndarray, side: float = 1.0) -> Lesson:
+def asked(cosine: float, light: np.ndarray, side: float = 1.0) -> LocalQuery:
     toward = np.array([side * np.sqrt(1 - cosine**2), 0, cosine])
-    return Lesson(*(jnp.asarray(x, jnp.float32) for x in (PLACE, 0.002, toward, light)))
+    return LocalQuery(*(jnp.asarray(x, jnp.float32) for x in (PLACE, 0.002, toward, light)))
 
 
 def world(xi: np.ndarray, curvature: float) -> np.ndarray:
@@ -152,7 +162,7 @@ def test_the_texture_lies_turned_and_shifted() -> None:
 
         field = Field(density, fog(0, 1.0).transport)
         columns = (PLACE + np.array([s, entry[1]]), 0.002, turned @ toward, unit(0, 0, 1))
-        lesson = Lesson(*(jnp.asarray(x, jnp.float32) for x in columns))
+        lesson = LocalQuery(*(jnp.asarray(x, jnp.float32) for x in columns))
         hit = jax.jit(lambda l, k=curvature, f=field: answer(f, teacher(), lay(k), l))(lesson)
         missed = answer(field, teacher(), lay(curvature), lesson._replace(place=lesson.place + 0.2))
         np.testing.assert_allclose(hit[:3], 1, rtol=1e-4)
@@ -161,7 +171,7 @@ def test_the_texture_lies_turned_and_shifted() -> None:
 
 def test_a_footprint_is_about_the_place_on_the_surface(monkeypatch) -> None:
     """However flat a ray is: three quarters of the variance are the filter's, one quarter is where rays are marched."""
-    seen: list[Lesson] = []
+    seen: list[LocalQuery] = []
     monkeypatch.setattr(
         shell_teacher, "_taught", lambda layout, teacher, lay, part: seen.append(part) or np.zeros((BATCH, 4))
     )
@@ -176,7 +186,7 @@ def test_a_footprint_is_about_the_place_on_the_surface(monkeypatch) -> None:
     drawn = []
     for seed in (0, 0, 1):
         seen.clear()
-        found, _ = of(Placing(0.5, TURN, (0.3, -0.2)), columns, seed)
+        found, _ = of(PatchPlacement(0.5, TURN, (0.3, -0.2)), columns, seed)
         assert found["alpha"].shape == (n, 1) and found["reflectance"].shape == (n, 3)
         drawn.append(np.concatenate([part.place for part in seen])[:n])
         np.testing.assert_allclose(np.concatenate([part.radius for part in seen]), 0.5 * np.sqrt(0.75), rtol=1e-6)
@@ -203,6 +213,6 @@ def test_grass_seen_wide_is_the_mean_of_grass_seen_narrow(degrees: float):
             "toward": np.tile([np.sin(slope), 0, np.cos(slope)], (n, 1)),
             "light": np.tile(unit(0.3, 0.2, 0.8), (n, 1)),
         }
-        return ask(Placing(0.0, TURN, (0.0, 0.0)), queries, 0)[0]["reflectance"].mean(axis=0)
+        return ask(PatchPlacement(0.0, TURN, (0.0, 0.0)), queries, 0)[0]["reflectance"].mean(axis=0)
 
     np.testing.assert_allclose(seen(1.0), seen(1 / 256), rtol=0.3)

@@ -13,7 +13,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_outputs, replace_file, together
 from mesoshell.scene.accumulate import goal_of
 from mesoshell.scene.picture import Picture
-from mesoshell.scene.prepare import OF_FILES, OF_PATHS, quality_of
+from mesoshell.scene.prepare import FIXED_BY_XML, PATH_FIELDS, quality_of
 from mesoshell.scene.reach import picture_of
 
 
@@ -26,10 +26,10 @@ def run(options: Options) -> None:
     probe_outputs(files_of(options.out))
     console = stderr()
     given = settings_of(options.set)
-    given |= {name: getattr(options, name) for name in OF_PATHS if getattr(options, name) is not None}
+    given |= {name: getattr(options, name) for name in PATH_FIELDS if getattr(options, name) is not None}
     quality = quality_of(options.quality or "normal", options.engine, given)
     goal = goal_of(options.budget, options.error, options.max_samples, given)
-    for name in (name for name in OF_FILES if name in given and is_mitsubas(options.mesh)):
+    for name in (name for name in FIXED_BY_XML if name in given and is_mitsubas(options.mesh)):
         option = f"--set {name}" if getattr(options, name, None) is None else f"--{name.replace('_', '-')}"
         raise InputError(option, f"is set in {options.mesh}")
     compiling = compiled_by(options.engine)

@@ -5,7 +5,7 @@ import time
 from mesoshell.cli.described_scene import compiled_by, is_mitsubas, prepared
 from mesoshell.cli.options.tradeoff import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
-from mesoshell.scene.prepare import OF_FILES
+from mesoshell.scene.prepare import FIXED_BY_XML
 from mesoshell.tradeoff.run import begin, explore
 
 
@@ -22,7 +22,7 @@ def run(options: Options) -> None:
     with bar(console, "preparing") as show:
         made = explore(
             lambda quality: prepared(options, quality, None, lambda share: None, shrink=True),
-            OF_FILES if is_mitsubas(options.mesh) else (),
+            FIXED_BY_XML if is_mitsubas(options.mesh) else (),
             options.out,
             options.minutes,
             lambda share, what: show(share, what=what),

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.datasets.queries.tile import Placing, Tile
+from mesoshell.datasets.queries.tile import PatchPlacement, Tile
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.atomic import replace_file
 from mesoshell.io.dataset_writer import collecting
@@ -36,7 +36,7 @@ REACH = (2.5, 2.0)
 
 
 #: From how a patch lies, queries of it (columns, as in trace.queries) and a seed: columns of answers, and seconds by stage.
-Answers = Callable[[Placing, dict[str, np.ndarray], int], tuple[dict[str, np.ndarray], dict[str, float]]]
+Answers = Callable[[PatchPlacement, dict[str, np.ndarray], int], tuple[dict[str, np.ndarray], dict[str, float]]]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def of_geometry(tile: Tile, spp: int) -> Answers:
     """Answers of a mesostructure, by tracing light through it. Loads Mitsuba."""
     from mesoshell.datasets.queries.trace import Patch, queries
 
-    def answers(placing: Placing, query: dict[str, np.ndarray], seed: int):
+    def answers(placing: PatchPlacement, query: dict[str, np.ndarray], seed: int):
         begin = time.perf_counter()
         patch = Patch(tile, placing, REACH)
         built = time.perf_counter()
@@ -115,14 +115,14 @@ def sample(settings: Settings, answers: Answers, index: int) -> tuple[np.ndarray
     random = np.random.default_rng([settings.seed, index])
     low, high = settings.curvature
     curvature = 0.0 if index % 8 == 7 else random.uniform(low, high)
-    placing = Placing(curvature, random.uniform(0, 2 * np.pi), tuple(random.random(2)))
+    placing = PatchPlacement(curvature, random.uniform(0, 2 * np.pi), tuple(random.random(2)))
     query = questions(settings, random)
     answer, seconds = answers(placing, query, int(random.integers(2**31)))
     return rows_of(placing, query, answer, index), seconds
 
 
 def rows_of(
-    placing: Placing, query: dict[str, np.ndarray], answer: dict[str, np.ndarray], index: int
+    placing: PatchPlacement, query: dict[str, np.ndarray], answer: dict[str, np.ndarray], index: int
 ) -> Float[np.ndarray, "Q 16"]:
     """Queries and answers as a patch keeps them (io/query_dataset), float32."""
     uv = placing.texture(query["place"]) % 1.0

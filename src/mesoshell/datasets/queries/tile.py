@@ -30,7 +30,7 @@ class Tile:
 
 
 @dataclass(frozen=True)
-class Placing:
+class PatchPlacement:
     """How a patch lies on the texture and on the cylinder."""
 
     curvature: float
@@ -43,7 +43,7 @@ class Placing:
 
 
 def patch(
-    tile: Tile, placing: Placing, reach: tuple[float, float]
+    tile: Tile, placing: PatchPlacement, reach: tuple[float, float]
 ) -> tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "M 3"], Float[np.ndarray, "N 3"]]:
     """Vertices in the world, faces and albedos of all triangles whose middle has |s| and |y| within reach, once round the
     cylinder at most, and of the body."""

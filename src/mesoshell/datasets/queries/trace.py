@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scipy.special import ndtri
 
 import mesoshell.pathtracer  # noqa: F401  (sets the variant)
-from mesoshell.datasets.queries.tile import Placing, Tile, bent, frame, patch
+from mesoshell.datasets.queries.tile import PatchPlacement, Tile, bent, frame, patch
 from mesoshell.render.mitsuba_frame import fitting_grid
 from mesoshell.render.sequence import GOLDEN
 
@@ -32,7 +32,7 @@ AWAY, HALVINGS, SURE, MOST = 2e-5, 14, 4, 64
 class Patch:
     """A bent patch of a tile, ready for rays."""
 
-    def __init__(self, tile: Tile, placing: Placing, reach: tuple[float, float]):
+    def __init__(self, tile: Tile, placing: PatchPlacement, reach: tuple[float, float]):
         points, faces, albedo = patch(tile, placing, reach)
         self.curvature = placing.curvature
         mesh = mi.Mesh("patch", len(points), len(faces))
@@ -129,7 +129,7 @@ def silhouette(patch, o, across, normal):
 
 
 def queries(
-    patch: Patch, placing: Placing, query: dict[str, np.ndarray], spp: int, seed: int
+    patch: Patch, placing: PatchPlacement, query: dict[str, np.ndarray], spp: int, seed: int
 ) -> dict[str, Float[np.ndarray, "Q *c"]]:
     """alpha, cosine and reflectance of queries, each the mean of spp rays from places that lie evenly about its own.
 

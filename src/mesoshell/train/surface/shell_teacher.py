@@ -37,7 +37,7 @@ SAMPLES, BASE_SAMPLES, BATCH = 64, 8, 1024
 FLATTEST = 0.05
 
 
-class Lesson(NamedTuple):
+class LocalQuery(NamedTuple):
     """One query: where its ray enters, (s, y) from the patch's middle; the footprint's standard deviation; ω and ω′ in the
     frame there."""
 
@@ -47,7 +47,7 @@ class Lesson(NamedTuple):
     light: Vec3
 
 
-class Lay(NamedTuple):
+class DevicePlacement(NamedTuple):
     """How the patch lies: κ, and (u, v) = turn (s, y) + shift."""
 
     curvature: Scalar
@@ -70,11 +70,11 @@ def answers(layout: Layout, teacher: Teacher):
     def of(placing: Any, query: dict[str, np.ndarray], seed: int):
         c, s = np.cos(placing.turn), np.sin(placing.turn)
         values = placing.curvature, np.array([[c, -s], [s, c]]), np.array(placing.shift)
-        lay = Lay(*(jnp.asarray(x, jnp.float32) for x in values))
+        lay = DevicePlacement(*(jnp.asarray(x, jnp.float32) for x in values))
         count, half = len(query["radius"]), query["radius"] / 2
         place = query["place"] + half[:, None] * np.random.default_rng(seed).standard_normal((count, 2))
         lesson: Any = [np.asarray(x, np.float32) for x in (place, 3**0.5 * half, query["toward"], query["light"])]
-        lessons = Lesson(*lesson)
+        lessons = LocalQuery(*lesson)
         padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[:1], -count % BATCH, axis=0)]), lessons)
         rgba = np.concatenate([_taught(layout, teacher, lay, part) for part in _parts(padded)])[:count]
         grazing = max(placing.curvature * float(teacher.depth) * (2 - placing.curvature * float(teacher.depth)), 0.0)
@@ -84,18 +84,18 @@ def answers(layout: Layout, teacher: Teacher):
     return of
 
 
-def _parts(lessons: Lesson) -> list[Lesson]:
+def _parts(lessons: LocalQuery) -> list[LocalQuery]:
     rows = range(0, len(lessons.radius), BATCH)
     return [jax.tree.map(lambda x, i=i: jnp.asarray(x[i : i + BATCH]), lessons) for i in rows]
 
 
 @partial(jax.jit, static_argnums=0)
-def _taught(layout: Layout, teacher: Teacher, lay: Lay, lessons: Lesson) -> Float[Array, "Q 4"]:
+def _taught(layout: Layout, teacher: Teacher, lay: DevicePlacement, lessons: LocalQuery) -> Float[Array, "Q 4"]:
     field = neural_field(teacher.material, layout)
     return jax.vmap(lambda lesson: answer(field, teacher, lay, lesson))(lessons)
 
 
-def answer(field: Field, teacher: Teacher, lay: Lay, lesson: Lesson) -> Float[Array, "4"]:
+def answer(field: Field, teacher: Teacher, lay: DevicePlacement, lesson: LocalQuery) -> Float[Array, "4"]:
     """L / E⊥ and α of one query, whose ray lies across the axis."""
     end, ends_on_body = span(lay.curvature, teacher.depth, lesson.toward[2])
     step = end / SAMPLES
@@ -121,7 +121,9 @@ def span(curvature: Scalar, depth: Scalar, cosine: Scalar) -> tuple[Scalar, Arra
     return jnp.where(met, deep, 2 * cosine / jnp.where(met, 1.0, curvature)), met
 
 
-def _point(teacher: Teacher, lay: Lay, lesson: Lesson, t: Scalar, step: Scalar) -> tuple[Point, Array, Scalar]:
+def _point(
+    teacher: Teacher, lay: DevicePlacement, lesson: LocalQuery, t: Scalar, step: Scalar
+) -> tuple[Point, Array, Scalar]:
     """The shell's point at t, J⁻¹ there in the frame of the place where the ray enters, and the canonical length of a step."""
     where, inverse = frame(teacher.depth, lay, lesson.place, -t * lesson.toward)
     d = product(inverse, -lesson.toward)
@@ -130,7 +132,7 @@ def _point(teacher: Teacher, lay: Lay, lesson: Lesson, t: Scalar, step: Scalar) 
     return point, inverse, jnp.sqrt(product(d, d)) * step
 
 
-def frame(depth: Scalar, lay: Lay, place: Float[Array, "2"], p: Vec3) -> tuple[Vec3, Float[Array, "3 3"]]:
+def frame(depth: Scalar, lay: DevicePlacement, place: Float[Array, "2"], p: Vec3) -> tuple[Vec3, Float[Array, "3 3"]]:
     """(u, v, h) of a point p, and J⁻¹ there. place: (s, y) of the frame's own origin."""
     k, x, y, z = lay.curvature, p[0], p[1], p[2]
     reach = jnp.sqrt((k * x) ** 2 + (1 + k * z) ** 2)
@@ -146,7 +148,7 @@ def frame(depth: Scalar, lay: Lay, place: Float[Array, "2"], p: Vec3) -> tuple[V
     return jnp.concatenate([uv, jnp.clip(1 + height / depth, 0, 1)[None]]), inverse
 
 
-def _body(field: Field, teacher: Teacher, lay: Lay, lesson: Lesson, end: Scalar) -> Vec3:
+def _body(field: Field, teacher: Teacher, lay: DevicePlacement, lesson: LocalQuery, end: Scalar) -> Vec3:
     """Reflectance of the base surface at the ray's end: diffuse, lit through a flat shell."""
     xi, inverse = frame(teacher.depth, lay, lesson.place, -end * lesson.toward)
     normal = normalise(inverse[2])

@@ -40,7 +40,7 @@ MARCHED: dict[str, tuple[str, str, float | None, tuple[float, ...] | None]] = {
 }
 TRACED = ("spot.xml", "room.xml", "field.xml")
 GOALS: tuple[dict[str, Any], ...] = ({"budget": 1.0}, {"budget": 4.0}, {"error": 0.05}, {"error": 0.03})
-PATH_FIELDS: tuple[dict[str, Any], ...] = ({"budget": 8.0}, {"budget": 24.0}, {"error": 0.1}, {"error": 0.06})
+PATH_GOALS: tuple[dict[str, Any], ...] = ({"budget": 8.0}, {"budget": 24.0}, {"error": 0.1}, {"error": 0.06})
 ON_TIME, AIM = (0.8, 1.2), 0.002
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 #: What only adds noise to paths.
@@ -113,7 +113,7 @@ def main() -> None:
     rows = []
     for view in views(given.size):
         true, noise = reference(view, given.seconds, given.folder)
-        for goal in PATH_FIELDS if view.paths else GOALS:
+        for goal in PATH_GOALS if view.paths else GOALS:
             row = reached(view, goal, true)
             rows.append(row | {"reference": noise})
             estimated = "" if row["noise"] is None else f"{together(row['bias'] or 0.0, row['noise'], 1):.4f}"

@@ -70,13 +70,13 @@ def answers(layout: Layout, teacher: Teacher):
     def of(placing: Any, query: dict[str, np.ndarray], seed: int):
         c, s = np.cos(placing.turn), np.sin(placing.turn)
         values = placing.curvature, np.array([[c, -s], [s, c]]), np.array(placing.shift)
-        lay = DevicePlacement(*(jnp.asarray(x, jnp.float32) for x in values))
+        placement = DevicePlacement(*(jnp.asarray(x, jnp.float32) for x in values))
         count, half = len(query["radius"]), query["radius"] / 2
         place = query["place"] + half[:, None] * np.random.default_rng(seed).standard_normal((count, 2))
-        lesson: Any = [np.asarray(x, np.float32) for x in (place, 3**0.5 * half, query["toward"], query["light"])]
-        lessons = LocalQuery(*lesson)
-        padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[:1], -count % BATCH, axis=0)]), lessons)
-        rgba = np.concatenate([_taught(layout, teacher, lay, part) for part in _parts(padded)])[:count]
+        local: Any = [np.asarray(x, np.float32) for x in (place, 3**0.5 * half, query["toward"], query["light"])]
+        queries = LocalQuery(*local)
+        padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[:1], -count % BATCH, axis=0)]), queries)
+        rgba = np.concatenate([_taught(layout, teacher, placement, part) for part in _parts(padded)])[:count]
         grazing = max(placing.curvature * float(teacher.depth) * (2 - placing.curvature * float(teacher.depth)), 0.0)
         columns = {"alpha": rgba[:, 3:], "cosine": np.full((count, 1), grazing**0.5), "reflectance": rgba[:, :3]}
         return columns, {"light": 0.0, "geometry": 0.0}
@@ -84,30 +84,30 @@ def answers(layout: Layout, teacher: Teacher):
     return of
 
 
-def _parts(lessons: LocalQuery) -> list[LocalQuery]:
-    rows = range(0, len(lessons.radius), BATCH)
-    return [jax.tree.map(lambda x, i=i: jnp.asarray(x[i : i + BATCH]), lessons) for i in rows]
+def _parts(queries: LocalQuery) -> list[LocalQuery]:
+    rows = range(0, len(queries.radius), BATCH)
+    return [jax.tree.map(lambda x, i=i: jnp.asarray(x[i : i + BATCH]), queries) for i in rows]
 
 
 @partial(jax.jit, static_argnums=0)
-def _taught(layout: Layout, teacher: Teacher, lay: DevicePlacement, lessons: LocalQuery) -> Float[Array, "Q 4"]:
+def _taught(layout: Layout, teacher: Teacher, placement: DevicePlacement, queries: LocalQuery) -> Float[Array, "Q 4"]:
     field = neural_field(teacher.material, layout)
-    return jax.vmap(lambda lesson: answer(field, teacher, lay, lesson))(lessons)
+    return jax.vmap(lambda local: answer(field, teacher, placement, local))(queries)
 
 
-def answer(field: Field, teacher: Teacher, lay: DevicePlacement, lesson: LocalQuery) -> Float[Array, "4"]:
+def answer(field: Field, teacher: Teacher, placement: DevicePlacement, local: LocalQuery) -> Float[Array, "4"]:
     """L / E⊥ and α of one query, whose ray lies across the axis."""
-    end, ends_on_body = span(lay.curvature, teacher.depth, lesson.toward[2])
+    end, ends_on_body = span(placement.curvature, teacher.depth, local.toward[2])
     step = end / SAMPLES
     t = step * (jnp.arange(SAMPLES, dtype=jnp.float32) + 0.5)
-    points, inverse, length = jax.vmap(lambda t: _point(teacher, lay, lesson, t, step))(t)
+    points, inverse, length = jax.vmap(lambda t: _point(teacher, placement, local, t, step))(t)
     sigma, features = jax.vmap(field.density)(points)
-    view = jax.vmap(lambda a: normalise(product(a, lesson.toward)))(inverse)
-    light = jax.vmap(lambda a: normalise(product(a, lesson.light)))(inverse)
+    view = jax.vmap(lambda a: normalise(product(a, local.toward)))(inverse)
+    light = jax.vmap(lambda a: normalise(product(a, local.light)))(inverse)
     rho = jax.vmap(field.transport)(features, view, light)
     share, through = weights(optical_depth(sigma, length))
     rgb = product(share, rho)
-    body = _body(field, teacher, lay, lesson, end)
+    body = _body(field, teacher, placement, local, end)
     on_body = ends_on_body.astype(jnp.float32)
     return jnp.append(rgb + on_body * through * body, jnp.where(ends_on_body, 1.0, 1 - through))
 
@@ -122,44 +122,46 @@ def span(curvature: Scalar, depth: Scalar, cosine: Scalar) -> tuple[Scalar, Arra
 
 
 def _point(
-    teacher: Teacher, lay: DevicePlacement, lesson: LocalQuery, t: Scalar, step: Scalar
+    teacher: Teacher, placement: DevicePlacement, local: LocalQuery, t: Scalar, step: Scalar
 ) -> tuple[Point, Array, Scalar]:
     """The shell's point at t, J⁻¹ there in the frame of the place where the ray enters, and the canonical length of a step."""
-    where, inverse = frame(teacher.depth, lay, lesson.place, -t * lesson.toward)
-    d = product(inverse, -lesson.toward)
-    print_ = footprint(inverse, -lesson.toward, step * step / 12, lesson.radius**2)
+    where, inverse = frame(teacher.depth, placement, local.place, -t * local.toward)
+    d = product(inverse, -local.toward)
+    print_ = footprint(inverse, -local.toward, step * step / 12, local.radius**2)
     point = Point(where, jnp.maximum(print_.minor, 0.0), print_.height, teacher.alpha)
     return point, inverse, jnp.sqrt(product(d, d)) * step
 
 
-def frame(depth: Scalar, lay: DevicePlacement, place: Float[Array, "2"], p: Vec3) -> tuple[Vec3, Float[Array, "3 3"]]:
+def frame(
+    depth: Scalar, placement: DevicePlacement, place: Float[Array, "2"], p: Vec3
+) -> tuple[Vec3, Float[Array, "3 3"]]:
     """(u, v, h) of a point p, and J⁻¹ there. place: (s, y) of the frame's own origin."""
-    k, x, y, z = lay.curvature, p[0], p[1], p[2]
+    k, x, y, z = placement.curvature, p[0], p[1], p[2]
     reach = jnp.sqrt((k * x) ** 2 + (1 + k * z) ** 2)
     height = (k * (x * x + z * z) + 2 * z) / (1 + reach)
     angle = jnp.arctan2(k * x, 1 + k * z)
     s = jnp.where(jnp.abs(k) > 1e-4, angle / jnp.where(jnp.abs(k) > 1e-4, k, 1.0), x / (1 + k * z))
-    uv = product(lay.turn, place + jnp.stack([s, y])) + lay.shift
+    uv = product(placement.turn, place + jnp.stack([s, y])) + placement.shift
     c, n = (1 + k * z) / reach, k * x / reach
     zero, one = jnp.zeros_like(c), jnp.ones_like(c)
     across = jnp.stack([c, zero, -n]) / (1 + k * height)
-    rows = product(lay.turn, jnp.stack([across, jnp.stack([zero, one, zero])]))
+    rows = product(placement.turn, jnp.stack([across, jnp.stack([zero, one, zero])]))
     inverse = jnp.concatenate([rows, jnp.stack([n, zero, c])[None] / depth])
     return jnp.concatenate([uv, jnp.clip(1 + height / depth, 0, 1)[None]]), inverse
 
 
-def _body(field: Field, teacher: Teacher, lay: DevicePlacement, lesson: LocalQuery, end: Scalar) -> Vec3:
+def _body(field: Field, teacher: Teacher, placement: DevicePlacement, local: LocalQuery, end: Scalar) -> Vec3:
     """Reflectance of the base surface at the ray's end: diffuse, lit through a flat shell."""
-    xi, inverse = frame(teacher.depth, lay, lesson.place, -end * lesson.toward)
+    xi, inverse = frame(teacher.depth, placement, local.place, -end * local.toward)
     normal = normalise(inverse[2])
-    light = normalise(product(inverse, lesson.light))
+    light = normalise(product(inverse, local.light))
     up = jnp.maximum(light[2], FLATTEST)
     h = (jnp.arange(BASE_SAMPLES, dtype=jnp.float32) + 0.5) / BASE_SAMPLES
 
     def density(h: Scalar) -> Scalar:
         at = jnp.append(xi[:2] + h / up * light[:2], h)
         zero = jnp.zeros_like(h)
-        return field.density(Point(at, lesson.radius, zero, teacher.alpha))[0]
+        return field.density(Point(at, local.radius, zero, teacher.alpha))[0]
 
     dimmed = jnp.where(light[2] > 0, jnp.exp(-jax.vmap(density)(h).mean() / up), 0.0)
-    return teacher.base / jnp.pi * jnp.maximum(product(normal, lesson.light), 0) * dimmed
+    return teacher.base / jnp.pi * jnp.maximum(product(normal, local.light), 0) * dimmed

@@ -1,4 +1,7 @@
-"""Contain libraries in C++ that read files of anyone's: what they print, the memory they take (standard library only)."""
+"""Contain libraries in C++ that read files of anyone's: what they print, the memory they take (standard library only).
+
+Both belong to the whole process, so threads take turns; other threads' messages are lost, and their allocations refused, too.
+"""
 
 import contextlib
 import io
@@ -8,17 +11,19 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-_HUSH = threading.RLock()
+_TURN = threading.RLock()
 
 
 @contextlib.contextmanager
 def hushed() -> Iterator[None]:
-    """Drop what is printed: from C on descriptor 2, and through `sys.stdout`.
-
-    Both belong to the whole process, so threads take turns: two that overlap would restore each other's redirection.
-    """
-    with _HUSH, contextlib.redirect_stdout(io.StringIO()):
-        kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    """Drop what is printed, also at a crash: from C on descriptor 2, and through `sys.stdout`."""
+    with _TURN, contextlib.redirect_stdout(io.StringIO()):
+        try:
+            kept = os.dup(2)
+        except OSError:  # it is closed: nothing is printed
+            yield
+            return
+        null = os.open(os.devnull, os.O_WRONLY)
         try:
             os.dup2(null, 2)
             yield
@@ -32,17 +37,22 @@ def hushed() -> Iterator[None]:
 def bounded(size: int) -> Iterator[None]:
     """Let this process map at most so many bytes more: what a damaged file asks for beyond is refused at once, where Linux
     would promise it and end the process later. Elsewhere nothing is bounded."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    with _TURN:
+        soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+        limit = _mapped() + size
+        if soft != resource.RLIM_INFINITY:
+            limit = min(limit, soft)
+        if _mapped():
+            resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def _mapped() -> int:
+    """Bytes that this process maps; 0 where the system does not say."""
     try:
-        mapped = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
-        yield
-        return
-    limit = mapped + size
-    if soft != resource.RLIM_INFINITY:
-        limit = min(limit, soft)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+        return 0

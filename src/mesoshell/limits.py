@@ -20,9 +20,9 @@ def memory() -> int:
     return min(limits)
 
 
-def check_memory(source: str | PathLike[str], what: str, size: int) -> None:
-    """Raise InputError if `what` would take more memory than there is."""
-    there = memory()
+def check_memory(source: str | PathLike[str], what: str, size: int, there: int | None = None) -> None:
+    """Raise InputError if `what` would take more memory than there is. there: what `memory` gave before."""
+    there = memory() if there is None else there
     if size > there:
         raise InputError(source, f"{what} would take {size / 2**30:,.1f} GiB; this machine has {there / 2**30:,.1f}")
 

@@ -173,7 +173,10 @@ FAULTS = {
     "no budget": (["--budget", "0"], "--budget: must be above 0 and finite, not 0.0"),
     "an error beyond any": (["--error", "1"], "--error: must be above 0 and below 1, not 1.0"),
     "no samples": (["--max-samples", "0"], "--max-samples: must be at least 1, not 0"),
-    "two counts": (["--budget", "1", "--set", "pixel_samples=2"], "--set pixel_samples: a picture with a goal takes"),
+    "two counts": (
+        ["--budget", "1", "--set", "pixel_samples=2"],
+        "--set pixel_samples: cannot be combined with a goal",
+    ),
     "no setting": (["--set", "sample=3"], "--set sample: is no field of Quality; did you mean samples?"),
     "a setting's text": (["--set", "samples=many"], "--set samples: must be a whole number, not 'many'"),
     "a setting's switch": (["--set", "filtering=1"], "--set filtering: must be true or false, not '1'"),

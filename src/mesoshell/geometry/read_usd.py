@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from os import PathLike, fspath
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,14 +23,12 @@ from jaxtyping import Float, Int
 
 from mesoshell.contained import bounded, hushed
 from mesoshell.errors import InputError
-from mesoshell.limits import check_memory
+from mesoshell.limits import check_memory, memory
 
 FORMATS = (".usd", ".usda", ".usdc", ".usdz")
 SEEN = ("default", "render")
 #: Most prims that are walked, instances counted each; instancers within each other.
 MOST, DEEPEST = 500_000, 8
-#: Bytes that reading a stage may take: ROOM, and TIMES its file's size. A damaged one asks for anything.
-ROOM, TIMES = 2**33, 100
 #: Names of a mesh's prim and of those above it; its points, triangles and corner UVs.
 Placed = tuple[list[str], tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]]
 
@@ -51,7 +48,7 @@ def opened(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
     said: Any = UsdUtils.CoalescingDiagnosticDelegate()  # what OpenUSD would print
     stage: Any = None
     try:
-        with hushed(), bounded(ROOM + TIMES * Path(path).stat().st_size):
+        with hushed(), bounded(memory() // 2):  # a damaged one asks for anything
             known = Sdf.Layer.Find(fspath(path))  # as it was read before: someone may still hold it
             stage = Usd.Stage.Open(fspath(path))
             if known:
@@ -68,8 +65,9 @@ def opened(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
 def parts(path: str | PathLike[str]) -> Sequence[Placed]:
     """Each mesh of a stage, with the names of its prim and of those above it, from itself upward: paths and bare names. Of a
     point that repeats a prototype these are its instancer's."""
+    there = memory()
     with opened(path) as (stage, time):
-        return list(_Walk(path, stage, time).below(stage.GetPseudoRoot(), np.eye(4), None, 0))
+        return list(_Walk(path, stage, time, there).below(stage.GetPseudoRoot(), np.eye(4), None, 0))
 
 
 def up_of(path: str | PathLike[str]) -> str:
@@ -111,10 +109,10 @@ def matrix(usd: Any) -> Float[np.ndarray, "4 4"]:
 
 
 class _Walk:
-    """What is read of a stage, at a time."""
+    """What is read of a stage, at a time. there: bytes of memory, without the bound of `opened`."""
 
-    def __init__(self, path: str | PathLike[str], stage: Any, time: Any):
-        self.path, self.stage, self.time = path, stage, time
+    def __init__(self, path: str | PathLike[str], stage: Any, time: Any, there: int):
+        self.path, self.stage, self.time, self.there = path, stage, time, there
         self.frames, self.triangles = pxr("UsdGeom").XformCache(time), 0
 
     def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Placed]:
@@ -132,7 +130,7 @@ class _Walk:
             if mesh:
                 made = _placed(_mesh(prim, self.time), to_world)
                 self.triangles += len(made[1])
-                check_memory(self.path, f"its {self.triangles} triangles", 200 * self.triangles)
+                check_memory(self.path, f"its {self.triangles} triangles", 200 * self.triangles, self.there)
                 yield names or _names(prim), made
             else:
                 for prototype, at in _instances(self.stage, prim, self.time):

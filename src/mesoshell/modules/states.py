@@ -16,9 +16,9 @@ from flax.training.train_state import TrainState
 from mesoshell.errors import Argument, InputError
 from mesoshell.modules.networks import CapturedField, Decoder, Discriminator, Generator, SurfaceMaterial, TextureCritic
 from mesoshell.train.gan.state import GanConfig, optimisers
-from mesoshell.train.nerf_tex import network as parametric
+from mesoshell.train.nerf_tex import network as nerf_tex
 from mesoshell.train.nerf_tex.network import NerfTexConfig
-from mesoshell.train.neutex import step as atlas
+from mesoshell.train.neutex import step as neutex
 from mesoshell.train.neutex.step import NeuTexTrainConfig
 from mesoshell.train.run_config import RunConfig
 from mesoshell.train.surface import step as surface
@@ -77,9 +77,9 @@ def _players(config: RunConfig, state: Any) -> dict[str, Player]:
         module, tx = SurfaceMaterial(config.surface), surface.optimiser(config)
         return {"surface": Player(("surface",), ("adam",), module.apply, tx)}
     if isinstance(config, NeuTexTrainConfig):
-        return {"field": Player(("field",), ("adam",), CapturedField(config.field).apply, atlas.optimiser(config))}
+        return {"field": Player(("field",), ("adam",), CapturedField(config.field).apply, neutex.optimiser(config))}
     if isinstance(config, NerfTexConfig):
-        module, tx = Decoder.like(state.decoder), parametric.optimiser(config)
+        module, tx = Decoder.like(state.decoder), nerf_tex.optimiser(config)
         return {"decoder": Player(("decoder",), ("adam",), module.apply, tx)}
     raise InputError(Argument("config"), "a fit of patches has no train state: its step sets the rates")
 

@@ -64,9 +64,9 @@ def read_neutex(path: Path) -> NeuTexModel:
     """Read an object. Raises InputError if the file is not one, or its contents do not match its manifest."""
     heads = read_heads(path)
     if MANIFEST not in heads:
-        raise InputError(path, "is not a captured object: it has no manifest.json")
+        raise InputError(path, f"is not a captured object: it has no {MANIFEST}")
     try:
-        about = parsed(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes(), "manifest.json is ")
+        about = parsed(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes(), f"{MANIFEST} is ")
         if about["kind"] != "captured object" or about["schema"] != SCHEMA:
             raise InputError(
                 path, f"is not a captured object of schema {SCHEMA}, but {about['kind']} of {about['schema']}"

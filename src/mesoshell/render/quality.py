@@ -124,7 +124,7 @@ class Quality:
     spp: int = _setting(48, "paths a pixel", engine="mitsuba", least=1)
     max_depth: int = _setting(
         8,
-        "maximum of segments of a path; 2 is direct light",
+        "maximum number of segments of a path; 2 is direct light",
         "darker: light of later bounces",
         engine="mitsuba",
         least=1,

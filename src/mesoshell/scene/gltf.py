@@ -27,7 +27,7 @@ FAINT = 0.05
 
 def read_file_scene(path: str | PathLike[str]) -> FileScene:
     """What a glTF file says. Raises ValueError and its like if it is damaged there."""
-    return _told(_header(Path(path)))
+    return _file_scene(_header(Path(path)))
 
 
 def _header(path: Path) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def _header(path: Path) -> dict[str, Any]:
         return json.load(file)
 
 
-def _told(header: dict[str, Any]) -> FileScene:
+def _file_scene(header: dict[str, Any]) -> FileScene:
     cameras, suns, others, notes = [], [], [], []
     lights = header.get("extensions", {}).get(LIGHTS, {}).get("lights", [])
     for node, to_world in _nodes(header):

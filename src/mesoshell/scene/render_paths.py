@@ -73,7 +73,7 @@ def prepare_file(
 
 def _context(scene: mi.Scene) -> Any:
     """Our integrator's context: what paths meet beside surfaces. None for another integrator."""
-    return getattr(scene.integrator(), "world", None)
+    return getattr(scene.integrator(), "context", None)
 
 
 def _work(scene: mi.Scene, samples: int) -> Callable[[Progress], Rendered]:

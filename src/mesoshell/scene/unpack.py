@@ -36,7 +36,16 @@ def read_scene_file(path: str | PathLike[str]) -> FileScene:
         return READERS[Path(path).suffix.lower()](path)
     except InputError:
         raise
-    except (AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as fault:
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        OSError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as fault:
         raise InputError(path, f"its cameras or lights cannot be read: {fault!r}") from fault
 
 

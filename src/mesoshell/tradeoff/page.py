@@ -52,13 +52,12 @@ def page(made: "Tradeoff") -> str:
     intro = (
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
         "beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference "
-        f"({made.reference.passes} passes) whose own noise of {noise:.4f} is taken off, and below which nothing is told; the "
-        f"least error here is {best.flip:.4f}. From {made.certain:.4f} on the reference is ten times as accurate, in squared "
+        f"({made.reference.passes} passes) whose own noise of {noise:.4f} is taken off, and below which no error can be measured; "
+        f"the least error here is {best.flip:.4f}. From {made.certain:.4f} on the reference is ten times as accurate, in squared "
         "error."
     )
     if best.flip < made.certain:
-        intro += " <b>What is below that is not told apart with certainty</b>, and drawn hollow: more minutes, in a new folder,"
-        intro += " help."
+        intro += " <b>Errors below that are uncertain</b>, and drawn hollow: run longer, in a new folder."
     data = json.dumps([{"said": _summary(e), "how": _how(made, e)} for e in kept]).replace("<", "\\u003c")
     parts = [
         f"<h1>What accuracy costs in time</h1><p>{intro}</p>",
@@ -182,7 +181,8 @@ def _knob_plots(made: "Tradeoff") -> str:
     figure = Figure(figsize=(12, 3.0 * rows), layout="constrained")
     grid = figure.subplots(rows, 3, squeeze=False).ravel()
     errors = [p.error(_equal(made)) for points in alone.values() for p in points]
-    low, high = 0.9 * min(errors), 1.2 * max(errors)
+    high = max(1.2 * max(errors), 1e-6)
+    low = max(0.9 * min(errors), 1e-6 * high)
     times = np.array([p.seconds[::2] for points in alone.values() for p in points]) / base.seconds[1]
     for axes in grid[len(alone) :]:
         axes.axis("off")
@@ -191,7 +191,7 @@ def _knob_plots(made: "Tradeoff") -> str:
         quartiles = np.abs([[q / base.seconds[1] - a for q in p.seconds[::2]] for p, a in zip(points, x, strict=True)])
         axes.errorbar(x, y, xerr=quartiles.T, fmt="o-", color="C0", ecolor="0.7", markersize=4)
         axes.plot(1, base.error(_equal(made)), "o", markersize=10, markerfacecolor="none", color="C3")
-        for label, place in _labels([str(p.settings[name]) for p in points], np.log(x), np.log(y)):
+        for label, place in _labels([str(p.settings[name]) for p in points], np.log(x), np.log(np.maximum(y, low))):
             axes.annotate(
                 label, np.exp(place).tolist(), textcoords="offset points", xytext=(0, 8), ha="center", fontsize=8
             )
@@ -210,7 +210,7 @@ def _labels(
     """One label for values that lie in one place, and where."""
     groups: list[list[int]] = []
     for i in range(len(values)):
-        near = [g for g in groups if all(abs(x[i] - x[j]) < 0.15 and abs(y[i] - y[j]) < 0.04 for j in g)]
+        near = [g for g in groups if any(abs(x[i] - x[j]) < 0.25 and abs(y[i] - y[j]) < 0.03 for j in g)]
         if near:
             near[0].append(i)
         else:

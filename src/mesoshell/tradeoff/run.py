@@ -36,8 +36,8 @@ from mesoshell.tradeoff.points import Point, error_map, measured, picture_path
 from mesoshell.tradeoff.reference import Reference, is_same_scene, render_reference
 from mesoshell.tradeoff.search import around, proposed, singles
 
-#: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; how many times its squared error an
-#: entry's must be to be certain: then it changes an error by 3% at most.
+#: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; how many times the reference's squared
+#: error an entry's must be to count as certain: then its noise changes the error by 4% at most.
 SHARE, AIM, MOST, CLEAR = 0.3, 0.001, 400, 10.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 #: Called with the share done, 0 to 1, and what is done.

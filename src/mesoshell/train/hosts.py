@@ -41,7 +41,7 @@ def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
         raise InputError(Argument("coordinator"), f"must be HOST:PORT or auto, not {coordinator}")
     if coordinator != "auto" and (count is None or mine is None):
         raise InputError(
-            Argument("hosts"), "needs the number of hosts and this host's number beside --coordinator HOST:PORT"
+            Argument("hosts"), "needs the number of hosts and this host's number beside `coordinator` HOST:PORT"
         )
     if count is not None and mine is not None and not 0 <= mine < count:
         raise InputError(Argument("hosts"), f"of {count} hosts none has the number {mine}: they count from 0")
@@ -57,7 +57,7 @@ def join(coordinator: str, hosts: tuple[int, int] | None) -> None:
         )
     except (ValueError, TypeError) as error:
         raise InputError(
-            Argument("coordinator"), f"no cluster is known here ({error}): give HOST:PORT and --hosts COUNT NUMBER"
+            Argument("coordinator"), f"no cluster is known here ({error}): give HOST:PORT and `hosts` COUNT NUMBER"
         ) from error
     except RuntimeError as error:
         raise InputError(Argument("coordinator"), f"{coordinator}: {error}") from error

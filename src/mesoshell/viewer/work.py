@@ -92,7 +92,7 @@ class Workshop:
         self._faults = {"picture": "", "texture": "", "scene": "", "environment": "", "snapshot": "", "run": ""}
         self._views: dict[Hashable, View] = {}
         self._changed, self._open, self._turn = threading.Condition(), True, 0
-        self._hand, self._telling = paint_lock or threading.Lock(), threading.Lock()
+        self._paint_lock, self._telling = paint_lock or threading.Lock(), threading.Lock()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._paint, self._grow)]
         for thread in self._threads:
             thread.start()
@@ -196,7 +196,7 @@ class Workshop:
             eye, view = turn
             assert view.left is not None
             try:
-                with self._hand:
+                with self._paint_lock:
                     picture = next(view.left, None)
                 with self._changed:
                     if picture is None:

@@ -164,8 +164,8 @@ def _of_shells(bundle: Bundle) -> Programs:
         KEY,
     )
     decoder = device_material.material.decoder
-    found, lay = f(ROWS, decoder.trunk[-1].bias.shape[0]), shell_teacher.DevicePlacement(f(), f(2, 2), f(2))
-    lesson = shell_teacher.LocalQuery(f(64, 2), f(64), f(64, 3), f(64, 3))
+    found, placement = f(ROWS, decoder.trunk[-1].bias.shape[0]), shell_teacher.DevicePlacement(f(), f(2, 2), f(2))
+    local = shell_teacher.LocalQuery(f(64, 2), f(64), f(64, 3), f(64, 3))
     return {
         "shell.geometry.batched_walk._begin": [_jitted(batched_walk._begin, prisms, rays, i(128), i(128), i())],
         "shell.geometry.batched_walk._advance": [_jitted(batched_walk._advance, prisms, rays, place, i())],
@@ -211,8 +211,8 @@ def _of_shells(bundle: Bundle) -> Programs:
                 shell_teacher._taught,
                 device_material.layout,
                 shell_teacher.Teacher(device_material.material, f(1), f(), f(3)),
-                lay,
-                lesson,
+                placement,
+                local,
             )
         ],
     }

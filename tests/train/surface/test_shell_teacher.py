@@ -34,7 +34,7 @@ def rotation(angle: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-def lay(curvature: float) -> DevicePlacement:
+def placement(curvature: float) -> DevicePlacement:
     return DevicePlacement(*(jnp.asarray(x, jnp.float32) for x in (curvature, rotation(TURN), SHIFT)))
 
 
@@ -77,7 +77,7 @@ def test_places_and_frames_are_those_of_the_shells_map(curvature, s, y, h) -> No
     xi = np.append(rotation(TURN) @ (PLACE + np.array([s, y])) + SHIFT, h)
     p = world(xi, curvature)
     found, inverse = frame(
-        jnp.asarray(DEPTH), lay(curvature), jnp.asarray(PLACE, jnp.float32), jnp.asarray(p, jnp.float32)
+        jnp.asarray(DEPTH), placement(curvature), jnp.asarray(PLACE, jnp.float32), jnp.asarray(p, jnp.float32)
     )
     np.testing.assert_allclose(found, xi, atol=3e-6)
     jacobian = np.stack(
@@ -109,7 +109,7 @@ def test_a_ray_ends_where_it_meets_the_body_or_leaves(curvature, cosine) -> None
 def test_fog_on_a_plane(cosine) -> None:
     """ρ (1 − T), and what the surface beneath reflects through fog on both ways; by hand."""
     sigma, rho, base, light = 1.5, 0.02, 0.5, unit(0.3, -0.4, 0.8)
-    found = answer(fog(sigma, rho), teacher(base), lay(0.0), asked(cosine, light))
+    found = answer(fog(sigma, rho), teacher(base), placement(0.0), asked(cosine, light))
     # canonical lengths: along ω through a slab DEPTH thick whose unit of height is DEPTH
     along = np.hypot(DEPTH * np.sqrt(1 - cosine**2) / cosine, 1.0)
     through = np.exp(-sigma * along)
@@ -123,7 +123,7 @@ def test_fog_on_a_plane(cosine) -> None:
 def test_fog_past_a_silhouette(side) -> None:
     """A ray that leaves again is as opaque as its canonical length says; nothing beneath is seen."""
     curvature, cosine, sigma, rho = 1.0, 0.3, 2.0, 0.1
-    found = answer(fog(sigma, rho), teacher(1.0), lay(curvature), asked(cosine, unit(0, 0, 1), side))
+    found = answer(fog(sigma, rho), teacher(1.0), placement(curvature), asked(cosine, unit(0, 0, 1), side))
     t = (np.arange(4096) + 0.5) / 4096 * 2 * cosine / curvature
     p = -t[:, None] * np.array([side * np.sqrt(1 - cosine**2), 0, cosine])
     axis = np.array([0, 0, -1 / curvature])
@@ -162,9 +162,9 @@ def test_the_texture_lies_turned_and_shifted() -> None:
 
         field = Field(density, fog(0, 1.0).transport)
         columns = (PLACE + np.array([s, entry[1]]), 0.002, turned @ toward, unit(0, 0, 1))
-        lesson = LocalQuery(*(jnp.asarray(x, jnp.float32) for x in columns))
-        hit = jax.jit(lambda l, k=curvature, f=field: answer(f, teacher(), lay(k), l))(lesson)
-        missed = answer(field, teacher(), lay(curvature), lesson._replace(place=lesson.place + 0.2))
+        local = LocalQuery(*(jnp.asarray(x, jnp.float32) for x in columns))
+        hit = jax.jit(lambda l, k=curvature, f=field: answer(f, teacher(), placement(k), l))(local)
+        missed = answer(field, teacher(), placement(curvature), local._replace(place=local.place + 0.2))
         np.testing.assert_allclose(hit[:3], 1, rtol=1e-4)
         np.testing.assert_allclose(missed[:3], 0, atol=1e-6)
 
@@ -173,7 +173,7 @@ def test_a_footprint_is_about_the_place_on_the_surface(monkeypatch) -> None:
     """However flat a ray is: three quarters of the variance are the filter's, one quarter is where rays are marched."""
     seen: list[LocalQuery] = []
     monkeypatch.setattr(
-        shell_teacher, "_taught", lambda layout, teacher, lay, part: seen.append(part) or np.zeros((BATCH, 4))
+        shell_teacher, "_taught", lambda layout, teacher, placement, part: seen.append(part) or np.zeros((BATCH, 4))
     )
     n = 3 * BATCH - 5
     columns = {

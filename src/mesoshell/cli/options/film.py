@@ -18,7 +18,7 @@ class Options(SceneOptions):
 
     #: Frames of one turn of the camera around what it looks at.
     orbit: int | None = None
-    #: Frames of a dolly toward the scene, from --far times the camera's distance to the camera.
+    #: Frames of a dolly toward the scene: it begins at --far times the camera's distance, and ends at the camera.
     dolly: int | None = None
     #: Start of the dolly, as a multiple of the camera's distance. Default: 8.
     far: float | None = None

@@ -27,7 +27,8 @@ class Options:
     decoder: str | None = None
     #: Steps in all.
     steps: int = 4000
-    #: Rays a step, split into rows of one patch each: one row for every 512 rays of a multiple of 4096, else 8.
+    #: Rays a step, split into rows of one patch each: one row for every 512 rays of a multiple of 4096, else 8, or 1
+    #: where 8 does not divide them.
     rays: int = 2048
     #: Texels a patch of the feature textures; a power of two.
     texels: int = 256

@@ -38,11 +38,13 @@ class Options(SceneOptions):
     #: Mean FLIP of the tone-mapped picture to reach, 0 to 1, with as few samples as needed. With --budget too, rendering ends
     #: at whichever is reached first.
     error: float | None = None
-    #: Maximum of samples a pixel, alone or with --budget or --error (then 4096 by default). Ctrl-C writes the picture so far.
+    #: Maximum number of samples a pixel, alone or with --budget or --error (then 4096 by default). Ctrl-C writes the picture so
+    #: far.
     max_samples: int | None = None
     #: Paths a pixel, for mitsuba. Default: the setting spp of the --quality, or what the XML scene says.
     spp: int | None = None
-    #: Maximum of segments of a path, for mitsuba; 2 is direct light only. Default: the setting max_depth of the --quality.
+    #: Maximum number of segments of a path, for mitsuba; 2 is direct light only. Default: the setting max_depth of the
+    #: --quality.
     max_depth: int | None = None
     #: Print which effects the scene calls for, and why.
     explain: bool = False

@@ -15,7 +15,8 @@ class Options(SceneOptions):
     #: Width and height of the pictures in pixels. Larger pictures show finer detail, which needs higher values of some
     #: settings. An XML scene keeps its proportions, with at most as many pixels.
     size: tuple[int, int] = (96, 96)
-    #: Time limit in minutes, without start-up and the settings under way at the end; the reference takes at most a third.
+    #: Time limit in minutes, with set-up of the scene; settings under way at its end are finished. The reference takes 0.3 of
+    #: it, or 16 passes if these take longer.
     minutes: float = 10.0
     #: Folder for all that is measured.
     out: Path = Path("out/tradeoff")

@@ -54,7 +54,7 @@ class NerfTexConfig:
     seeded: bool = False
 
 
-class ParametricState(NamedTuple):
+class NerfTexState(NamedTuple):
     """A run under way; a pytree of arrays. images: renders seen."""
 
     decoder: Decoder
@@ -63,7 +63,7 @@ class ParametricState(NamedTuple):
     images: Int[Array, ""]
 
 
-class ParametricReport(NamedTuple):
+class NerfTexReport(NamedTuple):
     """Both parts of the loss, and which leaves of the gradient are not finite."""
 
     radiance: Scalar
@@ -89,17 +89,17 @@ def nerf_tex_config(preset: GanConfig, seeded: bool = False) -> NerfTexConfig:
     )
 
 
-def start(config: NerfTexConfig, key: Key[Array, ""]) -> ParametricState:
+def start(config: NerfTexConfig, key: Key[Array, ""]) -> NerfTexState:
     """A state before training."""
     inputs = 3 * (1 + 2 * config.octaves) + config.parameters * (1 + 2 * PARAMETER_OCTAVES)
     decoder = init_decoder(key, inputs, config.trunk, config.head)
     adam = optimiser(config).init(decoder)
-    return ParametricState(decoder, adam, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
+    return NerfTexState(decoder, adam, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def step(
-    config: NerfTexConfig, state: ParametricState, batch: ImageBatch, across: Across = HERE
-) -> tuple[ParametricState, ParametricReport]:
+    config: NerfTexConfig, state: NerfTexState, batch: ImageBatch, across: Across = HERE
+) -> tuple[NerfTexState, NerfTexReport]:
     """One update. Pure."""
 
     def loss(decoder: Decoder) -> tuple[Scalar, tuple[Scalar, Scalar]]:
@@ -112,9 +112,7 @@ def step(
     parts, gradient = across.mean((parts, gradient))
     decoder, adam = updated(optimiser(config), state.decoder, state.adam, gradient)
     rows, bad = across.rows(batch.alpha), not_finite(gradient)
-    return ParametricState(decoder, adam, state.step + 1, state.images + rows), ParametricReport(
-        parts[0], parts[1], bad
-    )
+    return NerfTexState(decoder, adam, state.step + 1, state.images + rows), NerfTexReport(parts[0], parts[1], bad)
 
 
 def paint(

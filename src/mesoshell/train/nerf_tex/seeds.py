@@ -1,4 +1,4 @@
-"""Adapt a dataset to the parametric network: parameters that vary, and the geometry's seed as one more parameter.
+"""Adapt a dataset to the NeRF-Tex network: parameters that vary, and the geometry's seed as one more parameter.
 
 Notation
 seed       of a sample's geometry, as one more β: (i + ½)/n for the i-th of n samples, so that no two are alike in float32

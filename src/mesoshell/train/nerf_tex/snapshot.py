@@ -1,4 +1,4 @@
-"""Snapshots of a run of the parametric network: its weights, and a sheet of pictures.
+"""Snapshots of a run of the NeRF-Tex network: its weights, and a sheet of pictures.
 
 Notation
 snapshot    an archive of arrays (io/archive), PART/LAYER/kernel and bias; the kind in its manifest.json is not a
@@ -24,12 +24,12 @@ from mesoshell.io.dataset import Dataset
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.snapshot import ends, in_rows, provenance
-from mesoshell.train.nerf_tex.network import NerfTexConfig, ParametricState, paint, redrawn, start
+from mesoshell.train.nerf_tex.network import NerfTexConfig, NerfTexState, paint, redrawn, start
 from mesoshell.train.parallel import in_turn
 from mesoshell.typing import Array
 
 
-def save(path: Path, config: NerfTexConfig, dataset: Dataset, state: ParametricState) -> None:
+def save(path: Path, config: NerfTexConfig, dataset: Dataset, state: NerfTexState) -> None:
     """The network's weights."""
     about = {"schema": SCHEMA, "kind": "nerf_tex", "provenance": provenance(config, dataset, int(state.images))}
     text = np.frombuffer(json.dumps(about, indent=1, sort_keys=True).encode(), np.uint8)
@@ -49,7 +49,7 @@ def load_predictor(config: NerfTexConfig, path: Path) -> Callable[[ImageBatch], 
     return lambda batch: pictures(config, decoder, redrawn(config, batch))
 
 
-def sheet(config: NerfTexConfig, dataset: Dataset, state: ParametricState) -> Float[np.ndarray, "h w 3"]:
+def sheet(config: NerfTexConfig, dataset: Dataset, state: NerfTexState) -> Float[np.ndarray, "h w 3"]:
     """Renders beside what the network makes of them, as linear values to be shown."""
     far, near = ends(config, dataset)
     return in_rows([rows for batch in (near, far) for rows in (batch.image, pictures(config, state.decoder, batch))])

@@ -52,9 +52,9 @@ def page(made: "Tradeoff") -> str:
     intro = (
         f"{len(made.points)} settings were measured with <i>{html.escape(made.engine)}</i>; {len(kept)} of their pictures are "
         "beaten by no other in both time and error. Error is FLIP, 0 to 1, against a reference "
-        f"({made.reference.passes} passes) whose own noise of {noise:.4f} is taken off, and below which no error can be measured; "
-        f"the least error here is {best.flip:.4f}. From {made.certain:.4f} on the reference is ten times as accurate, in squared "
-        "error."
+        f"({made.reference.passes} passes), whose own noise of {noise:.4f} is taken off; below it no error can be measured. "
+        f"The least error here is {best.flip:.4f}. From {made.certain:.4f} on the reference is ten times as accurate, in "
+        "squared error."
     )
     if best.flip < made.certain:
         intro += " <b>Errors below that are uncertain</b>, and drawn hollow: run longer, in a new folder."

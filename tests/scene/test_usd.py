@@ -43,11 +43,11 @@ def mesh(name: str, more: str = "", kind: str = "", body: str = SQUARE) -> str:
 def test_memory_is_bounded_while_a_stage_is_read(tmp_path: Path):
     """A damaged one may ask for more than there is, and Linux would end the process when it is used."""
     path = stage(tmp_path, mesh("A"))
-    free = resource.getrlimit(resource.RLIMIT_AS)
+    free, half = resource.getrlimit(resource.RLIMIT_AS), memory() // 2
     with read_usd.opened(path):
         assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
         with pytest.raises(MemoryError):
-            np.empty(memory() // 2 + 2**30, np.uint8)
+            np.empty(half + 2**30, np.uint8)
     assert resource.getrlimit(resource.RLIMIT_AS) == free
 
 

@@ -83,7 +83,7 @@ def test_another_films_frames_are_refused(scene: ms.Scene, tmp_path: Path):
     with pytest.raises(InputError, match="is no record of a film"):
         ms.film(scene, tmp_path / "film", orbit=2, **DRAFT)
     (tmp_path / "film" / RECORD).unlink()
-    with pytest.raises(InputError, match=f"holds frames without {RECORD}"):
+    with pytest.raises(InputError, match=f"holds frames but no {RECORD}"):
         ms.film(scene, tmp_path / "film", orbit=2, **DRAFT)
     assert {p.name for p in held} == {p.name for p in (tmp_path / "film").iterdir()} | {RECORD}
 

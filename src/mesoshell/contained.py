@@ -39,11 +39,9 @@ def bounded(size: int) -> Iterator[None]:
     would promise it and end the process later. Elsewhere nothing is bounded."""
     with _TURN:
         soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-        limit = _mapped() + size
-        if soft != resource.RLIM_INFINITY:
-            limit = min(limit, soft)
-        if _mapped():
-            resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+        if mapped := _mapped():
+            limits = [mapped + size] + ([soft] if soft != resource.RLIM_INFINITY else [])
+            resource.setrlimit(resource.RLIMIT_AS, (min(limits), hard))
         try:
             yield
         finally:

@@ -15,10 +15,10 @@ from mesoshell.measure.flip import flip
 from mesoshell.render.quality import Quality
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Prepared, Rendered
-from mesoshell.tradeoff import run
+from mesoshell.tradeoff import page, run
 from mesoshell.tradeoff.knobs import changes, settings_of
-from mesoshell.tradeoff.points import picture_path
-from mesoshell.tradeoff.reference import render_reference
+from mesoshell.tradeoff.points import Point, picture_path
+from mesoshell.tradeoff.reference import Reference, render_reference
 from tests.helpers import made_passes
 
 NAMES = ("samples", "anisotropy")
@@ -103,6 +103,27 @@ def test_an_error_is_certain_where_a_tenth_of_the_reference_has_it() -> None:
     assert count >= 5 and np.mean(errors) == pytest.approx(certain, rel=0.25)
 
 
+def test_values_in_one_place_have_one_label() -> None:
+    """And a chain of near ones too; what is apart in time or in error has its own."""
+    x, y = np.log([1.0, 1.1, 1.3, 4.0, 4.0]), np.log([0.1, 0.1, 0.1, 0.1, 0.2])
+    labels = page._labels(["a", "b", "c", "d", "e"], x, y)
+    assert [label for label, _ in labels] == ["a, b, c", "d", "e"]
+    np.testing.assert_allclose([place for _, place in labels], [[x[:3].mean(), y[0]], [x[3], y[0]], [x[4], y[4]]])
+
+
+def test_a_setting_alone_is_beside_what_does_nothing_without_a_filter() -> None:
+    """Without a filter its width is no change of its own: that point is of `filtering`, and of nothing else."""
+    names = ("filtering", "footprint")
+    values = ({"filtering": True, "footprint": 0.5}, {"filtering": True, "footprint": 0.7})
+    values += ({"filtering": False, "footprint": 0.25},)
+    points = tuple(
+        Point(v, (1.0, 1.0, 1.0), 0.0, 1.0, (1,), (0.1,), (0.0,), (0.0,), 0.0, 0.0, 0.0, 0.0) for v in values
+    )
+    made = run.Tradeoff("made", names, Reference(*[np.zeros((1, 1, 4))] * 2, 0.0, 0.0, 1, True), points, Path())
+    assert [p.settings for p in page._alone(made, "filtering")] == [values[0], values[2]]
+    assert [p.settings for p in page._alone(made, "footprint")] == [values[1], values[0]]
+
+
 def test_csv_has_a_column_for_each_thing(first: tuple[run.Tradeoff, Path]) -> None:
     """The knob `samples` and the number of samples a pixel are not the same column."""
     header = (first[1] / "points.csv").read_text().splitlines()[0].split(",")
@@ -164,8 +185,8 @@ def test_the_page_runs_in_a_browser(first: tuple[run.Tradeoff, Path]) -> None:
     """Its slider shows an entry of the front, with its picture and the options that render it."""
     made, folder = first
     assert CHROMIUM
-    page = folder / "report.html"
-    asked = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", page.as_uri()]
+    report = folder / "report.html"
+    asked = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", report.as_uri()]
     shown = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True).stdout
     entry = made.front[len(made.front) // 2]
     assert f"{entry.seconds:.2f} s" in shown and entry.described in shown

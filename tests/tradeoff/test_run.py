@@ -119,7 +119,8 @@ def test_a_setting_alone_is_beside_what_does_nothing_without_a_filter() -> None:
     points = tuple(
         Point(v, (1.0, 1.0, 1.0), 0.0, 1.0, (1,), (0.1,), (0.0,), (0.0,), 0.0, 0.0, 0.0, 0.0) for v in values
     )
-    made = run.Tradeoff("made", names, Reference(*[np.zeros((1, 1, 4))] * 2, 0.0, 0.0, 1, True), points, Path())
+    dark = np.zeros((1, 1, 4))
+    made = run.Tradeoff("made", names, Reference(dark, dark, 0.0, 0.0, 1, True), points, Path())
     assert [p.settings for p in page._alone(made, "filtering")] == [values[0], values[2]]
     assert [p.settings for p in page._alone(made, "footprint")] == [values[1], values[0]]
 

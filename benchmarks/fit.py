@@ -29,21 +29,21 @@ def main() -> None:
     from mesoshell.io.records import read_rows
     from mesoshell.train.fit.feed import adapt
     from mesoshell.train.fit.holdout import score
-    from mesoshell.train.fit.patch_rays import shots_of
+    from mesoshell.train.fit.patch_rays import fit_data
     from mesoshell.train.fit.state import FitConfig, given
     from mesoshell.train.malloc import keep_memory
     from mesoshell.train.run import train
     from mesoshell.train.run_config import snapshots
 
     keep_memory()
-    shots = shots_of([read_dataset(d) for d in options.datasets], tests=[read_dataset(options.test)])
+    data = fit_data([read_dataset(d) for d in options.datasets], tests=[read_dataset(options.test)])
     config = FitConfig(texels=options.texels, rays=options.rays // 8, steps=options.steps, kept=KEPT)
     due = {options.steps} | {KEPT * 2**k for k in range(20)}
     found: list[tuple[float, float, float, float, float]] = []
     print("| steps | minutes | foreground | alpha | 4 × 4 blocks | SSIM |\n|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as run:
-        train(config, shots, Path(run))
-        config, shots = adapt(config, shots)
+        train(config, data, Path(run))
+        config, data = adapt(config, data)
         rows, seconds, minutes = read_rows(Path(run) / "log.jsonl", ("kimg", "images_per_s")), 0.0, {}
         for before, row in zip([{"kimg": 0.0}, *rows], rows, strict=False):
             seconds += 1000 * (row["kimg"] - before["kimg"]) / row["images_per_s"]
@@ -52,7 +52,7 @@ def main() -> None:
             if images // config.batch not in due:
                 continue
             patch = given(read_exemplars(path))
-            s, _ = score(config, shots, patch, options.test)
+            s, _ = score(config, data, patch, options.test)
             spent = min((at for at in minutes if at >= images), default=max(minutes))
             found.append((minutes[spent], s.foreground, s.alpha, s.blocks, s.ssim))
             numbers = f"{s.foreground:.1f} | {s.alpha:.1f} | {s.blocks:.1f} | {s.ssim:.2f}"

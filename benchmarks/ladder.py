@@ -31,7 +31,7 @@ from mesoshell.tradeoff.knobs import named
 from mesoshell.tradeoff.reference import Reference
 
 #: Passes whose mean is compared; seconds after which three are enough; how far above the reference's noise a bias is known.
-COUNTS, ENOUGH, KNOWN = (1, 3, 5, 9, 17), 90.0, 1.1
+COUNTS, ENOUGH_SECONDS, KNOWN = (1, 3, 5, 9, 17), 90.0, 1.1
 CLOSE, SHOWN, BUDGETS = (1.5, 0.9, -2.4, 0, 0.05, 0.15, 40), 256, (1.0, 4.0, 16.0, 60.0)
 
 
@@ -79,7 +79,7 @@ def taken(passes: Passes, reference: Reference) -> Measured:
             pair = flip(first, mean)
         if k + 1 in COUNTS:
             errors[k + 1] = flip(mean, true)
-            if len(errors) > 2 and time.perf_counter() - begin > ENOUGH:
+            if len(errors) > 2 and time.perf_counter() - begin > ENOUGH_SECONDS:
                 break
     record = passes.ended(np.zeros((*passes.shape, 4), np.float32), 2).record
     return Measured(errors, record["queries"] / max(record["rays"], 1), reference.noise, pair)

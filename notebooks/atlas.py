@@ -24,7 +24,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import mesoshell as ms
-from mesoshell.datasets.blender.photograph import Shooting, photograph
+from mesoshell.datasets.blender.photograph import PhotographConfig, photograph
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.captured import score_views
@@ -40,8 +40,8 @@ from mesoshell.train.neutex.snapshot import board_paint
 from mesoshell.train.neutex.step import adapt, neutex_config
 
 folder = Path(tempfile.mkdtemp())
-shooting = Shooting(views=12, size=32, spp=4, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)
-photograph(load_mesh("src/mesoshell/assets/spot.obj"), shooting, folder / "capture", lambda n: None)
+config = PhotographConfig(views=12, size=32, spp=4, paint=None, flash=False, up=1, points=1000, noise=0.005, seed=0)
+photograph(load_mesh("src/mesoshell/assets/spot.obj"), config, folder / "capture", lambda n: None)
 capture = read_capture(folder / "capture")
 
 

@@ -24,8 +24,8 @@ from tests.helpers import wearing
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
 WITHOUT_JAX = (
     "import sys; sys.modules.update(dict.fromkeys(('jax', 'jaxlib', 'flax', 'optax')))\n"
-    "from mesoshell.tradeoff import points, reference, run; run.MOST, run.AIM = 2, 0.5\n"
-    "points.MOST, reference.LEAST = {False: 8}, 4\n"
+    "from mesoshell.tradeoff import points, reference, run; run.MAX_POINTS, run.AIM = 2, 0.5\n"
+    "points.MAX_PASSES, reference.MIN_PASSES = {False: 8}, 4\n"
     "from mesoshell.cli.main import main; main(sys.argv[1:])"
 )
 
@@ -40,7 +40,7 @@ def _no_cache_at_home(tmp_path_factory):
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two points, and a reference of few passes, however long they take."""
-    monkeypatch.setattr(run, "MOST", 2)
+    monkeypatch.setattr(run, "MAX_POINTS", 2)
     monkeypatch.setattr(run, "AIM", 0.5)
 
 
@@ -110,8 +110,8 @@ SCENE = """<scene version="3.0.0">
 def test_a_scene_of_mitsubas(few, tiny_bundle: Bundle, tmp_path: Path, capsys, monkeypatch) -> None:
     """Its film is made smaller in its own proportions, and its path depth is its own."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(points, "MOST", {False: 8})
-    monkeypatch.setattr(reference, "LEAST", 4)
+    monkeypatch.setattr(points, "MAX_PASSES", {False: 8})
+    monkeypatch.setattr(reference, "MIN_PASSES", 4)
     write_bundle(tmp_path / "tiny.npz", tiny_bundle)
     (tmp_path / "scene.xml").write_text(SCENE.replace("MESH", str(MESH)))
     main(["tradeoff", "scene.xml", "--engine", "mitsuba", "--size", "16", "12", "--out", "found"])

@@ -17,7 +17,7 @@ from mesoshell.io.kept_textures import Allocate, kept, key_of
 @pytest.fixture(autouse=True)
 def _small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(kept_textures, "LEAST", 0)
+    monkeypatch.setattr(kept_textures, "MIN_BYTES", 0)
 
 
 @pytest.fixture
@@ -51,8 +51,8 @@ def test_a_texture_is_made_once(maker, tiny_bundle: Bundle):
 
 def test_small_and_vast_ones_and_a_full_disk_are_not_kept(maker, monkeypatch: pytest.MonkeyPatch):
     make, times = maker
-    monkeypatch.setattr(kept_textures, "LEAST", 10)
-    for size in (9, kept_textures.MOST // 2 + 1):
+    monkeypatch.setattr(kept_textures, "MIN_BYTES", 10)
+    for size in (9, kept_textures.MAX_BYTES // 2 + 1):
         kept("a", size, make)
     monkeypatch.setattr(kept_textures.shutil, "disk_usage", lambda path: _Full)
     kept("a", 1000, make)
@@ -87,7 +87,7 @@ def test_what_was_not_used_for_longest_goes(maker, monkeypatch: pytest.MonkeyPat
         os.utime(cache_folder("grown") / key, (1000.0 + age, 1000.0 + age))
     kept("a", 1000, make)  # used again: now the newest
     one = held(cache_folder("grown") / "a")
-    monkeypatch.setattr(kept_textures, "MOST", round(3.5 * one))
+    monkeypatch.setattr(kept_textures, "MAX_BYTES", round(3.5 * one))
     kept("d", 1000, make)
     assert {p.name for p in cache_folder("grown").iterdir()} == {"a", "c", "d"}
 

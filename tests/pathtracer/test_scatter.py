@@ -29,19 +29,19 @@ CHARTS = {
 
 
 def here_of(rows: np.ndarray) -> IntervalFrame:
-    here = no_frame()
-    here.a, here.b, here.c = (mi.Vector3f(*map(float, row)) for row in rows)
-    return here
+    frame = no_frame()
+    frame.a, frame.b, frame.c = (mi.Vector3f(*map(float, row)) for row in rows)
+    return frame
 
 
 @pytest.mark.parametrize("name", CHARTS)
 def test_directions_have_the_density_that_they_say(name) -> None:
     """Mitsuba's own test of samplers."""
-    here = here_of(CHARTS[name])
+    frame = here_of(CHARTS[name])
     chi2 = mi.chi2.ChiSquareTest(
         domain=mi.chi2.SphericalDomain(),
-        sample_func=lambda xi: scatter.draw(here, xi)[0],
-        pdf_func=lambda d: scatter.density(here, d),
+        sample_func=lambda xi: scatter.draw(frame, xi)[0],
+        pdf_func=lambda d: scatter.density(frame, d),
         sample_dim=2,
         sample_count=400_000,
         res=64,
@@ -52,19 +52,19 @@ def test_directions_have_the_density_that_they_say(name) -> None:
 
 @pytest.mark.parametrize("name", CHARTS)
 def test_a_drawn_direction_is_its_canonical_ones(name) -> None:
-    here, rng = here_of(CHARTS[name]), np.random.default_rng(0)
-    d, local, p = scatter.draw(here, mi.Point2f(rng.random((2, 1000)).astype(np.float32)))
-    np.testing.assert_allclose(np.array(dr.normalize(canonical(here, d))), np.array(local), atol=1e-5)
+    frame, rng = here_of(CHARTS[name]), np.random.default_rng(0)
+    d, local, p = scatter.draw(frame, mi.Point2f(rng.random((2, 1000)).astype(np.float32)))
+    np.testing.assert_allclose(np.array(dr.normalize(canonical(frame, d))), np.array(local), atol=1e-5)
     assert (np.array(p) > 0).all() and np.array(local)[2].min() > -scatter.FADE - 1e-6
 
 
 def test_a_shell_is_left_through_its_top_but_no_farther_off_than_at_a_quarter() -> None:
     """A flat shell of thickness 0.2, from h = 0.4: the way up is 0.12 over the cosine, or over 1/4 below that; 0 downward."""
-    here = here_of(np.diag([1.0, 1.0, 5.0]))
+    frame = here_of(np.diag([1.0, 1.0, 5.0]))
     for cosine, expected in ((1.0, 0.12), (0.5, 0.24), (0.25, 0.48), (0.05, 0.48), (1e-9, 0.48), (0.0, 0), (-0.5, 0)):
         d = mi.Vector3f(float(np.sqrt(1 - cosine**2)), 0.0, cosine)
-        np.testing.assert_allclose(np.array(scatter.exit_distance(here, mi.Float(0.4), d, 10.0)), expected, rtol=1e-5)
-    assert float(np.array(scatter.exit_distance(here, mi.Float(0.4), mi.Vector3f(0, 0, 1), 0.1))[0]) == np.float32(0.1)
+        np.testing.assert_allclose(np.array(scatter.exit_distance(frame, mi.Float(0.4), d, 10.0)), expected, rtol=1e-5)
+    assert float(np.array(scatter.exit_distance(frame, mi.Float(0.4), mi.Vector3f(0, 0, 1), 0.1))[0]) == np.float32(0.1)
 
 
 @pytest.mark.parametrize("spacing", ["length", "density"])
@@ -93,8 +93,8 @@ def test_collisions_are_drawn_by_their_weights(spacing: str) -> None:
     many = ray(draws)
     numbers = mi.Float(rng.random(count * draws).astype(np.float32))
     flight = fly(context, many, -dr.log(1 - numbers), dr.full(mi.Bool, True, count * draws))
-    view = dr.normalize(canonical(flight.here, -mi.Vector3f(many.d)))
-    light = dr.normalize(canonical(flight.here, mi.Vector3f(*LIGHT)))
+    view = dr.normalize(canonical(flight.frame, -mi.Vector3f(many.d)))
+    light = dr.normalize(canonical(flight.frame, mi.Vector3f(*LIGHT)))
     rho = dr.select(flight.collided, media.rho(flight.sample, media.decode(flight.sample)[1], view, [light])[0], 0)
     for drawn, expected in ((1 - np.array(flight.collided), np.array(through)), (np.array(rho)[1], np.array(rgb)[1])):
         rows = drawn.reshape(count, draws)

@@ -193,7 +193,7 @@ def test_meshes_are_met_as_by_the_other_engine(name: str) -> None:
         "radius": np.array(met.features[2])[rows],
         "kappa": np.array(met.kappa)[rows],
         "w": np.array(met.w).T[rows],
-        "axes": np.stack([np.array(x).T for x in (met.here.a, met.here.b, met.here.c)], axis=1)[rows],
+        "axes": np.stack([np.array(x).T for x in (met.frame.a, met.frame.b, met.frame.c)], axis=1)[rows],
         "normal": np.array(met.normal).T[rows],
     }
     same = np.abs(ours["t"] - hits.t[rows]) < 1e-4  # one that passes an edge on its other side meets another face
@@ -225,7 +225,7 @@ def test_faces_without_area_in_the_chart_have_a_frame(size: float) -> None:
     met = SurfaceMeshes([surface_tables(mesh, 0.3, QUALITY)], [recorder]).meet(
         segment(o, d), dr.full(mi.Bool, True, 500)
     )
-    axes = np.stack([np.array(x).T for x in (met.here.a, met.here.b, met.here.c)], axis=1)
+    axes = np.stack([np.array(x).T for x in (met.frame.a, met.frame.b, met.frame.c)], axis=1)
     np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.tile(np.eye(3), (500, 1, 1)), atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(np.array(met.w), axis=0), 1, atol=1e-5)
 

@@ -9,7 +9,7 @@ from mesoshell.measure.flip import POWER
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene import choose as room
 from mesoshell.scene.accumulate import FIRST, Goal
-from mesoshell.scene.choose import EXCESS, FALL, FEWEST, LADDER, PROBE, SURE, Probe, Rung, choose
+from mesoshell.scene.choose import EXCESS, FALL, LADDER, MIN_PASSES, PROBE, SURE, Probe, Rung, choose
 from mesoshell.scene.picture import Passes, Prepared, Rendered
 
 SCENES = st.builds(Probe, st.floats(1e-3, 1e3), st.floats(1e-3, 0.5), st.floats(0.01, 100))
@@ -53,7 +53,7 @@ def test_more_time_takes_no_coarser_settings(seen: Probe, budget: float, more: f
 @given(SCENES, GOALS[0])
 def test_a_budget_holds_its_passes_if_it_can(seen: Probe, budget: float) -> None:
     found = chosen(seen, budget)
-    assert FEWEST * LADDER[found].cost(seen.queries) * seen.seconds <= budget * (1 + 1e-9) or found == 0
+    assert MIN_PASSES * LADDER[found].cost(seen.queries) * seen.seconds <= budget * (1 + 1e-9) or found == 0
 
 
 @given(SCENES, GOALS[1])

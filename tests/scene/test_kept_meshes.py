@@ -18,7 +18,7 @@ FILE = Path(__file__).parents[1] / "data" / "suzanne.obj"
 def times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """A cache of its own that keeps small files too; the files that were read."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(kept_meshes, "LEAST", 0)
+    monkeypatch.setattr(kept_meshes, "MIN_BYTES", 0)
     read: list[Path] = []
 
     def load(path: Path) -> Mesh:
@@ -52,7 +52,7 @@ def test_another_file_of_the_same_name_is_another_mesh(times: list[Path], tmp_pa
 
 
 def test_small_files_are_not_kept(times: list[Path], monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(kept_meshes, "LEAST", FILE.stat().st_size + 1)
+    monkeypatch.setattr(kept_meshes, "MIN_BYTES", FILE.stat().st_size + 1)
     for _ in range(2):
         kept_mesh(FILE)
     assert len(times) == 2 and not cache_folder("meshes").exists()
@@ -75,7 +75,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(times: list[Path], tmp_p
 def test_what_was_not_used_for_longest_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     kept_mesh(FILE)
     one = next(cache_folder("meshes").iterdir())
-    monkeypatch.setattr(kept_meshes, "MOST", round(1.5 * one.stat().st_size))
+    monkeypatch.setattr(kept_meshes, "MAX_BYTES", round(1.5 * one.stat().st_size))
     other = tmp_path / "m.obj"
     other.write_text(FILE.read_text() + "# another\n")
     kept_mesh(other)

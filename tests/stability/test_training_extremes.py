@@ -20,7 +20,7 @@ from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers
 from mesoshell.train.gan.step import GanReport, step
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
 from mesoshell.train.patch_renderer import PictureConfig, shown
-from mesoshell.train.update import MOST, not_finite, updated
+from mesoshell.train.update import MAX_GRADIENT, not_finite, updated
 from mesoshell.typing import Array
 
 #: One process compiles what its tests share.
@@ -174,6 +174,6 @@ def test_losses_of_great_logits(logit: float) -> None:
 @pytest.mark.parametrize("worst", [np.nan, np.inf, -np.inf, 1e20, -1e20])
 def test_a_gradient_that_adam_cannot_square_is_bad(worst: float) -> None:
     """Its second moment would be infinite, and the weight never move again."""
-    fine, bad = jnp.array([0.99 * MOST, 0.0]), jnp.array([1.0, worst])
+    fine, bad = jnp.array([0.99 * MAX_GRADIENT, 0.0]), jnp.array([1.0, worst])
     assert jnp.isfinite(fine**2).all() and not jnp.isfinite(bad**2).all()
     assert not_finite([fine, bad]).tolist() == [False, True]

@@ -118,7 +118,7 @@ def test_by_sampling(plate, tiny_bundle: Bundle, sigma: float, cosine: float):
     returns all light is ρ = 1/2π(1 + FADE/2) above it."""
     flight, context = flown(plate, constant_bundle(tiny_bundle, sigma, 1 / (2 * np.pi * (1 + FADE / 2))), cosine)
     numbers = mi.Point2f(np.random.default_rng(8).random((2, DRAWS)).astype(np.float32))
-    _, light, density = scatter.draw(flight.here, numbers)
+    _, light, density = scatter.draw(flight.frame, numbers)
     _, features = context.media.decode(flight.sample)
     (rho,) = context.media.rho(flight.sample, features, mi.Vector3f(*map(float, viewer(cosine))), [light])
     collided, value = np.array(flight.collided), np.array(rho / density)

@@ -151,7 +151,7 @@ def test_light_goes_on_behind_any_number_of_sheets() -> None:
 
 
 def test_what_is_left_out_behind_too_many_surfaces_is_said(monkeypatch) -> None:
-    monkeypatch.setattr(renderer, "MOST", 8)
+    monkeypatch.setattr(renderer, "MAX_SURFACES", 8)
     s = scene(stack(*[wearing.square()] * 12), wearing.constant(0.05, 0.1), DOWN, camera=above(fov=0.2))
     found, report = shown(s)
     np.testing.assert_allclose(found[..., 3], 1 - 0.95**8, rtol=1e-5)

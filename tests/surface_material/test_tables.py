@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from mesoshell.geometry.mesh import Mesh, check_mesh, surface_area
 from mesoshell.render.quality import Quality
 from mesoshell.surface_material.intersector import Local, SurfaceIntersector
-from mesoshell.surface_material.tables import LEAST, surface_tables
+from mesoshell.surface_material.tables import MIN_COSINE, surface_tables
 from tests.helpers import wearing
 
 CURVE, POINT = Quality(), Quality(curvature_filter="point")
@@ -107,7 +107,7 @@ def test_queries_by_brute_force(lump: Mesh) -> None:
         bitangent = np.cross(n, tangent)
         bitangent *= np.sign(bitangent @ dv)
         np.testing.assert_allclose(found.axes[k], [tangent, bitangent, n], atol=2e-4)
-        view = np.array([tangent @ -w[row], bitangent @ -w[row], max(n @ -w[row], LEAST)])
+        view = np.array([tangent @ -w[row], bitangent @ -w[row], max(n @ -w[row], MIN_COSINE)])
         np.testing.assert_allclose(found.w[k], view / np.linalg.norm(view), atol=2e-4)
         np.testing.assert_allclose(found.radius[k], 0.05 / period, rtol=1e-12)
         kappa = 0.0
@@ -254,7 +254,7 @@ def test_normals_that_look_away_leave_a_ray_above_the_horizon() -> None:
     below = np.einsum("ij,ij->i", found.axes[:, 2], -d[rows]) < 0
     assert below.sum() > 10
     # its length is made 1 again, and was that of what lies in the plane
-    assert (found.w[below, 2] >= LEAST * (1 - 1e-6)).all() and (found.w[below, 2] < 1.5 * LEAST).all()
+    assert (found.w[below, 2] >= MIN_COSINE * (1 - 1e-6)).all() and (found.w[below, 2] < 1.5 * MIN_COSINE).all()
     np.testing.assert_allclose(np.linalg.norm(found.w, axis=1), 1, atol=1e-12)
 
 

@@ -43,7 +43,7 @@ def prepare(quality: Quality, engine: str = "made", shift: float = 0.0) -> Prepa
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nine points, and a reference of few passes, however long they take."""
-    monkeypatch.setattr(run, "MOST", 9)
+    monkeypatch.setattr(run, "MAX_POINTS", 9)
     monkeypatch.setattr(run, "AIM", 0.01)
 
 
@@ -56,7 +56,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[run.Tradeoff, Path]
     """A tradeoff of nine points, and its folder."""
     folder = tmp_path_factory.mktemp("first")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "MOST", 9)
+        patch.setattr(run, "MAX_POINTS", 9)
         patch.setattr(run, "AIM", 0.01)
         return explored(folder), folder
 
@@ -133,7 +133,7 @@ def test_csv_has_a_column_for_each_thing(first: tuple[run.Tradeoff, Path]) -> No
 
 def test_a_later_run_goes_on(few, first, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made, _ = first
-    monkeypatch.setattr(run, "MOST", 12)
+    monkeypatch.setattr(run, "MAX_POINTS", 12)
     second = explored(folder)
     assert second.points[:9] == made.points and len(second.points) == 12
     assert second.reference.noise == made.reference.noise

@@ -16,7 +16,7 @@ from mesoshell.train import run as runs
 from mesoshell.train.experiment import check_recipe, experiment_of, read_data, with_kimg
 from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.holdout import Scores
-from mesoshell.train.fit.result import conclude, fit_config, shots_to_fit
+from mesoshell.train.fit.result import conclude, fit_config, read_fit_data
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import Data
 from mesoshell.train.prefilter import Gap, prefiltered
@@ -81,10 +81,10 @@ def fit(
     given = None if decoder is None else fspath(decoder)
     config, at = fit_config(steps, rays, texels, width, held, given, seed), Path(folder)
     learned, tests = ([read_dataset(path) for path in paths] for paths in (datasets, test))
-    shots = shots_to_fit(config, learned, tests)
+    data = read_fit_data(config, learned, tests)
     probe_folder(at, Argument("folder"))
-    state = runs.train(config, shots, at, "jit", show, again=True)
-    made, scores, _ = conclude(config, shots, state, learned, tests)
+    state = runs.train(config, data, at, "jit", show, again=True)
+    made, scores, _ = conclude(config, data, state, learned, tests)
     return Fit(made, scores, at)
 
 

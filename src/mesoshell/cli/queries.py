@@ -9,15 +9,15 @@ from mesoshell.errors import InputError
 from mesoshell.limits import check_memory
 
 #: Most light paths a query.
-MOST = 2**24
+MAX_SPP = 2**24
 
 
 def write_queries(settings: Settings, answers: Answers, count: int, folder: Path) -> None:
     """Write the missing ones of `count` patches, and print what was done. Raises InputError."""
     check_memory("--patches", f"a plan of {count} patches", 64 * count)
     check_memory("--queries", f"{settings.queries} queries on a patch", 512 * settings.queries)
-    if settings.spp > MOST:
-        raise InputError("--spp", f"{settings.spp} must be at most {MOST}")
+    if settings.spp > MAX_SPP:
+        raise InputError("--spp", f"{settings.spp} must be at most {MAX_SPP}")
     begin = time.monotonic()
     with bar(stderr(), settings.source, None, count=True) as show:
         spent = render_patches(settings, answers, count, folder, show)

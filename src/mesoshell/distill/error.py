@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.datasets.queries.render import LEAST, Answers, rows_of
+from mesoshell.datasets.queries.render import MIN_COSINE, Answers, rows_of
 from mesoshell.datasets.queries.tile import PatchPlacement
 from mesoshell.io.query_dataset import ALPHA, RGB
 from mesoshell.measure.flip import flip
@@ -49,7 +49,7 @@ def _error(
     answers: Answers, predict: Predictor, curvature: tuple[float, float], radius: float, random: np.random.Generator
 ) -> float:
     placing = PatchPlacement(random.uniform(*curvature), random.uniform(0, 2 * np.pi), tuple(random.random(2)))
-    cosine = max(LEAST, random.random() ** 0.5)  # distributed as over the pixels of a sphere
+    cosine = max(MIN_COSINE, random.random() ** 0.5)  # distributed as over the pixels of a sphere
     i = (np.arange(SIDE) + 0.5 - SIDE / 2) * 2 * radius
     n = SIDE**2
     query = {

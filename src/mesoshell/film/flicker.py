@@ -26,7 +26,7 @@ from mesoshell.render.camera import Camera, pixel_grid, rays
 #: Two distances are of one point if they differ by less, in parts of the distance.
 SAME = 1e-3
 #: Share of pixels that both frames must see.
-LEAST_SHARE = 0.01
+MIN_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def flicker(
 ) -> float | None:
     """Flicker of two frames, linear Rec. 709 as a screen shows them; None if they share too little."""
     points, valid = reproject(before, now)
-    if valid.mean() < LEAST_SHARE:
+    if valid.mean() < MIN_SHARE:
         return None
     valid = valid.reshape(later.shape[:2])
     x, y = (points.T - 0.5).reshape(2, *valid.shape)

@@ -20,7 +20,7 @@ from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 
 #: Most frames of a film.
-MOST = 100_000
+MAX_FRAMES = 100_000
 
 
 @dataclass(frozen=True)
@@ -77,5 +77,5 @@ def turned(camera: Camera, pivot: Float[np.ndarray, "3"], up: int, angle: float)
 
 def check_count(name: str, count: int) -> None:
     """Raise InputError unless a film can have so many frames."""
-    if not 1 <= count <= MOST:
-        raise InputError(Argument(name), f"must be from 1 to {MOST} frames, not {count}")
+    if not 1 <= count <= MAX_FRAMES:
+        raise InputError(Argument(name), f"must be from 1 to {MAX_FRAMES} frames, not {count}")

@@ -14,7 +14,7 @@ from mesoshell.geometry.mesh import Mesh
 #: Points on each mesh, and directions at each: a share of 0.25 is known to 0.01 or better.
 _POINTS, _DIRECTIONS = 512, 16
 #: Offset of ray origins from their surface, relative to its size; and the least that float32 needs, relative to the scene's.
-_OFF, _LEAST = 1e-4, 1e-6
+_OFFSET, _MIN_OFFSET = 1e-4, 1e-6
 
 
 def enclosure(meshes: list[Mesh]) -> float:
@@ -38,7 +38,7 @@ def _share(scene: EmbreeScene, corners: np.ndarray, size: float, random: np.rand
     sphere = random.normal(size=x.shape)
     # cosine-distributed: points of a sphere that touches the surface
     d = n + sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
-    off = max(_OFF * float(np.ptp(corners.reshape(-1, 3), axis=0).max()), _LEAST * size)
+    off = max(_OFFSET * float(np.ptp(corners.reshape(-1, 3), axis=0).max()), _MIN_OFFSET * size)
     d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12)
     hit = scene.run((x + off * n).astype(np.float32), d.astype(np.float32))
     return float((hit >= 0).mean())

@@ -25,7 +25,7 @@ from mesoshell.geometry.read import check_indices, read_mesh, read_nodes
 from mesoshell.geometry.topology import agree, inside_out, pair_edges
 from mesoshell.geometry.unwrap import unwrap
 
-LEAST_HEIGHT = 1e-9
+MIN_HEIGHT = 1e-9
 
 
 #: Largest coordinate: with it the volume of a mesh does not overflow single precision.
@@ -168,7 +168,7 @@ def _usable_faces(
 ) -> tuple[Int[np.ndarray, "F"], list[str]]:
     corner = points[faces].astype(np.float64)
     longest = ((np.roll(corner, -1, axis=1) - corner) ** 2).sum(axis=-1).max(axis=1)
-    flat = _doubled_areas(corner) <= LEAST_HEIGHT * longest
+    flat = _doubled_areas(corner) <= MIN_HEIGHT * longest
     again = (_first_equal_row(np.sort(faces, axis=1)) != np.arange(len(faces))) & ~flat
     notes = []
     for what, where in (("zero-area", flat), ("repeated", again)):

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 #: A normal whose cosine with a face of its vertex is less than this (84 degrees) is replaced by the best one.
-LEAST_COSINE = 0.1
+MIN_COSINE = 0.1
 STEPS = 256
 
 
@@ -59,7 +59,7 @@ def _turn(
 ) -> tuple[Float[np.ndarray, "V 3"], int]:
     cosine = np.einsum("fki,fi->fk", n[faces], m)
     poor = np.zeros(len(n), bool)
-    poor[faces[cosine < LEAST_COSINE]] = True
+    poor[faces[cosine < MIN_COSINE]] = True
     if not poor.any():
         return n, 0
     corner = np.flatnonzero(poor[faces.ravel()])

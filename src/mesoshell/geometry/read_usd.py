@@ -28,7 +28,7 @@ from mesoshell.limits import check_memory, memory
 FORMATS = (".usd", ".usda", ".usdc", ".usdz")
 SEEN = ("default", "render")
 #: Most prims that are walked, instances counted each; instancers within each other.
-MOST, DEEPEST = 500_000, 8
+MAX_PRIMS, MAX_NESTING = 500_000, 8
 #: Names of a mesh's prim and of those above it; its points, triangles and corner UVs.
 Placed = tuple[list[str], tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]]
 
@@ -78,13 +78,13 @@ def up_of(path: str | PathLike[str]) -> str:
 
 def prims(root: Any, all_of_it: bool = False) -> Iterator[Any]:
     """The prims from a root downward, instances' too, but nothing below an instancer: that stands nowhere itself. all_of_it:
-    also what is abstract or has no definition, as prototypes may. Raises ValueError for more than MOST."""
+    also what is abstract or has no definition, as prototypes may. Raises ValueError for more than MAX_PRIMS."""
     Usd, UsdGeom = pxr("Usd"), pxr("UsdGeom")
     which = Usd.PrimIsActive & Usd.PrimIsLoaded
     walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(which) if all_of_it else Usd.TraverseInstanceProxies()))
     for count, prim in enumerate(walk):
-        if count > MOST:
-            raise ValueError(f"it has more than {MOST} prims")
+        if count > MAX_PRIMS:
+            raise ValueError(f"it has more than {MAX_PRIMS} prims")
         if prim.IsA(UsdGeom.PointInstancer):
             walk.PruneChildren()
         yield prim
@@ -118,8 +118,8 @@ class _Walk:
     def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Placed]:
         """The meshes from a root downward. names: of the outermost instancer, where there is one."""
         UsdGeom = pxr("UsdGeom")
-        if depth > DEEPEST:
-            raise ValueError(f"{root.GetPath()} lies in more than {DEEPEST} instancers")
+        if depth > MAX_NESTING:
+            raise ValueError(f"{root.GetPath()} lies in more than {MAX_NESTING} instancers")
         if not root.IsPseudoRoot():
             place = place @ matrix(self.frames.GetLocalTransformation(root)[0])
         for prim in prims(root, depth > 0):

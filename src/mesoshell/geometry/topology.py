@@ -20,7 +20,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 #: A closed part is inside out when its volume is below minus this share of (its area)^1.5, so not by rounding alone.
-LEAST_VOLUME = 1e-9
+MIN_VOLUME = 1e-9
 
 
 class Edges(NamedTuple):
@@ -109,7 +109,7 @@ def inside_out(
     np.minimum.at(low, part, points[faces].min(axis=1))
     np.maximum.at(high, part, points[faces].max(axis=1))
     flip = np.zeros(count, bool)
-    for i in np.flatnonzero(closed & (volume < -LEAST_VOLUME * area**1.5)):
+    for i in np.flatnonzero(closed & (volume < -MIN_VOLUME * area**1.5)):
         contains = closed & (low < low[i]).all(axis=1) & (high > high[i]).all(axis=1)
         if not contains.any():
             flip |= closed & (low >= low[i]).all(axis=1) & (high <= high[i]).all(axis=1)

@@ -5,8 +5,8 @@ Notation
 key         hash of all that a texture depends on: weights, size, patches needed, seed, parameters, levels kept
 folder      one for each key, in the cache, its arrays mapped
 
-Textures of less than LEAST bytes are not kept, nor those of more than half of MOST, nor any where the disk is nearly full. What
-was not used for longest goes when all are more than MOST.
+Textures of less than MIN_BYTES are not kept, nor those of more than half of MAX_BYTES, nor any where the disk is nearly full.
+What was not used for longest goes when all are more than MAX_BYTES.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from mesoshell.io.atomic import new_array, new_folder
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle
 from mesoshell.io.cache import cache_folder, forget
 
-LEAST, MOST = 32 << 20, 4 << 30
+MIN_BYTES, MAX_BYTES = 32 << 20, 4 << 30
 ROOM = "grown"
 
 #: An array of a name and shape, of float16 zeros.
@@ -50,14 +50,14 @@ def kept(key: str, size: int, make: Make) -> Bundle:
     texture = _read(folder)
     if texture is not None:
         return texture
-    if size < LEAST or size > MOST // 2 or not _room(size):
+    if size < MIN_BYTES or size > MAX_BYTES // 2 or not _room(size):
         return make(None)
     try:
         with new_folder(folder) as new:
             made = to_folder(new, make)
     except InputError:  # a folder that cannot be written, or that another render has made meanwhile
         return _read(folder) or make(None)
-    forget(folder, MOST)
+    forget(folder, MAX_BYTES)
     return _read(folder) or made
 
 

@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 from mesoshell.io.sheet import shown, tiled
 
 #: Pictures a row of a sheet; least side of a picture on it, pixels.
-COLUMNS, LEAST = 8, 128
+COLUMNS, MIN_SIDE = 8, 128
 
 
 class Judged(NamedTuple):
@@ -47,7 +47,7 @@ def shuffled(real: Float[np.ndarray, "n H W C"], made: Float[np.ndarray, "n H W 
 
 def drawn(sheet: Sheet) -> Float[np.ndarray, "_h _w 3"]:
     """The sheet as one image; pictures are enlarged by a whole factor."""
-    factor = -(-LEAST // sheet.pictures.shape[1])
+    factor = -(-MIN_SIDE // sheet.pictures.shape[1])
     return tiled(shown(sheet.pictures).repeat(factor, axis=1).repeat(factor, axis=2), COLUMNS)
 
 

@@ -26,7 +26,7 @@ from mesoshell.train.neutex.ray_batches import held_out
 
 SIDE = 64
 #: Pixels a side that SSIM needs.
-LEAST_SIDE = 11
+MIN_SIDE = 11
 VIEWS = ("PSNR", "SSIM")
 CHART = ("cycle error, % of the box", "texture distortion", "texture folded", "texture used")
 

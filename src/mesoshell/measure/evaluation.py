@@ -12,7 +12,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.query_dataset import Patches
 from mesoshell.io.records import read_rows
-from mesoshell.measure.captured import CHART, LEAST_SIDE, VIEWS, score_views
+from mesoshell.measure.captured import CHART, MIN_SIDE, VIEWS, score_views
 from mesoshell.measure.distribution import Estimate, fid, kid, with_interval
 from mesoshell.measure.features import Extractor, extractor
 from mesoshell.measure.queries import QUERIES, score
@@ -66,8 +66,8 @@ def _views(config: NeuTexTrainConfig, capture: Capture, run: Path) -> Evaluation
     tested = ray_batches.held_out(capture)[1]
     if not tested:
         raise InputError(run, "has no photographs held out: there are fewer than 8")
-    if min(min(photo.width, photo.height) for photo in capture.photos) < LEAST_SIDE:
-        raise InputError(run, f"has pictures of fewer than {LEAST_SIDE} pixels a side, which SSIM cannot compare")
+    if min(min(photo.width, photo.height) for photo in capture.photos) < MIN_SIDE:
+        raise InputError(run, f"has pictures of fewer than {MIN_SIDE} pixels a side, which SSIM cannot compare")
     names = VIEWS + (() if config.field.colour == "volume" else CHART)
     scores = lambda path: score_views(read_neutex(path), capture, config.samples)  # noqa: E731
     return Evaluation(names, len(tested), "held-out views", scores)

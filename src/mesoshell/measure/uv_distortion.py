@@ -4,7 +4,7 @@ Notation
 y, u        of each pixel of a view: where its ray meets the surface, and the unit vector that this point maps to
 J           area in the texture over area on the surface, of a triangle of neighbouring pixels
 distortion  standard deviation of ln J over the surface, by area: 0 if all parts have the same share of the texture; J below
-            LEAST of its mean counts as LEAST
+            MIN_JACOBIAN of its mean counts as MIN_JACOBIAN
 folded      share of the surface whose triangles have the opposite orientation in the texture to most
 used        share of the texture, by solid angle, that some pixel maps to, in CELLS² cells a cube face
 """
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-LEAST, CELLS = 1e-3, 16
+MIN_JACOBIAN, CELLS = 1e-3, 16
 #: A triangle with a side so many times its view's median spans a gap between two parts of the surface.
 GAP = 4.0
 
@@ -45,7 +45,7 @@ def chart(
         raise ValueError("no view shows a piece of surface")
     most = np.sign(np.sum(np.sign(signed) * area)) or 1.0
     j = np.abs(signed)
-    log = np.log(np.maximum(j, LEAST * np.average(j, weights=area)))
+    log = np.log(np.maximum(j, MIN_JACOBIAN * np.average(j, weights=area)))
     mean = np.average(log, weights=area)
     cells = np.unique(np.concatenate([_cells(u_[hit_]) for u_, hit_ in zip(u, hit, strict=True)]))
     return Chart(

@@ -26,7 +26,7 @@ from jaxtyping import Float as NumPyFloat
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_picture
 from mesoshell.nets.batches import run
-from mesoshell.neutex.brdf import LEAST
+from mesoshell.neutex.brdf import MIN_ROUGHNESS
 from mesoshell.neutex.field import Field, FieldConfig, lobes, texture, to_surface, viewed
 from mesoshell.neutex.layout import LAYOUTS, Layout, directions, shape, side_of
 from mesoshell.neutex.render import Paint
@@ -58,7 +58,11 @@ def _greatest(config: FieldConfig, part: Part, field: Field, eyes, u):
     def point(u):
         if config.colour == "reflectance":
             brdf = lobes(config, field, u)
-            of = {"colour": brdf.albedo, "roughness": jnp.maximum(brdf.roughness, LEAST), "specular": brdf.specular}
+            of = {
+                "colour": brdf.albedo,
+                "roughness": jnp.maximum(brdf.roughness, MIN_ROUGHNESS),
+                "specular": brdf.specular,
+            }
             return jnp.broadcast_to(of[part], 3)
         base, features = texture(config, field, u)
         y, n = _surface(field, u)

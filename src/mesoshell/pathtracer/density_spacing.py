@@ -25,7 +25,7 @@ from mesoshell.pathtracer.traversal import OVER, Walker, advance, at_start
 from mesoshell.render.quality import EXPECTED, LOST_SHARE, OCCUPIED_SHARE, WIDEST
 
 #: A segment is at least this share of a cell, and this share of its piece: the next border of a cell may be lost in rounding.
-LEAST, LEAST_OF_PIECE = 0.01, 2.0**-12
+MIN_SEGMENT, MIN_SHARE = 0.01, 2.0**-12
 
 
 @dataclass
@@ -34,7 +34,7 @@ class DensitySampling:
     expected: Σ e; until: growth of c to the next sample; step: canonical length that the last one stands for."""
 
     walker: Walker
-    here: IntervalFrame
+    frame: IntervalFrame
     f: mi.Float
     end: mi.Float
     rate: mi.Float
@@ -76,8 +76,8 @@ def seek(context, ray, s):
                 s.f = dr.minimum(s.f + s.until / s.rate, s.end)
                 s.until = mi.Float(1)
                 share = 1 / s.rate
-                s.step = share * s.here.length
-                sample = sample_at(context, ray, s.here, s.f, share)
+                s.step = share * s.frame.length
+                sample = sample_at(context, ray, s.frame, s.f, share)
                 occupied = media.bound(sample, taps) * s.step * count > skip
             else:
                 s.until -= more
@@ -86,8 +86,8 @@ def seek(context, ray, s):
             walker, piece, some = advance(shells, ray.o, ray.d, ray.tmax, s.walker)
             s.walker = walker
             if some:
-                s.here = canonical_frame(shells, piece, context.exact)
-                s.f = dr.select(s.here.length > 0, mi.Float(0), 1)
+                s.frame = canonical_frame(shells, piece, context.exact)
+                s.f = dr.select(s.frame.length > 0, mi.Float(0), 1)
                 s.end = mi.Float(s.f)
             elif s.walker.mode == OVER:
                 s.over = mi.Bool(True)
@@ -96,25 +96,25 @@ def seek(context, ray, s):
 
 def _next_segment(context, ray, s: DensitySampling) -> DensitySampling:
     """The state at the beginning of the next cell of the σ grid."""
-    here, count = s.here, context.quality.samples
-    at = sample_at(context, ray, here, s.f, 0.0)
-    along: Any = here.xi1 - here.xi0
-    at.xi = here.xi0 + s.f * along
+    frame, count = s.frame, context.quality.samples
+    at = sample_at(context, ray, frame, s.f, 0.0)
+    along: Any = frame.xi1 - frame.xi0
+    at.xi = frame.xi0 + s.f * along
     cells = context.media.cells(at, context.taps)
     way, place = along * cells, at.xi * cells
     ahead = dr.select(way < 0, -place, place)
     speed = dr.abs(way)
     left = dr.select(speed > 0, (dr.floor(ahead) + 1 - ahead) / dr.select(speed > 0, speed, 1), 1)
-    least = dr.maximum(LEAST / dr.maximum(dr.max(speed), LEAST), LEAST_OF_PIECE)
+    least = dr.maximum(MIN_SEGMENT / dr.maximum(dr.max(speed), MIN_SEGMENT), MIN_SHARE)
     end = dr.minimum(s.f + dr.maximum(dr.min(left), least), 1)
-    at.xi = here.xi0 + 0.5 * (s.f + end) * along
+    at.xi = frame.xi0 + 0.5 * (s.f + end) * along
     bound = context.media.bound(at, context.taps)
-    length = (end - s.f) * here.length
+    length = (end - s.f) * frame.length
     lost = dr.exp(-s.expected) * _opacity(EXPECTED * bound * length)
     samples = count * (LOST_SHARE * lost + (OCCUPIED_SHARE * _opacity(bound) + 1 / WIDEST) * length)
     rate = samples / dr.maximum(end - s.f, 1e-9)
     expected = s.expected + EXPECTED * bound * length
-    return DensitySampling(s.walker, here, s.f, end, rate, expected, s.until, s.step, s.over)
+    return DensitySampling(s.walker, frame, s.f, end, rate, expected, s.until, s.step, s.over)
 
 
 def _opacity(depth):

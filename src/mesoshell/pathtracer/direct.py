@@ -39,21 +39,21 @@ def gather_light(context, scene, ray, shift=0.5):
             queries += 1
             busy = depth < stop
             if weight > cut:
-                rgb += weight * scattered(context, scene, ray, s.here, sample, features)
+                rgb += weight * scattered(context, scene, ray, s.frame, sample, features)
     return rgb, dr.exp(-mi.Float(depth)), queries
 
 
-def scattered(context, scene, ray, here, sample, features):
+def scattered(context, scene, ray, frame, sample, features):
     """Σ ρ E⊥ V at a sample, from its trunk features."""
     total = mi.Color3f(0)
-    view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
+    view = dr.normalize(canonical(frame, -mi.Vector3f(ray.d)))
     at, height = sample.t, sample.xi.z
     if context.quality.visibility == "interval":
-        at, height = 0.5 * (here.t0 + here.t1), 0.5 * (here.xi0.z + here.xi1.z)
+        at, height = 0.5 * (frame.t0 + frame.t1), 0.5 * (frame.xi0.z + frame.xi1.z)
     directions = [mi.Vector3f(*direction) for direction, _ in context.lights]
-    rhos = context.media.rho(sample, features, view, [dr.normalize(canonical(here, d)) for d in directions])
+    rhos = context.media.rho(sample, features, view, [dr.normalize(canonical(frame, d)) for d in directions])
     for toward, rho, (_, irradiance) in zip(directions, rhos, context.lights, strict=True):
-        leave = exit_distance(here, height, toward, context.shells.size) + ADVANCE * context.shells.size
+        leave = exit_distance(frame, height, toward, context.shells.size) + ADVANCE * context.shells.size
         lit = rho * mi.Color3f(*irradiance)
         if context.surfaces_shadow:
             x = mi.Point3f(ray.o + mi.Float64(at) * ray.d) + leave * toward

@@ -70,27 +70,27 @@ def at_surface(si, ray, ds, wanted, active, numbers, opening) -> Event:
 
 def at_collision(context, flight, ray, ds, numbers, opening) -> Event:
     """A shell scatters. numbers: two uniform ones, or none if the path ends here."""
-    here, sample = flight.here, flight.sample
+    frame, sample = flight.frame, flight.sample
     size = context.shells.size
     x = ray.o + mi.Float64(sample.t) * ray.d
-    view = dr.normalize(canonical(here, -mi.Vector3f(ray.d)))
-    toward = dr.normalize(canonical(here, ds.d))
+    view = dr.normalize(canonical(frame, -mi.Vector3f(ray.d)))
+    toward = dr.normalize(canonical(frame, ds.d))
     _, features = context.media.decode(sample, context.taps)
 
     def away(d, far, opening, pdf):
-        leave = exit_distance(here, sample.xi.z, d, size) + ADVANCE * size
+        leave = exit_distance(frame, sample.xi.z, d, size) + ADVANCE * size
         return segment(ray, sample.t, x + mi.Vector3d(leave * d), d, dr.maximum(far - leave, 0), True, opening, pdf)
 
     def rho(directions):
         return context.media.rho(sample, features, view, directions)
 
-    drawn = None if numbers is None else draw(here, numbers)
-    return scattered(ds, toward, density(here, ds.d), rho, drawn, away, opening)
+    drawn = None if numbers is None else draw(frame, numbers)
+    return scattered(ds, toward, density(frame, ds.d), rho, drawn, away, opening)
 
 
 def at_surface_material(context, met, ray, ds, numbers, opening) -> Event:
     """A surface material scatters. numbers: as of a collision."""
-    here = met.here
+    frame = met.frame
     x = ray.o + mi.Float64(met.t) * ray.d
 
     def away(d, far, opening, pdf):
@@ -98,13 +98,13 @@ def at_surface_material(context, met, ray, ds, numbers, opening) -> Event:
         off = dr.select(dr.dot(met.normal, d) < 0, -1, 1) * (context.surface_meshes.beyond(met.t) - met.t)
         return segment(ray, met.t, x + mi.Vector3d(off * met.normal), d, far, False, opening, pdf)
 
-    toward = canonical(here, ds.d)
+    toward = canonical(frame, ds.d)
 
     def rho(directions):
         return context.surface_meshes.rho(met, directions)
 
-    drawn = None if numbers is None else draw_around(here, numbers)
-    return scattered(ds, toward, density_around(here, ds.d), rho, drawn, away, opening)
+    drawn = None if numbers is None else draw_around(frame, numbers)
+    return scattered(ds, toward, density_around(frame, ds.d), rho, drawn, away, opening)
 
 
 def scattered(ds, toward, p, rho, drawn, away, opening) -> Event:

@@ -27,7 +27,7 @@ class Flight:
     depth: mi.Float64
     collided: mi.Bool
     sample: Sample
-    here: IntervalFrame
+    frame: IntervalFrame
     queries: mi.UInt32
 
 
@@ -53,6 +53,6 @@ def fly(context, ray, target, active, shift: Any = 0.5):
             if end.depth >= target:
                 end.collided = mi.Bool(True)
                 end.sample = sample
-                end.here = s.here
+                end.frame = s.frame
                 busy = mi.Bool(False)
     return end

@@ -9,7 +9,7 @@ from mesoshell.pathtracer.direct import light_directly
 from mesoshell.pathtracer.paths import advance, begin, busy
 
 #: Segments of a path without a bound.
-MOST = 2**31
+MAX_DEPTH = 2**31
 
 
 class ShellPath(mi.SamplingIntegrator):
@@ -18,8 +18,8 @@ class ShellPath(mi.SamplingIntegrator):
     def __init__(self, props):
         super().__init__(props)
         depth = int(props.get("max_depth", -1))
-        self.max_depth = MOST if depth < 0 else min(depth, MOST)
-        self.rr_depth = min(max(int(props.get("rr_depth", 5)), 0), MOST)
+        self.max_depth = MAX_DEPTH if depth < 0 else min(depth, MAX_DEPTH)
+        self.rr_depth = min(max(int(props.get("rr_depth", 5)), 0), MAX_DEPTH)
         self.hide_emitters = bool(props.get("hide_emitters", False))
         self.context: Any = None
 

@@ -21,7 +21,7 @@ class LengthSampling:
     `shift` of a step after k steps; step: L/N."""
 
     walker: Walker
-    here: IntervalFrame
+    frame: IntervalFrame
     measuring: mi.Bool
     begin: mi.Float64
     total: mi.Float64
@@ -55,9 +55,11 @@ def seek(context, ray, s):
     occupied, sample = mi.Bool(False), nothing()
     while ~occupied & ~s.over:
         position = (mi.Float64(s.k) + mi.Float64(s.shift)) * s.step
-        length = mi.Float64(s.here.length)
+        length = mi.Float64(s.frame.length)
         if ~s.measuring & (s.k < count) & (position < s.begin + length):
-            sample = sample_at(context, ray, s.here, mi.Float((position - s.begin) / length), mi.Float(s.step / length))
+            sample = sample_at(
+                context, ray, s.frame, mi.Float((position - s.begin) / length), mi.Float(s.step / length)
+            )
             occupied = context.media.bound(sample, context.taps) * mi.Float(s.total) > skip
             s.k += 1
         else:
@@ -65,7 +67,7 @@ def seek(context, ray, s):
             s.walker = walker
             if some:
                 s.begin += length
-                s.here = canonical_frame(shells, piece, context.exact)
+                s.frame = canonical_frame(shells, piece, context.exact)
             elif s.walker.mode == OVER:
                 if s.measuring:
                     s.measuring = mi.Bool(False)
@@ -73,7 +75,7 @@ def seek(context, ray, s):
                     s.step = s.total / count
                     s.over = s.total <= 0
                     s.begin = mi.Float64(0)
-                    s.here = no_frame()
+                    s.frame = no_frame()
                     s.walker = at_start(ray.start, ray.outside)
                 else:
                     s.over = mi.Bool(True)

@@ -12,14 +12,14 @@ import mitsuba as mi
 import numpy as np
 
 #: Most half-precision numbers that are widened to float32, which is read in two thirds of the time.
-MOST_WIDENED = 2**26
+MAX_WIDENED = 2**26
 
 
 class Levels:
     """Arrays of several levels, one after the other. wide: rows of the last axis are read whole; else single numbers."""
 
     def __init__(self, levels: list[np.ndarray], wide: bool = True):
-        half = all(x.dtype == np.float16 for x in levels) and sum(x.size for x in levels) > MOST_WIDENED
+        half = all(x.dtype == np.float16 for x in levels) and sum(x.size for x in levels) > MAX_WIDENED
         self._vector: Any
         self.scalar, self._vector = (mi.Float16, mi.ArrayXf16) if half else (mi.Float, mi.ArrayXf)
         self.width = levels[0].shape[-1] if wide else 1

@@ -101,10 +101,10 @@ def _xi(uv, bary, h):
     return mi.Vector3f(p.x, p.y, h)
 
 
-def _exact(shells, ray, here: IntervalFrame, f, t):
+def _exact(shells, ray, frame: IntervalFrame, f, t):
     """ξ of the point at t, by four Newton steps on P(λ, h) = x."""
-    base, post, uv = shells.frame(here.prism)
-    bary, h = here.bary0 + f * (here.bary1 - here.bary0), here.xi0.z + f * (here.xi1.z - here.xi0.z)
+    base, post, uv = shells.frame(frame.prism)
+    bary, h = frame.bary0 + f * (frame.bary1 - frame.bary0), frame.xi0.z + f * (frame.xi1.z - frame.xi0.z)
     # relative to a corner: far from the origin float32 has no digits for it
     x = mi.Vector3f(ray.o + mi.Float64(t) * ray.d - mi.Vector3d(base[2]))
     for _ in range(4):
@@ -119,20 +119,20 @@ def _exact(shells, ray, here: IntervalFrame, f, t):
     return _xi(uv, bary, h)
 
 
-def sample_at(context, ray, here: IntervalFrame, f, share) -> Sample:
+def sample_at(context, ray, frame: IntervalFrame, f, share) -> Sample:
     """The sample at position f; share: its part of the piece."""
-    f, half = dr.clip(f, 0, 1), dr.minimum(share, 1) * (here.t1 - here.t0) / 2
-    t = here.t0 + f * (here.t1 - here.t0)
-    xi = _exact(context.shells, ray, here, f, t) if context.exact else here.xi0 + f * (here.xi1 - here.xi0)
+    f, half = dr.clip(f, 0, 1), dr.minimum(share, 1) * (frame.t1 - frame.t0) / 2
+    t = frame.t0 + f * (frame.t1 - frame.t0)
+    xi = _exact(context.shells, ray, frame, f, t) if context.exact else frame.xi0 + f * (frame.xi1 - frame.xi0)
     if not context.taps:
-        return Sample(here.prism, t, xi, mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
+        return Sample(frame.prism, t, xi, mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector2f(0))
     spread = context.quality.footprint * ray.spread
     along, across = _cone(dr.maximum(t - half, 0) + ray.apex, t + half + ray.apex, spread)
-    radius, deviation, major, axis = footprint(here, mi.Vector3f(ray.d), along, across)
+    radius, deviation, major, axis = footprint(frame, mi.Vector3f(ray.d), along, across)
     deviation *= context.quality.height_filter
     if context.taps == 1:
         major, axis = mi.Float(0), mi.Vector2f(0)
-    return Sample(here.prism, t, xi, radius, deviation, major, axis)
+    return Sample(frame.prism, t, xi, radius, deviation, major, axis)
 
 
 def _cone(t0, t1, radius):
@@ -145,13 +145,13 @@ def _cone(t0, t1, radius):
     return dr.maximum(along, 0), dr.maximum(across, 0)
 
 
-def footprint(here: IntervalFrame, d, along, across):
+def footprint(frame: IntervalFrame, d, along, across):
     """r, the smaller deviation on the tangent plane, the deviation along the height, the larger one on the plane and its axis
     (texture/footprint)."""
-    e = canonical(here, d)
+    e = canonical(frame, d)
     more = along - across
-    p, q = (across * dr.dot(row, row) + more * x * x for row, x in ((here.a, e.x), (here.b, e.y)))
-    s = across * dr.dot(here.a, here.b) + more * e.x * e.y
+    p, q = (across * dr.dot(row, row) + more * x * x for row, x in ((frame.a, e.x), (frame.b, e.y)))
+    s = across * dr.dot(frame.a, frame.b) + more * e.x * e.y
     half = (p - q) / 2
     root = dr.sqrt(dr.square(half) + s * s)
     largest = dr.maximum((p + q) / 2 + root, 0)
@@ -162,6 +162,6 @@ def footprint(here: IntervalFrame, d, along, across):
     return dr.sqrt(dr.maximum(smallest, 0)), dr.abs(e.z) * dr.sqrt(along), dr.sqrt(largest), axis
 
 
-def canonical(here: IntervalFrame, d):
+def canonical(frame: IntervalFrame, d):
     """J⁻¹ d."""
-    return mi.Vector3f(dr.dot(here.a, d), dr.dot(here.b, d), dr.dot(here.c, d))
+    return mi.Vector3f(dr.dot(frame.a, d), dr.dot(frame.b, d), dr.dot(frame.c, d))

@@ -79,12 +79,12 @@ def _boundary(triangles: np.ndarray) -> mi.Mesh:
 def _tables(s: Shell) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Corners of prisms; triangles (T, 3, 3), float64, and the prism and the code of each."""
     foot = s.base.astype(np.float64)
-    top, here = foot + s.offset, np.arange(len(s.faces))
+    top, face = foot + s.offset, np.arange(len(s.faces))
     p, k = np.nonzero(s.neighbour < 0)
     ends = np.stack([s.faces[p, k], s.faces[p, (k + 1) % 3]], axis=1)
     sides = np.concatenate([foot[ends], top[ends][:, ::-1]], axis=1)[:, TETRAHEDRON].reshape(-1, 3, 3)
     triangles = np.concatenate([top[s.faces], foot[s.faces], sides])
-    prism = np.concatenate([here, here, np.repeat(p, 4)])
-    code = np.concatenate([np.full(len(here), TOP), np.full(len(here), BASE), np.repeat(k, 4)])
+    prism = np.concatenate([face, face, np.repeat(p, 4)])
+    code = np.concatenate([np.full(len(face), TOP), np.full(len(face), BASE), np.repeat(k, 4)])
     corners = np.concatenate([s.base[s.faces], s.offset[s.faces]], axis=1)
     return corners.astype(np.float32), triangles, prism.astype(np.uint32), code.astype(np.uint32)

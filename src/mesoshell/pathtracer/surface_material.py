@@ -22,7 +22,7 @@ from mesoshell.io.surface import SurfaceBundle
 from mesoshell.pathtracer.levels import Levels, between_levels, level_of, network, softplus
 from mesoshell.pathtracer.samples import IntervalFrame, no_frame
 from mesoshell.pathtracer.shells import scene_of
-from mesoshell.surface_material.tables import LEAST, SurfaceTables
+from mesoshell.surface_material.tables import MIN_COSINE, SurfaceTables
 
 #: Step past a surface, relative to the scene's size and the distance.
 ADVANCE = 4e-6
@@ -93,7 +93,7 @@ class Met:
     alpha: mi.Float
     w: mi.Vector3f
     kappa: mi.Float
-    here: IntervalFrame
+    frame: IntervalFrame
     which: mi.UInt32
     features: list
 
@@ -135,9 +135,9 @@ class SurfaceMeshes:
         corners = [corner.x, corner.y, corner.z]
         normal = dr.gather(mi.Vector3f, self.outward, prim)
         front: Any = dr.dot(normal, d) < 0
-        here = self._frame(prim, corners, bary)
-        w = mi.Vector3f(-dr.dot(here.a, d), -dr.dot(here.b, d), -dr.dot(here.c, d))
-        w.z = dr.maximum(w.z, LEAST)
+        frame = self._frame(prim, corners, bary)
+        w = mi.Vector3f(-dr.dot(frame.a, d), -dr.dot(frame.b, d), -dr.dot(frame.c, d))
+        w.z = dr.maximum(w.z, MIN_COSINE)
         w = dr.normalize(w)
         uv = [dr.gather(mi.Point2f, self.uv, prim * 3 + k) for k in range(3)]
         u = bary[0] * uv[0] + bary[1] * uv[1] + bary[2] * uv[2]
@@ -150,7 +150,7 @@ class SurfaceMeshes:
             return alpha, [*features, *(mi.Float(0) for _ in range(self.channels - len(features)))]
 
         alpha, features = self._choose(which, eval_opacity, (mi.Float(0), [mi.Float(0) for _ in range(self.channels)]))
-        return Met(hit, mi.Float(nearest.t), front, normal, alpha, w, kappa, here, which, features)
+        return Met(hit, mi.Float(nearest.t), front, normal, alpha, w, kappa, frame, which, features)
 
     def rho(self, met: Met, lights):
         """ρ toward each of some directions of the frame."""
@@ -174,9 +174,9 @@ class SurfaceMeshes:
         t = dr.normalize(t)
         b = dr.cross(n, t)
         b = dr.select(dr.dot(b, along_v) < 0, -b, b)
-        here = no_frame()
-        here.a, here.b, here.c = t, b, n
-        return here
+        frame = no_frame()
+        frame.a, frame.b, frame.c = t, b, n
+        return frame
 
     def _curvature(self, corners, bary, d):
         """κ along d (geometry/curvature.lookup)."""
@@ -211,19 +211,19 @@ def nothing_met(n: int) -> Met:
     return Met(no, zero, no, mi.Vector3f(0), mi.Float(zero), *nowhere, mi.UInt32(0), [])
 
 
-def draw_around(here, xi):
+def draw_around(frame, xi):
     """A world direction, the same in the frame, and its density, 1/sr. xi: two uniform numbers."""
     z = dr.sqrt(4 * BELOW * xi.x + (BELOW - 1) ** 2) - BELOW
     phi = 2 * dr.pi * xi.y
     r = dr.sqrt(dr.maximum(1 - z * z, 0))
     local = mi.Vector3f(r * dr.cos(phi), r * dr.sin(phi), z)
-    d = local.x * here.a + local.y * here.b + local.z * here.c
-    return d, local, density_around(here, d)
+    d = local.x * frame.a + local.y * frame.b + local.z * frame.c
+    return d, local, density_around(frame, d)
 
 
-def density_around(here, d):
+def density_around(frame, d):
     """Density with which `draw_around` draws a world direction."""
-    return mi.Float(dr.maximum(dr.dot(here.c, d) + BELOW, 0)) / (4 * dr.pi * BELOW)
+    return mi.Float(dr.maximum(dr.dot(frame.c, d) + BELOW, 0)) / (4 * dr.pi * BELOW)
 
 
 def _flat(x: np.ndarray, kind: type = mi.Float):

@@ -39,9 +39,9 @@ ADVANCE = 2e-6
 FARTHEST = 1e18
 #: Prisms that a ray crosses without progress before it is lost and free space begins again: a ray along a post goes round it
 #: through every prism there, and one along a side to and fro.
-MOST_STUCK = 64
+MAX_STUCK = 64
 #: Steps after which the length of a ray in shells is given up.
-MOST_MOVES = 10_000
+MAX_MOVES = 10_000
 
 
 @dataclass
@@ -91,10 +91,10 @@ def advance(shells, o, d, tmax, w):
 
 @dr.syntax
 def length(shells, o, d, tmax):
-    """Of rays that begin outside, how far they are in shells before tmax; NaN for one that takes MOST_MOVES."""
+    """Of rays that begin outside, how far they are in shells before tmax; NaN for one that takes MAX_MOVES."""
     w = at_start(dr.zeros(mi.Float64, dr.width(o)), dr.full(mi.Bool, True, dr.width(o)))
     total, moves = dr.zeros(mi.Float64, dr.width(o)), dr.zeros(mi.UInt32, dr.width(o))
-    while (w.mode != OVER) & (moves < MOST_MOVES):
+    while (w.mode != OVER) & (moves < MAX_MOVES):
         w, piece, some = advance(shells, o, d, tmax, w)
         total += dr.select(some, piece.t1 - piece.t0, 0.0)
         moves += 1
@@ -148,7 +148,7 @@ def _cross(shells, o, d, tmax, w: Walker):
     back = w.mode == BACK
     after, piece = step(shells, o, dr.select(back, -d, d), w.place)
     stuck = dr.select(after.t > w.place.t, 0, w.stuck + 1)
-    after.exit = dr.select(stuck < MOST_STUCK, after.exit, LOST)
+    after.exit = dr.select(stuck < MAX_STUCK, after.exit, LOST)
     # back: the prism's far end is where the ray enters it
     there, ended, lost = -after.t <= w.start, after.exit != WALKING, after.exit == LOST
     reached = back & ~lost & dr.select(there, w.walked | ~w.sure, w.sure & ended)

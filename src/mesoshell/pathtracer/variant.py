@@ -15,7 +15,7 @@ from mesoshell.errors import InputError
 WHEEL = "karellen-llvm-core"
 VARIANT = "llvm_ad_rgb"
 #: With 14 to 16 Dr.Jit aborts.
-LEAST_LLVM = 17
+MIN_LLVM = 17
 
 
 def library() -> str | None:
@@ -62,7 +62,7 @@ def _check_loaded(path: str | None) -> None:
     import drjit
 
     major = drjit.detail.llvm_version()[0]
-    if major < LEAST_LLVM:
+    if major < MIN_LLVM:
         text = f"Mitsuba was imported first and found LLVM {major}, with which it aborts: import mesoshell.pathtracer before it"
         raise InputError("mitsuba", text + (f", or set DRJIT_LIBLLVM_PATH={path}" if path else ""))
 

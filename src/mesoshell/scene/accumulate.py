@@ -28,7 +28,7 @@ from mesoshell.scene.picture import Passes, Progress, Rendered
 
 #: Radiance behind a transparent picture; pixels of a block's side; passes before the first estimate, and growth of their number
 #: up to the next; most samples a pixel where no number is given; least share of a pass's pixels that is worth its while.
-BACKDROP, BLOCK, FIRST, GROWTH, MOST, LEAST = 0.2, 16, 3, 1.3, 4096, 0.1
+BACKDROP, BLOCK, FIRST, GROWTH, MAX_SAMPLES, MIN_SHARE = 0.2, 16, 3, 1.3, 4096, 0.1
 #: Share of a pass's time that a pass of next to no pixels saves: 0.9 of 256 x 256 pixels, 0.5 of 48 x 48.
 SAVED = 0.7
 
@@ -40,7 +40,7 @@ class Goal:
 
     budget: float | None = None
     error: float | None = None
-    max_samples: int = MOST
+    max_samples: int = MAX_SAMPLES
 
     def __post_init__(self) -> None:
         for name, most in (("budget", np.inf), ("error", 1.0)):
@@ -69,7 +69,7 @@ def goal_of(
     for name in ("pixel_samples", "spp"):
         if name in changes:
             raise InputError(Argument(name), "cannot be combined with a goal, which sets it: give `max_samples`")
-    return Goal(budget, error, MOST if max_samples is None else max_samples)
+    return Goal(budget, error, MAX_SAMPLES if max_samples is None else max_samples)
 
 
 @dataclass
@@ -196,7 +196,7 @@ def _affordable(goal: Goal, clock: _Clock, active: Int[np.ndarray, "P"], passes:
     if left >= (1.0 if passes.chosen else 0.5) * clock.expected(count):
         return active
     share = clock.affordable(left) / count
-    if share < LEAST or not passes.chosen:
+    if share < MIN_SHARE or not passes.chosen:
         return active[:0]
     return spread(active, passes.shape, int(share * len(active)))
 

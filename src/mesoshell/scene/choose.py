@@ -30,7 +30,7 @@ from mesoshell.scene.picture import Passes, Prepared
 RAY, TAP, EXACT = 15.0, 0.4, 0.3
 #: FLIP of one ray a pixel against two, over ν; passes that a budget must hold; pixels, about, that a scene is probed with, and
 #: that the chosen settings are compiled with.
-PAIR, FEWEST, PROBE, COMPILED = 0.79, 1.1, 16384, 2048
+PAIR, MIN_PASSES, PROBE, COMPILED = 0.79, 1.1, 16384, 2048
 #: What the estimate of noise, which ends a picture, is over the noise itself, on the mean.
 SURE, FALL, EXCESS = 1.7, 1.35, 1.17
 
@@ -113,7 +113,7 @@ def _due(rung: Rung, seen: Probe, error: float | None) -> float:
 def _error(rung: Rung, seen: Probe, budget: float) -> float:
     """e of a budget's passes, over ν; more than any if these are too few to be on time with."""
     passes = budget / (rung.cost(seen.queries) * seen.seconds)
-    if passes < FEWEST:
+    if passes < MIN_PASSES:
         return 1e6 / passes
     return (rung.bias**POWER + rung.noise**POWER / passes**FALL) ** (1 / POWER)
 

@@ -38,66 +38,66 @@ class Growth:
     notes: tuple[str, ...]
 
 
-def growth_of(one: Scene | Grown, progress: Callable[[float], None] = lambda share: None) -> Growth:
+def growth_of(part: Scene | Grown, progress: Callable[[float], None] = lambda share: None) -> Growth:
     """What grows, its texture grown. progress: of that. Raises InputError."""
-    mesh, shell = _extruded(one)
-    bundle = one.material.shell
-    values, maps = read_params(bundle, one.params)
+    mesh, shell = _extruded(part)
+    bundle = part.material.shell
+    values, maps = read_params(bundle, part.params)
     patches = patches_per_uv(mesh, shell)
     shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
     repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
-    material, origin, notes = _textured(one, shell.uv, (values, shape, patches, repeats), progress)
+    material, origin, notes = _textured(part, shell.uv, (values, shape, patches, repeats), progress)
     alpha = normalised(bundle, values)
     return Growth(mesh, shell, material, origin, alpha, maps, patches, (*mesh.notes, *shell.notes, *notes))
 
 
-def check_growth(one: Scene | Grown) -> tuple[str, ...]:
+def check_growth(part: Scene | Grown) -> tuple[str, ...]:
     """Raise InputError as `growth_of` does, but grow no texture. What the user should know, a line each."""
-    if not grows(one):
-        return growth_of(one).notes
-    mesh, shell = _extruded(one)
-    normalised(one.material.shell, read_params(one.material.shell, one.params)[0])
+    if not grows(part):
+        return growth_of(part).notes
+    mesh, shell = _extruded(part)
+    normalised(part.material.shell, read_params(part.material.shell, part.params)[0])
     return *mesh.notes, *shell.notes
 
 
-def thickness_and_scale(one: Scene | Grown, mesh: Mesh) -> tuple[float, float]:
+def thickness_and_scale(part: Scene | Grown, mesh: Mesh) -> tuple[float, float]:
     """As given, or by default (world). Raises InputError."""
-    return proportions(mesh, one.material.shell.thickness, one.thickness, one.scale)
+    return proportions(mesh, part.material.shell.thickness, part.thickness, part.scale)
 
 
-def grows(one: Scene | Grown) -> bool:
+def grows(part: Scene | Grown) -> bool:
     """Whether a texture must be grown: another is called for than the material holds."""
-    bundle = one.material.shell
-    geometry = any(p.role == "beta" and p.name in one.params for p in bundle.parameters)
-    return bundle.generator is not None and (not bundle.baked or one.seed is not None or geometry)
+    bundle = part.material.shell
+    geometry = any(p.role == "beta" and p.name in part.params for p in bundle.parameters)
+    return bundle.generator is not None and (not bundle.baked or part.seed is not None or geometry)
 
 
 @contextmanager
-def faults_of(one: Grown) -> Iterator[None]:
+def faults_of(part: Grown) -> Iterator[None]:
     """Faults within say of which material of `also` they are: MATERIAL:ARGUMENT."""
     try:
         yield
     except InputError as fault:
         if not isinstance(fault.source, Argument):
             raise
-        own = Argument(f"{one.material.name}:{fault.source}")
+        own = Argument(f"{part.material.name}:{fault.source}")
         raise InputError(own, fault.fault.replace("`", "")) from fault
 
 
 def meshes_of(scene: Scene) -> list[Mesh]:
     """All meshes that something grows on, the scene's own first. Raises InputError."""
-    return [mesh_of(one.mesh) for one in (scene, *scene.also) if one.mesh is not None]
+    return [mesh_of(part.mesh) for part in (scene, *scene.also) if part.mesh is not None]
 
 
-def _extruded(one: Scene | Grown) -> tuple[Mesh, Shell]:
-    check_seed(one.seed)
-    assert one.mesh is not None  # scene/unpack gives those that are named in a file
-    mesh = mesh_of(one.mesh)
-    return mesh, extrude(mesh, *thickness_and_scale(one, mesh))
+def _extruded(part: Scene | Grown) -> tuple[Mesh, Shell]:
+    check_seed(part.seed)
+    assert part.mesh is not None  # scene/unpack gives those that are named in a file
+    mesh = mesh_of(part.mesh)
+    return mesh, extrude(mesh, *thickness_and_scale(part, mesh))
 
 
 def _textured(
-    one: Scene | Grown,
+    part: Scene | Grown,
     uv: np.ndarray,
     wanted: tuple[dict, dict, float, bool],
     progress: Callable[[float], None],
@@ -105,19 +105,19 @@ def _textured(
     """The material with a texture for this surface, where the texture begins, and what the user should know. wanted: values of
     parameters, images of geometry, patches a UV unit, and whether images repeat."""
     values, shape, patches, repeats = wanted
-    name, bundle = one.material.name, one.material.shell
-    if grows(one):
+    name, bundle = part.material.name, part.material.shell
+    if grows(part):
         from mesoshell.shell.generator.texture_synthesis import TextureRequest, field_of, grow
 
         fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
-        return *grow(bundle, name, uv.reshape(-1, 3, 2), TextureRequest(one.seed or 0, values, fields), progress), []
-    if one.seed is not None and bundle.tiles is None:
+        return *grow(bundle, name, uv.reshape(-1, 3, 2), TextureRequest(part.seed or 0, values, fields), progress), []
+    if part.seed is not None and bundle.tiles is None:
         raise InputError(Argument("seed"), f"{name} is one texture and has no generator")
     fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values | shape]
     if fixed:
         raise InputError(PARAMS, f"{fixed[0]} is baked into {name}, which has no generator")
     if bundle.wraps:
-        return bundle, seed_origin(one.seed or 0), []
+        return bundle, seed_origin(part.seed or 0), []
     (u, v), needed = patches_of(uv.reshape(-1, 3, 2))
     texels = bundle.texel_density
     height, width = (n / texels for n in bundle.arrays["features/0"].shape[:2])

@@ -4,8 +4,8 @@ Notation
 key         hash of the file's bytes, its suffix and this version
 entry       KEY.npz in the cache: the arrays of a Mesh and its notes
 
-Files of less than LEAST bytes are read anew, which takes a moment, and those that are of several files, glTF and USD. What
-was not used for longest goes when all are more than MOST.
+Files of less than MIN_BYTES bytes are read anew, which takes a moment, and those that are of several files, glTF and USD. What
+was not used for longest goes when all are more than MAX_BYTES.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ from mesoshell.geometry.mesh import Mesh, load_mesh
 from mesoshell.io.atomic import replace_file
 from mesoshell.io.cache import cache_folder, forget, remove
 
-LEAST, MOST = 1 << 20, 1 << 30
+MIN_BYTES, MAX_BYTES = 1 << 20, 1 << 30
 MULTI_FILE_FORMATS = (".gltf", *read_usd.FORMATS)
 ARRAYS = ("vertices", "faces", "uv", "normals")
 
@@ -38,7 +38,9 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
     """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
     file = Path(path)
     try:
-        large = os.path.isfile(file) and file.suffix.lower() not in MULTI_FILE_FORMATS and file.stat().st_size >= LEAST
+        large = (
+            os.path.isfile(file) and file.suffix.lower() not in MULTI_FILE_FORMATS and file.stat().st_size >= MIN_BYTES
+        )
         entry = cache_folder("meshes") / f"{_key(file)}.npz" if large else None
     except OSError:
         entry = None
@@ -67,7 +69,7 @@ def _keep(entry: Path, mesh: Mesh) -> None:
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
         replace_file(entry, data.getvalue())
-        forget(entry, MOST)
+        forget(entry, MAX_BYTES)
     except (InputError, OSError):  # no such disk, or a full one
         return
 

@@ -12,7 +12,7 @@ from mesoshell.scene.scene import Scene
 
 ENGINES = ("jax", "mitsuba")
 #: Fields of a quality that only the path tracer uses, and the greatest value of each.
-PATH_FIELDS, MOST = ("spp", "max_depth"), 2**24
+PATH_FIELDS, MAX_PATHS = ("spp", "max_depth"), 2**24
 #: Fields that a scene of Mitsuba's fixes itself.
 FIXED_BY_XML = ("max_depth", "rr_depth")
 
@@ -40,8 +40,8 @@ def _check_field(name: str, value: Any, engine: str) -> None:
     if name in PATH_FIELDS:
         if engine != "mitsuba":
             raise InputError(Argument(name), "requires `engine` mitsuba")
-        if value > MOST:
-            raise InputError(Argument(name), f"must be at most {MOST}, not {value}")
+        if value > MAX_PATHS:
+            raise InputError(Argument(name), f"must be at most {MAX_PATHS}, not {value}")
 
 
 def prepare(scene: Scene, quality: Quality, engine: str = "jax", progress: Progress = lambda share: None) -> Prepared:

@@ -29,7 +29,7 @@ from mesoshell.stability.report import Stability
 from mesoshell.stability.walks import walk_through
 
 #: Pixels along the longer side of the picture, and of the map; least number of rays; most that the path tracer walks.
-PIXELS, LEAST, WALKED = 192, 1000, 20_000
+PIXELS, MIN_RAYS, MAX_WALKED = 192, 1000, 20_000
 
 
 def examine(
@@ -37,8 +37,8 @@ def examine(
 ) -> Stability:
     """Check a scene. count: rays that are aimed at what is hard; progress: called with the share done, 0 to 1; engine: that
     renders the picture; if "mitsuba", its walk of shells is checked too. Raises InputError."""
-    if count < LEAST:
-        raise InputError(Argument("rays"), f"must be at least {LEAST}, not {count}")
+    if count < MIN_RAYS:
+        raise InputError(Argument("rays"), f"must be at least {MIN_RAYS}, not {count}")
     if scene.material.kind == KIND:
         return _of_surface_material(scene, count, progress, engine)
     if engine == "mitsuba":
@@ -74,7 +74,7 @@ def examine(
     progress(0.8)
     quality = PRESETS["normal"]
     if engine == "mitsuba":
-        checks.append(of_walk(made, thickness, min(count, WALKED), rng))
+        checks.append(of_walk(made, thickness, min(count, MAX_WALKED), rng))
         seen = replace(scene, camera=made.camera, size=(made.camera.width, made.camera.height))
         picture = prepare(seen, quality.with_changes(twin=0.0), engine).picture().rgba
     else:

@@ -13,7 +13,7 @@ from mesoshell.io.image import linear_to_srgb
 from mesoshell.scene.accumulate import over_backdrop
 
 #: Least and greatest excess that are told apart.
-LEAST, MOST = 1e-4, 10.0
+MIN_EXCESS, MAX_EXCESS = 1e-4, 10.0
 
 
 def png_of(
@@ -37,7 +37,9 @@ def png_of(
         panels[1].set_title("share of the thickness that is kept", fontsize=10)
         figure.colorbar(shares, ax=panels[1], shrink=0.8)
     over = panels[-1].imshow(
-        _where_visible(first, np.clip(excess, LEAST, MOST)), cmap="magma", norm=LogNorm(LEAST, MOST)
+        _where_visible(first, np.clip(excess, MIN_EXCESS, MAX_EXCESS)),
+        cmap="magma",
+        norm=LogNorm(MIN_EXCESS, MAX_EXCESS),
     )
     panels[-1].set_title("how far off a place is, over what it may be", fontsize=10)
     figure.colorbar(over, ax=panels[-1], shrink=0.8)

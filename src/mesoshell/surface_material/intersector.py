@@ -11,7 +11,7 @@ from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Int
 
 from mesoshell.geometry.curvature import lookup
-from mesoshell.surface_material.tables import LEAST, SurfaceTables
+from mesoshell.surface_material.tables import MIN_COSINE, SurfaceTables
 
 #: Step past a surface, relative to the scene's size.
 ADVANCE = 2e-6
@@ -71,7 +71,7 @@ class SurfaceIntersector:
         b = np.where(_dot(b, tables.along_v[face])[:, None] < 0, -b, b)
         axes = np.stack([t, b, n], axis=1)
         w = -np.einsum("hij,hj->hi", axes, d)
-        w[:, 2] = np.maximum(w[:, 2], LEAST)
+        w[:, 2] = np.maximum(w[:, 2], MIN_COSINE)
         u = np.einsum("hk,hkc->hc", bary, tables.uv[face])
         kappa = lookup(tables.table, mesh.faces[face], bary, d) * tables.period
         return Local(u % 1.0, cone / tables.period, _unit(w), kappa, axes)

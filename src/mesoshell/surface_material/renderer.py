@@ -39,7 +39,7 @@ from mesoshell.surface_material.tables import surface_tables
 from mesoshell.typing import Array
 
 #: Rays of a tile of the picture; most surfaces that a ray or a shadow passes (rays that would pass more are counted).
-RAYS, MOST = 32768, 1024
+RAYS, MAX_SURFACES = 32768, 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,11 @@ def tile_renderer(scene: SurfaceScene, quality: Quality, effects: Effects, repor
 def cut_short(report: RenderReport) -> tuple[str, ...]:
     """What the user should know of rays that passed too many surfaces."""
     cut = report.counts.get("cut_short")
-    return (f"{cut} rays and shadows passed {MOST} surfaces; whatever lies behind these was left out",) if cut else ()
+    return (
+        (f"{cut} rays and shadows passed {MAX_SURFACES} surfaces; whatever lies behind these was left out",)
+        if cut
+        else ()
+    )
 
 
 class _Tile:
@@ -128,7 +132,7 @@ class _Tile:
         lights = beams(self.scene.lights, sky, self.quality.environment_samples, draws)
         rgb, through, start = np.zeros((count, 3)), np.ones(count), np.zeros(count)
         alive = np.arange(count)
-        for _ in range(MOST):
+        for _ in range(MAX_SURFACES):
             clock = time.perf_counter()
             hits = self.intersector.meet(o[alive] + start[alive, None] * d[alive], d[alive])
             self.report.time("trace", clock, rays=len(alive))
@@ -190,7 +194,7 @@ class _Tile:
         away = 4 * ADVANCE * (self.intersector.size + t) * np.where(np.einsum("ij,ij->i", normal, toward) < 0, -1, 1)
         x, start, alive = o + t[:, None] * d + away[:, None] * normal, np.zeros(len(t)), np.arange(len(t))
         queries = 0
-        for _ in range(MOST):
+        for _ in range(MAX_SURFACES):
             hits = self.intersector.meet(x[alive] + start[alive, None] * toward[alive], toward[alive])
             met = hits.face >= 0
             start[alive] += np.where(met, hits.t + ADVANCE * (self.intersector.size + hits.t), 0)

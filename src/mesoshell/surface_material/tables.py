@@ -16,7 +16,7 @@ from mesoshell.geometry.mesh import Mesh, uv_stretch
 from mesoshell.render.quality import Quality
 
 #: Least ω_z of a query: interpolated normals may face away from a ray that meets the face's front.
-LEAST = 1e-3
+MIN_COSINE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)

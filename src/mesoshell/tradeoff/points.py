@@ -29,7 +29,7 @@ from mesoshell.tradeoff.knobs import Settings, named
 from mesoshell.tradeoff.reference import Reference, relative
 
 #: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
-MOST, FEWEST, ENOUGH = {True: 9, False: 64}, 4, 20.0
+MAX_PASSES, MIN_PASSES, ENOUGH_SECONDS = {True: 9, False: 64}, 4, 20.0
 Q = POWER
 
 
@@ -75,7 +75,7 @@ def together(bias: Any, noise: Any, n: int) -> Any:
 def measured(settings: Settings, passes: Passes, reference: Reference, progress: Progress) -> tuple[Point, np.ndarray]:
     """A point, and its means of n passes, (N, H, W, 4)."""
     alone = int(reference.same_rays)
-    images, seconds, queries = _taken(passes, MOST[reference.same_rays], alone, progress)
+    images, seconds, queries = _taken(passes, MAX_PASSES[reference.same_rays], alone, progress)
     counts = [2**i for i in range((len(images) - alone).bit_length())]
     groups = {n: images[alone:].reshape(-1, n, *images.shape[1:]).mean(axis=1) for n in counts}
     if alone:
@@ -118,7 +118,7 @@ def _taken(passes: Passes, most: int, alone: int, progress: Progress) -> tuple[n
     pixels, images, seconds, begun = np.arange(passes.shape[0] * passes.shape[1]), [], [], 0.0
     before = 0
     for k in range(-1, most):
-        if k - alone >= FEWEST and (k - alone).bit_count() == 1 and time.perf_counter() - begun > ENOUGH:
+        if k - alone >= MIN_PASSES and (k - alone).bit_count() == 1 and time.perf_counter() - begun > ENOUGH_SECONDS:
             break
         begin = time.perf_counter()
         image = passes.render(max(k, 0), pixels, lambda share: None).reshape(*passes.shape, 4)

@@ -22,7 +22,7 @@ from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
 
 #: First of T's passes of paths; the fewest and most of T's.
-AT, LEAST, MOST = 2**20, 16, 1024
+AT, MIN_PASSES, MAX_PASSES = 2**20, 16, 1024
 _DARK = 0.01
 
 
@@ -52,17 +52,17 @@ def render_reference(
         progress(min(1.0, (time.perf_counter() - begin) / seconds))
         return exact.render(k, pixels, lambda share: None).reshape(*exact.shape, 4)
 
-    first, due, noise = one(0), LEAST, np.inf
+    first, due, noise = one(0), MIN_PASSES, np.inf
     many: list[np.ndarray] = []
     while True:
         many += [one(AT + same_rays + len(many) + k) for k in range(2)]
-        late = len(many) >= LEAST and (time.perf_counter() - begin > seconds or stopped())
+        late = len(many) >= MIN_PASSES and (time.perf_counter() - begin > seconds or stopped())
         if len(many) < due and not late:
             continue
         whole, half = np.mean(many, axis=0), np.mean(many[: len(many) // 2], axis=0)
         true, apart = over_backdrop(whole), over_backdrop(half) - over_backdrop(whole)
         noise, due = flip(true + apart, true), len(many) * 5 / 4
-        if late or noise <= aim or len(many) >= MOST:
+        if late or noise <= aim or len(many) >= MAX_PASSES:
             return Reference(whole, first, noise, relative(apart, true), len(many), same_rays)
 
 

@@ -38,7 +38,7 @@ from mesoshell.tradeoff.search import around, proposed, singles
 
 #: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; how many times the reference's squared
 #: error an entry's must be to count as certain: then its noise changes the error by 4% at most.
-SHARE, AIM, MOST, CLEAR = 0.3, 0.001, 400, 10.0
+SHARE, AIM, MAX_POINTS, CLEAR = 0.3, 0.001, 400, 10.0
 NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
 #: Called with the share done, 0 to 1, and what is done.
 ShowStage = Callable[[float, str], None]
@@ -118,7 +118,7 @@ def explore(
         for settings in _wanted(names, points):
             usual = np.median([p.first + p.seconds[1] * p.samples[-1] for p in points]) if points else 0.0
             late = time.perf_counter() - begun + usual > limit
-            if points and (stop.requested or len(points) >= MOST or late):
+            if points and (stop.requested or len(points) >= MAX_POINTS or late):
                 break
             quality = NORMAL.with_changes(**settings)
             point, images = measured(settings, scene.passes(quality), kept, share(named(settings)))

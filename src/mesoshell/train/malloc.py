@@ -9,7 +9,7 @@ import ctypes
 #: M_TRIM_THRESHOLD, free memory at the heap's end before any is given back, and M_MMAP_THRESHOLD, from <malloc.h>.
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 #: The largest int.
-MOST = 2**31 - 1
+MAX_THRESHOLD = 2**31 - 1
 
 
 def keep_memory() -> None:
@@ -18,5 +18,5 @@ def keep_memory() -> None:
         mallopt = ctypes.CDLL(None).mallopt
     except (AttributeError, OSError, TypeError):  # not glibc, no symbols of the process itself, Windows
         return
-    mallopt(TRIM_THRESHOLD, MOST)
-    mallopt(MMAP_THRESHOLD, MOST)
+    mallopt(TRIM_THRESHOLD, MAX_THRESHOLD)
+    mallopt(MMAP_THRESHOLD, MAX_THRESHOLD)

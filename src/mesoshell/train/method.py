@@ -19,7 +19,7 @@ from mesoshell.neutex.capture import Capture
 from mesoshell.train.fit import feed as fit_feed
 from mesoshell.train.fit import snapshot as fit_snapshot
 from mesoshell.train.fit import step as fit
-from mesoshell.train.fit.patch_rays import Shots, shots_of
+from mesoshell.train.fit.patch_rays import FitData, fit_data
 from mesoshell.train.gan import snapshot, state, step
 from mesoshell.train.gan.curriculum import adapt, renders
 from mesoshell.train.gan.state import GanConfig, TrainState
@@ -39,7 +39,7 @@ from mesoshell.train.textures import state as textures_state
 from mesoshell.train.textures import step as textures
 
 #: What runs learn from.
-Data = Dataset | Patches | Capture | Shots | Exemplars
+Data = Dataset | Patches | Capture | FitData | Exemplars
 
 
 class Method(NamedTuple):
@@ -122,7 +122,7 @@ ATLAS = Method(
     load_predictor=neutex_snapshot.load_predictor,
 )
 FIT = Method(
-    read=lambda config, data: shots_of([read_dataset(data["folder"])], config.held),
+    read=lambda config, data: fit_data([read_dataset(data["folder"])], config.held),
     adapt=fit_feed.adapt,
     feed=fit_feed.feed,
     start=fit.start,

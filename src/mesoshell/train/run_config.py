@@ -21,7 +21,7 @@ from mesoshell.io.exemplars import Exemplars
 from mesoshell.io.query_dataset import Patches
 from mesoshell.io.records import read_object, read_rows
 from mesoshell.neutex.capture import Capture
-from mesoshell.train.fit.patch_rays import Shots
+from mesoshell.train.fit.patch_rays import FitData
 from mesoshell.train.fit.state import FitConfig
 from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.nerf_tex.network import NerfTexConfig
@@ -64,7 +64,7 @@ MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
 def keep_record(
     config: RunConfig,
-    dataset: Dataset | Patches | Capture | Shots | Exemplars,
+    dataset: Dataset | Patches | Capture | FitData | Exemplars,
     folder: Path,
     transfer: Path | None = None,
 ) -> None:

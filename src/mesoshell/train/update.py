@@ -10,7 +10,7 @@ import optax
 from mesoshell.typing import Array, Bool
 
 #: Gradients from here on have squares that overflow float32.
-MOST = 1e19
+MAX_GRADIENT = 1e19
 
 
 class Across(NamedTuple):
@@ -47,4 +47,4 @@ def updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient
 
 def not_finite(tree: Any) -> Bool[Array, "_leaves"]:
     """Which leaves hold NaN, infinity, or values whose squares in Adam overflow: their weights would never move again."""
-    return jnp.stack([~(jnp.abs(leaf) < MOST).all() for leaf in jax.tree.leaves(tree)])
+    return jnp.stack([~(jnp.abs(leaf) < MAX_GRADIENT).all() for leaf in jax.tree.leaves(tree)])

@@ -24,7 +24,7 @@ from mesoshell.geometry.mesh import Mesh
 
 #: Texels of a painted image's side; sample points a texel, along an edge; most sample points, about: coordinates that repeat
 #: often have fewer.
-SIDE, FINE, MOST = 512, 1.5, 4e6
+SIDE, FINE, MAX_POINTS = 512, 1.5, 4e6
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Canvas:
         apex = lengths.argmin(axis=1)  # the corner across from the shortest edge
         order = (apex[:, None] + np.arange(3)) % 3
         wanted = FINE * np.maximum(np.stack([lengths.max(axis=1), lengths.min(axis=1)], axis=1), 1)
-        parts = np.ceil(wanted * min(1.0, (MOST / wanted.prod(axis=1).sum()) ** 0.5)).astype(int)
+        parts = np.ceil(wanted * min(1.0, (MAX_POINTS / wanted.prod(axis=1).sum()) ** 0.5)).astype(int)
         points, uv, owner = [], [], []
         kinds, kind = np.unique(parts, axis=0, return_inverse=True)
         for k, (along, across) in enumerate(kinds):

@@ -17,7 +17,7 @@ from mesoshell.scene.scene import Scene
 from mesoshell.viewer.look import sized
 
 #: Pixels of the longer side of what is shown first; most samples a pixel.
-COARSE, MOST = 128, 256
+COARSE, MAX_SAMPLES = 128, 256
 
 
 class RefinedPicture(NamedTuple):
@@ -37,7 +37,12 @@ class Abandoned(Exception):
 
 
 def refine(
-    scene: Scene, quality: str, stopped: Callable[[], bool], engine: str = "jax", coarse: bool = True, most: int = MOST
+    scene: Scene,
+    quality: str,
+    stopped: Callable[[], bool],
+    engine: str = "jax",
+    coarse: bool = True,
+    most: int = MAX_SAMPLES,
 ) -> Iterator[RefinedPicture]:
     """Ever better pictures of a settled scene, up to `most` samples a pixel. coarse: whether one of few pixels comes first.
     Ends early once `stopped` says so, and raises InputError as `prepare` does."""

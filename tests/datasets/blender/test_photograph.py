@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from mesoshell.datasets.blender import photograph as farm
-from mesoshell.datasets.blender.photograph import FIELD_OF_VIEW, FLASH, LOWEST, Shooting, dome, photograph
+from mesoshell.datasets.blender.photograph import FIELD_OF_VIEW, FLASH, LOWEST, PhotographConfig, dome, photograph
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import check_mesh, load_mesh
 from mesoshell.io.image import read_exr, write_png
 from mesoshell.neutex.capture import read_capture
 
 ROOT = Path(__file__).parents[3]
-FEW = Shooting(views=9, size=16, spp=4, paint=None, flash=False, up=1, points=200, noise=0.01, seed=0)
+FEW = PhotographConfig(views=9, size=16, spp=4, paint=None, flash=False, up=1, points=200, noise=0.01, seed=0)
 pytestmark = pytest.mark.skipif(
     not (ROOT / "data_gen/.venv/installed").exists(), reason="no Blender environment (Python 3.11): make blender"
 )
@@ -54,8 +54,8 @@ def test_the_flash_is_as_strong_as_it_says(tmp_path) -> None:
     square = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], float)
     wall = check_mesh(square, np.array([[0, 1, 2], [0, 2, 3]]), None, "wall")
     write_png(tmp_path / "white.png", np.ones((4, 4, 3), np.float32))
-    shooting = replace(FEW, views=40, flash=True, paint=tmp_path / "white.png", size=8)
-    photograph(wall, shooting, tmp_path / "a", lambda n: None)
+    config = replace(FEW, views=40, flash=True, paint=tmp_path / "white.png", size=8)
+    photograph(wall, config, tmp_path / "a", lambda n: None)
     about = json.loads((tmp_path / "a/transforms.json").read_text())
     eye = np.array(about["frames"][0]["transform_matrix"])[:3, 3]
     distance = np.linalg.norm(eye)

@@ -12,7 +12,7 @@ from PIL import Image
 from mesoshell.datasets.queries.render import (
     FINEST,
     GRAZING,
-    LEAST,
+    MIN_COSINE,
     WIDEST,
     Settings,
     check_curvature,
@@ -240,10 +240,10 @@ def test_queries_are_spread_as_it_says(many):
     def near(share, expected: float) -> None:
         assert abs(np.mean(share) - expected) < 5 * np.sqrt(expected * (1 - expected) / n), (np.mean(share), expected)
 
-    grazing = 0.25 + 0.75 * (GRAZING - LEAST) / (1 - LEAST)
+    grazing = 0.25 + 0.75 * (GRAZING - MIN_COSINE) / (1 - MIN_COSINE)
     near(q.wz < GRAZING, grazing)
-    near(q.wz < (LEAST + GRAZING) / 2, grazing / 2)
-    assert q.wz.min() >= LEAST - 1e-6
+    near(q.wz < (MIN_COSINE + GRAZING) / 2, grazing / 2)
+    assert q.wz.min() >= MIN_COSINE - 1e-6
     near(q.lz < 0, 0.25)
     near((q.lz > 0) & (q.lz < 0.5), 0.375)
     near((q.lz < 0) & (q.lz > -0.5), 0.125)

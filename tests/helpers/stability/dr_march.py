@@ -17,7 +17,7 @@ from mesoshell.shell.geometry.tracer import Trace
 from tests.helpers.stability.oracles import assert_sorted_apart
 
 #: Pieces of one ray that are kept, and moves after which a ray is given up.
-MOST, MOVES = 128, 4000
+MAX_PIECES, MAX_MOVES = 128, 4000
 
 
 def leave_sides(d: np.ndarray, p: np.ndarray, n: np.ndarray) -> SimpleNamespace:
@@ -52,13 +52,13 @@ def trace(
     """All intervals of rays, each up to its end, in order and apart; outside: they are known to begin outside of the shell."""
     count = len(o)
     end = np.broadcast_to(np.asarray(end, np.float64), count)
-    table = [dr.zeros(mi.Float64, count * MOST) for _ in range(8)] + [dr.zeros(mi.UInt32, count * MOST)]
+    table = [dr.zeros(mi.Float64, count * MAX_PIECES) for _ in range(8)] + [dr.zeros(mi.UInt32, count * MAX_PIECES)]
     known = dr.full(mi.Bool, outside, count)
     pieces, moves = _collect(shells, _vector(o), _vector(d), mi.Float64(end), known, table)
     pieces = np.array(pieces)
-    assert np.array(moves).max(initial=0) < MOVES and pieces.max(initial=0) < MOST
-    kept = np.arange(MOST) < pieces[:, None]
-    t0, t1, a0, b0, a1, b1, h0, h1, prism = (np.array(x).reshape(count, MOST)[kept] for x in table)
+    assert np.array(moves).max(initial=0) < MAX_MOVES and pieces.max(initial=0) < MAX_PIECES
+    kept = np.arange(MAX_PIECES) < pieces[:, None]
+    t0, t1, a0, b0, a1, b1, h0, h1, prism = (np.array(x).reshape(count, MAX_PIECES)[kept] for x in table)
     bary0, bary1 = np.stack([a0, b0], axis=1), np.stack([a1, b1], axis=1)
     found = Intervals(np.nonzero(kept)[0], prism.astype(np.int32), t0, t1, bary0, bary1, h0, h1)
     nowhere = np.full(count, -1, np.int32)
@@ -71,11 +71,11 @@ def trace(
 def _collect(shells, o, d, tmax, outside, table):
     """Fill the table with every ray's pieces; how many there are, and how many moves were made."""
     w = traversal.at_start(dr.zeros(mi.Float64, dr.width(o)), outside)
-    index = dr.arange(mi.UInt32, dr.width(o)) * MOST
+    index = dr.arange(mi.UInt32, dr.width(o)) * MAX_PIECES
     count, moves = dr.zeros(mi.UInt32, dr.width(o)), dr.zeros(mi.UInt32, dr.width(o))
-    while (w.mode != traversal.OVER) & (moves < MOVES):
+    while (w.mode != traversal.OVER) & (moves < MAX_MOVES):
         w, piece, found = traversal.advance(shells, o, d, tmax, w)
-        _keep(table, piece, index + dr.minimum(count, MOST - 1), found)
+        _keep(table, piece, index + dr.minimum(count, MAX_PIECES - 1), found)
         count += dr.select(found, mi.UInt32(1), mi.UInt32(0))
         moves += 1
     return count, moves

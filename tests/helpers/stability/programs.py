@@ -52,7 +52,7 @@ from mesoshell.train import export, prefilter
 from mesoshell.train.export import decoder_arrays
 from mesoshell.train.fit import patch_rays
 from mesoshell.train.fit import step as fit
-from mesoshell.train.fit.patch_rays import Shots
+from mesoshell.train.fit.patch_rays import FitData
 from mesoshell.train.fit.slab_pixels import predict
 from mesoshell.train.fit.state import FitConfig, material_of
 from mesoshell.train.gan import snapshot
@@ -337,7 +337,7 @@ def _of_training() -> Programs:
     )
     fitting = replace(fitting, appearance=1)
     nothing = np.zeros((0, 1), np.float32)
-    pictures = Shots(Path(), "", {}, (), np.zeros(1, int), np.zeros((0, 4), np.float16), (), (), nothing, nothing, ())
+    pictures = FitData(Path(), "", {}, (), np.zeros(1, int), np.zeros((0, 4), np.float16), (), (), nothing, nothing, ())
     begun = jax.eval_shape(lambda: fit.start(fitting, pictures, KEY))
     rays = patch_rays.Rays(
         i(2), f(2, 256, 3), f(2, 256, 3), f(2, 256), f(2, 256, 3), f(2, 256, 3), f(2, 256, 1), f(2, 256, 4), u(2, 2)

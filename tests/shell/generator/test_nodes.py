@@ -78,7 +78,7 @@ def test_tiles_show_no_seams(bundle, monkeypatch) -> None:
 
     growing.without_grids(monkeypatch)
     whole = made(bundle, ramp, (70, 80))
-    monkeypatch.setattr(bake, "MOST_PATCHES", 2)
+    monkeypatch.setattr(bake, "MAX_PATCHES", 2)
     again = made(bundle, ramp, (70, 80))
     for key in ("features/0", "features/4", "heights/0"):
         np.testing.assert_allclose(again.arrays[key], whole.arrays[key], rtol=2e-3, atol=1e-3)

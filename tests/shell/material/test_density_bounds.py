@@ -7,7 +7,7 @@ import pytest
 
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
-from mesoshell.shell.material.density_bounds import DEEPEST, new_points, rounded_up
+from mesoshell.shell.material.density_bounds import MAX_DEVIATION, new_points, rounded_up
 from mesoshell.shell.material.loader import load_device_material
 from mesoshell.texture.footprint import footprint
 
@@ -29,7 +29,7 @@ def test_what_is_probed_is_what_16_samples_see() -> None:
     for cosine in (1.0, 0.5):
         d = jnp.float32([(1 - cosine**2) ** 0.5, 0, -cosine])
         step = 1 / cosine / 16
-        assert float(footprint(jnp.eye(3), d, jnp.float32(step**2 / 12), jnp.float32(4.0)).height) <= DEEPEST
+        assert float(footprint(jnp.eye(3), d, jnp.float32(step**2 / 12), jnp.float32(4.0)).height) <= MAX_DEVIATION
 
 
 def test_rounding_a_bound_never_lowers_it() -> None:

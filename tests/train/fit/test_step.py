@@ -22,7 +22,7 @@ from mesoshell.train import run
 from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.feed import adapt, feed
 from mesoshell.train.fit.holdout import score
-from mesoshell.train.fit.patch_rays import Rays, Shots, shots_of
+from mesoshell.train.fit.patch_rays import FitData, Rays, fit_data
 from mesoshell.train.fit.result import conclude, fit_config
 from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.fit.snapshot import exemplars, provenance
@@ -50,28 +50,28 @@ CONFIG = FitConfig(
 
 
 @pytest.fixture(scope="module")
-def shots(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+def data(tmp_path_factory: pytest.TempPathFactory) -> FitData:
     folder = tmp_path_factory.mktemp("fog")
     unseen = fog.write(folder / "unseen", [(2.2, 1.9, 2.0)])
-    return shots_of([fog.write(folder / "train", fog.CAMERAS)], tests=[unseen])
+    return fit_data([fog.write(folder / "train", fog.CAMERAS)], tests=[unseen])
 
 
-def test_fog_is_recovered_in_views_not_seen(shots: Shots, tmp_path: Path):
-    config, seen = adapt(replace(CONFIG, steps=200), shots)
+def test_fog_is_recovered_in_views_not_seen(data: FitData, tmp_path: Path):
+    config, seen = adapt(replace(CONFIG, steps=200), data)
     state = run.train(config, seen, tmp_path)
-    where = shots.samples[-1].file.parents[1]
+    where = data.samples[-1].file.parents[1]
     scores, pictures = score(config, seen, lambda k: material_of(state.common, state.own.feature[k]), where)
     assert scores.alpha > 35 and scores.foreground > 35
     assert pictures.shape == (1, fog.SIZE, fog.SIZE, 4)
 
 
 @pytest.fixture(scope="module")
-def patches(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+def patches(tmp_path_factory: pytest.TempPathFactory) -> FitData:
     """Three patches of the same fog."""
-    return shots_of([of_patches(tmp_path_factory.mktemp("many") / "set", [0, 0, 0, 1, 1, 1, 2, 2, 2])], held=1)
+    return fit_data([of_patches(tmp_path_factory.mktemp("many") / "set", [0, 0, 0, 1, 1, 1, 2, 2, 2])], held=1)
 
 
-def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: Shots):
+def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: FitData):
     config, seen = adapt(replace(CONFIG, group=2, steps=4, stand=0.0), patches)
     state, batch = start(config, seen, jax.random.key(0)), feed(config, seen)(3)
     new, _ = jax.jit(lambda s, b: step(config, s, b))(state, batch)
@@ -81,12 +81,12 @@ def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: Shots):
 
 
 @pytest.fixture(scope="module")
-def tiles(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+def tiles(tmp_path_factory: pytest.TempPathFactory) -> FitData:
     """The 16 tiles of a torus, of the same fog."""
-    return shots_of([of_tiles(tmp_path_factory.mktemp("tiles") / "set", [*range(16), *range(16)])], held=1)
+    return fit_data([of_tiles(tmp_path_factory.mktemp("tiles") / "set", [*range(16), *range(16)])], held=1)
 
 
-def test_a_tile_is_learned_where_it_lies_on_the_torus(tiles: Shots):
+def test_a_tile_is_learned_where_it_lies_on_the_torus(tiles: FitData):
     """A row moves the texels of its tile, and those beyond its borders that it is interpolated from; nothing else."""
     config, seen = adapt(replace(CONFIG, batch=1, rays=256), tiles)
     state, batch = start(config, seen, jax.random.key(0)), feed(config, seen)(0)
@@ -102,7 +102,7 @@ def test_a_tile_is_learned_where_it_lies_on_the_torus(tiles: Shots):
 
 
 @pytest.mark.slow
-def test_a_torus_of_fog_is_recovered(tiles: Shots, tmp_path: Path):
+def test_a_torus_of_fog_is_recovered(tiles: FitData, tmp_path: Path):
     config, seen = adapt(replace(CONFIG, steps=150), tiles)
     state = run.train(config, seen, tmp_path / "run")
     where = tiles.samples[0].file.parents[1]
@@ -110,7 +110,7 @@ def test_a_torus_of_fog_is_recovered(tiles: Shots, tmp_path: Path):
     assert scores.alpha > 32 and scores.foreground > 32
 
 
-def test_a_torus_is_a_material(tiles: Shots):
+def test_a_torus_is_a_material(tiles: FitData):
     config, seen = adapt(CONFIG, tiles)
     state = start(config, seen, jax.random.key(0))
     made = conclude(config, seen, state, [], []).made
@@ -132,7 +132,7 @@ def test_tiles_on_one_device_two_and_pmap_agree():
         assert value == 24 if name.endswith("images") else value < 1e-6, name
 
 
-def test_tiles_on_their_way_are_no_patches_that_repeat(tiles: Shots, tmp_path: Path):
+def test_tiles_on_their_way_are_no_patches_that_repeat(tiles: FitData, tmp_path: Path):
     config, seen = adapt(CONFIG, tiles)
     state = start(config, seen, jax.random.key(0))
     write_exemplars(tmp_path / "a.npz", exemplars(config, seen, state, provenance(config, seen, state)))
@@ -143,7 +143,7 @@ def test_tiles_on_their_way_are_no_patches_that_repeat(tiles: Shots, tmp_path: P
         adapt_textures(TexturesConfig(), found)
 
 
-def test_the_decoder_stands_when_it_has_settled(patches: Shots):
+def test_the_decoder_stands_when_it_has_settled(patches: FitData):
     config, seen = adapt(replace(CONFIG, steps=10, settle=0.5), patches)
     learn, at = jax.jit(lambda s, b: step(config, s, b)), feed(config, seen)
     states = [start(config, seen, jax.random.key(0))]
@@ -154,7 +154,7 @@ def test_the_decoder_stands_when_it_has_settled(patches: Shots):
     assert not same(states[5].own.feature, states[6].own.feature)
 
 
-def test_a_decoder_that_is_given_stays(patches: Shots, tiny_bundle: Bundle, tmp_path: Path):
+def test_a_decoder_that_is_given_stays(patches: FitData, tiny_bundle: Bundle, tmp_path: Path):
     age = replace(tiny_bundle.parameters[0], name="age", range=(0.0, 10.0))
     write_bundle(tmp_path / "given.npz", replace(tiny_bundle, parameters=(age,)))
     config, seen = adapt(replace(CONFIG, given=str(tmp_path / "given.npz")), patches)
@@ -169,7 +169,7 @@ def test_a_decoder_that_is_given_stays(patches: Shots, tiny_bundle: Bundle, tmp_
 
 
 @pytest.mark.slow
-def test_an_interrupted_fit_goes_on(patches: Shots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_interrupted_fit_goes_on(patches: FitData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     config, seen = adapt(replace(CONFIG, steps=12, group=2), patches)
     whole = run.train(config, seen, tmp_path / "whole")
     monkeypatch.setattr(run, "SAVE_EVERY", 0.0)
@@ -186,7 +186,7 @@ def test_an_interrupted_fit_goes_on(patches: Shots, tmp_path: Path, monkeypatch:
     np.testing.assert_array_equal(kept.features, np.asarray(whole.own.feature, np.float16))
 
 
-def test_exemplars_are_read_as_they_were_written(patches: Shots, tmp_path: Path):
+def test_exemplars_are_read_as_they_were_written(patches: FitData, tmp_path: Path):
     config, seen = adapt(CONFIG, patches)
     state = start(config, seen, jax.random.key(0))
     written: Exemplars = exemplars(config, seen, state, provenance(config, seen, state))
@@ -207,15 +207,15 @@ def same(a: Any, b: Any) -> bool:
 predicted = jax.jit(predict, static_argnums=(0, 1))
 
 
-def some(shots: Shots) -> tuple[FitConfig, FitState, Rays]:
+def some(data: FitData) -> tuple[FitConfig, FitState, Rays]:
     """A row of rays whose filters are no wider than a cell: those that are wide are always decoded."""
-    config, seen = adapt(replace(CONFIG, rays=128), shots)
+    config, seen = adapt(replace(CONFIG, rays=128), data)
     row = jax.tree.map(lambda x: jnp.asarray(x[0]), feed(config, seen)(0))
     return config, start(config, seen, jax.random.key(0)), row._replace(radius=0.01 * row.radius)
 
 
-def test_a_smaller_budget_leaves_rays_out_and_changes_none(shots: Shots):
-    config, state, row = some(shots)
+def test_a_smaller_budget_leaves_rays_out_and_changes_none(data: FitData):
+    config, state, row = some(data)
     material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
     full, complete, _ = predicted(config.layout, 1.0, material, row, state.own.occupancy[0], jitter)
     assert bool(complete.all())
@@ -225,8 +225,8 @@ def test_a_smaller_budget_leaves_rays_out_and_changes_none(shots: Shots):
     np.testing.assert_allclose(half[long], full[long], rtol=1e-5, atol=1e-6)
 
 
-def test_empty_cells_are_not_decoded(shots: Shots):
-    config, state, row = some(shots)
+def test_empty_cells_are_not_decoded(data: FitData):
+    config, state, row = some(data)
     empty = state.own.occupancy[0].at[16:].set(0.0)  # the upper half
     material, jitter = material_of(state.common, state.own.feature[0]), jnp.full((128, config.candidates), 0.5)
     y, complete, wanted = predicted(config.layout, 0.99, material, row, empty, jitter)
@@ -262,7 +262,7 @@ def tonemapped(x: float) -> float:
     return x / (1 + x)
 
 
-def test_one_patch_of_many_is_a_material(patches: Shots, tmp_path: Path, capsys: pytest.CaptureFixture):
+def test_one_patch_of_many_is_a_material(patches: FitData, tmp_path: Path, capsys: pytest.CaptureFixture):
     config, seen = adapt(CONFIG, patches)
     state = start(config, seen, jax.random.key(0))
     write_exemplars(tmp_path / "e.npz", exemplars(config, seen, state, provenance(config, seen, state)))

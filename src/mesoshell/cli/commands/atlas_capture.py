@@ -5,7 +5,7 @@ import numpy as np
 from mesoshell.cli.checks import at_least
 from mesoshell.cli.options.atlas import Capture
 from mesoshell.cli.progress import bar, stderr
-from mesoshell.datasets.blender.photograph import Shooting, photograph
+from mesoshell.datasets.blender.photograph import PhotographConfig, photograph
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.atomic import probe_folder
@@ -26,7 +26,7 @@ def run(options: Capture) -> None:
     if options.paint:
         read_picture(options.paint)
     up = axis_of_file(options.mesh)
-    shooting = Shooting(
+    config = PhotographConfig(
         options.views,
         options.size,
         options.spp,
@@ -38,5 +38,5 @@ def run(options: Capture) -> None:
         options.seed,
     )
     with bar(stderr(), "photographing", options.views, count=True) as show:
-        photograph(load_mesh(options.mesh), shooting, options.out, show)
+        photograph(load_mesh(options.mesh), config, options.out, show)
     print(f"{options.out}: {options.views} photographs of {options.size} x {options.size}")

@@ -11,7 +11,7 @@ from mesoshell.io.exemplars import write_exemplars
 from mesoshell.io.image import write_png
 from mesoshell.io.names import distinct_names
 from mesoshell.train.fit.holdout import Scores
-from mesoshell.train.fit.result import conclude, fit_config, shots_to_fit
+from mesoshell.train.fit.result import conclude, fit_config, read_fit_data
 from mesoshell.train.parallel import rows_of, split_cpu
 
 
@@ -27,11 +27,11 @@ def run(options: Options) -> None:
     if not datasets:
         raise InputError("fit", "no dataset given")
     with console.status("reading images"):
-        shots = shots_to_fit(config, datasets, tests)
-    count = sum(map(len, shots.learned))
-    console.print(f"{count:,} rays of {len(shots.learned)} patches in {len(shots.samples):,} images")
-    state = learn(config, shots, options.run)
-    made, scores, sheets = conclude(config, shots, state, datasets, tests)
+        data = read_fit_data(config, datasets, tests)
+    count = sum(map(len, data.learned))
+    console.print(f"{count:,} rays of {len(data.learned)} patches in {len(data.samples):,} images")
+    state = learn(config, data, options.run)
+    made, scores, sheets = conclude(config, data, state, datasets, tests)
     for (folder, scored), name in zip(scores.items(), distinct_names(list(scores)), strict=True):
         console.print(f"{folder}: {_summary(scored)}")
         write_png(options.run / f"{name}.png", sheets[folder])

@@ -30,7 +30,7 @@ FLASH = 6.0
 
 
 @dataclass(frozen=True)
-class Shooting:
+class PhotographConfig:
     """views, size and spp of the photographs; paint: image file; flash: light from the camera alone; up: axis, 1 or 2."""
 
     views: int
@@ -44,58 +44,58 @@ class Shooting:
     seed: int
 
 
-def photograph(mesh: Mesh, shooting: Shooting, out: Path, show: Callable[[int], None]) -> None:
+def photograph(mesh: Mesh, config: PhotographConfig, out: Path, show: Callable[[int], None]) -> None:
     """Write the capture's folder, whole or not at all. Raises InputError if it exists, or if Blender is missing or fails."""
     command = blender_command("data_gen.photographer")
     with new_folder(out) as folder:
         (folder / "images").mkdir()
-        _write(mesh, shooting, folder, command, show)
+        _write(mesh, config, folder, command, show)
 
 
 def _write(
-    mesh: Mesh, shooting: Shooting, folder: Path, command: tuple[list[str], Path], show: Callable[[int], None]
+    mesh: Mesh, config: PhotographConfig, folder: Path, command: tuple[list[str], Path], show: Callable[[int], None]
 ) -> None:
     low, high = mesh.vertices.min(axis=0).astype(float), mesh.vertices.max(axis=0).astype(float)
     centre = (low + high) / 2
     distance = np.linalg.norm(mesh.vertices - centre, axis=1).max() / np.sin(FILL * FIELD_OF_VIEW / 2)
-    up = tuple(np.eye(3)[shooting.up])
-    poses = [look_at(tuple(centre + distance * u), tuple(centre), up).tolist() for u in dome(shooting)]
-    suffix, write = ("exr", write_exr) if shooting.flash else ("png", write_png)
+    up = tuple(np.eye(3)[config.up])
+    poses = [look_at(tuple(centre + distance * u), tuple(centre), up).tolist() for u in dome(config)]
+    suffix, write = ("exr", write_exr) if config.flash else ("png", write_png)
     with tempfile.TemporaryDirectory() as scratch:
         np.savez(Path(scratch) / "mesh.npz", vertices=mesh.vertices, faces=mesh.faces, uv=mesh.uv)
         settings = {
             "mesh": f"{scratch}/mesh.npz",
             "frames": [{"file": f"{scratch}/{i}.exr", "camera_to_world": m} for i, m in enumerate(poses)],
             "fov": FIELD_OF_VIEW,
-            "size": shooting.size,
-            "samples_per_pixel": shooting.spp,
-            "paint": shooting.paint and str(shooting.paint.resolve()),
-            "flash": FLASH * distance**2 if shooting.flash else None,
-            "sun": np.roll([0.5, -0.35, 0.8], shooting.up - 2).tolist(),
+            "size": config.size,
+            "samples_per_pixel": config.spp,
+            "paint": config.paint and str(config.paint.resolve()),
+            "flash": FLASH * distance**2 if config.flash else None,
+            "sun": np.roll([0.5, -0.35, 0.8], config.up - 2).tolist(),
             "threads": 0,
         }
         (Path(scratch) / "settings.json").write_text(json.dumps(settings))
         for i in _shot(command, f"{scratch}/settings.json"):
             write(folder / f"images/{i:03d}.{suffix}", read_exr(f"{scratch}/{i}.exr"))
             show(i + 1)
-    _cloud(mesh, shooting, float((high - low).max())).export(folder / "points.ply")
-    f, middle = shooting.size / 2 / np.tan(FIELD_OF_VIEW / 2), shooting.size / 2
-    about = {"fl_x": f, "fl_y": f, "cx": middle, "cy": middle, "w": shooting.size, "h": shooting.size}
-    about |= {"flash": settings["flash"]} if shooting.flash else {}
+    _cloud(mesh, config, float((high - low).max())).export(folder / "points.ply")
+    f, middle = config.size / 2 / np.tan(FIELD_OF_VIEW / 2), config.size / 2
+    about = {"fl_x": f, "fl_y": f, "cx": middle, "cy": middle, "w": config.size, "h": config.size}
+    about |= {"flash": settings["flash"]} if config.flash else {}
     frames = [{"file_path": f"images/{i:03d}.{suffix}", "transform_matrix": m} for i, m in enumerate(poses)]
     text = json.dumps({**about, "ply_file_path": "points.ply", "frames": frames}, indent=1)
     replace_file(folder / "transforms.json", f"{text}\n".encode())
 
 
-def dome(shooting: Shooting) -> Float[np.ndarray, "V 3"]:
+def dome(config: PhotographConfig) -> Float[np.ndarray, "V 3"]:
     """Unit vectors, on a spiral whose turns are as far apart as the points on them."""
-    i = (np.arange(shooting.views) + 0.5) / shooting.views
-    height, turn = 1 - i * (1 - LOWEST), np.arange(shooting.views) * np.pi * (3 - 5**0.5)
+    i = (np.arange(config.views) + 0.5) / config.views
+    height, turn = 1 - i * (1 - LOWEST), np.arange(config.views) * np.pi * (3 - 5**0.5)
     ring = np.sqrt(1 - height**2)
     across = ring * np.cos(turn), ring * np.sin(turn)
-    directions = np.empty((shooting.views, 3))
-    directions[:, shooting.up] = height
-    directions[:, (shooting.up + 1) % 3], directions[:, (shooting.up + 2) % 3] = across
+    directions = np.empty((config.views, 3))
+    directions[:, config.up] = height
+    directions[:, (config.up + 1) % 3], directions[:, (config.up + 2) % 3] = across
     return directions
 
 
@@ -119,10 +119,10 @@ def _shot(command: tuple[list[str], Path], settings: str) -> Iterator[int]:
             raise InputError("blender", f"ended before all photographs were finished: {lines[-1].strip()}")
 
 
-def _cloud(mesh: Mesh, shooting: Shooting, side: float):
+def _cloud(mesh: Mesh, config: PhotographConfig, side: float):
     import trimesh
 
     whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    points, _ = trimesh.sample.sample_surface(whole, shooting.points, seed=shooting.seed)  # type: ignore[attr-defined]
-    moved = np.random.default_rng(shooting.seed).normal(size=points.shape) * shooting.noise * side
+    points, _ = trimesh.sample.sample_surface(whole, config.points, seed=config.seed)  # type: ignore[attr-defined]
+    moved = np.random.default_rng(config.seed).normal(size=points.shape) * config.noise * side
     return trimesh.PointCloud(points + moved)

@@ -28,7 +28,7 @@ from mesoshell.io.query_dataset import COLUMNS, PARTS
 
 VERSION = 2
 #: The least ω_z, and the greatest of grazing rays.
-LEAST, GRAZING = 0.03, 0.35
+MIN_COSINE, GRAZING = 0.03, 0.35
 #: The narrowest radius, and the widest for geometry, which extends over REACH; periods.
 FINEST, WIDEST = 1 / 512, 1 / 4
 #: How far the mesostructure extends from the middle, across the axis and along it, periods.
@@ -137,7 +137,7 @@ def questions(settings: Settings, random: np.random.Generator) -> dict[str, np.n
     """Random queries of one patch, as columns (trace.queries)."""
     count, narrowest = settings.queries, settings.narrowest
     cosine = np.where(
-        random.random(count) < 0.25, random.uniform(LEAST, GRAZING, count), random.uniform(LEAST, 1, count)
+        random.random(count) < 0.25, random.uniform(MIN_COSINE, GRAZING, count), random.uniform(MIN_COSINE, 1, count)
     )
     sine = np.sqrt(1 - cosine**2) * np.where(random.random(count) < 0.5, 1, -1)
     z = random.random(count) * np.where(random.random(count) < 0.25, -1, 1)

@@ -26,7 +26,7 @@ import drjit as dr  # isort: skip  (after mesoshell.pathtracer)
 import mitsuba as mi  # isort: skip
 
 #: Offset of ray origins from surfaces, texture units; steps of the search for c; bounces before roulette, and at most.
-AWAY, HALVINGS, SURE, MOST = 2e-5, 14, 4, 64
+AWAY, HALVINGS, SURE, MAX_BOUNCES = 2e-5, 14, 4, 64
 
 
 class Patch:
@@ -105,7 +105,7 @@ def bounced(patch, met, light, sampler):
         beta *= f * dr.pi
         bounce += 1
         keep = dr.select(bounce < SURE, 1, dr.minimum(dr.max(beta), 0.95))
-        alive &= (sampler.next_1d() < keep) & (bounce < MOST)
+        alive &= (sampler.next_1d() < keep) & (bounce < MAX_BOUNCES)
         beta /= dr.maximum(keep, 1e-8)
         d = mi.Frame3f(n).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
         hit, t, normal, albedo = patch.meet(o, d)

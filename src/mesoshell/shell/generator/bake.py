@@ -34,7 +34,7 @@ from mesoshell.shell.material.loader import pack_heights
 from mesoshell.texture import mip
 from mesoshell.typing import Array
 
-TILE, MOST_PATCHES = 512, 4
+TILE, MAX_PATCHES = 512, 4
 GRID_HEIGHT, PROBES, CHECKED = 16, 24, 2048
 
 
@@ -47,7 +47,7 @@ class Share(NamedTuple):
 
 def patches_a_tile(texels: int) -> int:
     """Patches along a side of a tile that is made at once, for a number of texels a patch."""
-    return min(MOST_PATCHES, max(1, TILE // texels))
+    return min(MAX_PATCHES, max(1, TILE // texels))
 
 
 def bake(

@@ -10,12 +10,12 @@ from jaxtyping import Bool, Float
 
 REACH = 0.5
 #: Most bytes of a texture in memory, with its mips: more means too many patches on the mesh.
-MOST_BYTES = 6 * 2**30
+MAX_BYTES = 6 * 2**30
 
 
 def fits(patches: tuple[int, ...], texels: int, channels: int) -> bool:
     """Whether a texture of so many patches (V, U) fits in memory, in half precision."""
-    return patches[0] * patches[1] * texels**2 * channels * 2 * 4 / 3 <= MOST_BYTES
+    return patches[0] * patches[1] * texels**2 * channels * 2 * 4 / 3 <= MAX_BYTES
 
 
 def patches_of(uv: Float[np.ndarray, "P 3 2"]) -> tuple[tuple[int, int], Bool[np.ndarray, "V U"]]:

@@ -35,11 +35,11 @@ EARTH = (0.09, 0.06, 0.035)
 TETRAHEDRON = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 
 #: ε: a prism's cross-section, seen along its corner posts, keeps this share of its base. Below, float32 loses J.
-LEAST_AREA = 1e-2
+MIN_AREA = 1e-2
 #: Least cosine between posts and normal of a face that can be extruded: twice ε, so that a small enough thickness exists.
-LEAST_COSINE = 2 * LEAST_AREA
+MIN_COSINE = 2 * MIN_AREA
 #: A round shrinks at least by this factor, so that the rounds end where neighbours tilt one another.
-LEAST_SHRINK = 0.95
+MIN_SHRINK = 0.95
 ROUNDS = 256
 #: The way of light out of a shell is computed as if the shell were flat: (1 − h) / cosine. The cosine is at least this. Flatter
 #: light would go far along a flat shell; a real one curves away before that, and objects near it would be skipped.
@@ -49,7 +49,7 @@ SAID_CHANGE = 0.05
 #: Thickness over the diagonal of the mesh's bounding box, where neither thickness nor scale is given.
 SHARE = 1 / 25
 #: Patches along the diagonal of the mesh's bounding box, at most: single precision resolves no finer texture.
-MOST_PATCHES = 1e6
+MAX_PATCHES = 1e6
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ def proportions(mesh: Mesh, height: float, thickness: float | None, scale: float
         if value is not None and not 0 < value < np.inf:
             raise InputError(Argument(name), f"must be positive and finite, not {value:g}")
     low, high = bounding_box(mesh).astype(np.float64)
-    least = float(np.linalg.norm(high - low)) / MOST_PATCHES
+    least = float(np.linalg.norm(high - low)) / MAX_PATCHES
     if scale is not None and scale < least:
         raise InputError(
             Argument("scale"),
-            f"{scale:g} is too small for this mesh, which would span {MOST_PATCHES:g} patches or more",
+            f"{scale:g} is too small for this mesh, which would span {MAX_PATCHES:g} patches or more",
         )
     if thickness is None:
         thickness = float(np.linalg.norm(high - low)) * SHARE if scale is None else scale * height
@@ -173,7 +173,7 @@ def first_fold(
     tilt = np.cross(E[:, 0], D[:, 1]) + np.cross(D[:, 0], E[:, 1])
     twist = np.cross(D[:, 0], D[:, 1])
     constant, linear, quadratic = (np.einsum("pi,pki->pk", n, o) for n in (flat, tilt, twist))
-    constant -= LEAST_AREA * np.linalg.norm(flat, axis=1)[:, None] * np.linalg.norm(o, axis=-1)
+    constant -= MIN_AREA * np.linalg.norm(flat, axis=1)[:, None] * np.linalg.norm(o, axis=-1)
     return _least_root(constant, linear, quadratic).min(axis=1, initial=np.inf)
 
 
@@ -197,7 +197,7 @@ def _usable(
     corner = base[faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     lean = np.einsum("fi,fki->fk", normal, direction[faces])
-    return (lean >= LEAST_COSINE * np.linalg.norm(normal, axis=1)[:, None]).all(axis=1)
+    return (lean >= MIN_COSINE * np.linalg.norm(normal, axis=1)[:, None]).all(axis=1)
 
 
 def _unfold(
@@ -214,7 +214,7 @@ def _unfold(
         folded = fold < 1
         if not folded.any():
             break
-        ceiling = np.minimum(fold[folded], LEAST_SHRINK) * thickness[suspect[folded]].max(axis=1)
+        ceiling = np.minimum(fold[folded], MIN_SHRINK) * thickness[suspect[folded]].max(axis=1)
         before = thickness.copy()
         np.minimum.at(thickness, suspect[folded], ceiling[:, None])
         suspect = faces[(thickness < before)[faces].any(axis=1)]

@@ -26,7 +26,7 @@ from mesoshell.typing import Array, Float, Key
 
 MARGIN = 1.5
 #: The largest deviation along the height that is probed: what each of 16 samples through a layer stands for, at a slant.
-DEEPEST = 0.05
+MAX_DEVIATION = 0.05
 #: Cells that are decoded together, about.
 _TOGETHER = 2**14
 
@@ -110,4 +110,4 @@ def _drawn(
     encoded = layout.octaves * 2 + 1 + material.texture.rows.shape[1]
     alpha = jax.random.uniform(k[2], (*shape, material.decoder.trunk[0].kernel.shape[0] - encoded))
     spread = radius * 4.0 ** jax.random.uniform(k[3], shape)
-    return radius, jax.random.uniform(k[1], shape, maxval=DEEPEST), alpha, spread
+    return radius, jax.random.uniform(k[1], shape, maxval=MAX_DEVIATION), alpha, spread

@@ -43,7 +43,7 @@ RAYS, WAVE = 32768, 8
 #: Intervals of a ray for which a tile has rows from the start.
 USUAL = 8
 #: Least opacity that is expected of a ray.
-LEAST = 1e-3
+MIN_OPACITY = 1e-3
 
 
 def render(
@@ -192,7 +192,7 @@ class _Renderer:
             self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
             least = self.quality.least_weight
             if drawn is not None:
-                count = self.quality.light_samples / np.maximum(opacity[chosen], LEAST)
+                count = self.quality.light_samples / np.maximum(opacity[chosen], MIN_OPACITY)
                 weight, least = draw(before, tau, drawn[owner], count), 0.0
             if tile.beams:
                 for medium, where, own, features in heavy_batches(decoded, weight > least):

@@ -14,21 +14,21 @@ from mesoshell.errors import InputError
 from mesoshell.io.exemplars import read_decoder
 from mesoshell.io.material import digest, find
 from mesoshell.shell.material.loader import decoder_of
-from mesoshell.train.fit.patch_rays import Rays, Shots, rays_at
+from mesoshell.train.fit.patch_rays import FitData, Rays, rays_at
 from mesoshell.train.fit.state import FitConfig
 
 FEW = 4
 
 
-def adapt(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
+def adapt(config: FitConfig, data: FitData) -> tuple[FitConfig, FitData]:
     """The configuration adapted to the data, with the given decoder. Raises InputError if that does not fit them."""
-    config = replace(config, patches=len(shots.learned), appearance=shots.alpha.shape[1], tiles=shots.tiles)
+    config = replace(config, patches=len(data.learned), appearance=data.alpha.shape[1], tiles=data.tiles)
     if config.given:
-        config, shots = _given(config, shots)
-    return config, shots
+        config, data = _given(config, data)
+    return config, data
 
 
-def _given(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
+def _given(config: FitConfig, data: FitData) -> tuple[FitConfig, FitData]:
     """With a material's decoder and height feature. Raises InputError if the decoder takes other inputs than the data give."""
     path = find(config.given)
     arrays, appearance = read_decoder(path)
@@ -38,19 +38,19 @@ def _given(config: FitConfig, shots: Shots) -> tuple[FitConfig, Shots]:
     inputs, there = config.channels + 1 + 2 * config.octaves + config.appearance, len(decoder.trunk[0].kernel)
     if there != inputs:
         raise InputError(config.given, f"its decoder takes {there} numbers; the data give {inputs}")
-    declared = shots.manifest["parameters"].items()
+    declared = data.manifest["parameters"].items()
     theirs = [(p.name, p.range) for p in appearance]
     ours = [(name, (float(p["range"][0]), float(p["range"][1]))) for name, p in declared if p["role"] == "alpha"]
     if theirs != ours:
         raise InputError(config.given, f"its decoder takes {_listed(theirs)}; the data give {_listed(ours)}")
-    return config, replace(shots, given=arrays)
+    return config, replace(data, given=arrays)
 
 
 def _listed(parameters: list[tuple[str, tuple[float, float]]]) -> str:
     return ", ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in parameters) or "no parameter"
 
 
-def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
+def feed(config: FitConfig, data: FitData, host: int = 0, hosts: int = 1) -> Callable[[int], Rays]:
     """This host's rows of step i. Raises InputError if hosts cannot share them."""
     if config.batch % hosts:
         raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
@@ -66,8 +66,8 @@ def feed(config: FitConfig, shots: Shots, host: int = 0, hosts: int = 1) -> Call
         for row in mine:
             patch = int(group[row // config.together])
             random = np.random.default_rng([config.seed, step, row + 1])
-            pixels = shots.learned[patch]
-            rows.append(rays_at(shots, pixels[random.integers(len(pixels), size=config.rays)], patch, keys[row]))
+            pixels = data.learned[patch]
+            rows.append(rays_at(data, pixels[random.integers(len(pixels), size=config.rays)], patch, keys[row]))
         return Rays(*(np.stack(column) for column in zip(*rows, strict=True)))
 
     return at

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from mesoshell.measure.image import psnr, psnr_blocks, psnr_masked, ssim
 from mesoshell.shell.material.field import Material
-from mesoshell.train.fit.patch_rays import Rays, Shots, rays_at
+from mesoshell.train.fit.patch_rays import FitData, Rays, rays_at
 from mesoshell.train.fit.slab_pixels import predict
 from mesoshell.train.fit.state import FitConfig
 
@@ -41,42 +41,42 @@ class Scores(NamedTuple):
 
 
 def score(
-    config: FitConfig, shots: Shots, fitted: MaterialOfPatch, folder: Path
+    config: FitConfig, data: FitData, fitted: MaterialOfPatch, folder: Path
 ) -> tuple[Scores, Float[np.ndarray, "N H W 4"]]:
     """Scores over all held-out pictures of a dataset, and their predictions, patch by patch."""
-    some = [(k, n) for k, n in held_pictures(shots) if shots.samples[n].file.is_relative_to(folder)]
+    some = [(k, n) for k, n in held_pictures(data) if data.samples[n].file.is_relative_to(folder)]
     pictures, true = (
-        np.stack(x) for x in zip(*(picture_pair(config, shots, fitted(k), k, n) for k, n in some), strict=True)
+        np.stack(x) for x in zip(*(picture_pair(config, data, fitted(k), k, n) for k, n in some), strict=True)
     )
     return compare(pictures, true), pictures
 
 
-def held_pictures(shots: Shots) -> list[tuple[int, int]]:
+def held_pictures(data: FitData) -> list[tuple[int, int]]:
     """(Patch, picture) of all held-out pictures."""
-    by_patch = (np.unique(np.searchsorted(shots.first, p, side="right") - 1) for p in shots.held)
+    by_patch = (np.unique(np.searchsorted(data.first, p, side="right") - 1) for p in data.held)
     return [(k, int(n)) for k, pictures in enumerate(by_patch) for n in pictures]
 
 
 def picture_pair(
-    config: FitConfig, shots: Shots, material: Material, patch: int, n: int
+    config: FitConfig, data: FitData, material: Material, patch: int, n: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Picture n as fitted and as rendered, y of every pixel, (H, W, 4) each."""
-    pixels = np.arange(shots.first[n], shots.first[n + 1])
-    hits = np.intersect1d(pixels, np.concatenate([shots.learned[patch], shots.held[patch]]))
+    pixels = np.arange(data.first[n], data.first[n + 1])
+    hits = np.intersect1d(pixels, np.concatenate([data.learned[patch], data.held[patch]]))
     y = np.zeros((len(pixels), 4), np.float32)
-    y[hits - shots.first[n]] = predicted(config, shots, material, patch, hits)
-    width, height = shots.samples[n].size
-    return y.reshape(height, width, 4), shots.target(pixels).reshape(height, width, 4)
+    y[hits - data.first[n]] = predicted(config, data, material, patch, hits)
+    width, height = data.samples[n].size
+    return y.reshape(height, width, 4), data.target(pixels).reshape(height, width, 4)
 
 
 def predicted(
-    config: FitConfig, shots: Shots, material: Material, patch: int, pixels: np.ndarray
+    config: FitConfig, data: FitData, material: Material, patch: int, pixels: np.ndarray
 ) -> Float[np.ndarray, "R 4"]:
     """y of some pixels of a patch's pictures."""
     out = np.zeros((len(pixels), 4), np.float32)
     for begin in range(0, len(pixels), _RAYS):
         some = pixels[begin : begin + _RAYS]
-        row = rays_at(shots, np.resize(some, _RAYS), patch, np.zeros(2, np.uint32))
+        row = rays_at(data, np.resize(some, _RAYS), patch, np.zeros(2, np.uint32))
         out[begin : begin + _RAYS] = np.asarray(_row(config, material, row))[: len(some)]
     return out
 

@@ -44,7 +44,7 @@ class Rays(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Shots:
+class FitData:
     """Pictures of K patches. learned, held: pixels of each patch that meet the box; beta: geometry parameters of
     each, mapped to [0, 1] by their ranges. manifest: the first dataset's; origins: of all. tiles: patches along the side of the
     torus whose tiles these are, or 0. given: decoder and height feature of another fit, by their names in a bundle."""
@@ -69,7 +69,7 @@ class Shots:
         return np.concatenate([colour[:, :3] / (1 + colour[:, :3]), colour[:, 3:]], axis=1)
 
 
-def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset] = ()) -> Shots:
+def fit_data(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset] = ()) -> FitData:
     """Datasets of the same patches together. held: how many pictures of each patch, in each dataset, are held out; tests:
     datasets that are held out as a whole.
 
@@ -104,7 +104,7 @@ def shots_of(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
     origins = tuple(origin(d) for d in datasets if d not in tests)
     manifest = datasets[0].manifest | {"source": origins}
     where = [int(np.flatnonzero(of == k)[0]) for k in range(len(patches))]
-    return Shots(
+    return FitData(
         datasets[0].folder,
         datasets[0].recipe,
         manifest,
@@ -216,19 +216,19 @@ def box_span(
     return np.max(np.fmax(ends[0], 0), axis=1), np.min(ends[1], axis=1)
 
 
-def rays_at(shots: Shots, pixels: Int[np.ndarray, "R"], patch: int, key: np.ndarray) -> Rays:
+def rays_at(data: FitData, pixels: Int[np.ndarray, "R"], patch: int, key: np.ndarray) -> Rays:
     """The rays of some pixels, all of one patch."""
-    n = np.searchsorted(shots.first, pixels, side="right") - 1
+    n = np.searchsorted(data.first, pixels, side="right") - 1
     which, back = np.unique(n, return_inverse=True)
-    some = [shots.samples[i] for i in which]
+    some = [data.samples[i] for i in which]
     width = np.array([s.size[0] for s in some])[back]
     height = np.array([s.size[1] for s in some])[back]
     spread = np.array([2 * np.tan(s.fov / 2) / s.size[1] for s in some])[back]
-    y, x = np.divmod(pixels - shots.first[n], width)
+    y, x = np.divmod(pixels - data.first[n], width)
     local = np.stack([(x + 0.5 - width / 2) * spread, (height / 2 - y - 0.5) * spread, -np.ones(len(x))], axis=1)
     frame = np.array([s.camera_to_world for s in some])[back]
     d = np.einsum("rij,rj->ri", frame[:, :3, :3], local)
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     light, irradiance = (np.array([getattr(s, name) for s in some])[back] for name in ("light", "irradiance"))
-    columns = frame[:, :3, 3], d, pixel_radius(1.0) * spread, light, irradiance, shots.alpha[n], shots.target(pixels)
+    columns = frame[:, :3, 3], d, pixel_radius(1.0) * spread, light, irradiance, data.alpha[n], data.target(pixels)
     return Rays(np.int32(patch), *(np.ascontiguousarray(c, np.float32) for c in columns), key=key)

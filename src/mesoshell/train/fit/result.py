@@ -19,7 +19,7 @@ from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared, to_bundle
 from mesoshell.train.fit.feed import adapt
 from mesoshell.train.fit.holdout import Scores, score
-from mesoshell.train.fit.patch_rays import Shots, shots_of
+from mesoshell.train.fit.patch_rays import FitData, fit_data
 from mesoshell.train.fit.snapshot import exemplars, provenance
 from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
 from mesoshell.train.parallel import rows_of
@@ -72,36 +72,36 @@ def fit_config(
     )
 
 
-def shots_to_fit(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence[Dataset]) -> Shots:
+def read_fit_data(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence[Dataset]) -> FitData:
     """The pictures of datasets, and of test datasets. Raises InputError if they have too few rays for a step, or more patches
     than memory holds."""
-    shots = shots_of(datasets, config.held, tests)
-    count, needed = sum(map(len, shots.learned)), config.rays * config.batch
+    data = fit_data(datasets, config.held, tests)
+    count, needed = sum(map(len, data.learned)), config.rays * config.batch
     if needed > count:
         raise InputError(Argument("rays"), f"{needed} a step: the datasets have {count} that meet the box")
     # a texture with its coarser levels, gradient and two moments, and its occupancy
-    patches = len(shots.learned)
+    patches = len(data.learned)
     check_memory(Argument("texels"), f"textures of {patches} patches", patches * (16 * 43 * config.texels**2 + 2**19))
-    return shots
+    return data
 
 
 def conclude(
-    config: FitConfig, shots: Shots, state: FitState, datasets: Sequence[Dataset], tests: Sequence[Dataset]
+    config: FitConfig, data: FitData, state: FitState, datasets: Sequence[Dataset], tests: Sequence[Dataset]
 ) -> FitResult:
     """The result of a finished fit, scored on held-out pictures and on tests."""
-    config, shots = adapt(config, shots)
+    config, data = adapt(config, data)
     scores, sheets = {}, {}
     for dataset in [*(datasets if config.held else ()), *tests]:
         scored, pictures = score(
-            config, shots, lambda k: material_of(state.common, texture_of(config, state, k)), dataset.folder
+            config, data, lambda k: material_of(state.common, texture_of(config, state, k)), dataset.folder
         )
         scores[dataset.folder], sheets[dataset.folder] = scored, _sheet(pictures)
     names = distinct_names(list(scores))
     tested = {n: {k: round(v, 3) for k, v in s._asdict().items()} for n, s in zip(names, scores.values(), strict=True)}
-    about: dict[str, Any] = provenance(config, shots, state) | {"test": tested}
+    about: dict[str, Any] = provenance(config, data, state) | {"test": tested}
     if config.patches > 1 and not config.tiles:
-        return FitResult(exemplars(config, shots, state, about), scores, sheets)
-    parameters, colours = declared(shots.manifest), shots.manifest["tiles"] if config.tiles else None
+        return FitResult(exemplars(config, data, state, about), scores, sheets)
+    parameters, colours = declared(data.manifest), data.manifest["tiles"] if config.tiles else None
     return FitResult(to_bundle(config, state.common, state.own.feature[0], parameters, about, colours), scores, sheets)
 
 

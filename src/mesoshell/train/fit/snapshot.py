@@ -17,23 +17,23 @@ from mesoshell.io.exemplars import Exemplars, write_exemplars
 from mesoshell.io.sheet import tiled
 from mesoshell.train.export import declared, decoder_arrays
 from mesoshell.train.fit.holdout import picture_pair
-from mesoshell.train.fit.patch_rays import Shots
+from mesoshell.train.fit.patch_rays import FitData
 from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
 
 COLUMNS = 12
 
 
-def provenance(config: FitConfig, shots: Shots, state: FitState) -> dict[str, Any]:
+def provenance(config: FitConfig, data: FitData, state: FitState) -> dict[str, Any]:
     """Provenance of a fit."""
     return {
         "config": asdict(config),
         "steps": int(state.step),
         "commit": commit(),
-        "datasets": [*shots.origins],
+        "datasets": [*data.origins],
     }
 
 
-def exemplars(config: FitConfig, shots: Shots, state: FitState, about: dict[str, Any]) -> Exemplars:
+def exemplars(config: FitConfig, data: FitData, state: FitState, about: dict[str, Any]) -> Exemplars:
     """The fit as exemplars; tiles one by one. about: its provenance."""
     feature = np.asarray(state.own.feature)
     if config.tiles:
@@ -42,32 +42,32 @@ def exemplars(config: FitConfig, shots: Shots, state: FitState, about: dict[str,
     return Exemplars(
         feature,
         np.asarray(state.common.height)[:, 0],
-        shots.beta,
+        data.beta,
         decoder_arrays(state.common.decoder),
         config.octaves,
-        declared(shots.manifest),
+        declared(data.manifest),
         about,
     )
 
 
-def save(path: Path, config: FitConfig, shots: Shots, state: FitState) -> None:
+def save(path: Path, config: FitConfig, data: FitData, state: FitState) -> None:
     """Write a state as exemplars."""
-    write_exemplars(path, exemplars(config, shots, state, provenance(config, shots, state)))
+    write_exemplars(path, exemplars(config, data, state, provenance(config, data, state)))
 
 
-def sheet(config: FitConfig, shots: Shots, state: FitState) -> Float[np.ndarray, "h w 3"]:
+def sheet(config: FitConfig, data: FitData, state: FitState) -> Float[np.ndarray, "h w 3"]:
     """A sheet of up to COLUMNS patches, by pictures of their largest common size; trained ones where none are held out."""
     patches = np.unique(np.linspace(0, config.patches - 1, COLUMNS).round().astype(int))
-    pixels = [shots.held[k] if len(shots.held[k]) else shots.learned[k] for k in patches]
-    pictures = [np.unique(np.searchsorted(shots.first, p, side="right") - 1) for p in pixels]
-    size = min(max(shots.samples[i].size for i in n) for n in pictures)
+    pixels = [data.held[k] if len(data.held[k]) else data.learned[k] for k in patches]
+    pictures = [np.unique(np.searchsorted(data.first, p, side="right") - 1) for p in pixels]
+    size = min(max(data.samples[i].size for i in n) for n in pictures)
     pairs = []
     for k, n in zip(patches, pictures, strict=True):
-        fit = [i for i in n if shots.samples[i].size == size] or list(n)
-        nearest = min(fit, key=lambda i: shots.samples[i].radius)
+        fit = [i for i in n if data.samples[i].size == size] or list(n)
+        nearest = min(fit, key=lambda i: data.samples[i].radius)
         pairs.append(
             picture_pair(
-                config, shots, material_of(state.common, texture_of(config, state, int(k))), int(k), int(nearest)
+                config, data, material_of(state.common, texture_of(config, state, int(k))), int(k), int(nearest)
             )
         )
     pairs = [pair for pair in pairs if pair[0].shape == pairs[0][0].shape]

@@ -27,7 +27,7 @@ from mesoshell.shell.material.field import Material, Point, neural_field
 from mesoshell.shell.material.loader import decoder_of
 from mesoshell.texture import mip
 from mesoshell.texture.mip import Pyramid
-from mesoshell.train.fit.patch_rays import Rays, Shots
+from mesoshell.train.fit.patch_rays import FitData, Rays
 from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.fit.state import Common, FitConfig, FitReport, FitState, Own, material_of
 from mesoshell.train.update import HERE, Across, descent, not_finite
@@ -39,16 +39,16 @@ _DEPTH, _CELLS, _LAYERS, _FADE = 32, 64, 2, 0.8
 _UNSEEN = 1.5
 
 
-def start(config: FitConfig, shots: Shots, key: Key[Array, ""]) -> FitState:
+def start(config: FitConfig, data: FitData, key: Key[Array, ""]) -> FitState:
     """Small random features, and a He-initialised decoder or the given one."""
     keys = jax.random.split(key, 3)
     c, side = config.channels, config.side
     count = 1 if config.tiles else config.patches
     decoder = init_decoder(keys[2], c + 1 + 2 * config.octaves + config.appearance, config.trunk, config.head)
     common = Common(0.1 * jax.random.normal(keys[1], (config.height_rows, 1, c), jnp.float32), decoder)
-    if shots.given is not None:
-        height = jnp.asarray(shots.given["height/0"], jnp.float32)
-        common = Common(height[:, None], jax.tree.map(jnp.copy, decoder_of(shots.given)))
+    if data.given is not None:
+        height = jnp.asarray(data.given["height/0"], jnp.float32)
+        common = Common(height[:, None], jax.tree.map(jnp.copy, decoder_of(data.given)))
     feature = 0.1 * jax.random.normal(keys[0], (count, side, side, c), jnp.float32)
     cells = min(2 * _CELLS if config.tiles else _CELLS, side)
     occupancy = jnp.full((count, _DEPTH, cells, cells), _UNSEEN, jnp.float32)

@@ -4,7 +4,7 @@ Notation
 B            queries a step
 x            π ρ: 1 for a white diffuse surface that faces the light
 blur         standard deviation of the blur of all textures, texels: from WIDE to `fine` over SHRINK of the run, geometrically
-fine         final blur: 0.1 texels, or as wide as a square that holds ENOUGH queries; a narrower blur would fit their noise
+fine         final blur: 0.1 texels, or as wide as a square of MIN_QUERIES queries; a narrower blur would fit their noise
 loss         mean over rays that hit of (log(1 + x) − log(1 + x̂))² + 0.1 |x − x̂|; of α, cross-entropy, or of the
              silhouette cosine, its squared error
 
@@ -41,7 +41,7 @@ from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 WIDE, SHRINK, FREEZE = 8.0, 0.6, 0.8
 #: Queries in the square of `fine`, and its bounds, texels. With 128 queries a texel, blurs of 1 and of 0.1 left a squared error
 #: of 4.9% and 6.1% on held-out queries.
-ENOUGH, FINE, COARSE = 128, 0.1, 1.0
+MIN_QUERIES, FINE, COARSE = 128, 0.1, 1.0
 SLOWEST = 0.02
 #: Patches that a step draws queries from; one in HELD patches, from the end, is held out.
 MIXED, HELD = 64, 32
@@ -114,7 +114,7 @@ def adapt(config: SurfaceTrainConfig, data: Patches) -> tuple[SurfaceTrainConfig
     if not known:
         raise InputError(data.folder / "manifest.json", "has no range of curvature, or no depth")
     each = sum(len(rows) for rows in held_out(data)[0]) / config.surface.texels**2
-    return replace(config, curvature=(low, high), fine=float(np.clip((ENOUGH / each) ** 0.5, FINE, COARSE))), data
+    return replace(config, curvature=(low, high), fine=float(np.clip((MIN_QUERIES / each) ** 0.5, FINE, COARSE))), data
 
 
 def held_out(data: Patches) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:

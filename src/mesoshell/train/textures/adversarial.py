@@ -29,7 +29,7 @@ from mesoshell.train.textures.synthesis import height_error, latents, made, phas
 from mesoshell.train.update import Across, not_finite, updated
 from mesoshell.typing import Array, Float, Key, Scalar
 
-RATE, REACH, LEAST, MOST = 0.012, 0.2, 0.01, 1000.0
+RATE, REACH, MIN_GAMMA, MAX_GAMMA = 0.012, 0.2, 0.01, 1000.0
 #: Steps in which rates grow to their values; bound of |y| by channel; views of exemplars that define unit variance.
 _WARM, _BOUND, _LOOKS = 50, 8.0, 24
 
@@ -85,7 +85,7 @@ def played(
     critic, memory = updated(for_critic, versus.critic, versus.adam, back)
     generator, adam = updated(for_generator, state.generator, state.adam, gradient)
     lead = jnp.clip((config.balance - lost) / REACH, -1.0, 1.0)
-    gamma = jnp.clip(versus.gamma * jnp.exp(RATE * lead), LEAST, MOST)
+    gamma = jnp.clip(versus.gamma * jnp.exp(RATE * lead), MIN_GAMMA, MAX_GAMMA)
     bad = jnp.concatenate([not_finite(gradient), not_finite(back)])
     none = jnp.zeros_like(adversarial)
     report = TexturesReport(none, height, adversarial, lost, good, ill, penalty, versus.gamma, bad)

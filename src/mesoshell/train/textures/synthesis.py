@@ -28,7 +28,7 @@ from mesoshell.train.update import HERE, Across
 from mesoshell.typing import Array, Float, Int, Key, Scalar
 
 #: Added to v; textures that m and v of a material are of.
-_LEAST, _LOOKS = 1e-3, 16
+_EPSILON, _LOOKS = 1e-3, 16
 
 
 def made(
@@ -50,7 +50,7 @@ def standard(feature: Float[Array, "B S S C"], across: Across = HERE) -> Float[A
     """Textures less m, over √v, of all of them."""
     m = across.mean(jnp.mean(feature, axis=(0, 1, 2)))[None, None, None]
     v = across.mean(jnp.mean((feature - m) ** 2, axis=(0, 1, 2)))[None, None, None]
-    return (feature - m) * jax.lax.rsqrt(v + _LEAST)
+    return (feature - m) * jax.lax.rsqrt(v + _EPSILON)
 
 
 def settled(config: TexturesConfig, state: TexturesState) -> TexturesState:
@@ -59,7 +59,7 @@ def settled(config: TexturesConfig, state: TexturesState) -> TexturesState:
         return state
     some = [_moments(config, state, jax.random.key(20_000 + k)) for k in range(_LOOKS)]
     m, square = (jnp.mean(jnp.stack(x), axis=0) for x in zip(*some, strict=True))
-    scale = jax.lax.rsqrt(square - m**2 + _LEAST)
+    scale = jax.lax.rsqrt(square - m**2 + _EPSILON)
     return state._replace(a=state.a * scale[None], b=(state.b - m) * scale)
 
 

@@ -63,7 +63,7 @@ def main(options: Options) -> None:
     for run in options.runs:
         config, data = read_record(run)
         assert isinstance(config, atlas.NeuTexTrainConfig)
-        config, capture = atlas.adapt(config, ray_batches.recorded(data, config.side))
+        config, capture = atlas.adapt(config, ray_batches.recorded_capture(data, config.side))
         rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
         log = sorted(
             {row["kimg"]: row for row in rows}.values(), key=lambda row: row["kimg"]
@@ -93,7 +93,7 @@ def main(options: Options) -> None:
 def by_samples(run: Path, samples: tuple[int, ...]) -> None:
     config, data = read_record(run)
     assert isinstance(config, atlas.NeuTexTrainConfig)
-    _, capture = atlas.adapt(config, ray_batches.recorded(data, config.side))
+    _, capture = atlas.adapt(config, ray_batches.recorded_capture(data, config.side))
     found = read_neutex(snapshots(run)[-1][1])
     for n in samples:
         how = view(found.config, found.field, Quality(samples=n, pixel_samples=1))

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 import mesoshell as ms
-from mesoshell.film.motion import Motion, turned
+from mesoshell.film.motion import Motion, rotate_about
 from mesoshell.film.shoot import plan_motion, shoot
 from mesoshell.geometry.mesh import bounding_box
-from mesoshell.io.material import bundled
+from mesoshell.io.material import bundled_materials
 from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.kept_meshes import mesh_of
 
@@ -28,7 +28,7 @@ def orbit(count: int, still: ms.Scene) -> Motion:
     """A part of a turn around the middle of the mesh."""
     assert isinstance(still.camera, ms.Camera)
     camera, pivot = still.camera, bounding_box(mesh_of(still.mesh)).astype(np.float64).mean(axis=0)
-    return Motion(count, lambda k: {"camera": turned(camera, pivot, 1, STEP * k)})
+    return Motion(count, lambda k: {"camera": rotate_about(camera, pivot, 1, STEP * k)})
 
 
 def main() -> None:
@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=128)
     given = parser.parse_args()
     print(f"{'material':<9} {'motion':<6} {'quality':<10} {'flicker':>8} {'at most':>8} {'s a frame':>10}")
-    for name in (name for name in MATERIALS if name in bundled()):
+    for name in (name for name in MATERIALS if name in bundled_materials()):
         scene = ms.Scene(MESH, ms.load_material(name), size=(given.size, given.size))
         moves = {
             "orbit": lambda still: orbit(given.frames, still),

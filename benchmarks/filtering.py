@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 import mesoshell as ms
-from mesoshell.io.material import bundled
+from mesoshell.io.material import bundled_materials
 
 ALONG = 0.0, 0.045, 0.5, 0.0, 0.005, 0.2, 50.0
 VIEWS = {
@@ -61,7 +61,7 @@ def seconds(scenes: list[ms.Scene]) -> list[float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("materials", nargs="*", default=sorted(bundled()))
+    parser.add_argument("materials", nargs="*", default=sorted(bundled_materials()))
     parser.add_argument("--size", type=int, default=96)
     options = parser.parse_args()
     if options.size % BLOCK:

@@ -34,11 +34,11 @@ from mesoshell.signal.fourier import fourier_map
 from mesoshell.signal.modulated import modulated_conv
 from mesoshell.train.gan.generate import ImageBatch, generate, label
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import GanConfig, sized, start
+from mesoshell.train.gan.state import GanConfig, sized_for, start
 from mesoshell.train.gan.step import step
 from mesoshell.train.losses import r1
 from mesoshell.train.parallel import in_turn
-from mesoshell.train.patch_renderer import shown
+from mesoshell.train.patch_renderer import tone_map
 from mesoshell.train.update import Across
 from mesoshell.typing import Array
 
@@ -157,14 +157,14 @@ def batch_of(config: GanConfig) -> ImageBatch:
 
 
 def training() -> None:
-    config = sized(SMALL, appearance=1, geometry=0)
+    config = sized_for(SMALL, appearance=1, geometry=0)
     state, batch = start(config, jax.random.key(0)), batch_of(config)
     each = in_turn if jax.default_backend() == "cpu" else jax.vmap
     textures, size = config.batch // config.views, config.generator.texels
     k = jax.random.split(jax.random.key(2), 2)
     w = jax.random.normal(k[0], (textures, config.generator.w), jnp.float32)
     phases = draw_phases(config.generator, k[1], textures)
-    c, y = label(batch), shown(batch.image[..., :3])
+    c, y = label(batch), tone_map(batch.image[..., :3])
 
     def features(generator: Generator) -> Array:
         return jnp.sum(valid(config.generator, size, generator, state.averages, w, phases) ** 2)

@@ -24,7 +24,7 @@ from mesoshell.scene.prepare import prepare
 from mesoshell.scene.reach import picture_of
 from mesoshell.scene.render_paths import prepare_file
 from mesoshell.tradeoff.knobs import noise_of
-from mesoshell.tradeoff.points import together
+from mesoshell.tradeoff.points import combined_error
 from mesoshell.tradeoff.reference import render_reference
 
 SPOT, SUZANNE, PLANE = "src/mesoshell/assets/spot.obj", "tests/data/suzanne.obj", "experiments/scenes/plane.obj"
@@ -116,7 +116,7 @@ def main() -> None:
         for goal in PATH_GOALS if view.paths else GOALS:
             row = reached(view, goal, true)
             rows.append(row | {"reference": noise})
-            estimated = "" if row["noise"] is None else f"{together(row['bias'] or 0.0, row['noise'], 1):.4f}"
+            estimated = "" if row["noise"] is None else f"{combined_error(row['bias'] or 0.0, row['noise'], 1):.4f}"
             cells = [row["view"], f"{row['promised']} {row['value']:g}", f"{row['seconds']:.2f}", estimated]
             cells += [f"{row['flip']:.4f}", f"{noise:.4f}", f"{row['samples']:.1f}", "yes" if row["kept"] else "**no**"]
             print(f"| {' | '.join(cells)} |", flush=True)

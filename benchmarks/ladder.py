@@ -27,7 +27,7 @@ from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.choose import LADDER
 from mesoshell.scene.picture import Passes
 from mesoshell.scene.prepare import prepare
-from mesoshell.tradeoff.knobs import named
+from mesoshell.tradeoff.knobs import describe_changes
 from mesoshell.tradeoff.reference import Reference
 
 #: Passes whose mean is compared; seconds after which three are enough; how far above the reference's noise a bias is known.
@@ -53,7 +53,7 @@ def measure(folder: Path) -> dict[str, list[Measured]]:
         here = place(name, prepare(scene, NORMAL), folder)
         for rung in LADDER:
             own = kept.setdefault(name, {})
-            if (key := named(rung.settings)) not in own:
+            if (key := describe_changes(rung.settings)) not in own:
                 one = taken(here.prepared.passes(NORMAL.with_changes(**rung.settings)), here.reference)
                 own[key] = one._asdict()
                 replace_file(file, (json.dumps(kept, indent=1) + "\n").encode())
@@ -61,7 +61,7 @@ def measure(folder: Path) -> dict[str, list[Measured]]:
             one = one._replace(errors={int(n): e for n, e in one.errors.items()})
             found.setdefault(name, []).append(one)
             errors = ", ".join(f"{n} {e:.4f}" for n, e in one.errors.items())
-            print(f"{name:18}{one.queries:7.1f}  {errors}  {named(rung.settings)}", flush=True)
+            print(f"{name:18}{one.queries:7.1f}  {errors}  {describe_changes(rung.settings)}", flush=True)
     return found
 
 
@@ -110,7 +110,7 @@ def report(found: dict[str, list[Measured]]) -> None:
         bias, *rest = np.array(rows).T
         columns = (bias[~np.isnan(bias)], *rest)
         means = [f"{np.exp(np.log(np.maximum(x, 1e-4)).mean()):.3f}" if len(x) else "" for x in columns]
-        cells = [named(rung.settings), *means, ", ".join(f"{x:.2f}" for x in bias)]
+        cells = [describe_changes(rung.settings), *means, ", ".join(f"{x:.2f}" for x in bias)]
         print(f"| {' | '.join(cells)} |")
     shares = [some[0].pair / nu for (nu, _), some in zip(first, found.values(), strict=True)]
     print(f"PAIR {np.exp(np.log(shares).mean()):.3f} ({', '.join(f'{x:.2f}' for x in shares)})")

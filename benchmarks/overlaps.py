@@ -14,7 +14,7 @@ from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.stability.paths import lengths
-from mesoshell.stability.rays import FAR, NEAR, aimed
+from mesoshell.stability.rays import FAR, NEAR, aim_rays
 
 SCENES = (("spot", 0.06), ("suzanne", 0.1), ("suzanne", 0.3))
 
@@ -29,7 +29,7 @@ def main() -> None:
         mesh = load_mesh(Path("tests/data") / f"{name}.obj")
         shell = extrude(mesh, thickness, thickness)
         for distance in (NEAR, FAR):
-            rays = aimed(shell, count, distance, np.random.default_rng(7))
+            rays = aim_rays(shell, count, distance, np.random.default_rng(7))
             d = rays.d.astype(np.float32).astype(np.float64)
             true = Boundary(shell, mesh.faces).trace(rays.o, d)
             i = true.intervals

@@ -73,10 +73,10 @@ def told(name: str, how: str, devices: int) -> dict[str, Any]:
     from mesoshell.measure.collectives import collectives_of
     from mesoshell.measure.flops import count_operations
     from mesoshell.train.gan.presets import PRESETS
-    from mesoshell.train.gan.state import sized, start
+    from mesoshell.train.gan.state import sized_for, start
     from mesoshell.train.gan.step import step
 
-    config = sized(PRESETS[name], 2, 2)
+    config = sized_for(PRESETS[name], 2, 2)
     config = replace(config, batch=-(-config.batch // devices) * devices)
     state = jax.eval_shape(lambda: start(config, jax.random.key(0)))
     batch = shown(config)

@@ -33,10 +33,10 @@ from mesoshell.scene.picture import Prepared
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.render_paths import prepare_file
 from mesoshell.tradeoff.front import Entry, entries, front
-from mesoshell.tradeoff.knobs import named, noise_of, settings_of
-from mesoshell.tradeoff.points import Point, Q, measured
+from mesoshell.tradeoff.knobs import describe_changes, noise_of, settings_of
+from mesoshell.tradeoff.points import Point, Q, measure_point
 from mesoshell.tradeoff.reference import Reference, render_reference
-from mesoshell.tradeoff.search import proposed, singles
+from mesoshell.tradeoff.search import propose, singles
 
 SPOT, PLACES = "src/mesoshell/assets/spot.obj", Path("experiments/scenes")
 #: Material, mesh, patch, camera, pixels of a side.
@@ -99,7 +99,7 @@ class Measured:
             if self.of(place, settings) is None:
                 own = place.own(settings)
                 passes = place.prepared.passes(NORMAL.with_changes(**own))
-                point, _ = measured(own, passes, place.reference, lambda share: None)
+                point, _ = measure_point(own, passes, place.reference, lambda share: None)
                 self.points.setdefault(place.name, []).append(point)
         kept = {name: [p.as_dict() for p in points] for name, points in self.points.items()}
         replace_file(self.folder / "points.json", (json.dumps(kept, indent=1) + "\n").encode())
@@ -166,7 +166,7 @@ def search(found: Measured, minutes: float) -> list[Point]:
         known = [p.settings for p in points]
         plan = next((s for s in planned if s not in known), None)
         model = (
-            proposed([p for p in points if p.seconds[1] < DEAREST])
+            propose([p for p in points if p.seconds[1] < DEAREST])
             if len(points) >= 12 and (plan is None or len(points) % 2)
             else None
         )
@@ -176,7 +176,7 @@ def search(found: Measured, minutes: float) -> list[Point]:
         found.measure(settings)
         points.append(found.together(settings))
         p = points[-1]
-        print(f"{p.seconds[1]:6.1f} {p.flip[0]:.4f} {p.flip[2]:.4f}  {named(settings)}", flush=True)
+        print(f"{p.seconds[1]:6.1f} {p.flip[0]:.4f} {p.flip[2]:.4f}  {describe_changes(settings)}", flush=True)
     return points
 
 
@@ -187,7 +187,7 @@ def of_all(found: Measured) -> list[dict[str, Any]]:
 
 
 def unique(settings: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    return list({named(s): s for s in settings}.values())
+    return list({describe_changes(s): s for s in settings}.values())
 
 
 def keep(points: Sequence[Point], path: Path) -> None:
@@ -203,7 +203,7 @@ def report(points: Sequence[Point]) -> None:
     """The front and the presets."""
 
     def row(name: str, entry: Entry) -> str:
-        cells = name, entry.samples, f"{entry.seconds:.0f}", f"{entry.flip:.4f}", named(entry.point.settings)
+        cells = name, entry.samples, f"{entry.seconds:.0f}", f"{entry.flip:.4f}", describe_changes(entry.point.settings)
         return f"| {' | '.join(map(str, cells))} |"
 
     all_ = entries(points)

@@ -14,7 +14,7 @@ from mesoshell.measure.variance import Shares, shares
 from mesoshell.shell.generator import generator
 from mesoshell.shell.generator.generator import draw_phases, init_averages, map_latent, synthesise, synthesise_height
 from mesoshell.train.gan.presets import SMALL
-from mesoshell.train.gan.state import GanConfig, sized, start
+from mesoshell.train.gan.state import GanConfig, sized_for, start
 from mesoshell.train.patch_renderer import material_of
 from mesoshell.typing import Array
 
@@ -37,7 +37,7 @@ def begun(config: GanConfig, seed: Array | int) -> Shares:
 
 
 def main() -> None:
-    config = sized(SMALL, 1, 0)
+    config = sized_for(SMALL, 1, 0)
     print(f"{'F(u, v) times':>14} {'F(h) times':>11} {'plane':>7} {'height':>7}")
     for plane, height in SCALES:
         with mock.patch.multiple(generator, PLANE_SCALE=plane, HEIGHT_SCALE=height):

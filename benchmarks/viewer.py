@@ -24,7 +24,7 @@ def measured(material: str) -> None:
     import jax
 
     import mesoshell as ms
-    from mesoshell.film.motion import turned
+    from mesoshell.film.motion import rotate_about
     from mesoshell.io.cache import cache_folder
     from mesoshell.viewer.brush import RADII
     from mesoshell.viewer.canvas import Canvas
@@ -54,7 +54,7 @@ def measured(material: str) -> None:
     print(f"first picture {time.perf_counter() - begin:.1f} s after the start")
     moves = []
     for k in range(MOVES):
-        work.see(1, turned(camera, np.zeros(3), 1, 0.05 * k))
+        work.see(1, rotate_about(camera, np.zeros(3), 1, 0.05 * k))
         moves.append(wait())
     print(f"{1 / np.median(moves):.1f} pictures a second while the camera turns")
     waits = []

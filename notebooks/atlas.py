@@ -111,7 +111,7 @@ texture = paint.texture_image(found, "latlong", 64)
 u = directions("latlong", 64)
 ring = np.abs(u @ np.array([0.0, 0.8, 0.6]) - 0.3)[..., None] < 0.12
 edited = np.where(ring, np.array([0.05, 0.2, 0.9]), texture).astype(np.float32)
-edit = paint.painted(found, "latlong", edited, "replace")
+edit = paint.paint_of(found, "latlong", edited, "replace")
 figure, axes = plt.subplots(1, 4, figsize=(14, 3))
 show(axes[0], texture, "texture")
 show(axes[1], edited, "edited")

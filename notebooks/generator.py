@@ -40,10 +40,10 @@ from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.plan import CELL, GeneratorConfig, frequencies_of, halo_cost, reach, rows_of
 from mesoshell.train.gan.snapshot import as_colours
 from mesoshell.train.textures.depth_map import from_above
-from mesoshell.train.textures.exemplars import scaled
+from mesoshell.train.textures.exemplars import scale_exemplars
 from mesoshell.train.textures.state import TexturesConfig
 from mesoshell.train.textures.step import start
-from mesoshell.train.textures.synthesis import latents, made, own_phases
+from mesoshell.train.textures.synthesis import latents, own_phases, synthesise_patch
 
 config = GeneratorConfig(32, channel_base=512, channel_max=16, channels=8, layers=7, waves=16, z=16, w=16, betas=1)
 generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)
@@ -159,14 +159,14 @@ for name, picture, axis in zip(varied, np.split(together, 3), axes, strict=True)
 bundle = ms.load_material("grass").shell
 weights = {k: v for k, v in bundle.arrays.items() if k.startswith("decoder/") or k == "sigma_scale"}
 exemplar = bundle.arrays["features/3"][None], bundle.arrays["height/0"], np.zeros((1, 0), np.float32)
-data = scaled(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))
+data = scale_exemplars(Exemplars(*exemplar, weights, bundle.height_octaves, bundle.parameters, {}))
 small = replace(
     config, texels=32, channel_base=512, channels=32, layers=4, waves=4, drift=1.5, z=0, betas=0, height_rows=64
 )
 learning = TexturesConfig(small)
 state = start(learning, data, jax.random.key(0))
 w, phases = latents(learning, state.generator, jnp.zeros((1, 0))), own_phases(learning, jnp.arange(1))
-field = jax.jit(made, static_argnums=(0, 5))(learning, state, state.generator, w, phases, small.texels)[0]
+field = jax.jit(synthesise_patch, static_argnums=(0, 5))(learning, state, state.generator, w, phases, small.texels)[0]
 looked_at = jax.jit(from_above, static_argnums=(1, 5))
 figure, axes = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 for axis, f, name in zip(axes, (data.features[0], field[0]), ("fitted", "where learning begins"), strict=True):

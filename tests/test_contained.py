@@ -6,11 +6,11 @@ import resource
 import numpy as np
 import pytest
 
-from mesoshell.contained import bounded, hushed
+from mesoshell.contained import bounded_memory, silent
 
 
 def test_what_is_printed_is_dropped(capfd) -> None:
-    with hushed(), hushed():
+    with silent(), silent():
         os.write(2, b"from C")
         print("from Python")
     os.write(2, b"later")
@@ -19,11 +19,11 @@ def test_what_is_printed_is_dropped(capfd) -> None:
 
 def test_memory_is_bounded_and_then_is_not() -> None:
     before = resource.getrlimit(resource.RLIMIT_AS)
-    with bounded(2**28):
+    with bounded_memory(2**28):
         assert np.empty(2**24, np.uint8).size == 2**24
         with pytest.raises(MemoryError):
             np.empty(2**30, np.uint8)
-        with bounded(2**40), pytest.raises(MemoryError):  # a wider one within does not widen it
+        with bounded_memory(2**40), pytest.raises(MemoryError):  # a wider one within does not widen it
             np.empty(2**30, np.uint8)
     assert resource.getrlimit(resource.RLIMIT_AS) == before
     assert np.empty(2**30, np.uint8).size == 2**30

@@ -15,7 +15,7 @@ _TURN = threading.RLock()
 
 
 @contextlib.contextmanager
-def hushed() -> Iterator[None]:
+def silent() -> Iterator[None]:
     """Drop what is printed, also at a crash: from C on descriptor 2, and through `sys.stdout`."""
     with _TURN, contextlib.redirect_stdout(io.StringIO()):
         try:
@@ -34,7 +34,7 @@ def hushed() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def bounded(size: int) -> Iterator[None]:
+def bounded_memory(size: int) -> Iterator[None]:
     """Let this process map at most so many bytes more: what a damaged file asks for beyond is refused at once, where Linux
     would promise it and end the process later. Elsewhere nothing is bounded."""
     with _TURN:

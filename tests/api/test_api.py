@@ -16,7 +16,7 @@ from mesoshell.cli.main import main
 from mesoshell.distill.source import shell_source
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_exr, read_png
-from mesoshell.io.material import bundled
+from mesoshell.io.material import bundled_materials
 from mesoshell.io.surface import write_surface
 from tests.helpers import wearing
 
@@ -100,7 +100,7 @@ def test_public_names_say_what_they_are() -> None:
 
 
 def test_parameters_of_bundled_materials_are_documented() -> None:
-    for name in bundled():
+    for name in bundled_materials():
         material = ms.load_material(name)
         assert material.kind == "shell" and material.provenance and material.parameters
         for parameter in material.parameters.values():

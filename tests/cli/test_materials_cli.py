@@ -10,7 +10,7 @@ import pytest
 from mesoshell.cli.main import main
 from mesoshell.io import material
 from mesoshell.io.bundle import read_bundle, write_bundle
-from mesoshell.io.material import bundled
+from mesoshell.io.material import bundled_materials
 from mesoshell.io.surface import write_surface
 from tests.helpers import wearing
 
@@ -18,17 +18,17 @@ from tests.helpers import wearing
 def test_bundled_materials_are_listed(capsys) -> None:
     main(["materials"])
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split(":")[0] for line in lines if not line.startswith(" ")] == list(bundled())
+    assert [line.split(":")[0] for line in lines if not line.startswith(" ")] == list(bundled_materials())
     assert any(line.startswith("  --param age=0  from 0 to 1 (appearance): 0 is fresh green") for line in lines)
 
 
 def test_larger_ones_are_in_a_package_of_their_own(capsys, monkeypatch) -> None:
     """24 MB are bundled at most; without the package, each of its names says where it is."""
-    ours = [p for p in bundled().values() if material.LARGER not in p.parts]
+    ours = [p for p in bundled_materials().values() if material.LARGER not in p.parts]
     assert sum(p.stat().st_size for p in ours) < 24e6
-    assert {*material.WITH} == {*bundled()} - {p.stem for p in ours}
+    assert {*material.WITH} == {*bundled_materials()} - {p.stem for p in ours}
     monkeypatch.setattr(material, "LARGER", "no_such_package")
-    assert [*bundled()] == sorted(p.stem for p in ours)
+    assert [*bundled_materials()] == sorted(p.stem for p in ours)
     where = (
         "is in a package of its own, mesoshell-materials: pip install ./packages/materials of mesoshell's repository"
     )

@@ -18,7 +18,7 @@ from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import Material
 from mesoshell.scene.render_paths import prepare_file
 from mesoshell.tradeoff import points, reference, run
-from mesoshell.tradeoff.knobs import VALUES, named
+from mesoshell.tradeoff.knobs import VALUES, describe_changes
 from tests.helpers import wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -52,7 +52,7 @@ def test_a_surface_material(few, tmp_path: Path, engine: Literal["jax", "mitsuba
     made = ms.tradeoff(scene, tmp_path, engine=engine, minutes=60.0, progress=lambda *now: said.append(now))
     assert made.points[0].samples == passes and made.front[0].flip > made.front[-1].flip > 0
     assert {"curvature_filter", "curve_length"} <= set(made.names) and "samples" not in made.names
-    assert said[0][1] == "reference" and said[-1][1] == named(made.points[-1].settings)
+    assert said[0][1] == "reference" and said[-1][1] == describe_changes(made.points[-1].settings)
     assert (tmp_path / "report.html").exists()
 
 

@@ -17,7 +17,7 @@ from mesoshell.film.shoot import RECORD, on_white
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import linear_to_srgb, read_png, write_exr
 from mesoshell.scene.materials import Material
-from mesoshell.scene.settled import settled
+from mesoshell.scene.settle import settle
 from tests.helpers import growing, wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -112,11 +112,11 @@ def test_a_settled_scene_gives_the_same_picture(engine: Any, tmp_path: Path):
         environment=tmp_path / "sky.exr",
         objects=[MESH],
     )
-    still = settled(scene)
+    still = settle(scene)
     assert still.seed is None and still.params == {"age": 4.0} and still.material.shell.baked
     a, b = (ms.render(x, engine=engine, quality="draft") for x in (scene, still))
     np.testing.assert_array_equal(a.rgba, b.rgba)
-    assert a.rgba[..., 3].max() == 1 and not settled(scene, texture=False).material.shell.baked
+    assert a.rgba[..., 3].max() == 1 and not settle(scene, texture=False).material.shell.baked
 
 
 def test_keys_change_what_they_say(scene: ms.Scene, times: list[ms.Scene], tmp_path: Path):

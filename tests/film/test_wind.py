@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.film.motion import Motion
-from mesoshell.film.wind import SPEED, add_wind, combed, ground_of, gusts
+from mesoshell.film.wind import SPEED, add_wind, ground_of, gusts, wind_lean
 from mesoshell.geometry.mesh import check_mesh, load_mesh
 from mesoshell.io.bundle import Bundle, Parameter
 from mesoshell.scene.materials import Material
@@ -44,7 +44,7 @@ def test_pixels_lie_where_they_are_painted():
 
 @pytest.mark.parametrize(("toward", "turn"), [(EAST, 0.0), (NORTH, 0.25), (-EAST, 0.5), (-NORTH, 0.75)])
 def test_the_pile_leans_with_the_wind(toward: np.ndarray, turn: float):
-    lean, angle = combed(ground_of(FIELD), toward, 0.5, 4.0, 1.0, 0)
+    lean, angle = wind_lean(ground_of(FIELD), toward, 0.5, 4.0, 1.0, 0)
     mean = np.angle(np.exp(2j * np.pi * (angle - turn)).mean()) / (2 * np.pi)
     assert abs(mean) < 0.05 and 0.3 < lean.mean() < 0.7 and lean.std() > 0.05
     assert lean.dtype == angle.dtype == np.float32
@@ -52,7 +52,7 @@ def test_the_pile_leans_with_the_wind(toward: np.ndarray, turn: float):
 
 
 def test_what_faces_the_wind_does_not_lean():
-    lean, _ = combed(ground_of(FIELD), np.array([0.0, -1, 0]), 0.5, 4.0, 0.0, 0)
+    lean, _ = wind_lean(ground_of(FIELD), np.array([0.0, -1, 0]), 0.5, 4.0, 0.0, 0)
     assert lean.max() < 1e-6
 
 
@@ -62,7 +62,7 @@ def test_gusts_travel_with_the_wind(t: float, later: float, seed: int):
     ground = ground_of(FIELD, 8)
     moved = replace(ground, x=ground.x + SPEED * 0.5 * 4.0 * later * EAST)
     for a, b in zip(
-        combed(ground, EAST, 0.5, 4.0, t, seed), combed(moved, EAST, 0.5, 4.0, t + later, seed), strict=True
+        wind_lean(ground, EAST, 0.5, 4.0, t, seed), wind_lean(moved, EAST, 0.5, 4.0, t + later, seed), strict=True
     ):
         away = np.abs(a - b)
         assert np.minimum(away, 1 - away).max() < 1e-4

@@ -14,7 +14,7 @@ from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.generator import init_averages
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.train.export import generator_bundle
-from mesoshell.train.gan.state import GanConfig, Learner, sized, start
+from mesoshell.train.gan.state import GanConfig, Learner, sized_for, start
 from mesoshell.train.patch_renderer import PictureConfig
 from mesoshell.train.run_config import keep_record
 from mesoshell.typing import Array, Key
@@ -38,13 +38,13 @@ CONFIG = GanConfig(
 
 @cache
 def bundle() -> Bundle:
-    return _begun(sized(CONFIG, appearance=1, geometry=1), 0)
+    return _begun(sized_for(CONFIG, appearance=1, geometry=1), 0)
 
 
 def write_run(data: Dataset, folder: Path, *images: int) -> None:
     """A run as it would stand in its folder after so many images, but that nothing was learned. data: of one appearance
     parameter, age."""
-    config = sized(CONFIG, appearance=1, geometry=0)
+    config = sized_for(CONFIG, appearance=1, geometry=0)
     keep_record(config, data, folder)
     (folder / "snapshots").mkdir()
     for count in images:

@@ -19,12 +19,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mesoshell.cli.host_process import LOST, watched
+from mesoshell.cli.host_process import LOST, run_in_child
 
 
 def main() -> None:
     plan, me = json.loads(Path(sys.argv[1]).read_text()), int(sys.argv[2])
-    watched(lambda: work(plan, me), Path(plan["folder"]))
+    run_in_child(lambda: work(plan, me), Path(plan["folder"]))
 
 
 def work(plan: dict[str, Any], me: int) -> None:

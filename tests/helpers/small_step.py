@@ -6,10 +6,10 @@ import numpy as np
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.train.gan.generate import ImageBatch
-from mesoshell.train.gan.state import GanConfig, sized
+from mesoshell.train.gan.state import GanConfig, sized_for
 from mesoshell.train.patch_renderer import PictureConfig
 
-CONFIG = sized(
+CONFIG = sized_for(
     GanConfig(
         GeneratorConfig(16, "T", 32, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4),
         DiscriminatorConfig(8, 64, 4, embedding=4),

@@ -21,7 +21,7 @@ from mesoshell.io.dataset_check import check_dataset
 from mesoshell.io.dataset_images import load_images
 from mesoshell.io.dataset_writer import collecting
 from mesoshell.io.image import read_exr, read_heights, read_picture, read_png
-from mesoshell.io.material import bundled
+from mesoshell.io.material import bundled_materials
 from mesoshell.io.poses import read_poses
 from mesoshell.io.query_dataset import read_patches
 from mesoshell.io.records import read_object, read_rows
@@ -271,7 +271,7 @@ def test_what_an_archive_inflates_to_is_bounded(tmp_path: Path):
 
 def test_a_material_that_is_damaged_is_refused(tmp_path: Path):
     """40 cases of a bundled material with one byte flipped or its end cut."""
-    data, path = bundled()["grass"].read_bytes(), tmp_path / "a.npz"
+    data, path = bundled_materials()["grass"].read_bytes(), tmp_path / "a.npz"
     for seed in range(40):
         path.write_bytes(damaged(data, seed))
         tried(lambda: read_arrays(path, read_heads(path)))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
-from mesoshell.io.atomic import new_array, new_folder, probe_outputs, replace_file, together
+from mesoshell.io.atomic import move_together, new_array, new_folder, probe_outputs, replace_file
 
 
 def test_what_lies_beside_an_output_stays(tmp_path: Path):
@@ -96,12 +96,12 @@ def test_several_files_are_all_or_none(tmp_path: Path):
     (tmp_path / "a.png").write_bytes(b"old")
     with (
         pytest.raises(InputError, match=r"/none/a.exr: cannot be written: its folder"),
-        together(tmp_path / "a.png") as folder,
+        move_together(tmp_path / "a.png") as folder,
     ):
         replace_file(folder / "a.png", b"new")
         replace_file(folder / "none" / "a.exr", b"new")
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.png", b"old")]
-    with together(tmp_path / "a.png") as folder:
+    with move_together(tmp_path / "a.png") as folder:
         replace_file(folder / "a.png", b"new")
         replace_file(folder / "a.exr", b"new")
     assert sorted((p.name, p.read_bytes()) for p in tmp_path.iterdir()) == [("a.exr", b"new"), ("a.png", b"new")]

@@ -5,17 +5,17 @@ from math import comb
 import numpy as np
 import pytest
 
-from mesoshell.measure.blind import judged, letters, marks, shuffled
+from mesoshell.measure.blind import count_right, letters, marks, shuffle_pictures
 
 
 def test_a_shuffle_knows_which_are_real() -> None:
     pose = np.arange(5, dtype=np.float32)[:, None, None, None]
     real, made = np.broadcast_to(pose, (5, 2, 2, 3)), np.broadcast_to(pose - 9, (5, 2, 2, 3))
-    sheet = shuffled(real, made, 3)
+    sheet = shuffle_pictures(real, made, 3)
     x = sheet.pictures[:, 0, 0, 0]
     np.testing.assert_array_equal(x >= 0, sheet.answer)
     np.testing.assert_array_equal(np.where(sheet.answer, x, x + 9), sheet.pose)
-    assert sheet.answer.sum() == 5 and (sheet.answer != shuffled(real, made, 4).answer).any()
+    assert sheet.answer.sum() == 5 and (sheet.answer != shuffle_pictures(real, made, 4).answer).any()
 
 
 def test_marks_are_letters_in_rows() -> None:
@@ -28,11 +28,11 @@ def test_guessing_and_knowing() -> None:
     answer = np.arange(10) % 2 == 0
     said = answer.copy()
     said[:2] = ~said[:2]
-    found = judged(answer, said)
+    found = count_right(answer, said)
     assert (found.right, found.count, found.share) == (8, 10, 0.8)
     assert found.chance == pytest.approx(sum(comb(10, k) for k in (8, 9, 10)) / 2**10)
     assert found.low == pytest.approx(0.4439, abs=1e-4) and found.high == pytest.approx(0.9748, abs=1e-4)
-    assert judged(answer, ~answer).chance == 1
+    assert count_right(answer, ~answer).chance == 1
 
 
 def test_a_judge_who_is_always_right_writes_the_answer() -> None:

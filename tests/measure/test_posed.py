@@ -13,7 +13,7 @@ from mesoshell.io.bundle import Parameter, read_bundle
 from mesoshell.io.dataset_images import load_images
 from mesoshell.io.material import find
 from mesoshell.measure import above, fields
-from mesoshell.measure.posed import posed
+from mesoshell.measure.posed import pose_material
 from mesoshell.render.composite import weights
 from mesoshell.shell.generator.texture_synthesis import TextureRequest
 from mesoshell.shell.material.field import Point, neural_field
@@ -40,19 +40,19 @@ def flat(tiny_bundle):
 def test_a_fitted_patch_is_seen_at_the_parameters_of_the_renders(flat, data) -> None:
     """The same with another default; another where the renders say nothing of it; black where a ray misses the box."""
     samples = list(data.samples)
-    found = posed(flat, "flat", data).pictures(samples, 0)
+    found = pose_material(flat, "flat", data).pictures(samples, 0)
     other = replace(flat, parameters=(replace(flat.parameters[0], default=15.0),))
     assert found.shape == (4, 6, 6, 4) and np.isfinite(found).all()
-    np.testing.assert_array_equal(found, posed(other, "flat", data).pictures(samples, 0))
+    np.testing.assert_array_equal(found, pose_material(other, "flat", data).pictures(samples, 0))
     unknown = [replace(p, name="dryness") for p in (*flat.parameters, *other.parameters)]
-    a, b = (posed(replace(flat, parameters=(p,)), "flat", data).pictures(samples, 0) for p in unknown)
+    a, b = (pose_material(replace(flat, parameters=(p,)), "flat", data).pictures(samples, 0) for p in unknown)
     assert np.abs(a - b).max() > 1e-3 and np.abs(a - found).max() > 1e-3
     np.testing.assert_array_equal(found[..., 3] > 0, load_images(data)[..., 3] > 0)
 
 
 def test_a_patch_that_is_shifted_is_another_picture_each_seed(tiny_bundle, flat, data) -> None:
     one = list(data.samples[:1])
-    rough, even = posed(tiny_bundle, "tiny", data), posed(flat, "flat", data)
+    rough, even = pose_material(tiny_bundle, "tiny", data), pose_material(flat, "flat", data)
     apart, noise = (np.abs(p.pictures(one, 0) - p.pictures(one, 1)).max() for p in (rough, even))
     assert apart > 5 * noise
     np.testing.assert_array_equal(rough.pictures(one, 3), rough.pictures(one, 3))
@@ -60,11 +60,11 @@ def test_a_patch_that_is_shifted_is_another_picture_each_seed(tiny_bundle, flat,
 
 def test_a_generator_makes_another_texture_for_each(data) -> None:
     bundle = growing.bundle()
-    twice = posed(bundle, "made", data).pictures([data.samples[0]] * 2, 0)
+    twice = pose_material(bundle, "made", data).pictures([data.samples[0]] * 2, 0)
     assert twice.shape == (2, 6, 6, 4) and np.abs(twice[0] - twice[1]).max() > 0
     edges = replace(bundle, generator=None, wraps=False)
     with pytest.raises(InputError, match="holds a texture with edges"):
-        posed(edges, "cut", data)
+        pose_material(edges, "cut", data)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_a_patch_that_repeats_is_found_to_repeat_and_to_be_its_own_copy(tiny_bun
     assert fields.repeat(fields.seen_from_above(tiny_bundle, "tiny")) == pytest.approx(1, abs=1e-4)
     mine = fields.patches(tiny_bundle, "tiny")
     shifted = np.roll(mine, (3, 5), (2, 3))
-    (found,) = fields.copied(shifted, mine)
+    (found,) = fields.nearest_exemplars(shifted, mine)
     assert found.distance == pytest.approx(0, abs=1e-6) and found.shift == (5, 3)
 
 
@@ -139,16 +139,16 @@ def test_combing_follows_a_pile_that_is_combed(monkeypatch) -> None:
     monkeypatch.setattr(fields, "_grown", grown)
     monkeypatch.setattr(above, "opacities", leaning)
     monkeypatch.setattr(above, "picture", seen)
-    off = fields.combed(bundle, "combed")
+    off = fields.combing_error(bundle, "combed")
     assert off.lean < 15 and off.strokes < 25
     pile["aside"] = np.pi / 2
-    off = fields.combed(bundle, "combed")
+    off = fields.combing_error(bundle, "combed")
     assert off.lean == pytest.approx(90, abs=15) and off.strokes > 65
 
 
 @pytest.mark.slow
 def test_the_bundled_carpet_is_combed_by_a_field() -> None:
-    assert fields.combed(read_bundle(find("carpet")), "carpet").lean < 16  # degrees; 20 are asked, 90 are chance
+    assert fields.combing_error(read_bundle(find("carpet")), "carpet").lean < 16  # degrees; 20 are asked, 90 are chance
 
 
 @pytest.mark.slow

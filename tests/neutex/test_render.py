@@ -18,8 +18,17 @@ from mesoshell.io.mesh_export import write_textured_mesh
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.nets.mlp import Dense
 from mesoshell.neutex.cameras import Photo, photo_rays, pixels
-from mesoshell.neutex.edit import painted, read_edit, texture_image
-from mesoshell.neutex.field import FieldConfig, density, init_field, lobes, texture, to_surface, to_texture, viewed
+from mesoshell.neutex.edit import paint_of, read_edit, texture_image
+from mesoshell.neutex.field import (
+    FieldConfig,
+    density,
+    init_field,
+    lobes,
+    texture,
+    to_surface,
+    to_texture,
+    view_reflectance,
+)
 from mesoshell.neutex.layout import LAYOUTS, checkerboard, directions, shape
 from mesoshell.neutex.march import CELLS, march
 from mesoshell.neutex.mesh import REACH, extract_mesh
@@ -107,7 +116,7 @@ def test_the_texture_put_back_changes_nothing(field, layout) -> None:
     image = texture_image(captured(field), layout, 32)
     assert image.shape == (*shape(layout, 32), 3) and (image >= 0).all() and image.std() > 0.01
     plain = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
-    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, painted(captured(field), layout, image, "replace"))).rgba
+    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, paint_of(captured(field), layout, image, "replace"))).rgba
     np.testing.assert_allclose(again, plain, atol=1e-4)
 
 
@@ -115,7 +124,7 @@ def test_the_texture_put_back_changes_nothing(field, layout) -> None:
 def test_what_is_transparent_changes_nothing(field, edit) -> None:
     nothing = np.zeros((32, 64, 4), np.float32)
     plain = picture(CONFIG, field, PHOTO, View(EXACT, FULL)).rgba
-    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, painted(captured(field), "latlong", nothing, edit))).rgba
+    again = picture(CONFIG, field, PHOTO, View(EXACT, FULL, paint_of(captured(field), "latlong", nothing, edit))).rgba
     np.testing.assert_allclose(again, plain, atol=1e-6)
 
 
@@ -134,7 +143,7 @@ def test_the_texture_is_as_cameras_before_it_see_it(field) -> None:
         if any(abs(normalised(np.array(eye) - y) @ u - 0.1) < 0.02 for eye in eyes):
             continue
         alone += not ways
-        views = [viewed(CONFIG, field, features, jnp.asarray(-w, jnp.float32)) for w in ways or [u]]
+        views = [view_reflectance(CONFIG, field, features, jnp.asarray(-w, jnp.float32)) for w in ways or [u]]
         np.testing.assert_allclose(wanted, np.maximum(base + np.max(views, axis=0), 0), rtol=2e-2, atol=1e-3)
     assert 0 < alone < len(found) / 2
 
@@ -157,7 +166,9 @@ def test_multiplying_by_a_colour_multiplies_every_view(field) -> None:
     image = np.broadcast_to(tint, (16, 16, 3))
     quiet = field._replace(view=jax.tree.map(jnp.zeros_like, field.view))
     plain = picture(CONFIG, quiet, PHOTO, View(EXACT, FULL)).rgba
-    found = picture(CONFIG, quiet, PHOTO, View(EXACT, FULL, painted(captured(quiet), "square", image, "multiply"))).rgba
+    found = picture(
+        CONFIG, quiet, PHOTO, View(EXACT, FULL, paint_of(captured(quiet), "square", image, "multiply"))
+    ).rgba
     np.testing.assert_allclose(found[..., :3], plain[..., :3] * tint, atol=1e-5)
     np.testing.assert_array_equal(found[..., 3], plain[..., 3])
 
@@ -167,7 +178,7 @@ def test_replacing_by_a_colour_leaves_what_views_add(field) -> None:
     image = np.full((16, 16, 3), 0.2, np.float32)
     quiet = field._replace(view=jax.tree.map(jnp.zeros_like, field.view))
     for made, slack in ((quiet, 0.02), (field, 0.05)):
-        edit = painted(captured(made), "square", image, "replace")
+        edit = paint_of(captured(made), "square", image, "replace")
         found = picture(CONFIG, made, PHOTO, View(EXACT, FULL, edit)).rgba
         assert (found[..., :3] <= 0.2 * found[..., 3:] + slack).all()
         if made is quiet:
@@ -182,7 +193,7 @@ def test_an_edit_stays_where_it_is_in_every_view(field) -> None:
         sigma=field.sigma._replace(last=field.sigma.last._replace(bias=jnp.full(1, 60.0))),
         view=jax.tree.map(jnp.zeros_like, field.view),
     )
-    paint = painted(captured(dense), "latlong", image, "replace")
+    paint = paint_of(captured(dense), "latlong", image, "replace")
     for eye in ((2.5, 0.8, 0.6), (-0.7, 2.4, -0.9)):
         photo = PHOTO._replace(to_world=look_at(eye, (0, 0, 0), (0, 0, 1)))
         seen = picture(CONFIG, dense, photo, View(EXACT, FULL))
@@ -440,7 +451,7 @@ def test_an_even_sky_lights_it_as_a_furnace(stone) -> None:
 
 def test_albedo_is_what_is_painted(stone) -> None:
     assert texture_image(captured(stone, LIT), "square", 16) == pytest.approx(0.5, abs=1e-5)
-    half = painted(captured(stone, LIT), "square", np.full((16, 16, 3), 0.5, np.float32), "multiply")
+    half = paint_of(captured(stone, LIT), "square", np.full((16, 16, 3), 0.5, np.float32), "multiply")
     plain, found = (picture(LIT, stone, PHOTO, View(EXACT, FULL, paint)).rgba[..., 0] for paint in (None, half))
     np.testing.assert_allclose(found, plain / 2, rtol=0.03, atol=1e-5)
 

@@ -20,7 +20,7 @@ from mesoshell.pathtracer import load_file, maps, texture_cache
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.samples import Sample
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of, grow
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle, field_of, grow
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import load_device_material
@@ -40,7 +40,7 @@ def varying() -> Bundle:
     def ramp(at: np.ndarray) -> np.ndarray:
         return np.clip(at[..., 0] / 5 + (at[..., 1] > 1.5) * 0.3, 0, 1)
 
-    return rough(baked(growing.bundle(), "it", (48, 72), TextureRequest(7, {}, {"length": ramp}))[0])
+    return rough(bake_bundle(growing.bundle(), "it", (48, 72), TextureRequest(7, {}, {"length": ramp}))[0])
 
 
 @pytest.fixture(scope="module")

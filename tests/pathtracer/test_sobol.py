@@ -8,7 +8,7 @@ from scipy.special import comb
 
 from mesoshell.pathtracer.load import load_dict
 from mesoshell.pathtracer.passes import as_rgba, can_pass, render_pass
-from mesoshell.pathtracer.sobol import Sobol, hashed, pascal
+from mesoshell.pathtracer.sobol import Sobol, hash_bits, pascal
 from tests.helpers.path_traced import QUALITY, scene, sensor, shell
 
 PIXELS = 8
@@ -17,7 +17,7 @@ PIXELS = 8
 def drawn(paths: range, skip: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """(numbers, points), (pixels, paths) and (pixels, paths, 2), after so many points."""
     pixel, path = (x.ravel() for x in np.meshgrid(np.arange(PIXELS), np.array(paths), indexing="ij"))
-    s = Sobol(hashed(mi.UInt32(pixel + 1)), mi.UInt32(path), mi.UInt32(0))
+    s = Sobol(hash_bits(mi.UInt32(pixel + 1)), mi.UInt32(path), mi.UInt32(0))
     for _ in range(skip):
         s.next_2d()
     line, plane = np.array(s.next_1d()), np.array(s.next_2d()).T
@@ -67,7 +67,7 @@ def test_a_loop_draws_on() -> None:
         return x
 
     def sequence() -> Sobol:
-        return Sobol(hashed(dr.arange(mi.UInt32, 9) + 1), dr.full(mi.UInt32, 6, 9), mi.UInt32(0))
+        return Sobol(hash_bits(dr.arange(mi.UInt32, 9) + 1), dr.full(mi.UInt32, 6, 9), mi.UInt32(0))
 
     s = sequence()
     x = [s.next_1d() for _ in range(3)]

@@ -21,9 +21,9 @@ from mesoshell.render.tiles import RenderReport
 from mesoshell.scene.growth import grows
 from mesoshell.scene.materials import Material
 from mesoshell.scene.render_shell import facts, marched_scene
-from mesoshell.scene.settled import settled, with_others_grown
+from mesoshell.scene.settle import settle, with_others_grown
 from mesoshell.scene.setup import describe_shell
-from mesoshell.scene.unpack import unpacked
+from mesoshell.scene.unpack import unpack
 from mesoshell.shell.render.renderer import _Renderer
 from mesoshell.viewer.look import command, first_look
 from tests.helpers import growing, wearing
@@ -110,8 +110,8 @@ def test_the_engines_agree(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
         np.testing.assert_allclose(ours[:, columns].mean(axis=(0, 1)), theirs[:, columns].mean(axis=(0, 1)), rtol=0.03)
 
 
-def test_settled_it_is_the_same(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
-    still = settled(two[0])
+def test_settle_it_is_the_same(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
+    still = settle(two[0])
     assert isinstance(still.also[0].mesh, Mesh) and still.also[0].thickness == 0.2
     np.testing.assert_array_equal(picture(still), picture(two[0]))
 
@@ -137,8 +137,8 @@ def test_nodes_of_a_file_carry_materials_of_their_own(tiny_bundle: Bundle):
     file = DATA / "blender.glb"
 
     def counts(grow: tuple[str, ...], *others: tuple[str, ...]) -> list[int]:
-        scene = unpacked(ms.Scene(file, material, grow=grow, also=[ms.Grown(None, material, grow=x) for x in others]))
-        assert unpacked(scene) is scene
+        scene = unpack(ms.Scene(file, material, grow=grow, also=[ms.Grown(None, material, grow=x) for x in others]))
+        assert unpack(scene) is scene
         meshes: list[Any] = [scene.mesh, *(x.mesh for x in scene.also), *scene.objects]
         return [len(x.faces) for x in meshes]
 
@@ -191,8 +191,8 @@ def test_what_cannot_be_is_said(tiny_bundle: Bundle):
         (ms.Grown(None, shell, grow=["Rug"]), "^grow: names meshes of a glTF file or a USD stage"),
         (ms.Grown("none.obj", shell), "^none.obj: no such file"),
     ):
-        for use in (describe_shell, settled, ms.explain):
-            if use is settled and further.seed is not None:
+        for use in (describe_shell, settle, ms.explain):
+            if use is settle and further.seed is not None:
                 continue  # a seed is looked at when textures are laid
             with pytest.raises(InputError, match=said):
                 use(ms.Scene(mesh, shell, also=[further]))
@@ -314,8 +314,8 @@ def test_a_setting_of_one_regrows_no_other(monkeypatch: pytest.MonkeyPatch):
     growing.without_grids(monkeypatch)
     carpet, lawn = (Material(name, growing.bundle()) for name in ("carpet", "lawn"))
     scene = ms.Scene(plate(0, 0, 0), carpet, thickness=0.5, also=[ms.Grown(plate(2, 0, 0), lawn, thickness=0.5)])
-    begun = settled(scene, texture=False)
+    begun = settle(scene, texture=False)
     still = with_others_grown(begun)
     assert grows(begun.also[0]) and not grows(still.also[0]) and grows(still)
-    again = settled(still)
+    again = settle(still)
     assert again.also[0].material is still.also[0].material and not grows(again)

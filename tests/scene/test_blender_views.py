@@ -16,7 +16,7 @@ from mesoshell.io.image import read_exr, write_exr
 from mesoshell.render.camera import pixel_grid, rays
 from mesoshell.render.light import environment, lookup
 from mesoshell.scene.materials import Material
-from mesoshell.scene.settled import settled
+from mesoshell.scene.settle import settle
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(
@@ -46,7 +46,7 @@ def test_a_silhouette_is_blenders(folder: Path, tiny_bundle: Bundle, kind: str):
     height, width = mask.shape
     view = json.loads((folder / "view.json").read_text())
     scene = ms.Scene(folder / f"head.{kind}", Material("tiny", tiny_bundle), size=(width, height))
-    still = settled(scene)
+    still = settle(scene)
     frame = np.array(view["to_world"]) if still.up == "z" else Y_UP @ np.array(view["to_world"])
     camera = ms.Camera(frame, view["fov"], width, height)
     if kind in ("glb", "gltf", "usda", "usdc", "usdz"):

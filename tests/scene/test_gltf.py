@@ -25,8 +25,8 @@ from mesoshell.geometry.read import read_mesh, read_nodes
 from mesoshell.io.bundle import Bundle
 from mesoshell.scene.gltf import LUX
 from mesoshell.scene.materials import Material
-from mesoshell.scene.settled import settled
-from mesoshell.scene.unpack import read_scene_file, unpacked
+from mesoshell.scene.settle import settle
+from mesoshell.scene.unpack import read_scene_file, unpack
 from tests.helpers import wearing
 
 FILE = Path(__file__).parents[1] / "data" / "blender.glb"
@@ -62,23 +62,23 @@ def test_blenders_camera_and_sun():
 
 def test_they_take_the_place_of_defaults(material: Material):
     scene = ms.Scene(FILE, material, size=(96, 54))
-    still, told = settled(scene), read_scene_file(FILE)
+    still, told = settle(scene), read_scene_file(FILE)
     assert isinstance(still.camera, ms.Camera) and told.camera is not None
     np.testing.assert_array_equal(still.camera.to_world, told.camera[0])
     assert (still.camera.width, still.camera.height, still.camera.fov) == (96, 54, told.camera[1])
     assert [x.irradiance.tolist() for x in still.lights if isinstance(x, ms.Distant)] == [[3, 1.5, 0.75]]
     own = ms.Camera(ms.look_at((4.0, 3.0, 5.0), (0.0, 0.0, 0.0)), 0.7, 20, 16)
-    other = settled(replace(scene, camera=own, lights=[(0.0, 1.0, 0.0)]))
+    other = settle(replace(scene, camera=own, lights=[(0.0, 1.0, 0.0)]))
     assert other.camera is own and len(other.lights) == 1 and other.lights[0].irradiance[0] == scene.irradiance  # type: ignore[union-attr]
-    assert len(unpacked(replace(scene, environment=np.ones((2, 4, 3), np.float32))).lights) == 1
-    assert not unpacked(replace(scene, suns=False)).lights
-    once = unpacked(scene)
-    assert unpacked(once) is once and unpacked(still) is still
+    assert len(unpack(replace(scene, environment=np.ones((2, 4, 3), np.float32))).lights) == 1
+    assert not unpack(replace(scene, suns=False)).lights
+    once = unpack(scene)
+    assert unpack(once) is once and unpack(still) is still
 
 
 def test_other_proportions_are_said(material: Material):
     def notes(size: tuple[int, int]) -> str:
-        mesh: Any = unpacked(ms.Scene(FILE, material, size=size)).mesh
+        mesh: Any = unpack(ms.Scene(FILE, material, size=size)).mesh
         return "\n".join(mesh.notes)
 
     assert "its camera is 1.78 times as wide as high: --size 512 288" in notes((512, 512))
@@ -90,7 +90,7 @@ def test_other_proportions_are_said(material: Material):
 )
 def test_the_material_grows_on_what_is_named(material: Material, names: tuple[str, ...], grown: int):
     """A node has all its materials' triangles, and what hangs on it."""
-    scene = unpacked(ms.Scene(FILE, material, grow=names))
+    scene = unpack(ms.Scene(FILE, material, grow=names))
     whole = load_mesh(FILE)
     meshes: list[Any] = [scene.mesh, *scene.objects]
     assert len(meshes[0].faces) == grown and [len(m.faces) for m in meshes[1:]] == [144 - grown] * (grown < 144)
@@ -107,7 +107,7 @@ def test_the_material_grows_on_what_is_named(material: Material, names: tuple[st
 def test_a_picture_of_a_blender_scene(material: Material):
     """As one of the same scene in loaded parts."""
     scene = ms.Scene(FILE, material, size=(48, 27), grow=("Hill",), thickness=0.1, scale=0.2)
-    apart = unpacked(scene)
+    apart = unpack(scene)
     assert apart.grow == () and len(apart.objects) == 1
     one, other = (ms.render(s, "draft", max_samples=1) for s in (scene, apart))
     np.testing.assert_array_equal(one.rgba, other.rgba)
@@ -118,9 +118,9 @@ def test_a_picture_of_a_blender_scene(material: Material):
 
 def test_a_name_that_is_not_there(material: Material):
     with pytest.raises(InputError, match=r"has no mesh named 'Hil': its names are Hill, Moss, Stone$"):
-        unpacked(ms.Scene(FILE, material, grow=("Hil",)))
+        unpack(ms.Scene(FILE, material, grow=("Hil",)))
     with pytest.raises(InputError, match=r"^grow: names meshes of a glTF file or a USD stage"):
-        unpacked(ms.Scene(FILE.with_name("spot.obj"), material, grow=("Hill",)))
+        unpack(ms.Scene(FILE.with_name("spot.obj"), material, grow=("Hill",)))
 
 
 def written(folder: Path, header: Any) -> Path:

@@ -17,8 +17,8 @@ from mesoshell.geometry.mesh import load_mesh, load_nodes
 from mesoshell.io.bundle import Bundle
 from mesoshell.limits import memory
 from mesoshell.scene.materials import Material
-from mesoshell.scene.settled import settled
-from mesoshell.scene.unpack import read_scene_file, unpacked
+from mesoshell.scene.settle import settle
+from mesoshell.scene.unpack import read_scene_file, unpack
 
 #: A square in the plane z = 0, of texture coordinates equal to positions.
 SQUARE = """
@@ -44,7 +44,7 @@ def test_memory_is_bounded_while_a_stage_is_read(tmp_path: Path):
     """A damaged one may ask for more than there is, and Linux would end the process when it is used."""
     path = stage(tmp_path, mesh("A"))
     free, half = resource.getrlimit(resource.RLIMIT_AS), memory() // 2
-    with read_usd.opened(path):
+    with read_usd.open_stage(path):
         assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
         with pytest.raises(MemoryError):
             np.empty(half + 2**30, np.uint8)
@@ -243,8 +243,8 @@ def test_the_camera_the_suns_and_the_axis(tmp_path: Path, tiny_bundle: Bundle):
         "its lights that are not distant are left out: Lamp",
     )
     scene = ms.Scene(path, Material("tiny", tiny_bundle), size=(30, 20))
-    still = settled(scene)
-    assert still.up == "z" and len(still.lights) == 2 and unpacked(unpacked(scene)).mesh is not None
+    still = settle(scene)
+    assert still.up == "z" and len(still.lights) == 2 and unpack(unpack(scene)).mesh is not None
     assert ms.render(scene, "draft", max_samples=1).rgba[..., 3].max() == 1
     mine = path.read_text().replace('upAxis = "Z"', 'upAxis = "Z"\n    doc = "Blender v5.0.1"')
     path.write_text(mine)
@@ -298,7 +298,7 @@ def test_what_is_no_stage_is_one_line(tmp_path: Path, suffix: str, content: byte
 def test_a_damaged_stage_is_one_line(tmp_path: Path, tiny_bundle: Bundle, body: str, said: str):
     path: Any = stage(tmp_path, body)
     with pytest.raises(InputError, match=said):
-        settled(ms.Scene(path, Material("tiny", tiny_bundle)))
+        settle(ms.Scene(path, Material("tiny", tiny_bundle)))
 
 
 def test_without_openusd_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

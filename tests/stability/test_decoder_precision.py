@@ -26,7 +26,7 @@ from mesoshell.shell.material.loader import load_device_material
 from mesoshell.shell.material.precision import SHORT, STEP, decode, decoder_error
 from mesoshell.shell.render.renderer import render
 from mesoshell.train.export import generator_bundle
-from mesoshell.train.gan.state import GanConfig, Learner, sized
+from mesoshell.train.gan.state import GanConfig, Learner, sized_for
 from mesoshell.train.patch_renderer import PictureConfig, along, material_of, pixel_rays
 from mesoshell.typing import Array
 from tests.helpers import scenes
@@ -82,7 +82,7 @@ class Rays:
 @pytest.fixture(scope="module")
 def generated() -> Bundle:
     """A random generator's bundle, with one appearance and one geometry parameter."""
-    config = sized(
+    config = sized_for(
         GanConfig(
             GeneratorConfig(16, "T", 64, 4, channels=4, layers=4, z=4, w=4, height_rows=8, height_width=4),
             DiscriminatorConfig(8, 64, 4, embedding=4),

@@ -19,7 +19,7 @@ from mesoshell.pathtracer.shells import Shells
 from mesoshell.shell.geometry.extrude import Shell, extrude
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.stability.prisms import prism_point
-from mesoshell.stability.rays import aimed
+from mesoshell.stability.rays import aim_rays
 from tests.helpers.stability import dr_march
 from tests.helpers.stability.dr_march import trace
 from tests.helpers.stability.hard_rays import (
@@ -86,7 +86,7 @@ def test_a_ray_is_much_the_same_from_however_far() -> None:
     """From 1000 sizes away, and begun near: the origins are points of the same rays in float64."""
     mesh = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")
     shell = extrude(mesh, 0.1, 0.1)
-    far = aimed(shell, 4000, 1000.0, np.random.default_rng(2))
+    far = aim_rays(shell, 4000, 1000.0, np.random.default_rng(2))
     along = 0.997 * np.nanmax(far.reach)
     there, here = (trace(Shells([shell]), far.o + x * far.d, far.d, outside=True) for x in (0.0, along))
     off = np.abs(total_length(there, 4000) - total_length(here, 4000))
@@ -98,7 +98,7 @@ def test_few_rays_lose_a_shell_where_shells_overlap(thickness: float, most: floa
     """At vertices, posts and edges: beside the JAX engine, which looks for entries all along a ray."""
     mesh = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")
     shell = extrude(mesh, thickness, thickness)
-    rays = aimed(shell, 8000, 3.0, np.random.default_rng(7))
+    rays = aim_rays(shell, 8000, 3.0, np.random.default_rng(7))
     d = single(rays.d)
     true = Boundary(shell, mesh.faces).trace(rays.o, d)
     off = total_length(trace(Shells([shell]), rays.o, d, true.end, outside=True), 8000) - total_length(true, 8000)

@@ -15,7 +15,7 @@ from mesoshell.shell.geometry.extrude import extrude
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.stability import walks
 from mesoshell.stability.prisms import least_jacobian
-from mesoshell.stability.rays import NEAR, aimed, at_the_front
+from mesoshell.stability.rays import NEAR, aim_rays, at_the_front
 from mesoshell.stability.walks import Walked
 from tests.helpers.stability.odd_meshes import odd_mesh, scene_of
 
@@ -34,7 +34,7 @@ def check(seed: int) -> None:
     assert all(np.isfinite(x).all() for x in (mesh.normals, mesh.uv, shell.base, shell.offset, shell.uv))
     assert (least_jacobian(shell) > 0).all()
     boundary = Boundary(shell, mesh.faces)
-    some, front = aimed(shell, RAYS, NEAR, rng), at_the_front(mesh, RAYS, rng)
+    some, front = aim_rays(shell, RAYS, NEAR, rng), at_the_front(mesh, RAYS, rng)
     for rays in (some, front):
         trace, exact = (boundary.trace(rays.o, rays.d, exact=exact) for exact in (False, True))
         walked, i = Walked(rays, trace, exact), trace.intervals

@@ -24,7 +24,7 @@ from mesoshell.shell.render.scene import Scene as MarchedScene
 from mesoshell.stability import examine, field, surface, walks
 from mesoshell.stability.checks import Check
 from mesoshell.stability.prisms import invert_prism, least_jacobian, prism_point
-from mesoshell.stability.rays import FAR, FRONT, NEAR, aimed, at_the_front, grazing
+from mesoshell.stability.rays import FAR, FRONT, NEAR, aim_rays, at_the_front, grazing
 from mesoshell.stability.walks import Walked
 from tests.helpers import scenes, wearing
 
@@ -36,7 +36,7 @@ TOLD = {"mesh", "thickness", "chart", "coordinates", "16 bits", "skipping"}
 
 @pytest.fixture(scope="module")
 def walked() -> Walked:
-    some = aimed(SHELL, 1000, NEAR, np.random.default_rng(0))
+    some = aim_rays(SHELL, 1000, NEAR, np.random.default_rng(0))
     boundary = Boundary(SHELL, SUZANNE.faces)
     return Walked(some, boundary.trace(some.o, some.d), boundary.trace(some.o, some.d, exact=True))
 
@@ -185,7 +185,7 @@ def _with(crossing):
 
 def test_rays_are_aimed_at_what_they_say() -> None:
     rng = np.random.default_rng(3)
-    some = aimed(SHELL, 500, NEAR, rng)
+    some = aim_rays(SHELL, 500, NEAR, rng)
     known = np.isfinite(some.reach)
     x = (some.o + NEAR * _size() * some.d)[known]
     _, _, left = invert_prism(SHELL, some.prism[known], x)
@@ -213,7 +213,7 @@ def _size() -> float:
 
 def test_a_ray_is_the_same_from_however_far() -> None:
     """From 1000 sizes away, and begun near: the origins are the same points of the same rays in float64."""
-    far = aimed(SHELL, 5000, FAR, np.random.default_rng(2))
+    far = aim_rays(SHELL, 5000, FAR, np.random.default_rng(2))
     boundary, along = Boundary(SHELL, SUZANNE.faces), (FAR - NEAR) * _size()
     there = boundary.trace(far.o, far.d)
     here = boundary.trace(far.o + along * far.d, far.d, exact=True)
@@ -278,7 +278,7 @@ def test_a_network_that_gives_nonsense(damage: dict, broken: set, tiny_bundle: B
         layer = getattr(decoder, name)
         decoder = decoder._replace(**{name: layer._replace(bias=layer.bias.at[0].set(value))})
     device_material = replace(scene.device_material, material=scene.device_material.material._replace(decoder=decoder))
-    found = field.of_material(
+    found = field.material_points(
         replace(scene, device_material=device_material).media[0], scene.shell.uv, np.random.default_rng(0)
     )
     assert {check.name for check in found if check.broken} == broken

@@ -16,11 +16,11 @@ from jax.typing import DTypeLike
 from mesoshell.shell.generator.discriminator import Discriminator, DiscriminatorConfig, discriminate, init_discriminator
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.train.gan.generate import ImageBatch, label
-from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers, sized, start
+from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers, sized_for, start
 from mesoshell.train.gan.step import GanReport, step
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
-from mesoshell.train.patch_renderer import PictureConfig, shown
-from mesoshell.train.update import MAX_GRADIENT, not_finite, updated
+from mesoshell.train.patch_renderer import PictureConfig, tone_map
+from mesoshell.train.update import MAX_GRADIENT, apply_gradient, not_finite
 from mesoshell.typing import Array
 
 #: One process compiles what its tests share.
@@ -49,7 +49,7 @@ def batch() -> ImageBatch:
     return jax.tree.map(lambda x: x if x.dtype == np.uint32 else jnp.asarray(x, jnp.float32), asked)
 
 
-DISCRIMINATOR = sized(CONFIG, 1, 0).discriminator
+DISCRIMINATOR = sized_for(CONFIG, 1, 0).discriminator
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +57,9 @@ def steps(compiled_soon) -> dict[tuple[str, int], tuple[TrainState, GanReport]]:
     """After one step, by precision and by the step's number: R1 is due at step 0 and not at step 1."""
     found = {}
     with compiled_soon():
-        begin = jax.jit(partial(start, sized(CONFIG, appearance=1, geometry=0)))(jax.random.key(0))
+        begin = jax.jit(partial(start, sized_for(CONFIG, appearance=1, geometry=0)))(jax.random.key(0))
         for precision in ("float32", "bfloat16"):
-            config = sized(replace(CONFIG, precision=precision), appearance=1, geometry=0)
+            config = sized_for(replace(CONFIG, precision=precision), appearance=1, geometry=0)
             run = jax.jit(lambda state, batch, config=config: step(config, state, batch))
             for number in (0, 1):
                 found[precision, number] = run(begin._replace(step=jnp.asarray(number, jnp.int32)), batch())
@@ -95,7 +95,7 @@ def test_r1_and_its_gradient_do_not_know_the_precision(steps) -> None:
 def test_r1_in_bfloat16_would_be_off(judges) -> None:
     """What the test above would find if R1 took the convolutions' precision: up to 1% in four discriminators."""
     asked = batch()
-    real, c = shown(asked.image[..., :3]), label(asked)
+    real, c = tone_map(asked.image[..., :3]), label(asked)
 
     def penalty(judge: Discriminator, dtype: DTypeLike) -> Array:
         return r1(lambda y: discriminate(judge, y, c, None, dtype), real, CONFIG.gamma)
@@ -123,7 +123,7 @@ def test_a_step_with_bfloat16_convolutions_agrees(steps) -> None:
 @pytest.mark.parametrize("rows", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_r1_of_one_picture_and_of_equal_pictures_has_a_finite_gradient(judges, rows: int) -> None:
     """No deviation to take a root of: second derivatives pass through it."""
-    y = jnp.broadcast_to(shown(batch().image[:1, ..., :3]), (rows, 16, 16, 3))
+    y = jnp.broadcast_to(tone_map(batch().image[:1, ..., :3]), (rows, 16, 16, 3))
     c = jnp.broadcast_to(label(batch())[:1], (rows, DISCRIMINATOR.labels))
     run = jax.jit(jax.value_and_grad(lambda judge: r1(lambda y: discriminate(judge, y, c), y, 1.0)))
     value, gradient = run(jax.tree.map(lambda weights: weights[0], judges))
@@ -141,7 +141,7 @@ def test_adam_at_zero_gradient_moves_nothing(player: int) -> None:
 
     weights = learner(0.0, 1.0, -1e-30)
     zero = jax.tree.map(jnp.zeros_like, weights)
-    update = jax.jit(lambda w, memory, g: updated(adam, w, memory, g))
+    update = jax.jit(lambda w, memory, g: apply_gradient(adam, w, memory, g))
     first, memory = update(weights, adam.init(weights), zero)
     np.testing.assert_array_equal(first.generator, weights.generator)
     np.testing.assert_array_equal(memory[0].nu.generator, 0)
@@ -150,7 +150,7 @@ def test_adam_at_zero_gradient_moves_nothing(player: int) -> None:
 
     def again(_: int, now: tuple) -> tuple:
         weights, memory = now
-        return updated(adam, weights, memory, zero)
+        return apply_gradient(adam, weights, memory, zero)
 
     still, memory = jax.jit(lambda now: jax.lax.fori_loop(0, 3000, again, now))((moved, memory))
     np.testing.assert_array_equal(still.generator, moved.generator)

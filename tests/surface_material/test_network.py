@@ -21,7 +21,7 @@ from mesoshell.surface_material.network import (
 from tests.helpers import wearing
 
 FORMS = ("direct", "cosine", "none")
-blurred, blur_textures = jax.jit(network.blurred), jax.jit(network.blur_textures)
+blurred, blur_textures = jax.jit(network.blur_texture), jax.jit(network.blur_textures)
 
 
 def asked(b: SurfaceBundle, q: dict[str, np.ndarray], surface=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

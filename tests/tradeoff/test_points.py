@@ -8,7 +8,7 @@ import pytest
 from mesoshell.measure.flip import flip
 from mesoshell.render.camera import in_pixel, outward
 from mesoshell.scene.accumulate import over_backdrop
-from mesoshell.tradeoff.points import Point, measured, together
+from mesoshell.tradeoff.points import Point, combined_error, measure_point
 from mesoshell.tradeoff.reference import Reference, is_same_scene, render_reference
 from tests.helpers.made_passes import SHAPE, passes, picture
 
@@ -34,8 +34,8 @@ def test_a_reference_is_of_one_scene_however_dim_or_far(covered: float, scale: f
 
 
 def test_noise_falls_with_samples_and_bias_does_not() -> None:
-    noisy, images = measured({"samples": 48}, passes(0.0, 0.05), EXACT, quiet)
-    biased, _ = measured({"samples": 24}, passes(0.05, 0.0), EXACT, quiet)
+    noisy, images = measure_point({"samples": 48}, passes(0.0, 0.05), EXACT, quiet)
+    biased, _ = measure_point({"samples": 24}, passes(0.05, 0.0), EXACT, quiet)
     assert noisy.samples == biased.samples == (1, 2, 4, 8) and images.shape == (4, *SHAPE, 4)
     np.testing.assert_allclose(noisy.relative[-1] / noisy.relative[0], 1 / 8, rtol=0.2)
     assert noisy.bias < 0.2 * noisy.flip[0] and noisy.noise > 0.8 * noisy.flip[0]
@@ -45,7 +45,9 @@ def test_noise_falls_with_samples_and_bias_does_not() -> None:
     true = over_backdrop(picture())
     assert biased.bias2 == pytest.approx(np.mean(0.05**2 / (true**2 + 0.01)))
     assert biased.evaluations == noisy.evaluations == 7
-    assert biased.error(4) == biased.flip[2] and noisy.error(64) == pytest.approx(together(noisy.bias, noisy.noise, 64))
+    assert biased.error(4) == biased.flip[2] and noisy.error(64) == pytest.approx(
+        combined_error(noisy.bias, noisy.noise, 64)
+    )
     assert noisy.flip[-1] / 3 < noisy.error(64) < noisy.flip[-1]
 
 
@@ -58,7 +60,7 @@ def test_groups_of_rays_lie_about_the_centre_of_their_pixel() -> None:
         image[..., :3] += 0.1 * float((in_pixel(outward(k)) - 0.5) @ slope)
         return image.reshape(-1, 4)[pixels]
 
-    point, _ = measured({}, passes(0.0, 0.0)._replace(render=one), EXACT, quiet)
+    point, _ = measure_point({}, passes(0.0, 0.0)._replace(render=one), EXACT, quiet)
     np.testing.assert_allclose(point.relative, 0, atol=1e-20)
 
 
@@ -67,7 +69,7 @@ def test_the_estimate_of_bias_is_not_biased() -> None:
     found = []
     for seed in range(40):
         exact = Reference(picture(), picture(), 0.0, 0.0, 16, True)
-        found.append(measured({}, passes(0.0, 0.05 + 1e-6 * seed), exact, quiet)[0])
+        found.append(measure_point({}, passes(0.0, 0.05 + 1e-6 * seed), exact, quiet)[0])
     each = np.array([p.bias2 for p in found])
     assert abs(each.mean()) < 4 * each.std(ddof=1) / len(each) ** 0.5
     assert each.std() < 0.1 * np.mean([p.variance for p in found])
@@ -77,11 +79,11 @@ def test_the_noise_of_the_reference_is_taken_off() -> None:
     image = picture()
     image[..., :3] += 0.03 * np.random.default_rng(1).normal(size=(*SHAPE, 3))
     noise = flip(over_backdrop(image), over_backdrop(picture()))
-    clean, _ = measured({}, passes(0.0, 0.05), EXACT, quiet)
-    rough, _ = measured({}, passes(0.0, 0.05), EXACT._replace(image=image, noise=noise), quiet)
+    clean, _ = measure_point({}, passes(0.0, 0.05), EXACT, quiet)
+    rough, _ = measure_point({}, passes(0.0, 0.05), EXACT._replace(image=image, noise=noise), quiet)
     np.testing.assert_allclose(rough.flip[:2], clean.flip[:2], rtol=0.15)
     assert min(rough.flip) >= noise
-    same, _ = measured({}, passes(0.0, 0.0), EXACT._replace(image=image, noise=noise), quiet)
+    same, _ = measure_point({}, passes(0.0, 0.0), EXACT._replace(image=image, noise=noise), quiet)
     np.testing.assert_allclose(same.flip, noise, rtol=1e-6)  # what cannot be told
 
 
@@ -101,5 +103,5 @@ def test_a_reference_knows_its_noise() -> None:
 
 
 def test_points_are_kept_as_json() -> None:
-    point, _ = measured({"samples": 48, "filtering": False}, passes(0.01, 0.02), EXACT, quiet)
+    point, _ = measure_point({"samples": 48, "filtering": False}, passes(0.01, 0.02), EXACT, quiet)
     assert Point.of(json.loads(json.dumps(point.as_dict()))) == point

@@ -4,9 +4,9 @@ import numpy as np
 
 from mesoshell.render.quality import PRESETS, Quality, out_of_range, wrong_kind
 from mesoshell.tradeoff.front import entries, front
-from mesoshell.tradeoff.knobs import VALUES, beside, changes, named, settings_of, varied
-from mesoshell.tradeoff.points import Point, together
-from mesoshell.tradeoff.search import around, proposed, singles
+from mesoshell.tradeoff.knobs import VALUES, changes, describe_changes, knobs_of, neighbours, settings_of
+from mesoshell.tradeoff.points import Point, combined_error
+from mesoshell.tradeoff.search import around, propose, singles
 
 NAMES = ("samples", "early_stop", "anisotropy")
 
@@ -21,8 +21,8 @@ def test_every_knob_is_a_field_with_values_of_every_preset() -> None:
 
 
 def test_only_what_a_picture_depends_on_is_varied() -> None:
-    assert varied(["anisotropy", "samples", "spp"]) == ("samples", "anisotropy")
-    assert varied(["samples", "max_depth"], ["max_depth"]) == ("samples",)
+    assert knobs_of(["anisotropy", "samples", "spp"]) == ("samples", "anisotropy")
+    assert knobs_of(["samples", "max_depth"], ["max_depth"]) == ("samples",)
 
 
 def test_singles_hold_the_presets_and_change_one_knob() -> None:
@@ -33,19 +33,19 @@ def test_singles_hold_the_presets_and_change_one_knob() -> None:
     assert all(len(changes(s)) <= 1 for s in found if s not in presets)
     assert all(s[k] in VALUES[k] for s in [*found, *around(NAMES)] for k in NAMES)
     normal = settings_of(PRESETS["normal"], NAMES)
-    assert {"samples": 40, "anisotropy": 2, "early_stop": 0.005} in list(beside(normal))
-    assert named(normal) == "normal" and named({**normal, "samples": 56}) == "samples 56"
+    assert {"samples": 40, "anisotropy": 2, "early_stop": 0.005} in list(neighbours(normal))
+    assert describe_changes(normal) == "normal" and describe_changes({**normal, "samples": 56}) == "samples 56"
 
 
 def test_what_does_nothing_without_a_filter_does_not_vary() -> None:
     names = ("samples", "filtering", "footprint", "anisotropy")
     reference = settings_of(PRESETS["reference"], names)
-    near = list(beside(reference))
+    near = list(neighbours(reference))
     assert all(s["samples"] != 256 or s["filtering"] for s in near) and len(near) == 2
     normal = settings_of(PRESETS["normal"], names)
-    (off,) = (s for s in beside(normal) if not s["filtering"])
+    (off,) = (s for s in neighbours(normal) if not s["filtering"])
     assert off == {**reference, "samples": normal["samples"]}
-    assert named(off) == "filtering False" and {**normal, "footprint": 0.35} in list(beside(normal))
+    assert describe_changes(off) == "filtering False" and {**normal, "footprint": 0.35} in list(neighbours(normal))
 
 
 def engine(settings) -> Point:
@@ -53,7 +53,7 @@ def engine(settings) -> Point:
     t = settings["samples"] / 48 * {1: 1.0, 2: 1.02, 4: 1.05, 8: 1.5, 16: 2.5}[settings["anisotropy"]]
     b = np.hypot(1.5 / settings["samples"], 0.05 / settings["anisotropy"] ** 2)
     counts = (1, 2, 4, 8)
-    e = tuple(float(together(b, 0.03, n)) for n in counts)
+    e = tuple(float(combined_error(b, 0.03, n)) for n in counts)
     zeros = (0.0,) * 4
     return Point(dict(settings), (t, t, t), 0.0, t, counts, e, zeros, zeros, float(b), 0.03, 0.0, 0.0)
 
@@ -65,7 +65,7 @@ def test_proposals_find_the_front_of_all_settings() -> None:
         entries(engine({"samples": s, "anisotropy": a}) for s in VALUES["samples"] for a in VALUES["anisotropy"])
     )
     for _ in range(30):
-        settings = proposed(points)
+        settings = propose(points)
         if settings is None:
             break
         assert settings not in [p.settings for p in points]

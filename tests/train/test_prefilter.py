@@ -11,12 +11,12 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.kept_textures import to_folder
 from mesoshell.io.twin import Twin
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle
 from mesoshell.shell.material.field import Point, inputs, neural_field
 from mesoshell.shell.material.loader import load_device_material
 from mesoshell.train import prefilter
 from mesoshell.train.export import grids_of
-from mesoshell.train.prefilter import prefiltered
+from mesoshell.train.prefilter import fit_correction
 from tests.helpers import growing, wearing
 
 pytestmark = [pytest.mark.xdist_group("prefilter")]
@@ -35,7 +35,7 @@ def few():
 @pytest.fixture(scope="module")
 def corrected(few, tiny_bundle) -> tuple[Bundle, list[prefilter.Gap]]:
     gaps: list[prefilter.Gap] = []
-    return prefiltered(tiny_bundle, "tiny", steps=60, show=gaps.append), gaps
+    return fit_correction(tiny_bundle, "tiny", steps=60, show=gaps.append), gaps
 
 
 def looked_up(bundle: Bundle, radius: float, h: float = 0.6) -> np.ndarray:
@@ -104,14 +104,14 @@ def test_bounds_are_of_the_corrected_material(tiny_bundle) -> None:
 
 def test_a_second_time_begins_anew(few, corrected) -> None:
     """A correction is of the material, not of one that is corrected already."""
-    again = prefiltered(corrected[0], "tiny", steps=60)
+    again = fit_correction(corrected[0], "tiny", steps=60)
     np.testing.assert_array_equal(again.arrays["correction"], corrected[0].arrays["correction"])
 
 
 def test_tiles_and_a_generator(few, tiled_bundle) -> None:
-    tiles = prefiltered(tiled_bundle, "tiles", steps=3)
+    tiles = fit_correction(tiled_bundle, "tiles", steps=3)
     assert tiles.arrays["correction"].shape[0] == 5 and tiles.tiles == tiled_bundle.tiles
-    made = prefiltered(growing.bundle(), "grown", steps=3)
+    made = fit_correction(growing.bundle(), "grown", steps=3)
     assert not made.baked and made.arrays["correction"].shape[0] == 5
 
 
@@ -123,11 +123,13 @@ def test_a_grown_texture_has_the_correction_of_its_levels(tmp_path) -> None:
     grown = read_bundle(tmp_path / "made.npz")
     for coarser in (0, 2):
         wanted = TextureRequest(coarser=coarser)
-        texture, _ = baked(grown, "grown", (32, 32), wanted)
-        plain, _ = baked(bundle, "grown", (32, 32), wanted)
+        texture, _ = bake_bundle(grown, "grown", (32, 32), wanted)
+        plain, _ = bake_bundle(bundle, "grown", (32, 32), wanted)
         folder = tmp_path / f"folder{coarser}"
         folder.mkdir()
-        to_folder(folder, lambda allocate, wanted=wanted: baked(grown, "grown", (32, 32), wanted, allocate=allocate)[0])
+        to_folder(
+            folder, lambda allocate, wanted=wanted: bake_bundle(grown, "grown", (32, 32), wanted, allocate=allocate)[0]
+        )
         for found in (texture, read_bundle(folder)):
             np.testing.assert_array_equal(found.arrays["correction"], numbered[coarser:])
         assert texture.finest_corrected == (coarser == 2)
@@ -143,18 +145,18 @@ def test_a_grown_texture_has_the_correction_of_its_levels(tmp_path) -> None:
 def test_a_twin_and_a_texture_that_was_grown_are_left_out(few, tiny_bundle) -> None:
     """They are of the material as it was."""
     twin = Twin(wearing.bundle(), (0.5,), (0.0, 0.0, 0.0), ((0.25, 0.1), (2.0, 0.1)))
-    assert prefiltered(replace(tiny_bundle, twin=twin), "tiny", steps=1).twin is None
+    assert fit_correction(replace(tiny_bundle, twin=twin), "tiny", steps=1).twin is None
     bundle = growing.bundle()
-    texture, _ = baked(bundle, "grown", (32, 32), TextureRequest())
+    texture, _ = bake_bundle(bundle, "grown", (32, 32), TextureRequest())
     both = replace(bundle, arrays=bundle.arrays | texture.arrays)
-    assert both.baked and not prefiltered(both, "grown", steps=1).baked
+    assert both.baked and not fit_correction(both, "grown", steps=1).baked
 
 
 def test_faults(tiny_bundle) -> None:
-    grown, _ = baked(growing.bundle(), "it", (32, 32), TextureRequest())
+    grown, _ = bake_bundle(growing.bundle(), "it", (32, 32), TextureRequest())
     with pytest.raises(InputError, match=r"^a lawn: is one texture with edges: correct the material"):
-        prefiltered(grown, "a lawn")
+        fit_correction(grown, "a lawn")
     with pytest.raises(InputError, match="steps: must be at least 1"):
-        prefiltered(tiny_bundle, "tiny", steps=0)
+        fit_correction(tiny_bundle, "tiny", steps=0)
     with pytest.raises(InputError, match="seed"):
-        prefiltered(tiny_bundle, "tiny", seed=2**32)
+        fit_correction(tiny_bundle, "tiny", seed=2**32)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from mesoshell.shell.material.decoder import trunk
-from mesoshell.train.gan.state import TrainState, sized, start
+from mesoshell.train.gan.state import TrainState, sized_for, start
 from mesoshell.train.transfer import transfer_weights
 from tests.helpers import small_step
 
-OLD, NEW = sized(small_step.CONFIG, 1, 1), sized(small_step.CONFIG, 3, 0)
+OLD, NEW = sized_for(small_step.CONFIG, 1, 1), sized_for(small_step.CONFIG, 3, 0)
 
 
 @pytest.fixture(scope="module")

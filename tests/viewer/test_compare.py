@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mesoshell.measure.flip import flip
 from mesoshell.scene.accumulate import over_backdrop
-from mesoshell.viewer.compare import difference, over_white, wiped
+from mesoshell.viewer.compare import difference, over_white, wipe
 
 
 def picture(seed: int, height: int = 6, width: int = 9) -> np.ndarray:
@@ -19,7 +19,7 @@ def picture(seed: int, height: int = 6, width: int = 9) -> np.ndarray:
 @given(st.floats(0, 1))
 def test_each_column_is_one_pictures_or_the_line(share: float):
     a, b = picture(1), picture(2)
-    image, column = wiped(a, b, share), round(share * 9)
+    image, column = wipe(a, b, share), round(share * 9)
     np.testing.assert_array_equal(image[:, :column], over_white(a)[:, :column])
     right = slice(column + 1 if 0 < column < 9 else column, None)
     np.testing.assert_array_equal(image[:, right], over_white(b)[:, right])
@@ -29,13 +29,13 @@ def test_each_column_is_one_pictures_or_the_line(share: float):
 
 def test_fewer_pixels_are_shown_with_as_many():
     coarse, fine = picture(1, 3, 4), picture(2, 6, 8)
-    for image in (wiped(coarse, fine, 1.0), wiped(fine, coarse, 0.0)):
+    for image in (wipe(coarse, fine, 1.0), wipe(fine, coarse, 0.0)):
         assert image.shape == (6, 8, 3)
         mean = image.reshape(3, 2, 4, 2, 3).mean(axis=(1, 3))
         np.testing.assert_allclose(mean, over_white(coarse), atol=0.3)
         assert np.corrcoef(mean.ravel(), over_white(coarse).ravel())[0, 1] > 0.9
     even = np.full((3, 4, 4), 0.4)
-    np.testing.assert_allclose(wiped(even, fine, 1.0), 1.0, atol=1e-6)
+    np.testing.assert_allclose(wipe(even, fine, 1.0), 1.0, atol=1e-6)
 
 
 def test_a_map_of_errors_is_that_of_flip():

@@ -12,8 +12,8 @@ from mesoshell.cli.main import main
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.scene.materials import Material
-from mesoshell.scene.settled import settled
-from mesoshell.viewer.look import Painting, Sky, command, first_look, shown, sized, toward_sun, with_texture_of
+from mesoshell.scene.settle import settle
+from mesoshell.viewer.look import Painting, Sky, command, first_look, look_scene, toward_sun, with_size, with_texture_of
 from tests.helpers import growing, wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -28,7 +28,7 @@ def _no_cache_at_home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pyt
 @pytest.fixture
 def begun(tiny_bundle: Bundle) -> ms.Scene:
     scene = ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4, size=(20, 16), params={"dryness": "0.3"})
-    return settled(scene, texture=False)
+    return settle(scene, texture=False)
 
 
 def test_the_first_look_is_the_scene(begun: ms.Scene):
@@ -36,30 +36,30 @@ def test_the_first_look_is_the_scene(begun: ms.Scene):
     assert look.params["dryness"] == 0.3 and look.thickness == begun.thickness and look.base_colour == begun.base_colour
     assert look.texture(begun) == ()
     assert isinstance(begun.camera, ms.Camera)
-    scene = shown(begun, begun, look, begun.camera, True)
+    scene = look_scene(begun, begun, look, begun.camera, True)
     np.testing.assert_array_equal(ms.render(scene, "draft").rgba, ms.render(begun, "draft").rgba)
 
 
 def test_what_varies_by_an_image_has_no_value(tiny_bundle: Bundle):
     image = np.linspace(0, 1, 16, dtype=np.float32).reshape(4, 4)
-    scene = settled(ms.Scene(MESH, Material("tiny", tiny_bundle), params={"dryness": image}), texture=False)
+    scene = settle(ms.Scene(MESH, Material("tiny", tiny_bundle), params={"dryness": image}), texture=False)
     look = first_look(scene)
     assert "dryness" not in look.params
-    np.testing.assert_array_equal(shown(scene, scene, look, CAMERA, False).params["dryness"], image)
+    np.testing.assert_array_equal(look_scene(scene, scene, look, CAMERA, False).params["dryness"], image)
 
 
 def test_each_value_reaches_the_scene(begun: ms.Scene):
     look = replace(
         first_look(begun), params={"dryness": 0.8}, thickness=0.2, base_colour=(0.1, 0.2, 0.3), sun=(0.0, 90.0)
     )
-    scene = shown(begun, begun, look, CAMERA, True)
+    scene = look_scene(begun, begun, look, CAMERA, True)
     assert scene.params["dryness"] == 0.8 and scene.thickness == 0.2 and scene.base_colour == (0.1, 0.2, 0.3)
     assert scene.camera is CAMERA and scene.environment is None
     assert len(scene.lights) == 1 and scene.lights[0] == pytest.approx((0, 1, 0))
 
 
 def test_geometry_and_seed_ask_for_another_texture():
-    begun = settled(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0, params={"age": 4.0}), texture=False)
+    begun = settle(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0, params={"age": 4.0}), texture=False)
     look = first_look(begun)
     assert set(look.params) == {"age", "length"} and look.texture(begun) == (0, ("length", 2.0))
     for other in (replace(look, seed=5), replace(look, params={**look.params, "length": 3.0})):
@@ -73,14 +73,14 @@ def test_what_is_painted_takes_a_number_s_place(tmp_path: Path, begun: ms.Scene)
     image = np.linspace(0, 1, 16, dtype=np.float32).reshape(4, 4)
     painting = Painting(image)
     look = replace(first_look(begun), painted={"dryness": painting})
-    scene = shown(begun, begun, look, CAMERA, False)
+    scene = look_scene(begun, begun, look, CAMERA, False)
     np.testing.assert_array_equal(scene.params["dryness"], image)
     assert look == replace(look) and look != replace(look, painted={"dryness": Painting(image)})
     assert "--param dryness=dryness.exr" in command(replace(begun, mesh=MESH, lights=()), scene, look, "jax", 2)
 
 
 def test_painted_geometry_asks_for_another_texture():
-    begun = settled(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0), texture=False)
+    begun = settle(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0), texture=False)
     look, painting = first_look(begun), Painting(np.full((4, 4), 0.5, np.float32))
     painted = replace(look, painted={"length": painting})
     assert painted.texture(begun) != look.texture(begun) and painted.texture(begun) == replace(painted).texture(begun)
@@ -90,10 +90,10 @@ def test_painted_geometry_asks_for_another_texture():
 
 
 def test_a_surface_material_has_little_to_set():
-    begun = settled(ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4), texture=False)
+    begun = settle(ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4), texture=False)
     look = first_look(begun)
     assert look.params == {} and look.thickness is None and look.texture(begun) == ()
-    assert shown(begun, begun, look, CAMERA, False).thickness is None
+    assert look_scene(begun, begun, look, CAMERA, False).thickness is None
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
@@ -110,9 +110,9 @@ def test_the_sun_goes_around_the_axis_that_is_up(begun: ms.Scene, up):
 
 def test_a_view_keeps_its_proportions():
     camera = ms.Camera(CAMERA.to_world, 0.6, 1200, 700)
-    small = sized(camera, 128)
+    small = with_size(camera, 128)
     assert (small.width, small.height) == (128, 75) and small.fov == camera.fov
-    assert sized(ms.Camera(CAMERA.to_world, 0.6, 1, 4000), 128).width == 1
+    assert with_size(ms.Camera(CAMERA.to_world, 0.6, 1, 4000), 128).width == 1
 
 
 @pytest.mark.parametrize("lit", [True, False])
@@ -121,11 +121,11 @@ def test_a_sky_takes_the_place_of_the_scenes_lights(begun: ms.Scene, lit: bool):
     own = np.ones((2, 4, 3), np.float32)
     scene, sky = replace(begun, environment=own), Sky("studio.exr", np.full((4, 8, 3), 0.5, np.float32))
     look = first_look(scene)
-    under = shown(scene, scene, replace(look, sky=sky), CAMERA, lit)
+    under = look_scene(scene, scene, replace(look, sky=sky), CAMERA, lit)
     assert under.environment is sky.radiance and under.lights == ()
-    both = shown(scene, scene, replace(look, sky=sky, sun=(0.0, 90.0)), CAMERA, lit)
+    both = look_scene(scene, scene, replace(look, sky=sky, sun=(0.0, 90.0)), CAMERA, lit)
     assert both.environment is sky.radiance and both.lights[0] == pytest.approx((0, 1, 0))
-    assert shown(scene, scene, look, CAMERA, lit).environment is own
+    assert look_scene(scene, scene, look, CAMERA, lit).environment is own
     given = replace(scene, mesh=MESH, lights=[(0.0, 1.0, 0.0)], environment="old.exr")
     line = command(given, under, replace(look, sky=sky), "jax", 2)
     assert "--environment studio.exr" in line and "--light" not in line and "old.exr" not in line
@@ -149,10 +149,10 @@ def test_the_command_makes_this_very_picture(tiny_bundle: Bundle, tmp_path: Path
     lights = [(0.4, 0.8, 0.1), (-1.0, 0.1, 0.0)] if lit else []
     material = ms.load_material(tmp_path / "tiny.npz")
     given = ms.Scene(MESH, material, scale=0.4, lights=lights, irradiance=5.0, objects=[MESH], transparent=True)
-    begun = settled(given, texture=False)
+    begun = settle(given, texture=False)
     look = replace(first_look(begun), params={"dryness": 0.8}, sun=sun, quality="draft", thickness=0.25)
     away = ms.Camera(ms.look_at((-6.0, 1.0, -7.0), (0.0, 0.0, 0.0)), 0.6, 20, 16)  # not from where it began
-    scene = shown(begun, begun, look, away, lit)
+    scene = look_scene(begun, begun, look, away, lit)
     words = shlex.split(command(given, scene, look, "jax", 2))
     assert words[:2] == ["mesoshell", "render"]
     main([*words[1:], "--out", str(tmp_path / "a.png")])
@@ -163,10 +163,10 @@ def test_the_command_makes_this_very_picture(tiny_bundle: Bundle, tmp_path: Path
 
 def test_under_a_sky_a_files_suns_are_left_out(tiny_bundle: Bundle):
     given = ms.Scene(MESH.with_name("blender.glb"), Material("tiny", tiny_bundle))
-    begun = settled(given, texture=False)
+    begun = settle(given, texture=False)
     assert isinstance(begun.camera, ms.Camera)
     look = first_look(begun)
     for sky in (None, Sky("sky.exr", np.ones((2, 4, 3), np.float32))):
         own = replace(look, sky=sky)
-        words = command(given, shown(begun, begun, own, begun.camera, True), own, "jax", 1).split()
+        words = command(given, look_scene(begun, begun, own, begun.camera, True), own, "jax", 1).split()
         assert ("--no-suns" in words) is (sky is not None) and "--light" not in words

@@ -14,7 +14,7 @@ import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.scene.materials import Material
-from mesoshell.scene.settled import settled
+from mesoshell.scene.settle import settle
 from mesoshell.viewer import refine as refining
 from mesoshell.viewer.refine import RefinedPicture, refine
 from mesoshell.viewer.work import Workshop
@@ -42,7 +42,7 @@ def never() -> bool:
 
 
 def test_a_picture_refines_to_what_render_makes(scene: ms.Scene):
-    still = settled(scene)
+    still = settle(scene)
     steps = list(refine(still, "draft", never, most=3))
     assert [(s.rgba.shape, s.samples) for s in steps] == [((6, 8, 4), 1), *(((15, 20, 4), k) for k in (1, 2, 3))]
     made = ms.render(still, ms.Quality(samples=4), max_samples=3)
@@ -51,12 +51,12 @@ def test_a_picture_refines_to_what_render_makes(scene: ms.Scene):
 
 
 def test_a_small_picture_has_no_smaller_one(scene: ms.Scene):
-    still = settled(replace(scene, size=(8, 6)))
+    still = settle(replace(scene, size=(8, 6)))
     assert [s.rgba.shape for s in refine(still, "draft", never, most=1)] == [(6, 8, 4)]
 
 
 def test_a_picture_to_compare_with_has_no_coarse_one(scene: ms.Scene):
-    steps = list(refine(settled(scene), "draft", never, coarse=False, most=2))
+    steps = list(refine(settle(scene), "draft", never, coarse=False, most=2))
     assert [(s.rgba.shape, s.samples) for s in steps] == [((15, 20, 4), k) for k in (1, 2)]
 
 
@@ -69,7 +69,7 @@ def test_a_picture_that_nobody_waits_for_ends(scene: ms.Scene, polls: int):
         times += 1
         return times >= polls
 
-    assert len(list(refine(settled(scene), "draft", stopped, most=50))) < 6 and times == polls
+    assert len(list(refine(settle(scene), "draft", stopped, most=50))) < 6 and times == polls
 
 
 class Seen:
@@ -222,6 +222,6 @@ def test_a_texture_grows_beside_the_view(opened):
     while work.still.material is old and time.monotonic() < end:
         time.sleep(0.05)
     assert work.still.material is not old and work.still.material.shell.baked
-    wanted = settled(replace(work.begun, params={"length": 3.0}, seed=2))
+    wanted = settle(replace(work.begun, params={"length": 3.0}, seed=2))
     for name, array in wanted.material.shell.arrays.items():
         np.testing.assert_array_equal(work.still.material.shell.arrays[name], array)

@@ -19,7 +19,7 @@ from mesoshell.train.fit.holdout import Scores
 from mesoshell.train.fit.result import conclude, fit_config, read_fit_data
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import Data
-from mesoshell.train.prefilter import Gap, prefiltered
+from mesoshell.train.prefilter import Gap, fit_correction
 from mesoshell.train.run_config import RunConfig, snapshots
 
 #: Called with each row of the log: kimg, images_per_s and losses.
@@ -98,7 +98,7 @@ def prefilter(
     surface material, for one texture with edges, and for more textures than memory holds, about the material; about `steps` and
     `seed`.
     """
-    return Material(f"{material.name}, corrected", prefiltered(material.shell, material.name, steps, seed, show))
+    return Material(f"{material.name}, corrected", fit_correction(material.shell, material.name, steps, seed, show))
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ def in_one_line() -> Iterator[None]:
         yield
 
 
-def flushed() -> None:
+def flush_output() -> None:
     """Flush standard output. Raises BrokenPipeError if nobody reads, InputError if it cannot be written."""
     try:
         sys.stdout.flush()
@@ -44,7 +44,7 @@ def flushed() -> None:
         raise InputError("standard output", f"cannot be written: {error.strerror}") from error
 
 
-def concluded(work: Callable[[], None], debug: bool = False) -> int:
+def run_command(work: Callable[[], None], debug: bool = False) -> int:
     """Do the work, and return the exit status. A fault is one line on standard error, or a traceback with `debug`."""
     try:
         with in_one_line():
@@ -67,13 +67,13 @@ def _done(work: Callable[[], None]) -> None:
     try:
         work()
     except SystemExit:
-        flushed()
+        flush_output()
         raise
     except OSError as fault:
         if fault.filename is None:  # perhaps an error of printing: flushing what is still buffered fails again
-            flushed()
+            flush_output()
         raise
-    flushed()
+    flush_output()
 
 
 def _message(fault: Exception) -> str:

@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
-from mesoshell.cli.ending import concluded
+from mesoshell.cli.ending import run_command
 
 #: Exit status if another host is lost: EX_TEMPFAIL, "try again", in sysexits.h.
 LOST = 75
@@ -35,7 +35,7 @@ _TOGETHER = (0, 1)
 _DEATH_SIGNAL = 1
 
 
-def watched(work: Callable[[], None], run: Path) -> None:
+def run_in_child(work: Callable[[], None], run: Path) -> None:
     """Do a host's work in a child process, and end with its status. run: folder that the line about a lost host names."""
     reading, writing = os.pipe()
     for stream in (sys.stdout, sys.stderr):
@@ -80,7 +80,7 @@ def _train(work: Callable[[], None], writing: int) -> None:
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # gRPC's warnings of the same loss
     together = True
     try:
-        status = concluded(work, "--debug" in sys.argv)
+        status = run_command(work, "--debug" in sys.argv)
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else 1
     except BaseException:  # a bug, or --debug

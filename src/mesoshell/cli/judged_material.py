@@ -5,14 +5,14 @@ from pathlib import Path
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.material import find
-from mesoshell.measure.posed import Posed, posed
+from mesoshell.measure.posed import Posed, pose_material
 from mesoshell.train.patch_renderer import PictureConfig
 from mesoshell.train.run_config import read_record, snapshots
 
 
 def posed_material(name: str, dataset: Dataset) -> Posed:
     """A material that makes pictures from the dataset's cameras. Raises InputError."""
-    return posed(bundle_of(name), name, dataset, _taken(name))
+    return pose_material(bundle_of(name), name, dataset, _taken(name))
 
 
 def bundle_of(name: str) -> Bundle:

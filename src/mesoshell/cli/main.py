@@ -7,7 +7,7 @@ from typing import Any
 import tyro
 
 from mesoshell import __version__
-from mesoshell.cli.ending import concluded, usage
+from mesoshell.cli.ending import run_command, usage
 from mesoshell.cli.options import (
     atlas,
     dataset,
@@ -94,7 +94,7 @@ def main(arguments: list[str] | None = None) -> None:
         return
     debug = "--debug" in given
     given = [a for a in given if a != "--debug"]
-    status = concluded(lambda: _call(_parsed(given)), debug)
+    status = run_command(lambda: _call(_parsed(given)), debug)
     if status:
         sys.exit(status)
 

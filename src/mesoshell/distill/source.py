@@ -16,7 +16,7 @@ from mesoshell.datasets.queries.render import Answers, Settings, of_geometry
 from mesoshell.datasets.queries.sources import PROCEDURES, source
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle, read_bundle
-from mesoshell.io.material import PARAMS, WITH, bundled, digest, find, normalised
+from mesoshell.io.material import PARAMS, WITH, bundled_materials, digest, find, normalise
 from mesoshell.io.surface import KIND, kind_of
 from mesoshell.scene.materials import read_params
 from mesoshell.shell.geometry.extrude import EARTH
@@ -66,7 +66,10 @@ def is_shell(name: str) -> bool:
     """Whether this names a shell's material, or a file or folder of one, rather than geometry."""
     path = Path(name)
     return (
-        name in (*bundled(), *WITH) or path.is_dir() or path.suffix == ".npz" or (path.is_file() and is_zipfile(path))
+        name in (*bundled_materials(), *WITH)
+        or path.is_dir()
+        or path.suffix == ".npz"
+        or (path.is_file() and is_zipfile(path))
     )
 
 
@@ -94,7 +97,7 @@ def shell_source(
     values, maps = read_params(bundle, params)
     if maps:
         raise InputError(PARAMS, f"{next(iter(maps))} is an image: a surface material is the same everywhere")
-    alpha, loaded = normalised(bundle, values), load_device_material(bundle)
+    alpha, loaded = normalise(bundle, values), load_device_material(bundle)
     thickness, base = thickness or bundle.thickness, base or EARTH
     if not all(0 <= v <= 1 for v in base):
         raise InputError(Argument("base"), "must be from 0 to 1: the share of light that it reflects")
@@ -129,7 +132,7 @@ def geometry_source(
     """Geometry, traced by Mitsuba. name: of a procedure, or an image of heights; spp: light paths a query; the others: as of
     `shell_source`. Raises InputError."""
     if name not in PROCEDURES and not Path(name).is_file():
-        known = ", ".join((*bundled(), *PROCEDURES))
+        known = ", ".join((*bundled_materials(), *PROCEDURES))
         raise InputError(name, f"neither a material, nor an image of heights, nor one of {known}")
     if (thickness or 0) > 1:
         raise InputError(Argument("thickness"), f"of geometry is at most 1, not {thickness:g}")

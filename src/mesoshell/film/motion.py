@@ -41,7 +41,7 @@ def orbit(
     check_count("orbit", count)
 
     def change(k: int) -> dict[str, Any]:
-        moved: dict[str, Any] = {"camera": turned(camera, pivot, up, 2 * np.pi * k / count)}
+        moved: dict[str, Any] = {"camera": rotate_about(camera, pivot, up, 2 * np.pi * k / count)}
         return moved if lights is None else moved | {"lights": tuple(lights)}
 
     return Motion(count, change)
@@ -63,7 +63,7 @@ def dolly(camera: Camera, pivot: Float[np.ndarray, "3"], far: float, count: int)
     return Motion(count, change)
 
 
-def turned(camera: Camera, pivot: Float[np.ndarray, "3"], up: int, angle: float) -> Camera:
+def rotate_about(camera: Camera, pivot: Float[np.ndarray, "3"], up: int, angle: float) -> Camera:
     """The camera turned about the axis through the pivot, counter-clockwise seen from above. angle: radians."""
     rotation = np.eye(3)
     i, j = (up + 1) % 3, (up + 2) % 3

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.io.atomic import together
+from mesoshell.io.atomic import move_together
 
 #: Constant rate factor of H.264: 0 is lossless, 51 worst.
 QUALITY = 17
@@ -36,7 +36,7 @@ def write_mp4(path: Path, frames: Iterable[UInt8[np.ndarray, "H W 3"]], size: tu
     from imageio_ffmpeg import get_ffmpeg_exe
 
     given = f"-loglevel error -f rawvideo -pix_fmt rgb24 -s {size[0]}x{size[1]} -r {fps!r} -i -".split()
-    with together(path) as folder:
+    with move_together(path) as folder:
         made = folder / path.name
         command = [get_ffmpeg_exe(), *given, *ENCODING.split(), *COLOURS.split(), str(made)]
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:

@@ -36,9 +36,9 @@ from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.settled import settled, with_others_grown
+from mesoshell.scene.settle import settle, with_others_grown
 from mesoshell.scene.setup import box_of, camera_of, up_axis
-from mesoshell.scene.unpack import unpacked
+from mesoshell.scene.unpack import unpack
 
 RECORD = "film.json"
 #: How many times its distance away a dolly begins.
@@ -77,11 +77,11 @@ def shoot(
     """Render the frames that are not there yet. motion: of the settled scene; grown: progress of its texture. Raises
     InputError, also for a folder that holds another film's frames."""
     probe_folder(folder, Argument("folder"))
-    begun = settled(scene, texture=False)
+    begun = settle(scene, texture=False)
     moves = motion(begun)
     of = _identity(begun, moves, quality, engine)
     rows = _rows(folder, of)
-    still = with_others_grown(begun, grown) if moves.shape else settled(begun, grown)
+    still = with_others_grown(begun, grown) if moves.shape else settle(begun, grown)
     notes: dict[str, None] = {}
     before: tuple[FrameView, np.ndarray] | None = None
     for k in range(moves.count):
@@ -131,7 +131,7 @@ def plan_motion(
         raise InputError(Argument(given[-1] if given else "orbit"), "give one of `orbit`, `dolly` and `keys`")
     if far is not None and dolly is None:
         raise InputError(Argument("far"), "is where a `dolly` begins: give `dolly` too")
-    scene = unpacked(scene)
+    scene = unpack(scene)
     aimed, unlit = scene.camera, not scene.lights and scene.environment is None
 
     def motion(still: Scene) -> Motion:

@@ -64,13 +64,13 @@ def add_wind(
 
     def change(k: int) -> dict[str, Any]:
         moved = motion.change(k)
-        lean, angle = combed(ground, toward, strength, size, k / fps, scene.seed or 0)
+        lean, angle = wind_lean(ground, toward, strength, size, k / fps, scene.seed or 0)
         return moved | {"params": {**moved.get("params", {}), LEAN: lean, ANGLE: angle}}
 
     return Motion(motion.count, change, shape=True)
 
 
-def combed(
+def wind_lean(
     ground: Ground, toward: Float[np.ndarray, "3"], strength: float, size: float, t: float, seed: int
 ) -> tuple[Float[np.ndarray, "H W"], Float[np.ndarray, "H W"]]:
     """Lean and its angle from u toward v, both over their range, at time t in seconds."""

@@ -93,11 +93,11 @@ def check_mesh(
     uv, more = _check_uv(points, faces, uv, kept, source)
     normals, turned = vertex_normals(points.astype(np.float64), faces)
     if turned:
-        more.append(f"normals of {counted(turned, 'vertex', 'vertices')} turned to point out of every face around")
+        more.append(f"normals of {count_of(turned, 'vertex', 'vertices')} turned to point out of every face around")
     return Mesh(points, faces, uv, normals.astype(np.float32), (*notes, *more))
 
 
-def moved(mesh: Mesh, to_world: Float[np.ndarray, "4 4"], source: str) -> Mesh:
+def transform_mesh(mesh: Mesh, to_world: Float[np.ndarray, "4 4"], source: str) -> Mesh:
     """The mesh under an affine map, its faces still outward. Raises InputError(source, …) as `check_mesh`."""
     points = mesh.vertices.astype(np.float64) @ to_world[:3, :3].T + to_world[:3, 3]
     faces, uv = mesh.faces, mesh.uv
@@ -132,7 +132,7 @@ def is_convex(mesh: Mesh) -> bool:
     return True
 
 
-def counted(number: int | np.integer, one: str, many: str = "") -> str:
+def count_of(number: int | np.integer, one: str, many: str = "") -> str:
     """`1 face`, `2 faces`."""
     return f"{number} {one if number == 1 else many or one + 's'}"
 
@@ -173,7 +173,7 @@ def _usable_faces(
     notes = []
     for what, where in (("zero-area", flat), ("repeated", again)):
         if where.any():
-            notes.append(f"{counted(where.sum(), f'{what} face')} dropped (first: index {np.argmax(where)})")
+            notes.append(f"{count_of(where.sum(), f'{what} face')} dropped (first: index {np.argmax(where)})")
     return np.flatnonzero(~flat & ~again), notes
 
 
@@ -190,10 +190,10 @@ def _wind(
         number = round((1 / edges.crowd[edges.crowd > 2]).sum())
         where = f"first: vertices {faces[f, k]}, {faces[f, (k + 1) % 3]}"
         notes.append(
-            f"{counted(number, 'edge')} with more than two faces: a border, except between faces of one surface ({where})"
+            f"{count_of(number, 'edge')} with more than two faces: a border, except between faces of one surface ({where})"
         )
     if winding.flip.any():
-        notes.append(f"winding of {counted(winding.flip.sum(), 'face')} flipped to agree with the neighbours")
+        notes.append(f"winding of {count_of(winding.flip.sum(), 'face')} flipped to agree with the neighbours")
     if winding.one_sided.any():
         notes.append(
             f"{winding.one_sided.sum()} faces form a one-sided surface: it is cut where opposite windings meet"
@@ -221,15 +221,15 @@ def _check_uv(
     if uv is None:
         fault = "no UVs"
     elif len(wild):
-        fault = f"{counted(len(wild), 'face')} without finite UVs (first: index {kept[wild[0]]})"
+        fault = f"{count_of(len(wild), 'face')} without finite UVs (first: index {kept[wild[0]]})"
     elif not _doubled_areas(uv).any():
         fault = "UVs without area"
     if uv is None or fault:
         uv, charts = unwrap(points, faces, source)
-        notes.append(f"{fault}: unwrapped with xatlas into {counted(charts, 'chart')}")
+        notes.append(f"{fault}: unwrapped with xatlas into {count_of(charts, 'chart')}")
     flat = np.flatnonzero(_doubled_areas(uv) == 0)
     if len(flat):
-        notes.append(f"{counted(len(flat), 'face')} without area in UV (first: index {kept[flat[0]]})")
+        notes.append(f"{count_of(len(flat), 'face')} without area in UV (first: index {kept[flat[0]]})")
     return uv, notes
 
 

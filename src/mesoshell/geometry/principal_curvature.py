@@ -22,7 +22,7 @@ import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mesoshell.geometry.mesh import Mesh, counted
+from mesoshell.geometry.mesh import Mesh, count_of
 from mesoshell.geometry.topology import pair_edges, split_fans
 
 #: The smallest that libigl takes, and the most exact: the error of a quadric grows with its distance.
@@ -57,9 +57,9 @@ def principal(mesh: Mesh) -> Principal:
     values, directions, lost = _mend(values[: len(points)], directions[: len(points)], good, mesh.faces)
     mended, notes = int((~good).sum()), []
     if mended > lost:
-        notes.append(f"curvature of {counted(mended - lost, 'vertex', 'vertices')} taken from the neighbours")
+        notes.append(f"curvature of {count_of(mended - lost, 'vertex', 'vertices')} taken from the neighbours")
     if lost:
-        notes.append(f"{counted(lost, 'vertex', 'vertices')} taken as flat: no neighbour has a usable curvature")
+        notes.append(f"{count_of(lost, 'vertex', 'vertices')} taken as flat: no neighbour has a usable curvature")
     return Principal(values / edge, directions, mended, tuple(notes))
 
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.contained import bounded, hushed
+from mesoshell.contained import bounded_memory, silent
 from mesoshell.errors import InputError
 from mesoshell.limits import check_memory, memory
 
@@ -39,7 +39,7 @@ def pxr(name: str) -> Any:
 
 
 @contextmanager
-def opened(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
+def open_stage(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
     """The stage of a file, and its first time code. Raises InputError if it is not one, or OpenUSD is not installed."""
     try:
         Sdf, Tf, Usd, UsdUtils = (pxr(name) for name in ("Sdf", "Tf", "Usd", "UsdUtils"))
@@ -48,7 +48,7 @@ def opened(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
     said: Any = UsdUtils.CoalescingDiagnosticDelegate()  # what OpenUSD would print
     stage: Any = None
     try:
-        with hushed(), bounded(memory() // 2):  # a damaged one asks for anything
+        with silent(), bounded_memory(memory() // 2):  # a damaged one asks for anything
             known = Sdf.Layer.Find(fspath(path))  # as it was read before: someone may still hold it
             stage = Usd.Stage.Open(fspath(path))
             if known:
@@ -66,13 +66,13 @@ def parts(path: str | PathLike[str]) -> Sequence[Placed]:
     """Each mesh of a stage, with the names of its prim and of those above it, from itself upward: paths and bare names. Of a
     point that repeats a prototype these are its instancer's."""
     there = memory()
-    with opened(path) as (stage, time):
+    with open_stage(path) as (stage, time):
         return list(_Walk(path, stage, time, there).below(stage.GetPseudoRoot(), np.eye(4), None, 0))
 
 
 def up_of(path: str | PathLike[str]) -> str:
     """The axis of a stage that is up, "y" or "z"."""
-    with opened(path) as (stage, _):
+    with open_stage(path) as (stage, _):
         return "z" if pxr("UsdGeom").GetStageUpAxis(stage) == "Z" else "y"
 
 
@@ -109,7 +109,7 @@ def matrix(usd: Any) -> Float[np.ndarray, "4 4"]:
 
 
 class _Walk:
-    """What is read of a stage, at a time. there: bytes of memory, without the bound of `opened`."""
+    """What is read of a stage, at a time. there: bytes of memory, without the bound of `open_stage`."""
 
     def __init__(self, path: str | PathLike[str], stage: Any, time: Any, there: int):
         self.path, self.stage, self.time, self.there = path, stage, time, there

@@ -83,7 +83,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def together(target: Path) -> Iterator[Path]:
+def move_together(target: Path) -> Iterator[Path]:
     """Yield a folder, and move its files into the folder of `target` at the end; after a fault, move none. Raises InputError if
     they cannot be written."""
     made = _beside(target)

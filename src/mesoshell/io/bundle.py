@@ -68,7 +68,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.archive import MANIFEST, read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle_arrays import check_heads, check_values
 from mesoshell.io.corner_tiles import Colours, is_torus
-from mesoshell.io.records import parsed
+from mesoshell.io.records import parse_json
 from mesoshell.io.twin import PREFIX, Twin, checked_twin, twin_arrays, twin_manifest, twin_of
 
 #: Of a texture without corner tiles, and with them.
@@ -200,7 +200,7 @@ def _all_arrays(bundle: Bundle) -> dict[str, np.ndarray]:
 
 def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
     """The manifest as the fields of a Bundle, without its arrays."""
-    fields = parsed(path, text, f"{MANIFEST} is ")
+    fields = parse_json(path, text, f"{MANIFEST} is ")
     if isinstance(fields, dict):
         fields.setdefault("twin", None)
         if fields.get("schema") == SCHEMA:

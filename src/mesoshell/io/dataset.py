@@ -17,14 +17,14 @@ being made: `read_dataset` sorts what is there, `check_dataset` reports what is 
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file
@@ -198,6 +198,18 @@ def sample_of(folder: Path, row: dict[str, Any]) -> Sample:
         irradiance=np.asarray(row["irradiance"], np.float64),
         size=(int(row["size"][0]), int(row["size"][1])),
     )
+
+
+def normalised_parameters(
+    parameters: dict[str, Any], samples: Sequence[Sample], role: str
+) -> Float32[np.ndarray, "N P"]:
+    """α or β of samples, mapped to [0, 1] by their ranges. parameters: of the manifest."""
+    out = np.empty((len(samples), sum(entry["role"] == role for entry in parameters.values())), np.float32)
+    names = [name for name, entry in parameters.items() if entry["role"] == role]
+    for column, name in zip(out.T, names, strict=True):
+        low, high = parameters[name]["range"]
+        column[:] = (np.array([sample.parameters[name] for sample in samples]) - low) / (high - low)
+    return out
 
 
 def _array(value: Any, shape: tuple[int, ...]) -> np.ndarray | None:

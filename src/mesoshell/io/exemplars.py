@@ -27,7 +27,7 @@ from mesoshell.io.archive import MANIFEST, read_arrays, read_heads, write_arrays
 from mesoshell.io.bundle import Parameter, read_bundle
 from mesoshell.io.corner_tiles import SIDE
 from mesoshell.io.material import digest
-from mesoshell.io.records import parsed
+from mesoshell.io.records import parse_json
 
 _FIELDS = {"kind", "height_octaves", "parameters", "provenance"}
 
@@ -96,7 +96,7 @@ def read_exemplars(path: str | PathLike[str]) -> Exemplars:
         if key not in heads or len(heads[key][0]) != axes:
             raise InputError(path, f"has no array {key} of {axes} axes: not exemplars")
     arrays = read_arrays(path, heads)
-    manifest = parsed(path, arrays.pop(MANIFEST).tobytes(), f"{MANIFEST} is ")
+    manifest = parse_json(path, arrays.pop(MANIFEST).tobytes(), f"{MANIFEST} is ")
     if not isinstance(manifest, dict) or manifest.keys() != _FIELDS or manifest["kind"] != "exemplars":
         raise InputError(path, f"{MANIFEST} does not describe exemplars")
     try:

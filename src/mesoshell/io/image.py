@@ -16,7 +16,7 @@ from os import PathLike
 import numpy as np
 from jaxtyping import Float, Float32
 
-from mesoshell.contained import hushed
+from mesoshell.contained import silent
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file, replace_file
 
@@ -182,7 +182,7 @@ def _checked(path: str | PathLike[str], image: np.ndarray) -> np.ndarray:
 def _exr_planes(path: str | PathLike[str], data: bytes) -> dict[str, np.ndarray]:
     import OpenEXR
 
-    with hushed():
+    with silent():
         try:
             with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
                 return {name: np.array(channel.pixels) for name, channel in file.channels().items()}

@@ -26,7 +26,7 @@ LARGER, WITH = "mesoshell_materials", ("pelt", "turf")
 INSTALL = "mesoshell-materials: pip install ./packages/materials of mesoshell's repository"
 
 
-def bundled() -> dict[str, Path]:
+def bundled_materials() -> dict[str, Path]:
     """Materials that come with the package, and with `LARGER` where it is installed, by name."""
     folders = [Path(str(resources.files("mesoshell") / "assets"))]
     if (found := find_spec(LARGER)) and found.origin:
@@ -37,16 +37,14 @@ def bundled() -> dict[str, Path]:
 
 def find(name: str) -> Path:
     """Path of a bundled material, or `name` itself if it is a file or folder. Raises InputError if it is neither."""
-    if name in bundled():
-        return bundled()[name]
+    if name in bundled_materials():
+        return bundled_materials()[name]
     if Path(name).is_file() or (Path(name) / MANIFEST).is_file():
         return Path(name)
     if name in WITH:
         raise InputError(name, f"is in a package of its own, {INSTALL}")
-    raise InputError(
-        name,
-        f"no such material: give a .npz file, a material's folder, or one of {', '.join(bundled()) or '(none bundled)'}",
-    )
+    known = ", ".join(bundled_materials()) or "(none bundled)"
+    raise InputError(name, f"no such material: give a .npz file, a material's folder, or one of {known}")
 
 
 def digest(path: Path) -> str:
@@ -68,7 +66,7 @@ def check_name(bundle: Bundle, name: str, source: str = PARAMS) -> None:
         raise InputError(source, f"no parameter '{name}'; {meant}")
 
 
-def normalised(
+def normalise(
     bundle: Bundle, values: dict[str, float], role: str = "alpha", source: str = PARAMS
 ) -> Float[np.ndarray, "A"]:
     """α or β from parameter values, with defaults for missing ones. Raises InputError for an unknown name or a value outside

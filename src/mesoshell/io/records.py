@@ -9,7 +9,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file
 
 
-def parsed(path: str | PathLike[str], text: bytes | str, where: str = "") -> Any:
+def parse_json(path: str | PathLike[str], text: bytes | str, where: str = "") -> Any:
     """Parse JSON. where: the text's place in the file, such as "line 3: ". Raises InputError if it is not JSON, or nested too
     deep for Python."""
     try:
@@ -22,7 +22,7 @@ def parsed(path: str | PathLike[str], text: bytes | str, where: str = "") -> Any
 
 def read_object(path: Path) -> dict[str, Any]:
     """Read a file's JSON object. Raises InputError."""
-    record = parsed(path, read_file(path))
+    record = parse_json(path, read_file(path))
     if not isinstance(record, dict):
         raise InputError(path, "is not a JSON object")
     return record
@@ -36,7 +36,7 @@ def read_rows(path: Path, fields: tuple[str, ...] = ()) -> list[dict[str, Any]]:
     *lines, _ = read_file(path).split(b"\n")
     rows = []
     for number, line in enumerate(lines, start=1):
-        row = parsed(path, line, f"line {number}: ")
+        row = parse_json(path, line, f"line {number}: ")
         if not isinstance(row, dict) or not row.keys() >= set(fields):
             raise InputError(path, f"line {number}: is not a row with {', '.join(fields) or 'fields'}")
         wrong = [k for k, x in row.items() if not (_is_name(x) if k == "name" else type(x) in (int, float))]

@@ -30,15 +30,15 @@ def contact_sheet(
         raise InputError(dataset.folder, "has no samples")
     some = [ordered[i] for i in np.linspace(0, len(ordered) - 1, min(count, len(ordered))).round().astype(int)]
     images = load_images(Dataset(dataset.folder, dataset.recipe, dataset.manifest, tuple(some)))
-    return tiled(shown(images), columns)
+    return tile_pictures(over_grey(images), columns)
 
 
-def shown(image: Float32[np.ndarray, "*N H W 4"]) -> Float32[np.ndarray, "*N H W 3"]:
+def over_grey(image: Float32[np.ndarray, "*N H W 4"]) -> Float32[np.ndarray, "*N H W 3"]:
     """Premultiplied linear RGBA as x / (1 + x) over grey."""
     return tonemap(np.maximum(image[..., :3], 0)) + np.float32(_GREY) * (1 - image[..., 3:])
 
 
-def tiled(y: Float32[np.ndarray, "N H W 3"], columns: int) -> Float32[np.ndarray, "h w 3"]:
+def tile_pictures(y: Float32[np.ndarray, "N H W 3"], columns: int) -> Float32[np.ndarray, "h w 3"]:
     """Pictures row by row, `columns` per row, with a gap around each."""
     columns = min(columns, len(y))
     grid = math.ceil(len(y) / columns), columns

@@ -37,7 +37,7 @@ import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import MANIFEST, Head, read_arrays, read_heads, write_arrays
-from mesoshell.io.records import parsed
+from mesoshell.io.records import parse_json
 
 SCHEMA, KIND = 2, "silhouette"
 #: Inputs of each module besides its texture, and its outputs.
@@ -123,7 +123,7 @@ def _manifest(path: str | PathLike[str]) -> dict[str, Any]:
     heads = read_heads(path)
     if MANIFEST not in heads or heads[MANIFEST][1] != np.uint8:
         raise InputError(path, f"has no {MANIFEST} of type uint8: not a bundle")
-    fields = parsed(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes(), f"{MANIFEST} is ")
+    fields = parse_json(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes(), f"{MANIFEST} is ")
     if not isinstance(fields, dict):
         raise InputError(path, f"{MANIFEST} is not a JSON object")
     return fields

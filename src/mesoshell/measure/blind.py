@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Integer
 from scipy.stats import binomtest
 
-from mesoshell.io.sheet import shown, tiled
+from mesoshell.io.sheet import over_grey, tile_pictures
 
 #: Pictures a row of a sheet; least side of a picture on it, pixels.
 COLUMNS, MIN_SIDE = 8, 128
@@ -39,16 +39,16 @@ class Sheet(NamedTuple):
     pose: Integer[np.ndarray, "_m"]
 
 
-def shuffled(real: Float[np.ndarray, "n H W C"], made: Float[np.ndarray, "n H W C"], seed: int) -> Sheet:
+def shuffle_pictures(real: Float[np.ndarray, "n H W C"], made: Float[np.ndarray, "n H W C"], seed: int) -> Sheet:
     """Real and made pictures in a random order, given by the seed."""
     order = np.random.default_rng(seed).permutation(len(real) + len(made))
     return Sheet(np.concatenate([real, made])[order], order < len(real), order % len(real))
 
 
-def drawn(sheet: Sheet) -> Float[np.ndarray, "_h _w 3"]:
+def draw_sheet(sheet: Sheet) -> Float[np.ndarray, "_h _w 3"]:
     """The sheet as one image; pictures are enlarged by a whole factor."""
     factor = -(-MIN_SIDE // sheet.pictures.shape[1])
-    return tiled(shown(sheet.pictures).repeat(factor, axis=1).repeat(factor, axis=2), COLUMNS)
+    return tile_pictures(over_grey(sheet.pictures).repeat(factor, axis=1).repeat(factor, axis=2), COLUMNS)
 
 
 def letters(answer: Bool[np.ndarray, "_m"]) -> str:
@@ -65,7 +65,7 @@ def marks(text: str) -> Bool[np.ndarray, "_m"]:
     return np.array([letter == "r" for letter in given], bool)
 
 
-def judged(answer: Bool[np.ndarray, "m"], given: Bool[np.ndarray, "m"]) -> Judged:
+def count_right(answer: Bool[np.ndarray, "m"], given: Bool[np.ndarray, "m"]) -> Judged:
     """How often a judge was right."""
     right, count = int((answer == given).sum()), len(answer)
     test = binomtest(right, count, 0.5, alternative="greater")

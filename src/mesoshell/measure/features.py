@@ -58,7 +58,7 @@ def efficientnet_lite2() -> Extractor:
     return _batched("EffLite2", partial(efficientnet.features, variant=efficientnet.LITE2), net)
 
 
-def shown(image: Float[np.ndarray, "N H W C"]) -> Float[np.ndarray, "N H W 3"]:
+def to_display(image: Float[np.ndarray, "N H W C"]) -> Float[np.ndarray, "N H W 3"]:
     """Linear radiance as an 8-bit picture would show it: tone-mapped, sRGB, 0 to 1."""
     return np.clip(linear_to_srgb(tonemap(np.maximum(image[..., :3], 0))), 0, 1).astype(np.float32)
 
@@ -67,7 +67,7 @@ def _batched(name: str, features: Callable, net: object) -> Extractor:
     compiled = jax.jit(features)
 
     def of(image: np.ndarray) -> np.ndarray:
-        y = shown(image)
+        y = to_display(image)
         full = np.concatenate([y, np.zeros((-len(y) % _BATCH, *y.shape[1:]), np.float32)])
         parts = [np.asarray(compiled(net, jnp.asarray(full[i : i + _BATCH]))) for i in range(0, len(full), _BATCH)]
         return np.concatenate(parts)[: len(y)]

@@ -17,13 +17,13 @@ from jaxtyping import Float
 
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import seed_origin
-from mesoshell.io.material import normalised
-from mesoshell.io.sheet import tiled
+from mesoshell.io.material import normalise
+from mesoshell.io.sheet import tile_pictures
 from mesoshell.measure import above
 from mesoshell.measure.copies import Nearest, layer_means, nearest
 from mesoshell.measure.direction import leans, mean_error, strokes
 from mesoshell.measure.repetition import largest_repeat
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle
 from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
 
 #: Patches along a field, pixels a patch, layers; light of its picture.
@@ -55,13 +55,13 @@ def score(
     scores = {"repeat": {"value": repeat(pictures["field"])}}
     if exemplars is not None:
         made = patches(bundle, name)
-        matches = copied(made, exemplars)
+        matches = nearest_exemplars(made, exemplars)
         scores |= distances(matches)
         theirs = [np.roll(exemplars[row.exemplar], np.negative(row.shift), (1, 2)) for row in matches]
         pairs = [_height(x) for pair in zip(made[:SHOWN], theirs, strict=False) for x in pair]
-        pictures["nearest"] = tiled(np.stack(pairs), 8)
+        pictures["nearest"] = tile_pictures(np.stack(pairs), 8)
     if combs(bundle):
-        off = combed(bundle, name)
+        off = combing_error(bundle, name)
         scores |= {"comb, lean": {"value": off.lean}, "comb, strokes": {"value": off.strokes}}
     return scores, pictures
 
@@ -97,7 +97,7 @@ def patches(bundle: Bundle, name: str) -> Float[np.ndarray, "M K V U"]:
     return np.concatenate(parts)
 
 
-def copied(made: Float[np.ndarray, "M K V U"], exemplars: Float[np.ndarray, "E K V U"]) -> list[Nearest]:
+def nearest_exemplars(made: Float[np.ndarray, "M K V U"], exemplars: Float[np.ndarray, "E K V U"]) -> list[Nearest]:
     """The nearest exemplar of each patch."""
     mean = layer_means(exemplars)
     return [nearest(x.astype(np.float64), exemplars, mean) for x in made]
@@ -108,7 +108,7 @@ def combs(bundle: Bundle) -> bool:
     return bundle.generator is not None and any(p.name == COMB and p.role == "beta" for p in bundle.parameters)
 
 
-def combed(bundle: Bundle, name: str) -> Combed:
+def combing_error(bundle: Bundle, name: str) -> Combed:
     """How well the pile follows a field of angles."""
     low, high = next(p.range for p in bundle.parameters if p.name == COMB)
 
@@ -145,6 +145,6 @@ def _grown(
     """The material over `side` × `side` patches, and α."""
     if bundle.generator is not None:
         texels = round(side * bundle.texel_density)
-        bundle = baked(bundle, name, (texels, texels), wanted)[0]
+        bundle = bake_bundle(bundle, name, (texels, texels), wanted)[0]
     origin = (0, 0) if bundle.tiles is None else seed_origin(wanted.seed)
-    return load_device_material(bundle, origin), normalised(bundle, {})
+    return load_device_material(bundle, origin), normalise(bundle, {})

@@ -20,7 +20,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, Sample
 from mesoshell.io.dataset_images import load_images
 from mesoshell.measure.distribution import Estimate, kid, with_interval
-from mesoshell.measure.features import Extractor, shown
+from mesoshell.measure.features import Extractor, to_display
 from mesoshell.measure.reader import Reader, error, learn, read
 from mesoshell.measure.sliced import descriptors, swd
 
@@ -61,7 +61,7 @@ def judge_of(dataset: Dataset, a: list[Sample], networks: list[Extractor]) -> Ju
     return Judge(
         networks,
         features,
-        descriptors(shown(images)),
+        descriptors(to_display(images)),
         learn(_reader_inputs(features[0], images), _values(known, a)),
         known,
     )
@@ -79,7 +79,7 @@ def score(judge: Judge, b: list[Sample], images: Float[np.ndarray, "N H W 4"]) -
         f"KID-{network.name}": with_interval(kid, real, made)
         for network, real, made in zip(judge.networks, judge.features, features, strict=True)
     }
-    levels = descriptors(shown(images), seed=1)
+    levels = descriptors(to_display(images), seed=1)
     sides = [images.shape[1] >> i for i in range(len(levels))]
     for side, real, made in zip(sides, judge.levels, levels, strict=True):
         rows[f"SWD-{side}"] = with_interval(swd, real, made)

@@ -27,7 +27,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.image import read_picture
 from mesoshell.nets.batches import run
 from mesoshell.neutex.brdf import MIN_ROUGHNESS
-from mesoshell.neutex.field import Field, FieldConfig, lobes, texture, to_surface, viewed
+from mesoshell.neutex.field import Field, FieldConfig, lobes, texture, to_surface, view_reflectance
 from mesoshell.neutex.layout import LAYOUTS, Layout, directions, shape, side_of
 from mesoshell.neutex.render import Paint
 from mesoshell.neutex.store import NeuTexModel
@@ -69,7 +69,7 @@ def _greatest(config: FieldConfig, part: Part, field: Field, eyes, u):
         toward = normalise(eyes - y[None])
         before = (jnp.sum(toward * n[None], axis=1) > BEFORE)[:, None]
         ways = jnp.where(before, toward, n[None])
-        each = jax.vmap(lambda v: viewed(config, field, features, -v))(ways)
+        each = jax.vmap(lambda v: view_reflectance(config, field, features, -v))(ways)
         return base + jnp.max(jnp.where(before | ~before.any(), each, -jnp.inf), axis=0)
 
     return jax.lax.map(jax.vmap(point), u.reshape(-1, 1024, 3)).reshape(-1, 3)
@@ -96,7 +96,7 @@ def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.
     return fit[0], image
 
 
-def painted(model: NeuTexModel, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit) -> Paint:
+def paint_of(model: NeuTexModel, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit) -> Paint:
     """The edit of an image. image: linear RGB, or premultiplied RGBA."""
     alpha = image[..., 3:] if image.shape[2] == 4 else np.ones_like(image[..., :1])
     rgb = image[..., :3]  # α E

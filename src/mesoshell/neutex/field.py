@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from mesoshell.nets.encoding import HashConfig, frequency, hashed, init_tables
+from mesoshell.nets.encoding import HashConfig, frequency, hash_grid, init_tables
 from mesoshell.nets.mlp import Dense, apply_dense, apply_relu, init_dense, init_mlp
 from mesoshell.neutex.brdf import Lobes
 from mesoshell.numerics import normalise, softplus
@@ -119,7 +119,7 @@ def texture(config: FieldConfig, field: Field, u: Vec3) -> tuple[Vec3, Float[Arr
     return _base(field.texture, _encoded(config, field.texture, u, config.octaves[1]))
 
 
-def viewed(config: FieldConfig, field: Field, features: Float[Array, "F"], d: Vec3) -> Vec3:
+def view_reflectance(config: FieldConfig, field: Field, features: Float[Array, "F"], d: Vec3) -> Vec3:
     """r(u, d)."""
     return _applied(field.view, jnp.concatenate([features, frequency(d, config.octaves[2])]))
 
@@ -130,7 +130,7 @@ def radiance(config: FieldConfig, field: Field, y: Vec3, d: Vec3, features: Floa
         base, inner = _base(field.texture, features)
     else:
         base, inner = texture(config, field, to_texture(field, y))
-    return base + viewed(config, field, inner, d)
+    return base + view_reflectance(config, field, inner, d)
 
 
 def _base(net: Net, x: Float[Array, "E"]) -> tuple[Vec3, Float[Array, "F"]]:
@@ -145,7 +145,7 @@ def _applied(net: Net, x: Float[Array, "I"]) -> Float[Array, "O"]:
 def _encoded(config: FieldConfig, net: Net, x: Vec3, octaves: int) -> Float[Array, "E"]:
     if isinstance(net.tables, tuple):
         return frequency(x, octaves)
-    return jnp.concatenate([x, hashed(config.hash, net.tables, x)])
+    return jnp.concatenate([x, hash_grid(config.hash, net.tables, x)])
 
 
 def _net(config: FieldConfig, key: Key[Array, ""], octaves: int, widths: tuple[int, ...], outputs: int) -> Net:

@@ -85,12 +85,12 @@ def march(
         made = jax.vmap(lambda y: lobes(config, field, to_texture(field, y)))(y)
         n = jax.vmap(lambda y, f: normal(field, y, f))(y, features)
         away = jnp.sum(w * jnp.maximum(jnp.sum(n * d[None], axis=1), 0) ** 2)
-        c = jax.vmap(lambda made, n, t: flashed(config, made, n, d, t))(made, n, t)
+        c = jax.vmap(lambda made, n, t: flash_radiance(config, made, n, d, t))(made, n, t)
     else:
         c = jax.vmap(lambda y, f: radiance(config, field, y, d, f))(y, features)
     return Marched(jnp.matmul(w, c, precision="highest"), passed, w, y, away)
 
 
-def flashed(config: FieldConfig, made: Lobes, n: Vec3, d: Vec3, t: Scalar) -> Vec3:
+def flash_radiance(config: FieldConfig, made: Lobes, n: Vec3, d: Vec3, t: Scalar) -> Vec3:
     """c of a point at distance t from a camera that lights it, without attenuation on the way."""
     return shade(made, n, -d, -d) * (config.flash / jnp.maximum(t, 1e-3) ** 2)

@@ -20,7 +20,7 @@ from mesoshell.neutex.brdf import shade
 from mesoshell.neutex.cameras import Photo, photo_rays, pixels
 from mesoshell.neutex.field import Field, FieldConfig, density, lobes, normal, radiance, to_texture
 from mesoshell.neutex.layout import Layout, lookup
-from mesoshell.neutex.march import CELLS, dilate, flashed, places
+from mesoshell.neutex.march import CELLS, dilate, flash_radiance, places
 from mesoshell.numerics import opacity, optical_depth
 from mesoshell.render.camera import centred
 from mesoshell.render.light import Distant, Environment, beams
@@ -203,7 +203,7 @@ def _shaded(form: StaticConfig, arrays: FieldArrays, y, t, d, light):
     made, n = lobes(config, field, to_texture(field, y)), normal(field, y, features)
     made = made._replace(albedo=_edited(form, arrays, made.albedo, y))
     if light is None:
-        return sigma, flashed(config, made, n, d, t)
+        return sigma, flash_radiance(config, made, n, d, t)
     return sigma, jnp.sum(jax.vmap(lambda toward, strength: shade(made, n, -d, toward) * strength)(*light), axis=0)
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from mesoshell.errors import InputError
 from mesoshell.io.archive import MANIFEST, read_arrays, read_heads, write_arrays
-from mesoshell.io.records import parsed
+from mesoshell.io.records import parse_json
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.neutex.cameras import Photo
 from mesoshell.neutex.field import Field, FieldConfig, init_field
@@ -66,7 +66,7 @@ def read_neutex(path: Path) -> NeuTexModel:
     if MANIFEST not in heads:
         raise InputError(path, f"is not a captured object: it has no {MANIFEST}")
     try:
-        about = parsed(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes(), f"{MANIFEST} is ")
+        about = parse_json(path, read_arrays(path, [MANIFEST])[MANIFEST].tobytes(), f"{MANIFEST} is ")
         if about["kind"] != "captured object" or about["schema"] != SCHEMA:
             raise InputError(
                 path, f"is not a captured object of schema {SCHEMA}, but {about['kind']} of {about['schema']}"

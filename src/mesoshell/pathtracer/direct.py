@@ -39,11 +39,11 @@ def gather_light(context, scene, ray, shift=0.5):
             queries += 1
             busy = depth < stop
             if weight > cut:
-                rgb += weight * scattered(context, scene, ray, s.frame, sample, features)
+                rgb += weight * single_scattering(context, scene, ray, s.frame, sample, features)
     return rgb, dr.exp(-mi.Float(depth)), queries
 
 
-def scattered(context, scene, ray, frame, sample, features):
+def single_scattering(context, scene, ray, frame, sample, features):
     """Σ ρ E⊥ V at a sample, from its trunk features."""
     total = mi.Color3f(0)
     view = dr.normalize(canonical(frame, -mi.Vector3f(ray.d)))

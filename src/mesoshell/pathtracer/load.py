@@ -14,10 +14,10 @@ import mitsuba as mi
 import numpy as np
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex, moved, surface_area
+from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex, surface_area, transform_mesh
 from mesoshell.io.atomic import read_file
 from mesoshell.io.bundle import read_bundle
-from mesoshell.io.material import bundled, check_name, find, normalised
+from mesoshell.io.material import bundled_materials, check_name, find, normalise
 from mesoshell.io.surface import KIND, kind_of, read_surface
 from mesoshell.pathtracer import integrator, xml_bsdf
 from mesoshell.pathtracer.facts import distant, facts_of
@@ -27,13 +27,13 @@ from mesoshell.pathtracer.media import Media, Medium
 from mesoshell.pathtracer.render_context import RenderContext
 from mesoshell.pathtracer.shells import Shells
 from mesoshell.pathtracer.surface_material import SurfaceMaterial, SurfaceMeshes
-from mesoshell.pathtracer.texture_cache import TextureKey, textured
+from mesoshell.pathtracer.texture_cache import TextureKey, with_texture
 from mesoshell.pathtracer.texture_lod import texels_needed
 from mesoshell.pathtracer.xml_bsdf import Element
 from mesoshell.render.effects import PATHS, plan_effects
 from mesoshell.render.facts import Facts, TwinFacts
 from mesoshell.render.quality import PRESETS, Quality
-from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions, transformed
+from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions, transform_shell
 from mesoshell.surface_material.scene import default_period
 from mesoshell.surface_material.tables import SurfaceTables, surface_tables
 
@@ -168,8 +168,8 @@ def _shells(
     for name, texture in element.textures.items():
         check_name(bundle, name, element.material)
         check_map(name, texture, element.material)
-    alpha = normalised(bundle, element.numbers, "alpha", element.material)
-    places = [transformed(shell, m) for m in element.placed] or [shell]
+    alpha = normalise(bundle, element.numbers, "alpha", element.material)
+    places = [transform_shell(shell, m) for m in element.placed] or [shell]
     most = int(bundle.texel_density)
     footprint = quality.footprint if quality.filtering else 0.0
     texels = most if bundle.generator is None else texels_needed(sensors, places, most, footprint)
@@ -179,7 +179,7 @@ def _shells(
         for name, texture in element.textures.items()
         if name not in names
     }
-    baked, origin, key = textured(path, bundle, shell.uv, TextureKey(element.seed, element.numbers, texels, fields))
+    baked, origin, key = with_texture(path, bundle, shell.uv, TextureKey(element.seed, element.numbers, texels, fields))
     if key not in materials:
         materials[key] = Material(baked, origin)
     values = tuple(element.textures.get(name, float(v)) for name, v in zip(names, alpha, strict=True))
@@ -204,7 +204,7 @@ def _surfaces(
     if not (np.isfinite(period) and period > 0):
         raise InputError(element.material, f"scale must be above 0, not {period:g}")
     material = materials.setdefault(path, SurfaceMaterial(bundle))
-    places = [moved(mesh, m, element.material) for m in element.placed] or [mesh]
+    places = [transform_mesh(mesh, m, element.material) for m in element.placed] or [mesh]
     # periods of an instance scale with its edges
     tables = [surface_tables(m, period * (surface_area(m) / surface_area(mesh)) ** 0.5, quality) for m in places]
     return [(w, material) for w in tables], tables[0].notes(bundle.curvature)
@@ -213,7 +213,7 @@ def _surfaces(
 def _file(material: str) -> Path:
     """A bundled material's file, or one in Mitsuba's search path."""
     resolver = cast(Any, mi).file_resolver()
-    return find(material if material in bundled() else str(resolver.resolve(material)))
+    return find(material if material in bundled_materials() else str(resolver.resolve(material)))
 
 
 def _mesh(element: Element) -> Mesh:

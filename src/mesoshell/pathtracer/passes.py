@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.pathtracer.sobol import Sobol, hashed
+from mesoshell.pathtracer.sobol import Sobol, hash_bits
 
 
 def can_pass(film: mi.Film) -> bool:
@@ -31,7 +31,7 @@ def render_pass(scene: mi.Scene, pixels: Int[np.ndarray, "P"], k: int) -> Float[
     film = sensor.film()
     width, height = (int(x) for x in film.crop_size())
     pixel = mi.UInt32(pixels.astype(np.uint32))
-    draws = Sobol(hashed(pixel + 1), dr.opaque(mi.UInt32, k), mi.UInt32(0))
+    draws = Sobol(hash_bits(pixel + 1), dr.opaque(mi.UInt32, k), mi.UInt32(0))
     place = mi.Point2f(pixel % width, pixel // width) + draws.next_2d()
     lens = draws.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
     begin = sensor.shutter_open()  # no scene of ours moves

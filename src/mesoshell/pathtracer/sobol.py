@@ -42,11 +42,11 @@ class Sobol:
     def _next(self):
         """The key of another dimension, and the path's number in its order."""
         self.dimension += 1
-        key = hashed(self.pixel ^ hashed(self.dimension))
+        key = hash_bits(self.pixel ^ hash_bits(self.dimension))
         return key, dr.brev(_flipped(dr.brev(self.path), key))
 
 
-def hashed(x):
+def hash_bits(x):
     """Another 32 bits for each."""
     x = (x ^ x >> 16) * 0x7FEB352D
     x = (x ^ x >> 15) * 0x846CA68B
@@ -72,4 +72,4 @@ def _flipped(x, key):
 
 def _scrambled(x, key):
     """S of a coordinate whose bits are reversed, as a number in [0, 1)."""
-    return mi.Float(dr.brev(_flipped(x, hashed(key))) >> 8) * 2**-24
+    return mi.Float(dr.brev(_flipped(x, hash_bits(key))) >> 8) * 2**-24

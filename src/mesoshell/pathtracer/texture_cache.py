@@ -38,7 +38,7 @@ class TextureKey:
     fields: dict[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
 
 
-def textured(
+def with_texture(
     path: Path, bundle: Bundle, uv: Float[np.ndarray, "P 3 2"], wanted: TextureKey
 ) -> tuple[Bundle, tuple[int, int], tuple]:
     """The material with a texture that covers a surface of corners uv (patches), the texture's origin (u, v), and a key for

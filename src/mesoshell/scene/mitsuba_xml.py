@@ -17,7 +17,7 @@ from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.archive import MANIFEST
 from mesoshell.io.atomic import new_folder, read_file
 from mesoshell.io.image import write_exr
-from mesoshell.io.material import bundled
+from mesoshell.io.material import bundled_materials
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
@@ -25,7 +25,7 @@ from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, sky_pose
 from mesoshell.render.quality import Quality
 from mesoshell.scene.growth import grows
 from mesoshell.scene.scene import Grown, Scene
-from mesoshell.scene.settled import settled
+from mesoshell.scene.settle import settle
 from mesoshell.scene.setup import check_shell, describe_shell, describe_surface
 
 #: The file of the scene in its folder.
@@ -39,7 +39,7 @@ def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tu
         raise InputError(folder, "exists already")
     if scene.holdout:
         raise InputError(Argument("holdout"), "a scene of Mitsuba's holds no objects out")
-    still = settled(scene, texture=False)
+    still = settle(scene, texture=False)
     assert isinstance(still.mesh, Mesh)
     if scene.material.kind == KIND:
         describe_surface(scene)  # raises what a picture of it would
@@ -121,7 +121,7 @@ def _shell(still: Scene | Grown, folder: Path, ground: str, number: str) -> Iter
 
 def _material(name: str, folder: Path, number: str) -> str:
     """How the scene calls a material. Raises InputError for one that is in no file."""
-    if name in bundled():
+    if name in bundled_materials():
         return name
     path = Path(name)
     if (path / MANIFEST).is_file():

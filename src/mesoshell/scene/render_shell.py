@@ -23,7 +23,7 @@ from mesoshell.scene.render_surface import prepare_surface_mesh
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.geometry.horizon import lowest
-from mesoshell.shell.geometry.join import joined
+from mesoshell.shell.geometry.join import join_shells
 from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
 from mesoshell.shell.render.renderer import RAYS, marched_tile, render
 from mesoshell.shell.render.scene import Medium
@@ -71,7 +71,7 @@ def _rendered(quality: Quality, effects: Effects, image: np.ndarray, report: Ren
 
 def marched_scene(d: ShellDescription) -> MarchedScene:
     """The description as the renderer's scene."""
-    mesh, shell = joined([(x.mesh, x.shell) for x in d.growths])
+    mesh, shell = join_shells([(x.mesh, x.shell) for x in d.growths])
     made: dict[tuple, DeviceMaterial] = {}  # of growths of one material, one
     media, prism, face = [], 0, 0
     for x in d.growths:

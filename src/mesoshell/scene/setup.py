@@ -21,7 +21,7 @@ from mesoshell.scene.defaults import axis_of, default_camera, default_lights
 from mesoshell.scene.growth import Growth, check_growth, faults_of, growth_of, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.unpack import unpacked
+from mesoshell.scene.unpack import unpack
 from mesoshell.surface_material.scene import SurfaceDescription, default_period
 
 #: Most irradiance or radiance: sums of it stay finite in float32.
@@ -50,7 +50,7 @@ class ShellDescription(Growth):
 def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda share: None) -> ShellDescription:
     """The description of a scene with neural shells. progress: of growing textures. Raises InputError."""
     _check_values(scene)
-    scene = unpacked(scene)
+    scene = unpack(scene)
     count, others = 1 + len(scene.also), []
     own = growth_of(scene, lambda share: progress(share / count))
     for k, one in enumerate(scene.also, 1):
@@ -82,7 +82,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
 def check_shell(scene: Scene) -> tuple[str, ...]:
     """Raise InputError as `describe_shell` does, but grow no texture. What the user should know, a line each."""
     _check_values(scene)
-    scene = unpacked(scene)
+    scene = unpack(scene)
     notes = [check_growth(scene)]
     for one in scene.also:
         with faults_of(one):
@@ -102,7 +102,7 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     for name in (name for name, is_given in given.items() if is_given):
         raise InputError(Argument(name), f"{scene.material.name} is a surface material: it has none (see `scale`)")
     _check_values(scene)
-    scene = unpacked(scene)
+    scene = unpack(scene)
     if scene.holdout:
         raise InputError(
             Argument("holdout"), f"{scene.material.name} is a surface material: only shells hold objects out"

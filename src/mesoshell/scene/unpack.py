@@ -49,7 +49,7 @@ def read_scene_file(path: str | PathLike[str]) -> FileScene:
         raise InputError(path, f"its cameras or lights cannot be read: {fault!r}") from fault
 
 
-def unpacked(scene: Scene) -> Scene:
+def unpack(scene: Scene) -> Scene:
     """The scene with what its file says in the place of defaults, and `grow` taken apart; any other scene as it is. Raises
     InputError."""
     named = [x for x in scene.also if x.mesh is None]

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mesoshell.geometry.read_usd import is_visible, matrix, opened, prims, pxr
+from mesoshell.geometry.read_usd import is_visible, matrix, open_stage, prims, pxr
 from mesoshell.render.light import Distant
 from mesoshell.scene.file_scene import FileScene, frame_of, sun_of
 
@@ -25,7 +25,7 @@ BLENDERS, WHITE = 4.0, 6500.0
 
 def read_file_scene(path: str | PathLike[str]) -> FileScene:
     """What a stage says. Raises InputError, or ValueError if it is damaged there."""
-    with opened(path) as (stage, time):
+    with open_stage(path) as (stage, time):
         UsdGeom, UsdLux, UsdSkel = pxr("UsdGeom"), pxr("UsdLux"), pxr("UsdSkel")
         frames, cameras, suns, lights, shapes, notes = UsdGeom.XformCache(time), [], [], [], [], []
         share = BLENDERS if stage.GetRootLayer().documentation.startswith("Blender") else 1.0

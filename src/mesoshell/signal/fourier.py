@@ -36,7 +36,7 @@ def draw_frequencies(rng: np.random.Generator, count: int, low: float, high: flo
     return np.rint(inside[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)).astype(np.int32)
 
 
-def turned(f: Int[np.ndarray, "C 2"], degrees: float) -> Int[np.ndarray, "C 2"]:
+def rotate_frequencies(f: Int[np.ndarray, "C 2"], degrees: float) -> Int[np.ndarray, "C 2"]:
     """Frequencies of maps rotated about the origin, from v toward u."""
     sin, cos = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     return np.rint(f @ np.array([[cos, sin], [-sin, cos]])).astype(np.int32)

@@ -16,7 +16,7 @@ from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render.renderer import object_triangles
 from mesoshell.shell.render.scene import Scene
 from mesoshell.stability.checks import Check
-from mesoshell.stability.rays import FAR, NEAR, aimed
+from mesoshell.stability.rays import FAR, NEAR, aim_rays
 from mesoshell.stability.walks import OFF
 
 #: Share of rays that may have another length in the shell: where shells overlap, up to 0.15% have (benchmarks/overlaps).
@@ -28,7 +28,7 @@ def of_walk(scene: Scene, T: float, count: int, rng: np.random.Generator) -> Che
     boundary, shells = Boundary(scene.shell, scene.mesh.faces, others=object_triangles(scene)), Shells([scene.shell])
     off = []
     for distance in (NEAR, FAR):
-        rays = aimed(scene.shell, count // 2, distance, rng)
+        rays = aim_rays(scene.shell, count // 2, distance, rng)
         d = rays.d.astype(np.float32).astype(np.float64)
         exact = boundary.trace(rays.o, d, exact=True)
         i = exact.intervals

@@ -46,7 +46,7 @@ def of_camera(camera: Camera, pixels: Int[np.ndarray, "R"], rng: np.random.Gener
     return Rays(np.array(o), d, unknown, unknown, np.full(len(d), -1))
 
 
-def aimed(shell: Shell, count: int, distance: float, rng: np.random.Generator) -> Rays:
+def aim_rays(shell: Shell, count: int, distance: float, rng: np.random.Generator) -> Rays:
     """Rays from all around through points that prisms share, in equal parts on vertices, posts, edges of the base and of the
     top, and sides. distance: of their origins, in sizes of the shell. Known to lie in the shell are points of posts and sides
     that have prisms all around."""

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.geometry.mesh import Mesh, counted
+from mesoshell.geometry.mesh import Mesh, count_of
 from mesoshell.geometry.patch import leave_side, post_function
 from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.stability.checks import Check
@@ -27,7 +27,7 @@ SIDES, PLANAR, PLACE = 50_000, 1e-4, 1e-3
 def of_mesh(mesh: Mesh) -> Check:
     """What was mended."""
     return Check(
-        "mesh", f"{counted(len(mesh.faces), 'face')}; " + ("; ".join(mesh.notes) or "nothing mended"), 0.0, None
+        "mesh", f"{count_of(len(mesh.faces), 'face')}; " + ("; ".join(mesh.notes) or "nothing mended"), 0.0, None
     )
 
 
@@ -42,7 +42,7 @@ def of_folds(shell: Shell) -> Check:
     """Whether a prism is folded."""
     least = least_jacobian(shell)
     folded = (~(least > 0)).sum()
-    line = f"{folded} of {counted(len(least), 'prism')} folded; the least Jacobian keeps {least.min():.2g} of its base"
+    line = f"{folded} of {count_of(len(least), 'prism')} folded; the least Jacobian keeps {least.min():.2g} of its base"
     return Check("folds", line, float(folded), 0.0)
 
 
@@ -50,11 +50,11 @@ def of_thickness(shell: Shell, T: float, wanted: int) -> Check:
     """Where the shell is thinner than asked for. wanted: faces of the mesh."""
     kept = np.linalg.norm(shell.offset.astype(np.float64), axis=1) / T
     thin = kept < 1 - 1e-6
-    line = f"{thin.sum()} of {counted(len(kept), 'vertex', 'vertices')} thinned" + (
+    line = f"{thin.sum()} of {count_of(len(kept), 'vertex', 'vertices')} thinned" + (
         f", to {kept.min():.2g} at least" if thin.any() else ""
     )
     without = wanted - len(shell.faces)
-    return Check("thickness", line + (f"; {counted(without, 'face')} without a prism" if without else ""), 0.0, None)
+    return Check("thickness", line + (f"; {count_of(without, 'face')} without a prism" if without else ""), 0.0, None)
 
 
 def of_chart(shell: Shell) -> Check:

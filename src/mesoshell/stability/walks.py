@@ -66,8 +66,8 @@ def walk_through(
     boundary = Boundary(shell, scene.mesh.faces, others=object_triangles(scene))
     kinds = {
         "camera": of.of_camera(camera, np.arange(camera.width * camera.height), rng),
-        "near": of.aimed(shell, int(NEAR * count), of.NEAR, rng),
-        "far": of.aimed(shell, int(FAR * count), of.FAR, rng),
+        "near": of.aim_rays(shell, int(NEAR * count), of.NEAR, rng),
+        "far": of.aim_rays(shell, int(FAR * count), of.FAR, rng),
         "front": of.at_the_front(scene.mesh, int(FRONT * count), rng),
         "grazing": of.grazing(shell, int(GRAZING * count), ANGLE, rng),
     }

@@ -114,11 +114,11 @@ def init_surface(config: SurfaceConfig, key: Key[Array, ""]) -> Surface:
 def blur_textures(surface: Surface, blur: Scalar) -> BlurredSurface:
     """Pyramids, each level blurred by `blur` texels (a standard deviation)."""
     return BlurredSurface(
-        tuple(mip.pack([blurred(level, blur) for level in module.texture]) for module in surface), surface
+        tuple(mip.pack([blur_texture(level, blur) for level in module.texture]) for module in surface), surface
     )
 
 
-def blurred(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "n n C"]:
+def blur_texture(texture: Float[Array, "n n C"], deviation: Scalar) -> Float[Array, "n n C"]:
     """A texture that wraps around, convolved with a Gaussian of this standard deviation in texels."""
     n = texture.shape[0]
     i = np.arange(n)

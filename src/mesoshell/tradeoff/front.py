@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mesoshell.tradeoff.knobs import named
+from mesoshell.tradeoff.knobs import describe_changes
 from mesoshell.tradeoff.points import Point
 
 #: Error of an entry of the front at most, of that before it.
@@ -28,7 +28,7 @@ class Entry(NamedTuple):
 
     @property
     def described(self) -> str:
-        return f"{self.samples} samples a pixel, {named(self.point.settings)}"
+        return f"{self.samples} samples a pixel, {describe_changes(self.point.settings)}"
 
 
 def entries(points: Iterable[Point]) -> list[Entry]:

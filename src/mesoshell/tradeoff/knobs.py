@@ -37,7 +37,7 @@ OF_SETUP, OF_FILTER = ("twin", "curvature_filter", "curve_length"), ("height_fil
 Settings = Mapping[str, Any]
 
 
-def varied(used: Iterable[str], fixed: Iterable[str] = ()) -> tuple[str, ...]:
+def knobs_of(used: Iterable[str], fixed: Iterable[str] = ()) -> tuple[str, ...]:
     """The knobs that a picture depends on, in the order of VALUES. fixed: those that the scene sets itself."""
     return tuple(name for name in VALUES if name in set(used) - set(fixed))
 
@@ -58,12 +58,12 @@ def changes(settings: Settings) -> dict[str, Any]:
     return {k: x for k, x in settings.items() if x != getattr(PRESETS["normal"], k) and k not in idle}
 
 
-def named(settings: Settings) -> str:
+def describe_changes(settings: Settings) -> str:
     """The changes in words; `normal` if there are none."""
     return ", ".join(f"{name} {value}" for name, value in changes(settings).items()) or "normal"
 
 
-def beside(settings: Settings, distance: int = 1) -> Iterator[dict[str, Any]]:
+def neighbours(settings: Settings, distance: int = 1) -> Iterator[dict[str, Any]]:
     """Settings of which one knob has the next value but `distance` − 1, cheaper ones last. What does nothing without a filter
     does not vary there, and is `reference`'s."""
     idle = {name: getattr(PRESETS["reference"], name) for name in OF_FILTER if name in settings}

@@ -13,7 +13,7 @@ from PIL import Image
 
 from mesoshell.render.quality import PRESETS, SETTINGS
 from mesoshell.tradeoff.front import Entry
-from mesoshell.tradeoff.knobs import VALUES, changes, named
+from mesoshell.tradeoff.knobs import VALUES, changes, describe_changes
 from mesoshell.tradeoff.points import Point, picture_path
 
 if TYPE_CHECKING:
@@ -243,7 +243,7 @@ def _front_table(made: "Tradeoff") -> str:
     rows = [
         f"<tr><td>{e.seconds:.2f}<td>{e.evaluations:.1f}<td>{e.flip:.4f}<td>{e.point.bias:.4f}"
         f"<td>{e.point.relative[e.point.samples.index(e.samples)]:.3g}<td>{e.samples}"
-        f"<td><code>{html.escape(named(e.point.settings))}</code>"
+        f"<td><code>{html.escape(describe_changes(e.point.settings))}</code>"
         for e in made.front
     ]
     head = "<tr><th>seconds<th>evaluations<th>FLIP<th>of it bias<th>relative squared error<th>samples"

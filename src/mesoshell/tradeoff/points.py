@@ -25,7 +25,7 @@ from scipy.optimize import nnls
 from mesoshell.measure.flip import POWER, flip, flip_map
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Progress
-from mesoshell.tradeoff.knobs import Settings, named
+from mesoshell.tradeoff.knobs import Settings, describe_changes
 from mesoshell.tradeoff.reference import Reference, relative
 
 #: Most passes of a point, by whether rays are the same or paths drawn anew; the fewest; seconds after which it has enough.
@@ -55,7 +55,9 @@ class Point:
 
     def error(self, n: int) -> float:
         """e(n); of more passes than were measured by b and ν."""
-        return self.flip[self.samples.index(n)] if n in self.samples else float(together(self.bias, self.noise, n))
+        return (
+            self.flip[self.samples.index(n)] if n in self.samples else float(combined_error(self.bias, self.noise, n))
+        )
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -67,12 +69,14 @@ class Point:
         return cls(**fields)
 
 
-def together(bias: Any, noise: Any, n: int) -> Any:
+def combined_error(bias: Any, noise: Any, n: int) -> Any:
     """e(n), of b and ν."""
     return (bias**Q + noise**Q / n) ** (1 / Q)
 
 
-def measured(settings: Settings, passes: Passes, reference: Reference, progress: Progress) -> tuple[Point, np.ndarray]:
+def measure_point(
+    settings: Settings, passes: Passes, reference: Reference, progress: Progress
+) -> tuple[Point, np.ndarray]:
     """A point, and its means of n passes, (N, H, W, 4)."""
     alone = int(reference.same_rays)
     images, seconds, queries = _taken(passes, MAX_PASSES[reference.same_rays], alone, progress)
@@ -154,4 +158,4 @@ def error_map(image: np.ndarray, reference: Reference) -> np.ndarray:
 
 def picture_path(folder: Path, point: Point) -> Path:
     """The strip of a point's pictures."""
-    return folder / "pictures" / f"{hashlib.sha256(named(point.settings).encode()).hexdigest()[:12]}.png"
+    return folder / "pictures" / f"{hashlib.sha256(describe_changes(point.settings).encode()).hexdigest()[:12]}.png"

@@ -31,10 +31,10 @@ from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.accumulate import over_backdrop
 from mesoshell.scene.picture import Passes, Prepared
 from mesoshell.tradeoff.front import Entry, entries, front
-from mesoshell.tradeoff.knobs import OF_SETUP, changes, named, noise_of, settings_of, varied
-from mesoshell.tradeoff.points import Point, error_map, measured, picture_path
+from mesoshell.tradeoff.knobs import OF_SETUP, changes, describe_changes, knobs_of, noise_of, settings_of
+from mesoshell.tradeoff.points import Point, error_map, measure_point, picture_path
 from mesoshell.tradeoff.reference import Reference, is_same_scene, render_reference
-from mesoshell.tradeoff.search import around, proposed, singles
+from mesoshell.tradeoff.search import around, propose, singles
 
 #: Share of the time for the reference; its noise is enough at AIM, FLIP; most points; how many times the reference's squared
 #: error an entry's must be to count as certain: then its noise changes the error by 4% at most.
@@ -98,7 +98,7 @@ def explore(
     begin(folder, minutes)
     begun, limit = time.perf_counter(), 60 * minutes
     scene = _Scenes(prepare)
-    names = varied(scene.used(), fixed)
+    names = knobs_of(scene.used(), fixed)
     same = scene.engine != PATHS.name
     exact = scene.passes(REFERENCE if same else REFERENCE.with_changes(**noise_of(NORMAL, names)))
     try:
@@ -121,7 +121,7 @@ def explore(
             if points and (stop.requested or len(points) >= MAX_POINTS or late):
                 break
             quality = NORMAL.with_changes(**settings)
-            point, images = measured(settings, scene.passes(quality), kept, share(named(settings)))
+            point, images = measure_point(settings, scene.passes(quality), kept, share(describe_changes(settings)))
             points.append(point)
             _keep(folder, points, images, kept)
     made = Tradeoff(scene.engine, names, kept, tuple(points), folder, scene.notes)
@@ -173,7 +173,7 @@ def _wanted(names: Sequence[str], points: list[Point]) -> Iterator[dict[str, Any
     yield from fresh(singles(names))
     others = fresh(around(names))
     for turn in range(10**6):
-        settings = next(others, None) if turn % 3 == 2 else proposed(points)
+        settings = next(others, None) if turn % 3 == 2 else propose(points)
         if settings is not None:
             yield settings
         elif turn % 3 != 2:

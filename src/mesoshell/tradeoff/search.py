@@ -15,8 +15,8 @@ from scipy.optimize import nnls
 
 from mesoshell.render.quality import PRESETS
 from mesoshell.tradeoff.front import Entry, entries, front, gain
-from mesoshell.tradeoff.knobs import VALUES, Settings, beside, named, settings_of
-from mesoshell.tradeoff.points import Point, Q, together
+from mesoshell.tradeoff.knobs import VALUES, Settings, describe_changes, neighbours, settings_of
+from mesoshell.tradeoff.points import Point, Q, combined_error
 
 #: Pull of the model's effects towards none; changes that a proposal is away from the front.
 RIDGE, STEPS = 0.02, 2
@@ -26,23 +26,23 @@ def singles(names: Sequence[str]) -> Iterator[dict[str, Any]]:
     """`normal` and `draft`, each knob alone beside `normal`, near values first, and `reference`."""
     normal, draft, reference = (settings_of(PRESETS[name], names) for name in ("normal", "draft", "reference"))
     yield from (normal, draft)
-    yield from beside(normal)
+    yield from neighbours(normal)
     yield reference
-    yield from beside(normal, 2)
+    yield from neighbours(normal, 2)
 
 
 def around(names: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Each knob alone beside `draft`, and beside `reference`."""
     for name in ("draft", "reference"):
-        yield from beside(settings_of(PRESETS[name], names))
+        yield from neighbours(settings_of(PRESETS[name], names))
 
 
-def proposed(points: Sequence[Point]) -> dict[str, Any] | None:
+def propose(points: Sequence[Point]) -> dict[str, Any] | None:
     """Settings near the front, not measured yet, that the model expects to add most to it; None if none adds anything."""
-    known, kept = {named(p.settings) for p in points}, front(entries(points))
-    candidates: dict[str, dict[str, Any]] = {named(e.point.settings): dict(e.point.settings) for e in kept}
+    known, kept = {describe_changes(p.settings) for p in points}, front(entries(points))
+    candidates: dict[str, dict[str, Any]] = {describe_changes(e.point.settings): dict(e.point.settings) for e in kept}
     for _ in range(STEPS):
-        candidates |= {named(s): s for near in candidates.values() for s in beside(near)}
+        candidates |= {describe_changes(s): s for near in candidates.values() for s in neighbours(near)}
     fresh = [s for name, s in candidates.items() if name not in known]
     if not fresh:
         return None
@@ -54,7 +54,7 @@ def proposed(points: Sequence[Point]) -> dict[str, Any] | None:
 
 
 def _worth(t: float, b: float, v: float, counts: Sequence[int], kept: Sequence[Entry]) -> float:
-    return max(gain(n * t, float(together(b, v, n)), kept) for n in counts)
+    return max(gain(n * t, float(combined_error(b, v, n)), kept) for n in counts)
 
 
 def _model(points: Sequence[Point], fresh: Sequence[Settings]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -92,7 +92,7 @@ def patch_bundle(exemplars: Exemplars, patch: int) -> Bundle:
     return to_bundle(config, common, feature, alphas, exemplars.provenance | {"patch": patch, "beta": beta})
 
 
-def declared(manifest: dict[str, Any]) -> tuple[Parameter, ...]:
+def declared_parameters(manifest: dict[str, Any]) -> tuple[Parameter, ...]:
     """A dataset's parameters, as a bundle declares them."""
     return tuple(
         Parameter(

@@ -71,7 +71,7 @@ def is_first() -> bool:
     return jax.process_index() == 0
 
 
-def received(tree: Any) -> Any:
+def broadcast_first(tree: Any) -> Any:
     """The first host's arrays, bit for bit, on all hosts (as NumPy's); with one host, the tree as it is."""
     if jax.process_count() == 1:
         return tree

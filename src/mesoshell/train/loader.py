@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float16, Float32, Int32, Integer
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset
+from mesoshell.io.dataset import Dataset, normalised_parameters
 from mesoshell.io.dataset_images import check_fed, shard_array
 
 
@@ -71,8 +71,8 @@ class _Table:
             check_fed([sample for sample in samples if sample.file == file], shard)
         self._images = [shards[sample.file][sample.row] for sample in samples]
         self._files = [sample.file for sample in samples]
-        self._alpha = _normalised(dataset, "alpha")
-        self._beta = _normalised(dataset, "beta")
+        self._alpha = normalised_parameters(dataset.manifest["parameters"], dataset.samples, "alpha")
+        self._beta = normalised_parameters(dataset.manifest["parameters"], dataset.samples, "beta")
         self._camera = np.array([sample.camera_to_world for sample in samples], np.float32)
         self._light = np.array([sample.light for sample in samples], np.float32)
         self._irradiance = np.array([sample.irradiance for sample in samples], np.float32)
@@ -92,13 +92,3 @@ def take(dataset: Dataset, positions: Integer[np.ndarray, "B"]) -> Batch:
     return _Table(replace(dataset, samples=tuple(dataset.samples[i] for i in positions))).take(
         np.arange(len(positions))
     )
-
-
-def _normalised(dataset: Dataset, role: str) -> Float32[np.ndarray, "N P"]:
-    columns = [
-        (np.array([sample.parameters[name] for sample in dataset.samples]) - entry["range"][0])
-        / (entry["range"][1] - entry["range"][0])
-        for name, entry in dataset.manifest["parameters"].items()
-        if entry["role"] == role
-    ]
-    return np.asarray(columns, np.float32).reshape(len(columns), len(dataset.samples)).T

@@ -109,7 +109,7 @@ SURFACE = Method(
     load_predictor=surface_snapshot.load_predictor,
 )
 ATLAS = Method(
-    read=lambda config, data: ray_batches.recorded(data, config.side),
+    read=lambda config, data: ray_batches.recorded_capture(data, config.side),
     adapt=neutex.adapt,
     feed=neutex.feed,
     start=lambda config, data, key: neutex.start(config, key),

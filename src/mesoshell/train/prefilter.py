@@ -34,7 +34,7 @@ from mesoshell.io.bundle_arrays import BAKED
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.numerics import optical_depth
 from mesoshell.render.composite import weights
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle
 from mesoshell.shell.material.field import Layout, Material, Point, neural_field
 from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
 from mesoshell.train.export import grids_of
@@ -79,7 +79,7 @@ class Gap(NamedTuple):
     rms: tuple[float, float]
 
 
-def prefiltered(
+def fit_correction(
     bundle: Bundle, name: str, steps: int = 300, seed: int = 0, show: Callable[[Gap], None] = lambda gap: None
 ) -> Bundle:
     """The material with its correction fitted, without a twin, which is of what was seen before. steps: of each level; show:
@@ -121,7 +121,7 @@ def _textures(bundle: Bundle, name: str, rng: np.random.Generator) -> list[Devic
         wanted = TextureRequest(
             int(rng.integers(2**31)), {key: float(rng.uniform(*between)) for key, between in ranges.items()}
         )
-        some.append(load_device_material(baked(bundle, name, (side, side), wanted)[0]))
+        some.append(load_device_material(bake_bundle(bundle, name, (side, side), wanted)[0]))
     return some
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from mesoshell.interrupt import StopRequest
 from mesoshell.io.image import write_png
 from mesoshell.train.checkpoint import Checkpoints
-from mesoshell.train.hosts import is_first, noticing, received, wait_for_all
+from mesoshell.train.hosts import broadcast_first, is_first, noticing, wait_for_all
 from mesoshell.train.method import Data, Method, method_of
 from mesoshell.train.parallel import ParallelStep, spread_step
 from mesoshell.train.report import write_report
@@ -110,7 +110,7 @@ def _begun(checkpoints: Checkpoints, begin: Any, transfer_weights: Callable[[Any
         latest = 0, transfer_weights(begin)
         checkpoints.save(*latest)
     good = -1 if latest is None else latest[0]
-    good, state = received((good, begin if latest is None else latest[1]))
+    good, state = broadcast_first((good, begin if latest is None else latest[1]))
     checkpoints.last = None if good < 0 else int(good)
     return max(int(good), 0), state
 

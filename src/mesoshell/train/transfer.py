@@ -79,7 +79,7 @@ def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> C
         raise InputError(path, f"its decoder is not that of {data.folder}, or was scaled by other exemplars")
 
     def lent(fresh: TexturesState) -> TexturesState:
-        generator = synthesis.unfolded(maker.generator, fresh)
+        generator = synthesis.unfold(maker.generator, fresh)
         return fresh._replace(generator=generator, smooth=jax.tree.map(jnp.copy, generator), averages=maker.averages)
 
     return lent

@@ -39,7 +39,7 @@ def descent(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient
         return adam.update(gradient, memory, tree)
 
 
-def updated(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
+def apply_gradient(adam: optax.GradientTransformation, tree: Any, memory: Any, gradient: Any) -> tuple[Any, Any]:
     """`tree` after a step of its optimiser, and the memory."""
     updates, memory = descent(adam, tree, memory, gradient)
     return optax.apply_updates(tree, updates), memory

@@ -21,7 +21,7 @@ class Difference(NamedTuple):
     flip: float
 
 
-def wiped(
+def wipe(
     left: Float[np.ndarray, "H W 4"], right: Float[np.ndarray, "h w 4"], share: float
 ) -> Float[np.ndarray, "_ _ 3"]:
     """Columns of the left picture up to a share of the width, then those of the right one, and a line between; over white.

@@ -55,7 +55,7 @@ class Look:
 
     def texture(self, scene: Scene) -> tuple:
         """What of it a grown texture depends on; alike for all looks where none is grown."""
-        if not generated(scene):
+        if not is_generated(scene):
             return ()
         return (
             self.seed,
@@ -72,24 +72,24 @@ def first_look(scene: Scene) -> Look:
     free = {
         n: p
         for n, p in scene.material.parameters.items()
-        if n not in images and (p.role == "alpha" or generated(scene))
+        if n not in images and (p.role == "alpha" or is_generated(scene))
     }
     params = {name: values.get(name, p.default) for name, p in free.items()}
     return Look(params, scene.seed or 0, scene.thickness, scene.base_colour)
 
 
-def generated(scene: Scene) -> bool:
+def is_generated(scene: Scene) -> bool:
     """Whether a generator makes the scene's texture."""
     return scene.material.kind != KIND and scene.material.shell.generator is not None
 
 
 def with_texture_of(begun: Scene, look: Look) -> Scene:
-    """The scene whose texture a look wants, for `settled`."""
-    seed = look.seed if generated(begun) else begun.seed
+    """The scene whose texture a look wants, for `settle`."""
+    seed = look.seed if is_generated(begun) else begun.seed
     return replace(begun, params={**begun.params, **_values(begun, look, "beta")}, seed=seed)
 
 
-def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
+def look_scene(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
     """The scene that a look and a camera show. begun: as it was given; still: with the look's texture, settled; lit: whether
     it was given lights, or default ones stand about each camera."""
     tiled = begun.material.kind != KIND and begun.material.shell.tiles is not None
@@ -109,10 +109,10 @@ def shown(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> 
     )
 
 
-def described(begun: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
-    """What `shown` shows, with parameters in place of a grown texture."""
+def describe_look(begun: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
+    """What `look_scene` shows, with parameters in place of a grown texture."""
     other = look.texture(begun) != first_look(begun).texture(begun)
-    return shown(begun, with_texture_of(begun, look) if other else begun, look, camera, lit)
+    return look_scene(begun, with_texture_of(begun, look) if other else begun, look, camera, lit)
 
 
 def _of_role(scene: Scene, look: Look, role: str) -> dict[str, float]:
@@ -137,7 +137,7 @@ def toward_sun(still: Scene, sun: tuple[float, float]) -> tuple[float, float, fl
     return float(x), float(y), float(z)
 
 
-def sized(camera: Camera, side: int) -> Camera:
+def with_size(camera: Camera, side: int) -> Camera:
     """The same view with so many pixels along its longer side."""
     share = side / max(camera.width, camera.height)
     width, height = (max(1, round(n * share)) for n in (camera.width, camera.height))

@@ -24,7 +24,7 @@ from mesoshell.scene.setup import check_environment
 from mesoshell.viewer.address import check_port, own_sockets
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.brush import Brush
-from mesoshell.viewer.compare import difference, over_white, wiped
+from mesoshell.viewer.compare import difference, over_white, wipe
 from mesoshell.viewer.downloads import Downloads
 from mesoshell.viewer.look import Look, Sky
 from mesoshell.viewer.panel import Panel
@@ -45,7 +45,7 @@ class ComparisonView(NamedTuple):
 
 class Page:
     """A viewer's page. beside: a scene that it may be compared with; run: folder of the training that made the material; url:
-    where it is; close: end it. Raises InputError for an address that cannot be listened on, and as `settled` does."""
+    where it is; close: end it. Raises InputError for an address that cannot be listened on, and as `settle` does."""
 
     def __init__(
         self,
@@ -307,7 +307,7 @@ class Page:
                 image, flip = difference(picture.rgba, compared_picture.rgba)
                 lines.append(f"FLIP {flip:.4f} between them")
             else:
-                image = wiped(picture.rgba, compared_picture.rgba, self._wipe.value)
+                image = wipe(picture.rgba, compared_picture.rgba, self._wipe.value)
         codes = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
         client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
         self._cost.content = "  \n".join(lines)

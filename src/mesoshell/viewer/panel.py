@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection
 from typing import Any
 
 from mesoshell.io.bundle import Parameter
-from mesoshell.viewer.look import generated
+from mesoshell.viewer.look import is_generated
 from mesoshell.viewer.work import Workshop
 
 
@@ -17,9 +17,9 @@ class Panel:
         self.folder = gui.add_folder(title)
         with self.folder:
             self.params = {n: _slider(gui, n, material.parameters[n], value) for n, value in look.params.items()}
-            tiled = not generated(work.begun) and getattr(material.bundle, "tiles", None) is not None
+            tiled = not is_generated(work.begun) and getattr(material.bundle, "tiles", None) is not None
             self._seed, self._thickness = None, None
-            if generated(work.begun) or tiled:
+            if is_generated(work.begun) or tiled:
                 self._seed = gui.add_number("seed", look.seed, min=-(2**31), max=2**32 - 1, step=1)
             if (t := look.thickness) is not None:
                 hint = "height of the shell, in the mesh's unit"

@@ -14,7 +14,7 @@ from mesoshell.render.quality import PRESETS
 from mesoshell.scene.picture import Rendered
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
-from mesoshell.viewer.look import sized
+from mesoshell.viewer.look import with_size
 
 #: Pixels of the longer side of what is shown first; most samples a pixel.
 COARSE, MAX_SAMPLES = 128, 256
@@ -47,7 +47,7 @@ def refine(
     """Ever better pictures of a settled scene, up to `most` samples a pixel. coarse: whether one of few pixels comes first.
     Ends early once `stopped` says so, and raises InputError as `prepare` does."""
     assert isinstance(scene.camera, Camera)
-    stages = [(sized(scene.camera, COARSE), "draft", 1), (scene.camera, quality, most)]
+    stages = [(with_size(scene.camera, COARSE), "draft", 1), (scene.camera, quality, most)]
     if not coarse or max(scene.camera.width, scene.camera.height) <= COARSE:
         stages = stages[1:]
     try:

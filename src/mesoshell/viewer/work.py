@@ -18,10 +18,10 @@ from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.scene.materials import Material
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.settled import settled
+from mesoshell.scene.settle import settle
 from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface
-from mesoshell.scene.unpack import unpacked
-from mesoshell.viewer.look import Look, described, first_look, shown, sized, with_texture_of
+from mesoshell.scene.unpack import unpack
+from mesoshell.viewer.look import Look, describe_look, first_look, look_scene, with_size, with_texture_of
 from mesoshell.viewer.refine import Abandoned, RefinedPicture, refine
 
 #: Seconds of rest before what takes long is begun: while a camera moves, there are only coarse pictures, and nothing has to be
@@ -40,7 +40,7 @@ class View:
     wish: int = 1
     painted: int = 0
     left: Iterator[RefinedPicture] | None = None
-    shown: int = 0
+    look_scene: int = 0
     picture: RefinedPicture | None = None
     rest: float = 0.0
 
@@ -76,14 +76,14 @@ class Workshop:
         paint_lock: AbstractContextManager | None = None,
     ):
         """Settles the scene. paint_lock: what workshops that paint in turn share. Raises InputError."""
-        self.given, scene = scene, unpacked(scene)
+        self.given, scene = scene, unpack(scene)
         self._lit = bool(scene.lights) or scene.environment is not None
         check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
         if scene.material.kind == KIND:
             describe_surface(scene)  # raises what a picture of it would
         self.notes: tuple[str, ...] = ()
-        self.begun = settled(scene, texture=False)
-        self.still = settled(self.begun, progress)
+        self.begun = settle(scene, texture=False)
+        self.still = settle(self.begun, progress)
         if scene.material.kind != KIND:
             self.notes = describe_shell(self.still).notes  # once its texture is grown
         self.look = first_look(self.begun)
@@ -146,8 +146,8 @@ class Workshop:
     def described(self, eye: Hashable) -> Scene:
         """What an eye sees, as it could be given: with parameters in place of a grown texture."""
         with self._changed:
-            camera = sized(self._views[eye].camera, self.look.side)
-            return described(self.begun, self.look, camera, self._lit)
+            camera = with_size(self._views[eye].camera, self.look.side)
+            return describe_look(self.begun, self.look, camera, self._lit)
 
     def close(self) -> None:
         """End both threads."""
@@ -158,7 +158,7 @@ class Workshop:
             thread.join()
 
     def _scene(self, view: View) -> Scene:
-        return shown(self.begun, self.still, self.look, sized(view.camera, self.look.side), self._lit)
+        return look_scene(self.begun, self.still, self.look, with_size(view.camera, self.look.side), self._lit)
 
     def say(self, of: str, line: str) -> None:
         """Say what is wrong with pictures, textures and scenes; an empty line once nothing is."""
@@ -230,7 +230,7 @@ class Workshop:
 
             still = None
             try:
-                still = settled(replace(with_texture_of(begun, look), also=self.still.also), check)
+                still = settle(replace(with_texture_of(begun, look), also=self.still.also), check)
             except Abandoned:
                 self._growing(1.0)
                 continue

@@ -70,7 +70,7 @@ from mesoshell.train.surface import step as surface
 from mesoshell.train.textures import adversarial, natural_start, synthesis
 from mesoshell.train.textures import snapshot as textures_snapshot
 from mesoshell.train.textures import step as textures
-from mesoshell.train.textures.exemplars import ExemplarBatch, scaled
+from mesoshell.train.textures.exemplars import ExemplarBatch, scale_exemplars
 from mesoshell.train.textures.state import TexturesConfig
 
 SOURCES = Path(mesoshell.__file__).parent
@@ -229,9 +229,9 @@ SMALL = gan.GanConfig(
     density=1.0,
     mismatch=1.0,
 )
-GAN = gan.sized(SMALL, appearance=1, geometry=1)
-PLANES = gan.sized(replace(SMALL, generator=replace(SMALL.generator, planes=3, config="T")), 1, 1)
-SHORT = gan.sized(replace(SMALL, precision="bfloat16", views=2), 1, 1)
+GAN = gan.sized_for(SMALL, appearance=1, geometry=1)
+PLANES = gan.sized_for(replace(SMALL, generator=replace(SMALL.generator, planes=3, config="T")), 1, 1)
+SHORT = gan.sized_for(replace(SMALL, precision="bfloat16", views=2), 1, 1)
 SHOWN = ImageBatch(
     f(4, 8, 8, 4), f(4, 1), f(4, 1), f(4, 4, 4), f(4, 3), f(4, 3), jax.ShapeDtypeStruct((4, 2), jnp.uint32)
 )
@@ -373,7 +373,7 @@ def _of_textures() -> Programs:
     config = TexturesConfig(replace(small, height_rows=8), batch=2, adversarial=True, window=64, octaves=1, alphas=1)
     decoder = init_decoder(KEY, 4 + 1 + 2 + 1, (8,), (8,))
     arrays = np.ones((2, 32, 32, 4), np.float32), np.ones((8, 4), np.float32), np.zeros((2, 0), np.float32)
-    data = scaled(Exemplars(*arrays, decoder_arrays(decoder), 1, (), {}))
+    data = scale_exemplars(Exemplars(*arrays, decoder_arrays(decoder), 1, (), {}))
     begun = jax.eval_shape(lambda: textures.start(config, data, KEY))
     batch = ExemplarBatch(i(2), f(2, 64, 64, 4), f(2, 0), u(2, 2))
     phases = jax.eval_shape(lambda p: synthesis.own_phases(config, p), i(2))

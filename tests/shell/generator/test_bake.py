@@ -13,7 +13,7 @@ from mesoshell.io.twin import Twin
 from mesoshell.shell.generator.generator import synthesise
 from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.plan import halo_cost
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, grow, patches_of
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle, grow, patches_of
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import load_device_material
 from mesoshell.texture import mip
@@ -33,7 +33,7 @@ def bundle() -> Bundle:
 @pytest.fixture(scope="module")
 def field(bundle) -> Bundle:
     """5.3 × 4.6 patches: four tiles, three of them cut."""
-    return baked(bundle, "it", (74, 85), TextureRequest(7, {"length": 1.5, "age": 4.0}))[0]
+    return bake_bundle(bundle, "it", (74, 85), TextureRequest(7, {"length": 1.5, "age": 4.0}))[0]
 
 
 def test_tiles_are_the_whole(bundle, field) -> None:
@@ -71,12 +71,12 @@ def test_what_is_made_is_a_bundle_that_needs_no_generator(bundle, field, tmp_pat
 def test_what_was_distilled_from_one_texture_is_not_kept_with_another(bundle, monkeypatch) -> None:
     growing.without_grids(monkeypatch)
     twin = Twin(wearing.bundle(), (0.5,), (0.1, 0.1, 0.1), ((0.1, 0.01),))
-    assert baked(replace(bundle, twin=twin), "it", (16, 16), TextureRequest(7))[0].twin is None
+    assert bake_bundle(replace(bundle, twin=twin), "it", (16, 16), TextureRequest(7))[0].twin is None
 
 
 def test_extent_does_not_change_what_is_there(bundle, field, monkeypatch) -> None:
     growing.without_grids(monkeypatch)
-    small = baked(bundle, "it", (20, 33), TextureRequest(7, {"length": 1.5}))[0]
+    small = bake_bundle(bundle, "it", (20, 33), TextureRequest(7, {"length": 1.5}))[0]
     np.testing.assert_array_equal(small.arrays["features/0"], field.arrays["features/0"][:20, :33])
 
 
@@ -84,7 +84,9 @@ def test_other_seeds_and_other_geometry_are_other_textures(bundle, field, monkey
     growing.without_grids(monkeypatch)
     f = field.arrays["features/0"][:16, :16].astype(np.float32)
     for seed, values in ((8, {"length": 1.5}), (7, {"length": 3.0})):
-        other = baked(bundle, "it", (16, 16), TextureRequest(seed, values))[0].arrays["features/0"].astype(np.float32)
+        other = (
+            bake_bundle(bundle, "it", (16, 16), TextureRequest(seed, values))[0].arrays["features/0"].astype(np.float32)
+        )
         assert np.abs(other - f).max() > 0.05 * f.std()
 
 
@@ -107,14 +109,14 @@ def test_the_grid_bounds_what_no_probe_has_seen(field) -> None:
 def test_only_needed_patches_are_made(bundle, field) -> None:
     needed = np.zeros((5, 6), bool)
     needed[4, 5] = True
-    some = baked(bundle, "it", (74, 85), TextureRequest(7, {"length": 1.5}), needed)[0]
+    some = bake_bundle(bundle, "it", (74, 85), TextureRequest(7, {"length": 1.5}), needed)[0]
     np.testing.assert_array_equal(some.arrays["features/0"][64:, 64:], field.arrays["features/0"][64:, 64:])
     np.testing.assert_array_equal(some.arrays["grid/0"][:, 36:, 36:], field.arrays["grid/0"][:, 36:, 36:])
     assert not some.arrays["features/0"][:64].any() and not some.arrays["grid/1"][:, :32].any()
 
 
 def test_a_coarser_texture_is_the_upper_levels_of_the_fine_one(bundle, field) -> None:
-    coarse = baked(bundle, "it", (74, 85), TextureRequest(7, {"length": 1.5, "age": 4.0}, coarser=2))[0]
+    coarse = bake_bundle(bundle, "it", (74, 85), TextureRequest(7, {"length": 1.5, "age": 4.0}, coarser=2))[0]
     assert coarse.texel_density == TEXELS / 4
     same = {key: array for key, array in field.arrays.items() if key.startswith("height")}
     same |= {f"features/{i}": field.arrays[f"features/{i + 2}"] for i in range(3)}

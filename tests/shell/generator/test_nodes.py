@@ -11,7 +11,7 @@ from mesoshell.shell.generator.generator import init_averages, init_generator
 from mesoshell.shell.generator.model import GeneratorModel, generator_model, grown
 from mesoshell.shell.generator.nodes import hat, window
 from mesoshell.shell.generator.plan import GeneratorConfig, reach
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of, grow
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle, field_of, grow
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.field import Point, inputs
 from mesoshell.shell.material.loader import load_device_material
@@ -34,19 +34,19 @@ def far(bundle) -> int:
 
 
 def made(bundle: Bundle, field, size=SIZE) -> Bundle:
-    return baked(bundle, "it", size, TextureRequest(7, {}, {"length": field}))[0]
+    return bake_bundle(bundle, "it", size, TextureRequest(7, {}, {"length": field}))[0]
 
 
 def ends(bundle: Bundle, size=SIZE) -> list[np.ndarray]:
     """Textures of the least and of the greatest length."""
-    found = [baked(bundle, "it", size, TextureRequest(7, {"length": x}))[0] for x in (1.0, 3.0)]
+    found = [bake_bundle(bundle, "it", size, TextureRequest(7, {"length": x}))[0] for x in (1.0, 3.0)]
     return [x.arrays["features/0"].astype(np.float32) for x in found]
 
 
 def test_a_constant_field_is_the_constant(bundle) -> None:
     size = (35, 70)
     varying = made(bundle, lambda at: np.full(at.shape[:-1], 0.25), size)
-    same = baked(bundle, "it", size, TextureRequest(7, {"length": 1.5}))[0]
+    same = bake_bundle(bundle, "it", size, TextureRequest(7, {"length": 1.5}))[0]
     for key in same.arrays:
         rounding = 1 / 16 if key.startswith("grid/") else 0  # bounds keep four bits
         np.testing.assert_allclose(varying.arrays[key], same.arrays[key], rtol=2e-3 + rounding, atol=2e-3, err_msg=key)
@@ -113,7 +113,7 @@ def test_heights_at_a_node_are_its_own(bundle, monkeypatch) -> None:
     growing.without_grids(monkeypatch)
     found = made(bundle, lambda at: (at[..., 0] >= 2).astype(float), (32, 64))
     for u, beta in ((1, 1.0), (2, 3.0)):
-        alone = baked(bundle, "it", (16, 16), TextureRequest(7, {"length": beta}))[0].arrays["height/0"]
+        alone = bake_bundle(bundle, "it", (16, 16), TextureRequest(7, {"length": beta}))[0].arrays["height/0"]
         np.testing.assert_allclose(found.arrays["heights/0"][1, u], alone, rtol=2e-3, atol=2e-4)
 
 

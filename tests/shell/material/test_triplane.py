@@ -13,7 +13,7 @@ from mesoshell.errors import InputError
 from mesoshell.shell.generator.generator import init_averages, init_generator, synthesise_height
 from mesoshell.shell.generator.model import generator_arrays, generator_fields, generator_model
 from mesoshell.shell.generator.plan import GeneratorConfig, rows_of
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle
 from mesoshell.shell.material.triplane import PLANES, lookup_planes, pack_planes
 from tests.helpers import growing
 
@@ -83,4 +83,4 @@ def test_no_texture_can_be_made_of_them() -> None:
     kept = {k: v for k, v in bundle.arrays.items() if not k.startswith("generator/")}
     planes = replace(bundle, arrays=kept | made, generator=generator_fields(config))
     with pytest.raises(InputError, match=r"^it: has three planes per patch, which end at its sides"):
-        baked(planes, "it", (16, 16), TextureRequest())
+        bake_bundle(planes, "it", (16, 16), TextureRequest())

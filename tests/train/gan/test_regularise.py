@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from mesoshell.shell.material.decoder import init_decoder
-from mesoshell.train.gan.regularise import STEP, blurred, roughness
+from mesoshell.train.gan.regularise import STEP, blur, roughness
 from mesoshell.train.gan.state import start
 from mesoshell.train.patch_renderer import PictureConfig, material_of
 from tests.helpers import small_step
@@ -16,11 +16,11 @@ from tests.helpers import small_step
 
 def test_blur_is_scipys_and_none_at_zero() -> None:
     y = np.random.default_rng(0).normal(size=(2, 24, 24, 3)).astype(np.float32)
-    found = blurred(jnp.asarray(y), jnp.float32(1.3), 2.0)
+    found = blur(jnp.asarray(y), jnp.float32(1.3), 2.0)
     expected = gaussian_filter(y, (0, 1.3, 1.3, 0), mode="nearest", truncate=6 / 1.3)
     np.testing.assert_allclose(found, expected, atol=1e-5)
-    np.testing.assert_allclose(blurred(jnp.asarray(y), jnp.float32(0), 2.0), y, atol=1e-6)
-    gradient = jax.grad(lambda s: jnp.sum(blurred(jnp.asarray(y), s, 2.0) ** 2))(jnp.float32(0))
+    np.testing.assert_allclose(blur(jnp.asarray(y), jnp.float32(0), 2.0), y, atol=1e-6)
+    gradient = jax.grad(lambda s: jnp.sum(blur(jnp.asarray(y), s, 2.0) ** 2))(jnp.float32(0))
     assert np.isfinite(gradient)
 
 

@@ -12,10 +12,10 @@ from mesoshell.render.camera import look_at
 from mesoshell.shell.generator.generator import init_averages
 from mesoshell.train.gan.generate import ImageBatch, generate
 from mesoshell.train.gan.presets import TINY
-from mesoshell.train.gan.state import Learner, sized, start
+from mesoshell.train.gan.state import Learner, sized_for, start
 from mesoshell.train.update import HERE
 
-CONFIG = sized(TINY, 1, 0)
+CONFIG = sized_for(TINY, 1, 0)
 BATCH = 4
 
 

@@ -24,7 +24,7 @@ from mesoshell.neutex.store import read_neutex
 from mesoshell.train.gan.presets import PAPER, SMALL, TINY
 from mesoshell.train.method import ATLAS, method_of
 from mesoshell.train.neutex import step as atlas
-from mesoshell.train.neutex.ray_batches import Rays, held_out, recorded
+from mesoshell.train.neutex.ray_batches import Rays, held_out, recorded_capture
 from mesoshell.train.neutex.step import (
     EACH,
     KEEP,
@@ -274,7 +274,7 @@ def test_a_run_is_resumed_to_the_bit_and_kept(capture, tmp_path) -> None:
         np.testing.assert_array_equal(a, b)
     read, about = read_record(tmp_path / "a")
     assert method_of(read) is ATLAS and read == adapt(config, capture)[0]
-    assert len(recorded(about, 16).photos) == 16
+    assert len(recorded_capture(about, 16).photos) == 16
     images, path = snapshots(tmp_path / "a")[-1]
     kept = read_neutex(path)
     assert images == 1024 and kept.tested == (7, 15)

@@ -28,12 +28,12 @@ from mesoshell.train.export import decoder_arrays
 from mesoshell.train.textures import adversarial, critic_view
 from mesoshell.train.textures import snapshot as textures_snapshot
 from mesoshell.train.textures.depth_map import TOP, from_above
-from mesoshell.train.textures.exemplars import ScaledExemplars, feed, scaled
+from mesoshell.train.textures.exemplars import ScaledExemplars, feed, scale_exemplars
 from mesoshell.train.textures.natural_start import wide
 from mesoshell.train.textures.snapshot import bundle
 from mesoshell.train.textures.state import TexturesConfig, TexturesState, adapt
 from mesoshell.train.textures.step import start, step
-from mesoshell.train.textures.synthesis import folded, latents, made, own_phases, settled, standard
+from mesoshell.train.textures.synthesis import fold, latents, own_phases, settle_moments, standard, synthesise_patch
 from mesoshell.train.transfer import transfer_from
 from tests.helpers.quick_start import begin_soon
 
@@ -44,7 +44,7 @@ GENERATOR = GeneratorConfig(
 )
 CONFIG = TexturesConfig(GENERATOR, CriticConfig(critic_view.CHANNELS, width=2), batch=2, window=64, snapshot_kimg=1e9)
 DECODER = init_decoder(jax.random.key(5), C + 1 + 2 + 1, (8, 8), (8,))
-textures = jax.jit(made, static_argnums=(0, 5))
+textures = jax.jit(synthesise_patch, static_argnums=(0, 5))
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def begun(exemplars: Exemplars) -> tuple[TexturesConfig, ScaledExemplars, Textur
 
 
 def test_what_scales_exemplars_changes_no_answer(exemplars: Exemplars):
-    data = scaled(exemplars)
+    data = scale_exemplars(exemplars)
     np.testing.assert_allclose(data.features.mean(axis=(0, 1, 2)), 0, atol=1e-5)
     np.testing.assert_allclose(data.features.std(axis=(0, 1, 2)), 1, rtol=1e-5)
     rest = jnp.asarray(np.random.default_rng(1).random((SIDE, SIDE, 4)), jnp.float32)
@@ -96,7 +96,7 @@ def test_a_material_makes_the_textures_of_the_run(begun):
     state = state._replace(averages=state.averages._replace(magnitude=[1.3 * m for m in state.averages.magnitude]))
     w, phases = latents(config, state.generator, jnp.zeros((1, 0))), own_phases(config, jnp.arange(1))
     expected = textures(config, state, state.generator, w, phases, SIDE)[0]
-    g, corner = folded(state.generator, state), jnp.zeros(2, jnp.int32)
+    g, corner = fold(state.generator, state), jnp.zeros(2, jnp.int32)
     synthesised = jax.jit(synthesise, static_argnums=(0, 6))
     found = synthesised(config.generator, g, state.averages, w, phases, corner, (SIDE, SIDE)).feature
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
@@ -105,7 +105,7 @@ def test_a_material_makes_the_textures_of_the_run(begun):
     made_of = bundle(config, data, state)
     assert made_of.generator is not None and made_of.generator["z"] == 0 and not made_of.wraps
     np.testing.assert_array_equal(
-        made_of.arrays["generator/layers/4/weight"], folded(state.smooth, state).layers[-1].weight
+        made_of.arrays["generator/layers/4/weight"], fold(state.smooth, state).layers[-1].weight
     )
 
 
@@ -221,7 +221,7 @@ def test_a_material_has_what_the_critic_was_shown(against_a_critic):
     config, _, state = against_a_critic
     gone = state._replace(a=3 * state.a, b=state.b + 20)
     w, phases = latents(config, state.smooth, jnp.zeros((16, 0))), own_phases(config, jnp.arange(16))
-    shown = np.asarray(textures(config, settled(config, gone), state.smooth, w, phases, config.window)[0])
+    shown = np.asarray(textures(config, settle_moments(config, gone), state.smooth, w, phases, config.window)[0])
     np.testing.assert_allclose(shown.mean(axis=(0, 1, 2)), 0, atol=0.25)
     np.testing.assert_allclose(shown.std(axis=(0, 1, 2)), 1, atol=0.25)
 
@@ -274,13 +274,13 @@ def test_a_slab_from_above_is_its_closed_form():
 @pytest.mark.parametrize("turn", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
 def test_a_turned_texture_is_seen_turned(exemplars: Exemplars, turn: tuple[int, int, int]):
     """Layers, depth and views aslant of a flipped texture are the flips of what is seen of it; light is another matter."""
-    data = scaled(exemplars)
+    data = scale_exemplars(exemplars)
     f = jnp.asarray(data.features[0])
     moved = jnp.flip(f, [axis for axis in (0, 1) if turn[axis]])
     moved = jnp.swapaxes(moved, 0, 1) if turn[2] else moved
     light, height = jnp.array([0.0, 0.0, 1.0]), jnp.asarray(data.height)
     a, b = (critic_view.see(data.decoder, 1, x, height, jnp.full(1, 0.3), light) for x in (f, moved))
-    expected = critic_view.turned(a, jnp.int32(turn[0] + 2 * turn[1] + 4 * turn[2]))
+    expected = critic_view.turn_view(a, jnp.int32(turn[0] + 2 * turn[1] + 4 * turn[2]))
     np.testing.assert_allclose(b, expected, rtol=1e-4, atol=1e-5)
     assert not np.allclose(b, a, atol=1e-3)
 
@@ -292,7 +292,7 @@ def test_a_direction_turns_with_the_picture_that_shows_it(t: int):
     for _ in range(2):
         u, v = (round(32 + 25 * f(2 * np.pi * angle)) for f in (np.cos, np.sin))
         picture = jnp.zeros((side, side, critic_view.CHANNELS)).at[v, u, 0].set(1.0)
-        row, column = np.unravel_index(np.argmax(critic_view.turned(picture, jnp.int32(t))[..., 0]), (side, side))
+        row, column = np.unravel_index(np.argmax(critic_view.turn_view(picture, jnp.int32(t))[..., 0]), (side, side))
         found = np.arctan2(row - 32, column - 32) / (2 * np.pi)
         angle = float(critic_view.turned_angle(jnp.float32(angle), jnp.int32(t)))
         assert 0 <= angle < 1 and abs((found - angle + 0.5) % 1 - 0.5) < 0.01
@@ -363,14 +363,14 @@ def test_a_run_begins_with_a_snapshot(begun, exemplars: Exemplars, tmp_path: Pat
     begin_soon(monkeypatch)
     fresh = start(config, data, jax.random.key(9))
     lent = transfer_from(config, data, tmp_path / "grass.npz")(fresh)
-    for own, given in zip(*(jax.tree.leaves(folded(s.smooth, s)) for s in (state, lent)), strict=True):
+    for own, given in zip(*(jax.tree.leaves(fold(s.smooth, s)) for s in (state, lent)), strict=True):
         np.testing.assert_allclose(given, own, rtol=1e-3, atol=1e-4)
     assert jax.tree.map(jnp.shape, lent) == jax.tree.map(jnp.shape, fresh)
     shorter = replace(config, generator=replace(config.generator, precision="bfloat16"))
     np.testing.assert_array_equal(
         transfer_from(shorter, data, tmp_path / "grass.npz")(fresh).smooth.mix, lent.smooth.mix
     )
-    other = scaled(replace(exemplars, features=exemplars.features * 2))
+    other = scale_exemplars(replace(exemplars, features=exemplars.features * 2))
     with pytest.raises(InputError, match="scaled by other exemplars"):
         transfer_from(config, other, tmp_path / "grass.npz")
     with pytest.raises(InputError, match="generator is not this run's: w is 8, asked for 16"):

@@ -68,7 +68,7 @@ def render(options: Render) -> None:
     painted = board_paint() if options.checker else None
     if options.texture:
         layout, image = paint.read_edit(options.texture, options.layout)
-        painted = paint.painted(model, layout, image, options.edit)
+        painted = paint.paint_of(model, layout, image, options.edit)
     quality = PRESETS[options.quality]
     samples = options.samples
     if samples is None:

@@ -8,12 +8,12 @@ import numpy as np
 
 from mesoshell.cli.options.judge import Blind, Marks
 from mesoshell.errors import InputError
-from mesoshell.io.atomic import probe_outputs, read_file, replace_file, together
+from mesoshell.io.atomic import move_together, probe_outputs, read_file, replace_file
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.dataset_images import load_images
 from mesoshell.io.image import write_png
 from mesoshell.io.records import read_object
-from mesoshell.measure.blind import drawn, judged, letters, marks, shuffled
+from mesoshell.measure.blind import count_right, draw_sheet, letters, marks, shuffle_pictures
 
 
 def make_sheet(options: Blind) -> None:
@@ -36,7 +36,7 @@ def make_sheet(options: Blind) -> None:
         real = load_images(replace(dataset, samples=tuple(samples)))
     else:
         real = posed_material(options.against, dataset).pictures(samples, options.seed)
-    sheet = shuffled(real, made, options.seed)
+    sheet = shuffle_pictures(real, made, options.seed)
     answers = {
         "made": options.material,
         "real": options.against or str(options.data),
@@ -46,9 +46,9 @@ def make_sheet(options: Blind) -> None:
         "samples": [samples[i].index for i in sheet.pose],
         "answer": letters(sheet.answer),
     }
-    with together(files[1]) as folder:
+    with move_together(files[1]) as folder:
         replace_file(folder / "answers.json", (json.dumps(answers, indent=1) + "\n").encode())
-        write_png(folder / "sheet.png", drawn(sheet))
+        write_png(folder / "sheet.png", draw_sheet(sheet))
     print(files[1])
 
 
@@ -66,7 +66,7 @@ def count_marks(options: Marks) -> None:
         given = _marks(file, read_file(file).decode(errors="replace"))
         if len(given) != len(answer):
             raise InputError(file, f"has {len(given)} marks; the sheet has {len(answer)} pictures")
-        rows[str(file)] = judged(answer, given)
+        rows[str(file)] = count_right(answer, given)
     print("| judge | right | share | 95% | by chance |\n|---|---|---|---|---|")
     for name, j in rows.items():
         print(f"| {name} | {j.right} of {j.count} | {j.share:.0%} | {j.low:.0%} to {j.high:.0%} | {j.chance:.2g} |")

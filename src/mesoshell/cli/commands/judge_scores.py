@@ -14,7 +14,7 @@ from mesoshell.cli.judged_material import bundle_of, posed_material
 from mesoshell.cli.options.judge import Scores
 from mesoshell.cli.progress import say_notes, stderr
 from mesoshell.errors import InputError
-from mesoshell.io.atomic import probe_outputs, replace_file, together
+from mesoshell.io.atomic import move_together, probe_outputs, replace_file
 from mesoshell.io.dataset import read_dataset
 from mesoshell.io.image import write_png
 from mesoshell.io.names import distinct_names
@@ -53,7 +53,7 @@ def run(options: Scores) -> None:
         }
         if known is not None and len(known) > 1:
             columns["renders"] |= fields.distances(among(known, known.shape[2:]))
-    with together(table) as folder:
+    with move_together(table) as folder:
         for (name, material), label in zip(posed.items(), distinct_names(list(posed)), strict=True):
             with console.status(f"{name}: {len(b)} pictures"):
                 column = {k: e._asdict() for k, e in score(judge, b, material.pictures(b, 0)).items()}

@@ -2,7 +2,7 @@
 
 from mesoshell.cli.options.materials import Options
 from mesoshell.io.bundle import Bundle, Parameter
-from mesoshell.io.material import INSTALL, WITH, bundled
+from mesoshell.io.material import INSTALL, WITH, bundled_materials
 from mesoshell.scene.materials import Material, load_material
 
 _ROLES = {"alpha": "appearance", "beta": "geometry"}
@@ -10,9 +10,11 @@ _ROLES = {"alpha": "appearance", "beta": "geometry"}
 
 def run(options: Options) -> None:
     """All of `mesoshell materials`: nothing is printed if one of the materials cannot be read."""
-    for line in [line for name in options.names or tuple(bundled()) for line in lines_of(load_material(name))]:
+    for line in [
+        line for name in options.names or tuple(bundled_materials()) for line in lines_of(load_material(name))
+    ]:
         print(line)
-    absent = [name for name in WITH if name not in bundled()]
+    absent = [name for name in WITH if name not in bundled_materials()]
     if absent and not options.names:
         print(f"{', '.join(absent)}: in a package of their own, {INSTALL}")
 

@@ -7,7 +7,7 @@ from mesoshell.cli.progress import stderr
 from mesoshell.io.atomic import probe_outputs
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.material import find
-from mesoshell.train.prefilter import Gap, prefiltered
+from mesoshell.train.prefilter import Gap, fit_correction
 
 
 def run(options: Options) -> None:
@@ -25,7 +25,7 @@ def run(options: Options) -> None:
 
     bundle = read_bundle(find(options.material))
     with console.status("learning from unfiltered rays"):
-        made = prefiltered(bundle, options.material, options.steps, options.seed, show)
+        made = fit_correction(bundle, options.material, options.steps, options.seed, show)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write_bundle(options.out, made)
     print(options.out)

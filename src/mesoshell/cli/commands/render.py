@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from mesoshell.cli.checks import settings_of
-from mesoshell.cli.described_scene import compiled_by, is_mitsubas, prepared
+from mesoshell.cli.described_scene import compiled_by, is_mitsubas, prepare_shown
 from mesoshell.cli.options.render import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
-from mesoshell.io.atomic import probe_outputs, replace_file, together
+from mesoshell.io.atomic import move_together, probe_outputs, replace_file
 from mesoshell.scene.accumulate import goal_of
 from mesoshell.scene.picture import Picture
 from mesoshell.scene.prepare import FIXED_BY_XML, PATH_FIELDS, quality_of
@@ -34,7 +34,7 @@ def run(options: Options) -> None:
         raise InputError(option, f"is set in {options.mesh}")
     compiling = compiled_by(options.engine)
     with bar(console, "growing") as progress:
-        ready = prepared(options, quality, options.spp or given.get("spp"), progress)
+        ready = prepare_shown(options, quality, options.spp or given.get("spp"), progress)
     say_notes(console, ready.notes)
     if options.explain and ready.effects is not None:
         console.print(str(ready.effects), soft_wrap=True)
@@ -86,7 +86,7 @@ def _report(made: Picture, begin: float, compiling: list[float] | None) -> dict[
 
 
 def _write(out: Path, made: Picture, report: dict[str, Any]) -> None:
-    with together(files_of(out)[0]) as folder:
+    with move_together(files_of(out)[0]) as folder:
         image, radiance, record = (folder / path.name for path in files_of(out))
         made.save(image)
         made.save(radiance)

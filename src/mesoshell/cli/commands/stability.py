@@ -8,7 +8,7 @@ from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.stability import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
-from mesoshell.io.atomic import probe_outputs, replace_file, together
+from mesoshell.io.atomic import move_together, probe_outputs, replace_file
 from mesoshell.scene.materials import load_material
 from mesoshell.stability.examine import examine
 
@@ -25,7 +25,7 @@ def run(options: Options) -> None:
         scene = scene_of(options, load_material(options.material))
         stability = examine(scene, options.rays, progress, options.engine)
     record = {"checks": [check.as_dict() for check in stability.checks]}
-    with together(options.out) as folder:
+    with move_together(options.out) as folder:
         replace_file(folder / outputs[0].name, stability.map())
         replace_file(folder / outputs[1].name, (json.dumps(record, indent=1) + "\n").encode())
     say_notes(stderr(), stability.notes)

@@ -13,13 +13,13 @@ from mesoshell.errors import InputError
 from mesoshell.io.atomic import new_folder, probe_folder, probe_outputs
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.kept_textures import to_folder
-from mesoshell.io.material import find, normalised
+from mesoshell.io.material import find, normalise
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.scene.materials import read_params
 from mesoshell.shell.generator.bake import patches_a_tile
 from mesoshell.shell.generator.model import generator_model
 from mesoshell.shell.generator.plan import halo_cost
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, baked, field_of
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle, field_of
 
 
 def run(options: Options) -> None:
@@ -44,7 +44,7 @@ def run(options: Options) -> None:
     console = stderr()
     with bar(console, "texture") as progress:
         if options.out.suffix == ".npz":
-            made, share = baked(bundle, options.material, size, wanted, None, progress)
+            made, share = bake_bundle(bundle, options.material, size, wanted, None, progress)
             options.out.parent.mkdir(parents=True, exist_ok=True)
             write_bundle(options.out, _with(made, share))
         else:
@@ -62,7 +62,8 @@ def run(options: Options) -> None:
 def _to_folder(options: Options, bundle: Bundle, size: tuple[int, int], wanted: TextureRequest, progress) -> None:
     with new_folder(options.out) as folder:
         to_folder(
-            folder, lambda allocate: _with(*baked(bundle, options.material, size, wanted, None, progress, allocate))
+            folder,
+            lambda allocate: _with(*bake_bundle(bundle, options.material, size, wanted, None, progress, allocate)),
         )
 
 
@@ -94,5 +95,5 @@ def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> Te
     for p in bundle.parameters:
         if p.name in maps and p.role == "alpha":
             raise InputError("--param", f"{p.name}: an image varies appearance in a render only, not in a texture")
-    normalised(bundle, values, "beta")
+    normalise(bundle, values, "beta")
     return TextureRequest(options.seed, values, {name: field_of(image, extent, False) for name, image in maps.items()})

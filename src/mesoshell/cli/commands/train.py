@@ -1,7 +1,7 @@
 """`mesoshell train`: a generator of materials, or a network that it is compared with. JAX is imported only in training, since
 one of several hosts first forks the process that trains."""
 
-from mesoshell.cli.host_process import watched
+from mesoshell.cli.host_process import run_in_child
 from mesoshell.cli.options.train import Options
 from mesoshell.errors import InputError
 
@@ -9,7 +9,7 @@ from mesoshell.errors import InputError
 def run(options: Options) -> None:
     """All of `mesoshell train`."""
     if options.coordinator is not None:
-        watched(lambda: _train(options), options.run)
+        run_in_child(lambda: _train(options), options.run)
     _train(options)
 
 

@@ -11,7 +11,7 @@ from mesoshell.cli.options.view import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.interrupt import arrived
-from mesoshell.io.material import bundled
+from mesoshell.io.material import bundled_materials
 from mesoshell.io.records import read_object
 from mesoshell.io.surface import KIND
 from mesoshell.scene.materials import load_material
@@ -53,7 +53,10 @@ def run(options: Options) -> None:
 
 def _run_of(options: Options) -> Path | None:
     """The folder of a run, in place of the mesh or of the material. Raises InputError if it is given with another material."""
-    mesh, material = _is_run(options.mesh), options.material not in bundled() and _is_run(Path(options.material))
+    mesh, material = (
+        _is_run(options.mesh),
+        options.material not in bundled_materials() and _is_run(Path(options.material)),
+    )
     if mesh and options.material != Options.material:
         raise InputError("--material", f"is the newest snapshot of {options.mesh}")
     return options.mesh if mesh else Path(options.material) if material else None

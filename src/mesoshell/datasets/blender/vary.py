@@ -10,7 +10,7 @@ from jaxtyping import Float32
 from mesoshell.datasets.blender.process import Blender
 from mesoshell.errors import InputError
 from mesoshell.io.image import read_exr
-from mesoshell.io.sheet import shown, tiled
+from mesoshell.io.sheet import over_grey, tile_pictures
 
 
 def vary_sheet(
@@ -30,5 +30,5 @@ def vary_sheet(
             answer = blender.render(index, Path(scratch) / "image.exr", parameters={**rest, name: float(value)})
             if "fault" in answer:
                 raise InputError(f"{name}={value:g}", answer["fault"])
-            images.append(shown(read_exr(Path(scratch) / "image.exr")))
-    return tiled(np.stack(images), steps)
+            images.append(over_grey(read_exr(Path(scratch) / "image.exr")))
+    return tile_pictures(np.stack(images), steps)

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from mesoshell.signal.fourier import draw_drift, draw_frequencies, turned
+from mesoshell.signal.fourier import draw_drift, draw_frequencies, rotate_frequencies
 from mesoshell.signal.schedule import Config, LayerRow, layer_schedule
 
 #: Cells a patch: the rate of the coarsest layer. Tiles begin at whole cells.
@@ -75,14 +75,16 @@ def frequencies_of(config: GeneratorConfig) -> Frequencies:
     if config.turn and config.drift:
         raise ValueError("maps whose phases drift cannot be turned")
     rng, rows = np.random.default_rng(config.seed), rows_of(config)
-    first = turned(draw_frequencies(rng, config.waves * rows[0].in_channels, 0.0, rows[0].in_cutoff), config.turn)
+    first = rotate_frequencies(
+        draw_frequencies(rng, config.waves * rows[0].in_channels, 0.0, rows[0].in_cutoff), config.turn
+    )
     layers = []
     for i, row in enumerate(rows):
         low = 0.0 if i == 0 else row.in_cutoff
         high = min(row.out_cutoff, row.in_sampling_rate / 2 - ASIDE * (config.drift > 0))
         empty = low >= high or config.fourier == "off"
         drawn = draw_frequencies(rng, 0 if empty else config.waves * row.in_channels, low, max(low, high))
-        layers.append(turned(drawn, config.turn))
+        layers.append(rotate_frequencies(drawn, config.turn))
     return Frequencies(first, layers, draw_drift(rng, SLOW if config.drift else 0))
 
 

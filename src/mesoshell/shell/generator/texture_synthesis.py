@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.kept_textures import Allocate, kept, key_of
-from mesoshell.io.material import normalised
+from mesoshell.io.material import normalise
 from mesoshell.shell.generator.bake import Share, bake
 from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.nodes import count_nodes
@@ -55,7 +55,7 @@ def grow(
     wanted = replace(wanted, fields=moved)
 
     def make(allocate: Allocate | None) -> Bundle:
-        textured, share = baked(bundle, name, size, wanted, needed, progress, allocate)
+        textured, share = bake_bundle(bundle, name, size, wanted, needed, progress, allocate)
         return replace(textured, provenance=textured.provenance | share._asdict())
 
     beta = _geometry(bundle, wanted, count_nodes(size, texels))
@@ -64,7 +64,7 @@ def grow(
     return kept(key, 8 * bundle.channels * size[0] * size[1] // 3 >> 2 * wanted.coarser, make), origin
 
 
-def baked(
+def bake_bundle(
     bundle: Bundle,
     name: str,
     size: tuple[int, int],
@@ -101,7 +101,7 @@ def baked(
 
 def _geometry(bundle: Bundle, wanted: TextureRequest, nodes: tuple[int, int]) -> Float[np.ndarray, "*nodes G"]:
     """β of the texture; or at each corner of its patches, if it varies."""
-    same = normalised(bundle, wanted.values, "beta")
+    same = normalise(bundle, wanted.values, "beta")
     if not wanted.fields:
         return same
     varying = np.broadcast_to(same, (*nodes, len(same))).copy()

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.geometry.mesh import Mesh, bounding_box, counted, uv_stretch
+from mesoshell.geometry.mesh import Mesh, bounding_box, count_of, uv_stretch
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.topology import pair_edges, split_fans
 
@@ -101,7 +101,7 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
     faces, base, direction, origin = _posts(mesh)
     wanted = wanted[origin]
     if len(origin) > len(mesh.vertices):
-        touching = counted(len(np.unique(origin[len(mesh.vertices) :])), "vertex", "vertices")
+        touching = count_of(len(np.unique(origin[len(mesh.vertices) :])), "vertex", "vertices")
         notes.append(f"{touching} where several surfaces touch: each surface has its own posts there")
     usable = _usable(base, direction, faces)
     grown = _unfold(base, direction, wanted, faces[usable])
@@ -131,7 +131,7 @@ def patches_per_uv(mesh: Mesh, shell: Shell) -> float:
     return float(np.abs(shell.uv).max()) / size if size > 0 else 1.0
 
 
-def transformed(shell: Shell, to_world: Float[np.ndarray, "4 4"]) -> Shell:
+def transform_shell(shell: Shell, to_world: Float[np.ndarray, "4 4"]) -> Shell:
     """The shell under an affine map, posts included. A mirrored shell has its corners' order reversed."""
     linear = to_world[:3, :3]
     base = shell.base.astype(np.float64) @ linear.T + to_world[:3, 3]

@@ -8,7 +8,7 @@ from mesoshell.geometry.mesh import Mesh
 from mesoshell.shell.geometry.extrude import Shell
 
 
-def joined(grown: Sequence[tuple[Mesh, Shell]]) -> tuple[Mesh, Shell]:
+def join_shells(grown: Sequence[tuple[Mesh, Shell]]) -> tuple[Mesh, Shell]:
     """One mesh and one shell: vertices, faces and prisms of each follow those of the one before. Nothing is welded."""
     if len(grown) == 1:
         return grown[0]

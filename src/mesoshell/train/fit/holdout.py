@@ -64,12 +64,12 @@ def picture_pair(
     pixels = np.arange(data.first[n], data.first[n + 1])
     hits = np.intersect1d(pixels, np.concatenate([data.learned[patch], data.held[patch]]))
     y = np.zeros((len(pixels), 4), np.float32)
-    y[hits - data.first[n]] = predicted(config, data, material, patch, hits)
+    y[hits - data.first[n]] = predict_pixels(config, data, material, patch, hits)
     width, height = data.samples[n].size
     return y.reshape(height, width, 4), data.target(pixels).reshape(height, width, 4)
 
 
-def predicted(
+def predict_pixels(
     config: FitConfig, data: FitData, material: Material, patch: int, pixels: np.ndarray
 ) -> Float[np.ndarray, "R 4"]:
     """y of some pixels of a patch's pictures."""

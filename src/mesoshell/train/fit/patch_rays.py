@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Float16, Int
 
 from mesoshell.errors import InputError
 from mesoshell.io.corner_tiles import SIDE, is_torus
-from mesoshell.io.dataset import Dataset, Sample, origin
+from mesoshell.io.dataset import Dataset, Sample, normalised_parameters, origin
 from mesoshell.io.dataset_images import load_image
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, pixel_grid, pixel_radius, rays
@@ -100,7 +100,7 @@ def fit_data(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
     )
     if min(map(len, learned)) == 0:
         raise InputError(datasets[0].folder, "has a patch whose pictures are all held out: none is left to learn from")
-    beta, alpha = (_normalised(parameters, samples, role) for role in ("beta", "alpha"))
+    beta, alpha = (normalised_parameters(parameters, samples, role) for role in ("beta", "alpha"))
     origins = tuple(origin(d) for d in datasets if d not in tests)
     manifest = datasets[0].manifest | {"source": origins}
     where = [int(np.flatnonzero(of == k)[0]) for k in range(len(patches))]
@@ -191,15 +191,6 @@ def _held(patch: Int[np.ndarray, "N"], held: int) -> np.ndarray:
     for k in np.unique(patch):
         out[np.flatnonzero(patch == k)[::-1][:held]] = True
     return out
-
-
-def _normalised(parameters: dict[str, Any], samples: Sequence[Sample], role: str) -> Float[np.ndarray, "N P"]:
-    columns = [
-        (np.array([s.parameters[name] for s in samples]) - entry["range"][0]) / (entry["range"][1] - entry["range"][0])
-        for name, entry in parameters.items()
-        if entry["role"] == role
-    ]
-    return np.ascontiguousarray(np.asarray(columns, np.float32).reshape(len(columns), len(samples)).T)
 
 
 def _pixel_rays(sample: Sample) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ from mesoshell.io.dataset import Dataset
 from mesoshell.io.exemplars import Exemplars
 from mesoshell.io.names import distinct_names
 from mesoshell.limits import check_memory, check_seed
-from mesoshell.train.export import declared, to_bundle
+from mesoshell.train.export import declared_parameters, to_bundle
 from mesoshell.train.fit.feed import adapt
 from mesoshell.train.fit.holdout import Scores, score
 from mesoshell.train.fit.patch_rays import FitData, fit_data
@@ -101,7 +101,7 @@ def conclude(
     about: dict[str, Any] = provenance(config, data, state) | {"test": tested}
     if config.patches > 1 and not config.tiles:
         return FitResult(exemplars(config, data, state, about), scores, sheets)
-    parameters, colours = declared(data.manifest), data.manifest["tiles"] if config.tiles else None
+    parameters, colours = declared_parameters(data.manifest), data.manifest["tiles"] if config.tiles else None
     return FitResult(to_bundle(config, state.common, state.own.feature[0], parameters, about, colours), scores, sheets)
 
 

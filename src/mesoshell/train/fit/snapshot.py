@@ -14,8 +14,8 @@ from jaxtyping import Float
 from mesoshell.errors import InputError
 from mesoshell.io.checkout import commit
 from mesoshell.io.exemplars import Exemplars, write_exemplars
-from mesoshell.io.sheet import tiled
-from mesoshell.train.export import declared, decoder_arrays
+from mesoshell.io.sheet import tile_pictures
+from mesoshell.train.export import declared_parameters, decoder_arrays
 from mesoshell.train.fit.holdout import picture_pair
 from mesoshell.train.fit.patch_rays import FitData
 from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
@@ -45,7 +45,7 @@ def exemplars(config: FitConfig, data: FitData, state: FitState, about: dict[str
         data.beta,
         decoder_arrays(state.common.decoder),
         config.octaves,
-        declared(data.manifest),
+        declared_parameters(data.manifest),
         about,
     )
 
@@ -72,7 +72,7 @@ def sheet(config: FitConfig, data: FitData, state: FitState) -> Float[np.ndarray
         )
     pairs = [pair for pair in pairs if pair[0].shape == pairs[0][0].shape]
     shown = np.stack([np.stack(side) for side in zip(*pairs, strict=True)]).reshape(-1, *pairs[0][0].shape)
-    return np.asarray(tiled(shown[..., :3], len(pairs)))
+    return np.asarray(tile_pictures(shown[..., :3], len(pairs)))
 
 
 def load_predictor(config: FitConfig, path: Path) -> Callable[[Any], Any]:

@@ -18,7 +18,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.shell.generator.discriminator import GROUP
 from mesoshell.train.gan.generate import ImageBatch
-from mesoshell.train.gan.state import GanConfig, sized
+from mesoshell.train.gan.state import GanConfig, sized_for
 from mesoshell.train.loader import Feed, take
 from mesoshell.train.patch_renderer import PictureConfig
 
@@ -50,7 +50,7 @@ def adapt(config: GanConfig, dataset: Dataset) -> tuple[GanConfig, Dataset]:
     if config.mismatch and not roles:
         raise InputError("mismatch", "needs a dataset with parameters, which it exchanges between renders")
     config = replace(config, picture=adapt_picture(config.picture, dataset))
-    return sized(config, roles.count("alpha"), roles.count("beta")), varied
+    return sized_for(config, roles.count("alpha"), roles.count("beta")), varied
 
 
 def varying(dataset: Dataset) -> Dataset:

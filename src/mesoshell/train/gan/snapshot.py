@@ -21,10 +21,10 @@ from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.checkout import commit
 from mesoshell.io.dataset import Dataset, origin
 from mesoshell.io.image import tonemap
-from mesoshell.io.sheet import tiled
+from mesoshell.io.sheet import tile_pictures
 from mesoshell.shell.generator.generator import Averages, draw_phases, map_latent, synthesise
 from mesoshell.shell.generator.model import generator_model
-from mesoshell.train.export import declared, generator_bundle
+from mesoshell.train.export import declared_parameters, generator_bundle
 from mesoshell.train.gan.curriculum import Paced, views_of
 from mesoshell.train.gan.generate import ImageBatch, generate
 from mesoshell.train.gan.state import GanConfig, Learner, TrainState
@@ -37,7 +37,9 @@ COLUMNS, EXTENT = 6, 4
 def save(path: Path, config: GanConfig, dataset: Dataset, state: TrainState) -> None:
     """The material of the averaged weights, as a bundle."""
     about = provenance(config, dataset, int(state.images))
-    write_bundle(path, generator_bundle(config, state.smooth, state.averages, declared(dataset.manifest), about))
+    write_bundle(
+        path, generator_bundle(config, state.smooth, state.averages, declared_parameters(dataset.manifest), about)
+    )
 
 
 def load_predictor(config: GanConfig, path: Path) -> Callable[[ImageBatch], Float[np.ndarray, "B S S 4"]]:
@@ -76,7 +78,7 @@ def ends(config: Paced, dataset: Dataset) -> tuple[ImageBatch, ImageBatch]:
 def in_rows(rows: list[np.ndarray]) -> Float[np.ndarray, "h w 3"]:
     """Linear RGBA pictures, a row each, as values to be shown."""
     radiance = np.concatenate([np.maximum(np.asarray(row)[..., :3], 0) for row in rows])
-    return np.asarray(tiled(tonemap(radiance), COLUMNS))
+    return np.asarray(tile_pictures(tonemap(radiance), COLUMNS))
 
 
 def as_colours(feature: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "V U 3"]:

@@ -80,7 +80,7 @@ class TrainState(NamedTuple):
     images: Int[Array, ""]
 
 
-def sized(config: GanConfig, appearance: int, geometry: int) -> GanConfig:
+def sized_for(config: GanConfig, appearance: int, geometry: int) -> GanConfig:
     """The configuration for a dataset with this many parameters, which set the inputs of discriminator, decoder and mapping."""
     return replace(
         config,

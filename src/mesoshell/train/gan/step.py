@@ -21,11 +21,11 @@ import jax.numpy as jnp
 from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.shell.generator.generator import Averages
 from mesoshell.train.gan.generate import GeneratorStats, ImageBatch, conditions, generate, label
-from mesoshell.train.gan.regularise import blurred
+from mesoshell.train.gan.regularise import blur
 from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers
 from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
-from mesoshell.train.patch_renderer import shown
-from mesoshell.train.update import HERE, Across, not_finite, updated
+from mesoshell.train.patch_renderer import tone_map
+from mesoshell.train.update import HERE, Across, apply_gradient, not_finite
 from mesoshell.typing import Array, Bool, Scalar
 
 #: Half-life of the average magnitude, images; share of the mean of w that each step keeps.
@@ -51,12 +51,12 @@ def step(
 ) -> tuple[TrainState, GanReport]:
     """Both updates, R1 if it is due, and the averages. Pure."""
     wanted = conditions(config, batch)
-    c, c_fake, sharp = label(batch), label(wanted), shown(batch.image[..., :3])
+    c, c_fake, sharp = label(batch), label(wanted), tone_map(batch.image[..., :3])
     for_learner, for_discriminator = optimisers(config)
     s = config.blur * jnp.maximum(1 - state.images.astype(sharp.dtype) / (1000 * config.blur_kimg), 0)
 
     def softened(y: Array) -> Array:
-        return blurred(y, s, config.blur) if config.blur else y
+        return blur(y, s, config.blur) if config.blur else y
 
     real = softened(sharp)
 
@@ -65,7 +65,7 @@ def step(
 
     def make(learner: Learner) -> tuple[tuple[Array, Scalar], GeneratorStats]:
         pictures, stats = generate(config, learner, state.averages, wanted, across.each)
-        return (softened(shown(pictures[..., :3])), stats.roughness), stats
+        return (softened(tone_map(pictures[..., :3])), stats.roughness), stats
 
     (fake, _), back, stats = jax.vjp(make, state.learner, has_aux=True)
 
@@ -84,8 +84,8 @@ def step(
     (d_loss, real_logit), d_gradient = jax.value_and_grad(discriminated, has_aux=True)(state.discriminator)
     (g_gradient,) = back((by_picture, jnp.asarray(config.density, real.dtype)))
     g_gradient, d_gradient, stats = across.mean((g_gradient, d_gradient, stats))
-    learner, learner_adam = updated(for_learner, state.learner, state.learner_adam, g_gradient)
-    judge, judge_adam = updated(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
+    learner, learner_adam = apply_gradient(for_learner, state.learner, state.learner_adam, g_gradient)
+    judge, judge_adam = apply_gradient(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
 
     due = state.step % config.r1_every == 0
     judge, judge_adam, penalty, bad_penalty = _regularised(config, judge, judge_adam, due, (real, c), across)
@@ -129,7 +129,7 @@ def _regularised(
     def penalised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
         value, gradient = jax.value_and_grad(penalty)(judge)
         value, gradient = across.mean((value, gradient))
-        judge, adam = updated(optimisers(config)[1], judge, adam, gradient)
+        judge, adam = apply_gradient(optimisers(config)[1], judge, adam, gradient)
         return judge, adam, value, not_finite(gradient)
 
     def unchanged(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:

@@ -27,7 +27,7 @@ from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.losses import smape, transmittance_loss
 from mesoshell.train.patch_renderer import PictureConfig, View, take_picture
-from mesoshell.train.update import HERE, Across, not_finite, updated
+from mesoshell.train.update import HERE, Across, apply_gradient, not_finite
 from mesoshell.typing import Array, Bool, Float, Int, Key, Scalar
 
 PARAMETER_OCTAVES = 4
@@ -110,7 +110,7 @@ def step(
 
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.decoder)
     parts, gradient = across.mean((parts, gradient))
-    decoder, adam = updated(optimiser(config), state.decoder, state.adam, gradient)
+    decoder, adam = apply_gradient(optimiser(config), state.decoder, state.adam, gradient)
     rows, bad = across.rows(batch.alpha), not_finite(gradient)
     return NerfTexState(decoder, adam, state.step + 1, state.images + rows), NerfTexReport(parts[0], parts[1], bad)
 

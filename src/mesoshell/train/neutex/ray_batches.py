@@ -32,7 +32,7 @@ class Rays(NamedTuple):
     u: Float[Array, "B 3"]
 
 
-def recorded(data: dict[str, Any], side: int) -> Capture:
+def recorded_capture(data: dict[str, Any], side: int) -> Capture:
     """The capture that a run's record names."""
     return read_capture(Path(data["folder"]), data.get("background"), side)
 

@@ -29,10 +29,10 @@ SQUARES, BOARD = 6, 192
 
 def save(path: Path, config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> None:
     """The object as it is now."""
-    write_neutex(path, captured(config, capture, state))
+    write_neutex(path, model_of(config, capture, state))
 
 
-def captured(config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> NeuTexModel:
+def model_of(config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> NeuTexModel:
     """The object that a run has learned so far, with what it was learned from."""
     about = {"config": asdict(config), "capture": capture.manifest, "commit": commit(), "rays": int(state.images)}
     return NeuTexModel(
@@ -59,7 +59,7 @@ def load_predictor(config: NeuTexTrainConfig, path: Path) -> Callable[[list[Phot
 
 def sheet(config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of the object, linear."""
-    now = captured(config, capture, state)
+    now = model_of(config, capture, state)
     how = view(now.config, now.field, quality_of(config))
     chosen = (held_out(capture)[1] or list(range(len(capture.photos))))[:2]
     mapped = now.config.colour != "volume"

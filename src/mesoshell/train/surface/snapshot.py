@@ -22,7 +22,7 @@ from mesoshell.io.image import tonemap
 from mesoshell.io.query_dataset import Patches
 from mesoshell.io.surface import SurfaceBundle, read_surface, write_surface
 from mesoshell.surface_material.loader import surface_of
-from mesoshell.surface_material.network import Surface, blurred
+from mesoshell.surface_material.network import Surface, blur_texture
 from mesoshell.train.surface.step import QueryBatch, SurfaceState, SurfaceTrainConfig, ask, blur_at, query_batch
 from mesoshell.typing import Array
 
@@ -42,7 +42,7 @@ def bundle(config: SurfaceTrainConfig, data: Patches, state: SurfaceState) -> Su
     arrays: dict[str, np.ndarray] = {}
     for name, module in state.surface._asdict().items():
         for i, level in enumerate(module.texture):
-            arrays[f"{name}/texture/{i}"] = np.asarray(blurred(level, blur)).astype(np.float16)
+            arrays[f"{name}/texture/{i}"] = np.asarray(blur_texture(level, blur)).astype(np.float16)
         layers = {f"hidden/{i}": layer for i, layer in enumerate(module.hidden)} | {"last": module.last}
         for key, layer in layers.items():
             arrays |= {f"{name}/{key}/{k}": np.asarray(v, np.float32) for k, v in layer._asdict().items()}

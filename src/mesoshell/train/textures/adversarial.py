@@ -22,11 +22,11 @@ import optax
 
 from mesoshell.shell.generator.generator import Averages, Generator
 from mesoshell.shell.generator.texture_critic import Critic, criticise, init_critic
-from mesoshell.train.textures.critic_view import draw_light, draw_turn, see, turned, turned_angle
+from mesoshell.train.textures.critic_view import draw_light, draw_turn, see, turn_view, turned_angle
 from mesoshell.train.textures.exemplars import ExemplarBatch
 from mesoshell.train.textures.state import CriticState, TexturesConfig, TexturesReport, TexturesState
-from mesoshell.train.textures.synthesis import height_error, latents, made, phases_of, standard
-from mesoshell.train.update import Across, not_finite, updated
+from mesoshell.train.textures.synthesis import height_error, latents, phases_of, standard, synthesise_patch
+from mesoshell.train.update import Across, apply_gradient, not_finite
 from mesoshell.typing import Array, Float, Key, Scalar
 
 RATE, REACH, MIN_GAMMA, MAX_GAMMA = 0.012, 0.2, 0.01, 1000.0
@@ -45,7 +45,7 @@ def begun(config: TexturesConfig, state: TexturesState, features: Array, key: Ke
     return CriticState(critic, optimisers(config)[1].init(critic), gamma, *about)
 
 
-def played(
+def adversarial_update(
     config: TexturesConfig, state: TexturesState, batch: ExemplarBatch, across: Across
 ) -> tuple[Generator, optax.OptState, CriticState, Averages, TexturesReport]:
     """Both after an update, the optimiser, magnitudes and mean w of the step, and the report."""
@@ -58,14 +58,14 @@ def played(
     def shown(feature: Array, at: int) -> Array:
         y = across.each(lambda f, k: _critic_view(config, state, f, k))(feature, keys[:, at])
         y = (y - versus.mean[None, None, None]) / versus.deviation[None, None, None]
-        return jax.vmap(turned)(_BOUND * jnp.tanh(y / _BOUND), turns)
+        return jax.vmap(turn_view)(_BOUND * jnp.tanh(y / _BOUND), turns)
 
     real = jax.lax.stop_gradient(shown(batch.feature, 0))
     of_real = judge(versus.critic, real)
 
     def loss(generator: Generator) -> tuple[Scalar, Any]:
         w = latents(config, generator, batch.beta)
-        feature, magnitude = made(config, state, generator, w, phases_of(config, keys[:, 3]), config.window)
+        feature, magnitude = synthesise_patch(config, state, generator, w, phases_of(config, keys[:, 3]), config.window)
         y = shown(standard(feature, across), 2)
         adversarial = jnp.mean(jax.nn.softplus(of_real - judge(versus.critic, y)))
         height = height_error(config, state, generator, w)
@@ -82,8 +82,8 @@ def played(
     (_, (lost, good, ill, penalty)), back = jax.value_and_grad(against, has_aux=True)(versus.critic)
     (lost, good, ill, penalty), back = across.mean(((lost, good, ill, penalty), back))
     for_generator, for_critic = optimisers(config)
-    critic, memory = updated(for_critic, versus.critic, versus.adam, back)
-    generator, adam = updated(for_generator, state.generator, state.adam, gradient)
+    critic, memory = apply_gradient(for_critic, versus.critic, versus.adam, back)
+    generator, adam = apply_gradient(for_generator, state.generator, state.adam, gradient)
     lead = jnp.clip((config.balance - lost) / REACH, -1.0, 1.0)
     gamma = jnp.clip(versus.gamma * jnp.exp(RATE * lead), MIN_GAMMA, MAX_GAMMA)
     bad = jnp.concatenate([not_finite(gradient), not_finite(back)])

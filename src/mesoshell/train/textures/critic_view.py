@@ -94,7 +94,7 @@ def turned_angle(angle: Scalar, t: Int[Array, ""]) -> Scalar:
     return angle - jnp.floor(angle)
 
 
-def turned(y: Float[Array, "S S I"], t: Int[Array, ""]) -> Float[Array, "S S I"]:
+def turn_view(y: Float[Array, "S S I"], t: Int[Array, ""]) -> Float[Array, "S S I"]:
     """y after turn t: v reversed (1), u reversed (2), both exchanged (4). Oblique views change places."""
     y = jnp.where(t & 1 != 0, _with_slants(jnp.flip(y, 0), (2, 1, 0, 3)), y)
     y = jnp.where(t & 2 != 0, _with_slants(jnp.flip(y, 1), (0, 3, 2, 1)), y)

@@ -63,7 +63,7 @@ class ScaledExemplars:
         return sum(p.role == "alpha" for p in self.what.parameters)
 
 
-def scaled(exemplars: Exemplars, coarser: int = 1) -> ScaledExemplars:
+def scale_exemplars(exemplars: Exemplars, coarser: int = 1) -> ScaledExemplars:
     """Exemplars at unit variance a channel. coarser: texels along a side that one of theirs stands for: the mean of these."""
     k, h, _, c = exemplars.features.shape
     f = exemplars.features.astype(np.float32)

@@ -29,7 +29,7 @@ from mesoshell.train.patch_renderer import PictureConfig, View, material_of, tak
 from mesoshell.train.textures.depth_map import from_above
 from mesoshell.train.textures.exemplars import ScaledExemplars
 from mesoshell.train.textures.state import TexturesConfig, TexturesState
-from mesoshell.train.textures.synthesis import folded, latents, own_phases, phases_of, settled
+from mesoshell.train.textures.synthesis import fold, latents, own_phases, phases_of, settle_moments
 from mesoshell.typing import Array
 
 PATCHES, SIDE = 2, 128
@@ -48,15 +48,15 @@ def bundle(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) 
     about: dict[str, Any] = {"config": asdict(config), "commit": commit(), "images": int(state.images)}
     about["exemplars"] = data.what.provenance
     octaves, declared = data.what.height_octaves, data.what.parameters
-    state = settled(config, state)
-    made = folded(state.smooth, state), state.averages, state.decoder
+    state = settle_moments(config, state)
+    made = fold(state.smooth, state), state.averages, state.decoder
     return generated_bundle(config.generator, *made, octaves, declared, about)
 
 
 def sheet(config: TexturesConfig, data: ScaledExemplars, state: TexturesState) -> Float[np.ndarray, "h w 3"]:
     """Pictures of textures, as linear values to be shown."""
     count, side = len(data.features), config.generator.texels
-    state = settled(config, state)
+    state = settle_moments(config, state)
     patch = np.arange(PATCHES) % count
     beta = jnp.asarray(data.what.beta[patch])
     own = _made(config, state, beta, own_phases(config, jnp.asarray(patch)))
@@ -79,7 +79,7 @@ def load_predictor(config: TexturesConfig, path: Path) -> Callable[[Any], Any]:
 @partial(jax.jit, static_argnums=0)
 def _made(config: TexturesConfig, state: TexturesState, beta: Array, phases: Any) -> tuple[Array, Array]:
     """Textures at these phases, and their height features."""
-    generator, side = folded(state.smooth, state), config.generator.texels
+    generator, side = fold(state.smooth, state), config.generator.texels
     w, at = latents(config, generator, beta), jnp.zeros(2, jnp.int32)
     texture = synthesise(config.generator, generator, state.averages, w, phases, at, (side, side))
     return texture.feature, synthesise_height(config.generator, generator, w)

@@ -20,7 +20,7 @@ from mesoshell.shell.generator.texture_critic import WINDOW, Critic, CriticConfi
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.textures.critic_view import CHANNELS
-from mesoshell.train.textures.exemplars import ScaledExemplars, scaled
+from mesoshell.train.textures.exemplars import ScaledExemplars, scale_exemplars
 from mesoshell.typing import Array, Bool, Float, Int, Scalar
 
 
@@ -136,7 +136,7 @@ def adapt(config: TexturesConfig, exemplars: Exemplars) -> tuple[TexturesConfig,
         raise InputError(exemplars.path, "is a torus of many patches; the experiment needs each by itself")
     if config.adversarial and not grid_side(config.window):
         raise InputError(Argument("window"), f"{config.window} texels are less than the critic's {WINDOW}")
-    some = scaled(
+    some = scale_exemplars(
         _varied(replace(exemplars, features=exemplars.features[:count], beta=exemplars.beta[:count])), coarser
     )
     beta = [p for p in some.what.parameters if p.role == "beta"]

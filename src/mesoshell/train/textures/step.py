@@ -21,8 +21,8 @@ from mesoshell.train.textures import adversarial
 from mesoshell.train.textures.exemplars import ExemplarBatch, ScaledExemplars
 from mesoshell.train.textures.natural_start import natural_start
 from mesoshell.train.textures.state import TexturesConfig, TexturesReport, TexturesState
-from mesoshell.train.textures.synthesis import height_error, latents, made, own_phases
-from mesoshell.train.update import HERE, Across, not_finite, updated
+from mesoshell.train.textures.synthesis import height_error, latents, own_phases, synthesise_patch
+from mesoshell.train.update import HERE, Across, apply_gradient, not_finite
 from mesoshell.typing import Array, Key, Scalar
 
 #: Half-lives, rows: of the average magnitude; of the average weights, or AVERAGE_SHARE of the rows seen if that is less.
@@ -57,7 +57,7 @@ def step(
 ) -> tuple[TexturesState, TexturesReport]:
     """One update of the generator, and of the critic if there is one. Pure."""
     if config.adversarial:
-        generator, adam, versus, averages, report = adversarial.played(config, state, batch, across)
+        generator, adam, versus, averages, report = adversarial.adversarial_update(config, state, batch, across)
     else:
         versus = None
         generator, adam, averages, report = _regressed(config, state, batch, across)
@@ -85,14 +85,16 @@ def _regressed(
 
     def loss(generator: Generator) -> tuple[Scalar, Any]:
         w = latents(config, generator, batch.beta)
-        feature, magnitude = made(config, state, generator, w, own_phases(config, batch.patch), config.generator.texels)
+        feature, magnitude = synthesise_patch(
+            config, state, generator, w, own_phases(config, batch.patch), config.generator.texels
+        )
         error = jnp.mean((feature - batch.feature) ** 2)
         height = height_error(config, state, generator, w)
         return error + height, (error, height, Averages(magnitude, jnp.mean(w, axis=0)))
 
     (_, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.generator)
     (error, height, averages), gradient = across.mean((parts, gradient))
-    generator, adam = updated(optimiser(config), state.generator, state.adam, gradient)
+    generator, adam = apply_gradient(optimiser(config), state.generator, state.adam, gradient)
     none = jnp.zeros((), error.dtype)
     return (
         generator,

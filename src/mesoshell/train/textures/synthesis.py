@@ -31,7 +31,7 @@ from mesoshell.typing import Array, Float, Int, Key, Scalar
 _EPSILON, _LOOKS = 1e-3, 16
 
 
-def made(
+def synthesise_patch(
     config: TexturesConfig,
     state: TexturesState,
     generator: Generator,
@@ -53,7 +53,7 @@ def standard(feature: Float[Array, "B S S C"], across: Across = HERE) -> Float[A
     return (feature - m) * jax.lax.rsqrt(v + _EPSILON)
 
 
-def settled(config: TexturesConfig, state: TexturesState) -> TexturesState:
+def settle_moments(config: TexturesConfig, state: TexturesState) -> TexturesState:
     """The state with a and b such that its averaged weights make what a critic is shown; unchanged without one."""
     if state.versus is None:
         return state
@@ -67,7 +67,7 @@ def settled(config: TexturesConfig, state: TexturesState) -> TexturesState:
 def _moments(config: TexturesConfig, state: TexturesState, key: Key[Array, ""]) -> tuple[Array, Array]:
     """Mean and mean square, a channel, of one texture."""
     w = latents(config, state.smooth, jax.random.uniform(key, (1, config.generator.betas), jnp.float32))
-    f = made(config, state, state.smooth, w, phases_of(config, key[None]), config.window)[0]
+    f = synthesise_patch(config, state, state.smooth, w, phases_of(config, key[None]), config.window)[0]
     return jnp.mean(f, axis=(0, 1, 2)), jnp.mean(f**2, axis=(0, 1, 2))
 
 
@@ -77,7 +77,7 @@ def height_error(config: TexturesConfig, state: TexturesState, generator: Genera
     return jnp.mean((profile - state.height[None]) ** 2) / jnp.var(state.height)
 
 
-def folded(generator: Generator, state: TexturesState) -> Generator:
+def fold(generator: Generator, state: TexturesState) -> Generator:
     """The generator with a and b folded into its last layer."""
     last, product = generator.layers[-1], partial(jnp.matmul, precision="highest")
     bias = product(last.bias, state.a) + state.b / PLANE_SCALE
@@ -88,8 +88,8 @@ def folded(generator: Generator, state: TexturesState) -> Generator:
     )
 
 
-def unfolded(generator: Generator, state: TexturesState) -> Generator:
-    """The inverse of `folded`: a wide generator. Weights of its last layers that folding removes are those of `state`."""
+def unfold(generator: Generator, state: TexturesState) -> Generator:
+    """The inverse of `fold`: a wide generator. Weights of its last layers that folding removes are those of `state`."""
     last, tall, product = generator.layers[-1], generator.height[-1], partial(jnp.matmul, precision="highest")
     back, c = jnp.asarray(np.linalg.pinv(np.asarray(state.a))), state.a.shape[1]
     wider = last._replace(weight=product(last.weight, back), bias=product(last.bias - state.b / PLANE_SCALE, back))

@@ -13,15 +13,15 @@ from mesoshell.scene.materials import Material, read_params
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.setup import camera_of, lights_of, up_axis
-from mesoshell.scene.unpack import unpacked
+from mesoshell.scene.unpack import unpack
 
 OneT = TypeVar("OneT", Scene, Grown)
 
 
-def settled(scene: Scene, progress: Progress = lambda share: None, texture: bool = True) -> Scene:
+def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool = True) -> Scene:
     """The same scene with what its files hold, and its defaults, in place; its picture is the same, and lights stay where they
     are when its camera moves. progress: of growing the texture. texture: whether to grow it. Raises InputError."""
-    scene = unpacked(scene)
+    scene = unpack(scene)
     up, sky = up_axis(scene), scene.environment
     if scene.material.kind == KIND:
         still = replace(scene, mesh=mesh_of(scene.mesh))

@@ -167,3 +167,35 @@ def test_a_failed_rename_leaves_no_partial_file(tmp_path: Path, fault_of: Callab
     monkeypatch.setattr("os.replace", refuse)
     assert fault_of(replace_file, tmp_path / "a.json", b"{}") == "cannot be written: Permission denied"
     assert not list(tmp_path.iterdir())
+
+
+def _folder(path: Path, shapes: str, flat: np.ndarray) -> Path:
+    (path / "a").mkdir(parents=True)
+    np.save(path / "a.npy", flat)
+    (path / "a.json").write_text(shapes)
+    np.save(path / "a/9.npy", np.zeros(3))
+    return path
+
+
+def test_levels_share_a_file_of_a_folder(tmp_path: Path):
+    folder = _folder(tmp_path / "f", "[[2, 3], [1, 3]]", np.arange(9, dtype=np.float16))
+    half = np.dtype(np.float16)
+    assert read_heads(folder) == {"a/0": ((2, 3), half), "a/1": ((1, 3), half), "a/9": ((3,), np.dtype(np.float64))}
+    found = read_arrays(folder, ["a/1", "a/0"])
+    np.testing.assert_array_equal(found["a/0"], [[0, 1, 2], [3, 4, 5]])
+    np.testing.assert_array_equal(found["a/1"], [[6, 7, 8]])
+
+
+@pytest.mark.parametrize(
+    "shapes", ["", "3", "[3]", '{"a": 1}', "[[2, 3]]", "[[2, 3], [1, 4]]", "[[9.0]]", "[[-3, -3]]", "[[true]]", "null"]
+)
+def test_a_list_of_other_shapes_is_refused(shapes: str, tmp_path: Path):
+    folder = _folder(tmp_path / "f", shapes, np.arange(9, dtype=np.float16))
+    with pytest.raises(InputError, match=r"a\.json: is (no list of the shapes|not JSON)"):
+        read_heads(folder)
+
+
+def test_an_array_has_one_file(tmp_path: Path):
+    folder = _folder(tmp_path / "f", f"[{', '.join(['[1]'] * 10)}]", np.arange(10, dtype=np.float16))
+    with pytest.raises(InputError, match=r"a\.json: names a/9, which has a file of its own, too"):
+        read_heads(folder)

@@ -28,10 +28,13 @@ def maker(tiny_bundle: Bundle) -> tuple[Callable[[Allocate | None], Bundle], lis
     def make(allocate: Allocate | None) -> Bundle:
         times.append(allocate is not None)
         arrays = dict(tiny_bundle.arrays)
-        for key in [k for k in arrays if k.startswith(("features/", "height/", "grid/"))]:
-            array = np.zeros(arrays[key].shape, np.float16) if allocate is None else allocate(key, arrays[key].shape)
-            array[:] = arrays[key]
-            arrays[key] = array
+        for name in ("features", "height", "grid"):
+            levels = [array for key, array in arrays.items() if key.startswith(f"{name}/")]
+            shapes = [x.shape for x in levels]
+            new = [np.zeros(s, np.float16) for s in shapes] if allocate is None else allocate(name, shapes)
+            for i, (empty, level) in enumerate(zip(new, levels, strict=True)):
+                empty[:] = level
+                arrays[f"{name}/{i}"] = empty
         return replace(tiny_bundle, arrays=arrays)
 
     return make, times
@@ -66,7 +69,7 @@ class _Full:
 def test_what_is_damaged_is_made_anew(maker):
     make, times = maker
     kept("a", 1000, make)
-    (cache_folder("grown") / "a" / "features" / "0.npy").write_bytes(b"torn")
+    (cache_folder("grown") / "a" / "features.npy").write_bytes(b"torn")
     found = kept("a", 1000, make)
     assert times == [True, True] and np.isfinite(found.arrays["features/0"]).all()
     kept("a", 1000, make)

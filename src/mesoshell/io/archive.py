@@ -2,7 +2,8 @@
 
 Member KEY.npy holds array KEY in npy format 1.0. A head is an array's shape and type: what can be checked before data
 are unpacked. Memory is bounded by the bytes in the file, not by the sizes that it claims; pickles are refused.
-A folder holds KEY.npy, which are memory-mapped, and text files, which count as arrays of bytes.
+A folder holds KEY.npy, which are memory-mapped, and its manifest, which counts as an array of bytes. Arrays NAME/0, NAME/1, …
+may lie one after the other in NAME.npy, a flat one; NAME.json is then the list of their shapes.
 Equal arrays make equal files: order, time stamps and flags are fixed (the bytes may differ between versions of zlib).
 Arrays that hardly compress, such as features in half precision, are stored: deflating them saved 7% and took half as long as
 making them.
@@ -11,6 +12,7 @@ making them.
 import contextlib
 import io
 import math
+import operator
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -21,6 +23,8 @@ import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file, replace_file
+from mesoshell.io.level_arrays import split
+from mesoshell.io.records import parse_json
 from mesoshell.limits import check_memory
 
 #: Bytes of a manifest, at most.
@@ -84,19 +88,38 @@ def _deflates(data: bytes) -> bool:
 
 def _mapped(folder: Path) -> dict[str, np.ndarray]:
     """The folder's arrays, mapped read-only. Raises InputError at the first file that is not an array."""
-    arrays = {}
+    arrays, lists = {}, []
     for file in sorted(p for p in folder.rglob("*") if p.is_file()):
         key = file.relative_to(folder).as_posix()
         if key == MANIFEST:
             arrays[key] = np.frombuffer(read_file(file), np.uint8)
-            continue
-        if file.suffix != ".npy":
+        elif file.suffix == ".json" and file.with_suffix(".npy").is_file():
+            lists.append(file)
+        elif file.suffix != ".npy":
             raise InputError(file, "is not part of a material: it holds KEY.npy files and manifest.json only")
-        try:
-            arrays[key.removesuffix(".npy")] = np.load(file, mmap_mode="r", allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise InputError(file, "not an array (.npy), or a truncated or damaged one") from error
+        else:
+            try:
+                arrays[key.removesuffix(".npy")] = np.load(file, mmap_mode="r", allow_pickle=False)
+            except (OSError, ValueError, EOFError) as error:
+                raise InputError(file, "not an array (.npy), or a truncated or damaged one") from error
+    for file in lists:
+        name = file.relative_to(folder).as_posix().removesuffix(".json")
+        levels = {f"{name}/{i}": level for i, level in enumerate(_levels(file, arrays.pop(name)))}
+        for key in levels.keys() & arrays.keys():
+            raise InputError(file, f"names {key}, which has a file of its own, too")
+        arrays |= levels
     return arrays
+
+
+def _levels(file: Path, flat: np.ndarray) -> list[np.ndarray]:
+    """The arrays that a flat one holds, whose shapes a file lists."""
+    shapes = parse_json(file, read_file(file), "is ")
+    try:
+        if any(n < 0 for shape in shapes for n in shape):
+            raise ValueError
+        return split(flat, [tuple(map(operator.index, shape)) for shape in shapes])
+    except (TypeError, ValueError) as error:
+        raise InputError(file, "is no list of the shapes of arrays, which have as many numbers as its .npy") from error
 
 
 @contextlib.contextmanager

@@ -18,7 +18,8 @@ A zip file of `.npy` members, what numpy.savez_compressed writes: member KEY.npy
         manifest = json.loads(file["manifest.json"].tobytes())
         arrays = {key: file[key] for key in file.files if key != "manifest.json"}
 
-A folder holds the same: KEY.npy, and manifest.json as plain text. Its arrays are mapped, not read.
+A folder holds the same: KEY.npy, and manifest.json as plain text. Its arrays are mapped, not read. Levels may share a file, one
+after the other: NAME.npy holds all numbers of NAME/0, NAME/1, …, and NAME.json the list of their shapes.
 
 manifest.json (a uint8 array: UTF-8 text of one JSON object), every field required, no other allowed:
 

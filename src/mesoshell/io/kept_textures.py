@@ -10,9 +10,11 @@ What was not used for longest goes when all are more than MAX_BYTES.
 """
 
 import hashlib
+import json
+import math
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +26,13 @@ from mesoshell.io.archive import MANIFEST
 from mesoshell.io.atomic import new_array, new_folder
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle
 from mesoshell.io.cache import cache_folder, forget
+from mesoshell.io.level_arrays import split
 
 MIN_BYTES, MAX_BYTES = 32 << 20, 4 << 30
 ROOM = "grown"
 
-#: An array of a name and shape, of float16 zeros.
-Allocate = Callable[[str, tuple[int, ...]], np.ndarray]
+#: Arrays NAME/0, NAME/1, … of these shapes, of float16 zeros, which lie one after the other in memory.
+Allocate = Callable[[str, Sequence[tuple[int, ...]]], list[np.ndarray]]
 #: Makes a texture, in arrays of the allocator that it is given, or in memory.
 Make = Callable[[Allocate | None], Bundle]
 
@@ -63,20 +66,25 @@ def kept(key: str, size: int, make: Make) -> Bundle:
 
 def to_folder(folder: Path, make: Make) -> Bundle:
     """A texture made in mapped arrays of a new folder, and its manifest. Raises InputError or OSError."""
-
-    def allocate(key: str, shape: tuple[int, ...]) -> np.ndarray:
-        path = folder / f"{key}.npy"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return new_array(path, shape, np.float16)
-
-    made = make(allocate)
+    made = make(in_folder(folder))
     for key, array in made.arrays.items():
         path = folder / f"{key}.npy"
-        if not path.exists():
+        if not (folder / key).parent.with_suffix(".json").exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             np.save(path, array)
     (folder / MANIFEST).write_bytes(checked_manifest(folder, made))
     return made
+
+
+def in_folder(folder: Path) -> Allocate:
+    """Makes mapped arrays in a folder (io/archive)."""
+
+    def allocate(name: str, shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
+        size = sum(math.prod(shape) for shape in shapes)
+        (folder / f"{name}.json").write_text(json.dumps(shapes))
+        return split(new_array(folder / f"{name}.npy", (size,), np.float16), shapes)
+
+    return allocate
 
 
 def _read(folder: Path) -> Bundle | None:

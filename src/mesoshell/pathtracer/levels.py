@@ -11,8 +11,13 @@ import drjit.nn as nn
 import mitsuba as mi
 import numpy as np
 
+from mesoshell.errors import Argument, InputError
+from mesoshell.io.level_arrays import flatten
+
 #: Most half-precision numbers that are widened to float32, which is read in two thirds of the time.
 MAX_WIDENED = 2**26
+#: An array of Dr.Jit's has fewer entries. More numbers of half precision are taken by fours, as integers of 64 bits.
+MAX_ENTRIES = 2**32
 
 
 class Levels:
@@ -23,7 +28,13 @@ class Levels:
         self._vector: Any
         self.scalar, self._vector = (mi.Float16, mi.ArrayXf16) if half else (mi.Float, mi.ArrayXf)
         self.width = levels[0].shape[-1] if wide else 1
-        self.rows = self.scalar(np.concatenate([x.ravel() for x in levels]).astype(np.float16 if half else np.float32))
+        numbers = flatten(levels).astype(np.float16 if half else np.float32, copy=False)
+        self._fours = len(numbers) >= MAX_ENTRIES
+        if self._fours and not (half and self.width % 4 == 0):
+            raise InputError(
+                Argument("material"), f"has {len(numbers):,} numbers: Mitsuba takes so many in half precision alone"
+            )
+        self.rows = mi.UInt64(numbers.view(np.uint64)) if self._fours else self.scalar(numbers)
         self.shapes = [x.shape for x in levels]
         self.sizes = [mi.UInt32([s[k] for s in self.shapes]) for k in range(levels[0].ndim)]
         self.offset = mi.UInt32(np.cumsum([0, *(x.size // self.width for x in levels[:-1])]).astype(np.uint32))
@@ -61,6 +72,9 @@ class Levels:
 
     def row(self, index):
         """One row as a list of float32."""
+        if self._fours:
+            fours = dr.gather(mi.ArrayXu64, self.rows, index, shape=(self.width // 4, dr.width(index)))
+            return [_half(mi.UInt32(four >> 16 * k)) for four in fours for k in range(4)]
         numbers = dr.gather(self._vector, self.rows, index, shape=(self.width, dr.width(index)))
         return [mi.Float(numbers[c]) for c in range(self.width)]
 
@@ -71,6 +85,14 @@ def _texel(i, n, wraps):
     if wraps:
         i = dr.select(i < 0, i + size, dr.select(i >= size, i - size, i))
     return mi.UInt32(dr.clip(i, 0, size - 1))
+
+
+def _half(x):
+    """The finite number of half precision that the lower 16 bits are, as float32: exact. A subnormal one is made from
+    its mantissa, for Dr.Jit flushes subnormal float32 to zero."""
+    normal = dr.reinterpret_array(mi.Float, (x & 0x7FFF) << 13) * 2.0**112
+    size = dr.select((x & 0x7C00) != 0, normal, mi.Float(x & 0x3FF) * 2.0**-24)
+    return dr.select((x & 0x8000) != 0, -size, size)
 
 
 def network(a: dict[str, np.ndarray], hidden: str, last: str) -> tuple[list[Any], Any]:

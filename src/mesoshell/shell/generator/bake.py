@@ -9,7 +9,7 @@ window      a tile with a patch about it: what a lookup in the tile can touch at
 needed      which patches are wanted, (patches along v, along u): the others stay 0
 nodes       of w, if geometry varies: then F(h) is made at each of them, as heights/…, and height/… is their mean
 
-Arrays are asked for by name and size from `allocate` and filled tile by tile. They may lie on a disk, mapped: what is held in
+Arrays are asked for by name and sizes from `allocate` and filled tile by tile. They may lie on a disk, mapped: what is held in
 memory is a tile with its halo, whatever the extent.
 """
 
@@ -62,10 +62,8 @@ def bake(
     """Fill features/…, height/…, heights/… if geometry varies, and grid/… of a texture of `size` texels (V, U), levels
     numbered from the finest that is kept."""
     texels = maker.config.texels
-    features = [
-        allocate(f"features/{i}", (-(-size[0] >> i + coarser), -(-size[1] >> i + coarser), maker.config.channels))
-        for i in range(texels.bit_length() - coarser)
-    ]
+    levels = range(coarser, texels.bit_length())
+    features = allocate("features", [(-(-size[0] >> i), -(-size[1] >> i), maker.config.channels) for i in levels])
     places = list(_places(size, texels, needed))
     for done, place in enumerate(places):
         _fill(maker, grown, place, features, size)
@@ -79,13 +77,9 @@ def _heights(maker: GeneratorModel, grown: Latent, allocate: Allocate) -> list[F
     varies = grown.w.ndim > 2
     nodes = grown.w[0] if varies else grown.w[None]
     sizes = mip.level_sizes(maker.config.height_rows, 1)
-    means = [allocate(f"height/{i}", (r, maker.config.channels)) for i, (r, _) in enumerate(sizes)]
+    means = allocate("height", [(r, maker.config.channels) for r, _ in sizes])
     shapes = [(*nodes.shape[:2], r, maker.config.channels) for r, _ in sizes]
-    every = (
-        [allocate(f"heights/{i}", shape) for i, shape in enumerate(shapes)]
-        if varies
-        else [m[None, None] for m in means]
-    )
+    every = allocate("heights", shapes) if varies else [m[None, None] for m in means]
     sums = [np.zeros(m.shape) for m in means]
     for p, row in enumerate(nodes):
         made = _height(maker.config, maker.generator, row).swapaxes(0, 1)
@@ -162,7 +156,7 @@ def _grids(
     texels = 1 << len(features) - 1
     cells = [min(GRID_CELLS, texels >> i) for i in range(len(features))]
     shapes = [(GRID_HEIGHT, *(-(-n * c // maker.config.texels) for n in size)) for c in cells]
-    grids = [allocate(f"grid/{i}", shape) for i, shape in enumerate(shapes)]
+    grids = allocate("grid", shapes)
     varies = heights[0].shape[0] > 1
     sizes = tuple(((step + 2) * (texels >> i), (step + 2) * (texels >> i)) for i in range(len(features)))
     rows, nodes = tuple((h.shape[2], 1) for h in heights), (step + 3, step + 3) if varies else None

@@ -6,7 +6,8 @@ origin      (u, v) of the texture's first texel: whole patches below the least u
 β           geometry parameters, normalised; a field of one is its value at each place, as (u, v) ↦ β
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from jaxtyping import Bool, Float
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.kept_textures import Allocate, kept, key_of
+from mesoshell.io.level_arrays import split
 from mesoshell.io.material import normalise
 from mesoshell.shell.generator.bake import Share, bake
 from mesoshell.shell.generator.model import generator_model, grown
@@ -83,12 +85,13 @@ def bake_bundle(
         arrays["correction"] = maker.correction[wanted.coarser :]
         maker = replace(maker, correction=arrays["correction"])
 
-    def in_memory(key: str, shape: tuple[int, ...]) -> np.ndarray:
-        return np.zeros(shape, np.float16)
+    def in_memory(name: str, shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
+        return split(np.zeros(sum(math.prod(shape) for shape in shapes), np.float16), shapes)
 
-    def keep(key: str, shape: tuple[int, ...]) -> np.ndarray:
-        arrays[key] = (allocate or in_memory)(key, shape)
-        return arrays[key]
+    def keep(name: str, shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
+        levels = (allocate or in_memory)(name, shapes)
+        arrays.update((f"{name}/{i}", level) for i, level in enumerate(levels))
+        return levels
 
     share = bake(maker, grown(maker, wanted.seed, beta), size, keep, needed, progress, wanted.coarser)
     parameters = tuple(replace(p, default=float(wanted.values.get(p.name, p.default))) for p in bundle.parameters)

@@ -7,12 +7,14 @@ grid        largest σ over cells of (h, v, u), one grid a mip level; grid l bou
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import SIDE
+from mesoshell.io.level_arrays import flatten
 from mesoshell.nets.mlp import Dense
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.field import Layout, Material
@@ -44,7 +46,8 @@ class DeviceMaterial:
 
 
 def load_device_material(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
-    """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather.
+    """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather. On a CPU,
+    levels that lie one after the other are not copied: of a folder's, which are mapped, only what a render looks up is read.
 
     origin: (u, v), in whole patches, at which a texture with edges begins, or that of a seed of corner tiles.
     """
@@ -64,8 +67,9 @@ def load_device_material(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> De
         period=1 if bundle.tiles is None else SIDE,
         colours=bundle.tiles,
     )
+    rows = flatten(levels).reshape(-1, bundle.channels)
     material = Material(
-        mip.Pyramid(jnp.asarray(np.concatenate([x.reshape(-1, bundle.channels) for x in levels]))),
+        mip.Pyramid(jax.device_put(rows, may_alias=True)),
         mip.Pyramid(jnp.asarray(pack_heights(heights).reshape(-1, bundle.channels))),
         decoder_of(a),
         jnp.asarray(a["correction"]) if "correction" in a else None,

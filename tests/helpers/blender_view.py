@@ -1,6 +1,7 @@
 """Run by Blender's Python: a head on a stand, seen by a camera, as a mask and in every mesh format.
 
-FOLDER, which has sky.exr, gets sky_0.exr to sky_7.exr, what is seen of that in eight directions; mask.png, view.json (the
+FOLDER, which has sky.exr, gets sky_0.exr to sky_7.exr, what is seen of that in eight directions, sky.usda and mapped.usdc; the
+same of the sky turned by 90 degrees, turned_0.exr to turned_7.exr and turned.usdz; mask.png, view.json (the
 camera's frame and vertical field of view) and head.glb, .gltf, .usda, .usdc, .usdz, .obj, .ply and .stl, by Blender's own
 settings but for cameras."""
 
@@ -53,9 +54,24 @@ tree.links.new(image.outputs[0], tree.nodes["Background"].inputs[0])
 scene.render.film_transparent, lens.angle = False, 0.01
 scene.render.resolution_x = scene.render.resolution_y = 2
 scene.render.image_settings.file_format = "OPEN_EXR"
-for k in range(8):
-    angle = (k + 0.5) * math.pi / 4
-    toward = Vector((math.cos(angle), math.sin(angle), 0.4))
-    camera.rotation_euler = toward.to_track_quat("-Z", "Y").to_euler()
-    scene.render.filepath = str(FOLDER / f"sky_{k}.exr")
-    bpy.ops.render.render(write_still=True)
+
+
+def look_around(name: str) -> None:
+    for k in range(8):
+        angle = (k + 0.5) * math.pi / 4
+        toward = Vector((math.cos(angle), math.sin(angle), 0.4))
+        camera.rotation_euler = toward.to_track_quat("-Z", "Y").to_euler()
+        scene.render.filepath = str(FOLDER / f"{name}_{k}.exr")
+        bpy.ops.render.render(write_still=True)
+
+
+look_around("sky")
+bpy.ops.mesh.primitive_cube_add(location=(0, 0, -9))
+bpy.ops.wm.usd_export(filepath=str(FOLDER / "sky.usda"))
+mapping, place = tree.nodes.new("ShaderNodeMapping"), tree.nodes.new("ShaderNodeTexCoord")
+tree.links.new(place.outputs["Generated"], mapping.inputs[0])
+tree.links.new(mapping.outputs[0], image.inputs[0])
+bpy.ops.wm.usd_export(filepath=str(FOLDER / "mapped.usdc"))
+mapping.inputs["Rotation"].default_value = (0, 0, math.pi / 2)
+bpy.ops.wm.usd_export(filepath=str(FOLDER / "turned.usdz"))
+look_around("turned")

@@ -62,6 +62,19 @@ def test_a_silhouette_is_blenders(folder: Path, tiny_bundle: Bundle, kind: str):
     assert (seen != mask).sum() <= 2  # a ray within rounding of an edge
 
 
+@pytest.mark.parametrize(("stage", "seen"), [("sky.usda", "sky"), ("mapped.usdc", "sky"), ("turned.usdz", "turned")])
+def test_a_stages_sky_is_blenders(folder: Path, tiny_bundle: Bundle, stage: str, seen: str):
+    """Blender's colours differ by a few percent of one another."""
+    still = settle(ms.Scene(folder / stage, Material("tiny", tiny_bundle)))
+    assert still.up == "z" and isinstance(still.environment, np.ndarray) and still.lights == ()
+    for k in range(8):
+        angle = (k + 0.5) * np.pi / 4
+        toward = np.array([np.cos(angle), np.sin(angle), 0.4]) / np.sqrt(1.16)
+        here = lookup(environment(still.environment, 2), toward[None])[0]
+        there = read_exr(folder / f"{seen}_{k}.exr")[..., :3].mean(axis=(0, 1))
+        np.testing.assert_allclose(here, there, rtol=0.1)
+
+
 @pytest.mark.parametrize("up", [1, 2])
 def test_a_sky_lies_as_blenders(folder: Path, up: int):
     """Blender's colours differ by a few percent of one another; columns by an eighth, rows by a quarter."""

@@ -4,6 +4,7 @@ The stages are written here by hand; tests/scene/test_blender_views has those th
 
 import resource
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,10 @@ from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import load_mesh, load_nodes
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.image import write_exr
 from mesoshell.limits import memory
+from mesoshell.render.light import environment, lookup
+from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settle import settle
 from mesoshell.scene.unpack import read_scene_file, unpack
@@ -240,7 +244,7 @@ def test_the_camera_the_suns_and_the_axis(tmp_path: Path, tiny_bundle: Bundle):
     assert told.notes == (
         "its camera Flat is no perspective one: left out",
         "it has 2 cameras: First, the first, is taken",
-        "its lights that are not distant are left out: Lamp",
+        "its lights but suns and a dome are left out: Lamp",
     )
     scene = ms.Scene(path, Material("tiny", tiny_bundle), size=(30, 20))
     still = settle(scene)
@@ -306,3 +310,64 @@ def test_without_openusd_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(InputError, match=r"requires usd-core: pip install mesoshell\[usd\]$"):
         load_mesh(stage(tmp_path, mesh("A")))
+
+
+def dome(more: str, kind: str = "DomeLight", name: str = "Sky") -> str:
+    return f'def {kind} "{name}"\n{{\n{more}\n}}\n'
+
+
+def test_a_dome_is_an_environment(tmp_path: Path, tiny_bundle: Bundle):
+    """Its colour everywhere; suns stay; what is asked for takes its place."""
+    glow = "float inputs:intensity = 3\nfloat inputs:exposure = 1\ncolor3f inputs:color = (1, 0.5, 0.25)\n"
+    path = stage(tmp_path, mesh("A") + dome(glow) + dome("", name="Other") + 'def DistantLight "Sun"\n{\n}\n')
+    scene = ms.Scene(path, Material("tiny", tiny_bundle))
+    still = settle(scene)
+    assert isinstance(still.environment, np.ndarray) and len(still.lights) == 1
+    np.testing.assert_allclose(still.environment, np.broadcast_to([6, 3, 1.5], still.environment.shape))
+    assert any("lights but suns and a dome are left out: Other" in note for note in mesh_of(still.mesh).notes)
+    own = np.ones((2, 4, 3), np.float32)
+    assert settle(replace(scene, environment=own)).environment is own
+    for change in ({"suns": False}, {"lights": [(0.0, 1.0, 0.0)]}):
+        assert settle(replace(scene, **change)).environment is None
+
+
+@pytest.mark.parametrize(
+    ("axis", "more", "toward"),
+    [
+        ("Y", "", (0, 0, 1)),
+        ("Z", 'uniform token poleAxis = "Z"\n', (0, -1, 0)),
+        ("Z", "", (0, -1, 0)),
+        ("Y", 'uniform token poleAxis = "Y"\n', (0, 0, 1)),
+        ("Y", 'float xformOp:rotateY = 90\n uniform token[] xformOpOrder = ["xformOp:rotateY"]\n', (1, 0, 0)),
+        ("Y", 'float3 xformOp:scale = (3, 3, 3)\n uniform token[] xformOpOrder = ["xformOp:scale"]\n', (0, 0, 1)),
+    ],
+)
+def test_where_a_sky_is_bright(tmp_path: Path, axis: str, more: str, toward: tuple[float, float, float]):
+    """As OpenUSD says: the image's middle is +z, or −y about a pole of z. Those of `DomeLight` have a pole of y."""
+    sky = np.full((8, 16, 3), 0.01, np.float32)
+    sky[3:5, 7:9] = 1
+    write_exr(tmp_path / "sky.exr", sky, half=False)
+    given = "asset inputs:texture:file = @./sky.exr@\n" + more
+    told = read_scene_file(stage(tmp_path, mesh("A") + dome(given, "DomeLight_1"), f'upAxis = "{axis}"'))
+    assert told.sky is not None and told.up == axis.lower()
+    made = environment(told.sky.radiance(), 1 if axis == "Y" else 2)
+    d = np.array(toward, np.float64)
+    assert lookup(made, d[None])[0, 0] == 1 and lookup(made, -d[None])[0, 0] == pytest.approx(0.01)
+    assert lookup(made, np.roll(d, 1)[None])[0, 0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("fault", ["missing", "damaged", "negative", "cube"])
+def test_a_sky_that_cannot_be_read_is_left_out(tmp_path: Path, tiny_bundle: Bundle, fault: str):
+    sky = np.ones((2, 4, 3), np.float32)
+    if fault == "negative":
+        sky[0, 0] = -1
+    if fault != "missing":
+        write_exr(tmp_path / "sky.exr", sky, half=False)
+    if fault == "damaged":
+        (tmp_path / "sky.exr").write_bytes((tmp_path / "sky.exr").read_bytes()[:90])
+    given = "asset inputs:texture:file = @./sky.exr@\n"
+    given += 'token inputs:texture:format = "cubeMapVerticalCross"\n' if fault == "cube" else ""
+    scene = ms.Scene(stage(tmp_path, mesh("A") + dome(given)), Material("tiny", tiny_bundle))
+    still = settle(scene)
+    assert still.environment is None and len(still.lights) == 3
+    assert any(note.startswith("its sky is left out: ./sky.exr: ") for note in mesh_of(still.mesh).notes)

@@ -56,7 +56,7 @@ class SceneOptions:
     #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: the suns of a
     #: glTF file or a USD stage; without any, none with an --environment, else key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
-    #: Light by the suns of a glTF file or a USD stage where no --light is given.
+    #: Light by the suns of a glTF file or a USD stage, and by the stage's sky, where no --light is given.
     suns: bool = True
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE

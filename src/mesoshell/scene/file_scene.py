@@ -1,4 +1,4 @@
-"""What a file of a scene says beside its meshes: a camera, suns, the axis that is up (no JAX)."""
+"""What a file of a scene says beside its meshes: a camera, suns, a sky, the axis that is up (no JAX)."""
 
 from dataclasses import dataclass
 
@@ -7,18 +7,20 @@ from jaxtyping import Float
 
 from mesoshell.geometry.mesh import FARTHEST
 from mesoshell.render.light import Distant
+from mesoshell.scene.dome import Dome
 
 
 @dataclass(frozen=True)
 class FileScene:
     """camera: its frame and vertical field of view, radians, or None; aspect: width over height that it was made for, or None;
-    suns; notes: what the user should know, a line each; up: the axis, "y" or "z"."""
+    suns; notes: what the user should know, a line each; up: the axis, "y" or "z"; sky: a dome light, or None."""
 
     camera: tuple[Float[np.ndarray, "4 4"], float] | None
     aspect: float | None
     suns: tuple[Distant, ...]
     notes: tuple[str, ...]
     up: str = "y"
+    sky: Dome | None = None
 
 
 def frame_of(to_world: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:

@@ -71,10 +71,10 @@ class Scene:
         the first of such a file, else it frames the mesh from the upper front.
     lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: the suns of
         such a file; without any, key, fill and bounce, unless there is an environment.
-    suns: whether such a file's suns light the scene where no `lights` are given.
+    suns: whether such a file's suns, and a USD stage's dome light, light the scene where no `lights` are given.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
     environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it;
-        its middle lies toward +x, as in Blender.
+        its middle lies toward +x, as in Blender. Default: the dome light of a USD stage, where no `lights` are given.
     base_colour: diffuse albedo of the surface under a shell and of `objects`, linear Rec. 709, each from 0 to 1.
     objects: further meshes in the same frame that cast and receive shadows.
     also: further meshes in the same frame that are grown too, each with a material of its own. Shells alone.

@@ -64,7 +64,7 @@ def unpack(scene: Scene) -> Scene:
         mesh, meshes, others = kept_mesh(scene.mesh), [], ()
     own = iter(meshes)
     inside = read_scene_file(scene.mesh)
-    notes, camera, lights = list(inside.notes), scene.camera, scene.lights
+    notes, camera, lights, sky = list(inside.notes), scene.camera, scene.lights, scene.environment
     if camera is None and inside.camera is not None and _is_size(scene.size):
         width, height = scene.size
         check_memory(Argument("size"), f"a picture of {width} x {height}", 64 * width * height)
@@ -75,11 +75,17 @@ def unpack(scene: Scene) -> Scene:
             )
     if not lights and scene.suns:
         lights = inside.suns
+        if sky is None and inside.sky is not None:
+            try:
+                sky = inside.sky.radiance()
+            except InputError as fault:
+                notes.append(f"its sky is left out: {fault}")
     return replace(
         scene,
         mesh=replace(mesh, notes=(*mesh.notes, *notes)),
         camera=camera,
         lights=lights,
+        environment=sky,
         objects=(*scene.objects, *others),
         grow=(),
         also=tuple(replace(x, mesh=next(own), grow=()) if x.mesh is None else x for x in scene.also),

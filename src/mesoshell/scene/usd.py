@@ -1,4 +1,4 @@
-"""What a USD stage says beside its meshes: its camera, its distant lights, and which axis is up (no JAX).
+"""What a USD stage says beside its meshes: its camera, its distant and dome lights, and which axis is up (no JAX).
 
 Notation
 E           irradiance of a distant light on a plane facing it: intensity · 2^exposure · colour, where it is normalised; else
@@ -14,9 +14,11 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from mesoshell.geometry.read_usd import is_visible, matrix, open_stage, prims, pxr
 from mesoshell.render.light import Distant
+from mesoshell.scene.dome import dome_of
 from mesoshell.scene.file_scene import FileScene, frame_of, sun_of
 
 #: As above; the temperature of white light, kelvin, by default.
@@ -29,28 +31,36 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
         UsdGeom, UsdLux, UsdSkel = pxr("UsdGeom"), pxr("UsdLux"), pxr("UsdSkel")
         frames, cameras, suns, lights, shapes, notes = UsdGeom.XformCache(time), [], [], [], [], []
         share = BLENDERS if stage.GetRootLayer().documentation.startswith("Blender") else 1.0
-        skeletons = 0
+        skeletons, domes = 0, []
+        up = "z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "y"
         for prim in prims(stage.GetPseudoRoot()):
             skeletons += prim.IsA(UsdSkel.Root)
             to_world = matrix(frames.GetLocalToWorldTransform(prim)) if prim.IsA(UsdGeom.Xformable) else np.eye(4)
             if prim.IsA(UsdGeom.Camera):
                 cameras.append((prim, to_world))
             elif prim.HasAPI(UsdLux.LightAPI) and is_visible(prim, time):
-                if not prim.IsA(UsdLux.DistantLight):
+                if prim.IsA(UsdLux.DomeLight) or prim.IsA(UsdLux.DomeLight_1):
+                    domes.append((prim, to_world))
+                elif not prim.IsA(UsdLux.DistantLight):
                     lights.append(prim.GetName())
                 elif np.linalg.det(to_world[:3, :3]) != 0:  # else hidden by its scale
                     suns.append(_sun(UsdLux.DistantLight(prim), to_world, share, time))
             elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and is_visible(prim, time):
                 shapes.append(prim.GetName())
         camera, aspect, more = _camera(cameras, time)
-        left_out = (("lights that are not distant", lights), ("shapes that are no meshes", shapes))
+        sky = None
+        if domes:
+            (prim, to_world), *others = domes
+            light = (UsdLux.DomeLight if prim.IsA(UsdLux.DomeLight) else UsdLux.DomeLight_1)(prim)
+            sky = dome_of(light, to_world, _strength(light, time), share != 1.0, up, time)
+            lights += [other.GetName() for other, _ in others]
+        left_out = (("lights but suns and a dome", lights), ("shapes that are no meshes", shapes))
         notes += [f"its {what} are left out: {_some(names)}" for what, names in left_out if names]
         if skeletons:
             notes.append("its skeletons move nothing: meshes stand as they were modelled")
         if missing := stage.GetCompositionErrors():
             notes.append(f"{len(missing)} of its layers or references cannot be read: {str(missing[0])[:200]}")
-        up = "z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "y"
-        return FileScene(camera, aspect, tuple(suns), (*more, *notes), up)
+        return FileScene(camera, aspect, tuple(suns), (*more, *notes), up, sky)
 
 
 def _some(names: list[str]) -> str:
@@ -81,6 +91,14 @@ def _camera(cameras: list, time: Any) -> tuple[Any, float | None, list[str]]:
 
 
 def _sun(light: Any, to_world: np.ndarray, share: float, time: Any) -> Distant:
+    strength = share * _strength(light, time)
+    if not light.GetNormalizeAttr().Get(time):
+        strength *= _size(np.radians(np.clip(light.GetAngleAttr().Get(time) / 2, 0, 180)))
+    return sun_of(to_world, strength)
+
+
+def _strength(light: Any, time: Any) -> Float[np.ndarray, "3"]:
+    """Intensity · 2^exposure · colour."""
     colour = np.array(light.GetColorAttr().Get(time), np.float64)
     if light.GetEnableColorTemperatureAttr().Get(time):
         kelvin = light.GetColorTemperatureAttr().Get(time)
@@ -88,10 +106,7 @@ def _sun(light: Any, to_world: np.ndarray, share: float, time: Any) -> Distant:
             raise ValueError(f"{light.GetPath()} has a temperature of {kelvin} kelvin")
         own, white = (np.array(pxr("UsdLux").BlackbodyTemperatureAsRgb(k), np.float64) for k in (kelvin, WHITE))
         colour = colour * own / white
-    strength = share * light.GetIntensityAttr().Get(time) * 2.0 ** light.GetExposureAttr().Get(time)
-    if not light.GetNormalizeAttr().Get(time):
-        strength *= _size(np.radians(np.clip(light.GetAngleAttr().Get(time) / 2, 0, 180)))
-    return sun_of(to_world, colour * strength)
+    return colour * light.GetIntensityAttr().Get(time) * 2.0 ** light.GetExposureAttr().Get(time)
 
 
 def _size(theta: float) -> float:

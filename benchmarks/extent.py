@@ -102,6 +102,8 @@ def main() -> None:
     if options.look:
         look(Path(options.look[0]), options.look[1], Path(options.look[2]))
         return
+    if options.keep is not None:
+        options.keep.mkdir(parents=True, exist_ok=True)
     config, bundle = random_generator(options.texels, options.base, options.most)
     tile = patches_a_tile(options.texels) * options.texels
     print(f"tiles of {tile}², {halo_cost(config, tile):.2f} times the work of what they keep\n")
@@ -117,7 +119,7 @@ def main() -> None:
             for engine in ("jax", "mitsuba"):
                 picture = (options.keep or Path(scratch)) / f"{side}_{engine}.png"
                 command = [sys.executable, "-m", "benchmarks.extent", "--look", str(folder), engine, str(picture)]
-                done = subprocess.run(command, capture_output=True, text=True, check=True)
+                done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
                 set_up, rendered, held = map(float, done.stdout.split()[-3:])
                 row += f" {set_up:.1f} | {rendered:.1f} | {held / 2**20:.0f} |"
             print(row, flush=True)

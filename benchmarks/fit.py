@@ -29,14 +29,14 @@ def main() -> None:
     from mesoshell.io.records import read_rows
     from mesoshell.train.fit.feed import adapt
     from mesoshell.train.fit.holdout import score
-    from mesoshell.train.fit.patch_rays import fit_data
+    from mesoshell.train.fit.patch_rays import gather_fit_data
     from mesoshell.train.fit.state import FitConfig, given
     from mesoshell.train.malloc import keep_memory
     from mesoshell.train.run import train
     from mesoshell.train.run_config import snapshots
 
     keep_memory()
-    data = fit_data([read_dataset(d) for d in options.datasets], tests=[read_dataset(options.test)])
+    data = gather_fit_data([read_dataset(d) for d in options.datasets], tests=[read_dataset(options.test)])
     config = FitConfig(texels=options.texels, rays=options.rays // 8, steps=options.steps, kept=KEPT)
     due = {options.steps} | {KEPT * 2**k for k in range(20)}
     found: list[tuple[float, float, float, float, float]] = []

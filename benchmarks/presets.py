@@ -104,7 +104,7 @@ class Measured:
         kept = {name: [p.as_dict() for p in points] for name, points in self.points.items()}
         replace_file(self.folder / "points.json", (json.dumps(kept, indent=1) + "\n").encode())
 
-    def together(self, settings: dict[str, Any]) -> Point:
+    def combine(self, settings: dict[str, Any]) -> Point:
         """One point for all places: c as seconds, e as flip."""
         each = [(place, p) for place in self.places if (p := self.of(place, settings)) is not None]
 
@@ -161,7 +161,7 @@ def search(found: Measured, minutes: float) -> list[Point]:
     """Measure until time is up; all points. Every second is one that the model proposes, once it has a dozen."""
     end = time.perf_counter() + 60 * minutes
     planned = [*(settings_of(p, KNOBS) for p in PRESETS.values()), *singles(KNOBS)]
-    points = [found.together(s) for s in unique([*planned, *of_all(found)]) if found.complete(s)]
+    points = [found.combine(s) for s in unique([*planned, *of_all(found)]) if found.complete(s)]
     while time.perf_counter() < end:
         known = [p.settings for p in points]
         plan = next((s for s in planned if s not in known), None)
@@ -174,7 +174,7 @@ def search(found: Measured, minutes: float) -> list[Point]:
         if settings is None:
             break
         found.measure(settings)
-        points.append(found.together(settings))
+        points.append(found.combine(settings))
         p = points[-1]
         print(f"{p.seconds[1]:6.1f} {p.flip[0]:.4f} {p.flip[2]:.4f}  {describe_changes(settings)}", flush=True)
     return points

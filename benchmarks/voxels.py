@@ -15,7 +15,7 @@ import trimesh
 
 from data_gen import grass
 from mesoshell.io.dataset import read_dataset
-from mesoshell.train.fit.patch_rays import Rays, box_span, fit_data, rays_at
+from mesoshell.train.fit.patch_rays import Rays, box_span, gather_fit_data, rays_at
 
 POINTS, RAYS = 8_000_000, 20_000
 
@@ -50,7 +50,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("dataset", type=Path)
     dataset = read_dataset(parser.parse_args().dataset)
-    data = fit_data([dataset])
+    data = gather_fit_data([dataset])
     chosen = np.random.default_rng(0).choice(data.learned[0], RAYS)
     rays = rays_at(data, chosen, 0, np.zeros(2, np.uint32))
     print(f"a constant alpha: {-10 * np.log10(rays.target[:, 3].var()):.1f} dB\n")

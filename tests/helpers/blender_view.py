@@ -1,9 +1,9 @@
 """Run by Blender's Python: a head on a stand, seen by a camera, as a mask and in every mesh format.
 
-FOLDER, which has sky.exr, gets sky_0.exr to sky_7.exr, what is seen of that in eight directions, sky.usda and mapped.usdc; the
-same of the sky turned by 90 degrees, turned_0.exr to turned_7.exr and turned.usdz; mask.png, view.json (the
-camera's frame and vertical field of view) and head.glb, .gltf, .usda, .usdc, .usdz, .obj, .ply and .stl, by Blender's own
-settings but for cameras."""
+FOLDER, which has sky.exr, gets sky_0.exr to sky_7.exr, what is seen of that in eight directions, sky.usda, mapped.usdc and
+upright.usda, whose y is up; the same of the sky turned by 90 degrees, turned_0.exr to turned_7.exr and turned.usdz; mask.png,
+view.json (the camera's frame and vertical field of view) and head.glb, .gltf, .usda, .usdc, .usdz, .obj, .ply and .stl, by
+Blender's own settings but for cameras."""
 
 import json
 import math
@@ -68,6 +68,8 @@ def look_around(name: str) -> None:
 look_around("sky")
 bpy.ops.mesh.primitive_cube_add(location=(0, 0, -9))
 bpy.ops.wm.usd_export(filepath=str(FOLDER / "sky.usda"))
+upright = {"export_global_forward_selection": "NEGATIVE_Z", "export_global_up_selection": "Y"}
+bpy.ops.wm.usd_export(filepath=str(FOLDER / "upright.usda"), convert_orientation=True, **upright)
 mapping, place = tree.nodes.new("ShaderNodeMapping"), tree.nodes.new("ShaderNodeTexCoord")
 tree.links.new(place.outputs["Generated"], mapping.inputs[0])
 tree.links.new(mapping.outputs[0], image.inputs[0])

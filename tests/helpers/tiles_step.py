@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mesoshell.train.fit.feed import adapt, feed
-from mesoshell.train.fit.patch_rays import fit_data
+from mesoshell.train.fit.patch_rays import gather_fit_data
 from mesoshell.train.fit.state import FitConfig
 from mesoshell.train.fit.step import start, step
 from mesoshell.train.parallel import spread_step
@@ -30,7 +30,7 @@ SMALL = FitConfig(texels=4, channels=4, height_rows=4, octaves=1, trunk=(8,), he
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
     with tempfile.TemporaryDirectory() as folder:
-        data = fit_data([of_tiles(Path(folder) / "set", [*range(16)])])
+        data = gather_fit_data([of_tiles(Path(folder) / "set", [*range(16)])])
     config, data = adapt(replace(SMALL, decoded=1.0, rate=1e-3, texture_rate=1e-3), data)
     begin = start(config, data, jax.random.key(0))
     exact = jax.tree.map(lambda x: x.astype(jnp.float64) if jnp.issubdtype(x.dtype, jnp.floating) else x, begin)

@@ -5,7 +5,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from mesoshell.measure.blind import count_right, letters, marks, shuffle_pictures
+from mesoshell.measure.blind import letters, marks, score_judge, shuffle_pictures
 
 
 def test_a_shuffle_knows_which_are_real() -> None:
@@ -28,11 +28,11 @@ def test_guessing_and_knowing() -> None:
     answer = np.arange(10) % 2 == 0
     said = answer.copy()
     said[:2] = ~said[:2]
-    found = count_right(answer, said)
+    found = score_judge(answer, said)
     assert (found.right, found.count, found.share) == (8, 10, 0.8)
     assert found.chance == pytest.approx(sum(comb(10, k) for k in (8, 9, 10)) / 2**10)
     assert found.low == pytest.approx(0.4439, abs=1e-4) and found.high == pytest.approx(0.9748, abs=1e-4)
-    assert count_right(answer, ~answer).chance == 1
+    assert score_judge(answer, ~answer).chance == 1
 
 
 def test_a_judge_who_is_always_right_writes_the_answer() -> None:

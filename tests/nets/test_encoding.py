@@ -12,7 +12,7 @@ from mesoshell.nets.encoding import HashConfig, frequency, init_tables
 
 CONFIG = HashConfig(levels=4, features=2, rows=10, coarsest=4, finest=24)
 POINT = st.tuples(*[st.floats(-1, 1, width=32)] * 3)
-hashed = jax.jit(encoding.hash_grid, static_argnums=0)
+hashed = jax.jit(encoding.encode_hash_grid, static_argnums=0)
 
 
 def tables() -> jax.Array:

@@ -110,7 +110,7 @@ def test_the_engines_agree(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
         np.testing.assert_allclose(ours[:, columns].mean(axis=(0, 1)), theirs[:, columns].mean(axis=(0, 1)), rtol=0.03)
 
 
-def test_settle_it_is_the_same(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
+def test_settled_it_is_the_same(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
     still = settle(two[0])
     assert isinstance(still.also[0].mesh, Mesh) and still.also[0].thickness == 0.2
     np.testing.assert_array_equal(picture(still), picture(two[0]))

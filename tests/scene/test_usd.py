@@ -331,6 +331,54 @@ def test_a_dome_is_an_environment(tmp_path: Path, tiny_bundle: Bundle):
         assert settle(replace(scene, **change)).environment is None
 
 
+def test_a_dome_alone(tmp_path: Path, tiny_bundle: Bundle):
+    """A black one is none, so default lights stand; a faint one is said to be; one of no light is left out."""
+
+    def found(more: str) -> tuple[ms.Scene, str]:
+        still = settle(ms.Scene(stage(tmp_path, mesh("A") + dome(more)), Material("tiny", tiny_bundle)))
+        return still, " ".join(mesh_of(still.mesh).notes)
+
+    black, said = found("float inputs:intensity = 0\n")
+    assert black.environment is None and len(black.lights) == 3 and "sky" not in said
+    faint, said = found("float inputs:intensity = 0.05\n")
+    assert faint.environment is not None and faint.lights == () and "its sky is faint, and it has no sun" in said
+    wrong, said = found("float inputs:intensity = -1\n")
+    assert wrong.environment is None and len(wrong.lights) == 3 and "its sky is left out: /Sky holds a number" in said
+
+
+def test_a_sky_turns_with_the_axis_that_is_up(tmp_path: Path, tiny_bundle: Bundle):
+    """The stage's directions stay where they are, whatever axis a scene is given as up."""
+    sky = np.random.default_rng(0).random((16, 32, 3), np.float32)
+    write_exr(tmp_path / "sky.exr", sky, half=False)
+    scene = ms.Scene(
+        stage(tmp_path, mesh("A") + dome("asset inputs:texture:file = @./sky.exr@\n")), Material("t", tiny_bundle)
+    )
+    y, z = (settle(replace(scene, up=up)).environment for up in ("y", "z"))
+    assert isinstance(y, np.ndarray) and isinstance(z, np.ndarray)
+    np.testing.assert_array_equal(y, np.roll(sky, 8, axis=1))  # its middle lies toward +x, the image's toward +z
+    d = np.random.default_rng(1).normal(size=(4000, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    there, here = lookup(environment(y, 1), d), lookup(environment(z, 2), d)
+    assert np.corrcoef(there.ravel(), here.ravel())[0, 1] > 0.7  # pixels of another grid
+    assert abs(np.corrcoef(there.ravel(), lookup(environment(y, 2), d).ravel())[0, 1]) < 0.2
+    share = np.sin((np.arange(16) + 0.5) / 16 * np.pi)[:, None, None]
+    assert (z * share).sum() == pytest.approx((sky * share).sum(), rel=0.02)  # light is kept
+
+
+def test_a_share_of_a_column_is_interpolated(tmp_path: Path):
+    """A turn about the pole neither loses nor doubles light."""
+    sky = np.zeros((4, 8, 3), np.float32)
+    sky[1, 2] = 8
+    write_exr(tmp_path / "sky.exr", sky, half=False)
+    turn = 'float xformOp:rotateY = 11.25\n uniform token[] xformOpOrder = ["xformOp:rotateY"]\n'
+    path = stage(tmp_path, mesh("A") + dome("asset inputs:texture:file = @./sky.exr@\n" + turn))
+    told = read_scene_file(path).sky
+    assert told is not None
+    made = told.radiance("y")
+    assert made is not None
+    np.testing.assert_allclose(made[1, :, 0], [0, 0, 0, 2, 6, 0, 0, 0], atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("axis", "more", "toward"),
     [
@@ -346,17 +394,21 @@ def test_where_a_sky_is_bright(tmp_path: Path, axis: str, more: str, toward: tup
     """As OpenUSD says: the image's middle is +z, or −y about a pole of z. Those of `DomeLight` have a pole of y."""
     sky = np.full((8, 16, 3), 0.01, np.float32)
     sky[3:5, 7:9] = 1
+    sky[3:5, 3:5, 1] = 0.5  # a quarter to the left: +x of the dome's own frame
     write_exr(tmp_path / "sky.exr", sky, half=False)
     given = "asset inputs:texture:file = @./sky.exr@\n" + more
     told = read_scene_file(stage(tmp_path, mesh("A") + dome(given, "DomeLight_1"), f'upAxis = "{axis}"'))
     assert told.sky is not None and told.up == axis.lower()
-    made = environment(told.sky.radiance(), 1 if axis == "Y" else 2)
-    d = np.array(toward, np.float64)
+    made = told.sky.radiance(axis.lower())
+    assert made is not None
+    made, d = environment(made, 1 if axis == "Y" else 2), np.array(toward, np.float64)
+    beside = (0, 0, -1) if toward == (1, 0, 0) else (1, 0, 0)
+    assert lookup(made, np.array([beside], np.float64))[0, 1] == pytest.approx(0.5)
     assert lookup(made, d[None])[0, 0] == 1 and lookup(made, -d[None])[0, 0] == pytest.approx(0.01)
     assert lookup(made, np.roll(d, 1)[None])[0, 0] == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize("fault", ["missing", "damaged", "negative", "cube"])
+@pytest.mark.parametrize("fault", ["missing", "damaged", "empty", "negative", "cube"])
 def test_a_sky_that_cannot_be_read_is_left_out(tmp_path: Path, tiny_bundle: Bundle, fault: str):
     sky = np.ones((2, 4, 3), np.float32)
     if fault == "negative":
@@ -365,6 +417,8 @@ def test_a_sky_that_cannot_be_read_is_left_out(tmp_path: Path, tiny_bundle: Bund
         write_exr(tmp_path / "sky.exr", sky, half=False)
     if fault == "damaged":
         (tmp_path / "sky.exr").write_bytes((tmp_path / "sky.exr").read_bytes()[:90])
+    if fault == "empty":
+        (tmp_path / "sky.exr").write_bytes(b"")
     given = "asset inputs:texture:file = @./sky.exr@\n"
     given += 'token inputs:texture:format = "cubeMapVerticalCross"\n' if fault == "cube" else ""
     scene = ms.Scene(stage(tmp_path, mesh("A") + dome(given)), Material("tiny", tiny_bundle))

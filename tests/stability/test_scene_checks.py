@@ -278,7 +278,7 @@ def test_a_network_that_gives_nonsense(damage: dict, broken: set, tiny_bundle: B
         layer = getattr(decoder, name)
         decoder = decoder._replace(**{name: layer._replace(bias=layer.bias.at[0].set(value))})
     device_material = replace(scene.device_material, material=scene.device_material.material._replace(decoder=decoder))
-    found = field.material_points(
+    found = field.check_material_points(
         replace(scene, device_material=device_material).media[0], scene.shell.uv, np.random.default_rng(0)
     )
     assert {check.name for check in found if check.broken} == broken

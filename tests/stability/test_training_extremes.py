@@ -19,7 +19,7 @@ from mesoshell.train.gan.generate import ImageBatch, label
 from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers, sized_for, start
 from mesoshell.train.gan.step import GanReport, step
 from mesoshell.train.losses import discriminator_loss, generator_loss, r1
-from mesoshell.train.patch_renderer import PictureConfig, tone_map
+from mesoshell.train.patch_renderer import PictureConfig, discriminator_range
 from mesoshell.train.update import MAX_GRADIENT, apply_gradient, not_finite
 from mesoshell.typing import Array
 
@@ -95,7 +95,7 @@ def test_r1_and_its_gradient_do_not_know_the_precision(steps) -> None:
 def test_r1_in_bfloat16_would_be_off(judges) -> None:
     """What the test above would find if R1 took the convolutions' precision: up to 1% in four discriminators."""
     asked = batch()
-    real, c = tone_map(asked.image[..., :3]), label(asked)
+    real, c = discriminator_range(asked.image[..., :3]), label(asked)
 
     def penalty(judge: Discriminator, dtype: DTypeLike) -> Array:
         return r1(lambda y: discriminate(judge, y, c, None, dtype), real, CONFIG.gamma)
@@ -123,7 +123,7 @@ def test_a_step_with_bfloat16_convolutions_agrees(steps) -> None:
 @pytest.mark.parametrize("rows", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_r1_of_one_picture_and_of_equal_pictures_has_a_finite_gradient(judges, rows: int) -> None:
     """No deviation to take a root of: second derivatives pass through it."""
-    y = jnp.broadcast_to(tone_map(batch().image[:1, ..., :3]), (rows, 16, 16, 3))
+    y = jnp.broadcast_to(discriminator_range(batch().image[:1, ..., :3]), (rows, 16, 16, 3))
     c = jnp.broadcast_to(label(batch())[:1], (rows, DISCRIMINATOR.labels))
     run = jax.jit(jax.value_and_grad(lambda judge: r1(lambda y: discriminate(judge, y, c), y, 1.0)))
     value, gradient = run(jax.tree.map(lambda weights: weights[0], judges))

@@ -17,11 +17,11 @@ from mesoshell.train.patch_renderer import (
     PictureConfig,
     View,
     box_span,
+    discriminator_range,
     material_of,
     pixel_rays,
     rays_a_tile,
     take_picture,
-    tone_map,
 )
 from tests.helpers.fog import CAMERAS, FOV, through_box
 from tests.helpers.scenes import unit_box
@@ -97,7 +97,9 @@ def test_fog_is_what_it_is_in_closed_form(eye, scale: float) -> None:
 
 
 def test_what_is_shown_lies_in_its_range() -> None:
-    np.testing.assert_allclose(tone_map(jnp.array([[[[0.0, 1.0, 1e30]]]])), [[[[-1.0, 0.0, 1.0]]]], atol=1e-6)
+    np.testing.assert_allclose(
+        discriminator_range(jnp.array([[[[0.0, 1.0, 1e30]]]])), [[[[-1.0, 0.0, 1.0]]]], atol=1e-6
+    )
 
 
 def test_without_filtering_there_is_one_level() -> None:

@@ -13,7 +13,16 @@ from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settle import settle
-from mesoshell.viewer.look import Painting, Sky, command, first_look, look_scene, toward_sun, with_size, with_texture_of
+from mesoshell.viewer.look import (
+    Painting,
+    Sky,
+    command,
+    first_look,
+    scene_of_look,
+    toward_sun,
+    with_size,
+    with_texture_of,
+)
 from tests.helpers import growing, wearing
 
 MESH = Path(__file__).parents[1] / "data" / "suzanne.obj"
@@ -36,7 +45,7 @@ def test_the_first_look_is_the_scene(begun: ms.Scene):
     assert look.params["dryness"] == 0.3 and look.thickness == begun.thickness and look.base_colour == begun.base_colour
     assert look.texture(begun) == ()
     assert isinstance(begun.camera, ms.Camera)
-    scene = look_scene(begun, begun, look, begun.camera, True)
+    scene = scene_of_look(begun, begun, look, begun.camera, True)
     np.testing.assert_array_equal(ms.render(scene, "draft").rgba, ms.render(begun, "draft").rgba)
 
 
@@ -45,14 +54,14 @@ def test_what_varies_by_an_image_has_no_value(tiny_bundle: Bundle):
     scene = settle(ms.Scene(MESH, Material("tiny", tiny_bundle), params={"dryness": image}), texture=False)
     look = first_look(scene)
     assert "dryness" not in look.params
-    np.testing.assert_array_equal(look_scene(scene, scene, look, CAMERA, False).params["dryness"], image)
+    np.testing.assert_array_equal(scene_of_look(scene, scene, look, CAMERA, False).params["dryness"], image)
 
 
 def test_each_value_reaches_the_scene(begun: ms.Scene):
     look = replace(
         first_look(begun), params={"dryness": 0.8}, thickness=0.2, base_colour=(0.1, 0.2, 0.3), sun=(0.0, 90.0)
     )
-    scene = look_scene(begun, begun, look, CAMERA, True)
+    scene = scene_of_look(begun, begun, look, CAMERA, True)
     assert scene.params["dryness"] == 0.8 and scene.thickness == 0.2 and scene.base_colour == (0.1, 0.2, 0.3)
     assert scene.camera is CAMERA and scene.environment is None
     assert len(scene.lights) == 1 and scene.lights[0] == pytest.approx((0, 1, 0))
@@ -73,7 +82,7 @@ def test_what_is_painted_takes_a_number_s_place(tmp_path: Path, begun: ms.Scene)
     image = np.linspace(0, 1, 16, dtype=np.float32).reshape(4, 4)
     painting = Painting(image)
     look = replace(first_look(begun), painted={"dryness": painting})
-    scene = look_scene(begun, begun, look, CAMERA, False)
+    scene = scene_of_look(begun, begun, look, CAMERA, False)
     np.testing.assert_array_equal(scene.params["dryness"], image)
     assert look == replace(look) and look != replace(look, painted={"dryness": Painting(image)})
     assert "--param dryness=dryness.exr" in command(replace(begun, mesh=MESH, lights=()), scene, look, "jax", 2)
@@ -93,7 +102,7 @@ def test_a_surface_material_has_little_to_set():
     begun = settle(ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4), texture=False)
     look = first_look(begun)
     assert look.params == {} and look.thickness is None and look.texture(begun) == ()
-    assert look_scene(begun, begun, look, CAMERA, False).thickness is None
+    assert scene_of_look(begun, begun, look, CAMERA, False).thickness is None
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
@@ -121,11 +130,11 @@ def test_a_sky_takes_the_place_of_the_scenes_lights(begun: ms.Scene, lit: bool):
     own = np.ones((2, 4, 3), np.float32)
     scene, sky = replace(begun, environment=own), Sky("studio.exr", np.full((4, 8, 3), 0.5, np.float32))
     look = first_look(scene)
-    under = look_scene(scene, scene, replace(look, sky=sky), CAMERA, lit)
+    under = scene_of_look(scene, scene, replace(look, sky=sky), CAMERA, lit)
     assert under.environment is sky.radiance and under.lights == ()
-    both = look_scene(scene, scene, replace(look, sky=sky, sun=(0.0, 90.0)), CAMERA, lit)
+    both = scene_of_look(scene, scene, replace(look, sky=sky, sun=(0.0, 90.0)), CAMERA, lit)
     assert both.environment is sky.radiance and both.lights[0] == pytest.approx((0, 1, 0))
-    assert look_scene(scene, scene, look, CAMERA, lit).environment is own
+    assert scene_of_look(scene, scene, look, CAMERA, lit).environment is own
     given = replace(scene, mesh=MESH, lights=[(0.0, 1.0, 0.0)], environment="old.exr")
     line = command(given, under, replace(look, sky=sky), "jax", 2)
     assert "--environment studio.exr" in line and "--light" not in line and "old.exr" not in line
@@ -152,7 +161,7 @@ def test_the_command_makes_this_very_picture(tiny_bundle: Bundle, tmp_path: Path
     begun = settle(given, texture=False)
     look = replace(first_look(begun), params={"dryness": 0.8}, sun=sun, quality="draft", thickness=0.25)
     away = ms.Camera(ms.look_at((-6.0, 1.0, -7.0), (0.0, 0.0, 0.0)), 0.6, 20, 16)  # not from where it began
-    scene = look_scene(begun, begun, look, away, lit)
+    scene = scene_of_look(begun, begun, look, away, lit)
     words = shlex.split(command(given, scene, look, "jax", 2))
     assert words[:2] == ["mesoshell", "render"]
     main([*words[1:], "--out", str(tmp_path / "a.png")])
@@ -168,5 +177,5 @@ def test_under_a_sky_a_files_suns_are_left_out(tiny_bundle: Bundle):
     look = first_look(begun)
     for sky in (None, Sky("sky.exr", np.ones((2, 4, 3), np.float32))):
         own = replace(look, sky=sky)
-        words = command(given, look_scene(begun, begun, own, begun.camera, True), own, "jax", 1).split()
+        words = command(given, scene_of_look(begun, begun, own, begun.camera, True), own, "jax", 1).split()
         assert ("--no-suns" in words) is (sky is not None) and "--light" not in words

@@ -16,7 +16,7 @@ from mesoshell.train import run as runs
 from mesoshell.train.experiment import check_recipe, experiment_of, read_data, with_kimg
 from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.holdout import Scores
-from mesoshell.train.fit.result import conclude, fit_config, read_fit_data
+from mesoshell.train.fit.result import conclude, fit_config, fit_data_for
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import Data
 from mesoshell.train.prefilter import Gap, fit_correction
@@ -81,7 +81,7 @@ def fit(
     given = None if decoder is None else fspath(decoder)
     config, at = fit_config(steps, rays, texels, width, held, given, seed), Path(folder)
     learned, tests = ([read_dataset(path) for path in paths] for paths in (datasets, test))
-    data = read_fit_data(config, learned, tests)
+    data = fit_data_for(config, learned, tests)
     probe_folder(at, Argument("folder"))
     state = runs.train(config, data, at, "jit", show, again=True)
     made, scores, _ = conclude(config, data, state, learned, tests)

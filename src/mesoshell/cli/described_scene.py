@@ -27,7 +27,7 @@ def is_mitsubas(mesh: Path) -> bool:
     return mesh.suffix.lower() == ".xml"
 
 
-def prepare_shown(
+def prepare_with_bar(
     options: SceneOptions, quality: Quality, samples: int | None, progress: Progress, shrink: bool = False
 ) -> Prepared:
     """The scene, ready to be rendered. samples: paths a pixel of a scene of Mitsuba's; None: as many as it says. progress: of

@@ -10,7 +10,7 @@ from mesoshell.train.patch_renderer import PictureConfig
 from mesoshell.train.run_config import read_record, snapshots
 
 
-def posed_material(name: str, dataset: Dataset) -> Posed:
+def pose_named(name: str, dataset: Dataset) -> Posed:
     """A material that makes pictures from the dataset's cameras. Raises InputError."""
     return pose_material(bundle_of(name), name, dataset, _taken(name))
 

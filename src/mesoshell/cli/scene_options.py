@@ -61,6 +61,7 @@ class SceneOptions:
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
     #: Latitude-longitude EXR that lights the scene and is seen behind it; its middle lies toward +x, as in Blender.
+    #: Default: the dome light of a USD stage, where no --light is given.
     environment: Path | None = None
     #: Diffuse colour of the surface under the shell, and of each --object, linear R G B.
     base: tuple[float, float, float] = EARTH
@@ -69,7 +70,7 @@ class SceneOptions:
     #: Eye x y z, target x y z and vertical field of view in degrees; default: the first of a glTF file or a USD stage, else it
     #: frames the mesh from the upper front.
     camera: tuple[float, float, float, float, float, float, float] | None = None
-    #: The axis that points up; default: z for PLY and STL, y for all others.
+    #: The axis that points up; default: what a USD stage says, z for PLY and STL, y for all others.
     up: Literal["y", "z"] | None = None
     #: Make the background transparent even where an environment is given.
     transparent: bool = False

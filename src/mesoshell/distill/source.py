@@ -16,7 +16,7 @@ from mesoshell.datasets.queries.render import Answers, Settings, of_geometry
 from mesoshell.datasets.queries.sources import PROCEDURES, source
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle, read_bundle
-from mesoshell.io.material import PARAMS, WITH, bundled_materials, digest, find, normalise
+from mesoshell.io.material import PARAMS, WITH, bundled_materials, digest, find, parameter_vector
 from mesoshell.io.surface import KIND, kind_of
 from mesoshell.scene.materials import read_params
 from mesoshell.shell.geometry.extrude import EARTH
@@ -97,7 +97,7 @@ def shell_source(
     values, maps = read_params(bundle, params)
     if maps:
         raise InputError(PARAMS, f"{next(iter(maps))} is an image: a surface material is the same everywhere")
-    alpha, loaded = normalise(bundle, values), load_device_material(bundle)
+    alpha, loaded = parameter_vector(bundle, values), load_device_material(bundle)
     thickness, base = thickness or bundle.thickness, base or EARTH
     if not all(0 <= v <= 1 for v in base):
         raise InputError(Argument("base"), "must be from 0 to 1: the share of light that it reflects")

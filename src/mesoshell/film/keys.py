@@ -21,7 +21,7 @@ from scipy.interpolate import PchipInterpolator
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.motion import Motion, check_count
 from mesoshell.geometry.mesh import FARTHEST
-from mesoshell.io.material import normalise
+from mesoshell.io.material import parameter_vector
 from mesoshell.io.records import read_object
 from mesoshell.io.surface import KIND
 from mesoshell.scene.scene import Scene
@@ -74,7 +74,7 @@ def _check_params(scene: Scene, keys: Keys) -> None:
         return
     bundle = scene.material.shell
     for params in given:
-        normalise(bundle, dict(params), source=Argument("keys"))
+        parameter_vector(bundle, dict(params), source=Argument("keys"))
         fixed = [
             p.name for p in bundle.parameters if p.role == "beta" and p.name in params and bundle.generator is None
         ]

@@ -30,7 +30,7 @@ LEAN, ANGLE = "lean", "lean_angle"
 #: Pixels along a side of the images of lean and angle over the UV square.
 SIDE = 96
 #: Waves of the gusts, and their least and greatest number over the scene.
-WAVES, MIN_WAVES, MAX_WAVES = 32, 1.0, 5.0
+WAVES, MIN_WAVE_NUMBER, MAX_WAVE_NUMBER = 32, 1.0, 5.0
 #: Share of the lean that gusts add or take, deviation of the wind's direction (radians), and sizes of the scene a second at
 #: full strength.
 GUST, VEER, SPEED = 0.45, 0.35, 0.8
@@ -85,7 +85,7 @@ def gusts(at: Float[np.ndarray, "*shape 3"], seed: int) -> Float[np.ndarray, "*s
     """g at points, in sizes of the scene."""
     random = np.random.default_rng([seed % 2**32, 0x57])
     way = random.normal(size=(WAVES, 3))
-    number = MIN_WAVES * (MAX_WAVES / MIN_WAVES) ** random.random(WAVES)
+    number = MIN_WAVE_NUMBER * (MAX_WAVE_NUMBER / MIN_WAVE_NUMBER) ** random.random(WAVES)
     amplitude = number**-0.8
     amplitude /= np.sqrt((amplitude**2).mean())
     phase = 2 * np.pi * random.random(WAVES)

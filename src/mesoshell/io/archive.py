@@ -56,7 +56,8 @@ def read_heads(path: str | PathLike[str]) -> dict[str, Head]:
 
 
 def read_arrays(path: str | PathLike[str], keys: Iterable[str]) -> dict[str, np.ndarray]:
-    """The arrays of these keys, new and writable. Raises InputError as `read_heads`, or if a checksum is wrong."""
+    """The arrays of these keys: new and writable, or of a folder mapped and read-only. Raises InputError as `read_heads`, or if
+    a checksum is wrong."""
     if Path(path).is_dir():
         arrays = _mapped(Path(path))
         return {key: arrays[key] for key in keys}
@@ -96,7 +97,10 @@ def _mapped(folder: Path) -> dict[str, np.ndarray]:
         elif file.suffix == ".json" and file.with_suffix(".npy").is_file():
             lists.append(file)
         elif file.suffix != ".npy":
-            raise InputError(file, "is not part of a material: it holds KEY.npy files and manifest.json only")
+            raise InputError(
+                file,
+                "is not part of a material: it holds KEY.npy, NAME.json beside NAME.npy, and manifest.json",
+            )
         else:
             try:
                 arrays[key.removesuffix(".npy")] = np.load(file, mmap_mode="r", allow_pickle=False)
@@ -113,7 +117,10 @@ def _mapped(folder: Path) -> dict[str, np.ndarray]:
 
 def _levels(file: Path, flat: np.ndarray) -> list[np.ndarray]:
     """The arrays that a flat one holds, whose shapes a file lists."""
-    shapes = parse_json(file, read_file(file), "is ")
+    text = read_file(file)
+    if len(text) > LONGEST_TEXT:
+        raise InputError(file, f"is longer than {LONGEST_TEXT >> 20} MiB")
+    shapes = parse_json(file, text, "is ")
     try:
         if any(n < 0 for shape in shapes for n in shape):
             raise ValueError

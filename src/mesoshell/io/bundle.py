@@ -156,7 +156,8 @@ _PARAMETER_RULES: Rules = {
 
 
 def read_bundle(path: str | PathLike[str]) -> Bundle:
-    """Read and check a bundle; its arrays are new and writable. Raises InputError, one line, on any fault."""
+    """Read and check a bundle; its arrays are new and writable, or of a folder mapped and read-only. Raises InputError, one
+    line, on any fault."""
     heads = read_heads(path)
     if MANIFEST not in heads or heads.pop(MANIFEST)[1] != np.uint8:
         raise InputError(path, f"has no {MANIFEST} of type uint8: not a bundle")

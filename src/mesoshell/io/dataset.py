@@ -200,9 +200,7 @@ def sample_of(folder: Path, row: dict[str, Any]) -> Sample:
     )
 
 
-def normalised_parameters(
-    parameters: dict[str, Any], samples: Sequence[Sample], role: str
-) -> Float32[np.ndarray, "N P"]:
+def parameter_table(parameters: dict[str, Any], samples: Sequence[Sample], role: str) -> Float32[np.ndarray, "N P"]:
     """α or β of samples, mapped to [0, 1] by their ranges. parameters: of the manifest."""
     out = np.empty((len(samples), sum(entry["role"] == role for entry in parameters.values())), np.float32)
     names = [name for name, entry in parameters.items() if entry["role"] == role]

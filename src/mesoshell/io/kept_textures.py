@@ -66,10 +66,16 @@ def kept(key: str, size: int, make: Make) -> Bundle:
 
 def to_folder(folder: Path, make: Make) -> Bundle:
     """A texture made in mapped arrays of a new folder, and its manifest. Raises InputError or OSError."""
-    made = make(in_folder(folder))
+    allocate, names = in_folder(folder), set()
+
+    def noted(name: str, shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
+        names.add(name)
+        return allocate(name, shapes)
+
+    made = make(noted)
     for key, array in made.arrays.items():
         path = folder / f"{key}.npy"
-        if not (folder / key).parent.with_suffix(".json").exists():
+        if key.rpartition("/")[0] not in names:
             path.parent.mkdir(parents=True, exist_ok=True)
             np.save(path, array)
     (folder / MANIFEST).write_bytes(checked_manifest(folder, made))

@@ -17,7 +17,7 @@ def split(flat: np.ndarray, shapes: Sequence[tuple[int, ...]]) -> list[np.ndarra
 
 
 def flatten(levels: Sequence[np.ndarray]) -> np.ndarray:
-    """All numbers of the levels, one level after the other: a view if they lie so in memory, else a copy."""
+    """All numbers of one level or more, one level after the other: a view if they lie so in memory, else a copy."""
     whole = _owner(levels[0])
     begin, length = _address(levels[0]) - _address(whole), sum(level.nbytes for level in levels)
     at = _address(levels[0])

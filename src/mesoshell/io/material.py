@@ -66,7 +66,7 @@ def check_name(bundle: Bundle, name: str, source: str = PARAMS) -> None:
         raise InputError(source, f"no parameter '{name}'; {meant}")
 
 
-def normalise(
+def parameter_vector(
     bundle: Bundle, values: dict[str, float], role: str = "alpha", source: str = PARAMS
 ) -> Float[np.ndarray, "A"]:
     """α or β from parameter values, with defaults for missing ones. Raises InputError for an unknown name or a value outside

@@ -65,7 +65,7 @@ def marks(text: str) -> Bool[np.ndarray, "_m"]:
     return np.array([letter == "r" for letter in given], bool)
 
 
-def count_right(answer: Bool[np.ndarray, "m"], given: Bool[np.ndarray, "m"]) -> Judged:
+def score_judge(answer: Bool[np.ndarray, "m"], given: Bool[np.ndarray, "m"]) -> Judged:
     """How often a judge was right."""
     right, count = int((answer == given).sum()), len(answer)
     test = binomtest(right, count, 0.5, alternative="greater")

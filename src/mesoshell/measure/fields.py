@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import seed_origin
-from mesoshell.io.material import normalise
+from mesoshell.io.material import parameter_vector
 from mesoshell.io.sheet import tile_pictures
 from mesoshell.measure import above
 from mesoshell.measure.copies import Nearest, layer_means, nearest
@@ -147,4 +147,4 @@ def _grown(
         texels = round(side * bundle.texel_density)
         bundle = bake_bundle(bundle, name, (texels, texels), wanted)[0]
     origin = (0, 0) if bundle.tiles is None else seed_origin(wanted.seed)
-    return load_device_material(bundle, origin), normalise(bundle, {})
+    return load_device_material(bundle, origin), parameter_vector(bundle, {})

@@ -22,7 +22,7 @@ from jaxtyping import Float
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.dataset import Dataset, Sample
-from mesoshell.io.material import normalise
+from mesoshell.io.material import parameter_vector
 from mesoshell.shell.generator.model import generator_model
 from mesoshell.shell.material.field import Point, inputs
 from mesoshell.shell.material.loader import load_device_material
@@ -69,7 +69,7 @@ def _shown(bundle: Bundle, samples: list[Sample], seed: tuple[int, int]) -> Imag
     known = {p.name for p in bundle.parameters}
     values = [{k: x for k, x in sample.parameters.items() if k in known} for sample in samples]
     alpha, beta = (
-        np.stack([normalise(bundle, v, role, "the dataset") for v in values]).astype(np.float32)
+        np.stack([parameter_vector(bundle, v, role, "the dataset") for v in values]).astype(np.float32)
         for role in ("alpha", "beta")
     )
     key = jax.random.fold_in(jax.random.key(seed[0]), seed[1])

@@ -53,7 +53,7 @@ def init_tables(config: HashConfig, key: Key[Array, ""]) -> Float[Array, "L R C"
     return jax.random.uniform(key, shape, jnp.float32, -1e-4, 1e-4)
 
 
-def hash_grid(config: HashConfig, tables: Float[Array, "L R C"], y: Vec3) -> Float[Array, "E"]:
+def encode_hash_grid(config: HashConfig, tables: Float[Array, "L R C"], y: Vec3) -> Float[Array, "E"]:
     """Features of a point, E = L·C. Points outside are clamped to the box."""
     resolution = jnp.asarray(config.resolutions, y.dtype)[:, None]
     place = (jnp.clip(y, -1, 1) + 1)[None] / 2 * resolution

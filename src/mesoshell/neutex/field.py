@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from mesoshell.nets.encoding import HashConfig, frequency, hash_grid, init_tables
+from mesoshell.nets.encoding import HashConfig, encode_hash_grid, frequency, init_tables
 from mesoshell.nets.mlp import Dense, apply_dense, apply_relu, init_dense, init_mlp
 from mesoshell.neutex.brdf import Lobes
 from mesoshell.numerics import normalise, softplus
@@ -145,7 +145,7 @@ def _applied(net: Net, x: Float[Array, "I"]) -> Float[Array, "O"]:
 def _encoded(config: FieldConfig, net: Net, x: Vec3, octaves: int) -> Float[Array, "E"]:
     if isinstance(net.tables, tuple):
         return frequency(x, octaves)
-    return jnp.concatenate([x, hash_grid(config.hash, net.tables, x)])
+    return jnp.concatenate([x, encode_hash_grid(config.hash, net.tables, x)])
 
 
 def _net(config: FieldConfig, key: Key[Array, ""], octaves: int, widths: tuple[int, ...], outputs: int) -> Net:

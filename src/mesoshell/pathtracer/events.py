@@ -85,7 +85,7 @@ def at_collision(context, flight, ray, ds, numbers, opening) -> Event:
         return context.media.rho(sample, features, view, directions)
 
     drawn = None if numbers is None else draw(frame, numbers)
-    return scattered(ds, toward, density(frame, ds.d), rho, drawn, away, opening)
+    return scatter_event(ds, toward, density(frame, ds.d), rho, drawn, away, opening)
 
 
 def at_surface_material(context, met, ray, ds, numbers, opening) -> Event:
@@ -104,10 +104,10 @@ def at_surface_material(context, met, ray, ds, numbers, opening) -> Event:
         return context.surface_meshes.rho(met, directions)
 
     drawn = None if numbers is None else draw_around(frame, numbers)
-    return scattered(ds, toward, density_around(frame, ds.d), rho, drawn, away, opening)
+    return scatter_event(ds, toward, density_around(frame, ds.d), rho, drawn, away, opening)
 
 
-def scattered(ds, toward, p, rho, drawn, away, opening) -> Event:
+def scatter_event(ds, toward, p, rho, drawn, away, opening) -> Event:
     """toward, p: the emitter's direction in the material's frame, and its density; rho: of directions; drawn: a direction, it
     in that frame, and its density; or none if the path ends here; away: the segment from here in a direction."""
     shadow = away(ds.d, ds.dist * (1 - SHADOW_EPSILON), dr.select(ds.delta, 0, opening), ds.pdf)

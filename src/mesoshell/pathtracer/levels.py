@@ -21,20 +21,24 @@ MAX_ENTRIES = 2**32
 
 
 class Levels:
-    """Arrays of several levels, one after the other. wide: rows of the last axis are read whole; else single numbers."""
+    """Arrays of several levels, one after the other. wide: rows of the last axis are read whole; else single numbers. Raises
+    InputError for more numbers than Dr.Jit can index."""
 
     def __init__(self, levels: list[np.ndarray], wide: bool = True):
         half = all(x.dtype == np.float16 for x in levels) and sum(x.size for x in levels) > MAX_WIDENED
         self._vector: Any
+        self.rows: Any
         self.scalar, self._vector = (mi.Float16, mi.ArrayXf16) if half else (mi.Float, mi.ArrayXf)
         self.width = levels[0].shape[-1] if wide else 1
         numbers = flatten(levels).astype(np.float16 if half else np.float32, copy=False)
         self._fours = len(numbers) >= MAX_ENTRIES
-        if self._fours and not (half and self.width % 4 == 0):
-            raise InputError(
-                Argument("material"), f"has {len(numbers):,} numbers: Mitsuba takes so many in half precision alone"
-            )
-        self.rows = mi.UInt64(numbers.view(np.uint64)) if self._fours else self.scalar(numbers)
+        if len(numbers) >= 4 * MAX_ENTRIES or (self._fours and not (half and self.width % 4 == 0)):
+            limit = "is too large for Mitsuba: of half precision and a multiple of 4 channels it may have 2³⁴ numbers, else 2³²"
+            raise InputError(Argument("material"), limit)
+        if self._fours:
+            self.rows, self._vector = mi.UInt64(numbers.view(np.uint64)), mi.ArrayXu64
+        else:
+            self.rows = self.scalar(numbers)
         self.shapes = [x.shape for x in levels]
         self.sizes = [mi.UInt32([s[k] for s in self.shapes]) for k in range(levels[0].ndim)]
         self.offset = mi.UInt32(np.cumsum([0, *(x.size // self.width for x in levels[:-1])]).astype(np.uint32))
@@ -72,10 +76,10 @@ class Levels:
 
     def row(self, index):
         """One row as a list of float32."""
+        width = self.width // 4 if self._fours else self.width
+        numbers = dr.gather(self._vector, self.rows, index, shape=(width, dr.width(index)))
         if self._fours:
-            fours = dr.gather(mi.ArrayXu64, self.rows, index, shape=(self.width // 4, dr.width(index)))
-            return [_half(mi.UInt32(four >> 16 * k)) for four in fours for k in range(4)]
-        numbers = dr.gather(self._vector, self.rows, index, shape=(self.width, dr.width(index)))
+            return [_half(mi.UInt32(numbers[c // 4] >> 16 * (c % 4))) for c in range(self.width)]
         return [mi.Float(numbers[c]) for c in range(self.width)]
 
 
@@ -90,7 +94,8 @@ def _texel(i, n, wraps):
 def _half(x):
     """The finite number of half precision that the lower 16 bits are, as float32: exact. A subnormal one is made from
     its mantissa, for Dr.Jit flushes subnormal float32 to zero."""
-    normal = dr.reinterpret_array(mi.Float, (x & 0x7FFF) << 13) * 2.0**112
+    bits: Any = dr.reinterpret_array(mi.Float, (x & 0x7FFF) << 13)
+    normal = bits * 2.0**112
     size = dr.select((x & 0x7C00) != 0, normal, mi.Float(x & 0x3FF) * 2.0**-24)
     return dr.select((x & 0x8000) != 0, -size, size)
 

@@ -17,7 +17,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex, surface_area, transform_mesh
 from mesoshell.io.atomic import read_file
 from mesoshell.io.bundle import read_bundle
-from mesoshell.io.material import bundled_materials, check_name, find, normalise
+from mesoshell.io.material import bundled_materials, check_name, find, parameter_vector
 from mesoshell.io.surface import KIND, kind_of, read_surface
 from mesoshell.pathtracer import integrator, xml_bsdf
 from mesoshell.pathtracer.facts import distant, facts_of
@@ -168,7 +168,7 @@ def _shells(
     for name, texture in element.textures.items():
         check_name(bundle, name, element.material)
         check_map(name, texture, element.material)
-    alpha = normalise(bundle, element.numbers, "alpha", element.material)
+    alpha = parameter_vector(bundle, element.numbers, "alpha", element.material)
     places = [transform_shell(shell, m) for m in element.placed] or [shell]
     most = int(bundle.texel_density)
     footprint = quality.footprint if quality.filtering else 0.0

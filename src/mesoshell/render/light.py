@@ -53,14 +53,6 @@ def lookup(e: Environment, d: Float[np.ndarray, "R 3"]) -> Float[np.ndarray, "R 
     return e.radiance[row, column]
 
 
-def pixel_directions(height: int, width: int, up: int) -> Float[np.ndarray, "H W 3"]:
-    """Unit vectors toward the middles of a map's pixels."""
-    theta, phi = (np.arange(height) + 0.5) / height * np.pi, (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
-    theta, phi = np.meshgrid(theta, phi, indexing="ij")
-    local = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-    return _world(local.reshape(-1, 3), up).reshape(height, width, 3)
-
-
 def sample(e: Environment, xi: Float[np.ndarray, "R 3"]) -> tuple[np.ndarray, np.ndarray]:
     """Directions (R, 3) drawn by brightness, and radiance / p (R, 3). xi: three uniform numbers a direction."""
     h, w = e.radiance.shape[:2]

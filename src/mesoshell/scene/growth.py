@@ -14,7 +14,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import seed_origin
-from mesoshell.io.material import PARAMS, normalise
+from mesoshell.io.material import PARAMS, parameter_vector
 from mesoshell.limits import check_seed
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import read_params
@@ -47,7 +47,7 @@ def growth_of(part: Scene | Grown, progress: Callable[[float], None] = lambda sh
     shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
     repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
     material, origin, notes = _textured(part, shell.uv, (values, shape, patches, repeats), progress)
-    alpha = normalise(bundle, values)
+    alpha = parameter_vector(bundle, values)
     return Growth(mesh, shell, material, origin, alpha, maps, patches, (*mesh.notes, *shell.notes, *notes))
 
 
@@ -56,7 +56,7 @@ def check_growth(part: Scene | Grown) -> tuple[str, ...]:
     if not grows(part):
         return growth_of(part).notes
     mesh, shell = _extruded(part)
-    normalise(part.material.shell, read_params(part.material.shell, part.params)[0])
+    parameter_vector(part.material.shell, read_params(part.material.shell, part.params)[0])
     return *mesh.notes, *shell.notes
 
 

@@ -44,7 +44,7 @@ def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tu
     if scene.material.kind == KIND:
         describe_surface(scene)  # raises what a picture of it would
         notes = still.mesh.notes
-    elif any(grows(one) for one in (still, *still.also)):
+    elif any(grows(part) for part in (still, *still.also)):
         notes = check_shell(still)
     else:
         notes = describe_shell(still).notes
@@ -86,10 +86,10 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
     </emitter>"""
     albedo = f'<rgb name="reflectance" value="{_numbers(still.base_colour)}"/>'
     ground = f'<bsdf type="twosided"> <bsdf type="diffuse"> {albedo} </bsdf> </bsdf>'
-    for k, one in enumerate((still, *still.also)):
-        assert isinstance(one.mesh, Mesh)
+    for k, part in enumerate((still, *still.also)):
+        assert isinstance(part.mesh, Mesh)
         number = str(k or "")
-        yield _shape(one.mesh, folder / f"mesh{number}.obj", "\n".join(_shell(one, folder, ground, number)))
+        yield _shape(part.mesh, folder / f"mesh{number}.obj", "\n".join(_shell(part, folder, ground, number)))
     for k, mesh in enumerate(still.objects):
         assert isinstance(mesh, Mesh)
         yield _shape(mesh, folder / f"object{k}.obj", f"        {ground}")

@@ -113,22 +113,22 @@ class Prepared:
 def tiled_passes(camera: Camera, size: int, tile: TileRenderer, ended: Callable[[np.ndarray, int], Rendered]) -> Passes:
     """Passes of one ray a pixel. size: most rays a tile."""
 
-    def one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
+    def render_one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
         return render_pass(camera, k, pixels, size, tile, progress)
 
-    return Passes((camera.height, camera.width), True, lambda pixels: threads(pixels, size), one, ended)
+    return Passes((camera.height, camera.width), True, lambda pixels: threads(pixels, size), render_one, ended)
 
 
 def _about(scene: Scene) -> dict[str, Any]:
     """The report's part about materials."""
-    return _of(scene) | ({"also": [_of(one) for one in scene.also]} if scene.also else {})
+    return _of(scene) | ({"also": [_of(part) for part in scene.also]} if scene.also else {})
 
 
-def _of(one: Scene | Grown) -> dict[str, Any]:
+def _of(part: Scene | Grown) -> dict[str, Any]:
     """A material's name, the parameters given, and its provenance."""
     given = {
         name: f"an image of {' x '.join(map(str, value.shape))}" if isinstance(value, np.ndarray) else value
-        for name, value in one.params.items()
+        for name, value in part.params.items()
     }
     given = {name: str(x) if isinstance(x, str | PathLike) else float(x) for name, x in given.items()}
-    return {"name": one.material.name, "parameters": given, **one.material.provenance}
+    return {"name": part.material.name, "parameters": given, **part.material.provenance}

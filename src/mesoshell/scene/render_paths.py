@@ -102,7 +102,7 @@ def _passes(scene: mi.Scene, quality: Quality) -> Passes:
     ours = _context(scene) is not None and can_pass(film)
     chosen = ours and film.rfilter().is_box_filter()
 
-    def one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
+    def render_one(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
         nonlocal rays
         image = render_pass(scene, pixels, k) if ours else _image(scene, 1, k).reshape(-1, 4)[pixels]
         rays += len(pixels)
@@ -112,7 +112,7 @@ def _passes(scene: mi.Scene, quality: Quality) -> Passes:
     def ended(image: np.ndarray, samples: int) -> Rendered:
         return Rendered(image, {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
 
-    return Passes((height, width), chosen, lambda pixels: 1, one, ended)
+    return Passes((height, width), chosen, lambda pixels: 1, render_one, ended)
 
 
 def _shrink(scene: mi.Scene, pixels: int) -> None:

@@ -78,7 +78,7 @@ class Scene:
     base_colour: diffuse albedo of the surface under a shell and of `objects`, linear Rec. 709, each from 0 to 1.
     objects: further meshes in the same frame that cast and receive shadows.
     also: further meshes in the same frame that are grown too, each with a material of its own. Shells alone.
-    up: the axis that points up, "y" or "z". Default: z for PLY and STL files, else y.
+    up: the axis that points up, "y" or "z". Default: what a USD stage says, z for PLY and STL files, else y.
     transparent: whether the background is transparent even where there is an environment.
     holdout: whether the picture is transparent where it would show `objects`, so that it lies over a picture of them; they
         still cast and receive shadows. Shells by engine jax alone.

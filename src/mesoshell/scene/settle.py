@@ -15,7 +15,7 @@ from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.setup import camera_of, lights_of, up_axis
 from mesoshell.scene.unpack import unpack
 
-OneT = TypeVar("OneT", Scene, Grown)
+PartT = TypeVar("PartT", Scene, Grown)
 
 
 def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool = True) -> Scene:
@@ -28,9 +28,9 @@ def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool 
     else:
         still = _read(scene)
         also = []
-        for one in scene.also:
-            with faults_of(one):
-                also.append(_read(one))
+        for part in scene.also:
+            with faults_of(part):
+                also.append(_read(part))
         still = replace(still, also=tuple(also))
     camera = camera_of(still, meshes_of(still), up)
     still = replace(
@@ -50,25 +50,25 @@ def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool 
 def with_others_grown(still: Scene, progress: Progress = lambda share: None) -> Scene:
     """The scene, settled, with the textures of `also`, and not its own. Raises InputError."""
     also = []
-    for one in still.also:
-        with faults_of(one):
-            also.append(_with_texture(one, progress))
+    for part in still.also:
+        with faults_of(part):
+            also.append(_with_texture(part, progress))
     return replace(still, also=tuple(also))
 
 
-def _read(one: OneT) -> OneT:
+def _read(part: PartT) -> PartT:
     """With its mesh, the numbers that defaults come to, and images in the place of files."""
-    assert one.mesh is not None
-    mesh = mesh_of(one.mesh)
-    thickness, scale = thickness_and_scale(one, mesh)
-    numbers, images = read_params(one.material.shell, one.params)
-    return replace(one, mesh=mesh, thickness=thickness, scale=scale, params={**numbers, **images})
+    assert part.mesh is not None
+    mesh = mesh_of(part.mesh)
+    thickness, scale = thickness_and_scale(part, mesh)
+    numbers, images = read_params(part.material.shell, part.params)
+    return replace(part, mesh=mesh, thickness=thickness, scale=scale, params={**numbers, **images})
 
 
-def _with_texture(one: OneT, progress: Progress) -> OneT:
+def _with_texture(part: PartT, progress: Progress) -> PartT:
     """With a texture that is grown for it, if one must be, in the place of the parameters of geometry."""
-    if not grows(one):
-        return one
-    material = Material(one.material.name, growth_of(one, progress).material)
-    shape = {p.name for p in one.material.shell.parameters if p.role == "beta"}
-    return replace(one, material=material, params={k: v for k, v in one.params.items() if k not in shape}, seed=None)
+    if not grows(part):
+        return part
+    material = Material(part.material.name, growth_of(part, progress).material)
+    shape = {p.name for p in part.material.shell.parameters if p.role == "beta"}
+    return replace(part, material=material, params={k: v for k, v in part.params.items() if k not in shape}, seed=None)

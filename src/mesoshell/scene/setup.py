@@ -53,9 +53,9 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
     scene = unpack(scene)
     count, others = 1 + len(scene.also), []
     own = growth_of(scene, lambda share: progress(share / count))
-    for k, one in enumerate(scene.also, 1):
-        with faults_of(one):
-            others.append(growth_of(one, lambda share, k=k: progress((k + share) / count)))
+    for k, part in enumerate(scene.also, 1):
+        with faults_of(part):
+            others.append(growth_of(part, lambda share, k=k: progress((k + share) / count)))
     up = up_axis(scene)
     camera = camera_of(scene, [x.mesh for x in (own, *others)], up)
     lights, sky = lights_of(scene, camera, up)
@@ -84,16 +84,16 @@ def check_shell(scene: Scene) -> tuple[str, ...]:
     _check_values(scene)
     scene = unpack(scene)
     notes = [check_growth(scene)]
-    for one in scene.also:
-        with faults_of(one):
-            notes.append(check_growth(one))
+    for part in scene.also:
+        with faults_of(part):
+            notes.append(check_growth(part))
     return _of_all(scene, notes)
 
 
 def _of_all(scene: Scene, notes: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     """Notes of the scene's own growth, and of others, with their materials' names."""
     own, *rest = notes
-    return *own, *(f"{one.material.name}: {x}" for one, some in zip(scene.also, rest, strict=True) for x in some)
+    return *own, *(f"{part.material.name}: {x}" for part, some in zip(scene.also, rest, strict=True) for x in some)
 
 
 def describe_surface(scene: Scene) -> SurfaceDescription:
@@ -194,7 +194,7 @@ def camera_of(scene: Scene, meshes: Sequence[Mesh], up: int) -> Camera:
         return given
     if given is None:
         grown, surface = zip((scene, *scene.also), meshes, strict=True), scene.material.kind == KIND
-        layer = 0.0 if surface else max(thickness_and_scale(one, mesh)[0] for one, mesh in grown)
+        layer = 0.0 if surface else max(thickness_and_scale(part, mesh)[0] for part, mesh in grown)
         return default_camera(box_of(meshes), layer, (width, height), up)
     numbers = [float(x) for x in given]
     if len(numbers) != 7:

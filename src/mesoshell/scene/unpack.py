@@ -21,6 +21,8 @@ READERS = {
     ".gltf": gltf.read_file_scene,
     **dict.fromkeys(read_usd.FORMATS, usd.read_file_scene),
 }
+#: Radiance below which a sky without suns is said to be faint.
+FAINT = 0.1
 #: Share by which a picture's proportions may differ from the camera's before it is said.
 ALIKE = 0.01
 
@@ -77,9 +79,11 @@ def unpack(scene: Scene) -> Scene:
         lights = inside.suns
         if sky is None and inside.sky is not None:
             try:
-                sky = inside.sky.radiance()
+                sky = inside.sky.radiance(scene.up or inside.up)
             except InputError as fault:
                 notes.append(f"its sky is left out: {fault}")
+            if sky is not None and not lights and sky.max() < FAINT:
+                notes.append("its sky is faint, and it has no sun: --light or --no-suns lights it otherwise")
     return replace(
         scene,
         mesh=replace(mesh, notes=(*mesh.notes, *notes)),

@@ -3,6 +3,7 @@
 Notation
 E           irradiance of a distant light on a plane facing it: intensity · 2^exposure · colour, where it is normalised; else
             that times its size: 1 for no angle, π sin² θ for half an angle θ up to 90°, π (2 − sin² θ) beyond
+L           radiance of a dome light: intensity · 2^exposure · colour, times its image (scene/dome)
 
 Colours of temperature are relative to 6500 K, which is white. Blender writes a quarter of a sun's strength, and reads four
 times what is written: so does this, for stages that say they are Blender's.
@@ -21,8 +22,8 @@ from mesoshell.render.light import Distant
 from mesoshell.scene.dome import dome_of
 from mesoshell.scene.file_scene import FileScene, frame_of, sun_of
 
-#: As above; the temperature of white light, kelvin, by default.
-BLENDERS, WHITE = 4.0, 6500.0
+#: What a sun of Blender's is of its strength in the stage; the temperature of white light, kelvin, by default.
+SUN, WHITE = 4.0, 6500.0
 
 
 def read_file_scene(path: str | PathLike[str]) -> FileScene:
@@ -30,7 +31,7 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
     with open_stage(path) as (stage, time):
         UsdGeom, UsdLux, UsdSkel = pxr("UsdGeom"), pxr("UsdLux"), pxr("UsdSkel")
         frames, cameras, suns, lights, shapes, notes = UsdGeom.XformCache(time), [], [], [], [], []
-        share = BLENDERS if stage.GetRootLayer().documentation.startswith("Blender") else 1.0
+        blenders = stage.GetRootLayer().documentation.startswith("Blender")
         skeletons, domes = 0, []
         up = "z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "y"
         for prim in prims(stage.GetPseudoRoot()):
@@ -44,7 +45,7 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
                 elif not prim.IsA(UsdLux.DistantLight):
                     lights.append(prim.GetName())
                 elif np.linalg.det(to_world[:3, :3]) != 0:  # else hidden by its scale
-                    suns.append(_sun(UsdLux.DistantLight(prim), to_world, share, time))
+                    suns.append(_sun(UsdLux.DistantLight(prim), to_world, SUN if blenders else 1.0, time))
             elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and is_visible(prim, time):
                 shapes.append(prim.GetName())
         camera, aspect, more = _camera(cameras, time)
@@ -52,7 +53,10 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
         if domes:
             (prim, to_world), *others = domes
             light = (UsdLux.DomeLight if prim.IsA(UsdLux.DomeLight) else UsdLux.DomeLight_1)(prim)
-            sky = dome_of(light, to_world, _strength(light, time), share != 1.0, up, time)
+            try:
+                sky = dome_of(light, to_world, _strength(light, time), blenders, up, time)
+            except ValueError as fault:
+                notes.append(f"its sky is left out: {fault}")
             lights += [other.GetName() for other, _ in others]
         left_out = (("lights but suns and a dome", lights), ("shapes that are no meshes", shapes))
         notes += [f"its {what} are left out: {_some(names)}" for what, names in left_out if names]

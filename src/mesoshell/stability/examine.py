@@ -24,7 +24,7 @@ from mesoshell.scene.setup import describe_shell, describe_surface
 from mesoshell.shell.render.renderer import render
 from mesoshell.stability import surface
 from mesoshell.stability.checks import Check
-from mesoshell.stability.field import material_points
+from mesoshell.stability.field import check_material_points
 from mesoshell.stability.report import Stability
 from mesoshell.stability.walks import walk_through
 
@@ -69,7 +69,7 @@ def examine(
     checks += walks.checks
     ends = [*(m.prism for m in made.media), len(made.shell.faces)]
     for name, medium, (first, end) in zip(names, made.media, pairwise(ends), strict=True):
-        own = material_points(medium, made.shell.uv[first:end], rng)
+        own = check_material_points(medium, made.shell.uv[first:end], rng)
         checks += [replace(check, said=name + check.said) for check in own]
     progress(0.8)
     quality = PRESETS["normal"]

@@ -25,7 +25,7 @@ from mesoshell.typing import Array
 POINTS, ERROR = 20_000, 1e-4
 
 
-def material_points(medium: Medium, uv: Float[np.ndarray, "P 3 2"], rng: np.random.Generator) -> list[Check]:
+def check_material_points(medium: Medium, uv: Float[np.ndarray, "P 3 2"], rng: np.random.Generator) -> list[Check]:
     """Random points of its prisms, whose corners have uv (patches), half of them with parameters at the ends of their ranges,
     unfiltered and widely filtered."""
     device_material = medium.device_material

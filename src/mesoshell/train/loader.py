@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float16, Float32, Int32, Integer
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset, normalised_parameters
+from mesoshell.io.dataset import Dataset, parameter_table
 from mesoshell.io.dataset_images import check_fed, shard_array
 
 
@@ -71,8 +71,8 @@ class _Table:
             check_fed([sample for sample in samples if sample.file == file], shard)
         self._images = [shards[sample.file][sample.row] for sample in samples]
         self._files = [sample.file for sample in samples]
-        self._alpha = normalised_parameters(dataset.manifest["parameters"], dataset.samples, "alpha")
-        self._beta = normalised_parameters(dataset.manifest["parameters"], dataset.samples, "beta")
+        self._alpha = parameter_table(dataset.manifest["parameters"], dataset.samples, "alpha")
+        self._beta = parameter_table(dataset.manifest["parameters"], dataset.samples, "beta")
         self._camera = np.array([sample.camera_to_world for sample in samples], np.float32)
         self._light = np.array([sample.light for sample in samples], np.float32)
         self._irradiance = np.array([sample.irradiance for sample in samples], np.float32)

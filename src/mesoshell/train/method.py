@@ -3,7 +3,7 @@
 Notation
 method     functions for one type of configuration, which chooses it; all are pure, except `save`
 shown      a batch: renders with their labels (generate.ImageBatch), traced queries (surface.QueryBatch), rays of
-           patches (shots.Rays), or exemplars (exemplars.ExemplarBatch)
+           patches (patch_rays.Rays), or exemplars (exemplars.ExemplarBatch)
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from mesoshell.neutex.capture import Capture
 from mesoshell.train.fit import feed as fit_feed
 from mesoshell.train.fit import snapshot as fit_snapshot
 from mesoshell.train.fit import step as fit
-from mesoshell.train.fit.patch_rays import FitData, fit_data
+from mesoshell.train.fit.patch_rays import FitData, gather_fit_data
 from mesoshell.train.gan import snapshot, state, step
 from mesoshell.train.gan.curriculum import adapt, renders
 from mesoshell.train.gan.state import GanConfig, TrainState
@@ -122,7 +122,7 @@ ATLAS = Method(
     load_predictor=neutex_snapshot.load_predictor,
 )
 FIT = Method(
-    read=lambda config, data: fit_data([read_dataset(data["folder"])], config.held),
+    read=lambda config, data: gather_fit_data([read_dataset(data["folder"])], config.held),
     adapt=fit_feed.adapt,
     feed=fit_feed.feed,
     start=fit.start,

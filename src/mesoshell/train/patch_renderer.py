@@ -125,7 +125,7 @@ def rays_a_tile(rays: int, samples: int) -> int:
     return max(n for n in range(1, max(1, _TILE // samples) + 1) if rays % n == 0)
 
 
-def tone_map(radiance: Float[Array, "*b S S 3"]) -> Float[Array, "*b S S 3"]:
+def discriminator_range(radiance: Float[Array, "*b S S 3"]) -> Float[Array, "*b S S 3"]:
     """y of radiance over black."""
     return 2 * tonemap(radiance) - 1
 

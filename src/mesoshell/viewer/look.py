@@ -1,7 +1,7 @@
 """What a viewer's user has set, and the scene and the command line that say the same.
 
 Notation
-still       the scene as it was given, settled (scene/settled), with the texture of `Look.texture`
+still       the scene as it was given, settled (scene/settle), with the texture of `Look.texture`
 sun         azimuth and elevation of a light, degrees; azimuth from where the first camera stands, counter-clockwise seen from
             above
 """
@@ -89,7 +89,7 @@ def with_texture_of(begun: Scene, look: Look) -> Scene:
     return replace(begun, params={**begun.params, **_values(begun, look, "beta")}, seed=seed)
 
 
-def look_scene(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
+def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
     """The scene that a look and a camera show. begun: as it was given; still: with the look's texture, settled; lit: whether
     it was given lights, or default ones stand about each camera."""
     tiled = begun.material.kind != KIND and begun.material.shell.tiles is not None
@@ -112,7 +112,7 @@ def look_scene(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool
 def describe_look(begun: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
     """What `look_scene` shows, with parameters in place of a grown texture."""
     other = look.texture(begun) != first_look(begun).texture(begun)
-    return look_scene(begun, with_texture_of(begun, look) if other else begun, look, camera, lit)
+    return scene_of_look(begun, with_texture_of(begun, look) if other else begun, look, camera, lit)
 
 
 def _of_role(scene: Scene, look: Look, role: str) -> dict[str, float]:

@@ -21,7 +21,7 @@ from mesoshell.scene.scene import Scene
 from mesoshell.scene.settle import settle
 from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface
 from mesoshell.scene.unpack import unpack
-from mesoshell.viewer.look import Look, describe_look, first_look, look_scene, with_size, with_texture_of
+from mesoshell.viewer.look import Look, describe_look, first_look, scene_of_look, with_size, with_texture_of
 from mesoshell.viewer.refine import Abandoned, RefinedPicture, refine
 
 #: Seconds of rest before what takes long is begun: while a camera moves, there are only coarse pictures, and nothing has to be
@@ -40,7 +40,7 @@ class View:
     wish: int = 1
     painted: int = 0
     left: Iterator[RefinedPicture] | None = None
-    look_scene: int = 0
+    shown: int = 0
     picture: RefinedPicture | None = None
     rest: float = 0.0
 
@@ -158,7 +158,7 @@ class Workshop:
             thread.join()
 
     def _scene(self, view: View) -> Scene:
-        return look_scene(self.begun, self.still, self.look, with_size(view.camera, self.look.side), self._lit)
+        return scene_of_look(self.begun, self.still, self.look, with_size(view.camera, self.look.side), self._lit)
 
     def say(self, of: str, line: str) -> None:
         """Say what is wrong with pictures, textures and scenes; an empty line once nothing is."""

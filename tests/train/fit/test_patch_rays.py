@@ -10,7 +10,7 @@ import pytest
 from mesoshell.errors import InputError
 from mesoshell.io.dataset_images import load_images
 from mesoshell.render.camera import Camera, pixel_grid, rays
-from mesoshell.train.fit.patch_rays import fit_data, rays_at
+from mesoshell.train.fit.patch_rays import gather_fit_data, rays_at
 from tests.helpers import fog
 from tests.helpers.patch_images import of_patches, of_tiles
 
@@ -19,7 +19,7 @@ NO_KEY = np.zeros(2, np.uint32)
 
 def test_pixels_that_meet_the_box_are_learned(tmp_path: Path):
     dataset = fog.write(tmp_path / "set", fog.CAMERAS)
-    data = fit_data([dataset])
+    data = gather_fit_data([dataset])
     assert len(data.learned) == 1 and len(data.held[0]) == 0
     images = load_images(dataset).reshape(-1, 4)
     found = 0
@@ -42,12 +42,12 @@ def test_pixels_that_meet_the_box_are_learned(tmp_path: Path):
 
 def test_datasets_of_the_same_patches_add_up(tmp_path: Path):
     a, b = of_patches(tmp_path / "a", [0, 0, 1, 1]), of_patches(tmp_path / "b", [1, 1, 0, 0])
-    data = fit_data([a, b], held=1)
+    data = gather_fit_data([a, b], held=1)
     assert len(data.learned) == 2
     for k, pictures in enumerate(([0, 6], [2, 4])):  # the last of each patch, in each dataset, is held out
         np.testing.assert_array_equal(np.unique(np.searchsorted(data.first, data.learned[k], "right") - 1), pictures)
-    alone = fit_data([a], tests=[b])
-    assert sum(map(len, alone.held)) == sum(map(len, fit_data([b]).learned))
+    alone = gather_fit_data([a], tests=[b])
+    assert sum(map(len, alone.held)) == sum(map(len, gather_fit_data([b]).learned))
 
 
 def test_a_geometry_a_picture_is_refused(tmp_path: Path):
@@ -56,7 +56,7 @@ def test_a_geometry_a_picture_is_refused(tmp_path: Path):
     with pytest.raises(
         InputError, match="set: every image shows another geometry; render it with --patch 0, --patches 16 or --tiles"
     ):
-        fit_data([wild])
+        gather_fit_data([wild])
 
 
 def test_a_geometry_that_varies_is_refused(tmp_path: Path):
@@ -65,13 +65,13 @@ def test_a_geometry_that_varies_is_refused(tmp_path: Path):
     samples = tuple(replace(s, parameters=s.parameters | {"length": k / 4}) for k, s in enumerate(dataset.samples))
     manifest = dataset.manifest | {"parameters": dataset.manifest["parameters"] | length, "patch": 0}
     with pytest.raises(InputError, match="set: its geometry varies with length; fix it with --param length=VALUE"):
-        fit_data([replace(dataset, manifest=manifest, samples=samples)])
+        gather_fit_data([replace(dataset, manifest=manifest, samples=samples)])
 
 
 def test_what_is_learned_from_is_no_test(tmp_path: Path):
     dataset = fog.write(tmp_path / "set", fog.CAMERAS[:2])
     with pytest.raises(InputError, match="set: is learned from"):
-        fit_data([dataset], tests=[dataset])
+        gather_fit_data([dataset], tests=[dataset])
 
 
 def test_other_parameters_are_refused(tmp_path: Path):
@@ -79,16 +79,16 @@ def test_other_parameters_are_refused(tmp_path: Path):
     text = json.dumps(b.manifest["parameters"]).replace("nothing", "something")
     other = replace(b, manifest=b.manifest | {"parameters": json.loads(text)})
     with pytest.raises(InputError, match="b: has another recipe or other parameters than the first dataset"):
-        fit_data([a, other])
+        gather_fit_data([a, other])
 
 
 def test_nothing_to_learn_from_is_refused(tmp_path: Path):
     with pytest.raises(InputError, match="has a patch whose pictures are all held out: none is left to learn from"):
-        fit_data([of_patches(tmp_path / "a", [0, 0, 1, 1])], held=2)
+        gather_fit_data([of_patches(tmp_path / "a", [0, 0, 1, 1])], held=2)
 
 
 def test_tiles_are_patches_in_the_order_of_the_torus(tmp_path: Path):
-    data = fit_data([of_tiles(tmp_path / "a", [*range(15, -1, -1)])])
+    data = gather_fit_data([of_tiles(tmp_path / "a", [*range(15, -1, -1)])])
     assert data.tiles == 4
     shown = [np.unique(np.searchsorted(data.first, p, side="right") - 1).tolist() for p in data.learned]
     assert shown == [[15 - k] for k in range(16)]
@@ -97,8 +97,8 @@ def test_tiles_are_patches_in_the_order_of_the_torus(tmp_path: Path):
 def test_tiles_that_are_no_torus_are_refused(tmp_path: Path):
     missing, all_ = of_tiles(tmp_path / "a", [*range(15)]), of_tiles(tmp_path / "b", [*range(16)])
     with pytest.raises(InputError, match="shows 15 of the 16 tiles: give it a --count of 16 or more"):
-        fit_data([missing])
+        gather_fit_data([missing])
     with pytest.raises(InputError, match="has other tiles than the first dataset"):
-        fit_data([all_, of_patches(tmp_path / "c", [0])])
+        gather_fit_data([all_, of_patches(tmp_path / "c", [0])])
     with pytest.raises(InputError, match="its tiles are not the colours of a torus"):
-        fit_data([of_tiles(tmp_path / "d", [*range(16)], [[0] * 4] * 4)])
+        gather_fit_data([of_tiles(tmp_path / "d", [*range(16)], [[0] * 4] * 4)])

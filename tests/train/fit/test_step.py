@@ -22,7 +22,7 @@ from mesoshell.train import run
 from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.feed import adapt, feed
 from mesoshell.train.fit.holdout import score
-from mesoshell.train.fit.patch_rays import FitData, Rays, fit_data
+from mesoshell.train.fit.patch_rays import FitData, Rays, gather_fit_data
 from mesoshell.train.fit.result import conclude, fit_config
 from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.fit.snapshot import exemplars, provenance
@@ -53,7 +53,7 @@ CONFIG = FitConfig(
 def data(tmp_path_factory: pytest.TempPathFactory) -> FitData:
     folder = tmp_path_factory.mktemp("fog")
     unseen = fog.write(folder / "unseen", [(2.2, 1.9, 2.0)])
-    return fit_data([fog.write(folder / "train", fog.CAMERAS)], tests=[unseen])
+    return gather_fit_data([fog.write(folder / "train", fog.CAMERAS)], tests=[unseen])
 
 
 def test_fog_is_recovered_in_views_not_seen(data: FitData, tmp_path: Path):
@@ -68,7 +68,7 @@ def test_fog_is_recovered_in_views_not_seen(data: FitData, tmp_path: Path):
 @pytest.fixture(scope="module")
 def patches(tmp_path_factory: pytest.TempPathFactory) -> FitData:
     """Three patches of the same fog."""
-    return fit_data([of_patches(tmp_path_factory.mktemp("many") / "set", [0, 0, 0, 1, 1, 1, 2, 2, 2])], held=1)
+    return gather_fit_data([of_patches(tmp_path_factory.mktemp("many") / "set", [0, 0, 0, 1, 1, 1, 2, 2, 2])], held=1)
 
 
 def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: FitData):
@@ -83,7 +83,7 @@ def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: FitData):
 @pytest.fixture(scope="module")
 def tiles(tmp_path_factory: pytest.TempPathFactory) -> FitData:
     """The 16 tiles of a torus, of the same fog."""
-    return fit_data([of_tiles(tmp_path_factory.mktemp("tiles") / "set", [*range(16), *range(16)])], held=1)
+    return gather_fit_data([of_tiles(tmp_path_factory.mktemp("tiles") / "set", [*range(16), *range(16)])], held=1)
 
 
 def test_a_tile_is_learned_where_it_lies_on_the_torus(tiles: FitData):

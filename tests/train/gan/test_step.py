@@ -18,7 +18,7 @@ from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.train.gan.generate import label
 from mesoshell.train.gan.state import Learner, TrainState, optimisers, start
 from mesoshell.train.gan.step import step
-from mesoshell.train.patch_renderer import tone_map
+from mesoshell.train.patch_renderer import discriminator_range
 from tests.helpers import small_step
 
 ROOT = Path(__file__).parents[3]
@@ -91,7 +91,7 @@ def test_renders_beside_the_next_ones_parameters_count_as_made() -> None:
     batch = small_step.batch()
     wrong = batch._replace(alpha=np.roll(batch.alpha, -1, axis=0), beta=np.roll(batch.beta, -1, axis=0))
     wrong = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), wrong)
-    y, c = tone_map(wrong.image[..., :3]), label(wrong)
+    y, c = discriminator_range(wrong.image[..., :3]), label(wrong)
     logits = jax.jit(discriminate)(begun().discriminator, y, c)
     more = 0.5 * np.mean(np.log1p(np.exp(logits)))
     assert more > 0.1

@@ -11,7 +11,7 @@ from mesoshell.io.exemplars import write_exemplars
 from mesoshell.io.image import write_png
 from mesoshell.io.names import distinct_names
 from mesoshell.train.fit.holdout import Scores
-from mesoshell.train.fit.result import conclude, fit_config, read_fit_data
+from mesoshell.train.fit.result import conclude, fit_config, fit_data_for
 from mesoshell.train.parallel import rows_of, split_cpu
 
 
@@ -27,7 +27,7 @@ def run(options: Options) -> None:
     if not datasets:
         raise InputError("fit", "no dataset given")
     with console.status("reading images"):
-        data = read_fit_data(config, datasets, tests)
+        data = fit_data_for(config, datasets, tests)
     count = sum(map(len, data.learned))
     console.print(f"{count:,} rays of {len(data.learned)} patches in {len(data.samples):,} images")
     state = learn(config, data, options.run)

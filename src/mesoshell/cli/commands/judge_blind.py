@@ -13,13 +13,13 @@ from mesoshell.io.dataset import read_dataset
 from mesoshell.io.dataset_images import load_images
 from mesoshell.io.image import write_png
 from mesoshell.io.records import read_object
-from mesoshell.measure.blind import count_right, draw_sheet, letters, marks, shuffle_pictures
+from mesoshell.measure.blind import draw_sheet, letters, marks, score_judge, shuffle_pictures
 
 
 def make_sheet(options: Blind) -> None:
     """Write sheet.png and answers.json."""
     from mesoshell.cli.compilation_cache import keep_compiled
-    from mesoshell.cli.judged_material import posed_material
+    from mesoshell.cli.judged_material import pose_named
 
     if not 0 <= options.seed < 2**32:
         raise InputError("--seed", f"{options.seed} must be from 0 to 4294967295")
@@ -31,11 +31,11 @@ def make_sheet(options: Blind) -> None:
     chosen = np.random.default_rng(options.seed).choice(len(dataset.samples), options.count, replace=False)
     samples = [dataset.samples[i] for i in chosen]
     keep_compiled()
-    made = posed_material(options.material, dataset).pictures(samples, options.seed)
+    made = pose_named(options.material, dataset).pictures(samples, options.seed)
     if options.against is None:
         real = load_images(replace(dataset, samples=tuple(samples)))
     else:
-        real = posed_material(options.against, dataset).pictures(samples, options.seed)
+        real = pose_named(options.against, dataset).pictures(samples, options.seed)
     sheet = shuffle_pictures(real, made, options.seed)
     answers = {
         "made": options.material,
@@ -66,7 +66,7 @@ def count_marks(options: Marks) -> None:
         given = _marks(file, read_file(file).decode(errors="replace"))
         if len(given) != len(answer):
             raise InputError(file, f"has {len(given)} marks; the sheet has {len(answer)} pictures")
-        rows[str(file)] = count_right(answer, given)
+        rows[str(file)] = score_judge(answer, given)
     print("| judge | right | share | 95% | by chance |\n|---|---|---|---|---|")
     for name, j in rows.items():
         print(f"| {name} | {j.right} of {j.count} | {j.share:.0%} | {j.low:.0%} to {j.high:.0%} | {j.chance:.2g} |")

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from mesoshell.cli.checks import at_least
 from mesoshell.cli.compilation_cache import keep_compiled
-from mesoshell.cli.judged_material import bundle_of, posed_material
+from mesoshell.cli.judged_material import bundle_of, pose_named
 from mesoshell.cli.options.judge import Scores
 from mesoshell.cli.progress import say_notes, stderr
 from mesoshell.errors import InputError
@@ -43,7 +43,7 @@ def run(options: Scores) -> None:
     probe_outputs([options.out / "scores.json", table])
     a, b = halves(dataset, options.images)
     keep_compiled()
-    posed = {name: posed_material(name, dataset) for name in bundles}
+    posed = {name: pose_named(name, dataset) for name in bundles}
     console = stderr()
     with console.status(f"{len(a)} renders beside {len(b)} others"):
         judge = judge_of(dataset, a, _networks(console))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mesoshell.cli.checks import settings_of
-from mesoshell.cli.described_scene import compiled_by, is_mitsubas, prepare_shown
+from mesoshell.cli.described_scene import compiled_by, is_mitsubas, prepare_with_bar
 from mesoshell.cli.options.render import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
@@ -34,7 +34,7 @@ def run(options: Options) -> None:
         raise InputError(option, f"is set in {options.mesh}")
     compiling = compiled_by(options.engine)
     with bar(console, "growing") as progress:
-        ready = prepare_shown(options, quality, options.spp or given.get("spp"), progress)
+        ready = prepare_with_bar(options, quality, options.spp or given.get("spp"), progress)
     say_notes(console, ready.notes)
     if options.explain and ready.effects is not None:
         console.print(str(ready.effects), soft_wrap=True)

@@ -13,7 +13,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.atomic import new_folder, probe_folder, probe_outputs
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.kept_textures import to_folder
-from mesoshell.io.material import find, normalise
+from mesoshell.io.material import find, parameter_vector
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.scene.materials import read_params
 from mesoshell.shell.generator.bake import patches_a_tile
@@ -95,5 +95,5 @@ def _wanted(options: Options, bundle: Bundle, extent: tuple[float, float]) -> Te
     for p in bundle.parameters:
         if p.name in maps and p.role == "alpha":
             raise InputError("--param", f"{p.name}: an image varies appearance in a render only, not in a texture")
-    normalise(bundle, values, "beta")
+    parameter_vector(bundle, values, "beta")
     return TextureRequest(options.seed, values, {name: field_of(image, extent, False) for name, image in maps.items()})

@@ -2,7 +2,7 @@
 
 import time
 
-from mesoshell.cli.described_scene import compiled_by, is_mitsubas, prepare_shown
+from mesoshell.cli.described_scene import compiled_by, is_mitsubas, prepare_with_bar
 from mesoshell.cli.options.tradeoff import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.scene.prepare import FIXED_BY_XML
@@ -21,7 +21,7 @@ def run(options: Options) -> None:
     )
     with bar(console, "preparing") as show:
         made = explore(
-            lambda quality: prepare_shown(options, quality, None, lambda share: None, shrink=True),
+            lambda quality: prepare_with_bar(options, quality, None, lambda share: None, shrink=True),
             FIXED_BY_XML if is_mitsubas(options.mesh) else (),
             options.out,
             options.minutes,

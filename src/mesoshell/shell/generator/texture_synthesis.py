@@ -17,7 +17,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.kept_textures import Allocate, kept, key_of
 from mesoshell.io.level_arrays import split
-from mesoshell.io.material import normalise
+from mesoshell.io.material import parameter_vector
 from mesoshell.shell.generator.bake import Share, bake
 from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.nodes import count_nodes
@@ -104,7 +104,7 @@ def bake_bundle(
 
 def _geometry(bundle: Bundle, wanted: TextureRequest, nodes: tuple[int, int]) -> Float[np.ndarray, "*nodes G"]:
     """β of the texture; or at each corner of its patches, if it varies."""
-    same = normalise(bundle, wanted.values, "beta")
+    same = parameter_vector(bundle, wanted.values, "beta")
     if not wanted.fields:
         return same
     varying = np.broadcast_to(same, (*nodes, len(same))).copy()

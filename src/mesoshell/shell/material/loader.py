@@ -46,8 +46,8 @@ class DeviceMaterial:
 
 
 def load_device_material(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> DeviceMaterial:
-    """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather. On a CPU,
-    levels that lie one after the other are not copied: of a folder's, which are mapped, only what a render looks up is read.
+    """Pack a bundle's features for lookup. The arrays keep the bundle's precision; half is twice as fast to gather. On a CPU
+    the mapped levels of a folder are not copied, if they lie one after the other.
 
     origin: (u, v), in whole patches, at which a texture with edges begins, or that of a seed of corner tiles.
     """
@@ -69,7 +69,7 @@ def load_device_material(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> De
     )
     rows = flatten(levels).reshape(-1, bundle.channels)
     material = Material(
-        mip.Pyramid(jax.device_put(rows, may_alias=True)),
+        mip.Pyramid(jax.device_put(rows, may_alias=not rows.flags.writeable)),
         mip.Pyramid(jnp.asarray(pack_heights(heights).reshape(-1, bundle.channels))),
         decoder_of(a),
         jnp.asarray(a["correction"]) if "correction" in a else None,

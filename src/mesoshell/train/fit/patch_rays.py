@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Float16, Int
 
 from mesoshell.errors import InputError
 from mesoshell.io.corner_tiles import SIDE, is_torus
-from mesoshell.io.dataset import Dataset, Sample, normalised_parameters, origin
+from mesoshell.io.dataset import Dataset, Sample, origin, parameter_table
 from mesoshell.io.dataset_images import load_image
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, pixel_grid, pixel_radius, rays
@@ -69,7 +69,7 @@ class FitData:
         return np.concatenate([colour[:, :3] / (1 + colour[:, :3]), colour[:, 3:]], axis=1)
 
 
-def fit_data(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset] = ()) -> FitData:
+def gather_fit_data(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset] = ()) -> FitData:
     """Datasets of the same patches together. held: how many pictures of each patch, in each dataset, are held out; tests:
     datasets that are held out as a whole.
 
@@ -100,7 +100,7 @@ def fit_data(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[Dataset
     )
     if min(map(len, learned)) == 0:
         raise InputError(datasets[0].folder, "has a patch whose pictures are all held out: none is left to learn from")
-    beta, alpha = (normalised_parameters(parameters, samples, role) for role in ("beta", "alpha"))
+    beta, alpha = (parameter_table(parameters, samples, role) for role in ("beta", "alpha"))
     origins = tuple(origin(d) for d in datasets if d not in tests)
     manifest = datasets[0].manifest | {"source": origins}
     where = [int(np.flatnonzero(of == k)[0]) for k in range(len(patches))]

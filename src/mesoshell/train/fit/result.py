@@ -19,7 +19,7 @@ from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared_parameters, to_bundle
 from mesoshell.train.fit.feed import adapt
 from mesoshell.train.fit.holdout import Scores, score
-from mesoshell.train.fit.patch_rays import FitData, fit_data
+from mesoshell.train.fit.patch_rays import FitData, gather_fit_data
 from mesoshell.train.fit.snapshot import exemplars, provenance
 from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
 from mesoshell.train.parallel import rows_of
@@ -72,10 +72,10 @@ def fit_config(
     )
 
 
-def read_fit_data(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence[Dataset]) -> FitData:
+def fit_data_for(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence[Dataset]) -> FitData:
     """The pictures of datasets, and of test datasets. Raises InputError if they have too few rays for a step, or more patches
     than memory holds."""
-    data = fit_data(datasets, config.held, tests)
+    data = gather_fit_data(datasets, config.held, tests)
     count, needed = sum(map(len, data.learned)), config.rays * config.batch
     if needed > count:
         raise InputError(Argument("rays"), f"{needed} a step: the datasets have {count} that meet the box")

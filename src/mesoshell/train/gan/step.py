@@ -24,7 +24,7 @@ from mesoshell.train.gan.generate import GeneratorStats, ImageBatch, conditions,
 from mesoshell.train.gan.regularise import blur
 from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers
 from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
-from mesoshell.train.patch_renderer import tone_map
+from mesoshell.train.patch_renderer import discriminator_range
 from mesoshell.train.update import HERE, Across, apply_gradient, not_finite
 from mesoshell.typing import Array, Bool, Scalar
 
@@ -51,7 +51,7 @@ def step(
 ) -> tuple[TrainState, GanReport]:
     """Both updates, R1 if it is due, and the averages. Pure."""
     wanted = conditions(config, batch)
-    c, c_fake, sharp = label(batch), label(wanted), tone_map(batch.image[..., :3])
+    c, c_fake, sharp = label(batch), label(wanted), discriminator_range(batch.image[..., :3])
     for_learner, for_discriminator = optimisers(config)
     s = config.blur * jnp.maximum(1 - state.images.astype(sharp.dtype) / (1000 * config.blur_kimg), 0)
 
@@ -65,7 +65,7 @@ def step(
 
     def make(learner: Learner) -> tuple[tuple[Array, Scalar], GeneratorStats]:
         pictures, stats = generate(config, learner, state.averages, wanted, across.each)
-        return (softened(tone_map(pictures[..., :3])), stats.roughness), stats
+        return (softened(discriminator_range(pictures[..., :3])), stats.roughness), stats
 
     (fake, _), back, stats = jax.vjp(make, state.learner, has_aux=True)
 

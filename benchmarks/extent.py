@@ -27,8 +27,8 @@ from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bun
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.train.export import generated_bundle
 
-#: A camera at eye height, in sides of the field: from, to, field of view; the pictures' side in pixels, and samples a pixel.
-EYE, SIDE, SAMPLES = (0.0, 0.02, 0.5, 0.0, 0.0, 0.35, 50.0), 512, 4
+#: A camera at eye height, in sides of the field: from, to, field of view; the pictures' side in pixels.
+EYE, SIDE = (0.0, 0.02, 0.5, 0.0, 0.0, 0.35, 50.0), 512
 
 
 def random_generator(texels: int, base: int, most: int) -> tuple[GeneratorConfig, Bundle]:
@@ -82,7 +82,7 @@ def look(folder: Path, engine: str, picture: Path) -> None:
         material = ms.load_material(folder)
         patches = material.shell.arrays["features/0"].shape[0] / material.shell.texel_density
         scene = ms.Scene("experiments/scenes/plane.obj", material, scale=1 / patches, camera=EYE, size=(SIDE, SIDE))
-        made = ms.render(scene, engine=engine, samples=SAMPLES)
+        made = ms.render(scene, engine=engine)
     seconds = made.report["seconds"]
     rendered = seconds["total"] - seconds["setup"]
     print(time.perf_counter() - begin - rendered, rendered, watch.most)

@@ -115,6 +115,12 @@ class Bundle:
         return "features/0" in self.arrays
 
     @property
+    def extent(self) -> tuple[float, float]:
+        """Patches (V, U) that the texture of a baked bundle covers."""
+        height, width = self.arrays["features/0"].shape[:2]
+        return height / self.texel_density, width / self.texel_density
+
+    @property
     def finest_corrected(self) -> bool:
         """Whether features are corrected at level 0 too: of a texture whose finer levels are left out."""
         return "correction" in self.arrays and bool(self.arrays["correction"][0].any())

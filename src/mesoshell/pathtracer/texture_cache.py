@@ -24,7 +24,7 @@ from mesoshell.io.cache import cache_folder
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import write_exr
 from mesoshell.io.material import digest
-from mesoshell.shell.geometry.chart import fits, patches_of
+from mesoshell.shell.geometry.chart import fits, patches_of, texture_origin
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,10 @@ def with_texture(
     if fixed and bundle.wraps:
         begins = seed_origin(wanted.seed or 0)
         return bundle, begins, (path, begins)
-    origin, needed = patches_of(uv)
     if fixed:
-        return bundle, origin, (path, origin)
+        begins = texture_origin(uv, bundle.extent)
+        return bundle, begins, (path, begins)
+    origin, needed = patches_of(uv)
     patches = needed.shape
     if not fits(patches, wanted.texels, bundle.channels):
         raise InputError(path, f"the mesh would carry {patches[1]} × {patches[0]} patches: give a larger scale")

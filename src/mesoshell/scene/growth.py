@@ -19,7 +19,7 @@ from mesoshell.limits import check_seed
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Grown, Scene
-from mesoshell.shell.geometry.chart import patches_of
+from mesoshell.shell.geometry.chart import patches_of, texture_origin
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
 
 
@@ -118,9 +118,11 @@ def _textured(
         raise InputError(PARAMS, f"{fixed[0]} is baked into {name}, which has no generator")
     if bundle.wraps:
         return bundle, seed_origin(part.seed or 0), []
-    (u, v), needed = patches_of(uv.reshape(-1, 3, 2))
-    texels = bundle.texel_density
-    height, width = (n / texels for n in bundle.arrays["features/0"].shape[:2])
+    (_, needed), (height, width) = patches_of(uv.reshape(-1, 3, 2)), bundle.extent
     small = needed.shape[1] > width + 2 or needed.shape[0] > height + 2
     note = f"the mesh spans about {needed.shape[1]} × {needed.shape[0]} patches, the texture {width:g} × {height:g}: "
-    return bundle, (u, v), [note + "its last texels repeat beyond its edges"] if small else []
+    return (
+        bundle,
+        texture_origin(uv.reshape(-1, 3, 2), bundle.extent),
+        [note + "its last texels repeat beyond its edges"] if small else [],
+    )

@@ -13,7 +13,8 @@ from mesoshell.io.twin import Twin
 from mesoshell.shell.generator.generator import synthesise
 from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.plan import halo_cost
-from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle, grow, patches_of
+from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle, grow
+from mesoshell.shell.geometry.chart import patches_of, texture_origin
 from mesoshell.shell.material.field import Point, neural_field
 from mesoshell.shell.material.loader import load_device_material
 from mesoshell.texture import mip
@@ -136,6 +137,22 @@ def test_patches_of_a_chart_that_lies_anywhere() -> None:
     expected[:, 0:2] = True  # u from −3.7 to −2.4, v from 6.6 to 8.4
     expected[:2, 6:] = True  # u from 2.1 to 3.4, v from 6.8 to 7.9
     np.testing.assert_array_equal(needed, expected)
+
+
+@pytest.mark.parametrize(
+    ("low", "size", "origin"),
+    [
+        ((0.0, 0.0), (3.0, 3.0), (0, 0)),  # baked for the square
+        ((0.0, 0.0), (5.0, 5.0), (-1, -1)),  # grown for it, with what lookups from afar reach
+        ((-1e-5, 2.0), (3.0, 3.0), (0, 2)),
+        ((-0.2, 0.0), (5.0, 4.0), (-1, -1)),
+        ((0.0, 0.0), (2.0, 9.0), (-1, 0)),  # smaller along v alone
+    ],
+)
+def test_where_a_given_texture_begins(low, size, origin) -> None:
+    """Of a square of 3 × 3 patches."""
+    corner = np.array([[0, 0], [3, 0], [3, 3], [0, 0], [3, 3], [0, 3]], np.float64).reshape(2, 3, 2)
+    assert texture_origin(corner + np.array(low), size) == origin
 
 
 def test_a_grown_surface_reads_its_own_texture(bundle) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 REACH = 0.5
+#: A corner so little before a patch is of that patch.
+ROUNDING = 1e-3
 #: Most bytes of a texture in memory, with its mips: more means too many patches on the mesh.
 MAX_BYTES = 6 * 2**30
 
@@ -26,6 +28,15 @@ def patches_of(uv: Float[np.ndarray, "P 3 2"]) -> tuple[tuple[int, int], Bool[np
     for (u0, v0), (u1, v1) in zip(low - first, high - first, strict=True):
         needed[v0 : v1 + 1, u0 : u1 + 1] = True
     return (int(first[0]), int(first[1])), needed
+
+
+def texture_origin(uv: Float[np.ndarray, "P 3 2"], size: tuple[float, float]) -> tuple[int, int]:
+    """Origin (u, v) of a texture of `size` patches (V, U) that is given: the first patch that is needed, or, along an axis on
+    which the texture is smaller than that, the first that the surface touches."""
+    first, needed = patches_of(uv)
+    touched = np.floor(uv.min(axis=(0, 1)) + ROUNDING).astype(int)
+    u, v = (f if s >= n else int(t) for f, t, s, n in zip(first, touched, size[::-1], needed.shape[::-1], strict=True))
+    return u, v
 
 
 def cells(uv: Float[np.ndarray, "P 3 2"]) -> tuple[np.ndarray, np.ndarray]:

@@ -96,6 +96,7 @@ def main() -> None:
     parser.add_argument("--base", type=int, default=1024, help="channels of a layer: base over twice its cutoff")
     parser.add_argument("--most", type=int, default=16, help="channels of a layer, at most")
     parser.add_argument("--folder", type=Path, default=None, help="where to write; the system's own otherwise")
+    parser.add_argument("--engines", nargs="*", default=["jax", "mitsuba"], help="what renders the field, if anything")
     parser.add_argument("--keep", type=Path, default=None, help="folder for the pictures")
     parser.add_argument("--look", nargs=3, default=None, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -108,15 +109,15 @@ def main() -> None:
     tile = patches_a_tile(options.texels) * options.texels
     print(f"tiles of {tile}², {halo_cost(config, tile):.2f} times the work of what they keep\n")
     print("| side | baked, s | texels a second | most memory, MiB | on disk, MiB |", end="")
-    print("".join(f" {engine}: set-up, s | a picture, s | most memory, MiB |" for engine in ("jax", "mitsuba")))
-    print("|---" * 11 + "|")
+    print("".join(f" {engine}: set-up, s | a picture, s | most memory, MiB |" for engine in options.engines))
+    print("|---" * (5 + 3 * len(options.engines)) + "|")
     for side in options.sides:
         with tempfile.TemporaryDirectory(dir=options.folder) as scratch:
             folder = Path(scratch) / "texture"
             seconds, most, written = bake(bundle, side, folder)
             rate = side**2 / seconds
             row = f"| {side} | {seconds:.1f} | {rate:,.0f} | {most / 2**20:.0f} | {written / 2**20:.0f} |"
-            for engine in ("jax", "mitsuba"):
+            for engine in options.engines:
                 picture = (options.keep or Path(scratch)) / f"{side}_{engine}.png"
                 command = [sys.executable, "-m", "benchmarks.extent", "--look", str(folder), engine, str(picture)]
                 done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)

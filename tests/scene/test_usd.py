@@ -15,14 +15,17 @@ import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import load_mesh, load_nodes
-from mesoshell.io.bundle import Bundle
-from mesoshell.io.image import write_exr
+from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.image import read_exr, write_exr
 from mesoshell.limits import memory
 from mesoshell.render.light import environment, lookup
+from mesoshell.render.quality import Quality
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material
+from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.scene.settle import settle
 from mesoshell.scene.unpack import read_scene_file, unpack
+from mesoshell.viewer.look import command, first_look, scene_of_look
 
 #: A square in the plane z = 0, of texture coordinates equal to positions.
 SQUARE = """
@@ -425,3 +428,21 @@ def test_a_sky_that_cannot_be_read_is_left_out(tmp_path: Path, tiny_bundle: Bund
     still = settle(scene)
     assert still.environment is None and len(still.lights) == 3
     assert any(note.startswith("its sky is left out: ./sky.exr: ") for note in mesh_of(still.mesh).notes)
+
+
+def test_a_stages_sky_is_exported_and_brought_by_the_viewers_command(tmp_path: Path, tiny_bundle: Bundle):
+    """The folder holds the map as it lies here; the command line names the stage, which has its sky, and no other."""
+    write_exr(tmp_path / "sky.exr", np.random.default_rng(0).random((4, 8, 3), np.float32), half=False)
+    given = "asset inputs:texture:file = @./sky.exr@\n"
+    path = stage(tmp_path, mesh("A") + dome(given), 'upAxis = "Z"')
+    write_bundle(tmp_path / "tiny.npz", tiny_bundle)
+    scene = ms.Scene(path, ms.load_material(tmp_path / "tiny.npz"), size=(8, 8))
+    still = settle(scene)
+    write_folder(scene, tmp_path / "folder", Quality())
+    np.testing.assert_array_equal(read_exr(tmp_path / "folder" / "sky.exr"), still.environment)
+    look, camera = first_look(still), still.camera
+    assert isinstance(camera, ms.Camera)
+    shown = command(scene, scene_of_look(still, still, look, camera, True), look, "jax", 1)
+    assert str(path) in shown and "--no-suns" not in shown and "--environment" not in shown and "--light" not in shown
+    sun = replace(look, sun=(0.5, 0.5))
+    assert "--light" in command(scene, scene_of_look(still, still, sun, camera, True), sun, "jax", 1)

@@ -14,6 +14,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
+from typing import Literal
 
 import jax
 
@@ -75,7 +76,7 @@ def bake(bundle: Bundle, side: int, folder: Path) -> tuple[float, int, int]:
     return time.perf_counter() - begin, watch.most, sum(p.stat().st_size for p in folder.rglob("*.npy"))
 
 
-def look(folder: Path, engine: str, picture: Path) -> None:
+def look(folder: Path, engine: Literal["jax", "mitsuba"], picture: Path) -> None:
     """Print seconds of reading and set-up, seconds of a picture, and the most bytes of memory."""
     begin = time.perf_counter()
     with Watch() as watch:

@@ -11,7 +11,7 @@ from mesoshell.cli.main import main
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import read_bundle, write_bundle
 from mesoshell.io.dataset import read_dataset
-from mesoshell.io.image import read_png, write_exr, write_png
+from mesoshell.io.image import read_exr, read_png, write_exr, write_png
 from mesoshell.io.pack import pack_dataset
 from mesoshell.measure import evaluation as measured
 from mesoshell.measure.features import Extractor
@@ -186,6 +186,41 @@ def test_a_texture_is_a_material_of_its_own(material, tmp_path, capsys) -> None:
     coarse = read_bundle(tmp_path / "coarse.npz")
     assert coarse.texel_density == 4
     np.testing.assert_array_equal(coarse.arrays["features/0"], field.arrays["features/2"])
+
+
+@pytest.mark.parametrize("engine", ["jax", pytest.param("mitsuba", marks=pytest.mark.slow)])
+def test_a_texture_of_a_folder_is_that_of_a_file_and_begins_where_the_mesh_does(material, tmp_path, engine) -> None:
+    """Baked for a square of 2 × 2 patches, it does not run out before the square's end: more of it changes nothing. Baked with
+    the patch around it that lookups from afar reach, it is what grows there."""
+    square = "v 0 0 0\nv 1 0 0\nv 1 0 -1\nv 0 0 -1\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n"
+    (tmp_path / "square.obj").write_text(square)
+    for name, extent in (("file.npz", "2"), ("folder", "2"), ("more.npz", "3"), ("whole.npz", "4")):
+        main(["texture", str(material), "--extent", extent, extent, "--seed", "0", "--out", str(tmp_path / name)])
+
+    def seen(texture) -> np.ndarray:
+        view = [
+            "--camera",
+            "0.5",
+            "2",
+            "-0.499",
+            "0.5",
+            "0",
+            "-0.5",
+            "20",
+            "--scale",
+            "0.5",
+            "--set",
+            "filtering=false",
+        ]
+        given = ["render", str(tmp_path / "square.obj"), "--material", str(texture), *view, "--size", "24", "24"]
+        main([*given, "--engine", engine, "--out", str(tmp_path / "a.exr")])
+        return read_exr(tmp_path / "a.exr")[3:-3, 3:-3]
+
+    file, folder, more, whole = (seen(tmp_path / name) for name in ("file.npz", "folder", "more.npz", "whole.npz"))
+    np.testing.assert_array_equal(file, folder)
+    np.testing.assert_allclose(whole, seen(material), atol=1e-3)
+    another = np.abs(whole - file).mean()  # a patch farther
+    assert np.abs(more - file).mean() < 0.02 * another > 1e-4
 
 
 def test_seeds_grow_on_a_mesh(material, tmp_path) -> None:

@@ -17,7 +17,6 @@ from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import load_mesh, load_nodes
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr, write_exr
-from mesoshell.limits import memory
 from mesoshell.render.light import environment, lookup
 from mesoshell.render.quality import Quality
 from mesoshell.scene.kept_meshes import mesh_of
@@ -50,11 +49,9 @@ def mesh(name: str, more: str = "", kind: str = "", body: str = SQUARE) -> str:
 def test_memory_is_bounded_while_a_stage_is_read(tmp_path: Path):
     """A damaged one may ask for more than there is, and Linux would end the process when it is used."""
     path = stage(tmp_path, mesh("A"))
-    free, half = resource.getrlimit(resource.RLIMIT_AS), memory() // 2
-    with read_usd.open_stage(path):
+    free = resource.getrlimit(resource.RLIMIT_AS)
+    with read_usd.open_stage(path):  # what a limit refuses: tests/test_contained
         assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
-        with pytest.raises(MemoryError):
-            np.empty(half + 2**30, np.uint8)
     assert resource.getrlimit(resource.RLIMIT_AS) == free
 
 

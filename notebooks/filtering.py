@@ -66,7 +66,7 @@ for level, (before, after) in enumerate(corrected.provenance["correction"]["rms"
 
 # %%
 def field(material: ms.Material, camera: tuple[float, ...], light: tuple[float, ...]) -> ms.Scene:
-    return ms.Scene("experiments/scenes/plane.obj", material, scale=0.03, camera=camera, size=(64, 48), lights=[light])
+    return ms.Scene("experiments/scenes/plane.obj", material, scale=0.03, camera=camera, size=(56, 42), lights=[light])
 
 
 def shown(picture: ms.Picture) -> np.ndarray:
@@ -82,8 +82,8 @@ for row, (name, view) in zip(axes, views.items(), strict=True):
     pictures = {
         "averaged features": ms.render(field(plain, *view), "normal", footprint=1.0),
         "corrected": ms.render(field(corrected, *view), "normal", footprint=1.0),
-        "no filter, 12 rays": ms.render(
-            field(corrected, *view), "normal", filtering=False, samples=64, pixel_samples=12
+        "no filter, 8 rays": ms.render(
+            field(corrected, *view), "normal", filtering=False, samples=64, pixel_samples=8
         ),
     }
     light = [picture.rgba[..., :3].mean() for picture in pictures.values()]
@@ -103,7 +103,7 @@ plt.show()
 # %%
 hill = field(corrected, (0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 40.0), (0.3, 0.5, 0.8))
 fine = {"samples": 64, "coordinates": "exact"}
-many = ms.render(hill, "normal", filtering=False, pixel_samples=32, **fine)
+many = ms.render(hill, "normal", filtering=False, pixel_samples=16, **fine)
 figure, axes = plt.subplots(1, 4, figsize=(11, 2.8))
 for axis, footprint in zip(axes[:3], (1.0, 0.5, 0.25), strict=True):
     picture = ms.render(hill, "normal", footprint=footprint, pixel_samples=4, **fine)
@@ -111,7 +111,7 @@ for axis, footprint in zip(axes[:3], (1.0, 0.5, 0.25), strict=True):
     axis.set_title(f"footprint {footprint}, FLIP {flip(picture.rgba[..., :3], many.rgba[..., :3]):.3f}", fontsize=9)
     axis.axis("off")
 axes[3].imshow(shown(many))
-axes[3].set_title("no filter, 32 rays", fontsize=9)
+axes[3].set_title("no filter, 16 rays", fontsize=9)
 axes[3].axis("off")
 plt.tight_layout()
 plt.show()

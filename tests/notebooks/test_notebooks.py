@@ -8,7 +8,7 @@ import pytest
 from notebooks.execute import NO_BLENDER, NOTEBOOKS, can_run, execute
 
 #: Those that take longer to run than to compile.
-OPTIMISED = {"accuracy_and_time.py", "atlas.py", "corner_tiles.py", "film.py"}
+OPTIMISED = {"accuracy_and_time.py", "atlas.py", "corner_tiles.py", "film.py", "filtering.py"}
 
 
 @pytest.mark.apart

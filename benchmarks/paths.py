@@ -1,4 +1,4 @@
-"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates | --spacing | --passes]
+"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates | --spacing | --passes | --halves]
 
 Prints, in one run: samples of a material decoded a second, over what this machine's matrix products would allow; first and
 second picture; paths a second against Mitsuba's own `path` on the bare meshes; and seconds to 5% error on three scenes.
@@ -6,6 +6,7 @@ second picture; paths a second against Mitsuba's own `path` on the bare meshes; 
 longer pictures take with all effects compiled than with those that their scenes call for, in turn. --spacing: instead, what
 samples by density cost and err beside those by length (`Quality.spacing`), and beside the settings before there were any.
 --passes: instead, the error of pictures whose number of paths was not known from the start, beside those of other samplers.
+--halves: instead, what a texture costs that is kept in half precision, as large ones are, beside one that is widened.
 """
 
 import argparse
@@ -22,7 +23,7 @@ from benchmarks.rates import matrix_rate
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import find
 from mesoshell.measure.flip import flip
-from mesoshell.pathtracer import load_dict, load_file
+from mesoshell.pathtracer import levels, load_dict, load_file
 from mesoshell.pathtracer.passes import render_pass
 from mesoshell.render.effects import Effect, Effects
 from mesoshell.render.quality import PRESETS
@@ -205,6 +206,18 @@ def gates(name: str, scene: Any, spp: int = 16, turns: int = 6) -> None:
     print(f"| {name} | {off} | {full / gated:.2f} | {full * noisy / gated / quiet:.2f} | {first:.2f} |", flush=True)
 
 
+def halves(name: str, side: int, spp: int = 16, turns: int = 7) -> None:
+    """Seconds of pictures with a texture in half precision over those with the same one widened, in turn."""
+    scenes, widened = [], levels.MAX_WIDENED
+    for limit in (widened, 0):
+        levels.MAX_WIDENED = limit
+        scenes.append(load_file(SCENES / f"{name}.xml", width=side, height=side))
+        shot(scenes[-1], spp)
+    levels.MAX_WIDENED = widened
+    took = np.array([[seconds(lambda s=s, k=k: shot(s, spp, k)) for s in scenes] for k in range(turns)])
+    print(f"| {name} | {np.median(took[:, 1] / took[:, 0]):.2f} |", flush=True)
+
+
 def _bare(name: str) -> Path:
     """The scene without its shells."""
     text = (SCENES / f"{name}.xml").read_text()
@@ -222,6 +235,7 @@ def main() -> None:
     parser.add_argument("--spacing", action="store_true", help="measure samples by density and by length")
     parser.add_argument("--passes", action="store_true", help="measure errors of paths that are even in any number")
     parser.add_argument("--gates", action="store_true", help="measure what effects that are off save")
+    parser.add_argument("--halves", action="store_true", help="measure what half precision of a texture costs")
     asked = parser.parse_args()
     if asked.gates:
         print("| scene | off | a picture | the same noise | the first picture |\n|---|---|---|---|---|")
@@ -231,7 +245,9 @@ def main() -> None:
         for name in ("spot", "room", "field"):
             gates(name, load_file(SCENES / f"{name}.xml", width=asked.side, height=asked.side))
         return
-    if asked.spacing:
+    if asked.halves:
+        print("| scene | half precision over widened |\n|---|---|")
+    elif asked.spacing:
         print("| scene | settings | σ a path | µs a path | pixel | mean | FLIP |\n|---|---|---|---|---|---|---|")
     elif asked.passes:
         print("| scene | paths | independent | passes | multijittered |\n|---|---|---|---|---|")
@@ -239,10 +255,10 @@ def main() -> None:
         print("| scene | spread | pixel, off 0 | mean, off 0 | noise | µs a path |\n|---|---|---|---|---|---|")
     else:
         decoding(256)
+    ways = ((asked.halves, halves), (asked.spacing, spacings), (asked.passes, of_passes), (asked.later, later))
+    measure = next((way for wanted, way in ways if wanted), to_goal)
     for name in ("spot", "room", "field"):
-        (spacings if asked.spacing else of_passes if asked.passes else later if asked.later else to_goal)(
-            name, asked.side
-        )
+        measure(name, asked.side)
 
 
 if __name__ == "__main__":

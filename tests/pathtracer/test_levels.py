@@ -18,9 +18,8 @@ def test_every_finite_half_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     """All 63 488 of them, subnormal ones and −0 among them, bit for bit."""
     every = np.arange(2**16, dtype=np.uint16).view(np.float16)
     every = every[np.isfinite(every)].reshape(1, -1, 8)
-    monkeypatch.setattr(levels, "MAX_WIDENED", 0)
     plain = rows(Levels([every]), every.shape[1])
-    monkeypatch.setattr(levels, "MAX_ENTRIES", 30_000)
+    monkeypatch.setattr(levels, "MAX_WIDENED", 0)
     found = rows(Levels([every]), every.shape[1])
     np.testing.assert_array_equal(found.view(np.uint32), every[0].astype(np.float32).view(np.uint32))
     np.testing.assert_array_equal(plain, found)
@@ -28,7 +27,6 @@ def test_every_finite_half_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_rows_of_several_levels_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(levels, "MAX_WIDENED", 0)
-    monkeypatch.setattr(levels, "MAX_ENTRIES", 100)
     some = [np.random.default_rng(0).normal(size=(n, n, 12)).astype(np.float16) for n in (4, 2)]
     expected = np.concatenate([x.reshape(-1, 12) for x in some]).astype(np.float32)
     np.testing.assert_array_equal(rows(Levels(some), 20), expected)

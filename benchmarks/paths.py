@@ -1,10 +1,11 @@
-"""What path tracing costs: python -m benchmarks.paths [--side 192] [--later | --gates | --spacing | --passes | --halves]
+"""What path tracing costs: python -m benchmarks.paths [--side 192] [WAY]
 
 Prints, in one run: samples of a material decoded a second, over what this machine's matrix products would allow; first and
 second picture; paths a second against Mitsuba's own `path` on the bare meshes; and seconds to 5% error on three scenes.
 --later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`). --gates: instead, how much
 longer pictures take with all effects compiled than with those that their scenes call for, in turn. --spacing: instead, what
 samples by density cost and err beside those by length (`Quality.spacing`), and beside the settings before there were any.
+--density: instead, what a baked density costs and errs beside the network's (`Quality.density`).
 --passes: instead, the error of pictures whose number of paths was not known from the start, beside those of other samplers.
 --halves: instead, what a texture costs that is kept in half precision, as large ones are, beside one that is widened.
 """
@@ -127,16 +128,29 @@ def later(name: str, side: int, spp: int = 16, passes: int = 12) -> None:
         )
 
 
-def spacings(name: str, side: int, spp: int = 16, passes: int = 8) -> None:
-    """Against many samples by length: how far pictures are from it, noise taken off, and what a path costs."""
+def spacings(name: str, side: int) -> None:
     changes: list[dict[str, Any]] = [{"samples": 160, "spacing": "length", "skip": 0.01}]
     changes += [{"samples": 48, "spacing": "length", "height_filter": 1.0}, {"spacing": "length"}, {}]
     changes += [{"samples": 14}, {"samples": 10}, {"samples": 10, "height_filter": 0.2}]
+    beside(name, side, [{"density": "network"} | changed for changed in changes])
+
+
+def densities(name: str, side: int) -> None:
+    network: dict[str, Any] = {"density": "network"}
+    fine = network | {"samples": 80, "filtering": False}
+    beside(name, side, [fine, network, network | {"filtering": False}, {}, {"samples": 40}, {"samples": 14}])
+
+
+def beside(name: str, side: int, settings: list[dict[str, Any]], spp: int = 16, passes: int = 8) -> None:
+    """Against the first settings: how far pictures of the others are from it, noise taken off, what a path costs, and seconds
+    of set-up."""
     plain = None
-    for changed in changes:
+    for changed in settings:
+        begin = time.perf_counter()
         scene: Any = load_file(
             SCENES / f"{name}.xml", PRESETS["normal"].with_changes(**changed), width=side, height=side
         )
+        set_up = time.perf_counter() - begin
         shot(scene, spp)
         before, took, many = scene.integrator().context.queries, [], []
         for seed in range(1, passes * (1 if plain else 2) + 1):
@@ -149,8 +163,9 @@ def spacings(name: str, side: int, spp: int = 16, passes: int = 8) -> None:
         apart = max(np.square(mean - plain[0]).mean() - noise - plain[1], 0) ** 0.5 / plain[0].mean()
         what = ", ".join(f"{k} {v}" for k, v in changed.items()) or "normal"
         print(
-            f"| {name} | {what} | {queries:.1f} | {min(took) / side**2 / spp * 1e6:.1f} | {apart:.1%} | "
-            f"{mean.mean() / plain[0].mean() - 1:+.1%} | {flip(*(np.clip(x, 0, 1) for x in (plain[0], mean))):.3f} |",
+            f"| {name} | {what} | {queries:.1f} | {min(took) / side**2 / spp * 1e6:.1f} | {set_up:.1f} | "
+            f"{(noise * len(many)) ** 0.5 / plain[0].mean():.1%} | {apart:.1%} | {mean.mean() / plain[0].mean() - 1:+.1%} | "
+            f"{flip(*(np.clip(x, 0, 1) for x in (plain[0], mean))):.3f} |",
             flush=True,
         )
 
@@ -233,6 +248,7 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=192, help="pixels along a side of the three scenes' pictures")
     parser.add_argument("--later", action="store_true", help="measure footprints after events")
     parser.add_argument("--spacing", action="store_true", help="measure samples by density and by length")
+    parser.add_argument("--density", action="store_true", help="measure a baked density and the network's")
     parser.add_argument("--passes", action="store_true", help="measure errors of paths that are even in any number")
     parser.add_argument("--gates", action="store_true", help="measure what effects that are off save")
     parser.add_argument("--halves", action="store_true", help="measure what half precision of a texture costs")
@@ -247,15 +263,16 @@ def main() -> None:
         return
     if asked.halves:
         print("| scene | half precision over widened |\n|---|---|")
-    elif asked.spacing:
-        print("| scene | settings | σ a path | µs a path | pixel | mean | FLIP |\n|---|---|---|---|---|---|---|")
+    elif asked.spacing or asked.density:
+        print(f"| scene | settings | σ a path | µs a path | set up, s | noise | pixel | mean | FLIP |\n{'|---' * 9}|")
     elif asked.passes:
         print("| scene | paths | independent | passes | multijittered |\n|---|---|---|---|---|")
     elif asked.later:
         print("| scene | spread | pixel, off 0 | mean, off 0 | noise | µs a path |\n|---|---|---|---|---|---|")
     else:
         decoding(256)
-    ways = ((asked.halves, halves), (asked.spacing, spacings), (asked.passes, of_passes), (asked.later, later))
+    ways = [(asked.halves, halves), (asked.spacing, spacings), (asked.density, densities)]
+    ways += [(asked.passes, of_passes), (asked.later, later)]
     measure = next((way for wanted, way in ways if wanted), to_goal)
     for name in ("spot", "room", "field"):
         measure(name, asked.side)

@@ -17,7 +17,7 @@ AGE = 0.3
 #: Of the pictures, in pixels.
 SIZE = 12
 QUALITY = PRESETS["normal"].with_changes(
-    pixel_samples=1, samples=20, early_stop=0.0, spacing="length", light_samples=0, anisotropy=1
+    pixel_samples=1, samples=20, early_stop=0.0, spacing="length", light_samples=0, density="network", anisotropy=1
 )
 #: ∫ of the fade of ρ below the horizon and 1 above it, over the sphere.
 WHOLE = 2 * np.pi * 1.05

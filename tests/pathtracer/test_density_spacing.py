@@ -38,7 +38,7 @@ class Blocks:
     def bound(self, sample, taps) -> mi.Float:
         return dr.gather(mi.Float, self.tables[1], self._index(sample.xi))
 
-    def sigma(self, sample, taps) -> mi.Float:
+    def sigma(self, sample, taps, baked) -> mi.Float:
         return dr.gather(mi.Float, self.tables[0], self._index(sample.xi))
 
     def _index(self, xi) -> mi.UInt32:

@@ -95,6 +95,7 @@ def test_effects_that_are_off_change_nothing(materials, material, patches, eye, 
         "opacity",
         "twin",
         "corner_tiles",
+        "baked_density",
     }
     assert left_out == off | others | {"anisotropic_filtering"}
 
@@ -105,7 +106,8 @@ def test_effects_that_are_off_change_nothing(materials, material, patches, eye, 
     gated = means(0)
     assert gated.mean() > 0.01
     every = {
-        name: Effect(name not in ("quadrature", "surface_materials"), "for the test") for name in vars(context.effects)
+        name: Effect(name not in ("quadrature", "surface_materials", "baked_density"), "for the test")
+        for name in vars(context.effects)
     }
     context.effects = replace(context.effects, **every)
     full = means(16)

@@ -420,7 +420,7 @@ def test_effects_that_are_off_change_nothing(folder, light: dict, depth: int, of
     context = made.integrator().context
     left_out = {name for name, effect in vars(context.effects).items() if not effect.on}
     others = {"area_light", "shells", "shell_shadow", "camera_in_shell", "quadrature", "varying_parameters"}
-    others |= {"varying_geometry", "filtering", "anisotropic_filtering", "twin", "corner_tiles"}
+    others |= {"varying_geometry", "baked_density", "filtering", "anisotropic_filtering", "twin", "corner_tiles"}
     assert left_out == off | others
     gated = means(made, 0, 16)
     assert gated[:, :3].mean() > 0.01

@@ -125,6 +125,28 @@ def test_an_engine_says_what_it_cannot():
     assert not left_out(plan_effects(replace(room, enclosed=0.09), Quality(), MARCH))
 
 
+@pytest.mark.parametrize(
+    "changes, density, on, why",
+    [
+        ({}, "baked", True, "from a grid of 0.001 million numbers; its columns are 1.5 of a footprint"),
+        ({}, "network", False, "switched off by quality"),
+        ({"magnified": 2.5}, "baked", False, "from near its columns are 2.5 times as wide as a pixel's footprint"),
+        ({"magnified": np.inf}, "baked", False, "from near its columns are inf times as wide"),
+        ({"baked": 2**26}, "network", False, "its grid would hold 67 million numbers, above 34"),
+        ({"environment": False}, "baked", False, "samples that are summed need the network's features"),
+        ({"shells": 0}, "baked", False, "no shells"),
+    ],
+)
+def test_a_density_is_baked_for_drawn_paths_that_see_no_finer(changes: dict, density: str, on: bool, why: str):
+    """And nothing is filtered then."""
+    facts = replace(PLAIN, **{"environment": True, "baked": 1000, "magnified": 1.5, "coarsest": 3.0} | changes)
+    effects = plan_effects(facts, Quality(density=density), PATHS)
+    assert effects.baked_density.on == on and effects.baked_density.why.startswith(why)
+    assert not (on and (effects.filtering.on or effects.anisotropic_filtering.on))
+    marched = plan_effects(facts, Quality(density=density), MARCH)
+    assert not marched.baked_density.on and not marched.baked_density.missing
+
+
 @pytest.mark.parametrize("engine", [MARCH, SURFACE, PATHS])
 def test_engines_can_what_there_is(engine: Engine):
     assert engine.can <= {f.name for f in fields(Effects)}
@@ -156,7 +178,11 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     assert used(lone, PATHS) == paths | {"weight_cut"}
     assert used(lone, PATHS, max_depth=2) == paths | {"weight_cut", "max_depth"}
     assert used(room, PATHS) == paths | filtered | {"max_depth", "twin", "rr_depth", "bounce_spread"}
-    everywhere = used(sky, MARCH) | used(room, PATHS) | used(SURFACE_ONLY, SURFACE)
+    drawn = replace(room, baked=100, magnified=1.0)
+    most = used(room, PATHS)
+    assert used(drawn, PATHS) == most - filtered - {"filtering"} | {"density"}
+    assert used(drawn, PATHS, density="network") == most | {"density"} and used(drawn, MARCH) == used(room, MARCH)
+    everywhere = used(drawn, PATHS) | used(sky, MARCH) | used(room, PATHS) | used(SURFACE_ONLY, SURFACE)
     assert everywhere == {f.name for f in fields(Quality)}
 
 

@@ -12,6 +12,7 @@ BAD = {
     "spacing": "even",
     "height_filter": 2.0,
     "coordinates": "newton",
+    "density": "voxels",
     "early_stop": 1.0,
     "skip": -0.1,
     "weight_cut": float("nan"),

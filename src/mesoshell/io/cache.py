@@ -18,6 +18,7 @@ ROOMS = {
     "grown": "textures",
     "textures": "textures of XML scenes",
     "meshes": "unwrapped meshes",
+    "densities": "baked densities",
 }
 
 

@@ -6,9 +6,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mesoshell.pathtracer.media import Medium
+from mesoshell.pathtracer.media import Medium, baked_size, grid_columns
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
-from mesoshell.pathtracer.texture_lod import PINHOLES, coarsest, eye_of
+from mesoshell.pathtracer.texture_lod import PINHOLES, coarsest, eye_of, magnified
 from mesoshell.render.facts import Facts
 from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.shell.geometry.horizon import lowest
@@ -29,7 +29,7 @@ def facts_of(
     kinds = [_kind(e) for e in scene.emitters()]
     geometry, media = [shell for shell, _ in shells], [medium for _, medium in shells]
     others = len(scene.shapes())  # meshes with surface materials are not among them
-    heights = [m.material.heights for m in media]
+    heights, densities = [m.material.heights for m in media], [m.material.density for m in media]
     grouped = any(s.class_name() == "Instance" for s in scene.shapes())  # an instance may hold other meshes too
     return Facts(
         shells=len(shells),
@@ -44,7 +44,9 @@ def facts_of(
         enclosed=0.0 if convex and others + len(surfaces) == 1 else 1.0,
         low=len(kinds) > kinds.count("distant") or any(lowest(s, _toward(scene)) <= 0 for s in geometry),
         ground=max((_albedo(s.bsdf()) for s in scene.shapes()), default=0.0),
-        coarsest=coarsest(scene.sensors(), geometry, [m.material.density for m in media]),
+        coarsest=coarsest(scene.sensors(), geometry, densities),
+        magnified=magnified(scene, geometry, grid_columns(media)),
+        baked=baked_size(media),
         rows=max((h.rows for h in heights), default=0),
         inside=bool(geometry) and any(_may_be_inside(s, geometry) for s in scene.sensors()),
         varying=tuple(sorted({name for m in media for name in m.varying})),

@@ -54,7 +54,7 @@ class Levels:
         offset = dr.gather(mi.UInt32, self.offset, l)
         i, j = dr.floor(x), dr.floor(y)
         fx, fy = x - i, y - j
-        columns, lines = ([_texel(k, n, wraps) for k in (m, m + 1)] for m, n in ((i, width), (j, height)))
+        columns, lines = ([texel(k, n, wraps) for k in (m, m + 1)] for m, n in ((i, width), (j, height)))
         total = [mi.Float(0)] * self.width
         for line, wy in zip(lines, (1 - fy, fy), strict=True):
             for column, wx in zip(columns, (1 - fx, fx), strict=True):
@@ -84,8 +84,8 @@ class Levels:
         return [mi.Float(numbers[c]) for c in range(self.width)]
 
 
-def _texel(i, n, wraps):
-    """Index of texel i of n."""
+def texel(i, n, wraps):
+    """Index of texel i of n along an axis."""
     size = mi.Float(n)
     if wraps:
         i = dr.select(i < 0, i + size, dr.select(i >= size, i - size, i))

@@ -12,6 +12,9 @@ F           F(u, v) + F(h) + δ, each filtered                                  
 ω, ω′       toward the viewer, toward the light                                   (3,), canonical
 """
 
+import functools
+import hashlib
+
 import drjit as dr
 import drjit.nn as nn
 import mitsuba as mi
@@ -50,6 +53,18 @@ class Material:
         self.trunk, self.sigma = network(a, "decoder/trunk", "decoder/sigma")
         self.head, self.rho = network(a, "decoder/head", "decoder/rho")
         self.features = len(a["decoder/sigma/kernel"])
+        self._bundle = bundle
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """A hash of all that σ of the finest level depends on."""
+        sha, b = hashlib.sha256(), self._bundle
+        names = (k for k in sorted(b.arrays) if not k.startswith(("features/", "grid/")) or k == "features/0")
+        for name in names:
+            array = np.ascontiguousarray(b.arrays[name])
+            sha.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
+        sha.update(f"{b.texel_density} {b.wraps} {b.height_octaves} {b.finest_corrected}".encode())
+        return sha.hexdigest()
 
     def level(self, radius, taps=1):
         """Level at which a texel is as wide as the footprint's ±1 standard deviation; None for the finest."""
@@ -91,7 +106,18 @@ class Material:
         plane = self._along(sample, taps) if taps > 1 else self._filtered(xi, self.level(sample.radius, taps))
         if self.correction is not None and (taps or self.finest_corrected):
             plane = _plus(plane, 1, self._correction(self.correction, sample, taps))
-        profile = self.heights.at(xi, sample.deviation if taps else None)
+        return self._of_features(plane, xi, sample.deviation if taps else None, alpha)
+
+    def inputs_on_texture(self, x, y, h, alpha):
+        """`inputs` at (x, y) on the texture's finest level, in texels from the centre of the first, unfiltered."""
+        plane = self.plane.bilinear(x, y, mi.UInt32(0), self.wraps)
+        if self.correction is not None and self.finest_corrected:
+            plane = _plus(plane, 1, self.correction.linear(h, mi.UInt32(0)))
+        u, v = ((c + 0.5) / self.density + begin for c, begin in zip((x, y), self.origin, strict=True))
+        return self._of_features(plane, mi.Vector3f(u, v, h), None, alpha)
+
+    def _of_features(self, plane, xi, deviation, alpha):
+        profile = self.heights.at(xi, deviation)
         angles = [dr.pi * 2.0**k * xi.z for k in range(self.octaves)]
         encoded = [xi.z, *(dr.sin(x) for x in angles), *(dr.cos(x) for x in angles)]
         return [*(plane[c] + profile[c] for c in range(self.channels)), *encoded, *alpha]
@@ -164,17 +190,19 @@ class Material:
         return dr.minimum(dr.maximum(sample.radius, 0.35 * spacing), sample.major)
 
     def _bilinear(self, xi, l):
-        height, width = self.plane.size(l)
         if self.tiles is not None:
-            return self._bilinear_tiled(xi, l, height, width)
+            return self._bilinear_tiled(xi, l, *self.plane.size(l))
+        return self.plane.bilinear(*self.texels(xi, l), l, self.wraps)
+
+    def texels(self, xi, l):
+        """(x, y) of ξ on the texture, in a level's texels from the centre of the first; beyond edges, a texel at most."""
+        height, width = self.plane.size(l)
         if self.wraps:
-            x = (xi.x - dr.floor(xi.x)) * mi.Float(width) - 0.5
-            y = (xi.y - dr.floor(xi.y)) * mi.Float(height) - 0.5
-        else:
-            scale = dr.exp2(-mi.Float(l)) * self.density
-            x = dr.clip((xi.x - self.origin[0]) * scale - 0.5, 0, mi.Float(width) - 1)
-            y = dr.clip((xi.y - self.origin[1]) * scale - 0.5, 0, mi.Float(height) - 1)
-        return self.plane.bilinear(x, y, l, self.wraps)
+            at = self._on_texture(xi)
+            return (at.x - dr.floor(at.x)) * mi.Float(width) - 0.5, (at.y - dr.floor(at.y)) * mi.Float(height) - 0.5
+        scale = dr.exp2(-mi.Float(l)) * self.density
+        x = dr.clip((xi.x - self.origin[0]) * scale - 0.5, -1, mi.Float(width))
+        return x, dr.clip((xi.y - self.origin[1]) * scale - 0.5, -1, mi.Float(height))
 
     def _bilinear_tiled(self, xi, l, height, width):
         """Read each of the four texels from the tile at its own patch (texture/mip)."""

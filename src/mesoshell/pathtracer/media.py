@@ -7,11 +7,13 @@ Nothing that a scene lacks is compiled: with one material there is no choice amo
 taps: of the filter (pathtracer/material).
 """
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
+from mesoshell.pathtracer.baked_density import BakedDensity, grid_shape
 from mesoshell.pathtracer.maps import look_up
 from mesoshell.pathtracer.material import Material
 
@@ -39,6 +41,7 @@ class Media:
         self.media, self.shell = media, shells.shell
         self.materials = list(dict.fromkeys(m.material for m in media))
         self.material_of = mi.UInt32([self.materials.index(m.material) for m in media])
+        self.baked: dict[Material, BakedDensity] = {}
 
     def bound(self, sample, taps=1):
         """Largest σ that is possible near a sample."""
@@ -48,9 +51,21 @@ class Media:
         """Cells of the σ grid along one unit of u, v and h where a sample lies."""
         return self._choose(sample, lambda m: m.cells_along(m.level(sample.radius, taps)), mi.Vector3f(1))
 
-    def sigma(self, sample, taps=1):
-        """σ of a sample."""
-        return self._choose(sample, lambda m: m.density_of(self._inputs(m, sample, taps))[0], mi.Float(0))
+    def sigma(self, sample, taps=1, baked=False):
+        """σ of a sample: by the network, or from grids that `bake` made."""
+
+        def one(m):
+            if baked:
+                return self.baked[m].at(sample.xi, self._alpha(m, sample))
+            return m.density_of(self._inputs(m, sample, taps))[0]
+
+        return self._choose(sample, one, mi.Float(0))
+
+    def bake(self) -> None:
+        """Make the grids of all materials that have none."""
+        for material in self.materials:
+            if material not in self.baked:
+                self.baked[material] = BakedDensity(material, common_alpha(self.media, material))
 
     def decode(self, sample, taps=1):
         """σ of a sample, and the trunk's features for `rho`."""
@@ -99,6 +114,27 @@ class Media:
                 (nothing, which), which == i, lambda x, w, m=material: (what(m), w), lambda x, w: (x, w)
             )[0]
         return nothing
+
+
+def common_alpha(media: list[Medium], material: Material) -> list[float | None]:
+    """Each parameter that is the same wherever a material is; None for one that varies."""
+    values = [set(same) for same in zip(*(m.alpha for m in media if m.material is material), strict=True)]
+    return [next(iter(v)) if len(v) == 1 and isinstance(next(iter(v)), float) else None for v in values]
+
+
+def baked_size(media: list[Medium]) -> int:
+    """Numbers of the grids of all materials."""
+    return sum(math.prod(_grid(media, m)) for m in dict.fromkeys(m.material for m in media))
+
+
+def grid_columns(media: list[Medium]) -> list[float]:
+    """Columns a patch of each medium's grid."""
+    wide = [(m.material, _grid(media, m.material)[-2] / m.material.plane.shapes[0][1]) for m in media]
+    return [material.density * columns for material, columns in wide]
+
+
+def _grid(media: list[Medium], material: Material) -> tuple[int, ...]:
+    return grid_shape(material.plane.shapes[0], common_alpha(media, material).count(None))
 
 
 def _at(value, sample, medium: Medium):

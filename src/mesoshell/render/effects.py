@@ -14,6 +14,9 @@ from mesoshell.render.quality import WIDEST, Quality
 #: diffuse surfaces of albedo a it adds about a times this share.
 ENCLOSED = 0.25
 NO_TWIN = "there is no distilled twin to stand in"
+BY_QUALITY = "switched off by quality"
+#: Numbers that grids of σ may hold, some eight seconds on two cores; how wide their columns may be seen, over a footprint.
+MAX_BAKED, MAX_MAGNIFIED = 2**25, 2.0
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,10 @@ class Effects:
     distilled surface material stands in for a shell. direct_light: emitters are sampled at each event. environment,
     area_light: emitters that a ray may meet. background: the environment is seen. mesh_shadow, object_shadow, shell_shadow:
     what dims the way to a light. bounces: light goes from one event to another. roulette: paths end by chance. quadrature:
-    all samples of a ray are summed, in place of one that is drawn. camera_in_shell: rays may begin in a shell. filtering:
-    features are averaged over the pixel; anisotropic_filtering: along its long side too. varying_parameters,
-    varying_geometry: over the surface. corner_tiles: a hash chooses the patch of a torus that is read.
+    all samples of a ray are summed, in place of one that is drawn. camera_in_shell: rays may begin in a shell.
+    baked_density: σ is read from a grid. filtering: features are averaged over the pixel; anisotropic_filtering: along its
+    long side too. varying_parameters, varying_geometry: over the surface. corner_tiles: a hash chooses the patch of a torus
+    that is read.
 
     Some are gated by what the scene holds: without emitting surfaces, opacity or maps there is nothing of them to compile.
     """
@@ -55,6 +59,7 @@ class Effects:
     roulette: Effect
     quadrature: Effect
     camera_in_shell: Effect
+    baked_density: Effect
     filtering: Effect
     anisotropic_filtering: Effect
     varying_parameters: Effect
@@ -97,6 +102,7 @@ def plan_effects(facts: Facts, quality: Quality, engine: Engine = MARCH) -> Effe
     bounces = _bounces(facts, quality, engine)
     called |= {"bounces": bounces, "roulette": _roulette(quality, engine, bounces.on)}
     called["quadrature"] = _quadrature(facts, engine, reached and not bounces.on)
+    called["baked_density"] = _baked(facts, quality, engine, called["quadrature"].on)
     called["filtering"] = _filtering(facts, quality, called, engine)
     called["anisotropic_filtering"] = Effect(
         called["filtering"].on and quality.anisotropy > 1,
@@ -134,7 +140,7 @@ def plan_twin(twin: TwinFacts | None, quality: Quality) -> Effect:
     if twin is None:
         return Effect(False, NO_TWIN)
     if quality.twin == 0:
-        return Effect(False, "switched off by quality")
+        return Effect(False, BY_QUALITY)
     if twin.misfit:
         return Effect(False, f"the distilled twin is of another shell: {twin.misfit}")
     reach = twin_reach(twin.errors, quality.twin)
@@ -238,11 +244,29 @@ def _quadrature(f: Facts, engine: Engine, one_event: bool) -> Effect:
     )
 
 
+def _baked(f: Facts, quality: Quality, engine: Engine, sums: bool) -> Effect:
+    if not f.shells:
+        return Effect(False, "no shells")
+    if not engine.draws or sums:
+        return Effect(False, "samples that are summed need the network's features")
+    if f.baked > MAX_BAKED:
+        return Effect(False, f"its grid would hold {f.baked / 1e6:.0f} million numbers, above {MAX_BAKED / 1e6:.0f}")
+    if f.magnified > MAX_MAGNIFIED:
+        return Effect(False, f"from near its columns are {f.magnified:.2g} times as wide as a pixel's footprint")
+    if quality.density == "network":
+        return Effect(False, BY_QUALITY)
+    return Effect(
+        True, f"from a grid of {f.baked / 1e6:.2g} million numbers; its columns are {f.magnified:.2g} of a footprint"
+    )
+
+
 def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: Engine) -> Effect:
     if not f.shells:
         return Effect(False, "no shells")
     if not quality.filtering:
-        return Effect(False, "switched off by quality")
+        return Effect(False, BY_QUALITY)
+    if called["baked_density"].on:
+        return Effect(False, "density is baked: paths of a pixel average what a filter would")
     opens = engine.draws and (called["bounces"].on or f.area > 0 or f.environment)
     if opens:
         return Effect(True, "footprints open at an event")

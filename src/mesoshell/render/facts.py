@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class TwinFacts:
@@ -23,8 +25,10 @@ class Facts:
     directions from a surface that meet a surface again, for the mesh or object where it is largest; 0 only if none can. low:
     light may come from below the horizon of a shell's face. ground: albedo under the shells, 1 where it is not plain diffuse.
     coarsest: the largest footprint in texels that a pixel of a camera can have on the shells (one standard deviation to either
-    side); rows: of their height features. inside: a camera may be in a shell. varying: names of appearance parameters that vary
-    over the surface; shaped: geometry varies; tiled: a texture is corner tiles. passable: rays may pass the surface materials.
+    side); rows: of their height features. baked: numbers of grids of their σ; magnified: how wide a column of these is seen
+    from near, over a pixel's footprint. inside: a camera may be in a shell. varying: names of appearance parameters that
+    vary over the surface; shaped: geometry varies; tiled: a texture is corner tiles. passable: rays may pass the surface
+    materials.
     """
 
     shells: int = 0
@@ -40,6 +44,8 @@ class Facts:
     low: bool = False
     ground: float = 0.0
     coarsest: float = 0.0
+    magnified: float = np.inf
+    baked: int = 0
     rows: int = 0
     inside: bool = False
     varying: tuple[str, ...] = ()

@@ -90,6 +90,13 @@ class Quality:
         "opacity; 0 lights every sample that weight_cut keeps",
         engine="jax",
     )
+    density: str = _setting(
+        "baked",
+        "density of samples from a grid of the finest texture level, without a filter, or by network, filtered",
+        "blades seen nearer than a texel, which takes the network; distant surfaces are noisier",
+        engine="mitsuba",
+        words=("baked", "network"),
+    )
     filtering: bool = _setting(
         True,
         "filter features over the pixel's footprint; without it, distant surfaces are noisy",
@@ -254,6 +261,7 @@ PRESETS = {
         early_stop=0.0,
         skip=0.0,
         weight_cut=0.0,
+        density="network",
         filtering=False,
         footprint=0.25,  # this and the taps are for `filtering=True`
         anisotropy=16,

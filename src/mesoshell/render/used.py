@@ -1,6 +1,6 @@
 """Which fields of a quality affected a picture, for its report (NumPy only; no JAX)."""
 
-from mesoshell.render.effects import NO_TWIN, Effects, Engine
+from mesoshell.render.effects import BY_QUALITY, NO_TWIN, Effects, Engine
 from mesoshell.render.quality import Quality
 
 
@@ -18,7 +18,8 @@ def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str
         "skip": shells and (paths or quality.spacing != "density"),
         "weight_cut": sums and lit,
         "light_samples": shells and lit and not paths,
-        "filtering": shells,
+        "density": effects.baked_density.on or effects.baked_density.why == BY_QUALITY,
+        "filtering": shells and not effects.baked_density.on,
         "footprint": effects.filtering.on,
         "anisotropy": effects.filtering.on,
         "visibility": sums and lit and (effects.mesh_shadow.on or effects.object_shadow.on),

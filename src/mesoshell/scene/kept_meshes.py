@@ -9,20 +9,17 @@ was not used for longest goes when all are more than MAX_BYTES.
 """
 
 import hashlib
-import io
 import os
-import zipfile
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from mesoshell import __version__
-from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import Mesh, load_mesh
-from mesoshell.io.atomic import replace_file
-from mesoshell.io.cache import cache_folder, forget, remove
+from mesoshell.io.cache import cache_folder
+from mesoshell.io.kept_arrays import keep_arrays, read_arrays
 
 MIN_BYTES, MAX_BYTES = 1 << 20, 1 << 30
 MULTI_FILE_FORMATS = (".gltf", *read_usd.FORMATS)
@@ -46,11 +43,12 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
         entry = None
     if entry is None:
         return load_mesh(path)  # which says why, if it cannot be read
-    mesh = _read(entry)
-    if mesh is not None:
-        return mesh
+    kept = read_arrays(entry, (*ARRAYS, "notes"))
+    if kept is not None:
+        return Mesh(**{name: kept[name] for name in ARRAYS}, notes=tuple(map(str, kept["notes"])))
     mesh = load_mesh(path)
-    _keep(entry, mesh)
+    arrays = {name: getattr(mesh, name) for name in ARRAYS}
+    keep_arrays(entry, arrays | {"notes": np.array(mesh.notes, np.str_)}, MAX_BYTES)
     return mesh
 
 
@@ -60,29 +58,3 @@ def _key(file: Path) -> str:
         while part := data.read(1 << 20):
             sha.update(part)
     return sha.hexdigest()[:32]
-
-
-def _keep(entry: Path, mesh: Mesh) -> None:
-    """Write an entry if it can be written."""
-    data = io.BytesIO()
-    np.savez(data, **{name: getattr(mesh, name) for name in ARRAYS}, notes=np.array(mesh.notes, np.str_))
-    try:
-        entry.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(entry, data.getvalue())
-        forget(entry, MAX_BYTES)
-    except (InputError, OSError):  # no such disk, or a full one
-        return
-
-
-def _read(entry: Path) -> Mesh | None:
-    """A mesh that is there and whole; what is damaged is removed."""
-    if not entry.exists():
-        return None
-    try:
-        with entry.open("rb") as file, np.load(file) as kept:
-            mesh = Mesh(**{name: kept[name] for name in ARRAYS}, notes=tuple(map(str, kept["notes"])))
-        os.utime(entry)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        remove(entry)
-        return None
-    return mesh

@@ -17,6 +17,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "skip": (0.2, 0.1, 0.05, 0.02, 0.0),
     "weight_cut": (0.2, 0.1, 0.048, 0.02, 0.0),
     "light_samples": (1, 2, 4, 6, 8, 0),
+    "density": ("baked", "network"),
     "filtering": (True, False),
     "footprint": (1.4, 1.0, 0.7, 0.5, 0.35, 0.25),
     "anisotropy": (1, 2, 4, 8, 16),
@@ -31,7 +32,8 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "curvature_filter": ("point", "curve"),
     "curve_length": (0.25, 0.5, 1.0),
 }
-#: Fields that change what is prepared, and not only how it is rendered; and those that do nothing without a filter.
+#: Fields that change what is prepared, and not only how it is rendered; and those that do nothing without a filter, which a
+#: baked density has not.
 OF_SETUP, OF_FILTER = ("twin", "curvature_filter", "curve_length"), ("height_filter", "footprint", "anisotropy")
 
 Settings = Mapping[str, Any]
@@ -43,8 +45,8 @@ def knobs_of(used: Iterable[str], fixed: Iterable[str] = ()) -> tuple[str, ...]:
 
 
 def settings_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
-    """Values of the knobs."""
-    return {name: getattr(quality, name) for name in names}
+    """Values of the knobs; `reference`'s where one does nothing."""
+    return _with_idle({name: getattr(quality, name) for name in names})
 
 
 def noise_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
@@ -54,7 +56,7 @@ def noise_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
 
 def changes(settings: Settings) -> dict[str, Any]:
     """What differs from `normal`: what `--set` is given."""
-    idle = () if settings.get("filtering", True) else OF_FILTER
+    idle = _idle(settings)
     return {k: x for k, x in settings.items() if x != getattr(PRESETS["normal"], k) and k not in idle}
 
 
@@ -64,12 +66,22 @@ def describe_changes(settings: Settings) -> str:
 
 
 def neighbours(settings: Settings, distance: int = 1) -> Iterator[dict[str, Any]]:
-    """Settings of which one knob has the next value but `distance` − 1, cheaper ones last. What does nothing without a filter
-    does not vary there, and is `reference`'s."""
-    idle = {name: getattr(PRESETS["reference"], name) for name in OF_FILTER if name in settings}
+    """Settings of which one knob has the next value but `distance` − 1, cheaper ones last. What does nothing does not vary, and
+    is `reference`'s."""
     for step in (distance, -distance):
         for name, value in settings.items():
             at = VALUES[name].index(value) + step
-            if 0 <= at < len(VALUES[name]) and (settings.get("filtering", True) or name not in idle):
-                other = {**settings, name: VALUES[name][at]}
-                yield other if other.get("filtering", True) else other | idle
+            if 0 <= at < len(VALUES[name]) and name not in _idle(settings):
+                yield _with_idle({**settings, name: VALUES[name][at]})
+
+
+def _idle(settings: Settings) -> tuple[str, ...]:
+    """Knobs that do nothing."""
+    if settings.get("density") == "baked":
+        return "filtering", *OF_FILTER
+    return () if settings.get("filtering", True) else OF_FILTER
+
+
+def _with_idle(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings, those that do nothing as `reference` has them."""
+    return settings | {name: getattr(PRESETS["reference"], name) for name in _idle(settings) if name in settings}

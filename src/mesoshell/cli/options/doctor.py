@@ -8,5 +8,5 @@ class Options:
     """Check the installation: versions, devices, ray tracing, the Blender environment, the bundled material, and what
     is kept on the disk."""
 
-    #: Remove what is kept: compiled programs, textures and unwrapped meshes, which are made anew when needed.
+    #: Remove what is kept: compiled programs, textures, unwrapped meshes and baked densities, which are made anew when needed.
     clear: bool = False

@@ -1,0 +1,39 @@
+"""Arrays kept in a file of the cache: read back whole, or not at all (io/cache)."""
+
+import io
+import os
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from mesoshell.errors import InputError
+from mesoshell.io.atomic import replace_file
+from mesoshell.io.cache import forget, remove
+
+
+def keep_arrays(entry: Path, arrays: Mapping[str, np.ndarray], most: int) -> None:
+    """Write an entry if it can be written; others go, that were not used for longest, until all are within `most` bytes."""
+    data = io.BytesIO()
+    np.savez(data, **arrays)
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(entry, data.getvalue())
+        forget(entry, most)
+    except (InputError, OSError):  # no such disk, or a full one
+        return
+
+
+def read_arrays(entry: Path, names: Iterable[str]) -> dict[str, np.ndarray] | None:
+    """An entry that is there and whole; what is damaged is removed."""
+    if not entry.exists():
+        return None
+    try:
+        with entry.open("rb") as file, np.load(file) as kept:
+            arrays = {name: kept[name] for name in names}
+        os.utime(entry)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        remove(entry)
+        return None
+    return arrays

@@ -48,10 +48,8 @@ def fly(context, ray, target, active, shift: Any = 0.5):
         s, sample, occupied = seek(context, ray, s)
         busy = occupied
         if occupied:
-            end.depth += mi.Float64(
-                dr.minimum(context.media.sigma(sample, context.taps, context.effects.baked_density.on), 1e20)
-                * mi.Float(s.step)
-            )
+            sigma = context.media.sigma(sample, context.taps, context.effects.baked_density.on)
+            end.depth += mi.Float64(dr.minimum(sigma, 1e20) * mi.Float(s.step))
             end.queries += 1
             if end.depth >= target:
                 end.collided = mi.Bool(True)

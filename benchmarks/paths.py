@@ -5,7 +5,8 @@ second picture; paths a second against Mitsuba's own `path` on the bare meshes; 
 --later: instead, what wider footprints after an event change and save (`Quality.bounce_spread`). --gates: instead, how much
 longer pictures take with all effects compiled than with those that their scenes call for, in turn. --spacing: instead, what
 samples by density cost and err beside those by length (`Quality.spacing`), and beside the settings before there were any.
---density: instead, what a baked density costs and errs beside the network's (`Quality.density`).
+--density: instead, what a baked density costs and errs beside the network's (`Quality.density`); out/density/SCENE.png shows
+many samples of the network unfiltered, the network filtered, and baked.
 --passes: instead, the error of pictures whose number of paths was not known from the start, beside those of other samplers.
 --halves: instead, what a texture costs that is kept in half precision, as large ones are, beside one that is widened.
 """
@@ -22,6 +23,7 @@ import numpy as np
 
 from benchmarks.rates import matrix_rate
 from mesoshell.io.bundle import read_bundle
+from mesoshell.io.image import write_png
 from mesoshell.io.material import find
 from mesoshell.measure.flip import flip
 from mesoshell.pathtracer import levels, load_dict, load_file
@@ -138,13 +140,18 @@ def spacings(name: str, side: int) -> None:
 def densities(name: str, side: int) -> None:
     network: dict[str, Any] = {"density": "network"}
     fine = network | {"samples": 80, "filtering": False}
-    beside(name, side, [fine, network, network | {"filtering": False}, {}, {"samples": 40}, {"samples": 14}])
+    means = beside(name, side, [fine, network, network | {"filtering": False}, {}, {"samples": 40}, {"samples": 14}])
+    path = Path("out/density") / f"{name}.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_png(path, np.concatenate([means[k] for k in (0, 1, 3)], axis=1))
 
 
-def beside(name: str, side: int, settings: list[dict[str, Any]], spp: int = 16, passes: int = 8) -> None:
+def beside(
+    name: str, side: int, settings: list[dict[str, Any]], spp: int = 16, passes: int = 8
+) -> list[np.ndarray]:
     """Against the first settings: how far pictures of the others are from it, noise taken off, what a path costs, and seconds
-    of set-up."""
-    plain = None
+    of set-up. Their means, linear."""
+    plain, means = None, []
     for changed in settings:
         begin = time.perf_counter()
         scene: Any = load_file(
@@ -158,6 +165,7 @@ def beside(name: str, side: int, settings: list[dict[str, Any]], spp: int = 16, 
             many.append(shot(scene, spp, seed + 1000 * (plain is None)))
             took.append(time.perf_counter() - begin)
         mean, noise = np.mean(many, axis=0), np.var(many, axis=0, ddof=1).mean() / len(many)
+        means.append(mean)
         queries = (scene.integrator().context.queries - before) / len(many) / side**2 / spp
         plain = plain or (mean, noise)
         apart = max(np.square(mean - plain[0]).mean() - noise - plain[1], 0) ** 0.5 / plain[0].mean()
@@ -168,6 +176,7 @@ def beside(name: str, side: int, settings: list[dict[str, Any]], spp: int = 16, 
             f"{flip(*(np.clip(x, 0, 1) for x in (plain[0], mean))):.3f} |",
             flush=True,
         )
+    return means
 
 
 def of_passes(name: str, side: int, turns: int = 3) -> None:

@@ -104,7 +104,7 @@ def test_each_shows_its_own_material(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
 
 
 def test_the_engines_agree(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
-    ours, theirs = picture(two[0], pixel_samples=16), picture(two[0], "mitsuba", spp=256)
+    ours, theirs = picture(two[0], pixel_samples=16), picture(two[0], "mitsuba", spp=256, density="network")
     for columns in (slice(0, 18), slice(18, 36)):
         assert ours[:, columns, :3].mean() > 0.01
         np.testing.assert_allclose(ours[:, columns].mean(axis=(0, 1)), theirs[:, columns].mean(axis=(0, 1)), rtol=0.03)

@@ -51,7 +51,7 @@ class Layers:
     def bound(self, sample, taps) -> mi.Float:
         return mi.Float(1)
 
-    def sigma(self, sample, taps) -> mi.Float:
+    def sigma(self, sample, taps, baked=False) -> mi.Float:
         return dr.gather(mi.Float, self.table, mi.UInt32(dr.clip((1 - sample.xi.z) * STEPS, 0, STEPS - 1)))
 
     def decode(self, sample, taps) -> tuple[mi.Float, list]:

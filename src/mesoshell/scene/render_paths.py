@@ -127,7 +127,8 @@ def _shrink(scene: mi.Scene, pixels: int) -> None:
     parameters.update()
     context = _context(scene)
     if context is not None:  # footprints grow as pixels do
-        context.facts = replace(context.facts, coarsest=context.facts.coarsest / less)
+        facts = context.facts
+        context.facts = replace(facts, coarsest=facts.coarsest / less, magnified=facts.magnified * less)
 
 
 def _samples(scene: mi.Scene, path: Path, samples: int | None) -> int:

@@ -140,15 +140,16 @@ def spacings(name: str, side: int) -> None:
 def densities(name: str, side: int) -> None:
     network: dict[str, Any] = {"density": "network"}
     fine = network | {"samples": 80, "filtering": False}
-    means = beside(name, side, [fine, network, network | {"filtering": False}, {}, {"samples": 40}, {"samples": 14}])
+    first = network | {"samples": 48, "spacing": "length", "height_filter": 1.0, "footprint": 1.0, "anisotropy": 1}
+    ways = [fine, first, network, network | {"filtering": False}, {}, {"samples": 40}, {"samples": 14}]
+    means = beside(name, side, ways)
     path = Path("out/density") / f"{name}.png"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_png(path, np.concatenate([means[k] for k in (0, 1, 3)], axis=1))
+    strip = np.concatenate([means[k] for k in (0, 2, 4)], axis=1)
+    write_png(path, strip.repeat(4, axis=0).repeat(4, axis=1))
 
 
-def beside(
-    name: str, side: int, settings: list[dict[str, Any]], spp: int = 16, passes: int = 8
-) -> list[np.ndarray]:
+def beside(name: str, side: int, settings: list[dict[str, Any]], spp: int = 16, passes: int = 8) -> list[np.ndarray]:
     """Against the first settings: how far pictures of the others are from it, noise taken off, what a path costs, and seconds
     of set-up. Their means, linear."""
     plain, means = None, []

@@ -82,9 +82,7 @@ for row, (name, view) in zip(axes, views.items(), strict=True):
     pictures = {
         "averaged features": ms.render(field(plain, *view), "normal", footprint=1.0),
         "corrected": ms.render(field(corrected, *view), "normal", footprint=1.0),
-        "no filter, 8 rays": ms.render(
-            field(corrected, *view), "normal", filtering=False, samples=64, pixel_samples=8
-        ),
+        "no filter, 8 rays": ms.render(field(corrected, *view), "normal", filtering=False, samples=64, pixel_samples=8),
     }
     light = [picture.rgba[..., :3].mean() for picture in pictures.values()]
     for axis, (title, picture), mean in zip(row, pictures.items(), light, strict=True):

@@ -16,7 +16,7 @@ from mesoshell.io.cache import forget, remove
 def keep_arrays(entry: Path, arrays: Mapping[str, np.ndarray], most: int) -> None:
     """Write an entry if it can be written; others go, that were not used for longest, until all are within `most` bytes."""
     data = io.BytesIO()
-    np.savez(data, **arrays)
+    np.savez(data, allow_pickle=False, **arrays)
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
         replace_file(entry, data.getvalue())

@@ -87,7 +87,8 @@ def _widest(sensor: mi.Sensor, shell: Shell) -> float:
 def _near(scene: mi.Scene, sensor: mi.Sensor) -> float:
     """The distance that a tenth of the rays that meet a surface do not reach; infinite if none meets one."""
     places = np.stack(np.meshgrid(_MANY, _MANY)).reshape(2, -1)
-    rays, _ = sensor.sample_ray(_time(sensor, places.shape[1]), 0.5, mi.Point2f(places), mi.Point2f(0.5))
+    wavelength: Any = dr.full(mi.Float, 0.5, places.shape[1])
+    rays, _ = sensor.sample_ray(_time(sensor, places.shape[1]), wavelength, mi.Point2f(places), mi.Point2f(0.5))
     far = np.array(scene.ray_intersect_preliminary(rays).t)
     return float(np.quantile(far[np.isfinite(far)], 0.1)) if np.isfinite(far).any() else np.inf
 

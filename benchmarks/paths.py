@@ -114,7 +114,7 @@ def later(name: str, side: int, spp: int = 16, passes: int = 12) -> None:
     """Against the camera's own cone (0): how far the picture is from it, noise taken off, and what a path costs."""
     plain = None
     for spread in (0.0, 0.25, 0.5, 0.95):
-        quality = PRESETS["normal"].with_changes(bounce_spread=spread)
+        quality = PRESETS["normal"].with_changes(density="network", bounce_spread=spread)
         scene: Any = load_file(SCENES / f"{name}.xml", quality, width=side, height=side)
         shot(scene, spp)
         begin = time.perf_counter()
@@ -236,7 +236,8 @@ def halves(name: str, side: int, spp: int = 16, turns: int = 7) -> None:
     scenes, widened = [], levels.MAX_WIDENED
     for limit in (widened, 0):
         levels.MAX_WIDENED = limit
-        scenes.append(load_file(SCENES / f"{name}.xml", width=side, height=side))
+        quality = PRESETS["normal"].with_changes(density="network")
+        scenes.append(load_file(SCENES / f"{name}.xml", quality, width=side, height=side))
         shot(scenes[-1], spp)
     levels.MAX_WIDENED = widened
     took = np.array([[seconds(lambda s=s, k=k: shot(s, spp, k)) for s in scenes] for k in range(turns)])
@@ -264,12 +265,13 @@ def main() -> None:
     parser.add_argument("--halves", action="store_true", help="measure what half precision of a texture costs")
     asked = parser.parse_args()
     if asked.gates:
+        filtered = PRESETS["normal"].with_changes(density="network")
         print("| scene | off | a picture | the same noise | the first picture |\n|---|---|---|---|---|")
         lights = {"sun": {"type": "directional", "direction": [-0.3, -1.0, 0.2]}, "sky": {"type": "constant"}}
         for name, light in lights.items():
-            gates(f"a lawn under a {name}", load_dict(slab(light, asked.side)))
+            gates(f"a lawn under a {name}", load_dict(slab(light, asked.side), filtered))
         for name in ("spot", "room", "field"):
-            gates(name, load_file(SCENES / f"{name}.xml", width=asked.side, height=asked.side))
+            gates(name, load_file(SCENES / f"{name}.xml", filtered, width=asked.side, height=asked.side))
         return
     if asked.halves:
         print("| scene | half precision over widened |\n|---|---|")

@@ -80,13 +80,13 @@ assert all(np.isfinite(image).all() for image in pictures.values())
 # ## Density by a grid, or by the network
 #
 # Where light is scattered is decided by the density. It was baked into a grid, which paths read without a filter: the pixel's
-# paths average what a filter would. The network at every sample, filtered, is slower and a little further from the truth.
+# paths average what a filter would. The network at every sample, filtered, is slower.
 
 # %%
 figure, axes = plt.subplots(1, 2, figsize=(8, 4))
 for axis, density in zip(axes, ("baked", "network"), strict=True):
     way = load_dict(scene(), PRESETS["normal"].with_changes(density=density))
-    np.array(mi.render(way, spp=1))  # compiles
+    np.array(mi.render(way, spp=16))  # compiles
     begin = time.perf_counter()
     axis.imshow(shown(np.array(mi.render(way, spp=16))))
     axis.set_title(f"{density}: {time.perf_counter() - begin:.1f} s for 16 paths a pixel")

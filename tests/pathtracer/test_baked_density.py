@@ -1,6 +1,7 @@
 """σ from a grid is the network's where the grid has a column, linear between, and as periodic as the texture."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -12,7 +13,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.pathtracer import baked_density, load_dict
 from mesoshell.pathtracer.baked_density import BakedDensity, K, grid_shape
 from mesoshell.pathtracer.material import Material
-from mesoshell.pathtracer.media import Medium, common_alpha
+from mesoshell.pathtracer.media import Media, Medium, common_alpha
 from mesoshell.pathtracer.samples import Sample
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle
 from tests.helpers import growing
@@ -56,11 +57,9 @@ def test_a_grid_holds_what_the_network_says(name, columns, given, edged, tiny_bu
     bundle = {"tiny": tiny_bundle, "edged": edged}[name]
     material = Material(bundle, ORIGIN)
     texture = material.plane.shapes[0]
-    if columns == 1:
-        monkeypatch.setattr(baked_density, "MAX_BAKED", 2 * texture[0] * texture[1] * K)
     monkeypatch.setattr(baked_density, "CHUNK", 1000)  # several, and a part of one
     alpha: list[float | None] = [given] * len(material.names)
-    grid = BakedDensity(material, alpha)
+    grid = BakedDensity(material, alpha, 2 * columns**2 * texture[0] * texture[1] * K)
     assert grid.shape[-3:] == (columns * texture[0], columns * texture[1], K)
     xi = on_columns(material, columns)
     for value in (0.0, 1.0) if given is None else (given,):
@@ -114,8 +113,8 @@ def test_a_parameter_varies_if_shells_or_a_texture_differ(tiny_bundle) -> None:
 
 
 def test_pictures_have_the_same_mean(materials) -> None:
-    """As with the network, unfiltered, within their noise; the network asks as often, and the grid is made once."""
-    ways = {}
+    """As with the network, unfiltered, within their noise; the network is asked only where light is scattered."""
+    ways, queries = {}, {}
     for density in ("baked", "network"):
         quality = QUALITY.with_changes(density=density, filtering=False, samples=64)
         made: Any = load_dict(scene(shell(materials, "rough"), light={"type": "constant"}), quality)
@@ -123,6 +122,8 @@ def test_pictures_have_the_same_mean(materials) -> None:
         assert context.effects.baked_density.on == (density == "baked") == bool(context.media.baked)
         assert not context.effects.filtering.on
         ways[density] = np.stack([np.array(mi.render(made, spp=64, seed=mi.UInt32(k))) for k in range(8)])
+        queries[density] = context.queries
+    assert 0 < queries["baked"] < 0.5 * queries["network"]
     baked, network = (x[..., :3].mean(axis=(1, 2, 3)) for x in ways.values())
     assert abs(baked.mean() - network.mean()) < 4 * np.sqrt((baked.var() + network.var()) / 7) + 0.01 * network.mean()
 
@@ -146,3 +147,19 @@ def test_a_grid_is_made_once(tiny_bundle, monkeypatch: pytest.MonkeyPatch, tmp_p
         entry.write_bytes(entry.read_bytes()[:-100])
     BakedDensity(Material(tiny_bundle), [0.5])
     assert len(made) == 4
+
+
+def test_shells_of_several_materials_have_each_their_grid(tiny_bundle, edged) -> None:
+    """And each its own number of a parameter; a material of two numbers is linear between 0 and 1."""
+    one, other = Material(tiny_bundle), Material(edged, ORIGIN)
+    shells = SimpleNamespace(shell=mi.UInt32([0, 1, 2]))
+    media = Media(shells, [Medium(one, (0.25,)), Medium(other, (0.5,)), Medium(one, (1.0,))])
+    media.bake()
+    xi = on_columns(other, 2)
+    prism = mi.UInt32(np.arange(xi.shape[1]) % 3)
+    z = mi.Float(0)
+    found = np.array(media.sigma(Sample(prism, z, mi.Vector3f(xi), z, z, z, mi.Vector2f(0)), 0, True))
+    for k, (material, alpha) in enumerate(((one, 0.25), (other, 0.5), (one, 1.0))):
+        mine = slice(k, None, 3)
+        np.testing.assert_allclose(found[mine], by_grid(media.baked[material], xi, [alpha])[mine], rtol=1e-5)
+    assert media.baked[one].varying == [0] and media.baked[other].varying == []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mesoshell.geometry.mesh import check_mesh
-from mesoshell.pathtracer.texture_lod import texels_needed
+from mesoshell.pathtracer.texture_lod import magnified, texels_needed
 from mesoshell.shell.geometry.extrude import Shell, extrude
 
 import mitsuba as mi  # isort: skip
@@ -58,3 +58,26 @@ def test_all_texels_where_rays_come_from_elsewhere_or_a_camera_is_in_the_shell()
     assert texels_needed([camera(9.0, "orthographic")], [plane(1.0)], 64, 1.0) == 64
     assert texels_needed([camera(0.1)], [plane(1.0)], 64, 1.0) == 64
     assert texels_needed([], [plane(1.0)], 64, 1.0) == 64
+
+
+def ground(away: float, kind: str = "perspective") -> mi.Scene:
+    """The plane itself, and a camera above."""
+    square = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(ACROSS / 2)}
+    return mi.load_dict({"type": "scene", "camera": camera(away, kind), "plane": square})
+
+
+@pytest.mark.parametrize("away", [0.5, 3.0])
+@pytest.mark.parametrize("scale", [0.5, 1.0])
+def test_how_wide_a_column_is_seen(away, scale) -> None:
+    """Straight from above, by hand, at a distance that is a little more than the least; of the coarsest of shells."""
+    seen = magnified(ground(away), [plane(scale)], [32.0])
+    assert 0.9 < seen / (least(away + THICKNESS, scale) / 32) < 1.02
+    assert magnified(ground(away), [plane(scale)], [64.0]) == pytest.approx(seen / 2)
+    both = magnified(ground(away), [plane(scale), plane(scale)], [64.0, 32.0])
+    assert both == pytest.approx(seen)
+
+
+def test_a_column_that_no_camera_sees_and_one_that_may_be_anywhere() -> None:
+    assert magnified(ground(3.0, "orthographic"), [plane(1.0)], [32.0]) == np.inf
+    away = mi.load_dict({"type": "scene", "camera": camera(3.0)})
+    assert magnified(away, [plane(1.0)], [32.0]) == 0

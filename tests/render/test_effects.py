@@ -128,11 +128,16 @@ def test_an_engine_says_what_it_cannot():
 @pytest.mark.parametrize(
     "changes, density, on, why",
     [
-        ({}, "baked", True, "from a grid of 0.001 million numbers; its columns are 1.5 of a footprint"),
+        ({}, "baked", True, "from 0.001 million numbers; nearby, a column is 1.5 times as wide as a footprint"),
         ({}, "network", False, "switched off by quality"),
-        ({"magnified": 2.5}, "baked", False, "from near its columns are 2.5 times as wide as a pixel's footprint"),
-        ({"magnified": np.inf}, "baked", False, "from near its columns are inf times as wide"),
-        ({"baked": 2**26}, "network", False, "its grid would hold 67 million numbers, above 34"),
+        (
+            {"magnified": 2.5},
+            "baked",
+            False,
+            "nearby, a column of its grid is 2.5 times as wide as a pixel's footprint",
+        ),
+        ({"magnified": np.inf}, "baked", False, "how near a camera sees its columns is not known"),
+        ({"baked": 2**26}, "network", False, "grids would hold 67 million numbers, above 34"),
         ({"environment": False}, "baked", False, "samples that are summed need the network's features"),
         ({"shells": 0}, "baked", False, "no shells"),
     ],
@@ -180,7 +185,7 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     assert used(room, PATHS) == paths | filtered | {"max_depth", "twin", "rr_depth", "bounce_spread"}
     drawn = replace(room, baked=100, magnified=1.0)
     most = used(room, PATHS)
-    assert used(drawn, PATHS) == most - filtered - {"filtering"} | {"density"}
+    assert used(drawn, PATHS) == most - filtered - {"filtering", "bounce_spread"} | {"density"}
     assert used(drawn, PATHS, density="network") == most | {"density"} and used(drawn, MARCH) == used(room, MARCH)
     everywhere = used(drawn, PATHS) | used(sky, MARCH) | used(room, PATHS) | used(SURFACE_ONLY, SURFACE)
     assert everywhere == {f.name for f in fields(Quality)}

@@ -37,6 +37,17 @@ def test_singles_hold_the_presets_and_change_one_knob() -> None:
     assert describe_changes(normal) == "normal" and describe_changes({**normal, "samples": 56}) == "samples 56"
 
 
+def test_filters_vary_only_where_density_is_the_networks() -> None:
+    """A baked one is read without; its own settings stay as they are."""
+    names = ("samples", "density", "filtering", "footprint")
+    normal = settings_of(PRESETS["normal"], names)
+    assert normal["filtering"] and normal["density"] == "baked" and describe_changes(normal) == "normal"
+    near = list(neighbours(normal))
+    assert {k for s in near for k in names if s[k] != normal[k]} == {"samples", "density"}
+    (network,) = (s for s in near if s["density"] == "network")
+    assert {k for s in neighbours(network) for k in names if s[k] != network[k]} == set(names)
+
+
 def test_what_does_nothing_without_a_filter_does_not_vary() -> None:
     names = ("samples", "filtering", "footprint", "anisotropy")
     reference = settings_of(PRESETS["reference"], names)

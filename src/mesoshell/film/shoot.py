@@ -82,6 +82,8 @@ def shoot(
     of = _identity(begun, moves, quality, engine)
     rows = _rows(folder, of)
     still = with_others_grown(begun, grown) if moves.shape else settle(begun, grown)
+    if "params" in moves.change(0):  # a grid would be of one frame's
+        quality = quality.with_changes(density="network")
     notes: dict[str, None] = {}
     before: tuple[FrameView, np.ndarray] | None = None
     for k in range(moves.count):

@@ -1,5 +1,6 @@
 """Arrays kept in a file of the cache: read back whole, or not at all (io/cache)."""
 
+import contextlib
 import io
 import os
 import zipfile
@@ -14,7 +15,7 @@ from mesoshell.io.cache import forget, remove
 
 
 def keep_arrays(entry: Path, arrays: Mapping[str, np.ndarray], most: int) -> None:
-    """Write an entry if it can be written; others go, that were not used for longest, until all are within `most` bytes."""
+    """Write an entry if it can be written; then remove the least recently used others until all are within `most` bytes."""
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **arrays)
     try:
@@ -32,8 +33,9 @@ def read_arrays(entry: Path, names: Iterable[str]) -> dict[str, np.ndarray] | No
     try:
         with entry.open("rb") as file, np.load(file) as kept:
             arrays = {name: kept[name] for name in names}
-        os.utime(entry)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         remove(entry)
         return None
+    with contextlib.suppress(OSError):  # of a cache that is read only
+        os.utime(entry)
     return arrays

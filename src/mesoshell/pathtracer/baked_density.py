@@ -34,19 +34,19 @@ K = 64
 CHUNK, MIN_KEPT, MAX_BYTES = 2**22, 2**20, 2**30
 
 
-def grid_shape(texture: tuple[int, ...], varying: int) -> tuple[int, ...]:
-    """Shape of a grid, (2, …, S V, S U, K), with S = 2 where that holds few enough numbers. texture: shape of its finest level,
-    (V, U, C); varying: parameters that do."""
+def grid_shape(texture: tuple[int, ...], varying: int, most: int = MAX_BAKED) -> tuple[int, ...]:
+    """Shape of a grid, (2, …, S V, S U, K), with S = 2 where that holds at most so many numbers. texture: shape of its finest
+    level, (V, U, C); varying: parameters that do."""
     shapes = [(*[2] * varying, s * texture[0], s * texture[1], K) for s in (2, 1)]
-    return next((s for s in shapes if math.prod(s) <= MAX_BAKED), shapes[-1])
+    return next((s for s in shapes if math.prod(s) <= most), shapes[-1])
 
 
 class BakedDensity:
-    """The grid of a material. alpha: a number, or None for a parameter that varies."""
+    """The grid of a material. alpha: a number, or None for a parameter that varies; most: numbers that it may hold."""
 
-    def __init__(self, material, alpha: list[float | None]):
+    def __init__(self, material, alpha: list[float | None], most: int = MAX_BAKED):
         self.material, self.varying = material, [i for i, a in enumerate(alpha) if a is None]
-        self.shape = grid_shape(material.plane.shapes[0], len(self.varying))
+        self.shape = grid_shape(material.plane.shapes[0], len(self.varying), most)
         self.fine = self.shape[-2] // material.plane.shapes[0][1]
         count = math.prod(self.shape)
         key = hashlib.sha256(f"{__version__} {material.digest} {alpha} {self.shape}".encode()).hexdigest()[:32]
@@ -66,7 +66,7 @@ class BakedDensity:
 
     def _by_network(self, alpha: list[float | None], first: int, count: int) -> np.ndarray:
         """σ of so many places of the grid, from the first."""
-        rest, places = first + dr.arange(mi.UInt32, count), []
+        rest, places = dr.opaque(mi.UInt32, first) + dr.arange(mi.UInt32, count), []
         for size in reversed(self.shape):
             places.insert(0, mi.Float(rest % size))
             rest //= size

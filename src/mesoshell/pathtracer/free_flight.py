@@ -6,7 +6,7 @@ target      −log(1 − ξ): the flight ends where τ passes it, with density T
             ray that only needs its transmittance
 
 The samples are those of the quadrature (pathtracer/quadrature): a collision is drawn at one of them with exactly the weight
-that `direct` gives it. So both have the same mean.
+that `direct` gives it. So both have the same mean, unless σ is read from a grid here.
 """
 
 from dataclasses import dataclass
@@ -42,16 +42,17 @@ def fly(context, ray, target, active, shift: Any = 0.5):
     s = begin(context, ray, shift)
     s.over = ~active
     n = dr.width(ray.o)
-    end = still(n)
+    end, baked = still(n), context.effects.baked_density.on
     busy = mi.Bool(active)
     while busy:
         s, sample, occupied = seek(context, ray, s)
         busy = occupied
         if occupied:
-            sigma = context.media.sigma(sample, context.taps, context.effects.baked_density.on)
+            sigma = context.media.sigma(sample, context.taps, baked)
             end.depth += mi.Float64(dr.minimum(sigma, 1e20) * mi.Float(s.step))
-            end.queries += 1
+            end.queries += 0 if baked else 1
             if end.depth >= target:
+                end.queries += 1 if baked else 0  # the network is asked where light is scattered
                 end.collided = mi.Bool(True)
                 end.sample = sample
                 end.frame = s.frame

@@ -173,7 +173,7 @@ def _shells(
     alpha = parameter_vector(bundle, element.numbers, "alpha", element.material)
     places = [transform_shell(shell, m) for m in element.placed] or [shell]
     most = int(bundle.texel_density)
-    footprint = quality.footprint if quality.filtering else 0.0
+    footprint = quality.footprint if quality.filtering or quality.density == "baked" else 0.0
     texels = most if bundle.generator is None else texels_needed(sensors, places, most, footprint)
     names, patches = [p.name for p in bundle.parameters if p.role == "alpha"], patches_per_uv(mesh, shell)
     fields = {

@@ -16,6 +16,7 @@ import mitsuba as mi
 from mesoshell.pathtracer.baked_density import BakedDensity, grid_shape
 from mesoshell.pathtracer.maps import look_up
 from mesoshell.pathtracer.material import Material
+from mesoshell.render.effects import MAX_BAKED
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,8 @@ class Media:
         """Make the grids of all materials that have none."""
         for material in self.materials:
             if material not in self.baked:
-                self.baked[material] = BakedDensity(material, common_alpha(self.media, material))
+                alpha = common_alpha(self.media, material)
+                self.baked[material] = BakedDensity(material, alpha, MAX_BAKED // len(self.materials))
 
     def decode(self, sample, taps=1):
         """σ of a sample, and the trunk's features for `rho`."""
@@ -134,7 +136,8 @@ def grid_columns(media: list[Medium]) -> list[float]:
 
 
 def _grid(media: list[Medium], material: Material) -> tuple[int, ...]:
-    return grid_shape(material.plane.shapes[0], common_alpha(media, material).count(None))
+    most = MAX_BAKED // len({m.material for m in media})
+    return grid_shape(material.plane.shapes[0], common_alpha(media, material).count(None), most)
 
 
 def _at(value, sample, medium: Medium):

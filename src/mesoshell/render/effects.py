@@ -250,13 +250,16 @@ def _baked(f: Facts, quality: Quality, engine: Engine, sums: bool) -> Effect:
     if not engine.draws or sums:
         return Effect(False, "samples that are summed need the network's features")
     if f.baked > MAX_BAKED:
-        return Effect(False, f"its grid would hold {f.baked / 1e6:.0f} million numbers, above {MAX_BAKED / 1e6:.0f}")
+        return Effect(False, f"grids would hold {f.baked / 1e6:.0f} million numbers, above {MAX_BAKED / 1e6:.0f}")
+    if f.magnified == float("inf"):
+        return Effect(False, "how near a camera sees its columns is not known")
     if f.magnified > MAX_MAGNIFIED:
-        return Effect(False, f"from near its columns are {f.magnified:.2g} times as wide as a pixel's footprint")
+        return Effect(False, f"nearby, a column of its grid is {f.magnified:.3g} times as wide as a pixel's footprint")
     if quality.density == "network":
         return Effect(False, BY_QUALITY)
     return Effect(
-        True, f"from a grid of {f.baked / 1e6:.2g} million numbers; its columns are {f.magnified:.2g} of a footprint"
+        True,
+        f"from {f.baked / 1e6:.2g} million numbers; nearby, a column is {f.magnified:.2g} times as wide as a footprint",
     )
 
 

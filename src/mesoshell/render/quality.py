@@ -92,8 +92,9 @@ class Quality:
     )
     density: str = _setting(
         "baked",
-        "density of samples from a grid of the finest texture level, without a filter, or by network, filtered",
-        "blades seen nearer than a texel, which takes the network; distant surfaces are noisier",
+        "where drawn paths have density from: baked, a grid of the finest texture level, unfiltered; network, the network, "
+        "filtered if filtering is on",
+        "edges that are sharper than half a texel",
         engine="mitsuba",
         words=("baked", "network"),
     )

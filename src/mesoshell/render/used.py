@@ -29,7 +29,7 @@ def quality_used(quality: Quality, effects: Effects, engine: Engine) -> dict[str
         "max_depth": paths and (effects.bounces.on or quality.max_depth <= 2),
         "rr_depth": effects.roulette.on,
         "dark_ground": paths and shells,
-        "bounce_spread": paths and lit and opens,
+        "bounce_spread": paths and lit and opens and (effects.filtering.on or surfaces),
         "twin": effects.twin.why != NO_TWIN,
         "curvature_filter": surfaces,
         "curve_length": surfaces and quality.curvature_filter in ("curve", "unscaled"),

@@ -45,8 +45,8 @@ def knobs_of(used: Iterable[str], fixed: Iterable[str] = ()) -> tuple[str, ...]:
 
 
 def settings_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
-    """Values of the knobs; `reference`'s where one does nothing."""
-    return _with_idle({name: getattr(quality, name) for name in names})
+    """Values of the knobs."""
+    return {name: getattr(quality, name) for name in names}
 
 
 def noise_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
@@ -56,7 +56,7 @@ def noise_of(quality: Quality, names: Iterable[str]) -> dict[str, Any]:
 
 def changes(settings: Settings) -> dict[str, Any]:
     """What differs from `normal`: what `--set` is given."""
-    idle = _idle(settings)
+    idle = _unfiltered(settings)
     return {k: x for k, x in settings.items() if x != getattr(PRESETS["normal"], k) and k not in idle}
 
 
@@ -66,22 +66,17 @@ def describe_changes(settings: Settings) -> str:
 
 
 def neighbours(settings: Settings, distance: int = 1) -> Iterator[dict[str, Any]]:
-    """Settings of which one knob has the next value but `distance` − 1, cheaper ones last. What does nothing does not vary, and
-    is `reference`'s."""
+    """Settings of which one knob has the next value but `distance` − 1, cheaper ones last. What does nothing without a filter
+    does not vary there, and is `reference`'s; nor does it where density is baked."""
+    idle = ("filtering", *OF_FILTER) if settings.get("density") == "baked" else _unfiltered(settings)
     for step in (distance, -distance):
         for name, value in settings.items():
             at = VALUES[name].index(value) + step
-            if 0 <= at < len(VALUES[name]) and name not in _idle(settings):
-                yield _with_idle({**settings, name: VALUES[name][at]})
+            if 0 <= at < len(VALUES[name]) and name not in idle:
+                other = {**settings, name: VALUES[name][at]}
+                yield other | {k: getattr(PRESETS["reference"], k) for k in _unfiltered(other) if k in other}
 
 
-def _idle(settings: Settings) -> tuple[str, ...]:
-    """Knobs that do nothing."""
-    if settings.get("density") == "baked":
-        return "filtering", *OF_FILTER
+def _unfiltered(settings: Settings) -> tuple[str, ...]:
+    """The knobs that do nothing without a filter, where there is none."""
     return () if settings.get("filtering", True) else OF_FILTER
-
-
-def _with_idle(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings, those that do nothing as `reference` has them."""
-    return settings | {name: getattr(PRESETS["reference"], name) for name in _idle(settings) if name in settings}

@@ -148,7 +148,8 @@ class _Scenes:
     def used(self) -> list[str]:
         """Fields that some preset's picture depends on."""
         names: list[str] = []
-        for preset in PRESETS.values():  # in Mitsuba a record is of the last passes that were begun
+        filtered = NORMAL.with_changes(density="network")
+        for preset in (*PRESETS.values(), filtered):  # in Mitsuba a record is of the last passes that were begun
             passes = self.passes(preset)
             names += passes.ended(np.zeros((*passes.shape, 4)), 1).record["quality"]
         return names

@@ -15,7 +15,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.io.level_arrays import flatten
 
 #: Most half-precision numbers that are widened to float32. More are read by fours, as integers of 64 bits: a picture takes up
-#: to a tenth longer, and a fifth to a quarter where a row has no multiple of four and they are read alone.
+#: to a tenth longer; a quarter longer where a row's length is no multiple of 4, and they are read alone.
 MAX_WIDENED = 2**26
 #: An array of Dr.Jit's has fewer entries.
 MAX_ENTRIES = 2**32

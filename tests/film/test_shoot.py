@@ -126,6 +126,17 @@ def test_keys_change_what_they_say(scene: ms.Scene, times: list[ms.Scene], tmp_p
     assert len({p.read_bytes() for p in made.frames}) == 3
 
 
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_parameter_that_moves_has_the_networks_density(moved, scene: ms.Scene, tmp_path: Path, monkeypatch):
+    """A grid would be of one frame's."""
+    asked = []
+    prepare = shooting.prepare
+    monkeypatch.setattr(shooting, "prepare", lambda *given: asked.append(given[1].density) or prepare(*given))
+    keys = [{"frame": 0, "params": {"dryness": 0.0}}, {"frame": 1, "params": {"dryness": 1.0}}]
+    ms.film(scene, tmp_path / "film", **({"keys": keys} if moved else {"orbit": 2}), **DRAFT)
+    assert asked == 2 * ["network" if moved else "baked"]
+
+
 def test_keys_of_colour_on_a_grown_texture(times: list[ms.Scene], tmp_path: Path):
     """Geometry that is given once is grown once, and stays."""
     scene = ms.Scene(

@@ -72,6 +72,15 @@ def test_a_cache_that_cannot_be_written_is_done_without(times: list[Path], tmp_p
     assert len(kept_mesh(FILE).faces) and len(kept_mesh(FILE).faces) and len(times) == 2
 
 
+def test_a_cache_that_cannot_be_touched_is_read(times: list[Path], monkeypatch: pytest.MonkeyPatch):
+    def refused(*_: object) -> None:
+        raise PermissionError
+
+    first = kept_mesh(FILE)
+    monkeypatch.setattr("os.utime", refused)
+    assert same(kept_mesh(FILE), first) and same(kept_mesh(FILE), first) and len(times) == 1
+
+
 def test_what_was_not_used_for_longest_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     kept_mesh(FILE)
     one = next(cache_folder("meshes").iterdir())

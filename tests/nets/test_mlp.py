@@ -18,8 +18,10 @@ def true_relu(layers: list[Dense], x: np.ndarray) -> np.ndarray:
     return x
 
 
+@pytest.mark.parametrize("backend", ["cpu", "gpu"])
 @pytest.mark.parametrize("count", [0, 1, TILE - 1, TILE, TILE + 1, 2 * TILE])
-def test_tiles_are_the_plain_evaluation(count: int):
+def test_tiles_are_the_plain_evaluation(count: int, backend: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: backend)
     layers = network()
     x = np.random.default_rng(1).normal(size=(2 * TILE, 5)).astype(np.float32)
 
@@ -32,8 +34,6 @@ def test_tiles_are_the_plain_evaluation(count: int):
     assert found.shape == (2 * TILE, 3) and sums.shape == (2 * TILE,)
     np.testing.assert_allclose(found[:count], true_relu(layers, x)[:count], rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(sums[:count], x.sum(axis=1)[:count], rtol=1e-4, atol=1e-5)
-    whole = -(-count // TILE) * TILE
-    assert not np.asarray(found[whole:]).any() and not np.asarray(sums[whole:]).any()
 
 
 def test_one_program_serves_every_count():

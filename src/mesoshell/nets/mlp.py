@@ -1,7 +1,8 @@
 """Dense networks as plain pytrees, evaluated plainly or in cache-sized tiles.
 
-A layer is a pair (kernel (in, out), bias (out,)); a network is a list of layers. One call on millions of rows spills
-every activation to memory; tiles of a few thousand rows keep them in the cache, which is 3.4 times faster on a CPU.
+A layer is a pair (kernel (in, out), bias (out,)); a network is a list of layers. On a CPU, one call on millions of rows
+spills every activation to memory; tiles of a few thousand rows keep them in the cache, which is 3.4 times faster. A GPU, which
+needs many rows to be busy, was six times slower in such tiles (docs/results/performance.md).
 """
 
 from collections.abc import Callable
@@ -57,12 +58,14 @@ def apply_relu(layers: list[Dense], x: Float[Array, "... I"]) -> Float[Array, ".
 
 
 def in_tiles(function: Callable, count: Array, rows: tuple, out_like: tuple) -> tuple:
-    """`function` on the first `count` rows of each array in `rows`, TILE rows at a time; later output rows are 0.
+    """`function` on the first `count` rows of each array in `rows`, on a CPU TILE rows at a time, elsewhere all at once.
 
     count is a traced scalar, so one compiled program serves every number of rows up to the arrays' length (a multiple of
-    TILE). out_like: one (width, dtype) for each output array, which has shape (rows, width).
+    TILE). out_like: one (width, dtype) for each output array, which has shape (rows, width). Later rows mean nothing.
     """
     length = jax.tree.leaves(rows)[0].shape[0]
+    if jax.default_backend() != "cpu":
+        return function(*rows)
     outputs = tuple(jnp.zeros((length, *((w,) if w else ())), t) for w, t in out_like)
 
     def body(i: Array, out: tuple) -> tuple:

@@ -5,6 +5,9 @@ A *visit* is one stay of a ray in the shell, from the face where it enters to th
 The compiled program takes CAPACITY rays at most and serves any number below: it works through them in chunks of CHUNK
 rays that advance in lock-step, STEPS prisms at most, and stops a chunk when all its rays have left. Rays that need more
 go on in the next call, packed together, so a few long grazing rays do not hold the others up.
+
+The program runs on the host's CPU, also beside a GPU: its steps are many and small, and a GPU took ten times as long for them
+(docs/results/performance.md).
 """
 
 from typing import Any, NamedTuple
@@ -56,6 +59,15 @@ class Starts(NamedTuple):
     direction: Float[np.ndarray, "R 3"]
     prism: Int[np.ndarray, "R"]
     code: Int[np.ndarray, "R"]
+
+
+def on_host(prisms: Prisms) -> Prisms:
+    """Tables on the host's CPU, where the walk follows them; on JAX's default device where JAX has no CPU (JAX_PLATFORMS)."""
+    try:
+        host = jax.local_devices(backend="cpu")[0]
+    except RuntimeError:
+        host = None
+    return jax.device_put(prisms, host)
 
 
 def visit(prisms: Prisms, starts: Starts, exact: bool = False) -> tuple[Visits, int]:

@@ -31,7 +31,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Int
 
-from mesoshell.shell.geometry.batched_walk import Intervals, Starts, Visits, visit
+from mesoshell.shell.geometry.batched_walk import Intervals, Starts, Visits, on_host, visit
 from mesoshell.shell.geometry.extrude import TETRAHEDRON, Shell
 from mesoshell.shell.geometry.intervals import cut, without_overlap
 from mesoshell.shell.geometry.march import BASE, LOST, TOP, as_tables
@@ -77,7 +77,8 @@ class Boundary:
         others: Float[np.ndarray, "N 3 3"] | None = None,
         opaque: bool = True,
     ):
-        self.prisms = as_tables(shell.base, shell.offset, shell.faces, shell.neighbour, shell.neighbour_edge)
+        tables = as_tables(shell.base, shell.offset, shell.faces, shell.neighbour, shell.neighbour_edge)
+        self.prisms = on_host(tables)
         self.mesh_face = shell.mesh_face
         self.neighbour = shell.neighbour
         self.opaque = opaque

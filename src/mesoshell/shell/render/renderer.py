@@ -76,7 +76,7 @@ class _Renderer:
         self.rows = capacity(USUAL * min(RAYS, scene.camera.width * scene.camera.height))
         shell = scene.shell
         self.boundary = Boundary(shell, scene.mesh.faces, others=object_triangles(scene))
-        chart = Chart(self.boundary.prisms.corners, jnp.asarray(shell.uv.reshape(-1, 6)))
+        chart = Chart(*(jnp.asarray(np.asarray(x)) for x in (self.boundary.prisms.corners, shell.uv.reshape(-1, 6))))
         self.media = Media(scene, quality, effects, chart)
         self.lighting = Lighting(scene, quality, effects, self.boundary, self.media, report)
         report.time("prepare", begin)

@@ -1,0 +1,44 @@
+"""A picture on the host's CPU, and with all but the walk on another device as on an accelerator; in a process of its own.
+
+The second of two virtual devices stands for the accelerator. Prints one JSON object: the largest difference of the pictures, the
+devices of the walk, of the chart and of the decoder.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":
+    os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=2"
+
+import jax
+import numpy as np
+
+from mesoshell.io.bundle import read_bundle
+from mesoshell.render.quality import Quality
+from mesoshell.render.tiles import RenderReport
+from mesoshell.shell.render.renderer import _Renderer, render
+from tests.helpers import scenes
+
+QUALITY = Quality(pixel_samples=1)
+
+
+def main() -> None:
+    pictures, device = [], {}
+    for name in ("cpu", "gpu"):
+        jax.clear_caches()
+        jax.default_backend = lambda name=name: name
+        jax.config.update("jax_default_device", jax.devices()[name == "gpu"])  # of every thread
+        scene = scenes.slab(read_bundle(Path(sys.argv[1])))
+        plan = scenes.effects(scene, QUALITY)
+        pictures.append(render(scene, QUALITY, plan)[0])
+        renderer = _Renderer(scene, QUALITY, plan, RenderReport())
+        table = renderer.media.each[0].table
+        held = {"walk": renderer.boundary.prisms, "chart": table.chart, "decoder": table.material.decoder}
+        device = {name: sorted({x.device.id for x in jax.tree.leaves(tree)}) for name, tree in held.items()}
+    print(json.dumps({"differ": float(np.abs(pictures[1] - pictures[0]).max()), **device}))
+
+
+if __name__ == "__main__":
+    main()

@@ -91,6 +91,7 @@ def to_goal(name: str, side: int, spp: int = 16, passes: int = 6) -> None:
     """Seconds until the mean error of a pixel is GOAL of the mean, from the spread of independent pictures."""
     begin = time.perf_counter()
     scene: Any = load_file(SCENES / f"{name}.xml", width=side, height=side)
+    scene.integrator().context.bake()
     set_up = time.perf_counter() - begin
     first = seconds(lambda: shot(scene, spp))
     context = scene.integrator().context
@@ -158,6 +159,7 @@ def beside(name: str, side: int, settings: list[dict[str, Any]], spp: int = 16, 
         scene: Any = load_file(
             SCENES / f"{name}.xml", PRESETS["normal"].with_changes(**changed), width=side, height=side
         )
+        scene.integrator().context.bake()
         set_up = time.perf_counter() - begin
         shot(scene, spp)
         before, took, many = scene.integrator().context.queries, [], []

@@ -63,7 +63,8 @@ KNOBS = (
 )
 #: Cost beyond which nothing is asked for.
 DEAREST = 1000.0
-NORMAL, REFERENCE = PRESETS["normal"], PRESETS["reference"]
+#: With density from the network, as all of `presets.json` is.
+NORMAL, REFERENCE = PRESETS["normal"].with_changes(density="network"), PRESETS["reference"]
 
 
 class Place(NamedTuple):

@@ -102,7 +102,7 @@ def pictured(material: DeviceMaterial, mesh: Mesh, size: int, quality: str) -> t
     camera = Camera(look_at((n / 2, -0.75 * n, 0.9 * n), (n / 2, n / 2, 0.1 * n), (0.0, 0.0, 1.0)), 0.75, size, size)
     lights = (Distant(np.array([0.48, 0.36, 0.8]), np.full(3, 12.0)),)
     scene = Scene(mesh, shell, material, camera, lights, alpha=np.full(len(material.names), 0.3, np.float32))
-    chosen = PRESETS[quality]
+    chosen = PRESETS[quality].with_changes(density="network")
     draw = partial(render, scene, chosen, plan_effects(facts(scene), chosen))
     draw()
     return draw()

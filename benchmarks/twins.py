@@ -53,7 +53,14 @@ SIDES = {"near": 128, "far": 64}
 SAMPLES = (8, 16, 32, 64, 128)
 PATHS = 256
 TRUE = PRESETS["normal"].with_changes(
-    samples=256, pixel_samples=16, spacing="length", early_stop=0.0, skip=0.0, weight_cut=0.0, light_samples=0
+    samples=256,
+    pixel_samples=16,
+    density="network",
+    spacing="length",
+    early_stop=0.0,
+    skip=0.0,
+    weight_cut=0.0,
+    light_samples=0,
 )
 
 

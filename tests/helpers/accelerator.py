@@ -1,7 +1,7 @@
-"""A picture on the host's CPU, and with all but the walk on another device as on an accelerator; in a process of its own.
+"""A picture on the host's CPU, and with all but the walk on another device, as on an accelerator; a process of its own.
 
-The second of two virtual devices stands for the accelerator. Prints one JSON object: the largest difference of the pictures, the
-devices of the walk, of the chart and of the decoder.
+The second of two virtual devices stands for the accelerator. Prints one JSON object: the largest difference of the pictures,
+the devices of the walk, of the chart and of the decoder.
 """
 
 import json

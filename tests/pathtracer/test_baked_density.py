@@ -9,13 +9,18 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from mesoshell.io import density_grid
 from mesoshell.io.bundle import Bundle
+from mesoshell.io.density_grid import K
 from mesoshell.pathtracer import baked_density, load_dict
-from mesoshell.pathtracer.baked_density import BakedDensity, K, grid_shape
+from mesoshell.pathtracer.baked_density import BakedDensity
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium, common_alpha
 from mesoshell.pathtracer.samples import Sample
+from mesoshell.render.effects import MAX_BAKED
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle
+from mesoshell.shell.material.baked_density import bake
+from mesoshell.shell.material.loader import load_device_material
 from tests.helpers import growing
 from tests.helpers.path_traced import QUALITY, rough, scene, shell
 
@@ -71,7 +76,7 @@ def test_a_grid_holds_what_the_network_says(name, columns, given, edged, tiny_bu
 def test_between_them_it_is_linear(tiny_bundle) -> None:
     """Along each axis, and in a parameter that varies."""
     material = Material(tiny_bundle)
-    grid = BakedDensity(material, [None])
+    grid = BakedDensity(material, [None], MAX_BAKED)
     xi, steps = on_columns(material, 2), np.eye(3, dtype=np.float32)
     xi[2] = np.minimum(xi[2], 1 - 1.5 / K)
     ends = by_grid(grid, xi, [0.0])
@@ -87,7 +92,7 @@ def test_between_them_it_is_linear(tiny_bundle) -> None:
 def test_a_plane_is_laid_as_the_network_sees_it(name, tiny_bundle, tiled_bundle) -> None:
     """By repetition, or by corner tiles: at columns anywhere, of tiles those a texel from a border."""
     material = Material({"tiny": tiny_bundle, "tiled": tiled_bundle}[name])
-    grid, rng = BakedDensity(material, [0.5]), np.random.default_rng(1)
+    grid, rng = BakedDensity(material, [0.5], MAX_BAKED), np.random.default_rng(1)
     columns = int(2 * material.density)
     column = rng.integers(2, columns - 2, (2, 2000)) if name == "tiled" else rng.integers(0, columns, (2, 2000))
     place = rng.integers(-40, 40, (2, 2000)) + (column + 0.5) / columns
@@ -98,8 +103,15 @@ def test_a_plane_is_laid_as_the_network_sees_it(name, tiny_bundle, tiled_bundle)
 
 def test_a_density_beyond_half_precision_is_its_largest(tiny_bundle) -> None:
     arrays = tiny_bundle.arrays | {"sigma_scale": tiny_bundle.arrays["sigma_scale"] * np.float32(1e9)}
-    grid = BakedDensity(Material(replace(tiny_bundle, arrays=arrays)), [0.5])
+    grid = BakedDensity(Material(replace(tiny_bundle, arrays=arrays)), [0.5], MAX_BAKED)
     assert np.isfinite(np.array(grid.numbers)).all() and np.array(grid.numbers).max() == np.finfo(np.float16).max
+
+
+def test_both_engines_bake_the_same(tiny_bundle, edged) -> None:
+    for bundle, alpha in ((tiny_bundle, None), (edged, 0.7)):
+        grid = BakedDensity(Material(bundle), [alpha], MAX_BAKED)
+        marched = bake(load_device_material(bundle), (alpha,), grid.shape)
+        np.testing.assert_allclose(np.array(grid.numbers, np.float32), marched, rtol=2e-3, atol=1e-6)
 
 
 def test_a_parameter_varies_if_shells_or_a_texture_differ(tiny_bundle) -> None:
@@ -109,7 +121,6 @@ def test_a_parameter_varies_if_shells_or_a_texture_differ(tiny_bundle) -> None:
     assert common_alpha([*media, Medium(one, (0.25,))], one) == [None]
     texture: Any = mi.load_dict({"type": "bitmap", "bitmap": mi.Bitmap(np.zeros((2, 2, 1), np.float32)), "raw": True})
     assert common_alpha([Medium(one, (texture,))], one) == [None]
-    assert grid_shape((256, 256, 32), 1) == (2, 512, 512, K) and grid_shape((512, 512, 32), 0) == (512, 512, K)
 
 
 def test_pictures_have_the_same_mean(materials) -> None:
@@ -119,7 +130,7 @@ def test_pictures_have_the_same_mean(materials) -> None:
         quality = QUALITY.with_changes(density=density, filtering=False, samples=64)
         made: Any = load_dict(scene(shell(materials, "rough"), light={"type": "constant"}), quality)
         context = made.integrator().context
-        assert context.effects.baked_density.on == (density == "baked") == bool(context.media.baked)
+        assert context.effects.baked_density.on == (density == "baked") and not context.media.baked
         assert not context.effects.filtering.on
         ways[density] = np.stack([np.array(mi.render(made, spp=64, seed=mi.UInt32(k))) for k in range(8)])
         queries[density] = context.queries
@@ -131,21 +142,21 @@ def test_pictures_have_the_same_mean(materials) -> None:
 def test_a_grid_is_made_once(tiny_bundle, monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """Of the same material and parameter; another one's is another. What is damaged is made anew."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(baked_density, "MIN_KEPT", 1)
+    monkeypatch.setattr(density_grid, "MIN_KEPT", 1)
     made = []
     network = BakedDensity._by_network
     monkeypatch.setattr(BakedDensity, "_by_network", lambda *a: made.append(a) or network(*a))
-    first = BakedDensity(Material(tiny_bundle), [0.5])
-    again = BakedDensity(Material(tiny_bundle, (5, 7)), [0.5])
+    first = BakedDensity(Material(tiny_bundle), [0.5], MAX_BAKED)
+    again = BakedDensity(Material(tiny_bundle, (5, 7)), [0.5], MAX_BAKED)
     assert len(made) == 1
     np.testing.assert_array_equal(np.array(first.numbers), np.array(again.numbers))
-    BakedDensity(Material(tiny_bundle), [0.25])
+    BakedDensity(Material(tiny_bundle), [0.25], MAX_BAKED)
     other = tiny_bundle.arrays | {"sigma_scale": np.float32(2) * tiny_bundle.arrays["sigma_scale"]}
-    BakedDensity(Material(replace(tiny_bundle, arrays=other)), [0.5])
+    BakedDensity(Material(replace(tiny_bundle, arrays=other)), [0.5], MAX_BAKED)
     assert len(made) == 3
     for entry in (tmp_path / "mesoshell" / "densities").iterdir():
         entry.write_bytes(entry.read_bytes()[:-100])
-    BakedDensity(Material(tiny_bundle), [0.5])
+    BakedDensity(Material(tiny_bundle), [0.5], MAX_BAKED)
     assert len(made) == 4
 
 

@@ -138,7 +138,7 @@ def test_an_engine_says_what_it_cannot():
         ),
         ({"magnified": np.inf}, "baked", False, "how near a camera sees its columns is not known"),
         ({"baked": 2**26}, "network", False, "grids would hold 67 million numbers, above 34"),
-        ({"environment": False}, "baked", False, "samples that are summed need the network's features"),
+        ({"environment": False}, "baked", False, "samples that are all lit need the network's features"),
         ({"shells": 0}, "baked", False, "no shells"),
     ],
 )
@@ -148,8 +148,33 @@ def test_a_density_is_baked_for_drawn_paths_that_see_no_finer(changes: dict, den
     effects = plan_effects(facts, Quality(density=density), PATHS)
     assert effects.baked_density.on == on and effects.baked_density.why.startswith(why)
     assert not (on and (effects.filtering.on or effects.anisotropic_filtering.on))
-    marched = plan_effects(facts, Quality(density=density), MARCH)
-    assert not marched.baked_density.on and not marched.baked_density.missing
+    assert not effects.baked_density.missing
+
+
+@pytest.mark.parametrize(
+    ("changes", "quality", "on", "why"),
+    [
+        ({}, {}, True, "from 0.001 million numbers"),
+        ({"coarsest": 16.0}, {}, True, "from"),
+        ({"coarsest": 17.0}, {}, False, "footprints reach 17 texels, and 2 rays a pixel average little"),
+        ({"coarsest": 17.0}, {"pixel_samples": 3}, True, "from"),
+        ({}, {"pixel_samples": 1}, False, "footprints reach 3 texels, and a ray a pixel averages little"),
+        ({}, {"light_samples": 0}, False, "samples that are all lit need the network's features"),
+        ({}, {"density": "network"}, False, "switched off by quality"),
+        ({"magnified": 2.5}, {}, False, "nearby, a column of its grid is 2.5 times as wide as a pixel's footprint"),
+        ({"baked": 2**26}, {}, False, "grids would hold 67 million numbers, above 34"),
+    ],
+)
+def test_a_march_of_several_rays_a_pixel_has_its_density_baked(changes: dict, quality: dict, on: bool, why: str):
+    """If these average its footprints, and not all that it samples is lit."""
+    facts = replace(PLAIN, **{"baked": 1000, "magnified": 1.5, "coarsest": 3.0} | changes)
+    asked = Quality().with_changes(**quality)
+    effects = plan_effects(facts, asked, MARCH)
+    assert effects.baked_density.on == on and effects.baked_density.why.startswith(why)
+    assert effects.filtering.on != on
+    assert quality_used(asked, effects, MARCH).get("density") == (
+        "network" if "density" in quality else "baked" if on else None
+    )
 
 
 @pytest.mark.parametrize("engine", [MARCH, SURFACE, PATHS])
@@ -186,7 +211,9 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     drawn = replace(room, baked=100, magnified=1.0)
     most = used(room, PATHS)
     assert used(drawn, PATHS) == most - filtered - {"filtering", "bounce_spread"} | {"density"}
-    assert used(drawn, PATHS, density="network") == most | {"density"} and used(drawn, MARCH) == used(room, MARCH)
+    assert used(drawn, PATHS, density="network") == most | {"density"}
+    near = replace(drawn, environment=True)
+    assert used(near, MARCH) == used(replace(sky, baked=2**26), MARCH) - filtered - {"filtering"} | {"density"}
     everywhere = used(drawn, PATHS) | used(sky, MARCH) | used(room, PATHS) | used(SURFACE_ONLY, SURFACE)
     assert everywhere == {f.name for f in fields(Quality)}
 

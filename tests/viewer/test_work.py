@@ -45,7 +45,7 @@ def test_a_picture_refines_to_what_render_makes(scene: ms.Scene):
     still = settle(scene)
     steps = list(refine(still, "draft", never, most=3))
     assert [(s.rgba.shape, s.samples) for s in steps] == [((6, 8, 4), 1), *(((15, 20, 4), k) for k in (1, 2, 3))]
-    made = ms.render(still, ms.Quality(samples=4), max_samples=3)
+    made = ms.render(still, ms.Quality(samples=4, density="network"), max_samples=3)
     np.testing.assert_allclose(steps[-1].rgba, made.rgba, atol=1e-6)
     assert steps[-1].rendered.record["rays"] == 3 * 300 and steps[-1].effects is not None
 

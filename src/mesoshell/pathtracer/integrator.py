@@ -25,6 +25,7 @@ class ShellPath(mi.SamplingIntegrator):
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Radiance toward rays, and whether they met anything."""
+        self.context.bake()
         camera = self.context.camera_ray(ray, sampler)
         if self.context.effects.quadrature.on:
             return *light_directly(self, scene, sampler, camera, active), []

@@ -154,8 +154,6 @@ def _context(
             f"'{quality.spacing}' requires `engine` jax: paths have samples by density or length",
         )
     effects = plan_effects(facts, quality, PATHS)
-    if effects.baked_density.on and media is not None:
-        media.bake()
     lights = [distant(e) for e in scene.emitters()] if effects.quadrature.on else []
     return RenderContext(shells, media, surface_meshes, quality, effects, lights, notes, facts)
 

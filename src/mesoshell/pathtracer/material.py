@@ -12,7 +12,6 @@ F           F(u, v) + F(h) + δ, each filtered                                  
 ω, ω′       toward the viewer, toward the light                                   (3,), canonical
 """
 
-import hashlib
 import math
 
 import drjit as dr
@@ -22,7 +21,7 @@ import numpy as np
 
 from mesoshell.io.bundle import FADE, GRID_CELLS, Bundle
 from mesoshell.io.corner_tiles import FACTORS, LAST, ROUNDS, SIDE, places
-from mesoshell.pathtracer.baked_density import grid_shape
+from mesoshell.io.density_grid import finest_digest, grid_shape
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.levels import Levels, between_levels, count, level_of, network, softplus
 from mesoshell.render.effects import MAX_BAKED
@@ -55,8 +54,8 @@ class Material:
         self.trunk, self.sigma = network(a, "decoder/trunk", "decoder/sigma")
         self.head, self.rho = network(a, "decoder/head", "decoder/rho")
         self.features = len(a["decoder/sigma/kernel"])
-        bakes = math.prod(grid_shape(self.plane.shapes[0], 0)) <= MAX_BAKED
-        self.digest = _digest(bundle) if bakes else ""
+        bakes = math.prod(grid_shape(self.plane.shapes[0], 0, MAX_BAKED)) <= MAX_BAKED
+        self.digest = finest_digest(bundle) if bakes else ""
 
     def level(self, radius, taps=1):
         """Level at which a texel is as wide as the footprint's ±1 standard deviation; None for the finest."""
@@ -213,17 +212,6 @@ class Material:
                 row = self.plane.row(dr.gather(mi.UInt32, self.plane.offset, l) + on * width + at)
                 total = _plus(total, wx * wy, row)
         return total
-
-
-def _digest(bundle: Bundle) -> str:
-    """A hash of all that σ of the finest level depends on."""
-    sha, others = hashlib.sha256(), ("features/", "grid/", "decoder/head/", "decoder/rho/", "generator/")
-    for name in ("features/0", *(k for k in sorted(bundle.arrays) if not k.startswith(others))):
-        array = np.ascontiguousarray(bundle.arrays[name])
-        sha.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
-    fields = (bundle.texel_density, bundle.wraps, bundle.height_octaves, bundle.finest_corrected)
-    sha.update(repr(fields).encode())
-    return sha.hexdigest()
 
 
 def _colour(i, j):

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.baked_density import BakedDensity, grid_shape
+from mesoshell.io.density_grid import grid_shape
+from mesoshell.pathtracer.baked_density import BakedDensity
 from mesoshell.pathtracer.maps import look_up
 from mesoshell.pathtracer.material import Material
 from mesoshell.render.effects import MAX_BAKED

@@ -27,6 +27,11 @@ class RenderContext:
         self.facts = facts
         self._queries = dr.zeros(mi.Float64, 1)
 
+    def bake(self) -> None:
+        """Make what paths read in place of the network, if they do and it is not there yet: before the first of them."""
+        if self.effects.baked_density.on and self.media is not None:
+            self.media.bake()
+
     @property
     def taps(self) -> int:
         """Taps of the filter along a footprint; 0 without filtering."""

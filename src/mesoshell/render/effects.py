@@ -17,6 +17,8 @@ NO_TWIN = "there is no distilled twin to stand in"
 BY_QUALITY = "switched off by quality"
 #: Numbers that grids of σ may hold, some eight seconds on two cores; how wide their columns may be seen, over a footprint.
 MAX_BAKED, MAX_MAGNIFIED = 2**25, 2.0
+#: Of a march that is not filtered: rays a pixel, at least; and texels of the largest footprint, for each of them, at most.
+MIN_RAYS, TEXELS_A_RAY = 2, 8
 
 
 @dataclass(frozen=True)
@@ -85,8 +87,8 @@ class Engine:
 
 
 _MARCHED = (
-    "shells twin direct_light environment background mesh_shadow object_shadow quadrature camera_in_shell filtering "
-    "anisotropic_filtering varying_parameters varying_geometry corner_tiles"
+    "shells twin direct_light environment background mesh_shadow object_shadow quadrature camera_in_shell baked_density "
+    "filtering anisotropic_filtering varying_parameters varying_geometry corner_tiles"
 )
 _QUERIED = "surface_materials opacity twin direct_light environment background mesh_shadow object_shadow"
 #: Shells marched in JAX; meshes with a surface material, in JAX; paths in Mitsuba.
@@ -247,8 +249,12 @@ def _quadrature(f: Facts, engine: Engine, one_event: bool) -> Effect:
 def _baked(f: Facts, quality: Quality, engine: Engine, sums: bool) -> Effect:
     if not f.shells:
         return Effect(False, "no shells")
-    if not engine.draws or sums:
-        return Effect(False, "samples that are summed need the network's features")
+    if (engine.draws and sums) or (not engine.draws and quality.light_samples == 0):
+        return Effect(False, "samples that are all lit need the network's features")
+    count = quality.pixel_samples
+    if not engine.draws and (count < MIN_RAYS or f.coarsest > TEXELS_A_RAY * count):
+        rays = f"{count} rays a pixel average" if count > 1 else "a ray a pixel averages"
+        return Effect(False, f"footprints reach {f.coarsest:.3g} texels, and {rays} little: a filter is less noisy")
     if f.baked > MAX_BAKED:
         return Effect(False, f"grids would hold {f.baked / 1e6:.0f} million numbers, above {MAX_BAKED / 1e6:.0f}")
     if f.magnified == float("inf"):
@@ -269,7 +275,7 @@ def _filtering(f: Facts, quality: Quality, called: dict[str, Effect], engine: En
     if not quality.filtering:
         return Effect(False, BY_QUALITY)
     if called["baked_density"].on:
-        return Effect(False, "density is baked: paths of a pixel average what a filter would")
+        return Effect(False, "density is baked: what a pixel's rays average is not filtered")
     opens = engine.draws and (called["bounces"].on or f.area > 0 or f.environment)
     if opens:
         return Effect(True, "footprints open at an event")

@@ -92,10 +92,9 @@ class Quality:
     )
     density: str = _setting(
         "baked",
-        "where drawn paths have density from: baked, a grid of the finest texture level, unfiltered; network, the network, "
-        "filtered if filtering is on",
+        "where density is from if a pixel has several rays or paths: baked, a grid of the finest texture level, unfiltered; "
+        "network, the network, filtered if filtering is on",
         "edges that are sharper than half a texel",
-        engine="mitsuba",
         words=("baked", "network"),
     )
     filtering: bool = _setting(

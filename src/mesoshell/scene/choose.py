@@ -8,7 +8,8 @@ e(n)        error of n rays a pixel, (b^p + ν^p / n^FALL)^(1/p): FLIP's power p
 c           what a ray costs, in queries, over the first rung's: RAY + q Q (1 + TAP (taps − 1) + EXACT x), with taps of the
             filter (one without), Q queries of the first rung's ray, x of 1 for exact coordinates, else 0
 
-b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur (benchmarks/ladder). The
+b, ν and q are geometric means of four scenes: grass, a field of it, details of a carpet and of fur, with density from the
+network (benchmarks/ladder). The
 last two biases are in proportion to the one before as those that are above the noise of their references: the field's and the
 carpet's, and then the field's alone.
 Of the user's scene two rays a pixel tell the seconds of a pass, its queries and its noise; its biases are taken to be as large
@@ -51,17 +52,31 @@ class Rung(NamedTuple):
 
 
 _FINE = {"light_samples": 12, "skip": 0.02, "weight_cut": 0.02, "base_samples": 16}
+_NETWORK = {"density": "network"}
 _EXACT = {"light_samples": 0, "early_stop": 0.0, "skip": 0.0, "weight_cut": 0.0, "base_samples": 32}
 LADDER = (
-    Rung({"samples": 10, "early_stop": 0.05, "light_samples": 4, "footprint": 0.7, "anisotropy": 1}, 0.71, 1.0, 1.0),
-    Rung({"samples": 14, "anisotropy": 1}, 0.59, 0.94, 1.30),
-    Rung({"samples": 20, "height_filter": 0.2, "light_samples": 6, "anisotropy": 1}, 0.50, 0.85, 1.57),
-    Rung({"samples": 28, "anisotropy": 2}, 0.48, 0.68, 2.1),
-    Rung({"samples": 40, "footprint": 0.35, "anisotropy": 2, "coordinates": "exact"}, 0.32, 0.70, 2.7),
-    Rung({"samples": 64, "footprint": 0.25, "anisotropy": 2, "coordinates": "exact", **_FINE}, 0.22, 0.64, 4.5),
-    Rung({"samples": 128, "filtering": False, "coordinates": "exact", **_FINE}, 0.15, 0.65, 7.0),
     Rung(
-        {"samples": 256, "filtering": False, "spacing": "length", "coordinates": "exact", **_EXACT}, 0.089, 0.46, 47.0
+        {**_NETWORK, "samples": 10, "early_stop": 0.05, "light_samples": 4, "footprint": 0.7, "anisotropy": 1},
+        0.71,
+        1.0,
+        1.0,
+    ),
+    Rung({**_NETWORK, "samples": 14, "anisotropy": 1}, 0.59, 0.94, 1.30),
+    Rung({**_NETWORK, "samples": 20, "height_filter": 0.2, "light_samples": 6, "anisotropy": 1}, 0.50, 0.85, 1.57),
+    Rung({**_NETWORK, "samples": 28, "anisotropy": 2}, 0.48, 0.68, 2.1),
+    Rung({**_NETWORK, "samples": 40, "footprint": 0.35, "anisotropy": 2, "coordinates": "exact"}, 0.32, 0.70, 2.7),
+    Rung(
+        {**_NETWORK, "samples": 64, "footprint": 0.25, "anisotropy": 2, "coordinates": "exact", **_FINE},
+        0.22,
+        0.64,
+        4.5,
+    ),
+    Rung({**_NETWORK, "samples": 128, "filtering": False, "coordinates": "exact", **_FINE}, 0.15, 0.65, 7.0),
+    Rung(
+        {**_NETWORK, "samples": 256, "filtering": False, "spacing": "length", "coordinates": "exact", **_EXACT},
+        0.089,
+        0.46,
+        47.0,
     ),
 )
 

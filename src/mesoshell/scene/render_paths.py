@@ -79,10 +79,19 @@ def _context(scene: mi.Scene) -> Any:
 def _work(scene: mi.Scene, samples: int) -> Callable[[Progress], Rendered]:
     def work(progress: Progress) -> Rendered:
         begin = time.perf_counter()
+        _bake(scene)
+        baked = time.perf_counter()
         image, rays = _rendered(scene, samples, progress)
-        return Rendered(image, {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
+        seconds = {"bake": baked - begin, "render": time.perf_counter() - baked}
+        return Rendered(image, seconds, _record(scene, samples, rays))
 
     return work
+
+
+def _bake(scene: mi.Scene) -> None:
+    context = _context(scene)
+    if context is not None:
+        context.bake()
 
 
 def _record(scene: mi.Scene, samples: int, rays: int) -> dict[str, Any]:
@@ -112,7 +121,7 @@ def _passes(scene: mi.Scene, quality: Quality) -> Passes:
     def ended(image: np.ndarray, samples: int) -> Rendered:
         return Rendered(image, {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
 
-    return Passes((height, width), chosen, lambda pixels: 1, render_one, ended)
+    return Passes((height, width), chosen, lambda pixels: 1, render_one, ended, lambda: _bake(scene))
 
 
 def _shrink(scene: mi.Scene, pixels: int) -> None:

@@ -6,13 +6,16 @@ stretch     world length of one UV unit, averaged over the surface
 
 from dataclasses import replace
 from itertools import pairwise
+from math import prod
 
 import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 
 from mesoshell.geometry.enclosure import enclosure
 from mesoshell.geometry.mesh import Mesh, bounding_box, is_convex, uv_stretch
-from mesoshell.render.camera import pixel_radius
-from mesoshell.render.effects import MARCH, Effects, left_out, plan_effects, plan_twin
+from mesoshell.render.camera import pixel_radius, rays
+from mesoshell.render.effects import MARCH, MAX_BAKED, Effects, left_out, plan_effects, plan_twin
 from mesoshell.render.facts import Facts
 from mesoshell.render.quality import Quality
 from mesoshell.render.tiles import RenderReport
@@ -25,9 +28,13 @@ from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.shell.geometry.join import join_shells
 from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
+from mesoshell.shell.render.media import grid_columns, grid_shapes
 from mesoshell.shell.render.renderer import RAYS, marched_tile, render
 from mesoshell.shell.render.scene import Medium
 from mesoshell.shell.render.scene import Scene as MarchedScene
+
+#: Places in the picture where distances are measured, as shares of its sides.
+SEEN = (np.arange(24) + 0.5) / 24
 
 
 def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
@@ -108,6 +115,7 @@ def facts(scene: MarchedScene) -> Facts:
     convex = not scene.others and is_convex(scene.mesh)
     ends = np.concatenate([scene.shell.base, scene.shell.base + scene.shell.offset])
     eye = scene.camera.to_world[:3, 3]
+    grids = grid_shapes(scene)
     return Facts(
         shells=len(media),
         objects=len(scene.objects),
@@ -122,12 +130,33 @@ def facts(scene: MarchedScene) -> Facts:
         coarsest=max(
             float(2 * footprint / p * layout.texel_density) for p, layout in zip(patches, layouts, strict=True)
         ),
+        baked=sum(prod(shape) for shape in grids),
+        magnified=_magnified(scene, patches, MAX_BAKED // len(grids)),
         rows=max(layout.height_sizes[0][0] for layout in layouts),
         inside=bool(((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()),
         varying=tuple(dict.fromkeys(name for m in media for name in m.maps)),
         shaped=any(layout.nodes is not None for layout in layouts),
         tiled=any(layout.colours is not None for layout in layouts),
     )
+
+
+def _magnified(scene: MarchedScene, patches: list[float], most: int) -> float:
+    """How wide columns of the grids are seen from near, over a pixel's footprint. patches: world length of each medium's."""
+    near, radius = _near(scene), pixel_radius(scene.camera.spread)
+    columns = [grid_columns(medium, most) for medium in scene.media]
+    return max(patch / n / (radius * near) for patch, n in zip(patches, columns, strict=True))
+
+
+def _near(scene: MarchedScene) -> float:
+    """The distance that a tenth of the camera's rays that meet a surface do not reach; infinite if none meets one."""
+    camera, corners = scene.camera, scene.mesh.vertices.astype(np.float64)[scene.mesh.faces]
+    places = np.stack(np.meshgrid(SEEN * camera.width, SEEN * camera.height), axis=-1).reshape(-1, 2)
+    o, d = rays(camera, places)
+    met = EmbreeScene()
+    TriangleMesh(met, np.ascontiguousarray(corners - o[0], np.float32))
+    hits = met.run(np.zeros_like(d, np.float32), d.astype(np.float32), output=True)
+    far = hits["tfar"][hits["geomID"] >= 0]
+    return float(np.quantile(far, 0.1)) if len(far) else np.inf
 
 
 def _meshes(scene: MarchedScene) -> list[Mesh]:

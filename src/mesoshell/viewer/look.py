@@ -183,7 +183,8 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         *(["--transparent"] if given.transparent else []),
         *(["--holdout"] if given.holdout else []),
     ]
-    return shlex.join([*words, "--engine", engine, "--quality", look.quality, "--max-samples", str(samples)])
+    words += ["--engine", engine, "--quality", look.quality, "--max-samples", str(samples)]
+    return shlex.join([*words, *(["--set", "density=network"] if engine == "jax" else [])])
 
 
 def _further(one: Grown) -> list[str]:

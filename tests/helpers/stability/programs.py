@@ -38,7 +38,7 @@ from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.geometry import batched_walk
 from mesoshell.shell.geometry.march import Prisms, Ray, WalkState
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece
-from mesoshell.shell.material import density_bounds, loader
+from mesoshell.shell.material import baked_density, density_bounds, loader
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.field import Layout, Point
 from mesoshell.shell.render import kernels, lighting, spacing
@@ -163,6 +163,8 @@ def _of_shells(bundle: Bundle) -> Programs:
         (f(2), f(2)),
         KEY,
     )
+    baked = replace(wraps, baked=(2, 8, 8, 64))
+    with_grid = table._replace(baked=jax.ShapeDtypeStruct((2 * 8 * 8 * 64,), jnp.float16))
     decoder = device_material.material.decoder
     found, placement = f(ROWS, decoder.trunk[-1].bias.shape[0]), shell_teacher.DevicePlacement(f(), f(2, 2), f(2))
     local = shell_teacher.LocalQuery(f(64, 2), f(64), f(64, 3), f(64, 3))
@@ -184,6 +186,13 @@ def _of_shells(bundle: Bundle) -> Programs:
             _jitted(kernels.density, wraps, table._replace(material=corrected), pieces, at, samples, i()),
         ],
         "shell.render.kernels.density_at": [_jitted(kernels.density_at, wraps, table, f(ROWS, 3), f(ROWS), i())],
+        "shell.render.kernels.baked_depths": [
+            _jitted(kernels.baked_depths, baked, with_grid, pieces, at, samples, i()),
+        ],
+        "shell.material.baked_density._lines": [
+            _jitted(baked_density._lines, layout, (2, 8), device_material.material, f(1), i())
+            for layout in (device_material.layout, nodes)
+        ],
         "shell.render.kernels.transport": [
             _jitted(kernels.transport, table, at, pieces, found, i(ROWS), i(ROWS), f(ROWS, 2, 3), i())
         ],

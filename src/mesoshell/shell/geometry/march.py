@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from mesoshell.geometry.patch import Crossing, leave_cap, leave_side, post_function
 from mesoshell.typing import Array, Flag, Float, Index, Int, Scalar, Vec2, Vec3
@@ -205,7 +204,7 @@ def walk(prisms: Prisms, rays: Ray, start: WalkState, steps: int) -> tuple[WalkS
 
 
 def as_tables(shell_base, shell_offset, faces, neighbour, neighbour_edge) -> Prisms:
-    """Lookup tables of an extruded shell (arrays as in `shell/geometry/extrude.py`), as NumPy arrays."""
-    corners = np.concatenate([shell_base[faces].reshape(-1, 9), shell_offset[faces].reshape(-1, 9)], axis=1)
-    across = np.concatenate([neighbour, np.maximum(neighbour_edge, 0)], axis=1)
-    return Prisms(np.asarray(corners, np.float32), np.asarray(across, np.int32))
+    """Lookup tables of an extruded shell (arrays as in `shell/geometry/extrude.py`)."""
+    corners = jnp.concatenate([shell_base[faces].reshape(-1, 9), shell_offset[faces].reshape(-1, 9)], axis=1)
+    across = jnp.concatenate([neighbour, jnp.maximum(neighbour_edge, 0)], axis=1)
+    return Prisms(jnp.asarray(corners, jnp.float32), jnp.asarray(across, jnp.int32))

@@ -61,6 +61,8 @@ def _calls(
     if lights:
         calls.append(lambda: kernels.transport(table, at, pieces, features, I, I, _rows(lights, 3), NONE))
         calls.append(lambda: kernels.density_at(program, table, _rows(3), _rows(), NONE))
+    if program.baked is not None:
+        calls.append(lambda: kernels.baked_depths(program, table, pieces, at, samples, NONE))
     if quality.spacing == "density":
         segments = jnp.zeros((len(pieces.prism), 7), jnp.float32)
         calls.append(lambda: spacing.interval_segments(program, table, pieces, at, NONE))

@@ -21,6 +21,7 @@ from mesoshell.nets.mlp import in_tiles
 from mesoshell.numerics import optical_depth, product, safe_div, safe_sqrt
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, frame, place, place_exact
 from mesoshell.shell.material import decoder as net
+from mesoshell.shell.material.baked_density import sigma_at
 from mesoshell.shell.material.field import Layout, Material, Point, correction, inputs
 from mesoshell.shell.material.loader import Grid
 from mesoshell.texture import mip
@@ -38,11 +39,12 @@ class StaticConfig:
     taps: int
     exact: bool
     maps: tuple[int, ...]  # positions in α that vary over the surface
+    baked: tuple[int, ...] | None = None  # shape of the grid that σ is read from
 
 
 class DeviceTables(NamedTuple):
     """Everything a kernel reads that is not per sample. maps: (M, H, W), repeated over the UV square; cone: of a pixel, times
-    `Quality.footprint`; height_filter: of `Quality`."""
+    `Quality.footprint`; height_filter: of `Quality`; baked: the grid of σ, if it is read from one."""
 
     chart: Chart
     material: Material
@@ -52,6 +54,7 @@ class DeviceTables(NamedTuple):
     patches_per_uv: Scalar
     cone: Scalar
     height_filter: Scalar
+    baked: Float[Array, "N"] | None = None
 
 
 class Samples(NamedTuple):
@@ -196,10 +199,31 @@ def density(
 
 
 @partial(jax.jit, static_argnums=0)
+def baked_depths(
+    program: StaticConfig, table: DeviceTables, pieces: Piece, at: Frame, samples: Samples, count: Array
+) -> Array:
+    """τ of samples, by the grid."""
+
+    def tile(s: Samples) -> tuple[Array]:
+        sigma = jax.vmap(lambda s: _baked(program, table, _sample(program, table, pieces, at, s)[0]))(s)
+        return (optical_depth(sigma, s.step),)
+
+    return in_tiles(tile, count, (samples,), ((0, jnp.float32),))[0]
+
+
+def _baked(program: StaticConfig, table: DeviceTables, xi: Vec3) -> Scalar:
+    assert program.baked is not None and table.baked is not None
+    alpha = _alpha(program, table, xi)[jnp.array(program.maps, jnp.int32)]
+    return sigma_at(program.layout, program.baked, table.baked, xi, alpha)
+
+
+@partial(jax.jit, static_argnums=0)
 def density_at(program: StaticConfig, table: DeviceTables, xi: Array, radius: Array, count: Array) -> Array:
-    """σ at given points with isotropic filter radius: for the shell's shadow on the surface underneath."""
+    """σ at given points with isotropic filter radius, or by the grid: for the shell's shadow on the surface underneath."""
 
     def tile(xi: Array, radius: Array) -> tuple[Array]:
+        if program.baked is not None:
+            return (jax.vmap(partial(_baked, program, table))(xi),)
         zero = jnp.zeros_like(radius)
         axis = jnp.zeros((radius.shape[0], 2), radius.dtype)
         x = jax.vmap(partial(_inputs, program, table))(xi, Footprint(radius, radius, axis, zero))

@@ -10,10 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
+from mesoshell.io.density_grid import grid_shape
 from mesoshell.render.camera import pixel_radius
-from mesoshell.render.effects import Effects
+from mesoshell.render.effects import MAX_BAKED, Effects
 from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry.sampling import Chart
+from mesoshell.shell.material.baked_density import baked_density
 from mesoshell.shell.render.kernels import DeviceTables, StaticConfig
 from mesoshell.shell.render.scene import Medium, Scene
 
@@ -34,16 +36,19 @@ class Decoded(NamedTuple):
 
 
 class Media:
-    """The materials of a scene. each: how each is decoded, once where several meshes share it."""
+    """The materials of a scene. each: how each is decoded, once where several meshes share it, with the grid of its density if
+    that is baked."""
 
     def __init__(self, scene: Scene, quality: Quality, effects: Effects, chart: Chart):
         self.chart = chart
-        alike: dict[tuple, list[Medium]] = {}
-        for medium in scene.media:
-            alike.setdefault(_key(medium), []).append(medium)
-        self.each = [_decoding(media[0], scene, quality, effects, chart) for media in alike.values()]
+        different = _different(scene)
+        shapes = grid_shapes(scene) if effects.baked_density.on else [None] * len(different)
+        self.each = [
+            _decoding(medium, shape, scene, quality, effects, chart)
+            for medium, shape in zip(different.values(), shapes, strict=True)
+        ]
         self._first = np.array([medium.prism for medium in scene.media], np.int64)
-        self._of = np.array([list(alike).index(_key(medium)) for medium in scene.media], np.int64)
+        self._of = np.array([list(different).index(_key(medium)) for medium in scene.media], np.int64)
 
     def parts(self, prism: Int[np.ndarray, "S"]) -> Iterator[tuple[Decoding, Int[np.ndarray, "M"]]]:
         """Each material of some samples, and which of them are its own. prism: of each sample."""
@@ -57,19 +62,47 @@ class Media:
                 yield decoding, own
 
 
+def grid_shapes(scene: Scene) -> list[tuple[int, ...]]:
+    """Shapes of the grids of density, one for all media that are decoded alike."""
+    different = _different(scene).values()
+    return [_grid_shape(medium, MAX_BAKED // len(different)) for medium in different]
+
+
+def grid_columns(medium: Medium, most: int) -> float:
+    """Columns a patch of a medium's grid. most: numbers that it may hold."""
+    layout = medium.device_material.layout
+    return layout.texel_density * _grid_shape(medium, most)[-2] / layout.sizes[0][1]
+
+
+def _grid_shape(medium: Medium, most: int) -> tuple[int, ...]:
+    return grid_shape(medium.device_material.layout.sizes[0], len(_varying(medium)), most)
+
+
+def _different(scene: Scene) -> dict[tuple, Medium]:
+    """Media that are decoded differently: of several that are alike, the first."""
+    found: dict[tuple, Medium] = {}
+    for medium in scene.media:
+        found.setdefault(_key(medium), medium)
+    return found
+
+
 def _key(medium: Medium) -> tuple:
     """What media have in common that are decoded alike."""
     maps = tuple((name, id(image)) for name, image in medium.maps.items())
     return id(medium.device_material), medium.alpha.tobytes(), maps, medium.patches_per_uv if maps else None
 
 
-def _decoding(medium: Medium, scene: Scene, quality: Quality, effects: Effects, chart: Chart) -> Decoding:
+def _varying(medium: Medium) -> tuple[int, ...]:
+    """Positions in α of what varies over the surface."""
+    return tuple(i for i, name in enumerate(medium.device_material.names) if name in medium.maps)
+
+
+def _decoding(
+    medium: Medium, baked: tuple[int, ...] | None, scene: Scene, quality: Quality, effects: Effects, chart: Chart
+) -> Decoding:
+    """baked: shape of the grid, if density is read from one."""
     device_material = medium.device_material
-    varying = (
-        tuple(i for i, n in enumerate(device_material.names) if n in medium.maps)
-        if effects.varying_parameters.on
-        else ()
-    )
+    varying = _varying(medium) if effects.varying_parameters.on else ()
     program = StaticConfig(
         device_material.layout,
         device_material.grid_shapes,
@@ -77,6 +110,7 @@ def _decoding(medium: Medium, scene: Scene, quality: Quality, effects: Effects, 
         quality.anisotropy if effects.anisotropic_filtering.on else 1,
         quality.coordinates == "exact",
         varying,
+        baked,
     )
     maps = [medium.maps[device_material.names[i]] for i in varying]
     table = DeviceTables(
@@ -88,5 +122,6 @@ def _decoding(medium: Medium, scene: Scene, quality: Quality, effects: Effects, 
         jnp.asarray(medium.patches_per_uv, jnp.float32),
         jnp.asarray(quality.footprint * pixel_radius(scene.camera.spread), jnp.float32),
         jnp.asarray(quality.height_filter, jnp.float32),
+        None if baked is None else baked_density(device_material, medium.alpha, varying, baked),
     )
     return Decoding(program, table)

@@ -77,7 +77,9 @@ class _Renderer:
         shell = scene.shell
         self.boundary = Boundary(shell, scene.mesh.faces, others=object_triangles(scene))
         chart = Chart(*(jnp.asarray(np.asarray(x)) for x in (self.boundary.prisms.corners, shell.uv.reshape(-1, 6))))
+        begin = report.time("prepare", begin)
         self.media = Media(scene, quality, effects, chart)
+        begin = report.time("bake", begin) if effects.baked_density.on else begin
         self.lighting = Lighting(scene, quality, effects, self.boundary, self.media, report)
         report.time("prepare", begin)
 
@@ -154,8 +156,15 @@ class _Renderer:
             depth[own] = run(_kernel(kernels.depth_bounds, medium, pieces, at), *take(s, own))
         return depth * np.bincount(ray, s.step)[ray] / np.maximum(s.step, np.finfo(np.float32).tiny)
 
+    def depths(self, s: Samples, pieces: Piece, at: Frame) -> Float[np.ndarray, "S"]:
+        """τ of samples, by the grids."""
+        tau, prism = np.empty(len(s.row), np.float32), np.asarray(pieces.prism)
+        for medium, own in self.media.parts(prism[s.row]):
+            tau[own] = run(_kernel(kernels.baked_depths, medium, pieces, at), *take(s, own))
+        return tau
+
     def decode(self, s: Samples, pieces: Piece, at: Frame) -> tuple[Float[np.ndarray, "S"], list[Decoded]]:
-        """τ of samples, and what their batches gave."""
+        """τ of samples by the network, and what their batches gave."""
         tau, decoded, prism = np.empty(len(s.row), np.float32), [], np.asarray(pieces.prism)
         for medium, own in self.media.parts(prism[s.row]):
             parts = batches(_kernel(kernels.density, medium, pieces, at), *take(s, own))
@@ -171,8 +180,8 @@ class _Renderer:
         tile: Tile,
         drawn: Float[np.ndarray, "R"] | None = None,
     ) -> tuple[np.ndarray, Shaded]:
-        """Decode samples wave by wave, front to back. drawn: u of each ray, if samples to light are drawn. Returns the rays'
-        optical depths and the samples to light."""
+        """Decode samples wave by wave, front to back; of baked density all at once, and then those to light. drawn: u of each
+        ray, if samples to light are drawn. Returns the rays' optical depths and the samples to light."""
         clock = time.perf_counter()
         samples, ray, opacity = candidates
         depth = np.zeros(len(tile.o))
@@ -181,26 +190,45 @@ class _Renderer:
         none = np.zeros(0, np.int32)
         nothing = np.zeros(0)
         parts = [Shaded(none, nothing, none, nothing, np.zeros((0, len(tile.beams), 3), np.float32))]
-        for wave in range(0, int(rank.max(initial=-1)) + 1, WAVE):
-            chosen = np.flatnonzero((rank >= wave) & (rank < wave + WAVE) & (depth[ray] < stop))
+        last, baked = int(rank.max(initial=-1)) + 1, self.effects.baked_density.on
+        width = max(last, 1) if baked else WAVE
+        for wave in range(0, last, width):
+            chosen = np.flatnonzero((rank >= wave) & (rank < wave + width) & (depth[ray] < stop))
             if not len(chosen):
                 break
             some, owner = take(samples, chosen), ray[chosen]
-            tau, decoded = self.decode(some, pieces, at)
+            tau, decoded = (self.depths(some, pieces, at), []) if baked else self.decode(some, pieces, at)
             clock = self.report.time("decode", clock)
             weight, before, depth = accumulate(depth, owner, tau)
-            self.report.count(density_queries=len(chosen), heavy_samples=int((weight > 1e-3).sum()))
+            self.report.count(heavy_samples=int((weight > 1e-3).sum()))
+            self.report.count(**{"grid_reads" if baked else "density_queries": len(chosen)})
             least = self.quality.least_weight
             if drawn is not None:
                 count = self.quality.light_samples / np.maximum(opacity[chosen], MIN_OPACITY)
                 weight, least = draw(before, tau, drawn[owner], count), 0.0
             if tile.beams:
-                for medium, where, own, features in heavy_batches(decoded, weight > least):
+                heavy = weight > least
+                lit = self.features(some, heavy, pieces, at) if baked else heavy_batches(decoded, heavy)
+                for medium, where, own, features in lit:
                     row, of_ray = some.row[own], owner[own]
                     rho = self.lighting.transport(tile, medium, features, where, row, of_ray, pieces, at)
                     parts.append(Shaded(row, some.f[own], of_ray, weight[own], rho))
             clock = self.report.time("transport", clock)
         return depth, Shaded(*(np.concatenate(c) for c in zip(*parts, strict=True)))
+
+    def features(
+        self, s: Samples, heavy: Bool[np.ndarray, "S"], pieces: Piece, at: Frame
+    ) -> Iterator[tuple[Decoding, np.ndarray, np.ndarray, Array]]:
+        """What `heavy_batches` gives of samples whose density is baked: features of these alone."""
+        hot, prism = np.flatnonzero(heavy), np.asarray(pieces.prism)
+        self.report.count(density_queries=len(hot))
+        for medium, own in self.media.parts(prism[s.row[hot]]):
+            mine = hot[own]
+            parts = batches(_kernel(kernels.density, medium, pieces, at), *take(s, mine))
+            for k, (_, features) in enumerate(parts):
+                part = mine[k * CAPACITY : (k + 1) * CAPACITY]
+                if len(part):
+                    yield medium, np.arange(len(part)), part, features
 
 
 def _kernel(kernel: Callable, medium: Decoding, pieces: Piece, at: Frame) -> Callable:

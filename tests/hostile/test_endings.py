@@ -40,6 +40,20 @@ def test_a_fault_of_usage_is_one_line(arguments: list[str], capsys: pytest.Captu
     assert said.startswith("mesoshell: ") and said.count("\n") == 1 and "--help" in said and "│" not in said
 
 
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--size", "256"], "--size takes INT INT, not 256 (see mesoshell render --help)"),
+        (["--budget", "much"], "--budget takes FLOAT, not much (see mesoshell render --help)"),
+        (["--foo"], "Unrecognized options: --foo (see mesoshell render --help)"),
+    ],
+)
+def test_a_wrong_value_is_told_what_it_should_be(arguments: list[str], line: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit):
+        main(["render", "a.obj", *arguments])
+    assert capsys.readouterr().err == f"mesoshell: {line}\n"
+
+
 def test_a_newline_in_a_name_is_escaped(capsys: pytest.CaptureFixture[str]):
     with pytest.raises(SystemExit) as end:
         main(["render", "a\nb\x1b[31m\udcff.obj"])

@@ -85,26 +85,38 @@ def _message(fault: Exception) -> str:
 
 
 @contextlib.contextmanager
-def usage() -> Iterator[None]:
-    """Print an error of the parser, which draws it in a box, as one line."""
+def usage(verb: str = "") -> Iterator[None]:
+    """Print an error of the parser, which draws it in a box, as one line. verb: of the command line, if it has one."""
     captured = io.StringIO()
     try:
         with contextlib.redirect_stderr(captured):
             yield
     except SystemExit as end:
         if end.code not in (0, None):
-            print(f"mesoshell: {_boxed(captured.getvalue())}", file=sys.stderr)
+            print(f"mesoshell: {_boxed(captured.getvalue(), verb)}", file=sys.stderr)
         raise
 
 
-def _boxed(text: str) -> str:
+def _boxed(text: str, verb: str) -> str:
     """The text above the first rule in the parser's box, and the command whose help tells more."""
     lines = [line.strip("│ ") for line in text.splitlines()]
     lines = [line for line in lines if not line.startswith(("╭", "╰"))]
-    end = next((i for i, line in enumerate(lines) if line.startswith("──")), len(lines))
-    helped = re.search(r"(mesoshell[\w -]*--help)", " ".join(lines))
-    message = one_line(" ".join(lines[:end]).strip() or "unknown command")
-    return f"{message} (see {helped.group(1) if helped else 'mesoshell --help'})"
+    if len(lines) > 1 and set(lines[1]) == {"-"}:  # without a box: a title and a rule
+        lines = lines[2:]
+    end = next((i for i, line in enumerate(lines) if line.startswith("──") or set(line) == {"-"}), len(lines))
+    helped = re.search(r"(mesoshell \w[\w -]*--help)", " ".join(lines))
+    message = _plain(one_line(" ".join(lines[:end]).strip() or "unknown command"))
+    return f"{message} (see {helped.group(1) if helped else ' '.join(['mesoshell', *verb.split(), '--help'])})"
+
+
+def _plain(message: str) -> str:
+    """The parser's message without what it says of None, which nobody types: of wrong values what an option takes alone."""
+    found = re.match(r"Error parsing (\S+): no type matching (.+?) could be instantiated from \[(.*?)\]\. ", message)
+    if found is None:
+        return re.sub(r"'None', |, 'None'", "", message)
+    option, kinds, values = found.groups()
+    takes = " or ".join(kind.strip("{}") for kind in kinds.split("|") if kind != "{None}")
+    return f"{option} takes {takes}, not {values.replace(chr(39), '').replace(',', '')}"
 
 
 def _show(message: Warning | str, category: type[Warning], *_: object) -> None:

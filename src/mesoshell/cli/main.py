@@ -101,7 +101,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _parsed(given: list[str]) -> Any:
     """The options of a verb, or of a verb's own verb. Ends with status 2 and one line if there is no such verb."""
-    with usage():
+    with usage(given[0] if given and given[0] in VERBS else ""):
         options = tyro.extras.subcommand_cli_from_dict(
             VERBS,
             prog="mesoshell",

@@ -32,10 +32,9 @@ def work(scene, counts: dict[str, int]) -> tuple[float, float]:
     trunk = 2 * sum(x.kernel.size for x in [*decoder.trunk, decoder.sigma])
     head = 2 * sum(x.kernel.size for x in [*decoder.head, decoder.rho])
     row = scene.device_material.material.texture.rows
-    gathered, read = 8 * row.shape[1] * row.dtype.itemsize, counts.get("grid_reads", 0)
-    queries, ground = counts["density_queries"], counts.get("surface_queries", 0)
-    queries, read = (queries, read + ground) if read else (queries + ground, 0)
-    return queries * trunk + counts.get("transport_queries", 0) * head, queries * gathered + read * 8 * 2
+    gathered, read = 8 * row.shape[1] * row.dtype.itemsize, counts.get("grid_reads", 0) * 8 * 2
+    queries = counts["density_queries"] + counts.get("surface_queries", 0)
+    return queries * trunk + counts.get("transport_queries", 0) * head, queries * gathered + read
 
 
 def shown(picture: np.ndarray) -> np.ndarray:
@@ -57,6 +56,8 @@ def main() -> None:
     size = asked.size
     scene = spot(size)
     true = None if asked.reference is None else true_picture(scene, asked.reference)
+    if true is not None and len(true) != size:
+        parser.error(f"{asked.reference}: is of {len(true)} pixels a side, not of {size}")
     print(
         "| quality | seconds | floor | time / floor | trace | sample | decode | transport | light | surfaces | FLIP |"
     )

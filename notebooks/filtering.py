@@ -100,7 +100,7 @@ plt.show()
 
 # %%
 hill = field(corrected, (0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 40.0), (0.3, 0.5, 0.8))
-fine = {"samples": 64, "coordinates": "exact"}
+fine = {"samples": 64, "coordinates": "exact", "density": "network"}
 many = ms.render(hill, "normal", filtering=False, pixel_samples=16, **fine)
 figure, axes = plt.subplots(1, 4, figsize=(11, 2.8))
 for axis, footprint in zip(axes[:3], (1.0, 0.5, 0.25), strict=True):

@@ -38,13 +38,13 @@ def scene(tiny_bundle: Bundle) -> ms.Scene:
 def times(monkeypatch: pytest.MonkeyPatch) -> list[ms.Scene]:
     """The scenes that were rendered."""
     rendered: list[ms.Scene] = []
-    prepare = shooting.prepare
+    picture = shooting._picture
 
     def counted(scene: ms.Scene, *rest: Any) -> Any:
         rendered.append(scene)
-        return prepare(scene, *rest)
+        return picture(scene, *rest)
 
-    monkeypatch.setattr(shooting, "prepare", counted)
+    monkeypatch.setattr(shooting, "_picture", counted)
     return rendered
 
 
@@ -126,15 +126,24 @@ def test_keys_change_what_they_say(scene: ms.Scene, times: list[ms.Scene], tmp_p
     assert len({p.read_bytes() for p in made.frames}) == 3
 
 
-@pytest.mark.parametrize("moved", [True, False])
-def test_a_parameter_that_moves_has_the_networks_density(moved, scene: ms.Scene, tmp_path: Path, monkeypatch):
-    """A grid would be of one frame's."""
-    asked = []
-    prepare = shooting.prepare
-    monkeypatch.setattr(shooting, "prepare", lambda *given: asked.append(given[1].density) or prepare(*given))
-    keys = [{"frame": 0, "params": {"dryness": 0.0}}, {"frame": 1, "params": {"dryness": 1.0}}]
-    ms.film(scene, tmp_path / "film", **({"keys": keys} if moved else {"orbit": 2}), **DRAFT)
-    assert asked == 2 * ["network" if moved else "baked"]
+@pytest.mark.parametrize(
+    ("moves", "texels", "density"),
+    [
+        ({"orbit": 2}, 1e9, "baked"),
+        ({"dolly": 2, "far": 4.0}, 1e9, "baked"),
+        ({"dolly": 2, "far": 4.0}, 2.0, "network"),  # footprints reach 1 texel near, and 4 far
+        ({"keys": [{"frame": 0, "params": {"dryness": x}} for x in (0.0, 1.0)]}, 1e9, "network"),
+    ],
+)
+def test_a_film_has_its_density_from_one_source(moves, texels, density, scene: ms.Scene, tmp_path: Path, monkeypatch):
+    """A grid if all frames may have one: of one frame's parameters, and not too far away."""
+    if "keys" in moves:
+        moves["keys"][1]["frame"] = 1
+    asked, picture, camera = [], shooting._picture, (-2.5, 1.25, 8.0, -2.5, 1.25, 4.1, 40.0)
+    monkeypatch.setattr(shooting, "_picture", lambda *given: asked.append(given[1].density) or picture(*given))
+    monkeypatch.setattr("mesoshell.render.effects.MAX_TEXELS", texels)
+    ms.film(replace(scene, camera=camera), tmp_path / "film", **moves, samples=28)
+    assert asked == 2 * [density]
 
 
 def test_keys_of_colour_on_a_grown_texture(times: list[ms.Scene], tmp_path: Path):

@@ -156,18 +156,20 @@ def test_a_density_is_baked_for_drawn_paths_that_see_no_finer(changes: dict, den
     [
         ({}, {}, True, "from 0.001 million numbers"),
         ({"coarsest": 16.0}, {}, True, "from"),
-        ({"coarsest": 17.0}, {}, False, "footprints reach 17 texels, and 2 rays a pixel average little"),
-        ({"coarsest": 17.0}, {"pixel_samples": 3}, True, "from"),
-        ({}, {"pixel_samples": 1}, False, "footprints reach 3 texels, and a ray a pixel averages little"),
+        ({"coarsest": 17.0}, {}, False, "footprints reach 17 texels, which few rays do not average"),
+        ({"baked": 70_000_000, "pixels": 10**6}, {}, False, "grids would hold 70 million numbers, above 34"),
+        ({"baked": 700_000}, {}, True, "from 0.7 million numbers"),
+        ({"baked": 700_001}, {}, False, "grids of 0.7 million numbers would take longer than the picture"),
+        ({"baked": 700_000}, {"samples": 27}, False, "grids of 0.7 million numbers would take longer"),
+        ({"magnified": 0.0}, {}, False, "no camera sees a surface"),
         ({}, {"light_samples": 0}, False, "samples that are all lit need the network's features"),
         ({}, {"density": "network"}, False, "switched off by quality"),
         ({"magnified": 2.5}, {}, False, "nearby, a column of its grid is 2.5 times as wide as a pixel's footprint"),
-        ({"baked": 2**26}, {}, False, "grids would hold 67 million numbers, above 34"),
     ],
 )
-def test_a_march_of_several_rays_a_pixel_has_its_density_baked(changes: dict, quality: dict, on: bool, why: str):
-    """If these average its footprints, and not all that it samples is lit."""
-    facts = replace(PLAIN, **{"baked": 1000, "magnified": 1.5, "coarsest": 3.0} | changes)
+def test_a_march_has_its_density_baked_where_that_pays(changes: dict, quality: dict, on: bool, why: str):
+    """If few rays average its footprints, not all that it samples is lit, and a grid takes less than it saves."""
+    facts = replace(PLAIN, **{"baked": 1000, "magnified": 1.5, "coarsest": 3.0, "pixels": 10_000} | changes)
     asked = Quality().with_changes(**quality)
     effects = plan_effects(facts, asked, MARCH)
     assert effects.baked_density.on == on and effects.baked_density.why.startswith(why)
@@ -212,7 +214,7 @@ def test_every_field_of_quality_applies_somewhere_and_nowhere_without_reason():
     most = used(room, PATHS)
     assert used(drawn, PATHS) == most - filtered - {"filtering", "bounce_spread"} | {"density"}
     assert used(drawn, PATHS, density="network") == most | {"density"}
-    near = replace(drawn, environment=True)
+    near = replace(drawn, environment=True, pixels=100)
     assert used(near, MARCH) == used(replace(sky, baked=2**26), MARCH) - filtered - {"filtering"} | {"density"}
     everywhere = used(drawn, PATHS) | used(sky, MARCH) | used(room, PATHS) | used(SURFACE_ONLY, SURFACE)
     assert everywhere == {f.name for f in fields(Quality)}

@@ -33,7 +33,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.scene.defaults import back_light
 from mesoshell.scene.growth import meshes_of
 from mesoshell.scene.kept_meshes import mesh_of
-from mesoshell.scene.picture import Progress
+from mesoshell.scene.picture import Picture, Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settle import settle, with_others_grown
@@ -82,17 +82,22 @@ def shoot(
     of = _identity(begun, moves, quality, engine)
     rows = _rows(folder, of)
     still = with_others_grown(begun, grown) if moves.shape else settle(begun, grown)
-    if "params" in moves.change(0):  # a grid would be of one frame's
+
+    def scene_at(k: int) -> Scene:
+        change = moves.change(k)
+        return replace(still, **change | {"params": {**still.params, **change.get("params", {})}})
+
+    some = [] if "params" in moves.change(0) else sorted({0, moves.count // 2, moves.count - 1})
+    if not _bakes([scene_at(k) for k in some], quality, engine):
         quality = quality.with_changes(density="network")
     notes: dict[str, None] = {}
     before: tuple[FrameView, np.ndarray] | None = None
     for k in range(moves.count):
-        change = moves.change(k)
-        frame = replace(still, **change | {"params": {**still.params, **change.get("params", {})}})
+        frame = scene_at(k)
         path, view = folder / f"{k:05d}.png", _view(frame)
         if str(k) not in rows or not path.exists():
             start = time.perf_counter()
-            made = prepare(frame, quality, engine).picture(lambda share, k=k: show(k + share, moves.count))
+            made = _picture(frame, quality, engine, lambda share, k=k: show(k + share, moves.count))
             notes |= dict.fromkeys(made.notes)
             folder.mkdir(parents=True, exist_ok=True)
             if not rows:  # what the folder holds is known before its first frame is there
@@ -194,6 +199,19 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
     if not same:
         raise InputError(folder, "holds another film's frames: remove the folder, or choose another")
     return rows
+
+
+def _picture(scene: Scene, quality: Quality, engine: str, progress: Progress) -> Picture:
+    return prepare(scene, quality, engine).picture(progress)
+
+
+def _bakes(frames: list[Scene], quality: Quality, engine: str) -> bool:
+    """Whether density is baked in all of some frames: a film should not change its look on the way. None of it is if no frame
+    is given: a grid is of one frame's parameters."""
+    if quality.density == "network" or not frames:
+        return False
+    plans = (prepare(frame, quality, engine).effects for frame in frames)
+    return all(plan is not None and plan.baked_density.on for plan in plans)
 
 
 def _identity(begun: Scene, moves: Motion, *rest: Any) -> str:

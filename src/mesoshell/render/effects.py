@@ -17,8 +17,9 @@ NO_TWIN = "there is no distilled twin to stand in"
 BY_QUALITY = "switched off by quality"
 #: Numbers that grids of σ may hold, some eight seconds on two cores; how wide their columns may be seen, over a footprint.
 MAX_BAKED, MAX_MAGNIFIED = 2**25, 2.0
-#: Of a march that is not filtered: rays a pixel, at least; and texels of the largest footprint, for each of them, at most.
-MIN_RAYS, TEXELS_A_RAY = 2, 8
+#: Of a march: numbers of its grids for each sample of a ray a pixel, at most, for else they take longer to make than they save
+#: in a picture of two rays a pixel; and texels of its largest footprint, of which few rays average no more.
+MAX_NUMBERS, MAX_TEXELS = 2.5, 16.0
 
 
 @dataclass(frozen=True)
@@ -251,14 +252,16 @@ def _baked(f: Facts, quality: Quality, engine: Engine, sums: bool) -> Effect:
         return Effect(False, "no shells")
     if (engine.draws and sums) or (not engine.draws and quality.light_samples == 0):
         return Effect(False, "samples that are all lit need the network's features")
-    count = quality.pixel_samples
-    if not engine.draws and (count < MIN_RAYS or f.coarsest > TEXELS_A_RAY * count):
-        rays = f"{count} rays a pixel average" if count > 1 else "a ray a pixel averages"
-        return Effect(False, f"footprints reach {f.coarsest:.3g} texels, and {rays} little: a filter is less noisy")
+    if not engine.draws and f.coarsest > MAX_TEXELS:
+        return Effect(False, f"footprints reach {f.coarsest:.3g} texels, which few rays do not average")
+    if not engine.draws and f.baked > MAX_NUMBERS * f.pixels * quality.samples:
+        return Effect(False, f"grids of {f.baked / 1e6:.2g} million numbers would take longer than the picture")
     if f.baked > MAX_BAKED:
         return Effect(False, f"grids would hold {f.baked / 1e6:.0f} million numbers, above {MAX_BAKED / 1e6:.0f}")
     if f.magnified == float("inf"):
         return Effect(False, "how near a camera sees its columns is not known")
+    if f.magnified == 0:
+        return Effect(False, "no camera sees a surface")
     if f.magnified > MAX_MAGNIFIED:
         return Effect(False, f"nearby, a column of its grid is {f.magnified:.3g} times as wide as a pixel's footprint")
     if quality.density == "network":

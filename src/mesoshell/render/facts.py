@@ -26,9 +26,9 @@ class Facts:
     light may come from below the horizon of a shell's face. ground: albedo under the shells, 1 where it is not plain diffuse.
     coarsest: the largest footprint in texels that a pixel of a camera can have on the shells (one standard deviation to either
     side); rows: of their height features. baked: numbers of grids of their σ; magnified: how wide a column of these is seen
-    from near, over a pixel's footprint. inside: a camera may be in a shell. varying: names of appearance parameters that
-    vary over the surface; shaped: geometry varies; tiled: a texture is corner tiles. passable: rays may pass the surface
-    materials.
+    from near, over a pixel's footprint; pixels: of the picture. inside: a camera may be in a shell. varying: names of
+    appearance parameters that vary over the surface; shaped: geometry varies; tiled: a texture is corner tiles. passable:
+    rays may pass the surface materials.
     """
 
     shells: int = 0
@@ -46,6 +46,7 @@ class Facts:
     coarsest: float = 0.0
     magnified: float = np.inf
     baked: int = 0
+    pixels: int = 0
     rows: int = 0
     inside: bool = False
     varying: tuple[str, ...] = ()

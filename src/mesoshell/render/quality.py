@@ -92,8 +92,8 @@ class Quality:
     )
     density: str = _setting(
         "baked",
-        "where density is from if a pixel has several rays or paths: baked, a grid of the finest texture level, unfiltered; "
-        "network, the network, filtered if filtering is on",
+        "where density is from: baked, a grid of the finest texture level, unfiltered, where the scene and the picture's size "
+        "allow it; network, the network, filtered if filtering is on",
         "edges that are sharper than half a texel",
         words=("baked", "network"),
     )

@@ -78,20 +78,21 @@ def _context(scene: mi.Scene) -> Any:
 
 def _work(scene: mi.Scene, samples: int) -> Callable[[Progress], Rendered]:
     def work(progress: Progress) -> Rendered:
-        begin = time.perf_counter()
-        _bake(scene)
-        baked = time.perf_counter()
+        baking, begin = _bake(scene), time.perf_counter()
         image, rays = _rendered(scene, samples, progress)
-        seconds = {"bake": baked - begin, "render": time.perf_counter() - baked}
+        seconds = baking | {"render": time.perf_counter() - begin}
         return Rendered(image, seconds, _record(scene, samples, rays))
 
     return work
 
 
-def _bake(scene: mi.Scene) -> None:
-    context = _context(scene)
-    if context is not None:
-        context.bake()
+def _bake(scene: mi.Scene) -> dict[str, float]:
+    """Make grids of density, if paths read them. The seconds that it took."""
+    context, begin = _context(scene), time.perf_counter()
+    if context is None or not context.effects.baked_density.on:
+        return {}
+    context.bake()
+    return {"bake": time.perf_counter() - begin}
 
 
 def _record(scene: mi.Scene, samples: int, rays: int) -> dict[str, Any]:
@@ -106,6 +107,7 @@ def _record(scene: mi.Scene, samples: int, rays: int) -> dict[str, Any]:
 def _passes(scene: mi.Scene, quality: Quality) -> Passes:
     """Passes of a path a pixel. Pixels can be left out where each has its own samples alone."""
     set_quality(scene, quality)
+    baking = _bake(scene)
     film, begin, rays = scene.sensors()[0].film(), time.perf_counter(), 0
     width, height = (int(x) for x in film.crop_size())
     ours = _context(scene) is not None and can_pass(film)
@@ -119,9 +121,9 @@ def _passes(scene: mi.Scene, quality: Quality) -> Passes:
         return image
 
     def ended(image: np.ndarray, samples: int) -> Rendered:
-        return Rendered(image, {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
+        return Rendered(image, baking | {"render": time.perf_counter() - begin}, _record(scene, samples, rays))
 
-    return Passes((height, width), chosen, lambda pixels: 1, render_one, ended, lambda: _bake(scene))
+    return Passes((height, width), chosen, lambda pixels: 1, render_one, ended)
 
 
 def _shrink(scene: mi.Scene, pixels: int) -> None:

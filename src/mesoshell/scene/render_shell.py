@@ -28,7 +28,7 @@ from mesoshell.scene.setup import ShellDescription, describe_shell
 from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.shell.geometry.join import join_shells
 from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
-from mesoshell.shell.render.media import grid_columns, grid_shapes
+from mesoshell.shell.render.media import density_columns, density_shapes
 from mesoshell.shell.render.renderer import RAYS, marched_tile, render
 from mesoshell.shell.render.scene import Medium
 from mesoshell.shell.render.scene import Scene as MarchedScene
@@ -115,7 +115,7 @@ def facts(scene: MarchedScene) -> Facts:
     convex = not scene.others and is_convex(scene.mesh)
     ends = np.concatenate([scene.shell.base, scene.shell.base + scene.shell.offset])
     eye = scene.camera.to_world[:3, 3]
-    grids = grid_shapes(scene)
+    grids = density_shapes(scene)
     return Facts(
         shells=len(media),
         objects=len(scene.objects),
@@ -131,6 +131,7 @@ def facts(scene: MarchedScene) -> Facts:
             float(2 * footprint / p * layout.texel_density) for p, layout in zip(patches, layouts, strict=True)
         ),
         baked=sum(prod(shape) for shape in grids),
+        pixels=scene.camera.width * scene.camera.height,
         magnified=_magnified(scene, patches, MAX_BAKED // len(grids)),
         rows=max(layout.height_sizes[0][0] for layout in layouts),
         inside=bool(((ends.min(axis=0) <= eye) & (eye <= ends.max(axis=0))).all()),
@@ -143,13 +144,14 @@ def facts(scene: MarchedScene) -> Facts:
 def _magnified(scene: MarchedScene, patches: list[float], most: int) -> float:
     """How wide columns of the grids are seen from near, over a pixel's footprint. patches: world length of each medium's."""
     near, radius = _near(scene), pixel_radius(scene.camera.spread)
-    columns = [grid_columns(medium, most) for medium in scene.media]
+    columns = [density_columns(medium, most) for medium in scene.media]
     return max(patch / n / (radius * near) for patch, n in zip(patches, columns, strict=True))
 
 
 def _near(scene: MarchedScene) -> float:
     """The distance that a tenth of the camera's rays that meet a surface do not reach; infinite if none meets one."""
-    camera, corners = scene.camera, scene.mesh.vertices.astype(np.float64)[scene.mesh.faces]
+    camera, meshes = scene.camera, (scene.mesh, *scene.objects)
+    corners = np.concatenate([mesh.vertices.astype(np.float64)[mesh.faces] for mesh in meshes])
     places = np.stack(np.meshgrid(SEEN * camera.width, SEEN * camera.height), axis=-1).reshape(-1, 2)
     o, d = rays(camera, places)
     met = EmbreeScene()

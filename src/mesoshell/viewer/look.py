@@ -184,7 +184,7 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         *(["--holdout"] if given.holdout else []),
     ]
     words += ["--engine", engine, "--quality", look.quality, "--max-samples", str(samples)]
-    return shlex.join([*words, *(["--set", "density=network"] if engine == "jax" else [])])
+    return shlex.join([*words, "--set", "density=network"])
 
 
 def _further(one: Grown) -> list[str]:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import Effects
-from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.render.quality import PRESETS
 from mesoshell.scene.picture import Rendered
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
@@ -30,12 +30,6 @@ class RefinedPicture(NamedTuple):
     rendered: Rendered
     effects: Effects | None
     notes: tuple[str, ...]
-
-
-def viewed(preset: str, engine: str) -> Quality:
-    """A preset as it is viewed. A march asks the network for density: a grid would take seconds at each step of a slider."""
-    quality = PRESETS[preset]
-    return quality.with_changes(density="network") if engine == "jax" else quality
 
 
 class Abandoned(Exception):
@@ -72,7 +66,8 @@ def _passes(
 
     begin = time.perf_counter()
     check(0.0)
-    ready = prepare(scene, viewed(preset, engine), engine)
+    # a grid of density would take seconds at each step of a slider
+    ready = prepare(scene, PRESETS[preset].with_changes(density="network"), engine)
     check(0.0)
     passes = ready.passes(None)
     total = np.zeros((passes.shape[0] * passes.shape[1], 4))

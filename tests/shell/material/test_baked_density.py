@@ -52,20 +52,29 @@ def on_columns(it: DeviceMaterial, columns: int, count: int = 500) -> np.ndarray
     height, width = it.layout.sizes[0]
     fine = int(columns * it.layout.texel_density)
     place = [rng.integers(0, columns * n, count) for n in (width, height)]
+    wide = [fine] * 2 if it.layout.open else [columns * n // it.layout.period for n in (width, height)]
     if it.layout.colours is not None:
         beside = columns - 1
         place = [x - x % fine + beside + x % (fine - 2 * beside) for x in place]
-    at = [(x + 0.5) / fine for x in place]
+    at = [(x + 0.5) / n for x, n in zip(place, wide, strict=True)]
     if it.layout.open:
         at = [x + begin for x, begin in zip(at, ORIGIN, strict=True)]
     return np.stack([*at, (rng.integers(0, K, count) + 0.5) / K], axis=1).astype(np.float32)
 
 
+def flat(bundle: Bundle) -> Bundle:
+    """With half of the lines in a patch."""
+    count = sum(name.startswith("features/") for name in bundle.arrays)
+    levels = {f"features/{i}": bundle.arrays[f"features/{i}"] for i in range(count)}
+    return replace(bundle, arrays=bundle.arrays | {k: x[: max(1, len(x) // 2)] for k, x in levels.items()})
+
+
 @pytest.mark.parametrize("columns", [1, 2])
-@pytest.mark.parametrize("name", ["tiny", "tiled", "edged", "shaped"])
+@pytest.mark.parametrize("name", ["tiny", "flat", "tiled", "edged", "shaped"])
 def test_a_grid_holds_what_the_network_says(name, columns, tiny_bundle, tiled_bundle, edged, shaped, monkeypatch):
     """At its own points, to half precision; of one value of a parameter, or at both ends of one that varies."""
-    bundle = {"tiny": tiny_bundle, "tiled": tiled_bundle, "edged": edged, "shaped": shaped}[name]
+    given = {"tiny": tiny_bundle, "flat": flat(tiny_bundle), "tiled": tiled_bundle, "edged": edged, "shaped": shaped}
+    bundle = given[name]
     it = load_device_material(bundle, (2, 3) if name == "tiled" else ORIGIN)
     assert (it.layout.nodes is not None) == (name == "shaped")
     monkeypatch.setattr(baked_density, "TOGETHER", 40)  # lines of which a part is left over

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mesoshell.render.effects import Effect
 from mesoshell.render.quality import Quality
 from mesoshell.shell.geometry import batched_walk
 from mesoshell.shell.geometry.march import TOP
@@ -21,10 +22,12 @@ PROGRAMS = {
     "density": [*ALWAYS, spacing.interval_segments, spacing.depth_profile, spacing.places],
     "length": [*ALWAYS, kernels.depth_bounds],
 }
+PROGRAMS["baked"] = [*PROGRAMS["density"], kernels.baked_depths]
 
 
 @pytest.mark.parametrize(
-    ("by", "several"), [pytest.param("density", False, marks=pytest.mark.slow), ("density", True), ("length", False)]
+    ("by", "several"),
+    [pytest.param("density", False, marks=pytest.mark.slow), ("density", True), ("length", False), ("baked", False)],
 )
 def test_tiles_compile_nothing_more(tiny_bundle, tiled_bundle, monkeypatch, by: str, several: bool) -> None:
     """Several tiles of a picture whose ground is seen through the shell, of which a half may be of another material."""
@@ -33,8 +36,9 @@ def test_tiles_compile_nothing_more(tiny_bundle, tiled_bundle, monkeypatch, by: 
         scene = replace(
             scene, others=(Medium(load_device_material(tiled_bundle), scene.alpha, {}, 1.0, prism=1, face=1),)
         )
-    quality = Quality(spacing=by, pixel_samples=1, light_samples=0)
-    plan = scenes.effects(scene, quality)
+    baked = by == "baked"
+    quality = Quality(spacing="density" if baked else by, pixel_samples=1, light_samples=4 if baked else 0)
+    plan = replace(scenes.effects(scene, quality), baked_density=Effect(baked, "for the test"))
     expected, _ = renderer.render(scene, quality, plan)
     for program in PROGRAMS[by]:
         program.clear_cache()
@@ -54,5 +58,6 @@ def test_tiles_compile_nothing_more(tiny_bundle, tiled_bundle, monkeypatch, by: 
         Boundary(scene.shell, scene.mesh.faces).prisms, start, exact=True
     )  # as of a doubtful ray
     assert len(again.intervals.ray) and [program._cache_size() for program in PROGRAMS[by]] == ahead
-    assert min(report.counts[name] for name in ("intervals", "transport_queries", "surface_queries")) > 0
+    asked = "intervals", "transport_queries", "grid_reads" if baked else "surface_queries"
+    assert min(report.counts[name] for name in asked) > 0
     np.testing.assert_allclose(image, expected, atol=1e-6)

@@ -14,5 +14,5 @@ def test_an_accelerator_has_all_but_the_walk(tiny_bundle: Bundle, tmp_path: Path
     done = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     said = json.loads(done.stdout.splitlines()[-1])
-    assert said["walk"] == [0] and said["chart"] == said["decoder"] == [1]
+    assert said["walk"] == [0] and said["chart"] == said["decoder"] == said["density"] == [1]
     assert said["differ"] < 1e-6

@@ -21,7 +21,7 @@ from mesoshell.shell.render.renderer import render
 from mesoshell.shell.render.scene import Scene
 from tests.helpers import scenes
 
-QUALITY = Quality(pixel_samples=1, samples=20, anisotropy=1)
+QUALITY = Quality(pixel_samples=1, samples=20, anisotropy=1, density="network")
 
 
 @pytest.fixture(scope="module")

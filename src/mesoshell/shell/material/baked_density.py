@@ -36,10 +36,11 @@ def baked_density(
     """A material's grid, from the cache or made. varying: positions in α of what varies."""
     values = tuple(None if i in varying else float(a) for i, a in enumerate(alpha))
     key = values, shape
-    if key not in device_material.grids:
-        made = kept_grid(("jax", device_material.digest, values), shape, partial(bake, device_material, values, shape))
-        device_material.grids[key] = jnp.asarray(made)
-    return device_material.grids[key]
+    if key not in device_material.densities:
+        of = "jax", jax.default_backend(), device_material.digest, values
+        made = kept_grid(of, shape, partial(bake, device_material, values, shape))
+        device_material.densities[key] = jnp.asarray(made)
+    return device_material.densities[key]
 
 
 def bake(device_material: DeviceMaterial, values: tuple[float | None, ...], shape: Shape) -> Float[np.ndarray, "N"]:
@@ -55,8 +56,9 @@ def bake(device_material: DeviceMaterial, values: tuple[float | None, ...], shap
         found = _lines(layout, (together, columns), material, jnp.asarray(alpha), np.int32(first))
         return in_half(np.asarray(found)[: lines - first]).ravel()
 
+    first = some(work[0])  # compiles
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.concatenate(list(pool.map(some, work)))
+        return np.concatenate([first, *pool.map(some, work[1:])])
 
 
 def _alpha(values: tuple[float | None, ...], end: tuple[float, ...]) -> np.ndarray:
@@ -67,9 +69,13 @@ def _alpha(values: tuple[float | None, ...], end: tuple[float, ...]) -> np.ndarr
 @partial(jax.jit, static_argnums=(0, 1))
 def _lines(layout: Layout, size: tuple[int, int], material: Material, alpha: Array, first: Array) -> Array:
     """σ of some of the grid's lines, from the first: (lines, columns, K)."""
-    width = size[1] / layout.sizes[0][1] * layout.texel_density  # columns a patch
     line, column = (jnp.arange(n, dtype=jnp.int32) for n in size)
-    v, u = ((at.astype(jnp.float32) + 0.5) / width for at in (first + line, column))
+    fine = size[1] / layout.sizes[0][1]  # columns a texel
+    if layout.open:
+        patches = (1 / (fine * layout.texel_density),) * 2
+    else:
+        patches = tuple(layout.period / (fine * n) for n in layout.sizes[0])
+    v, u = ((at.astype(jnp.float32) + 0.5) * wide for at, wide in zip((first + line, column), patches, strict=True))
     zero = jnp.float32(0)
 
     def layer(h: Scalar) -> Array:

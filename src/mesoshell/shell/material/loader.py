@@ -4,6 +4,7 @@ Notation
 grid        largest σ over cells of (h, v, u), one grid a mip level; grid l bounds σ for levels in [l, l + 1)
 """
 
+import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -15,7 +16,6 @@ from jaxtyping import Float
 
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import SIDE
-from mesoshell.io.density_grid import finest_digest
 from mesoshell.io.level_arrays import flatten
 from mesoshell.nets.mlp import Dense
 from mesoshell.shell.material.decoder import Decoder
@@ -32,8 +32,8 @@ class Grid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DeviceMaterial:
-    """A bundle ready to be evaluated: arrays, and their static layout. bundle: itself; None for a material of no file. grids:
-    of its density, as they are made (shell/material/baked_density)."""
+    """A bundle ready to be evaluated: arrays, and their static layout. densities: baked ones, as they are made
+    (shell/material/baked_density)."""
 
     material: Material
     layout: Layout
@@ -42,14 +42,17 @@ class DeviceMaterial:
     names: tuple[str, ...]
     #: Whether features of the finest level are corrected: those of a texture whose finer levels are left out.
     finest_corrected: bool = False
-    bundle: Bundle | None = None
-    grids: dict[Any, Array] = field(default_factory=dict)
+    densities: dict[Any, Array] = field(default_factory=dict, init=False)
 
     @cached_property
     def digest(self) -> str:
-        """A hash of what its density depends on."""
-        assert self.bundle is not None
-        return finest_digest(self.bundle)
+        """A hash of all that σ of the finest level depends on."""
+        layout, decoder, of = self.layout, self.material.decoder, self.material_for(filtering=False)
+        finest = of.texture.rows[: layout.sizes[0][0] * layout.sizes[0][1]]
+        sha = hashlib.sha256(repr(layout).encode())
+        for x in jax.tree.leaves((finest, of.height, of.correction, decoder.trunk, decoder.sigma, decoder.scale)):
+            sha.update(f"{x.dtype} {x.shape} ".encode() + np.asarray(x).tobytes())
+        return sha.hexdigest()
 
     def material_for(self, filtering: bool) -> Material:
         """The material as it is read with filtering, or without: then no correction is looked up that is 0."""
@@ -88,7 +91,7 @@ def load_device_material(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> De
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
     names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
     shapes = tuple(g.shape for g in grids)
-    return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), shapes, names, bundle.finest_corrected, bundle)
+    return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), shapes, names, bundle.finest_corrected)
 
 
 def pack_heights(levels: list[Float[np.ndarray, "P Q _r C"]]) -> Float[np.ndarray, "P Q R C"]:

@@ -180,10 +180,11 @@ class Lighting:
         sigma = np.empty((len(under), n), np.float32)
         for medium, own in self.media.parts(prism):
             radius = np.full(len(own) * n, 0.5 / medium.program.layout.texel_density, np.float32)
+            reads = medium.program.baked is not None
+            self.report.count(**{"grid_reads" if reads else "surface_queries": len(own) * n})
             sigma[own] = run(
                 lambda x, r, c, m=medium: kernels.density_at(*m, x, r, c), xi[own].reshape(-1, 3), radius
             ).reshape(-1, n)
-        self.report.count(surface_queries=sigma.size)
         out[under] = np.exp(-sigma.mean(axis=1) / up) * (w[:, 2] > 0)
         return out
 

@@ -42,7 +42,7 @@ class Media:
     def __init__(self, scene: Scene, quality: Quality, effects: Effects, chart: Chart):
         self.chart = chart
         different = _different(scene)
-        shapes = grid_shapes(scene) if effects.baked_density.on else [None] * len(different)
+        shapes = density_shapes(scene) if effects.baked_density.on else [None] * len(different)
         self.each = [
             _decoding(medium, shape, scene, quality, effects, chart)
             for medium, shape in zip(different.values(), shapes, strict=True)
@@ -62,16 +62,18 @@ class Media:
                 yield decoding, own
 
 
-def grid_shapes(scene: Scene) -> list[tuple[int, ...]]:
+def density_shapes(scene: Scene) -> list[tuple[int, ...]]:
     """Shapes of the grids of density, one for all media that are decoded alike."""
     different = _different(scene).values()
     return [_grid_shape(medium, MAX_BAKED // len(different)) for medium in different]
 
 
-def grid_columns(medium: Medium, most: int) -> float:
-    """Columns a patch of a medium's grid. most: numbers that it may hold."""
-    layout = medium.device_material.layout
-    return layout.texel_density * _grid_shape(medium, most)[-2] / layout.sizes[0][1]
+def density_columns(medium: Medium, most: int) -> float:
+    """Columns a patch of a medium's grid, along the side that has fewer. most: numbers that it may hold."""
+    layout, (lines, columns) = medium.device_material.layout, _grid_shape(medium, most)[-3:-1]
+    if layout.open:
+        return layout.texel_density * columns / layout.sizes[0][1]
+    return min(lines, columns) / layout.period
 
 
 def _grid_shape(medium: Medium, most: int) -> tuple[int, ...]:
@@ -102,7 +104,7 @@ def _decoding(
 ) -> Decoding:
     """baked: shape of the grid, if density is read from one."""
     device_material = medium.device_material
-    varying = _varying(medium) if effects.varying_parameters.on else ()
+    varying = _varying(medium) if effects.varying_parameters.on or baked is not None else ()
     program = StaticConfig(
         device_material.layout,
         device_material.grid_shapes,

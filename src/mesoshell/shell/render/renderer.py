@@ -38,8 +38,8 @@ from mesoshell.shell.render.scene import Scene
 from mesoshell.shell.render.spacing import Candidates, by_density, even
 from mesoshell.typing import Array
 
-#: Rays of a tile of the image; samples a ray and wave.
-RAYS, WAVE = 32768, 8
+#: Rays of a tile of the image; samples a ray and wave, and of a wave that reads a grid.
+RAYS, WAVE, BAKED_WAVE = 32768, 8, 64
 #: Intervals of a ray for which a tile has rows from the start.
 USUAL = 8
 #: Least opacity that is expected of a ray.
@@ -180,8 +180,8 @@ class _Renderer:
         tile: Tile,
         drawn: Float[np.ndarray, "R"] | None = None,
     ) -> tuple[np.ndarray, Shaded]:
-        """Decode samples wave by wave, front to back; of baked density all at once, and then those to light. drawn: u of each
-        ray, if samples to light are drawn. Returns the rays' optical depths and the samples to light."""
+        """Decode samples wave by wave, front to back; where density is baked, those to light alone. drawn: u of each ray, if
+        samples to light are drawn. Returns the rays' optical depths and the samples to light."""
         clock = time.perf_counter()
         samples, ray, opacity = candidates
         depth = np.zeros(len(tile.o))
@@ -190,9 +190,9 @@ class _Renderer:
         none = np.zeros(0, np.int32)
         nothing = np.zeros(0)
         parts = [Shaded(none, nothing, none, nothing, np.zeros((0, len(tile.beams), 3), np.float32))]
-        last, baked = int(rank.max(initial=-1)) + 1, self.effects.baked_density.on
-        width = max(last, 1) if baked else WAVE
-        for wave in range(0, last, width):
+        baked = self.effects.baked_density.on
+        width = BAKED_WAVE if baked else WAVE
+        for wave in range(0, int(rank.max(initial=-1)) + 1, width):
             chosen = np.flatnonzero((rank >= wave) & (rank < wave + width) & (depth[ray] < stop))
             if not len(chosen):
                 break
@@ -201,13 +201,13 @@ class _Renderer:
             clock = self.report.time("decode", clock)
             weight, before, depth = accumulate(depth, owner, tau)
             self.report.count(heavy_samples=int((weight > 1e-3).sum()))
-            self.report.count(**{"grid_reads" if baked else "density_queries": len(chosen)})
+            self.report.count(density_queries=0 if baked else len(chosen), grid_reads=len(chosen) if baked else 0)
             least = self.quality.least_weight
             if drawn is not None:
                 count = self.quality.light_samples / np.maximum(opacity[chosen], MIN_OPACITY)
                 weight, least = draw(before, tau, drawn[owner], count), 0.0
             if tile.beams:
-                heavy = weight > least
+                heavy = (weight > least) & (before < stop)
                 lit = self.features(some, heavy, pieces, at) if baked else heavy_batches(decoded, heavy)
                 for medium, where, own, features in lit:
                     row, of_ray = some.row[own], owner[own]
@@ -223,12 +223,10 @@ class _Renderer:
         hot, prism = np.flatnonzero(heavy), np.asarray(pieces.prism)
         self.report.count(density_queries=len(hot))
         for medium, own in self.media.parts(prism[s.row[hot]]):
-            mine = hot[own]
-            parts = batches(_kernel(kernels.density, medium, pieces, at), *take(s, mine))
-            for k, (_, features) in enumerate(parts):
-                part = mine[k * CAPACITY : (k + 1) * CAPACITY]
-                if len(part):
-                    yield medium, np.arange(len(part)), part, features
+            for first in range(0, len(own), CAPACITY):
+                part = hot[own[first : first + CAPACITY]]
+                ((_, features),) = batches(_kernel(kernels.density, medium, pieces, at), *take(s, part))
+                yield medium, np.arange(len(part)), part, features
 
 
 def _kernel(kernel: Callable, medium: Decoding, pieces: Piece, at: Frame) -> Callable:

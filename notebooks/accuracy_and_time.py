@@ -13,7 +13,7 @@
 # # What accuracy costs in time, and what is hard about a scene
 #
 # A cow of grass is rendered up to a budget and to an error, its settings are measured against a reference, and its shell is
-# walked by rays that are hard. (A small picture and fifteen seconds of measurements here; more in `docs/how_to/tradeoff.md`.)
+# walked by rays that are hard. (A small picture and six seconds of measurements here; more in `docs/how_to/tradeoff.md`.)
 
 # %%
 import tempfile
@@ -53,7 +53,7 @@ for axis, picture in zip(axes, pictures, strict=True):
 # later call goes on. `report.html` in the folder shows the pictures along the front, and what each setting buys.
 
 # %%
-measured = ms.tradeoff(scene, folder / "tradeoff", minutes=0.25)
+measured = ms.tradeoff(scene, folder / "tradeoff", minutes=0.1)
 seconds, errors = zip(*((entry.seconds, entry.flip) for entry in measured.front), strict=True)
 plt.loglog(seconds, errors, "o-")
 plt.xlabel("seconds")

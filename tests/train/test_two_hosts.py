@@ -154,6 +154,7 @@ def network(tmp_path) -> Path:
     return prepared(tmp_path / "network", "nerf_tex")
 
 
+@pytest.mark.slow
 def test_a_host_is_killed_and_all_go_on_until_a_disk_is_full(network) -> None:
     """Slow checkpoints hold up, and change nothing."""
     (first, said), (second, _) = launch(network, "nerf_tex", 2, [SAVED | {"what": "SIGKILL", "host": 1, "step": 3}])

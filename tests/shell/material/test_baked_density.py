@@ -69,7 +69,7 @@ def flat(bundle: Bundle) -> Bundle:
     return replace(bundle, arrays=bundle.arrays | {k: x[: max(1, len(x) // 2)] for k, x in levels.items()})
 
 
-@pytest.mark.parametrize("columns", [1, 2])
+@pytest.mark.parametrize("columns", [pytest.param(1, marks=pytest.mark.slow), 2])
 @pytest.mark.parametrize("name", ["tiny", "flat", "tiled", "edged", "shaped"])
 def test_a_grid_holds_what_the_network_says(name, columns, tiny_bundle, tiled_bundle, edged, shaped, monkeypatch):
     """At its own points, to half precision; of one value of a parameter, or at both ends of one that varies."""

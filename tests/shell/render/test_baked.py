@@ -49,7 +49,16 @@ def fine(monkeypatch: pytest.MonkeyPatch) -> None:
 CLOSE = {"one": 0.02, "varying": 0.02, "tiled": 0.05, "several": 0.04}
 
 
-@pytest.mark.parametrize(("kind", "lit"), [("one", 8), ("one", 1), ("varying", 8), ("tiled", 1), ("several", 8)])
+@pytest.mark.parametrize(
+    ("kind", "lit"),
+    [
+        pytest.param("one", 8, marks=pytest.mark.slow),
+        ("one", 1),
+        ("varying", 8),
+        pytest.param("tiled", 1, marks=pytest.mark.slow),
+        ("several", 8),
+    ],
+)
 def test_it_is_the_networks_picture(kind: str, lit: int, tiny_bundle: Bundle, tiled_bundle: Bundle, monkeypatch):
     """Of lit samples the drawn ones alone ask the network."""
     scene = scenes.slab(tiled_bundle if kind == "tiled" else tiny_bundle)

@@ -27,7 +27,12 @@ PROGRAMS["baked"] = [*PROGRAMS["density"], kernels.baked_depths]
 
 @pytest.mark.parametrize(
     ("by", "several"),
-    [pytest.param("density", False, marks=pytest.mark.slow), ("density", True), ("length", False), ("baked", False)],
+    [
+        pytest.param("density", False, marks=pytest.mark.slow),
+        ("density", True),
+        pytest.param("length", False, marks=pytest.mark.slow),
+        ("baked", False),
+    ],
 )
 def test_tiles_compile_nothing_more(tiny_bundle, tiled_bundle, monkeypatch, by: str, several: bool) -> None:
     """Several tiles of a picture whose ground is seen through the shell, of which a half may be of another material."""

@@ -132,5 +132,8 @@ def test_a_grid_is_of_a_material_and_its_parameters(tiny_bundle, monkeypatch, tm
     assert baked_density.baked_density(it, np.array([0.5], np.float32), (), shape) is first and len(made) == 1
     baked_density.baked_density(it, np.array([0.25], np.float32), (), shape)
     assert len(made) == 2
+    assert load_device_material(tiny_bundle, (5, 7)).digest == it.digest
     arrays = tiny_bundle.arrays | {"sigma_scale": 2 * tiny_bundle.arrays["sigma_scale"]}
-    assert load_device_material(replace(tiny_bundle, arrays=arrays)).digest != it.digest
+    other = load_device_material(replace(tiny_bundle, arrays=arrays))
+    assert other.digest != it.digest and replace(it, material=other.material).digest == other.digest
+    assert not replace(it, material=other.material).densities

@@ -5,7 +5,7 @@ grid        largest σ over cells of (h, v, u), one grid a mip level; grid l bou
 """
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -46,8 +46,9 @@ class DeviceMaterial:
 
     @cached_property
     def digest(self) -> str:
-        """A hash of all that σ of the finest level depends on."""
+        """A hash of all that σ of the finest level depends on, wherever it begins."""
         layout, decoder, of = self.layout, self.material.decoder, self.material_for(filtering=False)
+        layout = replace(layout, origin=(0, 0))
         finest = of.texture.rows[: layout.sizes[0][0] * layout.sizes[0][1]]
         sha = hashlib.sha256(repr(layout).encode())
         for x in jax.tree.leaves((finest, of.height, of.correction, decoder.trunk, decoder.sigma, decoder.scale)):

@@ -165,7 +165,9 @@ def test_effects_are_explained(folder: Path) -> None:
     effects = ms.explain(scene, "draft")
     lines = str(effects).splitlines()
     assert "on  mesh shadow: the mesh is not convex" in lines and len(lines) == len(vars(effects))
-    assert effects.filtering.on and not ms.explain(scene, "draft", filtering=False).filtering.on
+    assert effects.baked_density.on and not effects.filtering.on
+    network = ms.explain(scene, "draft", density="network")
+    assert network.filtering.on and not ms.explain(scene, "draft", density="network", filtering=False).filtering.on
 
 
 def test_files_and_what_was_loaded_are_alike(folder: Path, tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def test_settings_change_a_preset_and_those_without_effect_are_said(material: Pa
         main(arguments(material, tmp_path / "no.png", *more))
     assert "--max-depth: requires --engine mitsuba" in capsys.readouterr().err
     more[-1] = "curve_length=1"
-    main(arguments(material, tmp_path / "set.png", *more))
+    main(arguments(material, tmp_path / "set.png", *more, "--set", "density=network"))
     assert "note: curve_length: has no effect on this picture" in capsys.readouterr().err
     used = json.loads((tmp_path / "set.json").read_text())["quality"]
     assert (used["samples"], used["coordinates"], used["filtering"]) == (12, "exact", False)

@@ -91,7 +91,7 @@ FILMS = {
 }
 
 
-@pytest.mark.parametrize("name", FILMS)
+@pytest.mark.parametrize("name", ["box", "opaque, cropped", pytest.param("gaussian, cropped", marks=pytest.mark.slow)])
 def test_passes_show_what_mitsuba_renders(name: str, materials) -> None:
     """With less noise than as many passes of its own."""
     made = lawn(materials, **FILMS[name])

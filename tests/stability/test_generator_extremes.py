@@ -66,7 +66,7 @@ def test_activation_at_its_clamp(times: float, sign: float) -> None:
     assert jnp.isfinite(y).all() and jnp.isfinite(slope).all()
 
 
-@pytest.mark.parametrize("tile", [(2**20, -(2**20)), (-(2**20) + 1, 2**20 - 7)])
+@pytest.mark.parametrize("tile", [(2**20, -(2**20)), pytest.param((-(2**20) + 1, 2**20 - 7), marks=pytest.mark.slow)])
 def test_a_texture_65536_patches_away(tile: tuple[int, int]) -> None:
     config = GeneratorConfig(16, "T", 32, 4, 4, 4, drift=1.5, z=4, w=4, height_rows=8, height_width=4)
     generator, averages = init_generator(config, jax.random.key(0)), init_averages(config)

@@ -108,9 +108,13 @@ def test_a_second_time_begins_anew(few, corrected) -> None:
     np.testing.assert_array_equal(again.arrays["correction"], corrected[0].arrays["correction"])
 
 
-def test_tiles_and_a_generator(few, tiled_bundle) -> None:
+@pytest.mark.slow
+def test_tiles_are_corrected(few, tiled_bundle) -> None:
     tiles = fit_correction(tiled_bundle, "tiles", steps=3)
     assert tiles.arrays["correction"].shape[0] == 5 and tiles.tiles == tiled_bundle.tiles
+
+
+def test_a_generator_is_corrected(few) -> None:
     made = fit_correction(growing.bundle(), "grown", steps=3)
     assert not made.baked and made.arrays["correction"].shape[0] == 5
 

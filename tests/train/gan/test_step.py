@@ -83,6 +83,7 @@ def test_helps_change_what_they_are_asked_to_change() -> None:
         assert any(np.abs(x - y).max() > 1e-2 * np.abs(x).max() for x, y in pairs)
 
 
+@pytest.mark.slow
 def test_renders_beside_the_next_ones_parameters_count_as_made() -> None:
     """For the discriminator alone, by the weight that was asked for."""
     (plain, before), (told, after) = stepped(), stepped(mismatch=0.5)

@@ -323,6 +323,7 @@ def test_nothing_outside_the_command_line_imports_it() -> None:
     assert len(files) > 30 and found <= {"accelerator.py"}
 
 
+@pytest.mark.slow
 def test_a_seed_lays_corner_tiles_in_another_order(tiled_bundle, tmp_path: Path) -> None:
     """The same seed gives the same picture, another seed another one; both engines see the same plane."""
     write_bundle(tmp_path / "tiles.npz", tiled_bundle)

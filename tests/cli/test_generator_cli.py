@@ -118,6 +118,7 @@ def test_scores_are_kept_and_not_made_twice(run, tmp_path, capsys, monkeypatch) 
     assert (run / "evaluation.jsonl").read_bytes() == own
 
 
+@pytest.mark.slow
 def test_a_network_that_is_compared_with_is_scored_like_any_run(network, capsys) -> None:
     assert [p.name for p in sorted((network / "snapshots").iterdir())] == ["000000008.npz", "000000016.npz"]
     sheet = read_png(network / "sheets" / "000000016.png")

@@ -93,7 +93,8 @@ def test_a_ray_is_much_the_same_from_however_far() -> None:
     assert (off > 1e-4).mean() < 0.015
 
 
-@pytest.mark.parametrize(("thickness", "most"), [pytest.param(0.1, 0.002, marks=pytest.mark.slow), (0.3, 0.006)])
+@pytest.mark.parametrize(("thickness", "most"), [(0.1, 0.002), (0.3, 0.006)])
+@pytest.mark.slow
 def test_few_rays_lose_a_shell_where_shells_overlap(thickness: float, most: float) -> None:
     """At vertices, posts and edges: beside the JAX engine, which looks for entries all along a ray."""
     mesh = load_mesh(Path(__file__).parents[1] / "data" / "suzanne.obj")

@@ -29,9 +29,9 @@ PROGRAMS["baked"] = [*PROGRAMS["density"], kernels.baked_depths]
     ("by", "several"),
     [
         pytest.param("density", False, marks=pytest.mark.slow),
-        ("density", True),
+        pytest.param("density", True, marks=pytest.mark.slow),
         pytest.param("length", False, marks=pytest.mark.slow),
-        ("baked", False),
+        ("baked", True),
     ],
 )
 def test_tiles_compile_nothing_more(tiny_bundle, tiled_bundle, monkeypatch, by: str, several: bool) -> None:

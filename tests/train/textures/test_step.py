@@ -81,6 +81,7 @@ def test_what_scales_exemplars_changes_no_answer(exemplars: Exemplars):
         np.testing.assert_allclose(b, a, rtol=2e-4, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_a_start_has_the_exemplars_mean_and_covariance(begun):
     config, data, state = begun
     assert state.a.shape == (2 * C, C)

@@ -76,6 +76,16 @@ def test_it_is_the_networks_picture(kind: str, lit: int, tiny_bundle: Bundle, ti
     assert many.counts["grid_reads"] == 0
 
 
+def test_a_ray_stops_where_little_light_is_left(tiny_bundle: Bundle):
+    """What lies behind is not lit, and loses at most the share of the light that is left there."""
+    scene = scenes.slab(tiny_bundle)
+    (whole, all_), (stopped, fewer) = (shown(scene, early_stop=share) for share in (0.0, 0.3))
+    assert fewer.counts["density_queries"] < 0.9 * all_.counts["density_queries"]
+    less = 1 - stopped[..., :3].sum() / whole[..., :3].sum()
+    assert 0 < less < 0.3
+    np.testing.assert_array_equal(stopped[..., 3], whole[..., 3])
+
+
 def test_a_ground_under_it_is_shadowed_alike(tiny_bundle: Bundle):
     """So thin that most of what is seen is the ground."""
     scene = scenes.slab(tiny_bundle)

@@ -9,8 +9,8 @@ K, c, u     samples to light, drawn: c of the opacities (k + u)/K, k = 0, 1, …
 
 Work is compacted at every stage: rays that meet nothing make no intervals, samples in empty space (by the bundle's σ grid)
 are not decoded, rays whose transmittance has fallen below `early_stop` get no further wave of samples, and lighting skips
-samples whose weight is below `Quality.least_weight`, or takes `Quality.light_samples` a ray. Image tiles bound the memory,
-whatever the image's size.
+samples whose weight is below `Quality.least_weight`, or takes `Quality.light_samples` a ray. Where density is baked, the
+network is asked for lit samples alone. Image tiles bound the memory, whatever the image's size.
 """
 
 import time
@@ -207,7 +207,9 @@ class _Renderer:
                 count = self.quality.light_samples / np.maximum(opacity[chosen], MIN_OPACITY)
                 weight, least = draw(before, tau, drawn[owner], count), 0.0
             if tile.beams:
-                heavy = (weight > least) & (before < stop)
+                heavy = weight > least
+                if baked:  # its waves are long: a ray stops within one
+                    heavy &= before < stop
                 lit = self.features(some, heavy, pieces, at) if baked else heavy_batches(decoded, heavy)
                 for medium, where, own, features in lit:
                     row, of_ray = some.row[own], owner[own]

@@ -13,7 +13,6 @@ import pytest
 
 import mesoshell as ms
 from mesoshell.cli.main import main
-from mesoshell.distill.source import shell_source
 from mesoshell.io.bundle import write_bundle
 from mesoshell.io.image import read_exr, read_png
 from mesoshell.io.material import bundled_materials
@@ -340,5 +339,3 @@ def test_a_seed_lays_corner_tiles_in_another_order(tiled_bundle, tmp_path: Path)
     for seed, other in ((0, 5), (5, 0)):
         theirs = seen(seed, engine="mitsuba", spp=128)
         assert np.abs(theirs - ours[seed]).mean() < 0.9 * np.abs(theirs - ours[other]).mean()
-    with pytest.raises(ms.InputError, match=r"tiles.npz: is no texture that repeats"):
-        shell_source(str(tmp_path / "tiles.npz"), {})

@@ -126,6 +126,27 @@ def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
         assert low <= least * (1 + 1e-6) and least < high
 
 
+def test_of_corner_tiles_there_is_a_twin_and_nothing_else(tmp_path, tiled_bundle, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("mesoshell.distill.error.PICTURES", 2)
+    monkeypatch.setattr("mesoshell.distill.error.RAYS", 1)
+    tiles, surface, both = (tmp_path / name for name in ("tiles.npz", "surface.npz", "both.npz"))
+    write_bundle(tiles, replace(tiled_bundle, thickness=0.5))
+    wearing.write_obj(tmp_path / "square.obj", wearing.square())
+    with pytest.raises(SystemExit, match="2"):
+        main(["distill", str(tiles), "--out", str(surface), *FEW])
+    line = capsys.readouterr().err
+    assert line.startswith("mesoshell: --out: ") and "has corner tiles" in line and line.count("\n") == 1
+    assert not surface.exists() and not surface.with_suffix("").exists()
+    main(["distill", str(tiles), "--twin", str(both), *FEW])
+    bundle = read_bundle(both)
+    assert bundle.tiles == tiled_bundle.tiles and bundle.twin is not None
+    good = replace(bundle, twin=replace(bundle.twin, errors=((0.002, 0.4), (0.05, 0.01)), alpha=(0.25,)))
+    write_bundle(both, good)
+    for camera, taken in ((FAR, True), (NEAR, False)):
+        _, record = shown(tmp_path, camera)
+        assert record["effects"]["twin"]["on"] == taken, record["effects"]["twin"]["why"]
+
+
 @pytest.mark.slow
 def test_a_twin_alone_is_the_same(folder, monkeypatch) -> None:
     monkeypatch.setattr("mesoshell.distill.error.PICTURES", 2)

@@ -87,12 +87,12 @@ def shell_source(
 ) -> ShellSource:
     """A shell, marched by JAX. name: of its material; params: values by name; base: colour of the surface under it, linear RGB;
     thickness: periods; curvature: least and greatest, 1 / period; patches, queries: cylinders, and queries on each; preset:
-    size of the network; kimg: thousands of queries to learn from. Raises InputError if it is no texture that repeats."""
+    size of the network; kimg: thousands of queries to learn from. Raises InputError if it is no texture that wraps around."""
     path = find(name)
     if kind_of(path) == KIND:
         raise InputError(name, "is a surface material already")
     bundle = read_bundle(path)
-    if not bundle.baked or not bundle.wraps or bundle.tiles is not None:
+    if not bundle.baked or not bundle.wraps:
         raise InputError(name, "is no texture that repeats: a surface material is one period, repeated")
     values, maps = read_params(bundle, params)
     if maps:

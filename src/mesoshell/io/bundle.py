@@ -216,8 +216,8 @@ def _parsed(path: str | PathLike[str], text: bytes) -> dict[str, Any]:
     _check_entry(path, MANIFEST, fields, _MANIFEST_RULES)
     if fields["tiles"] is not None:
         fields["tiles"] = tuple(tuple(row) for row in fields["tiles"])
-    if fields["tiles"] is not None and not (fields["wraps"] and fields["generator"] is fields["twin"] is None):
-        raise InputError(path, f"{MANIFEST}: corner tiles need a texture that wraps, without a generator and a twin")
+    if fields["tiles"] is not None and not (fields["wraps"] and fields["generator"] is None):
+        raise InputError(path, f"{MANIFEST}: corner tiles need a texture that wraps, without a generator")
     if (fields["schema"] == SCHEMA) != (fields["tiles"] is None):
         raise InputError(path, f"{MANIFEST}: schema {TILED_SCHEMA} is of corner tiles, and they are of it alone")
     if fields["twin"] is not None:

@@ -216,3 +216,24 @@ def test_grass_seen_wide_is_the_mean_of_grass_seen_narrow(degrees: float):
         return ask(PatchPlacement(0.0, TURN, (0.0, 0.0)), queries, 0)[0]["reflectance"].mean(axis=0)
 
     np.testing.assert_allclose(seen(1.0), seen(1 / 256), rtol=0.3)
+
+
+def test_of_corner_tiles_each_placement_shows_a_patch_of_its_own(tiny_bundle, tiled_bundle) -> None:
+    """At one place within it, to a thousandth: as many answers as tiles; one where a patch repeats. And one a placement."""
+    query = {
+        "place": np.zeros((1, 2)),
+        "radius": np.zeros(1),
+        "toward": np.array([[0.0, 0.0, 1.0]]),
+        "light": np.array([[0.6, 0.0, 0.8]]),
+    }
+    random = np.random.default_rng(0)
+    placings = [PatchPlacement(0.0, 0.0, tuple(0.4 + 1e-3 * random.random(2))) for _ in range(100)]
+    numbers = []
+    for bundle in (tiny_bundle, tiled_bundle):
+        loaded = load_device_material(bundle)
+        taught = Teacher(loaded.material, jnp.full(1, 0.5), jnp.asarray(DEPTH, jnp.float32), jnp.full(3, 0.1))
+        ask = answers(loaded.layout, taught)
+        seen = [ask(placing, query, seed)[0]["reflectance"][0, 1] for seed, placing in enumerate(placings)]
+        np.testing.assert_array_equal(seen[:5], [ask(p, query, 9)[0]["reflectance"][0, 1] for p in placings[:5]])
+        numbers.append(1 + int((np.diff(np.sort(seen)) > 0.02 * np.mean(seen)).sum()))
+    assert numbers[0] == 1 and 8 <= numbers[1] <= 16

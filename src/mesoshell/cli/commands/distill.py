@@ -32,6 +32,10 @@ def run(options: Options) -> None:
     probe_outputs(tuple(path for path in (options.out, options.twin) if path is not None))
     keep_compiled()
     source = source_of(options)
+    if options.out is not None and isinstance(source, ShellSource) and source.bundle.tiles is not None:
+        raise InputError(
+            "--out", f"{options.material} has corner tiles, and a surface material repeats; --twin takes their mean"
+        )
     if options.out is not None:
         surface = _learned(source, folder)
         options.out.parent.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,8 @@ A query's footprint is a Gaussian about its place on the bounding surface (datas
 variance come from the filter along the marched ray, a quarter from random places of rays: at flat angles the filter alone
 leaves out what lies beside the ray.
 
+Of corner tiles each placement shows a patch of the plane of its own, so that what is learned is the mean of all tiles.
+
 Samples are spaced equally in t, each with its canonical length, as in training. Light that the base surface reflects crosses
 the shell twice; on the way to the light the shell counts as flat (shell/render/lighting).
 """
@@ -33,6 +35,8 @@ from mesoshell.typing import Array, Float, Scalar, Vec3
 
 #: Samples a ray, and on the way from the base surface to a light; queries a batch.
 SAMPLES, BASE_SAMPLES, BATCH = 64, 8, 1024
+#: Patches along a side of the plane of corner tiles that are shown.
+PLANE = 1024
 #: Least cosine of light on the base surface: light crosses at most 20 heights (shell/render/lighting).
 FLATTEST = 0.05
 
@@ -69,7 +73,10 @@ def answers(layout: Layout, teacher: Teacher):
 
     def of(placing: Any, query: dict[str, np.ndarray], seed: int):
         c, s = np.cos(placing.turn), np.sin(placing.turn)
-        values = placing.curvature, np.array([[c, -s], [s, c]]), np.array(placing.shift)
+        shift = np.array(placing.shift)
+        if layout.colours is not None:
+            shift = shift + np.floor(shift * PLANE**2) % PLANE  # whole patches, by digits that place nothing within one
+        values = placing.curvature, np.array([[c, -s], [s, c]]), shift
         placement = DevicePlacement(*(jnp.asarray(x, jnp.float32) for x in values))
         count, half = len(query["radius"]), query["radius"] / 2
         place = query["place"] + half[:, None] * np.random.default_rng(seed).standard_normal((count, 2))

@@ -35,9 +35,9 @@ scene = ms.Scene("src/mesoshell/assets/spot.obj", ms.load_material("grass"), cam
 # themselves (bias), which more passes do not take away, beside what the passes tell of their noise.
 
 # %%
-goals = ({"budget": 0.5}, {"budget": 2.0}, {"error": 0.08}, {"error": 0.04})
+goals = ({"budget": 1.0}, {"error": 0.06})
 pictures = [ms.render(scene, **goal) for goal in goals]
-figure, axes = plt.subplots(1, 4, figsize=(11, 3.4))
+figure, axes = plt.subplots(1, 2, figsize=(6, 3.4))
 for axis, picture in zip(axes, pictures, strict=True):
     reached = picture.report["goal"]
     print({name: reached[name] for name in ("met", "noise", "bias", "settings")})

@@ -287,6 +287,7 @@ def test_what_cannot_be_is_said_in_one_line(materials, change, said) -> None:
     assert "\n" not in str(fault.value)
 
 
+@pytest.mark.slow  # tests/io/test_kept_textures has the cache, test_generator_cli both engines
 def test_a_generators_texture_is_made_once(materials, tmp_path, tmp_path_factory, monkeypatch) -> None:
     """By `mesoshell texture`, in a process of its own; the second time it is read."""
     monkeypatch.setenv("XDG_CACHE_HOME", caches.own(tmp_path / "cache", tmp_path_factory))

@@ -185,6 +185,7 @@ def test_a_host_that_is_silent_is_lost_after_a_while(network) -> None:
     assert status == LOST and said == f"mesoshell: {network}: {SAID_LOST.replace('a host', 'host 1')}\n"
 
 
+@pytest.mark.slow  # a host that is lost later is, above
 def test_a_host_that_does_not_come_is_not_waited_for_for_ever(network) -> None:
     ((status, said),) = launch(network, "nerf_tex", 2, [SAVED], join=3)
     assert status == LOST and said == f"mesoshell: {network}: not all hosts came in time\n"

@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from benchmarks.start import begun
 from mesoshell.nets.mlp import Dense
@@ -26,6 +27,7 @@ def test_plane_and_height_are_both_heard_in_density() -> None:
     assert found.min() > 0.1, found
 
 
+@pytest.mark.slow
 def test_thin_layers_do_not_turn_into_noise() -> None:
     """A material that varies with height alone, from above: a picture's pixels agree better than pictures with other samples.
 

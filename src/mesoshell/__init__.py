@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mesoshell.film.shoot import Film
     from mesoshell.render.camera import Camera, look_at
     from mesoshell.render.effects import Effects
+    from mesoshell.render.lamp import Lamp
     from mesoshell.render.light import Distant
     from mesoshell.render.quality import Quality
     from mesoshell.scene.materials import Material, load_material
@@ -44,6 +45,7 @@ __all__ = [
     "Fit",
     "Grown",
     "InputError",
+    "Lamp",
     "Material",
     "Picture",
     "Quality",
@@ -74,6 +76,7 @@ _HOMES = {
     "Fit": "mesoshell.api.learning",
     "Grown": "mesoshell.scene.scene",
     "InputError": "mesoshell.errors",
+    "Lamp": "mesoshell.render.lamp",
     "Material": "mesoshell.scene.materials",
     "Picture": "mesoshell.scene.picture",
     "Quality": "mesoshell.render.quality",

@@ -1,9 +1,10 @@
 """Run by Blender's Python: a head on a stand, seen by a camera, as a mask and in every mesh format.
 
 FOLDER, which has sky.exr, gets sky_0.exr to sky_7.exr, what is seen of that in eight directions, sky.usda, mapped.usdc and
-upright.usda, whose y is up; the same of the sky turned by 90 degrees, turned_0.exr to turned_7.exr and turned.usdz; mask.png,
-view.json (the camera's frame and vertical field of view) and head.glb, .gltf, .usda, .usdc, .usdz, .obj, .ply and .stl, by
-Blender's own settings but for cameras."""
+upright.usda, whose y is up; the same of the sky turned by 90 degrees, turned_0.exr to turned_7.exr and turned.usdz; of each
+lamp NAME, NAME.exr, what is seen of a white floor below it, NAME.usdc and NAME.glb; mask.png, view.json (the camera's frame and
+vertical field of view) and head.glb, .gltf, .usda, .usdc, .usdz, .obj, .ply and .stl, by Blender's own settings but for
+cameras."""
 
 import json
 import math
@@ -77,3 +78,34 @@ bpy.ops.wm.usd_export(filepath=str(FOLDER / "mapped.usdc"))
 mapping.inputs["Rotation"].default_value = (0, 0, math.pi / 2)
 bpy.ops.wm.usd_export(filepath=str(FOLDER / "turned.usdz"))
 look_around("turned")
+
+
+def show_lamp(name: str, kind: str, **shape: float | str) -> None:
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", kind))
+    lamp.data.energy, lamp.data.color = 100, (1, 0.5, 0.25)
+    for key, value in shape.items():
+        setattr(lamp.data, key, value)
+    lamp.location, lamp.rotation_euler = (0.5, 0.3, 2.0), (0.1, 0.2, 0.3)
+    bpy.context.collection.objects.link(lamp)
+    scene.render.filepath = str(FOLDER / f"{name}.exr")
+    bpy.ops.render.render(write_still=True)
+    bpy.ops.wm.usd_export(filepath=str(FOLDER / f"{name}.usdc"))
+    bpy.ops.export_scene.gltf(filepath=str(FOLDER / f"{name}.glb"), export_lights=True)
+    bpy.data.objects.remove(lamp)
+
+
+bpy.ops.mesh.primitive_plane_add(size=2)
+white = bpy.data.materials.new("White")
+white.use_nodes = True
+white.node_tree.nodes.clear()
+diffuse = white.node_tree.nodes.new("ShaderNodeBsdfDiffuse")
+diffuse.inputs["Color"].default_value = (1, 1, 1, 1)
+white.node_tree.links.new(diffuse.outputs[0], white.node_tree.nodes.new("ShaderNodeOutputMaterial").inputs[0])
+bpy.context.object.data.materials.append(white)
+camera.location, camera.rotation_euler = (0, 0, 4), (0, 0, 0)
+scene.world, scene.cycles.samples = None, 256
+show_lamp("point", "POINT", shadow_soft_size=0.1)
+show_lamp("bare", "POINT", shadow_soft_size=0.0)
+show_lamp("spot", "SPOT", shadow_soft_size=0.1, spot_size=1.2, spot_blend=0.15)
+show_lamp("rectangle", "AREA", shape="RECTANGLE", size=0.3, size_y=0.2)
+show_lamp("disk", "AREA", shape="DISK", size=0.3)

@@ -262,7 +262,9 @@ def test_the_engines_show_the_same(folder) -> None:
     camera = Camera(look_at((2.2, -1.9, 1.3), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)), 0.6, 24, 24)
     toward = np.array([[0.48, -0.6, 0.64], [-0.6, -0.8, 0.0]])
     lights = tuple(Distant(x, np.array([3.0, 2.0, 1.0])) for x in toward)
-    s = SurfaceScene(mesh, 1.0, camera, lights, None, (0.5, 0.5, 0.5), (), True, load_device_material(b))
+    s = SurfaceScene(
+        mesh, 1.0, camera, lights, None, (0.5, 0.5, 0.5), (), True, device_material=load_device_material(b)
+    )
     theirs = render(s, Quality(pixel_samples=64, early_stop=0.0), plan(s, QUALITY))[0]
     assert ((theirs[..., 3] > 0.1) & (theirs[..., 3] < 0.9)).mean() > 0.15
     shape = surface_shape(folder, "lump", "rough", {"scale": 1.0})

@@ -1,4 +1,4 @@
-"""What Blender sees of a mesh is what is seen here, pixel on pixel, by each format that it writes."""
+"""What Blender sees of a mesh is what is seen here, pixel on pixel, by each format that it writes; and so are its lamps."""
 
 import json
 import subprocess
@@ -14,9 +14,11 @@ from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.image import read_exr, write_exr
 from mesoshell.render.camera import pixel_grid, rays
+from mesoshell.render.lamp import as_distant
 from mesoshell.render.light import environment, lookup
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settle import settle
+from mesoshell.scene.unpack import read_scene_file
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(
@@ -92,3 +94,22 @@ def test_a_sky_lies_as_blenders(folder: Path, up: int):
         here = lookup(environment(SKY, up), toward[None])[0]
         there = read_exr(folder / f"sky_{k}.exr")[..., :3].mean(axis=(0, 1))
         np.testing.assert_allclose(here, there, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        *(f"{x}.usdc" for x in ("point", "bare", "spot", "rectangle", "disk")),
+        *(f"{x}.glb" for x in ("point", "bare", "spot")),
+    ],
+)
+def test_a_lamp_is_as_bright_as_blenders(folder: Path, file: str):
+    """On a white floor 2 below it."""
+    told = read_scene_file(folder / file)
+    (lamp,) = told.lamps
+    direction, irradiance = as_distant(lamp, np.zeros(3))
+    seen = read_exr(folder / Path(file).with_suffix(".exr"))[..., :3].mean(axis=(0, 1))
+    np.testing.assert_allclose(irradiance * direction[2 if told.up == "z" else 1] / np.pi, seen, rtol=0.01)
+    assert lamp.kind == {"bare": "point", "point": "sphere" if told.up == "z" else "point"}.get(
+        Path(file).stem, Path(file).stem
+    )

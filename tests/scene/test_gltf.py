@@ -5,6 +5,8 @@ scaled rig, a sun of 3 W/m² and a lamp. Blender's own numbers are below, in its
 """
 
 import base64
+import copy
+import io
 import json
 import math
 import struct
@@ -16,6 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import mesoshell as ms
@@ -57,7 +60,8 @@ def test_blenders_camera_and_sun():
     (sun,) = told.suns
     np.testing.assert_allclose(sun.direction, FROM_BLENDER @ SUN, atol=1e-6)
     np.testing.assert_allclose(sun.irradiance, [3, 1.5, 0.75])
-    assert told.notes == ("its lights that are no suns are left out: Lamp",)
+    (lamp,) = told.lamps
+    assert lamp.kind == "point" and not told.notes
 
 
 def test_they_take_the_place_of_defaults(material: Material):
@@ -86,14 +90,16 @@ def test_other_proportions_are_said(material: Material):
 
 
 @pytest.mark.parametrize(
-    ("names", "grown"), [(("Hill",), 120), (("Moss",), 12), (("Stone",), 24), (("Stone", "Hill"), 144)]
+    ("names", "grown"),
+    [(("Hill",), 120), (("Moss",), 12), (("Stone",), 24), (("Stone", "Hill"), 144), (("m0",), 60), (("m1", "m0"), 120)],
 )
 def test_the_material_grows_on_what_is_named(material: Material, names: tuple[str, ...], grown: int):
-    """A node has all its materials' triangles, and what hangs on it."""
+    """A node has all its materials' triangles, and what hangs on it; a material has its own."""
     scene = unpack(ms.Scene(FILE, material, grow=names))
     whole = load_mesh(FILE)
     meshes: list[Any] = [scene.mesh, *scene.objects]
-    assert len(meshes[0].faces) == grown and [len(m.faces) for m in meshes[1:]] == [144 - grown] * (grown < 144)
+    assert len(meshes[0].faces) == grown and sum(len(m.faces) for m in meshes[1:]) == 144 - grown
+    assert all(m.colour == pytest.approx((0.8,) * 3) for m in meshes[1:] if len(m.faces) > 24)
     together = np.concatenate([m.vertices[m.faces].reshape(-1, 9) for m in meshes])
     wanted = whole.vertices[whole.faces].reshape(-1, 9)
     assert len(together) == len(wanted)
@@ -111,13 +117,13 @@ def test_a_picture_of_a_blender_scene(material: Material):
     assert apart.grow == () and len(apart.objects) == 1
     one, other = (ms.render(s, "draft", max_samples=1) for s in (scene, apart))
     np.testing.assert_array_equal(one.rgba, other.rgba)
-    assert one.rgba[..., 3].max() == 1 and "its lights that are no suns are left out: Lamp" in one.notes
+    assert one.rgba[..., 3].max() == 1 and any("a lamp is near" in note for note in one.notes)
     bare = ms.render(replace(scene, grow=()), "draft", max_samples=1)
     assert np.abs(bare.rgba - one.rgba).max() > 0.01  # the stone is grown over too
 
 
 def test_a_name_that_is_not_there(material: Material):
-    with pytest.raises(InputError, match=r"has no mesh named 'Hil': its names are Hill, Moss, Stone$"):
+    with pytest.raises(InputError, match=r"has no mesh named 'Hil': its names are Hill, Moss, Stone, m0, m1$"):
         unpack(ms.Scene(FILE, material, grow=("Hil",)))
     with pytest.raises(InputError, match=r"^grow: names meshes of a glTF file or a USD stage"):
         unpack(ms.Scene(FILE.with_name("spot.obj"), material, grow=("Hill",)))
@@ -175,6 +181,28 @@ def test_a_suns_strength_is_in_lux(tmp_path: Path):
     np.testing.assert_allclose(sun.irradiance, 2)
 
 
+@pytest.mark.parametrize(
+    ("light", "cone"),
+    [
+        ({"type": "point"}, (0.0, 0.0)),
+        ({"type": "spot"}, (0.0, math.pi / 4)),
+        ({"type": "spot", "spot": {"innerConeAngle": 0.3, "outerConeAngle": 0.5}}, (0.3, 0.5)),
+    ],
+    ids=["point", "spot", "cone"],
+)
+def test_a_lamps_strength_is_in_candela(tmp_path: Path, light: dict, cone: tuple):
+    light = light | {"intensity": 2 * LUX, "color": [1, 0.5, 0]}
+    (lamp,) = read_scene_file(written(tmp_path, lit({"translation": [1, 2, 3]}, light))).lamps
+    assert lamp.kind == light["type"] and lamp.cone == cone
+    np.testing.assert_allclose(lamp.strength, [2, 1, 0])
+    np.testing.assert_allclose(lamp.pose[:3, 3], [1, 2, 3])
+
+
+def test_lights_of_other_kinds_are_said(tmp_path: Path):
+    told = read_scene_file(written(tmp_path, lit({"name": "Tube"}, {"type": "tube"})))
+    assert told.notes == ("its lights of other kinds are left out: Tube",) and not told.lamps
+
+
 def test_what_cannot_be_taken_is_said(tmp_path: Path):
     cameras = [{"type": "orthographic"}, *[{"type": "perspective", "perspective": {"yfov": 0.5 + k}} for k in (0, 1)]]
     nodes = [{"camera": k, "name": name} for k, name in enumerate(("plan", "wide", "near"))]
@@ -197,6 +225,9 @@ def test_what_cannot_be_taken_is_said(tmp_path: Path):
         seen({"matrix": [1, 2]}),
         lit({"scale": [0, 0, 0]}, {"type": "directional"}),
         lit({}, {"type": "directional", "color": "red"}),
+        lit({}, {"type": "point", "intensity": -1}),
+        lit({}, {"type": "spot", "spot": {"innerConeAngle": 2, "outerConeAngle": 1}}),
+        lit({"translation": [1e300, 0, 0]}, {"type": "point"}),
         {"nodes": [{"children": [7]}]},
         {"nodes": 3},
         [],
@@ -294,10 +325,35 @@ def test_names_are_the_files(tmp_path: Path):
     nodes += [{"name": name, "mesh": 0, "translation": [k, 0, 0]} for k, name in enumerate(("Tree", "Tree", "Rock"))]
     path = written(tmp_path, triangles([*nodes, {"mesh": 0, "translation": [9, 0, 0]}]))
     grown, others = read_nodes(path, [("Tree",)])
-    assert len(grown[0][1]) == 2 and others is not None and len(others[1]) == 2
+    ((rest, colour),) = others
+    assert len(grown[0][1]) == 2 and len(rest[1]) == 2 and colour is None
     assert len(read_nodes(path, [("world",)])[0][0][1]) == 4
     with pytest.raises(InputError, match=r"its names are Rock, Tree, node 4, world$"):
         read_nodes(path, [("Bush",)])
+
+
+@pytest.mark.parametrize("textured", [False, True])
+def test_what_nothing_grows_on_has_its_materials_colours(tmp_path: Path, textured: bool):
+    """Of an image the mean, as light: half of it is white."""
+    names = ("Ground", "Red", "Black", "Red too", "Bare")
+    nodes: list[dict] = [{"name": name, "mesh": k, "translation": [k, 0, 0]} for k, name in enumerate(names)]
+    header: dict[str, Any] = triangles(nodes) | {"scenes": [{"nodes": [*range(5)]}]}
+    (mesh,) = header["meshes"]
+    pbr: list[dict] = [{"baseColorFactor": [0.6, 0.1, 0.0, 1]}, {"baseColorFactor": [0, 0, 0, 1]}]
+    header["materials"] = [{"name": f"m{k}", "pbrMetallicRoughness": x} for k, x in enumerate(pbr)]
+    header["meshes"] = [copy.deepcopy(mesh) for _ in nodes]
+    for k, material in ((1, 0), (2, 1), (3, 0)):
+        header["meshes"][k]["primitives"][0]["material"] = material
+    if textured:
+        data = io.BytesIO()
+        Image.fromarray(np.repeat(np.array([[0, 255]], np.uint8), 3).reshape(1, 2, 3)).save(data, "PNG")
+        header["images"] = [{"uri": "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()}]
+        header["textures"] = [{"source": 0}]
+        pbr[0]["baseColorTexture"] = {"index": 0}
+    _, others = load_nodes(written(tmp_path, header), [("Ground",)])
+    share = 0.5 if textured else 1.0
+    found = {len(m.faces) if m.colour else "bare": m.colour for m in others}
+    assert found == {2: pytest.approx((0.6 * share, 0.1 * share, 0)), 1: (0, 0, 0), "bare": None} and len(others) == 3
 
 
 def test_what_nothing_grows_on_needs_neither_uvs_nor_area(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

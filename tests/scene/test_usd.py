@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import mesoshell as ms
 from mesoshell.errors import InputError
@@ -80,7 +81,7 @@ def test_what_is_not_seen_is_left_out(tmp_path: Path):
     guide, proxy, render = (f'uniform token purpose = "{x}"\n' for x in ("guide", "proxy", "render"))
     hidden = f'def Xform "Hidden"\n{{\n{off}{mesh("D")}}}\n'
     path = stage(tmp_path, f"{mesh('A', off)}{mesh('B', guide)}{mesh('C', proxy)}{hidden}{mesh('E', render)}")
-    assert [names for names, _ in read_usd.parts(path)] == [["/E", "E"]]
+    assert [part.names for part in read_usd.parts(path)] == [["/E", "E"]]
 
 
 def test_copies_are_all_there(tmp_path: Path):
@@ -102,7 +103,7 @@ def test_copies_are_all_there(tmp_path: Path):
     }}
     """
     found = read_usd.parts(stage(tmp_path, rock + copy + scattered))
-    least = sorted((names[0], points[:, 0].min(), np.ptp(points[:, 0])) for names, (points, _, _) in found)
+    least = sorted((names[0], points[:, 0].min(), np.ptp(points[:, 0])) for names, (points, _, _), _ in found)
     wanted = [("/Copy1/Stone", 10, 1), ("/Copy2/Stone", 20, 1), ("/Field", 100, 1), ("/Field", 106, 2)]
     assert [x[0] for x in least] == [x[0] for x in wanted]
     np.testing.assert_allclose([x[1:] for x in least], [x[1:] for x in wanted])
@@ -128,7 +129,7 @@ def test_prototypes_may_be_hidden_abstract_and_within_each_other(tmp_path: Path)
         }}
         """
         found = read_usd.parts(stage(tmp_path, body))
-        inside = [x for names, (x, _, _) in found if names[0] == "/Outer"]
+        inside = [x for names, (x, _, _), _ in found if names[0] == "/Outer"]
         assert sorted(x[:, 0].min() for x in inside) == [111.5, 112.5, 121.5, 122.5]
 
 
@@ -142,7 +143,7 @@ def test_holes_and_plain_pairs(tmp_path: Path):
         float2[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = "vertex" )
         texCoord2f[] primvars:lightmap = [(9, 9), (9, 9), (9, 9), (9, 9)] ( interpolation = "vertex" )
     """
-    ((_, (_, faces, uv)),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
+    ((_, (_, faces, uv), _),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
     assert faces.tolist() == [[0, 2, 3]] and uv.tolist() == [[[0, 0], [1, 1], [0, 1]]]
 
 
@@ -151,7 +152,7 @@ def test_the_first_time_code(tmp_path: Path):
     order = 'uniform token[] xformOpOrder = ["xformOp:translate"]\n'
     body = mesh("A", moves.replace("{{", "{").replace("}}", "}") + order)
     for head, wanted in (('upAxis = "Y"', 5), ("startTimeCode = 20", 9)):
-        ((_, (points, _, _)),) = read_usd.parts(stage(tmp_path, body, head))
+        ((_, (points, _, _), _),) = read_usd.parts(stage(tmp_path, body, head))
         assert points[:, 0].min() == wanted
 
 
@@ -188,6 +189,124 @@ def test_the_size_of_a_sun(tmp_path: Path, angle: float, size: float):
     np.testing.assert_allclose(read_scene_file(stage(tmp_path, body)).suns[0].irradiance, np.full(3, size), rtol=1e-6)
 
 
+def shader(name: str, inputs: str) -> str:
+    return f'''    def Material "{name}" {{
+        token outputs:surface.connect = </{name}/Look.outputs:surface>
+        def Shader "Look" {{
+            uniform token info:id = "UsdPreviewSurface"
+            token outputs:surface
+            {inputs}
+        }}
+        def Shader "Read" {{
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file = @half.png@
+            float3 outputs:rgb
+        }}
+    }}
+'''
+
+
+def bound(name: str, points: str = "") -> str:
+    return f"rel material:binding = </{name}>"
+
+
+API = '( prepend apiSchemas = ["MaterialBindingAPI"] )'
+
+
+def test_subsets_and_their_colours(tmp_path: Path):
+    """Six quads in a row, two of a subset of red, one of another whose image is half white, half black; the mesh is green."""
+    Image.fromarray(np.repeat(np.array([[0, 255]], np.uint8), 3).reshape(1, 2, 3)).save(tmp_path / "half.png")
+    points = ", ".join(f"({x}, {y}, 0)" for x in range(7) for y in (0, 1))
+    corners = ", ".join(f"{2 * k}, {2 * k + 2}, {2 * k + 3}, {2 * k + 1}" for k in range(6))
+    body = f"""
+        point3f[] points = [{points}]
+        int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
+        int[] faceVertexIndices = [{corners}]
+        {bound("Green")}
+        def GeomSubset "Lawn" {API} {{
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = [1, 4]
+            {bound("Red")}
+        }}
+        def GeomSubset "Path" {API} {{
+            uniform token elementType = "face"
+            int[] indices = [4, 5]
+            {bound("Checked")}
+        }}
+    """
+    looks = shader("Red", "color3f inputs:diffuseColor = (0.7, 0, 0)") + shader("Green", "float inputs:roughness = 1")
+    looks += shader("Checked", "color3f inputs:diffuseColor.connect = </Checked/Read.outputs:rgb>")
+    path = stage(tmp_path, mesh("Hill", kind=API, body=body) + looks + mesh("Bare"))
+    found = {part.names[0]: (len(part.arrays[1]), part.colour) for part in read_usd.parts(path)}
+    assert found == {
+        "/Hill/Lawn": (4, pytest.approx((0.7, 0, 0))),
+        "/Hill/Path": (2, pytest.approx((0.5, 0.5, 0.5))),
+        "/Hill": (6, (0.18, 0.18, 0.18)),
+        "/Bare": (2, None),
+    }
+    (lawn,), others = load_nodes(path, [("/Hill/Lawn",)])
+    assert sorted(set(lawn.vertices[:, 0].tolist())) == [1, 2, 4, 5]
+    assert [m.colour for m in others] == [pytest.approx((0.5,) * 3), (0.18,) * 3, None]
+    assert len(load_nodes(path, [("Hill",)])[0][0].faces) == 12
+    (tmp_path / "half.png").write_bytes(b"nonsense")
+    assert [part.colour for part in read_usd.parts(path)][1] is None
+
+
+LIT = "float inputs:intensity = 8\n float inputs:exposure = -1\n color3f inputs:color = (1, 0.5, 0)\n"
+
+
+@pytest.mark.parametrize(
+    ("light", "kind", "size", "strength"),
+    [
+        ('SphereLight "L" { float inputs:radius = 0.25', "sphere", (0.5, 0.5, 0.5), 4),
+        ('SphereLight "L" { bool inputs:normalize = 1', "sphere", (1, 1, 1), 4 / (4 * np.pi)),
+        ('SphereLight "L" { bool treatAsPoint = 1', "point", None, 4 * np.pi),
+        ('SphereLight "L" { bool inputs:normalize = 1\n float inputs:radius = 0', "point", None, 1),
+        ('RectLight "L" { float inputs:width = 3\n float inputs:height = 1', "rectangle", (3, 1, 3), 4),
+        ('RectLight "L" { bool inputs:normalize = 1\n float inputs:width = 3', "rectangle", (3, 1, 3), 4 / 12),
+        ('DiskLight "L" { bool inputs:normalize = 1', "disk", (1, 1, 1), 4 / np.pi),
+    ],
+)
+def test_lamps(tmp_path: Path, light: str, kind: str, size: tuple | None, strength: float):
+    """Within a frame of twice the size: what is normalised is so by its area in the world."""
+    body = f"""{mesh("A")}
+    def Xform "Rig" {{
+        float3 xformOp:scale = (2, 2, 2)
+        uniform token[] xformOpOrder = ["xformOp:scale"]
+        def {light}\n {LIT} }}
+    }}
+    """
+    (lamp,) = read_scene_file(stage(tmp_path, body)).lamps
+    assert lamp.kind == kind
+    if size is not None:
+        np.testing.assert_allclose(np.linalg.norm(lamp.pose[:3, :2], axis=0), size[:2])
+    np.testing.assert_allclose(lamp.strength, strength * np.array([1, 0.5, 0]), rtol=1e-6)
+
+
+def test_a_sphere_with_a_cone_is_a_spot(tmp_path: Path):
+    cone = "float inputs:shaping:cone:angle = 30\n float inputs:shaping:cone:softness = 0.2"
+    light = f'def SphereLight "L" ( prepend apiSchemas = ["ShapingAPI"] ) {{ {LIT} {cone} }}\n{mesh("A")}'
+    (lamp,) = read_scene_file(stage(tmp_path, light)).lamps
+    assert lamp.kind == "spot"
+    np.testing.assert_allclose(lamp.cone, np.radians([24, 30]))
+    np.testing.assert_allclose(lamp.strength, 4 * np.pi * 0.25 * np.array([1, 0.5, 0]))
+
+
+def test_lamps_that_give_no_light_are_not_there(tmp_path: Path):
+    body = f"""{mesh("A")}
+    def SphereLight "Dark" {{ float inputs:intensity = 0 }}
+    def RectLight "Flat" {{ float inputs:width = 0 }}
+    def DiskLight "Hidden" {{
+        float3 xformOp:scale = (0, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:scale"]
+    }}
+    def RectLight "Film" {{ asset inputs:texture:file = @film.exr@ }}
+    """
+    told = read_scene_file(stage(tmp_path, body))
+    assert len(told.lamps) == 1 and "its images of lamps are left out: Film" in told.notes
+
+
 @pytest.mark.parametrize("count", [3, 5, 7])
 def test_polygons_are_fans_with_their_own_coordinates(tmp_path: Path, count: int):
     """Coordinates of corners, indexed; of another name than `st`."""
@@ -201,7 +320,7 @@ def test_polygons_are_fans_with_their_own_coordinates(tmp_path: Path, count: int
         texCoord2f[] primvars:UVMap = [{uv}] ( interpolation = "faceVarying" )
         int[] primvars:UVMap:indices = {list(range(count))[::-1]}
     """
-    ((_, (_, faces, uv)),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
+    ((_, (_, faces, uv), _),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
     np.testing.assert_array_equal(faces, [[0, k, k + 1] for k in range(1, count - 1)])
     np.testing.assert_array_equal(uv[..., 0], count - 1 - faces)
 
@@ -230,7 +349,7 @@ def test_the_camera_the_suns_and_the_axis(tmp_path: Path, tiny_bundle: Bundle):
         bool inputs:enableColorTemperature = 1
     }}
     def DistantLight "Off" {{ token visibility = "invisible" }}
-    def SphereLight "Lamp" {{ float inputs:intensity = 9 }}
+    def CylinderLight "Tube" {{ float inputs:intensity = 9 }}
     """
     path = stage(tmp_path, body, 'upAxis = "Z"')
     told = read_scene_file(path)
@@ -244,7 +363,7 @@ def test_the_camera_the_suns_and_the_axis(tmp_path: Path, tiny_bundle: Bundle):
     assert told.notes == (
         "its camera Flat is no perspective one: left out",
         "it has 2 cameras: First, the first, is taken",
-        "its lights but suns and a dome are left out: Lamp",
+        "its lights of other kinds are left out: Tube",
     )
     scene = ms.Scene(path, Material("tiny", tiny_bundle), size=(30, 20))
     still = settle(scene)
@@ -324,7 +443,7 @@ def test_a_dome_is_an_environment(tmp_path: Path, tiny_bundle: Bundle):
     still = settle(scene)
     assert isinstance(still.environment, np.ndarray) and len(still.lights) == 1
     np.testing.assert_allclose(still.environment, np.broadcast_to([6, 3, 1.5], still.environment.shape))
-    assert any("lights but suns and a dome are left out: Other" in note for note in mesh_of(still.mesh).notes)
+    assert any("lights of other kinds are left out: Other" in note for note in mesh_of(still.mesh).notes)
     own = np.ones((2, 4, 3), np.float32)
     assert settle(replace(scene, environment=own)).environment is own
     for change in ({"suns": False}, {"lights": [(0.0, 1.0, 0.0)]}):

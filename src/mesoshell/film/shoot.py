@@ -139,7 +139,7 @@ def plan_motion(
     if far is not None and dolly is None:
         raise InputError(Argument("far"), "is where a `dolly` begins: give `dolly` too")
     scene = unpack(scene)
-    aimed, unlit = scene.camera, not scene.lights and scene.environment is None
+    aimed, unlit = scene.camera, not scene.lights and not scene.lamps and scene.environment is None
 
     def motion(still: Scene) -> Motion:
         moves = moved(still)

@@ -13,15 +13,16 @@ positions, is good to 1e-6.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mesoshell.errors import InputError
+from mesoshell.geometry.colour import Colour
 from mesoshell.geometry.normals import vertex_normals
-from mesoshell.geometry.read import check_indices, read_mesh, read_nodes
+from mesoshell.geometry.read import check_indices, join_arrays, read_mesh, read_nodes
 from mesoshell.geometry.topology import agree, inside_out, pair_edges
 from mesoshell.geometry.unwrap import unwrap
 
@@ -34,13 +35,15 @@ FARTHEST = 1e12
 
 @dataclass(frozen=True)
 class Mesh:
-    """A mesh without zero-area or repeated faces and unused vertices; `notes` has one line for each thing mended."""
+    """A mesh without zero-area or repeated faces and unused vertices; `notes` has one line for each thing mended; colour:
+    diffuse albedo of what nothing grows on, where its file has one."""
 
     vertices: Float[np.ndarray, "V 3"]  # float32, no two alike
     faces: Int[np.ndarray, "F 3"]  # int32, counter-clockwise seen from outside
     uv: Float[np.ndarray, "F 3 2"]  # float32, a corner
     normals: Float[np.ndarray, "V 3"]  # float32, unit
     notes: tuple[str, ...]
+    colour: Colour | None = None
 
 
 def load_mesh(path: str | PathLike[str]) -> Mesh:
@@ -49,25 +52,26 @@ def load_mesh(path: str | PathLike[str]) -> Mesh:
 
 
 def load_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tuple[list[Mesh], tuple[Mesh, ...]]:
-    """Each group of a glTF file's nodes, by their names, as one mesh, and all its others as another, if there are any; an empty
-    first group stands for all others. Raises InputError, in one line, if it cannot be used."""
+    """Each group of a glTF file's nodes or a USD stage's prims, by their names, as one mesh, and all its others as one of each
+    colour; an empty first group stands for all others. Raises InputError, in one line, if it cannot be used."""
     rest = not groups[0]
     named, others = read_nodes(path, groups[1:] if rest else groups)
-    if rest and others is None:
+    if rest and not others:
         raise InputError(path, "every mesh is named for a further material: none is left for the scene's own")
-    if rest and others is not None:
-        named, others = [others, *named], None
-    return [check_mesh(*arrays, str(path)) for arrays in named], () if others is None else _bare(*others, str(path))
+    if rest:
+        named, others = [join_arrays([arrays for arrays, _ in others]), *named], []
+    bare = [_bare(*arrays, colour, str(path)) for arrays, colour in others]
+    return [check_mesh(*arrays, str(path)) for arrays in named], tuple(mesh for some in bare for mesh in some)
 
 
 def _bare(
-    vertices: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "M 3"], _: object, source: str
+    vertices: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "M 3"], _: object, colour: Colour | None, source: str
 ) -> tuple[Mesh, ...]:
     """What nothing grows on: no texture coordinates are needed, and a mesh without area is none."""
     if not len(_usable_faces(_check_arrays(vertices, faces, source), faces)[0]):
         return ()
     uv = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), (len(faces), 1, 1))
-    return (check_mesh(vertices, faces, uv, source),)
+    return (replace(check_mesh(vertices, faces, uv, source), colour=colour),)
 
 
 def check_mesh(
@@ -130,6 +134,12 @@ def is_convex(mesh: Mesh) -> bool:
         if ((v - v[f[0]]) @ normal).max() > 1e-6 * size * np.linalg.norm(normal):
             return False
     return True
+
+
+def face_albedos(count: int, objects: Sequence[Mesh], base: tuple[float, float, float]) -> Float[np.ndarray, "F 3"]:
+    """Diffuse albedo of `count` faces, which have the base colour, and of those of objects after them, by their colours."""
+    of_objects = [np.tile(base if mesh.colour is None else mesh.colour, (len(mesh.faces), 1)) for mesh in objects]
+    return np.concatenate([np.tile(base, (count, 1)), *of_objects]).astype(np.float64)
 
 
 def count_of(number: int | np.integer, one: str, many: str = "") -> str:

@@ -3,6 +3,7 @@
 Notation
 N, M        vertices and triangles of the file; index: of one of them, counted from 0
 uv          texture coordinates of each corner, NaN on corners without
+colour      diffuse colour of the material of a glTF file or a USD stage                                   (geometry/colour)
 v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are ignored
 n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
 
@@ -31,7 +32,9 @@ from trimesh.resolvers import FilePathResolver
 
 from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
+from mesoshell.geometry.colour import Colour, colour_of
 from mesoshell.geometry.read_ply import read_ply
+from mesoshell.geometry.read_usd import Part
 
 FORMATS = (".obj", ".ply", ".glb", ".gltf", ".off", ".stl", *read_usd.FORMATS)
 NO_TEXTURE = -1
@@ -44,15 +47,17 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
     """The arrays of a mesh file of one of FORMATS, in float64. Raises InputError, in one line, if it has none."""
     with _one_line(path) as kind:
         own = {"OBJ": read_obj, "PLY": read_ply}.get(kind)
-        return _some(_joined([part for _, part in _parts(path)]) if own is None else own(path), path, kind)
+        return _some(join_arrays([part.arrays for part in _parts(path)]) if own is None else own(path), path, kind)
 
 
-def read_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tuple[list[Arrays], Arrays | None]:
+def read_nodes(
+    path: str | PathLike[str], groups: Sequence[Sequence[str]]
+) -> tuple[list[Arrays], list[tuple[Arrays, Colour | None]]]:
     """The meshes of each group of a glTF file's nodes or a USD stage's prims, by their names, with what hangs on them and is in
-    no other group; and all its others, None without any. Raises InputError, in one line, for a group without triangles."""
+    no other group; and all its others, by colour. Raises InputError, in one line, for a group without triangles."""
     with _one_line(path):
         parts = _parts(path)
-        present = sorted({owner for owners, _ in parts for owner in owners})
+        present = sorted({owner for part in parts for owner in part.names})
         group_of: dict[str, int] = {}
         for k, names in enumerate(groups):
             for name in names:
@@ -61,15 +66,17 @@ def read_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tu
                     raise InputError(path, f"has no mesh named {name!r}: its names are {', '.join(paths or present)}")
                 if group_of.setdefault(name, k) != k:
                     raise InputError(path, f"two materials are given for {name!r}")
-        chosen = [next((group_of[x] for x in owners if x in group_of), -1) for owners, _ in parts]
+        chosen = [next((group_of[x] for x in part.names if x in group_of), -1) for part in parts]
         meshes = [
-            _joined([part for (_, part), own in zip(parts, chosen, strict=True) if own == k])
-            for k in range(-1, len(groups))
+            join_arrays([part.arrays for part, own in zip(parts, chosen, strict=True) if own == k])
+            for k in range(len(groups))
         ]
-        for names, mesh in zip(groups, meshes[1:], strict=True):
+        for names, mesh in zip(groups, meshes, strict=True):
             if not len(mesh[1]):
                 raise InputError(path, f"has no triangles under {', '.join(names)} that no other name covers")
-        return meshes[1:], meshes[0] if len(meshes[0][1]) else None
+        rest = [part for part, own in zip(parts, chosen, strict=True) if own < 0 and len(part.arrays[1])]
+        colours = dict.fromkeys(part.colour for part in rest)
+        return meshes, [(join_arrays([part.arrays for part in rest if part.colour == c]), c) for c in colours]
 
 
 @contextmanager
@@ -168,12 +175,13 @@ def _is_text_stl(head: bytes) -> bool:
     return head.lstrip()[:5].lower() == b"solid" and b"facet" in head.lower() and b"\0" not in head
 
 
-def _parts(path: str | PathLike[str]) -> Sequence[tuple[list[str], Arrays]]:
-    """Each mesh of a file in world space, and the names of its node and of those it hangs on, from itself upward."""
+def _parts(path: str | PathLike[str]) -> Sequence[Part]:
+    """Each mesh of a file in world space, and the names of its node and of those it hangs on, from itself upward; of a glTF
+    file also that of its material, where no node has it."""
     if Path(path).suffix.lower() in read_usd.FORMATS:
         return read_usd.parts(path)
     gltf = Path(path).suffix.lower() in (".glb", ".gltf")
-    scene, names = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {})
+    scene, names, materials = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {}, [])
     parents, parts = scene.graph.transforms.parents, []
     for node in scene.graph.nodes_geometry:
         pose, name = scene.graph[node]
@@ -192,16 +200,26 @@ def _parts(path: str | PathLike[str]) -> Sequence[tuple[list[str], Arrays]]:
             owners.append(above)
             above = parents.get(above)
         place = position @ pose[:3, :3].T + pose[:3, 3]
-        parts.append(
-            (
-                [names[owner] for owner in owners if owner in names],
-                (place, corner, np.asarray(uv, np.float64)[:, :2][corner]),
-            )
-        )
+        own, colour = _material(part, materials)
+        called = [names[owner] for owner in owners if owner in names]
+        called = [own, *called] if own and own not in names.values() else called
+        parts.append(Part(called, (place, corner, np.asarray(uv, np.float64)[:, :2][corner]), colour))
     return parts
 
 
-def _joined(parts: Sequence[Arrays]) -> Arrays:
+def _material(part: trimesh.Trimesh, materials: Sequence[dict]) -> tuple[str, Colour | None]:
+    """The name and the colour of a part's material: both are nothing without one. materials: of the file."""
+    found = getattr(part.visual, "material", None)
+    name = str(getattr(found, "name", "")).removeprefix("material ")
+    if not name.isdigit() or int(name) >= len(materials):
+        return "", None
+    described = materials[int(name)]
+    factor = described.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1))
+    image = getattr(found, "baseColorTexture", None)
+    return str(described.get("called", "")), colour_of(factor, image)
+
+
+def join_arrays(parts: Sequence[Arrays]) -> Arrays:
     """Several meshes as one."""
     points, faces, uvs, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros((0, 3, 2))], 0
     for position, corner, uv in parts:
@@ -212,10 +230,10 @@ def _joined(parts: Sequence[Arrays]) -> Arrays:
     return np.concatenate(points), np.concatenate(faces), _or_none(np.concatenate(uvs))
 
 
-def _gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str]]:
-    """A glTF file's scene, and the file's names of its nodes, which need not be unique. trimesh looks for files by their names
-    as written, in which exporters encode spaces; makes names unique by others; and takes cameras out of the graph, with what
-    hangs on them."""
+def _gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
+    """A glTF file's scene, the file's names of its nodes, which need not be unique, and its materials, of names `called`.
+    trimesh looks for files by their names as written, in which exporters encode spaces; makes names unique by others; and takes
+    cameras out of the graph, with what hangs on them."""
     data = path.read_bytes()
     binary = path.suffix.lower() == ".glb"
     end = 20 + int.from_bytes(data[12:16], "little") if binary else len(data)
@@ -228,13 +246,16 @@ def _gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str]]:
         names[f"node {k}"] = str(node.get("name", f"node {k}"))
         node["name"] = f"node {k}"
         node.pop("camera", None)
+    for k, material in enumerate(described.get("materials", [])):
+        material["called"], material["name"] = material.get("name", ""), f"material {k}"
     text = json.dumps(described).encode()
     if binary:
         text += b" " * (-len(text) % 4)
         size = (12 + 8 + len(text) + len(data) - end).to_bytes(4, "little")
         text = data[:8] + size + len(text).to_bytes(4, "little") + data[16:20] + text + data[end:]
     kind, near = path.suffix[1:].lower(), FilePathResolver(str(path))
-    return trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=near, process=False), names
+    scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=near, process=False)
+    return scene, names, described.get("materials", [])
 
 
 def read_obj(path: str | PathLike[str]) -> Arrays:

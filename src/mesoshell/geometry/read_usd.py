@@ -2,35 +2,46 @@
 
 Notation
 prim        of the stage, with a path such as /World/Hill; a Mesh has points, and polygons by their numbers of corners
+subset      a GeomSubset: some of a Mesh's polygons, often those of one material
 interpolation   of texture coordinates: one a corner (faceVarying), or one a point (vertex, varying)
 root, place     where a walk begins, and what takes its parent's space to the world
 
 Read at the stage's first time code. What is invisible, or there for guidance or as a proxy, is left out, and holes; instances,
 and points that repeat a prototype, are all there. A mesh that is to be subdivided is taken as its cage. Texture coordinates are
-`st`, or the first that are declared as such.
+`st`, or the first that are declared as such. A material is its diffuse colour, if it is a UsdPreviewSurface.
 
-Sources: OpenUSD's documentation of UsdGeom: Mesh, Imageable, PointInstancer, Primvar.
+Sources: OpenUSD's documentation of UsdGeom: Mesh, Imageable, PointInstancer, Primvar, Subset; UsdShade; UsdPreviewSurface.
 """
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from os import PathLike, fspath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from mesoshell.contained import bounded_memory, silent
 from mesoshell.errors import InputError
+from mesoshell.geometry.colour import Colour, colour_of, image_of
 from mesoshell.limits import check_memory, memory
 
 FORMATS = (".usd", ".usda", ".usdc", ".usdz")
 SEEN = ("default", "render")
 #: Most prims that are walked, instances counted each; instancers within each other.
 MAX_PRIMS, MAX_NESTING = 500_000, 8
-#: Names of a mesh's prim and of those above it; its points, triangles and corner UVs.
-Placed = tuple[list[str], tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]]
+#: Diffuse albedo of a UsdPreviewSurface that names none.
+GREY = 0.18
+
+
+class Part(NamedTuple):
+    """Some triangles of one material. names: of the prim and of those above it, a subset's first; arrays: points, triangles and
+    corner UVs; colour: of the material, None without one."""
+
+    names: list[str]
+    arrays: tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]
+    colour: Colour | None = None
 
 
 def pxr(name: str) -> Any:
@@ -62,9 +73,9 @@ def open_stage(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
         stage = said = None  # or a fault's traceback would hold them
 
 
-def parts(path: str | PathLike[str]) -> Sequence[Placed]:
-    """Each mesh of a stage, with the names of its prim and of those above it, from itself upward: paths and bare names. Of a
-    point that repeats a prototype these are its instancer's."""
+def parts(path: str | PathLike[str]) -> Sequence[Part]:
+    """Each mesh of a stage, and each subset of one, with the names of its prim and of those above it, from itself upward: paths
+    and bare names. Of a point that repeats a prototype these are its instancer's."""
     there = memory()
     with open_stage(path) as (stage, time):
         return list(_Walk(path, stage, time, there).below(stage.GetPseudoRoot(), np.eye(4), None, 0))
@@ -114,8 +125,9 @@ class _Walk:
     def __init__(self, path: str | PathLike[str], stage: Any, time: Any, there: int):
         self.path, self.stage, self.time, self.there = path, stage, time, there
         self.frames, self.triangles = pxr("UsdGeom").XformCache(time), 0
+        self.colours: dict[str, Colour | None] = {}
 
-    def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Placed]:
+    def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Part]:
         """The meshes from a root downward. names: of the outermost instancer, where there is one."""
         UsdGeom = pxr("UsdGeom")
         if depth > MAX_NESTING:
@@ -128,13 +140,25 @@ class _Walk:
                 continue
             to_world = place @ matrix(self.frames.ComputeRelativeTransform(prim, root)[0])
             if mesh:
-                made = _placed(_mesh(prim, self.time), to_world)
-                self.triangles += len(made[1])
+                arrays, polygon = _mesh(prim, self.time)
+                points, faces, uv = _placed(arrays, to_world)
+                self.triangles += len(faces)
                 check_memory(self.path, f"its {self.triangles} triangles", 200 * self.triangles, self.there)
-                yield names or _names(prim), made
+                for one, own in _subsets(prim, polygon, self.time):
+                    yield Part(names or _names(one), (points, faces[own], uv[own]), self.colour(one))
             else:
                 for prototype, at in _instances(self.stage, prim, self.time):
                     yield from self.below(prototype, to_world @ at, names or _names(prim), depth + 1)
+
+    def colour(self, prim: Any) -> Colour | None:
+        """Of the material that is bound to a prim, kept by its path."""
+        bound = pxr("UsdShade").MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+        if not bound:
+            return None
+        key = str(bound.GetPath())
+        if key not in self.colours:
+            self.colours[key] = _diffuse(bound, self.time)
+        return self.colours[key]
 
     def seen(self, prim: Any, root: Any) -> bool:
         imageable = pxr("UsdGeom").Imageable(prim)
@@ -165,8 +189,44 @@ def _instances(stage: Any, prim: Any, time: Any) -> Iterator[tuple[Any, Float[np
     return ((roots[k], matrix(at)) for k, at in zip(which, places, strict=True))
 
 
-def _mesh(prim: Any, time: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, triangles and corner UVs of a Mesh. Raises ValueError if they do not fit each other."""
+def _subsets(prim: Any, polygon: Int[np.ndarray, "M"], time: Any) -> Iterator[tuple[Any, Bool[np.ndarray, "M"]]]:
+    """A Mesh's subsets of faces that have a part of its triangles, and the Mesh itself with what is in none; a triangle belongs
+    to the first. polygon: of each triangle."""
+    UsdGeom = pxr("UsdGeom")
+    free = np.ones(len(polygon), bool)
+    for subset in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)):
+        if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
+            own = free & np.isin(polygon, _array(subset.GetIndicesAttr(), time))
+            free &= ~own
+            if own.any():
+                yield subset.GetPrim(), own
+    if free.any() or not len(free):
+        yield prim, free
+
+
+def _diffuse(material: Any, time: Any) -> Colour | None:
+    """The diffuse colour of a UsdPreviewSurface; None for another shader, or an image that cannot be read."""
+    UsdShade = pxr("UsdShade")
+    shader = material.ComputeSurfaceSource()[0]
+    if not shader or shader.GetIdAttr().Get() != "UsdPreviewSurface":
+        return None
+    given = shader.GetInput("diffuseColor")
+    if not given:
+        return GREY, GREY, GREY
+    if not given.HasConnectedSource():
+        return colour_of(given.Get(time))
+    read = UsdShade.Shader(given.GetConnectedSource()[0].GetPrim())
+    file = read.GetInput("file").Get(time) if read and read.GetInput("file") else None
+    if file is None or not file.resolvedPath:
+        return None
+    asset = pxr("Ar").GetResolver().OpenAsset(pxr("Ar").ResolvedPath(file.resolvedPath))
+    image = image_of(bytes(asset.GetBuffer())) if asset and asset.GetSize() else None
+    return None if image is None else colour_of((1, 1, 1), image)
+
+
+def _mesh(prim: Any, time: Any) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], Int[np.ndarray, "M"]]:
+    """Points, triangles and corner UVs of a Mesh, and the polygon of each triangle. Raises ValueError if they do not fit each
+    other."""
     UsdGeom = pxr("UsdGeom")
     mesh = UsdGeom.Mesh(prim)
     points = _array(mesh.GetPointsAttr(), time, 3)
@@ -178,10 +238,10 @@ def _mesh(prim: Any, time: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
         raise ValueError(f"{prim.GetPath()} refers to points that it does not have")
     uv = _uv(prim, time, corners)
-    fan = _fans(counts, holes[(holes >= 0) & (holes < len(counts))])
+    fan, polygon = _fans(counts, holes[(holes >= 0) & (holes < len(counts))])
     if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
         fan = fan[:, ::-1]
-    return points, corners[fan], uv[fan]
+    return (points, corners[fan], uv[fan]), polygon
 
 
 def _array(attribute: Any, time: Any, *width: int) -> np.ndarray:
@@ -205,13 +265,13 @@ def _uv(prim: Any, time: Any, corners: np.ndarray) -> Float[np.ndarray, "_ 2"]:
     return np.full((len(corners), 2), np.nan)
 
 
-def _fans(counts: np.ndarray, holes: np.ndarray) -> Int[np.ndarray, "_ 3"]:
-    """Triangles of polygons of so many corners each, as numbers of corners; none of holes."""
+def _fans(counts: np.ndarray, holes: np.ndarray) -> tuple[Int[np.ndarray, "M 3"], Int[np.ndarray, "M"]]:
+    """Triangles of polygons of so many corners each, as numbers of corners, and the polygon of each; none of holes."""
     triangles = np.maximum(counts - 2, 0)
     triangles[holes] = 0
     first = np.repeat(np.cumsum(counts) - counts, triangles)
     k = np.arange(triangles.sum()) - np.repeat(np.cumsum(triangles) - triangles, triangles)
-    return np.stack([first, first + k + 1, first + k + 2], axis=1)
+    return np.stack([first, first + k + 1, first + k + 2], axis=1), np.repeat(np.arange(len(counts)), triangles)
 
 
 def _placed(

@@ -23,6 +23,10 @@ from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.surface_material import nothing_met
 
 
+#: How far past a hidden emitter a ray goes on, over the numbers that place it.
+PAST = 1e-5
+
+
 @dataclass
 class Path:
     """A path under way: the segment to come, β, relative index of refraction squared away, and its last event."""
@@ -61,11 +65,12 @@ class PathState:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a scene calls for (render/effects), known before anything is compiled. emitters: a path may meet one; onward: it
-    goes on after its first event."""
+    """What a scene calls for (render/effects), known before anything is compiled. emitters: a path may meet one; hidden: rays
+    from the camera pass those that have an extent; onward: a path goes on after its first event."""
 
     max_depth: int
     emitters: bool
+    hidden: bool
     onward: bool
     direct: bool
     shell_shadow: bool
@@ -118,7 +123,10 @@ def advance(settings, scene, sampler, lane):
 
     uncollided = end.mine & ~end.flight.collided
     reached, on_material = uncollided & ~end.met.hit, uncollided & end.met.hit
-    kept = mi.Bool(False)
+    kept = unseen = mi.Bool(False)
+    if plan.hidden:
+        unseen = reached & (lane.path.depth == 0) & end.si.is_valid() & end.si.shape.is_emitter()
+        reached &= ~unseen
     if plan.surface_materials:
         kept = on_material & end.met.front & (sampler.next_1d() < end.met.alpha)
     if plan.emitters:
@@ -129,7 +137,13 @@ def advance(settings, scene, sampler, lane):
     event, p, shadow = _scatter(
         settings.context, plan, scene, sampler, lane.path, end, (going, kept, reached), shadow, passing
     )
-    path = _go_on(settings, plan, sampler, lane.path, end, event, p, going, on_material & ~kept)
+    behind, t = on_material & ~kept, mi.Float(0)
+    if plan.surface_materials:
+        t = settings.context.surface_meshes.beyond(end.met.t)
+    if plan.hidden:
+        behind |= unseen
+        t = dr.select(unseen, end.si.t + PAST * (end.si.t + dr.max(dr.abs(end.si.p))), t)
+    path = _go_on(settings, plan, sampler, lane.path, end, event, p, going, (behind, t))
     return PathState(path, shadow, light, lane.valid | stopped, lane.queries + end.flight.queries)
 
 
@@ -141,6 +155,7 @@ def _plan(settings) -> Plan:
     return Plan(
         most,
         emitters,
+        settings.hide_lamps and effects.area_light.on,
         most > 1 and (effects.bounces.on or emitters),
         effects.direct_light.on,
         effects.shell_shadow.on,
@@ -225,14 +240,16 @@ def _scatter(context, plan, scene, sampler, path, end, where, shadow, passing):
     return event, origin.p, next_shadow
 
 
-def _go_on(settings, plan, sampler, path, end, event, p, going, behind) -> Path:
-    """Take the path on: after an event at p, or behind a surface material; end it by depth or roulette."""
+def _go_on(settings, plan, sampler, path, end, event, p, going, behind: Any) -> Path:
+    """Take the path on: after an event at p, or behind what it passes; end it by depth or roulette. behind: lanes that pass
+    something, and the distance from which they go on."""
+    behind, t = behind
     if plan.onward:
         path = _onward(path, event, going, p)
     strongest = dr.max(path.beta)
     path.alive = dr.select(end.mine, going & mi.Bool(plan.onward) & (strongest > 0), path.alive)
-    if plan.surface_materials:
-        path.ray = dr.select(behind, beyond(path.ray, settings.context.surface_meshes.beyond(end.met.t)), path.ray)
+    if plan.surface_materials or plan.hidden:
+        path.ray = dr.select(behind, beyond(path.ray, t), path.ray)
         path.alive |= behind
     if not plan.emitters:  # a last segment could only end on an emitter
         path.alive &= path.depth + 1 < plan.max_depth

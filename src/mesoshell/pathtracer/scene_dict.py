@@ -1,4 +1,4 @@
-"""Parts of Mitsuba scenes from a described scene: meshes, a pinhole camera, distant lights, a sky.
+"""Parts of Mitsuba scenes from a described scene: meshes, a pinhole camera, distant lights, lamps, a sky.
 
 Surfaces are diffuse. Images over the UV square have v = 1 in their first row; Mitsuba's bitmaps have v = 0 there.
 """
@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.render.camera import Camera
+from mesoshell.render.lamp import EXTENDED, Lamp, facing, radius
 from mesoshell.render.light import Distant, Environment
-from mesoshell.render.mitsuba_frame import camera_pose, sky_pose
+from mesoshell.render.mitsuba_frame import camera_pose, sky_pose, spot_angles, spot_pose
 
 
 def sensor(camera: Camera, samples: int) -> dict:
@@ -36,6 +37,26 @@ def distant(light: Distant) -> dict:
     """A distant light, as a dictionary that `mi.load_dict` takes."""
     toward = [float(-x) for x in light.direction]
     return {"type": "directional", "direction": toward, "irradiance": _rgb(light.irradiance)}
+
+
+def lamp(given: Lamp) -> dict:
+    """A lamp, as a dictionary that `mi.load_dict` takes. What has an extent is black."""
+    made: dict[str, Any] = {"type": given.kind}
+    if given.kind in EXTENDED:
+        black = {"type": "diffuse", "reflectance": _rgb((0, 0, 0))}
+        made |= {"emitter": {"type": "area", "radiance": _rgb(given.strength)}, "bsdf": black}
+    else:
+        made["intensity"] = _rgb(given.strength)
+    position = [float(x) for x in given.pose[:3, 3]]
+    if given.kind == "point":
+        return made | {"position": position}
+    if given.kind == "sphere":
+        return made | {"center": position, "radius": radius(given)}
+    pose: Any = facing(given)
+    if given.kind == "spot":
+        pose = spot_pose(given)
+        made |= dict(zip(("beam_width", "cutoff_angle"), spot_angles(given), strict=True))
+    return made | {"to_world": mi.ScalarTransform4f(pose)}
 
 
 def sky(environment: Environment) -> dict:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.render.camera import Camera
+from mesoshell.render.lamp import Lamp, facing
 
 #: From our latitude-longitude frame to Mitsuba's, by the axis that points up.
 _SKY = {1: np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]), 2: np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])}
@@ -25,6 +26,20 @@ def sky_pose(up: int) -> Float[np.ndarray, "4 4"]:
     pose = np.eye(4)
     pose[:3, :3] = _SKY[up].T
     return pose
+
+
+def spot_pose(lamp: Lamp) -> Float[np.ndarray, "4 4"]:
+    """`to_world` of a `spot`, which shines along z and has no size."""
+    pose = facing(lamp)
+    x, n = pose[:3, 0] / np.linalg.norm(pose[:3, 0]), pose[:3, 2]
+    pose[:3, :2] = np.stack([x, np.cross(n, x)], axis=1)
+    return pose
+
+
+def spot_angles(lamp: Lamp) -> tuple[float, float]:
+    """`beam_width` and `cutoff_angle` of a `spot`, degrees: the former below the latter."""
+    begins, ends = np.degrees(lamp.cone)
+    return float(min(begins, ends * (1 - 1e-4))), float(ends)
 
 
 def fitting_grid(count: int) -> int:

@@ -1,4 +1,4 @@
-"""What a file of a scene says beside its meshes: a camera, suns, a sky, the axis that is up (no JAX)."""
+"""What a file of a scene says beside its meshes: a camera, suns, lamps, a sky, the axis that is up (no JAX)."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.geometry.mesh import FARTHEST
+from mesoshell.render.lamp import Lamp, fault_of
 from mesoshell.render.light import Distant
 from mesoshell.scene.dome import Dome
 
@@ -13,7 +14,7 @@ from mesoshell.scene.dome import Dome
 @dataclass(frozen=True)
 class FileScene:
     """camera: its frame and vertical field of view, radians, or None; aspect: width over height that it was made for, or None;
-    suns; notes: what the user should know, a line each; up: the axis, "y" or "z"; sky: a dome light, or None."""
+    suns; lamps; notes: what the user should know, a line each; up: the axis, "y" or "z"; sky: a dome light, or None."""
 
     camera: tuple[Float[np.ndarray, "4 4"], float] | None
     aspect: float | None
@@ -21,6 +22,7 @@ class FileScene:
     notes: tuple[str, ...]
     up: str = "y"
     sky: Dome | None = None
+    lamps: tuple[Lamp, ...] = ()
 
 
 def frame_of(to_world: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
@@ -40,6 +42,13 @@ def sun_of(to_world: Float[np.ndarray, "4 4"], irradiance: Float[np.ndarray, "3"
     if irradiance.shape != (3,) or not ((irradiance >= 0) & (irradiance < 1e30)).all():
         raise ValueError(f"a sun has the irradiance {irradiance.tolist()}")
     return Distant(_unit(to_world[:3, 2]), irradiance)
+
+
+def checked_lamp(lamp: Lamp) -> Lamp:
+    """Raises ValueError for one that cannot be."""
+    if fault := fault_of(lamp, FARTHEST, 1e30):
+        raise ValueError(fault)
+    return lamp
 
 
 def _unit(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

@@ -1,9 +1,10 @@
-"""What a glTF file says beside its meshes: its camera, and the suns of KHR_lights_punctual (no JAX).
+"""What a glTF file says beside its meshes: its camera, and the lights of KHR_lights_punctual (no JAX).
 
 Notation
 node        of the file's scene, with a transform from its parent's frame: a matrix by columns, or a translation, a quaternion
             x y z w and a scale. A camera looks along its node's −z with y up, a light shines along −z
-lux         what the extension measures a sun's illuminance in: 683 of them are a W/m², as exporters reckon it
+lux         what the extension measures a sun's illuminance in: 683 of them are a W/m², as exporters reckon it; and so many
+            candela of a point or a spot a W/sr
 
 Sources: glTF 2.0, sections 3.5 and 3.10; KHR_lights_punctual.
 """
@@ -17,7 +18,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.scene.file_scene import FileScene, frame_of, sun_of
+from mesoshell.render.lamp import Lamp
+from mesoshell.scene.file_scene import FileScene, checked_lamp, frame_of, sun_of
 
 LUX = 683.0
 LIGHTS = "KHR_lights_punctual"
@@ -40,7 +42,7 @@ def _header(path: Path) -> dict[str, Any]:
 
 
 def _file_scene(header: dict[str, Any]) -> FileScene:
-    cameras, suns, others, notes = [], [], [], []
+    cameras, suns, lamps, others, notes = [], [], [], [], []
     lights = header.get("extensions", {}).get(LIGHTS, {}).get("lights", [])
     for node, to_world in _nodes(header):
         if "camera" in node:
@@ -57,9 +59,15 @@ def _file_scene(header: dict[str, Any]) -> FileScene:
         light = node.get("extensions", {}).get(LIGHTS)
         if light is not None:
             light = lights[light["light"]]
+            strength = np.array(light.get("color", (1, 1, 1)), np.float64) * float(light.get("intensity", 1.0)) / LUX
             if light["type"] == "directional":
-                colour = np.array(light.get("color", (1, 1, 1)), np.float64)
-                suns.append(sun_of(to_world, colour * float(light.get("intensity", 1.0)) / LUX))
+                suns.append(sun_of(to_world, strength))
+            elif light["type"] == "point":
+                lamps.append(checked_lamp(Lamp("point", to_world, strength)))
+            elif light["type"] == "spot":
+                cone = light.get("spot", {})
+                angles = float(cone.get("innerConeAngle", 0.0)), float(cone.get("outerConeAngle", np.pi / 4))
+                lamps.append(checked_lamp(Lamp("spot", to_world, strength, angles)))
             else:
                 others.append(str(node.get("name", light["type"])))
     if len(cameras) > 1:
@@ -69,9 +77,9 @@ def _file_scene(header: dict[str, Any]) -> FileScene:
             "its suns are so faint that they may be in W/m², and not in lux: export them with lighting mode Standard"
         )
     if others:
-        notes.append(f"its lights that are no suns are left out: {', '.join(others)}")
+        notes.append(f"its lights of other kinds are left out: {', '.join(others)}")
     _, camera, aspect = cameras[0] if cameras else ("", None, None)
-    return FileScene(camera, aspect, tuple(suns), tuple(notes))
+    return FileScene(camera, aspect, tuple(suns), tuple(notes), lamps=tuple(lamps))
 
 
 def _nodes(header: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Float[np.ndarray, "4 4"]]]:

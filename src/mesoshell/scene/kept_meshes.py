@@ -45,7 +45,8 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
         return load_mesh(path)  # which says why, if it cannot be read
     kept = read_arrays(entry, (*ARRAYS, "notes"))
     if kept is not None:
-        return Mesh(**{name: kept[name] for name in ARRAYS}, notes=tuple(map(str, kept["notes"])))
+        vertices, faces, uv, normals = (kept[name] for name in ARRAYS)
+        return Mesh(vertices, faces, uv, normals, tuple(map(str, kept["notes"])))
     mesh = load_mesh(path)
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
     keep_arrays(entry, arrays | {"notes": np.array(mesh.notes, np.str_)}, MAX_BYTES)

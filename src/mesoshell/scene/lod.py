@@ -49,6 +49,7 @@ def describe_twin(d: ShellDescription) -> SurfaceDescription:
         base_colour=d.base_colour,
         objects=d.objects,
         transparent=d.transparent,
+        lamps=d.lamps,
     )
 
 

@@ -20,8 +20,9 @@ from mesoshell.io.image import write_exr
 from mesoshell.io.material import bundled_materials
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
+from mesoshell.render.lamp import EXTENDED, Lamp, facing, radius
 from mesoshell.render.light import Distant
-from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, sky_pose
+from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, sky_pose, spot_angles, spot_pose
 from mesoshell.render.quality import Quality
 from mesoshell.scene.growth import grows
 from mesoshell.scene.scene import Grown, Scene
@@ -30,6 +31,7 @@ from mesoshell.scene.setup import check_shell, describe_shell, describe_surface
 
 #: The file of the scene in its folder.
 NAME = "scene.xml"
+_HIDDEN = ' <boolean name="hide_lamps" value="true"/>'
 
 
 def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tuple[str, ...]]:
@@ -56,9 +58,10 @@ def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tu
 
 def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
     assert isinstance(still.camera, Camera) and isinstance(still.mesh, Mesh)
-    yield f'''    <integrator type="path">
+    hides = any(lamp.kind in EXTENDED for lamp in still.lamps)
+    yield f'''    <integrator type="{"mesoshell_path" if hides else "path"}">
         <integer name="max_depth" value="{quality.max_depth}"/> <integer name="rr_depth" value="{quality.rr_depth}"/>
-        <boolean name="hide_emitters" value="{str(still.transparent).lower()}"/>
+        <boolean name="hide_emitters" value="{str(still.transparent).lower()}"/>{_HIDDEN if hides else ""}
     </integrator>'''
     fits = fitting_grid(quality.spp) == quality.spp
     sampler = "multijitter" if fits else "independent"
@@ -78,21 +81,49 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
         <vector name="direction" value="{_numbers(-light.direction)}"/>
         <rgb name="irradiance" value="{_numbers(light.irradiance)}"/>
     </emitter>'''
+    yield from map(_lamp, still.lamps)
     if still.environment is not None:
         write_exr(folder / "sky.exr", np.asarray(still.environment, np.float32), half=False)
         yield f"""    <emitter type="envmap">
         <string name="filename" value="sky.exr"/>
         <transform name="to_world"> {_matrix(sky_pose(1 if still.up == "y" else 2))} </transform>
     </emitter>"""
-    albedo = f'<rgb name="reflectance" value="{_numbers(still.base_colour)}"/>'
-    ground = f'<bsdf type="twosided"> <bsdf type="diffuse"> {albedo} </bsdf> </bsdf>'
+    ground = _diffuse(still.base_colour)
     for k, part in enumerate((still, *still.also)):
         assert isinstance(part.mesh, Mesh)
         number = str(k or "")
         yield _shape(part.mesh, folder / f"mesh{number}.obj", "\n".join(_shell(part, folder, ground, number)))
     for k, mesh in enumerate(still.objects):
         assert isinstance(mesh, Mesh)
-        yield _shape(mesh, folder / f"object{k}.obj", f"        {ground}")
+        yield _shape(mesh, folder / f"object{k}.obj", f"        {_diffuse(mesh.colour or still.base_colour)}")
+
+
+def _diffuse(colour: tuple[float, float, float]) -> str:
+    albedo = f'<rgb name="reflectance" value="{_numbers(colour)}"/>'
+    return f'<bsdf type="twosided"> <bsdf type="diffuse"> {albedo} </bsdf> </bsdf>'
+
+
+def _lamp(lamp: Lamp) -> str:
+    strength, at = _numbers(lamp.strength), _numbers(lamp.pose[:3, 3])
+    if lamp.kind not in EXTENDED:
+        parts = [f'<rgb name="intensity" value="{strength}"/>']
+    else:
+        radiance = f'<rgb name="radiance" value="{strength}"/>'
+        black = '<bsdf type="diffuse"> <rgb name="reflectance" value="0"/> </bsdf>'
+        parts = [f'<emitter type="area"> {radiance} </emitter>', black]
+    if lamp.kind == "point":
+        parts.append(f'<point name="position" value="{at}"/>')
+    elif lamp.kind == "sphere":
+        parts += [f'<point name="center" value="{at}"/>', f'<float name="radius" value="{radius(lamp)!r}"/>']
+    else:
+        pose = spot_pose(lamp) if lamp.kind == "spot" else facing(lamp)
+        parts.append(f'<transform name="to_world"> {_matrix(pose)} </transform>')
+    if lamp.kind == "spot":
+        names = ("beam_width", "cutoff_angle")
+        parts += [f'<float name="{k}" value="{x!r}"/>' for k, x in zip(names, spot_angles(lamp), strict=True)]
+    element = "shape" if lamp.kind in EXTENDED else "emitter"
+    lines = "\n".join(f"        {part}" for part in parts)
+    return f'    <{element} type="{lamp.kind}">\n{lines}\n    </{element}>'
 
 
 def _shell(still: Scene | Grown, folder: Path, ground: str, number: str) -> Iterator[str]:

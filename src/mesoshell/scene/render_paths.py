@@ -205,11 +205,12 @@ def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[s
     depths = {"max_depth": quality.max_depth, "rr_depth": quality.rr_depth}
     parts: dict[str, Any] = {
         "type": "scene",
-        "integrator": {"type": "mesoshell_path", "hide_emitters": d.transparent, **depths},
+        "integrator": {"type": "mesoshell_path", "hide_emitters": d.transparent, "hide_lamps": bool(d.lamps), **depths},
         "sensor": scene_dict.sensor(d.camera, 1),
     }
     parts |= {f"light{i}": scene_dict.distant(light) for i, light in enumerate(d.lights)}
-    parts |= {f"object{i}": scene_dict.surface(mesh, d.base_colour) for i, mesh in enumerate(d.objects)}
+    parts |= {f"lamp{i}": scene_dict.lamp(lamp) for i, lamp in enumerate(d.lamps)}
+    parts |= {f"object{i}": scene_dict.surface(mesh, mesh.colour or d.base_colour) for i, mesh in enumerate(d.objects)}
     return parts if d.environment is None else parts | {"sky": scene_dict.sky(d.environment)}
 
 

@@ -24,7 +24,7 @@ from mesoshell.scene.lod import describe_twin, twin_facts
 from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered, tiled_passes
 from mesoshell.scene.render_surface import prepare_surface_mesh
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.setup import ShellDescription, describe_shell
+from mesoshell.scene.setup import ShellDescription, describe_shell, with_distant_lamps
 from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.shell.geometry.join import join_shells
 from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
@@ -41,9 +41,11 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
     """The scene, ready to be marched; from afar, its twin replaces the shell. progress: of growing a texture. Raises
     InputError."""
     d = describe_shell(scene, progress)
+    d, lamps = with_distant_lamps(d, [x.mesh for x in d.growths])
+    notes = (*d.notes, *lamps)
     twin, seen = scene.material.shell.twin, twin_facts(scene, d, quality)
     if twin is not None and plan_twin(seen, quality).on:
-        return prepare_surface_mesh(scene, describe_twin(d), twin.surface, quality, begun, seen, d.notes)
+        return prepare_surface_mesh(scene, describe_twin(d), twin.surface, quality, begun, seen, notes)
     marched = marched_scene(d)
     known = replace(facts(marched), twin=seen)
     effects = plan_effects(known, quality)
@@ -61,7 +63,7 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
 
         return tiled_passes(marched.camera, RAYS, tile, ended)._replace(compile=compile_all)
 
-    return Prepared.now(scene, MARCH.name, effects, (*d.notes, *left_out(effects)), begun, work, passes)
+    return Prepared.now(scene, MARCH.name, effects, (*notes, *left_out(effects)), begun, work, passes)
 
 
 def _rendered(quality: Quality, effects: Effects, image: np.ndarray, report: RenderReport) -> Rendered:
@@ -126,7 +128,7 @@ def facts(scene: MarchedScene) -> Facts:
         enclosed=0.0 if convex and not scene.objects else enclosure([*_meshes(scene), *scene.objects]),
         low=scene.environment is not None
         or lowest(scene.shell, np.array([x.direction for x in scene.lights]).reshape(-1, 3)) <= 0,
-        ground=max(scene.base_colour),
+        ground=max([*scene.base_colour, *(x for mesh in scene.objects for x in mesh.colour or ())]),
         coarsest=max(
             float(2 * footprint / p * layout.texel_density) for p, layout in zip(patches, layouts, strict=True)
         ),

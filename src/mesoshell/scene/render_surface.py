@@ -12,7 +12,7 @@ from mesoshell.render.tiles import RenderReport
 from mesoshell.render.used import quality_used
 from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered, tiled_passes
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.setup import describe_surface
+from mesoshell.scene.setup import describe_surface, with_distant_lamps
 from mesoshell.surface_material.loader import load_device_material
 from mesoshell.surface_material.renderer import RAYS, SurfaceScene, cut_short, facts, render, tile_renderer
 from mesoshell.surface_material.scene import SurfaceDescription
@@ -21,7 +21,8 @@ from mesoshell.surface_material.scene import SurfaceDescription
 def prepare_surface(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
     """The scene, ready to be rendered; progress is not called, as no texture is grown. Raises InputError."""
     d = describe_surface(scene)
-    return prepare_surface_mesh(scene, d, scene.material.surface, quality, begun, None, d.mesh.notes)
+    d, lamps = with_distant_lamps(d, [d.mesh])
+    return prepare_surface_mesh(scene, d, scene.material.surface, quality, begun, None, (*d.mesh.notes, *lamps))
 
 
 def prepare_surface_mesh(

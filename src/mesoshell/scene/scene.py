@@ -12,6 +12,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
+from mesoshell.render.lamp import Lamp
 from mesoshell.render.light import Distant
 from mesoshell.scene.defaults import IRRADIANCE, SIZE
 from mesoshell.scene.materials import Material, Value
@@ -55,8 +56,9 @@ class Scene:
     """A mesh grown with a material, its camera and its lights.
 
     mesh: an OBJ, PLY, GLB, glTF, USD, OFF or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
-    grow: names of a glTF file's nodes, or paths of a USD stage's prims, that the material grows on; the file's other meshes
-        stand beside them, as `objects` do. Default: on all that no material of `also` grows on.
+    grow: names of a glTF file's nodes or materials, or paths of a USD stage's prims or subsets, that the material grows on; the
+        file's other meshes stand beside them, as `objects` do, in their materials' diffuse colours. Default: on all that no
+        material of `also` grows on.
     material: of `load_material`.
     thickness: height of the shell in the mesh's unit. Default: the material's own thickness times `scale`, or 1/25 of the
         bounding box's diagonal. A surface material has none.
@@ -70,12 +72,16 @@ class Scene:
     camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default:
         the first of such a file, else it frames the mesh from the upper front.
     lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: the suns of
-        such a file; without any, key, fill and bounce, unless there is an environment.
-    suns: whether such a file's suns, and a USD stage's dome light, light the scene where no `lights` are given.
+        such a file; without any, key, fill and bounce, unless there is an environment or a lamp.
+    lamps: lights that stand somewhere. Engine jax takes each for the distant light that it is in the middle of what is grown.
+        Default: such a file's, where no `lights` are given.
+    suns: whether such a file's suns and lamps, and a USD stage's dome light, light the scene where neither `lights` nor `lamps`
+        are given.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
     environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it;
         its middle lies toward +x, as in Blender. Default: the dome light of a USD stage, where no `lights` are given.
-    base_colour: diffuse albedo of the surface under a shell and of `objects`, linear Rec. 709, each from 0 to 1.
+    base_colour: diffuse albedo of the surface under a shell, and of `objects` without a colour, linear Rec. 709, each from 0
+        to 1.
     objects: further meshes in the same frame that cast and receive shadows.
     also: further meshes in the same frame that are grown too, each with a material of its own. Shells alone.
     up: the axis that points up, "y" or "z". Default: what a USD stage says, z for PLY and STL files, else y.
@@ -105,6 +111,7 @@ class Scene:
     holdout: bool = False
     also: Sequence[Grown] = ()
     suns: bool = True
+    lamps: Sequence[Lamp] = ()
 
     def __post_init__(self) -> None:
         _check_material(self.material)

@@ -1,10 +1,11 @@
 """Read a scene's files and fill in its defaults, in no engine's terms (loads JAX only to grow a texture)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +17,7 @@ from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, look_at
+from mesoshell.render.lamp import Lamp, as_distant, fault_of
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
 from mesoshell.scene.growth import Growth, check_growth, faults_of, growth_of, thickness_and_scale
@@ -26,11 +28,16 @@ from mesoshell.surface_material.scene import SurfaceDescription, default_period
 
 #: Most irradiance or radiance: sums of it stay finite in float32.
 BRIGHTEST = 1e30
+#: Share of a lamp's distance that what it lights may reach from its middle; above, a note says what engine jax takes it for.
+NEAR = 0.1
+
+DescriptionT = TypeVar("DescriptionT", "ShellDescription", SurfaceDescription)
 
 
 @dataclass(frozen=True, eq=False)
 class ShellDescription(Growth):
-    """A scene's growth with its camera and lights. others: the growths of `Scene.also`; notes: of these too."""
+    """A scene's growth with its camera and lights. others: the growths of `Scene.also`; notes: of these too; lamps: of engine
+    mitsuba (`with_distant_lamps`)."""
 
     camera: Camera
     lights: tuple[Distant, ...]
@@ -40,6 +47,7 @@ class ShellDescription(Growth):
     transparent: bool
     holdout: bool
     others: tuple[Growth, ...] = ()
+    lamps: tuple[Lamp, ...] = ()
 
     @property
     def growths(self) -> tuple[Growth, ...]:
@@ -76,6 +84,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
         transparent=scene.transparent,
         holdout=scene.holdout,
         others=tuple(others),
+        lamps=tuple(scene.lamps),
     )
 
 
@@ -114,12 +123,35 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     camera = camera_of(scene, [mesh], up)
     lights, sky = lights_of(scene, camera, up)
     objects = tuple(mesh_of(x) for x in scene.objects)
-    return SurfaceDescription(mesh, period, camera, lights, sky, scene.base_colour, objects, scene.transparent)
+    return SurfaceDescription(
+        mesh, period, camera, lights, sky, scene.base_colour, objects, scene.transparent, tuple(scene.lamps)
+    )
+
+
+def with_distant_lamps(d: DescriptionT, meshes: Sequence[Mesh]) -> tuple[DescriptionT, tuple[str, ...]]:
+    """The description with each lamp as the distant light that it is in the middle of some meshes, which is all that engine jax
+    has; and a note, if one is so near that it shows."""
+    if not d.lamps:
+        return d, ()
+    low, high = box_of(meshes).astype(np.float64)
+    middle = (low + high) / 2
+    ways = [np.linalg.norm(lamp.pose[:3, 3] - middle) for lamp in d.lamps]
+    near = sum(np.linalg.norm(high - low) / 2 > NEAR * way for way in ways)
+    lights = (*d.lights, *(as_distant(lamp, middle) for lamp in d.lamps))
+    which = "a lamp is" if len(d.lamps) == 1 else f"{near} of {len(d.lamps)} lamps are"
+    note = (
+        f"{which} near what is lit, all of which engine jax lights as its middle; engine mitsuba has lamps as they are"
+    )
+    return replace(d, lights=lights, lamps=()), (note,) if near else ()
 
 
 def _check_values(scene: Scene) -> None:
-    """Raise InputError for an irradiance or an albedo out of range, or for `objects` or `grow` that are not lists."""
+    """Raise InputError for an irradiance, a lamp or an albedo out of range, or for `objects` or `grow` that are not lists."""
     check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
+    if not isinstance(scene.lamps, Sequence) or not all(isinstance(lamp, Lamp) for lamp in scene.lamps):
+        raise InputError(Argument("lamps"), f"must be a list of Lamp, not {scene.lamps!r}")
+    for fault in filter(None, (fault_of(lamp, FARTHEST, BRIGHTEST) for lamp in scene.lamps)):
+        raise InputError(Argument("lamps"), fault)
     if np.shape(scene.base_colour) != (3,):
         raise InputError(Argument("base_colour"), f"must be three numbers, not {scene.base_colour!r}")
     if isinstance(scene.objects, str | PathLike):
@@ -156,10 +188,10 @@ def axis_of_file(path: str | PathLike[str]) -> int:
 
 
 def lights_of(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...], Environment | None]:
-    """The lights and the environment given, or three lights if there are none. Raises InputError."""
+    """The distant lights and the environment given, or three lights if there are none, nor lamps. Raises InputError."""
     lights = tuple(light_of(light, scene.irradiance) for light in scene.lights)
     sky = environment_of(scene.environment, up)
-    if not lights and sky is None:
+    if not lights and sky is None and not scene.lamps:
         lights = default_lights(camera, up, scene.irradiance)
     return lights, sky
 

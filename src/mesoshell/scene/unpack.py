@@ -66,7 +66,8 @@ def unpack(scene: Scene) -> Scene:
         mesh, meshes, others = kept_mesh(scene.mesh), [], ()
     own = iter(meshes)
     inside = read_scene_file(scene.mesh)
-    notes, camera, lights, sky = list(inside.notes), scene.camera, scene.lights, scene.environment
+    notes, camera, sky = list(inside.notes), scene.camera, scene.environment
+    lights, lamps = scene.lights, scene.lamps
     if camera is None and inside.camera is not None and _is_size(scene.size):
         width, height = scene.size
         check_memory(Argument("size"), f"a picture of {width} x {height}", 64 * width * height)
@@ -75,20 +76,21 @@ def unpack(scene: Scene) -> Scene:
             notes.append(
                 f"its camera is {inside.aspect:.3g} times as wide as high: --size {width} {round(width / inside.aspect)}"
             )
-    if not lights and scene.suns:
-        lights = inside.suns
+    if not lights and not lamps and scene.suns:
+        lights, lamps = inside.suns, inside.lamps
         if sky is None and inside.sky is not None:
             try:
                 sky = inside.sky.radiance(scene.up or inside.up)
             except InputError as fault:
                 notes.append(f"its sky is left out: {fault}")
-            if sky is not None and not lights and sky.max() < FAINT:
+            if sky is not None and not lights and not lamps and sky.max() < FAINT:
                 notes.append("its sky is faint, and it has no sun: --light or --no-suns lights it otherwise")
     return replace(
         scene,
         mesh=replace(mesh, notes=(*mesh.notes, *notes)),
         camera=camera,
         lights=lights,
+        lamps=lamps,
         environment=sky,
         objects=(*scene.objects, *others),
         grow=(),

@@ -1,9 +1,10 @@
-"""What a USD stage says beside its meshes: its camera, its distant and dome lights, and which axis is up (no JAX).
+"""What a USD stage says beside its meshes: its camera, its lights, and which axis is up (no JAX).
 
 Notation
 E           irradiance of a distant light on a plane facing it: intensity · 2^exposure · colour, where it is normalised; else
             that times its size: 1 for no angle, π sin² θ for half an angle θ up to 90°, π (2 − sin² θ) beyond
-L           radiance of a dome light: intensity · 2^exposure · colour, times its image (scene/dome)
+L           radiance of a dome light: intensity · 2^exposure · colour, times its image (scene/dome); of a sphere, a rectangle
+            or a disk, which are lamps (render/lamp): without an image, and over its area where it is normalised
 
 Colours of temperature are relative to 6500 K, which is white. Blender writes a quarter of a sun's strength, and reads four
 times what is written: so does this, for stages that say they are Blender's.
@@ -18,10 +19,13 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.geometry.read_usd import is_visible, matrix, open_stage, prims, pxr
+from mesoshell.render.lamp import Kind, Lamp, area, radius
 from mesoshell.render.light import Distant
 from mesoshell.scene.dome import dome_of
-from mesoshell.scene.file_scene import FileScene, frame_of, sun_of
+from mesoshell.scene.file_scene import FileScene, checked_lamp, frame_of, sun_of
 
+#: Lamps, by their schemas.
+LAMPS: dict[str, Kind] = {"SphereLight": "sphere", "RectLight": "rectangle", "DiskLight": "disk"}
 #: What a sun of Blender's is of its strength in the stage; the temperature of white light, kelvin, by default.
 SUN, WHITE = 4.0, 6500.0
 
@@ -32,7 +36,7 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
         UsdGeom, UsdLux, UsdSkel = pxr("UsdGeom"), pxr("UsdLux"), pxr("UsdSkel")
         frames, cameras, suns, lights, shapes, notes = UsdGeom.XformCache(time), [], [], [], [], []
         blenders = stage.GetRootLayer().documentation.startswith("Blender")
-        skeletons, domes = 0, []
+        skeletons, domes, lamps, images = 0, [], [], []
         up = "z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "y"
         for prim in prims(stage.GetPseudoRoot()):
             skeletons += prim.IsA(UsdSkel.Root)
@@ -42,9 +46,15 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
             elif prim.HasAPI(UsdLux.LightAPI) and is_visible(prim, time):
                 if prim.IsA(UsdLux.DomeLight) or prim.IsA(UsdLux.DomeLight_1):
                     domes.append((prim, to_world))
+                elif np.linalg.det(to_world[:3, :3]) == 0:
+                    pass  # hidden by its scale
+                elif (kind := next((k for k in LAMPS if prim.IsA(getattr(UsdLux, k))), None)) is not None:
+                    lamp = _lamp(kind, prim, to_world, time)
+                    lamps += [] if lamp is None else [lamp]
+                    images += [prim.GetName()] if _has_image(prim, time) else []
                 elif not prim.IsA(UsdLux.DistantLight):
                     lights.append(prim.GetName())
-                elif np.linalg.det(to_world[:3, :3]) != 0:  # else hidden by its scale
+                else:
                     suns.append(_sun(UsdLux.DistantLight(prim), to_world, SUN if blenders else 1.0, time))
             elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and is_visible(prim, time):
                 shapes.append(prim.GetName())
@@ -58,13 +68,17 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
             except ValueError as fault:
                 notes.append(f"its sky is left out: {fault}")
             lights += [other.GetName() for other, _ in others]
-        left_out = (("lights but suns and a dome", lights), ("shapes that are no meshes", shapes))
+        left_out = (
+            ("lights of other kinds", lights),
+            ("images of lamps", images),
+            ("shapes that are no meshes", shapes),
+        )
         notes += [f"its {what} are left out: {_some(names)}" for what, names in left_out if names]
         if skeletons:
             notes.append("its skeletons move nothing: meshes stand as they were modelled")
         if missing := stage.GetCompositionErrors():
             notes.append(f"{len(missing)} of its layers or references cannot be read: {str(missing[0])[:200]}")
-        return FileScene(camera, aspect, tuple(suns), (*more, *notes), up, sky)
+        return FileScene(camera, aspect, tuple(suns), (*more, *notes), up, sky, tuple(lamps))
 
 
 def _some(names: list[str]) -> str:
@@ -99,6 +113,52 @@ def _sun(light: Any, to_world: np.ndarray, share: float, time: Any) -> Distant:
     if not light.GetNormalizeAttr().Get(time):
         strength *= _size(np.radians(np.clip(light.GetAngleAttr().Get(time) / 2, 0, 180)))
     return sun_of(to_world, strength)
+
+
+def _lamp(kind: str, prim: Any, to_world: np.ndarray, time: Any) -> Lamp | None:
+    """A lamp of one of LAMPS; None if it gives no light. Raises ValueError."""
+    UsdLux = pxr("UsdLux")
+    light = getattr(UsdLux, kind)(prim)
+    strength, pose = _strength(light, time), to_world.copy()
+    if kind == "RectLight":
+        sides = light.GetWidthAttr().Get(time) / 2, light.GetHeightAttr().Get(time) / 2
+    else:
+        sides = light.GetRadiusAttr().Get(time), light.GetRadiusAttr().Get(time)
+    normalised = light.GetNormalizeAttr().Get(time)
+    point = kind == "SphereLight" and (light.GetTreatAsPointAttr().Get(time) or sides[0] == 0)
+    if point and sides[0] == 0 and normalised:  # the limit of ever smaller spheres: L π r² over 4 π r²
+        lamp = Lamp("point", pose, strength / 4)
+    elif min(sides) <= 0:
+        return None
+    else:
+        pose[:3, :3] *= (*sides, sides[0])
+        lamp = Lamp(LAMPS[kind], pose, strength)
+        if normalised:
+            lamp = lamp._replace(
+                strength=strength / (4 * np.pi * radius(lamp) ** 2 if kind == "SphereLight" else area(lamp))
+            )
+        if point:
+            lamp = _as_point(lamp)
+    if kind == "SphereLight" and prim.HasAPI(UsdLux.ShapingAPI):
+        shaping = UsdLux.ShapingAPI(prim)
+        ends = np.radians(shaping.GetShapingConeAngleAttr().Get(time))
+        if ends < np.pi / 2:
+            begins = ends * (1 - np.clip(shaping.GetShapingConeSoftnessAttr().Get(time), 0, 1))
+            lamp = _as_point(lamp)._replace(kind="spot", pose=to_world, cone=(float(begins), float(ends)))
+    return checked_lamp(lamp) if strength.any() else None
+
+
+def _as_point(lamp: Lamp) -> Lamp:
+    """A sphere, from far away."""
+    if lamp.kind == "point":
+        return lamp
+    return Lamp("point", lamp.pose, lamp.strength * np.pi * radius(lamp) ** 2)
+
+
+def _has_image(prim: Any, time: Any) -> bool:
+    attribute = prim.GetAttribute("inputs:texture:file")
+    value = attribute.Get(time) if attribute else None
+    return value is not None and bool(value.path)
 
 
 def _strength(light: Any, time: Any) -> Float[np.ndarray, "3"]:

@@ -20,7 +20,7 @@ from mesoshell.scene.growth import Growth, thickness_and_scale
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.render_shell import facts, marched_scene
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.setup import describe_shell, describe_surface
+from mesoshell.scene.setup import describe_shell, describe_surface, with_distant_lamps
 from mesoshell.shell.render.renderer import render
 from mesoshell.stability import surface
 from mesoshell.stability.checks import Check
@@ -46,6 +46,7 @@ def examine(
             raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
         from mesoshell.stability.paths import of_walk
     d = describe_shell(scene, lambda share: progress(0.2 * share))
+    d, lamps = with_distant_lamps(d, [x.mesh for x in d.growths])
     grown = [scene, *scene.also]
     each = [thickness_and_scale(one, x.mesh)[0] for one, x in zip(grown, d.growths, strict=True)]
     names = [f"{one.material.name}: " if len(grown) > 1 else "" for one in grown]
@@ -81,7 +82,7 @@ def examine(
         picture = render(made, quality, plan_effects(facts(made), quality))[0]
     checks.append(_of_radiance(picture))
     progress(1.0)
-    return Stability(tuple(checks), picture, walks.first, np.concatenate(kept), walks.excess, d.notes)
+    return Stability(tuple(checks), picture, walks.first, np.concatenate(kept), walks.excess, (*d.notes, *lamps))
 
 
 def _of_surface_material(scene: Scene, count: int, progress: Callable[[float], None], engine: str) -> Stability:

@@ -12,7 +12,7 @@ a hit passes the body's other side unhindered: ρ accounts for the body in its w
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import jax
@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.geometry.enclosure import enclosure
-from mesoshell.geometry.mesh import is_convex
+from mesoshell.geometry.mesh import face_albedos, is_convex
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.render.camera import pixel_radius
@@ -46,7 +46,7 @@ RAYS, MAX_SURFACES = 32768, 1024
 class SurfaceScene(SurfaceDescription):
     """A mesh to render, with its material and lights."""
 
-    device_material: DeviceMaterial
+    device_material: DeviceMaterial = field(kw_only=True)
 
 
 def facts(scene: SurfaceScene) -> Facts:
@@ -124,6 +124,7 @@ class _Tile:
             report,
         )
         self.spread = pixel_radius(scene.camera.spread) / 2
+        self.albedo = face_albedos(intersector.count, scene.objects, scene.base_colour)
 
     def rgba(self, o: np.ndarray, d: np.ndarray, draws: Draws) -> Float[np.ndarray, "R 4"]:
         """Premultiplied."""
@@ -177,11 +178,12 @@ class _Tile:
         """The same for other objects."""
         o, d, t = ray
         normal = self.intersector.facing(hits, rows, d)
+        albedo = self.albedo[hits.face[rows]]
         out = np.zeros((len(rows), 3))
         for beam in lights:
             cosine = np.maximum(np.einsum("ij,ij->i", normal, beam.toward), 0)
             visibility = self._visible(o, d, t, normal, beam.toward)
-            out += (cosine * visibility)[:, None] * beam.strength * np.asarray(self.scene.base_colour) / np.pi
+            out += (cosine * visibility)[:, None] * beam.strength * albedo / np.pi
         return np.ones(len(rows)), out
 
     def _visible(self, o, d, t, normal, toward) -> Float[np.ndarray, "H"]:

@@ -6,13 +6,14 @@ import numpy as np
 
 from mesoshell.geometry.mesh import Mesh, bounding_box
 from mesoshell.render.camera import Camera
+from mesoshell.render.lamp import Lamp
 from mesoshell.render.light import Distant, Environment
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceDescription:
     """A mesh, its lights and surroundings. period: world length of one period of the texture; base_colour: diffuse albedo of
-    further objects."""
+    further objects without a colour; lamps: of engine mitsuba (`scene/setup.with_distant_lamps`)."""
 
     mesh: Mesh
     period: float
@@ -22,6 +23,7 @@ class SurfaceDescription:
     base_colour: tuple[float, float, float]
     objects: tuple[Mesh, ...]
     transparent: bool
+    lamps: tuple[Lamp, ...] = ()
 
 
 def default_period(mesh: Mesh) -> float:

@@ -93,8 +93,9 @@ def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: b
     """The scene that a look and a camera show. begun: as it was given; still: with the look's texture, settled; lit: whether
     it was given lights, or default ones stand about each camera."""
     tiled = begun.material.kind != KIND and begun.material.shell.tiles is not None
-    lights, sky = (still.lights if lit else ()), still.environment
+    lights, lamps, sky = (still.lights if lit else ()), still.lamps, still.environment
     if look.sun is not None or look.sky is not None:
+        lamps = ()
         lights = () if look.sun is None else (toward_sun(still, look.sun),)
         sky = None if look.sky is None else look.sky.radiance
     return replace(
@@ -105,6 +106,7 @@ def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: b
         thickness=look.thickness,
         base_colour=look.base_colour,
         lights=lights,
+        lamps=lamps,
         environment=sky,
     )
 

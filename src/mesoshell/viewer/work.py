@@ -77,7 +77,7 @@ class Workshop:
     ):
         """Settles the scene. paint_lock: what workshops that paint in turn share. Raises InputError."""
         self.given, scene = scene, unpack(scene)
-        self._lit = bool(scene.lights) or scene.environment is not None
+        self._lit = bool(scene.lights) or bool(scene.lamps) or scene.environment is not None
         check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
         if scene.material.kind == KIND:
             describe_surface(scene)  # raises what a picture of it would

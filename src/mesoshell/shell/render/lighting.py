@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from mesoshell.geometry.mesh import face_albedos
 from mesoshell.nets.batches import run
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import Beam, beams
@@ -71,6 +72,7 @@ class Lighting:
         corners = np.concatenate([scene.mesh.vertices[scene.mesh.faces], *others]).astype(np.float64)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self.face_normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+        self.albedo = face_albedos(len(scene.mesh.faces), scene.objects, scene.base_colour)
         self.stands = np.full(len(corners), -1)
         self.stands[scene.shell.mesh_face] = np.arange(len(scene.shell.mesh_face))
         self.uv_of_face = scene.shell.uv
@@ -147,14 +149,13 @@ class Lighting:
         normal = self.face_normal[face]
         normal = np.where(np.einsum("ij,ij->i", normal, d[hit])[:, None] > 0, -normal, normal)
         x = o[hit] + traced.end[hit, None] * d[hit] + 2 * ADVANCE * self.boundary.size * normal
-        albedo = np.asarray(self.scene.base_colour) / np.pi
         for beam in tile.beams:
             toward = beam.toward[hit]
             cosine = np.maximum(np.einsum("ij,ij->i", normal, toward), 0)
             seen = ~self.boundary.occluded(x, toward) if self.shadows else np.ones(len(hit), bool)
             lit = np.flatnonzero((cosine > 0) & seen)
             factor = cosine[lit] * self.transmitted(face[lit], traced.bary[hit][lit], toward[lit])
-            rgb[hit[lit]] += factor[:, None] * albedo * beam.strength[hit[lit]]
+            rgb[hit[lit]] += factor[:, None] * self.albedo[face[lit]] / np.pi * beam.strength[hit[lit]]
         self.report.time("surfaces", clock)
         return rgb
 

@@ -33,7 +33,8 @@ class Medium:
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A scene. mesh, shell: of all that is grown, joined. device_material, alpha, maps, patches_per_uv: of the first medium, as
-    in `Medium`; others: the rest, by their prisms. base_colour: diffuse albedo under the shell and of `objects`. holdout:
+    in `Medium`; others: the rest, by their prisms. base_colour: diffuse albedo under the shell, and of `objects` without a
+    colour. holdout:
     whether the picture is transparent where it would show objects.
     """
 

@@ -32,9 +32,9 @@ class SceneOptions:
     #: OBJ, PLY, GLB, glTF, USD, OFF or STL file; without texture coordinates it is unwrapped. For `render` and `tradeoff` with
     #: --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
-    #: Name of a glTF file's node, or path of a USD stage's prim, that the material grows on; may be repeated. The file's other
-    #: meshes become plain objects, as each --object is. NODE=MATERIAL grows another material on it. Default: every mesh that
-    #: no NODE=MATERIAL names.
+    #: Name of a glTF file's node or material, or path of a USD stage's prim or subset, that the material grows on; may be
+    #: repeated. The file's other meshes become objects, in their materials' colours. NODE=MATERIAL grows another material on
+    #: it. Default: every mesh that no NODE=MATERIAL names.
     grow: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"
@@ -54,16 +54,17 @@ class SceneOptions:
     #: Width and height of the picture in pixels; default: 512 512, or what a scene of Mitsuba's says.
     size: tuple[int, int] | None = None
     #: Direction toward a distant light, x y z in the mesh's axes; may be repeated. Default: the suns of a
-    #: glTF file or a USD stage; without any, none with an --environment, else key, fill and bounce.
+    #: glTF file or a USD stage; without any, none with an --environment or a lamp, else key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
-    #: Light by the suns of a glTF file or a USD stage, and by the stage's sky, where no --light is given.
+    #: Light by the suns and lamps of a glTF file or a USD stage, and by the stage's sky, where no --light is given. Engine jax
+    #: takes a lamp for the distant light that it is in the middle of what is grown.
     suns: bool = True
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
     #: Latitude-longitude EXR that lights the scene and is seen behind it; its middle lies toward +x, as in Blender.
     #: Default: the dome light of a USD stage, where no --light is given.
     environment: Path | None = None
-    #: Diffuse colour of the surface under the shell, and of each --object, linear R G B.
+    #: Diffuse colour of the surface under the shell, and of objects without one of their own, linear R G B.
     base: tuple[float, float, float] = EARTH
     #: Further meshes in the same frame that cast and receive shadows; may be repeated. FILE=MATERIAL grows a material on it.
     object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()

@@ -22,7 +22,6 @@ from mesoshell.pathtracer.free_flight import fly, still
 from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.surface_material import nothing_met
 
-
 #: How far past a hidden emitter a ray goes on, over the numbers that place it.
 PAST = 1e-5
 

@@ -9,6 +9,9 @@ import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
+from PIL import Image
+
 from mesoshell.cli.main import main
 
 PAGE, PICTURES, OUT = Path("docs/index.md"), Path("docs/images/gallery"), Path("out/gallery")
@@ -21,11 +24,17 @@ def shots() -> dict[str, list[str]]:
 
 
 def render(name: str, words: list[str]) -> None:
-    """Where --out is to be; what else it writes stays there."""
+    """Where --out is to be; what else it writes stays there. Of a film all frames in one picture, two side by side."""
     path = OUT / f"{name}.png"
-    main([*words, "--out", str(path)])
     PICTURES.mkdir(exist_ok=True)
-    shutil.copy(path, PICTURES / path.name)
+    if words[0] != "film":
+        main([*words, "--out", str(path)])
+        shutil.copy(path, PICTURES / path.name)
+        return
+    main([*words, "--out", str(OUT / name)])
+    frames = [np.asarray(Image.open(x)) for x in sorted((OUT / name).glob("*.png"))]
+    rows = [np.concatenate(frames[k : k + 2], axis=1) for k in range(0, len(frames), 2)]
+    Image.fromarray(np.concatenate(rows)).save(PICTURES / path.name, optimize=True)
 
 
 if __name__ == "__main__":

@@ -57,6 +57,7 @@ def scene_of(options: SceneOptions, material: Material) -> Scene:
         mesh=options.mesh,
         material=material,
         thickness=options.thickness,
+        growth=options.growth,
         scale=options.scale,
         params=named.params,
         seed=options.seed,

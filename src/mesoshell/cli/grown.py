@@ -11,7 +11,7 @@ from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.scene import Grown
 
 #: What `--param MATERIAL:NAME=VALUE` sets beside parameters, and its kind.
-PROPORTIONS = {"thickness": float, "scale": float, "seed": int}
+PROPORTIONS = {"thickness": float, "scale": float, "seed": int, "growth": str}
 
 
 class Named(NamedTuple):

@@ -40,7 +40,7 @@ class SceneOptions:
     material: str = "grass"
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
     #: generator also varies geometry: an image of a carpet's lean angle combs it. MATERIAL:NAME=VALUE is for a further
-    #: material, also its thickness, scale and seed. Of a scene of Mitsuba's: a value of its $NAME.
+    #: material, also its thickness, scale, seed and growth. Of a scene of Mitsuba's: a value of its $NAME.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: Seed of the texture that a generator makes, or of the order of corner tiles; a material of one patch takes none.
     #: Default: 0.
@@ -48,6 +48,8 @@ class SceneOptions:
     #: Height of the shell in the mesh's unit; default: the material's own thickness times --scale, or 1/25 of the bounding
     #: box's diagonal.
     thickness: float | None = None
+    #: Image over the UV square of how high the material grows (grey): white as high as --thickness, black not at all.
+    growth: Path | None = None
     #: World length of one texture patch in the mesh's unit; default: --thickness over the material's own (1 for bundled ones);
     #: of a surface material 2/25 of the bounding box's diagonal.
     scale: float | None = None

@@ -22,7 +22,7 @@ class ShellPath(mi.SamplingIntegrator):
         self.max_depth = MAX_DEPTH if depth < 0 else min(depth, MAX_DEPTH)
         self.rr_depth = min(max(int(props.get("rr_depth", 5)), 0), MAX_DEPTH)
         self.hide_emitters = bool(props.get("hide_emitters", False))
-        self.hide_lamps = self.hide_emitters or bool(props.get("hide_lamps", False))
+        self.hide_lamps = bool(props.get("hide_lamps", False)) or self.hide_emitters
         self.context: Any = None
 
     def sample(self, scene, sampler, ray, medium=None, active=True):

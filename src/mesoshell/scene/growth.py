@@ -12,15 +12,19 @@ from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh
+from mesoshell.geometry.refine import at_vertices, levels_for, refine
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.material import PARAMS, parameter_vector
 from mesoshell.limits import check_seed
 from mesoshell.scene.kept_meshes import mesh_of
-from mesoshell.scene.materials import read_params
+from mesoshell.scene.materials import read_image, read_params
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.shell.geometry.chart import patches_of, texture_origin
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
+
+#: Share of the thickness below which a face carries nothing, and that its vertices have at least where it carries something.
+LEAST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +97,16 @@ def _extruded(part: Scene | Grown) -> tuple[Mesh, Shell]:
     check_seed(part.seed)
     assert part.mesh is not None  # scene/unpack gives those that are named in a file
     mesh = mesh_of(part.mesh)
-    return mesh, extrude(mesh, *thickness_and_scale(part, mesh))
+    thickness, scale = thickness_and_scale(part, mesh)
+    if part.growth is None:
+        return mesh, extrude(mesh, thickness, scale)
+    image = read_image("", part.growth, Argument("growth"))
+    mesh = refine(mesh, levels_for(mesh, image.shape))
+    share = at_vertices(mesh, image)
+    bare = (share[mesh.faces] < LEAST).all(axis=1)
+    if bare.all():
+        raise InputError(Argument("growth"), "is black everywhere on the mesh: nothing grows")
+    return mesh, extrude(mesh, thickness * np.maximum(share, LEAST), scale, bare)
 
 
 def _textured(

@@ -81,7 +81,7 @@ def read_params(bundle: Bundle, params: Mapping[str, Value]) -> tuple[dict[str, 
         check_name(bundle, name)
         number = _number(value)
         if number is None:
-            images[name] = _image(name, value)
+            images[name] = read_image(name, value)
         else:
             numbers[name] = number
     return numbers, images
@@ -94,16 +94,18 @@ def _number(value: Value) -> float | None:
         return None
 
 
-def _image(name: str, value: Value) -> Float[np.ndarray, "H W"]:
+def read_image(name: str, value: Value, source: str = PARAMS) -> Float[np.ndarray, "H W"]:
+    """A grey image in [0, 1], of a file or an array. Raises InputError, about `source`."""
     if isinstance(value, np.ndarray):
-        label, image = f"{name}, an image,", value.astype(np.float32)
+        label, image = f"{name}, an image," if name else "an image", value.astype(np.float32)
     else:
-        label = f"{name}={value}"
+        label = f"{name}={value}" if name else str(value)
         if not isinstance(value, str | PathLike) or not isfile(value):
-            raise InputError(PARAMS, f"{label} is neither a number nor an image file")
+            kinds = "neither a number nor an image file" if source == PARAMS else "no image file"
+            raise InputError(source, f"{label} is {kinds}")
         image = read_picture(Path(str(value)))[..., :3].mean(axis=-1).astype(np.float32)
     if image.ndim != 2 or not image.size:
-        raise InputError(PARAMS, f"{label} has shape {image.shape}; expected (H, W)")
+        raise InputError(source, f"{label} has shape {image.shape}; expected (H, W)")
     if not ((image >= 0) & (image <= 1)).all():
-        raise InputError(PARAMS, f"{label} holds values outside 0 to 1")
+        raise InputError(source, f"{label} holds values outside 0 to 1")
     return image

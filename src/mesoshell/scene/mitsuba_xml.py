@@ -41,6 +41,8 @@ def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tu
         raise InputError(folder, "exists already")
     if scene.holdout:
         raise InputError(Argument("holdout"), "a scene of Mitsuba's holds no objects out")
+    if any(part.growth is not None for part in (scene, *scene.also)):
+        raise InputError(Argument("growth"), "a scene of Mitsuba's has one thickness a mesh")
     still = settle(scene, texture=False)
     assert isinstance(still.mesh, Mesh)
     if scene.material.kind == KIND:

@@ -28,7 +28,7 @@ class Grown:
 
     mesh: as of a Scene; or None, and `grow` names nodes of the scene's own file.
     material: a shell's, of `load_material`.
-    thickness, scale, params, seed: as of a Scene.
+    thickness, scale, params, seed, growth: as of a Scene.
     """
 
     mesh: str | PathLike[str] | Mesh | None
@@ -38,6 +38,7 @@ class Grown:
     scale: float | None = None
     params: Mapping[str, Value] = field(default_factory=dict)
     seed: int | None = None
+    growth: Value | None = None
 
     def __post_init__(self) -> None:
         _check_material(self.material)
@@ -68,6 +69,8 @@ class Scene:
         UV square, a file or (H, W) in [0, 1], whose black to white spans the parameter's range.
     seed: which of a generator's textures grows on the mesh; or in which order corner tiles lie; a material that is one patch
         has no other. Default: 0.
+    growth: how high the material grows over the UV square: an image, as in `params`, of shares of `thickness`; nothing grows
+        where it is black. The mesh is refined to show it, to 131072 triangles at most.
     size: width and height of the picture in pixels.
     camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default:
         the first of such a file, else it frames the mesh from the upper front.
@@ -112,6 +115,7 @@ class Scene:
     also: Sequence[Grown] = ()
     suns: bool = True
     lamps: Sequence[Lamp] = ()
+    growth: Value | None = None
 
     def __post_init__(self) -> None:
         _check_material(self.material)

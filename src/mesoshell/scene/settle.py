@@ -5,11 +5,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from mesoshell.errors import Argument
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
 from mesoshell.scene.growth import faults_of, grows, growth_of, meshes_of, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
-from mesoshell.scene.materials import Material, read_params
+from mesoshell.scene.materials import Material, read_image, read_params
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.setup import camera_of, lights_of, up_axis
@@ -62,7 +63,8 @@ def _read(part: PartT) -> PartT:
     mesh = mesh_of(part.mesh)
     thickness, scale = thickness_and_scale(part, mesh)
     numbers, images = read_params(part.material.shell, part.params)
-    return replace(part, mesh=mesh, thickness=thickness, scale=scale, params={**numbers, **images})
+    growth = None if part.growth is None else read_image("", part.growth, Argument("growth"))
+    return replace(part, mesh=mesh, thickness=thickness, scale=scale, params={**numbers, **images}, growth=growth)
 
 
 def _with_texture(part: PartT, progress: Progress) -> PartT:

@@ -162,6 +162,7 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         words += ["--seed", str(look.seed)]
     for name, value in (("thickness", look.thickness), ("scale", scene.scale)):
         words += [] if value is None else _option(name, value)
+    words += [] if given.growth is None else ["--growth", str(given.growth)]
     words += _option("base", *look.base_colour)
     own = look.sun is None and look.sky is None
     for light in given.lights if own else scene.lights:
@@ -196,7 +197,7 @@ def _further(one: Grown) -> list[str]:
         words += ["--grow", f"{node}={name}"]
     if one.mesh is not None:
         words += ["--object", f"{one.mesh}={name}"]
-    said = {"thickness": one.thickness, "scale": one.scale, "seed": one.seed, **one.params}
+    said = {"thickness": one.thickness, "scale": one.scale, "seed": one.seed, "growth": one.growth, **one.params}
     for key, value in said.items():
         words += [] if value is None else ["--param", f"{name}:{key}={value}"]
     return words

@@ -89,8 +89,14 @@ def proportions(mesh: Mesh, height: float, thickness: float | None, scale: float
     return thickness, thickness / height if scale is None else scale
 
 
-def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float) -> Shell:
-    """Grow a shell of a thickness (world; one for all vertices or one each) with patches of a size (world).
+def extrude(
+    mesh: Mesh,
+    thickness: float | Float[np.ndarray, "V"],
+    scale: float,
+    bare: Bool[np.ndarray, "F"] | None = None,
+) -> Shell:
+    """Grow a shell of a thickness (world; one for all vertices or one each) with patches of a size (world). bare: faces that
+    are to carry none.
 
     The thickness is reduced where the shell would fold, faces that cannot be extruded at all carry no prism, and patches are
     resized so that a whole number fits into a UV unit, if a unit holds any: a UV square that closes on itself then has no
@@ -103,7 +109,8 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
     if len(origin) > len(mesh.vertices):
         touching = count_of(len(np.unique(origin[len(mesh.vertices) :])), "vertex", "vertices")
         notes.append(f"{touching} where several surfaces touch: each surface has its own posts there")
-    usable = _usable(base, direction, faces)
+    chosen = np.ones(len(faces), bool) if bare is None else ~bare
+    usable = _usable(base, direction, faces) & chosen
     grown = _unfold(base, direction, wanted, faces[usable])
     offset = (direction * grown[:, None]).astype(np.float32)
     usable[usable] = first_fold(base, offset.astype(np.float64), faces[usable]) >= 1
@@ -111,8 +118,8 @@ def extrude(mesh: Mesh, thickness: float | Float[np.ndarray, "V"], scale: float)
         raise InputError(
             Argument("thickness"), "no face of the mesh can be extruded: vertex normals lie below all of them"
         )
-    if not usable.all():
-        left = f"{(~usable).sum()} of {len(usable)} faces left out (first: face {np.argmin(usable)})"
+    if (lost := chosen & ~usable).any():
+        left = f"{lost.sum()} of {chosen.sum()} faces left out (first: face {np.argmax(lost)})"
         notes.append(f"{left}: they fold at any thickness, because a vertex normal lies below them")
     factor = (grown / wanted)[np.unique(faces[usable])]
     if (factor < 1).any():

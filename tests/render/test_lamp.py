@@ -29,7 +29,7 @@ def lamp(kind: Any, frame: np.ndarray) -> Lamp:
 def test_on_the_axis_of_a_disk_it_is_exact():
     """π L R² / (R² + d²)."""
     for r, d in ((0.5, 2.0), (3.0, 0.1)):
-        found = as_distant(lamp("disk", pose(r, (0, 0, d))), np.zeros(3))
+        found = as_distant(lamp("disk", pose(r, (0, 0, d))), np.zeros((1, 3)))
         np.testing.assert_allclose(found.irradiance, np.pi * RGB * r**2 / (r**2 + d**2))
         np.testing.assert_allclose(found.direction, [0, 0, 1])
 
@@ -56,7 +56,9 @@ def test_from_afar_it_is_the_integral_over_the_surface(kind: str):
     d = np.linalg.norm(way, axis=1)
     middle = (frame[:3, 3] - place) / np.linalg.norm(frame[:3, 3] - place)
     cosines = np.maximum(-(way * n).sum(axis=1) / d, 0) * (way @ middle) / d
-    np.testing.assert_allclose(as_distant(one, place).irradiance, RGB * whole * (cosines / d**2).mean(), rtol=1e-2)
+    np.testing.assert_allclose(
+        as_distant(one, place[None]).irradiance, RGB * whole * (cosines / d**2).mean(), rtol=1e-2
+    )
 
 
 @given(
@@ -72,23 +74,49 @@ def test_motions_move_it_along_and_units_cancel(kind: str, unit: float, angles: 
     moved = one._replace(
         pose=np.block([[turn @ one.pose[:3, :3], (turn @ one.pose[:3, 3] + shift)[:, None]], [0, 0, 0, 1]])
     )
-    a, b = as_distant(one, at), as_distant(moved, turn @ at + shift)
-    np.testing.assert_allclose(b.direction, turn @ a.direction, atol=1e-9)
+    a, b = as_distant(one, at[None]), as_distant(moved, (turn @ at + shift)[None])
+    if a.irradiance.any():
+        np.testing.assert_allclose(b.direction, turn @ a.direction, atol=1e-9)
     np.testing.assert_allclose(b.irradiance, a.irradiance, rtol=1e-6, atol=1e-12)
     if kind not in ("point", "spot"):
         larger = one._replace(pose=np.concatenate([unit * one.pose[:3], one.pose[3:]]))
-        np.testing.assert_allclose(as_distant(larger, unit * at).irradiance, a.irradiance, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(as_distant(larger, unit * at[None]).irradiance, a.irradiance, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_at_its_own_middle_it_is_finite(kind: str):
-    found = as_distant(lamp(kind, pose(0.3)), np.zeros(3))
+    found = as_distant(lamp(kind, pose(0.3)), np.zeros((1, 3)))
     assert np.isfinite(found.direction).all() and np.isfinite(found.irradiance).all()
     assert np.linalg.norm(found.direction) == pytest.approx(1)
 
 
+def test_over_a_lawn_it_is_the_mean_and_bounded():
+    """One that hangs low over the middle does not light all as brightly as what is right below it."""
+    x = np.linspace(-5, 5, 41)
+    lawn = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2) @ np.eye(2, 3)
+    low, high = (as_distant(lamp("point", pose(at=(0, 0, z))), lawn) for z in (0.5, 1e4))
+    np.testing.assert_allclose(low.direction, [0, 0, 1], atol=1e-9)
+    d = np.maximum(np.hypot(np.linalg.norm(lawn, axis=1), 0.5), 0.05 * 10 * 2**0.5)
+    np.testing.assert_allclose(low.irradiance, RGB * (0.5 / d**3).mean(), rtol=1e-9)
+    assert low.irradiance[0] < 0.1 * RGB[0] / 0.5**2
+    np.testing.assert_allclose(high.irradiance, RGB / 1e8, rtol=1e-6)
+    assert as_distant(lamp("point", pose()), lawn).irradiance[0] < RGB[0] / (0.05 * 10) ** 2
+
+
+@pytest.mark.parametrize("z", [(0.0, 0.0, 0.0), (1.0, 0.0, 1.0)])
+def test_sheared_and_flat_poses(z: tuple):
+    """A spot shines along -z like a sun; a rectangle across its plane, and down where z has no say."""
+    frame = pose()
+    frame[:3, 2] = z
+    np.testing.assert_allclose(facing(lamp("rectangle", frame))[:3, 2], [0, 0, -1])
+    if any(z):
+        np.testing.assert_allclose(facing(lamp("spot", frame))[:3, 2], -np.array(z) / 2**0.5)
+    else:
+        assert fault_of(lamp("spot", frame), 1e9, 1e30) == "a spot of no direction shines nowhere"
+
+
 def test_a_spot_dims_between_its_angles_and_a_rectangle_shines_one_way():
-    seen = lambda one, angle: as_distant(one, np.array([2 * np.sin(angle), 0, -2 * np.cos(angle)])).irradiance[0] * 4  # noqa: E731
+    seen = lambda one, angle: as_distant(one, np.array([[2 * np.sin(angle), 0, -2 * np.cos(angle)]])).irradiance[0] * 4  # noqa: E731
     spot = lamp("spot", pose())
     np.testing.assert_allclose([seen(spot, a) for a in (0.0, 0.29, 0.6, 0.91, 3.0)], [3, 3, 1.5, 0, 0], atol=1e-9)
     for frame in (pose(), pose((1, -1, 1)), pose((-1, 1, 1)), pose((1, 1, 0.01))):  # mirrored too
@@ -107,6 +135,7 @@ def test_a_sphere_that_is_stretched_keeps_its_volume():
         (Lamp("candle", pose(), RGB), "'candle' is no kind of lamp: point, spot, sphere, rectangle, disk"),  # type: ignore[arg-type]
         (Lamp("point", np.eye(3), RGB), "a point takes a pose of 4 × 4 numbers, none beyond 1e"),
         (Lamp("point", pose(np.nan), RGB), "a point takes a pose of 4 × 4 numbers"),
+        (Lamp("point", pose(at=(1, 2, 3)).T, RGB), "a point takes a pose of 4 × 4 numbers"),
         (Lamp("disk", pose(), -RGB), "a disk takes a strength of three numbers from 0 to 1e"),
         (Lamp("disk", pose(), np.ones(2)), "a disk takes a strength of three numbers"),
         (Lamp("spot", pose(), RGB), "a spot takes a cone of two angles"),

@@ -107,7 +107,7 @@ def test_a_lamp_is_as_bright_as_blenders(folder: Path, file: str):
     """On a white floor 2 below it."""
     told = read_scene_file(folder / file)
     (lamp,) = told.lamps
-    direction, irradiance = as_distant(lamp, np.zeros(3))
+    direction, irradiance = as_distant(lamp, np.zeros((1, 3)))
     seen = read_exr(folder / Path(file).with_suffix(".exr"))[..., :3].mean(axis=(0, 1))
     np.testing.assert_allclose(irradiance * direction[2 if told.up == "z" else 1] / np.pi, seen, rtol=0.01)
     assert lamp.kind == {"bare": "point", "point": "sphere" if told.up == "z" else "point"}.get(

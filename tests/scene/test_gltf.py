@@ -198,6 +198,35 @@ def test_a_lamps_strength_is_in_candela(tmp_path: Path, light: dict, cone: tuple
     np.testing.assert_allclose(lamp.pose[:3, 3], [1, 2, 3])
 
 
+@pytest.mark.parametrize(
+    ("node", "light", "said"),
+    [
+        ({}, {"type": "point", "intensity": -1}, "its lamp Odd is left out: a point takes a strength of three numbers"),
+        (
+            {},
+            {"type": "spot", "spot": {"innerConeAngle": 2, "outerConeAngle": 1}},
+            "its lamp Odd is left out: a spot takes",
+        ),
+        ({"translation": [1e300, 0, 0]}, {"type": "point"}, "its lamp Odd is left out: a point takes a pose"),
+        ({"scale": [0, 0, 0]}, {"type": "spot"}, ""),
+        ({}, {"type": "point", "intensity": 0}, ""),
+    ],
+    ids=["negative", "cone", "far", "hidden", "dark"],
+)
+def test_a_lamp_that_cannot_be_does_not_stop_the_scene(tmp_path: Path, node: dict, light: dict, said: str):
+    told = read_scene_file(written(tmp_path, lit({"name": "Odd"} | node, light)))
+    assert not told.lamps and len(told.notes) == bool(said) and "".join(told.notes).startswith(said)
+
+
+def test_faint_lamps_that_light_a_scene_alone_are_said(material: Material, tmp_path: Path):
+    nodes: list[dict] = [{"name": "a", "mesh": 0, "children": [1]}, lit({"translation": [0, 0, 5]}, {})["nodes"][0]]
+    header = triangles(nodes) | lit({}, {"type": "point", "intensity": 1.0}) | {"nodes": nodes}
+    path = written(tmp_path, header)
+    for more, faint in (({}, True), ({"environment": np.ones((2, 4, 3), np.float32)}, False), ({"suns": False}, False)):
+        mesh: Any = unpack(ms.Scene(path, material, **more)).mesh
+        assert any("its lamps are faint" in note for note in mesh.notes) == faint
+
+
 def test_lights_of_other_kinds_are_said(tmp_path: Path):
     told = read_scene_file(written(tmp_path, lit({"name": "Tube"}, {"type": "tube"})))
     assert told.notes == ("its lights of other kinds are left out: Tube",) and not told.lamps
@@ -225,9 +254,6 @@ def test_what_cannot_be_taken_is_said(tmp_path: Path):
         seen({"matrix": [1, 2]}),
         lit({"scale": [0, 0, 0]}, {"type": "directional"}),
         lit({}, {"type": "directional", "color": "red"}),
-        lit({}, {"type": "point", "intensity": -1}),
-        lit({}, {"type": "spot", "spot": {"innerConeAngle": 2, "outerConeAngle": 1}}),
-        lit({"translation": [1e300, 0, 0]}, {"type": "point"}),
         {"nodes": [{"children": [7]}]},
         {"nodes": 3},
         [],

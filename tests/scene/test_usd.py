@@ -231,26 +231,82 @@ def test_subsets_and_their_colours(tmp_path: Path):
         }}
         def GeomSubset "Path" {API} {{
             uniform token elementType = "face"
+            uniform token familyName = "materialBind"
             int[] indices = [4, 5]
             {bound("Checked")}
+        }}
+        def GeomSubset "All" {{
+            uniform token elementType = "face"
+            int[] indices = [0, 1, 2, 3, 4, 5]
         }}
     """
     looks = shader("Red", "color3f inputs:diffuseColor = (0.7, 0, 0)") + shader("Green", "float inputs:roughness = 1")
     looks += shader("Checked", "color3f inputs:diffuseColor.connect = </Checked/Read.outputs:rgb>")
     path = stage(tmp_path, mesh("Hill", kind=API, body=body) + looks + mesh("Bare"))
-    found = {part.names[0]: (len(part.arrays[1]), part.colour) for part in read_usd.parts(path)}
+    parts = read_usd.parts(path)
+    found = {tuple(part.names[1::2]): (len(part.arrays[0]), len(part.arrays[1]), part.colour) for part in parts}
+    red = pytest.approx((0.7, 0, 0))
     assert found == {
-        "/Hill/Lawn": (4, pytest.approx((0.7, 0, 0))),
-        "/Hill/Path": (2, pytest.approx((0.5, 0.5, 0.5))),
-        "/Hill": (6, (0.18, 0.18, 0.18)),
-        "/Bare": (2, None),
+        ("All", "Hill", "Green"): (10, 6, (0.18, 0.18, 0.18)),
+        ("Lawn", "All", "Hill", "Red"): (4, 2, red),
+        ("Lawn", "Path", "All", "Hill", "Red"): (4, 2, red),  # two materials claim it
+        ("Path", "All", "Hill", "Checked"): (4, 2, pytest.approx((0.5, 0.5, 0.5))),
+        ("Bare",): (4, 2, None),
     }
-    (lawn,), others = load_nodes(path, [("/Hill/Lawn",)])
-    assert sorted(set(lawn.vertices[:, 0].tolist())) == [1, 2, 4, 5]
-    assert [m.colour for m in others] == [pytest.approx((0.5,) * 3), (0.18,) * 3, None]
-    assert len(load_nodes(path, [("Hill",)])[0][0].faces) == 12
-    (tmp_path / "half.png").write_bytes(b"nonsense")
-    assert [part.colour for part in read_usd.parts(path)][1] is None
+    for name, faces, others in (
+        ("/Hill/Lawn", 4, 3),
+        ("Red", 4, 3),
+        ("/Hill/Path", 4, 3),
+        ("All", 12, 1),
+        ("Hill", 12, 1),
+    ):
+        (grown,), rest = load_nodes(path, [(name,)])
+        assert len(grown.faces) == faces and len(rest) == others
+    assert len(read_usd.parts(path, apart=False)) == 2
+    for spoil in (lambda: (tmp_path / "half.png").write_bytes(b"nonsense"), lambda: (tmp_path / "half.png").unlink()):
+        spoil()
+        assert {part.names[1]: part.colour for part in read_usd.parts(path)}["Path"] is None
+        assert len(load_nodes(path, [("Lawn",)])[0][0].faces) == 4
+
+
+def test_colours_by_other_ways(tmp_path: Path):
+    """An interface's input, a binding for previews, displayColor; and inputs that are none stop no mesh."""
+    tint = "color3f inputs:diffuseColor.connect = </{}.inputs:tint>"
+    looks = shader("Tinted", tint.format("Tinted")).replace(
+        "token outputs:surface.c", "color3f inputs:tint = (0.1, 0.2, 0.3)\n        token outputs:surface.c", 1
+    )
+    looks += shader("Odd", "color3f inputs:diffuseColor.connect = </Odd/Read.outputs:rgb>").replace(
+        "asset inputs:file = @half.png@", 'string inputs:file = "half.png"'
+    )
+    looks += shader("None", 'token inputs:diffuseColor = "red"')
+    body = "".join(
+        mesh(name, more, kind=API, body=SQUARE.replace("0)", f"{k})"))
+        for k, (name, more) in enumerate(
+            {
+                "A": bound("Tinted"),
+                "B": "rel material:binding:preview = </Tinted>",
+                "C": "color3f[] primvars:displayColor = [(0.2, 0, 0), (0.4, 0, 0)]",
+                "D": bound("Odd"),
+                "E": bound("None"),
+            }.items()
+        )
+    )
+    found = {part.names[0]: part.colour for part in read_usd.parts(stage(tmp_path, body + looks))}
+    tinted = pytest.approx((0.1, 0.2, 0.3))
+    assert found == {"/A": tinted, "/B": tinted, "/C": pytest.approx((0.3, 0, 0)), "/D": None, "/E": None}
+
+
+def test_instances_share_what_is_read_of_a_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    calls = []
+    monkeypatch.setattr(read_usd, "_diffuse", lambda material, time: calls.append(material.GetPath()))
+    model = f"""def Xform "Model" {{
+    {mesh("A", bound("Model/Look"), kind=API)}
+    {shader("Look", "").replace("</Look.", "</Model/Look.")}
+    }}
+    """
+    copies = "".join(f'def "Copy{k}" ( instanceable = true\n references = </Model> ) {{ }}\n' for k in range(4))
+    assert len(read_usd.parts(stage(tmp_path, model + copies))) == 5
+    assert len(calls) == 2  # of the model itself, and of its copies' prototype
 
 
 LIT = "float inputs:intensity = 8\n float inputs:exposure = -1\n color3f inputs:color = (1, 0.5, 0)\n"
@@ -291,6 +347,28 @@ def test_a_sphere_with_a_cone_is_a_spot(tmp_path: Path):
     assert lamp.kind == "spot"
     np.testing.assert_allclose(lamp.cone, np.radians([24, 30]))
     np.testing.assert_allclose(lamp.strength, 4 * np.pi * 0.25 * np.array([1, 0.5, 0]))
+
+
+@pytest.mark.parametrize(
+    ("angle", "kind"), [("90", "spot"), ("120", "spot"), ("180", "sphere"), (None, "sphere"), ("0", "")]
+)
+def test_wide_cones(tmp_path: Path, angle: str | None, kind: str):
+    cone = "" if angle is None else f"float inputs:shaping:cone:angle = {angle}"
+    light = f'def SphereLight "L" ( prepend apiSchemas = ["ShapingAPI"] ) {{ {LIT} {cone} }}\n{mesh("A")}'
+    told = read_scene_file(stage(tmp_path, light))
+    assert [lamp.kind for lamp in told.lamps] == ([kind] if kind else [])
+    assert len(told.notes) == (not kind) and all("its lamp L is left out: a spot takes" in note for note in told.notes)
+
+
+def test_beams_whose_shape_is_not_read_are_said(tmp_path: Path):
+    api = '( prepend apiSchemas = ["ShapingAPI"] )'
+    body = f"""{mesh("A")}
+    def RectLight "Box" {api} {{ float inputs:shaping:cone:angle = 30 }}
+    def SphereLight "Bulb" {api} {{ float inputs:shaping:focus = 3 }}
+    def DiskLight "Plain" {api} {{ {LIT} }}
+    """
+    told = read_scene_file(stage(tmp_path, body))
+    assert len(told.lamps) == 3 and told.notes == ("its shapes of lamps' beams are left out: Box, Bulb",)
 
 
 def test_lamps_that_give_no_light_are_not_there(tmp_path: Path):

@@ -59,14 +59,15 @@ class SceneOptions:
     #: glTF file or a USD stage; without any, none with an --environment or a lamp, else key, fill and bounce.
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Light by the suns and lamps of a glTF file or a USD stage, and by the stage's sky, where no --light is given. Engine jax
-    #: takes a lamp for the distant light that it is in the middle of what is grown.
+    #: replaces each lamp by a distant light: with the lamp's mean light on what is grown, from the same side.
     suns: bool = True
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
     #: Latitude-longitude EXR that lights the scene and is seen behind it; its middle lies toward +x, as in Blender.
     #: Default: the dome light of a USD stage, where no --light is given.
     environment: Path | None = None
-    #: Diffuse colour of the surface under the shell, and of objects without one of their own, linear R G B.
+    #: Diffuse colour of the surface under the shell, of each --object, and of a file's other meshes without a material, linear
+    #: R G B.
     base: tuple[float, float, float] = EARTH
     #: Further meshes in the same frame that cast and receive shadows; may be repeated. FILE=MATERIAL grows a material on it.
     object: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()

@@ -10,30 +10,33 @@ from typing import Any
 import numpy as np
 
 Colour = tuple[float, float, float]
-#: Pixels along a side of what an image is shrunk to, before it is made linear.
-SIDE = 64
+#: Light of each value of 8 bits.
+_V = np.arange(256) / 255
+LINEAR = np.where(_V <= 0.04045, _V / 12.92, ((_V + 0.055) / 1.055) ** 2.4)
 
 
 def colour_of(factor: Any, image: Any = None) -> Colour | None:
-    """A factor of at least three numbers times the mean of a PIL image in sRGB; None for what is no colour."""
+    """A factor of at least three numbers times the mean of a PIL image in sRGB, where it is opaque; None for what is no
+    colour."""
     numbers = np.array(factor, np.float64).ravel()[:3]
     if len(numbers) < 3 or not np.isfinite(numbers).all():
         return None
     if image is not None:
-        v = np.asarray(image.convert("RGB").resize((SIDE, SIDE), resample=4), np.float64) / 255  # 4: means of boxes
-        linear = np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
-        numbers = numbers * linear.mean(axis=(0, 1))
+        numbers = numbers * _mean(image)
     r, g, b = np.clip(numbers, 0, 1).tolist()
     return r, g, b
 
 
 def image_of(data: bytes) -> Any:
-    """A PIL image of a file's bytes; None if it is none, or too large."""
+    """A PIL image of a file's bytes."""
     from PIL import Image
 
-    try:
-        image = Image.open(io.BytesIO(data))
-        image.load()
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        return None
-    return image
+    return Image.open(io.BytesIO(data))
+
+
+def _mean(image: Any) -> np.ndarray:
+    if image.mode.startswith("I"):  # 16 bits of grey, of which PIL would keep the lower eight
+        image = image.point(lambda v: v / 256).convert("L")
+    opaque = image.convert("RGBA").getchannel("A").point(lambda a: 255 if a > 127 else 0)
+    whole = np.array(image.convert("RGB").histogram(opaque if opaque.getbbox() else None), np.float64).reshape(3, 256)
+    return whole @ LINEAR / whole.sum(axis=1)

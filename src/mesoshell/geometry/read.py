@@ -23,6 +23,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -56,7 +57,7 @@ def read_nodes(
     """The meshes of each group of a glTF file's nodes or a USD stage's prims, by their names, with what hangs on them and is in
     no other group; and all its others, by colour. Raises InputError, in one line, for a group without triangles."""
     with _one_line(path):
-        parts = _parts(path)
+        parts = _parts(path, apart=True)
         present = sorted({owner for part in parts for owner in part.names})
         group_of: dict[str, int] = {}
         for k, names in enumerate(groups):
@@ -175,14 +176,14 @@ def _is_text_stl(head: bytes) -> bool:
     return head.lstrip()[:5].lower() == b"solid" and b"facet" in head.lower() and b"\0" not in head
 
 
-def _parts(path: str | PathLike[str]) -> Sequence[Part]:
-    """Each mesh of a file in world space, and the names of its node and of those it hangs on, from itself upward; of a glTF
-    file also that of its material, where no node has it."""
+def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
+    """Each mesh of a file in world space, and the names of its node and of those it hangs on, from itself upward. apart: with
+    the names of materials after these, and their colours; of a USD stage, each subset for itself."""
     if Path(path).suffix.lower() in read_usd.FORMATS:
-        return read_usd.parts(path)
+        return read_usd.parts(path, apart)
     gltf = Path(path).suffix.lower() in (".glb", ".gltf")
     scene, names, materials = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {}, [])
-    parents, parts = scene.graph.transforms.parents, []
+    parents, parts, looks = scene.graph.transforms.parents, [], dict[str, tuple[list[str], Colour | None]]()
     for node in scene.graph.nodes_geometry:
         pose, name = scene.graph[node]
         part = scene.geometry[name]
@@ -200,23 +201,36 @@ def _parts(path: str | PathLike[str]) -> Sequence[Part]:
             owners.append(above)
             above = parents.get(above)
         place = position @ pose[:3, :3].T + pose[:3, 3]
-        own, colour = _material(part, materials)
-        called = [names[owner] for owner in owners if owner in names]
-        called = [own, *called] if own and own not in names.values() else called
+        called, colour = [names[owner] for owner in owners if owner in names], None
+        material = getattr(part.visual, "material", None)
+        if apart and material is not None:
+            key = str(getattr(material, "name", ""))
+            if key not in looks:
+                looks[key] = _look(material, materials)
+            more, colour = looks[key]
+            called += more
         parts.append(Part(called, (place, corner, np.asarray(uv, np.float64)[:, :2][corner]), colour))
     return parts
 
 
-def _material(part: trimesh.Trimesh, materials: Sequence[dict]) -> tuple[str, Colour | None]:
-    """The name and the colour of a part's material: both are nothing without one. materials: of the file."""
-    found = getattr(part.visual, "material", None)
-    name = str(getattr(found, "name", "")).removeprefix("material ")
+def _look(material: Any, materials: Sequence[dict]) -> tuple[list[str], Colour | None]:
+    """The name and the colour of a part's material. materials: of the file. A colour that cannot be read must not stop the
+    mesh."""
+    name = str(getattr(material, "name", "")).removeprefix("material ")
     if not name.isdigit() or int(name) >= len(materials):
-        return "", None
+        return [], None
     described = materials[int(name)]
-    factor = described.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1))
-    image = getattr(found, "baseColorTexture", None)
-    return str(described.get("called", "")), colour_of(factor, image)
+    called = [described["called"]] if isinstance(described["called"], str) and described["called"] else []
+    try:
+        glossy = described.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+        base = described.get("pbrMetallicRoughness", {}) if glossy is None else glossy
+        keys = ("baseColorFactor", "baseColorTexture") if glossy is None else ("diffuseFactor", "diffuseTexture")
+        image = getattr(material, "baseColorTexture", None)
+        if keys[1] in base and image is None:
+            return called, None
+        return called, colour_of(base.get(keys[0], (1, 1, 1)), image if keys[1] in base else None)
+    except Exception:
+        return called, None
 
 
 def join_arrays(parts: Sequence[Arrays]) -> Arrays:

@@ -13,7 +13,7 @@ and points that repeat a prototype, are all there. A mesh that is to be subdivid
 Sources: OpenUSD's documentation of UsdGeom: Mesh, Imageable, PointInstancer, Primvar, Subset; UsdShade; UsdPreviewSurface.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from os import PathLike, fspath
@@ -36,12 +36,19 @@ GREY = 0.18
 
 
 class Part(NamedTuple):
-    """Some triangles of one material. names: of the prim and of those above it, a subset's first; arrays: points, triangles and
-    corner UVs; colour: of the material, None without one."""
+    """Some triangles of one material. names: of subsets, of the prim and of those above it, and of the material; arrays:
+    points, triangles and corner UVs; colour: of the material, None without one."""
 
     names: list[str]
     arrays: tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]
     colour: Colour | None = None
+
+
+class _Look(NamedTuple):
+    """Path and name of a material, and its colour."""
+
+    names: list[str]
+    colour: Colour | None
 
 
 def pxr(name: str) -> Any:
@@ -73,12 +80,14 @@ def open_stage(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
         stage = said = None  # or a fault's traceback would hold them
 
 
-def parts(path: str | PathLike[str]) -> Sequence[Part]:
-    """Each mesh of a stage, and each subset of one, with the names of its prim and of those above it, from itself upward: paths
-    and bare names. Of a point that repeats a prototype these are its instancer's."""
+def parts(path: str | PathLike[str], apart: bool = True) -> Sequence[Part]:
+    """Each mesh of a stage, with the names of its prim and of those above it, from itself upward: paths and bare names. Of a
+    point that repeats a prototype these are its instancer's. apart: whether subsets are parts of their own, with the names of
+    their materials, and colours."""
     there = memory()
     with open_stage(path) as (stage, time):
-        return list(_Walk(path, stage, time, there).below(stage.GetPseudoRoot(), np.eye(4), None, 0))
+        walk = _Walk(path, stage, time, there, apart)
+        return list(walk.below(stage.GetPseudoRoot(), np.eye(4), None, 0))
 
 
 def up_of(path: str | PathLike[str]) -> str:
@@ -120,12 +129,13 @@ def matrix(usd: Any) -> Float[np.ndarray, "4 4"]:
 
 
 class _Walk:
-    """What is read of a stage, at a time. there: bytes of memory, without the bound of `open_stage`."""
+    """What is read of a stage, at a time. there: bytes of memory, without the bound of `open_stage`; apart: as of
+    `parts`."""
 
-    def __init__(self, path: str | PathLike[str], stage: Any, time: Any, there: int):
+    def __init__(self, path: str | PathLike[str], stage: Any, time: Any, there: int, apart: bool):
         self.path, self.stage, self.time, self.there = path, stage, time, there
         self.frames, self.triangles = pxr("UsdGeom").XformCache(time), 0
-        self.colours: dict[str, Colour | None] = {}
+        self.apart, self.looks = apart, dict[str, Colour | None]()
 
     def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Part]:
         """The meshes from a root downward. names: of the outermost instancer, where there is one."""
@@ -144,21 +154,30 @@ class _Walk:
                 points, faces, uv = _placed(arrays, to_world)
                 self.triangles += len(faces)
                 check_memory(self.path, f"its {self.triangles} triangles", 200 * self.triangles, self.there)
-                for one, own in _subsets(prim, polygon, self.time):
-                    yield Part(names or _names(one), (points, faces[own], uv[own]), self.colour(one))
+                if not self.apart:
+                    yield Part(names or _names(prim), (points, faces, uv))
+                    continue
+                for subsets, own in _pieces(prim, polygon, self.time):
+                    bound = next((x for x in subsets if x.GetFamilyNameAttr().Get() == "materialBind"), None)
+                    look = self.look(prim if bound is None else bound.GetPrim())
+                    inner = [name for x in subsets for name in (str(x.GetPath()), x.GetPrim().GetName())]
+                    arrays = (points, faces, uv) if own.all() else _compact(points, faces[own], uv[own])
+                    yield Part([*inner, *(names or _names(prim)), *look.names], arrays, look.colour)
             else:
                 for prototype, at in _instances(self.stage, prim, self.time):
                     yield from self.below(prototype, to_world @ at, names or _names(prim), depth + 1)
 
-    def colour(self, prim: Any) -> Colour | None:
-        """Of the material that is bound to a prim, kept by its path."""
-        bound = pxr("UsdShade").MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+    def look(self, prim: Any) -> _Look:
+        """The material that is bound to a prim, kept by its path, of instances by that in their prototype."""
+        UsdShade = pxr("UsdShade")
+        bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)[0]
         if not bound:
-            return None
-        key = str(bound.GetPath())
-        if key not in self.colours:
-            self.colours[key] = _diffuse(bound, self.time)
-        return self.colours[key]
+            return _Look([], _or_none(lambda: _display_colour(prim, self.time)))
+        shared = bound.GetPrim().GetPrimInPrototype() if bound.GetPrim().IsInstanceProxy() else bound.GetPrim()
+        key = str(shared.GetPath())
+        if key not in self.looks:
+            self.looks[key] = _or_none(lambda: _diffuse(bound, self.time))
+        return _Look([str(bound.GetPath()), bound.GetPrim().GetName()], self.looks[key])
 
     def seen(self, prim: Any, root: Any) -> bool:
         imageable = pxr("UsdGeom").Imageable(prim)
@@ -189,39 +208,59 @@ def _instances(stage: Any, prim: Any, time: Any) -> Iterator[tuple[Any, Float[np
     return ((roots[k], matrix(at)) for k, at in zip(which, places, strict=True))
 
 
-def _subsets(prim: Any, polygon: Int[np.ndarray, "M"], time: Any) -> Iterator[tuple[Any, Bool[np.ndarray, "M"]]]:
-    """A Mesh's subsets of faces that have a part of its triangles, and the Mesh itself with what is in none; a triangle belongs
-    to the first. polygon: of each triangle."""
+def _pieces(prim: Any, polygon: Int[np.ndarray, "M"], time: Any) -> Iterator[tuple[list[Any], Bool[np.ndarray, "M"]]]:
+    """A Mesh's triangles by the subsets of faces that they lie in. polygon: of each triangle."""
     UsdGeom = pxr("UsdGeom")
-    free = np.ones(len(polygon), bool)
+    kind, members = np.zeros(polygon.max(initial=-1) + 1, np.int64), [[]]
     for subset in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)):
-        if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
-            own = free & np.isin(polygon, _array(subset.GetIndicesAttr(), time))
-            free &= ~own
-            if own.any():
-                yield subset.GetPrim(), own
-    if free.any() or not len(free):
-        yield prim, free
+        if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
+            continue
+        own, given = np.zeros(len(kind), bool), _array(subset.GetIndicesAttr(), time).astype(np.int64)
+        own[given[(given >= 0) & (given < len(kind))]] = True
+        for k in np.unique(kind[own]):
+            kind[own & (kind == k)] = len(members)
+            members.append([*members[k], subset])
+    for k, subsets in enumerate(members):
+        own = kind[polygon] == k
+        if own.any():
+            yield subsets, own
+
+
+def _compact(points: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Some faces, with the points that they use alone."""
+    used, corner = np.unique(faces, return_inverse=True)
+    return points[used], corner.reshape(-1, 3), uv
+
+
+def _or_none(make: Callable[[], Colour | None]) -> Colour | None:
+    """What it makes, or None where it fails: a colour that cannot be read must not stop the mesh."""
+    try:
+        return make()
+    except Exception:
+        return None
 
 
 def _diffuse(material: Any, time: Any) -> Colour | None:
-    """The diffuse colour of a UsdPreviewSurface; None for another shader, or an image that cannot be read."""
+    """The diffuse colour of a UsdPreviewSurface; None for another shader, or an image that is not there."""
     UsdShade = pxr("UsdShade")
     shader = material.ComputeSurfaceSource()[0]
     if not shader or shader.GetIdAttr().Get() != "UsdPreviewSurface":
         return None
     given = shader.GetInput("diffuseColor")
-    if not given:
+    sources = UsdShade.Utils.GetValueProducingAttributes(given) if given else []
+    if not sources:
         return GREY, GREY, GREY
-    if not given.HasConnectedSource():
-        return colour_of(given.Get(time))
-    read = UsdShade.Shader(given.GetConnectedSource()[0].GetPrim())
-    file = read.GetInput("file").Get(time) if read and read.GetInput("file") else None
-    if file is None or not file.resolvedPath:
-        return None
+    if UsdShade.Utils.GetType(sources[0].GetName()) != UsdShade.AttributeType.Output:
+        return colour_of(sources[0].Get(time))
+    file = UsdShade.Shader(sources[0].GetPrim()).GetInput("file").Get(time)
     asset = pxr("Ar").GetResolver().OpenAsset(pxr("Ar").ResolvedPath(file.resolvedPath))
-    image = image_of(bytes(asset.GetBuffer())) if asset and asset.GetSize() else None
-    return None if image is None else colour_of((1, 1, 1), image)
+    return colour_of((1, 1, 1), image_of(bytes(asset.GetBuffer())))
+
+
+def _display_colour(prim: Any, time: Any) -> Colour | None:
+    """The mean of a prim's displayColor."""
+    values = pxr("UsdGeom").Gprim(prim).GetDisplayColorAttr().Get(time)
+    return None if not values else colour_of(np.array(values, np.float64).mean(axis=0))
 
 
 def _mesh(prim: Any, time: Any) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], Int[np.ndarray, "M"]]:

@@ -28,7 +28,8 @@ def facts_of(
     integrator: Any = scene.integrator()
     kinds = [_kind(e) for e in scene.emitters()]
     geometry, media = [shell for shell, _ in shells], [medium for _, medium in shells]
-    others = len(scene.shapes())  # meshes with surface materials are not among them
+    solid = [s for s in scene.shapes() if not (integrator.hide_lamps and s.is_emitter())]
+    others = len(solid)  # meshes with surface materials are not among them
     heights, densities = [m.material.heights for m in media], [m.material.density for m in media]
     grouped = any(s.class_name() == "Instance" for s in scene.shapes())  # an instance may hold other meshes too
     return Facts(
@@ -43,7 +44,7 @@ def facts_of(
         convex=convex,
         enclosed=0.0 if convex and others + len(surfaces) == 1 else 1.0,
         low=len(kinds) > kinds.count("distant") or any(lowest(s, _toward(scene)) <= 0 for s in geometry),
-        ground=max((_albedo(s.bsdf()) for s in scene.shapes()), default=0.0),
+        ground=max((_albedo(s.bsdf()) for s in solid), default=0.0),
         coarsest=coarsest(scene.sensors(), geometry, densities),
         magnified=magnified(scene, geometry, grid_columns(media)),
         baked=baked_size(media),

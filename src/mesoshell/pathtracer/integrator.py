@@ -13,8 +13,8 @@ MAX_DEPTH = 2**31
 
 
 class ShellPath(mi.SamplingIntegrator):
-    """`mesoshell_path`: max_depth, rr_depth and hide_emitters as of Mitsuba's `path`; hide_lamps hides emitters that have an
-    extent from the camera, and not the sky. context: set by pathtracer/load."""
+    """`mesoshell_path`: max_depth, rr_depth and hide_emitters as of Mitsuba's `path`; hide_lamps: rays pass emitters that have
+    an extent, as in Blender: they give light, and are neither seen nor in its way. context: set by pathtracer/load."""
 
     def __init__(self, props):
         super().__init__(props)
@@ -22,7 +22,7 @@ class ShellPath(mi.SamplingIntegrator):
         self.max_depth = MAX_DEPTH if depth < 0 else min(depth, MAX_DEPTH)
         self.rr_depth = min(max(int(props.get("rr_depth", 5)), 0), MAX_DEPTH)
         self.hide_emitters = bool(props.get("hide_emitters", False))
-        self.hide_lamps = bool(props.get("hide_lamps", False)) or self.hide_emitters
+        self.hide_lamps = bool(props.get("hide_lamps", False))
         self.context: Any = None
 
     def sample(self, scene, sampler, ray, medium=None, active=True):

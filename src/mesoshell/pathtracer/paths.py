@@ -22,7 +22,7 @@ from mesoshell.pathtracer.free_flight import fly, still
 from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.surface_material import nothing_met
 
-#: How far past a hidden emitter a ray goes on, over the numbers that place it.
+#: How far past a lamp a ray goes on, relative to the distance and the coordinates of where it meets it.
 PAST = 1e-5
 
 
@@ -65,11 +65,13 @@ class PathState:
 @dataclass(frozen=True)
 class Plan:
     """What a scene calls for (render/effects), known before anything is compiled. emitters: a path may meet one; hidden: rays
-    from the camera pass those that have an extent; onward: a path goes on after its first event."""
+    from the camera pass those that have an extent; ghosts: so does all else, and takes their light along; onward: a path goes
+    on after its first event."""
 
     max_depth: int
     emitters: bool
     hidden: bool
+    ghosts: bool
     onward: bool
     direct: bool
     shell_shadow: bool
@@ -81,11 +83,14 @@ class Plan:
 @dataclass
 class SegmentEnd:
     """Where a segment ends. mine: it is the path's, not a shadow's; si, met, flight: what it meets of surfaces, surface
-    materials and shells; blocked: a surface stops the shadow."""
+    materials and shells; blocked: a surface stops the shadow; lamp: it ends at one that it passes; past: from where it then
+    goes on."""
 
     mine: mi.Bool
     si: mi.SurfaceInteraction3f
     blocked: mi.Bool
+    lamp: mi.Bool
+    past: mi.Float
     met: Any
     flight: Any
 
@@ -122,14 +127,13 @@ def advance(settings, scene, sampler, lane):
 
     uncollided = end.mine & ~end.flight.collided
     reached, on_material = uncollided & ~end.met.hit, uncollided & end.met.hit
-    kept = unseen = mi.Bool(False)
-    if plan.hidden:
-        unseen = reached & (lane.path.depth == 0) & end.si.is_valid() & end.si.shape.is_emitter()
-        reached &= ~unseen
+    kept, lamp = mi.Bool(False), reached & end.lamp
     if plan.surface_materials:
         kept = on_material & end.met.front & (sampler.next_1d() < end.met.alpha)
     if plan.emitters:
-        light += _emitted(settings, scene, end.si, lane.path, reached)
+        seen = reached & ~(lamp & (lane.path.depth == 0)) if plan.hidden else reached
+        light += _emitted(settings, scene, end.si, lane.path, seen)
+    reached &= ~lamp
     stopped = (end.mine & end.flight.collided) | kept | (reached & end.si.is_valid())
     going = stopped & (lane.path.depth + 1 < plan.max_depth)
 
@@ -140,8 +144,8 @@ def advance(settings, scene, sampler, lane):
     if plan.surface_materials:
         t = settings.context.surface_meshes.beyond(end.met.t)
     if plan.hidden:
-        behind |= unseen
-        t = dr.select(unseen, end.si.t + PAST * (end.si.t + dr.max(dr.abs(end.si.p))), t)
+        behind |= lamp
+        t = dr.select(lamp, end.past, t)
     path = _go_on(settings, plan, sampler, lane.path, end, event, p, going, (behind, t))
     return PathState(path, shadow, light, lane.valid | stopped, lane.queries + end.flight.queries)
 
@@ -154,6 +158,7 @@ def _plan(settings) -> Plan:
     return Plan(
         most,
         emitters,
+        (settings.hide_emitters or settings.hide_lamps) and effects.area_light.on,
         settings.hide_lamps and effects.area_light.on,
         most > 1 and (effects.bounces.on or emitters),
         effects.direct_light.on,
@@ -168,13 +173,17 @@ def _trace(context, plan: Plan, scene, sampler, lane: PathState) -> SegmentEnd:
     """Find the end of a lane's segment: surfaces, then surface materials in front of them, then shells in front of both."""
     path, shadow = lane.path, lane.shadow
     mine = ~shadow.pending
-    si = scene.ray_intersect(single(path.ray), mi.RayFlags.All, coherent=mi.Bool(False), active=mine)
-    blocked = mi.Bool(False)
-    if context.surfaces_shadow:
+    n, segment = dr.width(path.eta), dr.select(shadow.pending, shadow.ray, path.ray)
+    whole = mine | shadow.pending if plan.ghosts else mine
+    si = scene.ray_intersect(single(segment), mi.RayFlags.All, coherent=mi.Bool(False), active=whole)
+    blocked = lamp = mi.Bool(False)
+    if plan.hidden:
+        lamp = si.is_valid() & si.shape.is_emitter() & (mi.Bool(plan.ghosts) | (path.depth == 0))
+    if context.surfaces_shadow and plan.ghosts:
+        blocked = shadow.pending & si.is_valid() & ~lamp
+    elif context.surfaces_shadow:
         blocked = scene.ray_test(single(shadow.ray), active=shadow.pending)
-    segment = dr.select(shadow.pending, shadow.ray, path.ray)
-    segment.tmax = dr.select(mine & si.is_valid(), mi.Float64(si.t), segment.tmax)
-    n = dr.width(path.eta)
+    segment.tmax = dr.select((mine & si.is_valid()) | lamp, mi.Float64(si.t), segment.tmax)
     met = nothing_met(n)
     if plan.surface_materials:
         met = context.surface_meshes.meet(segment, mine | ~blocked)
@@ -183,14 +192,15 @@ def _trace(context, plan: Plan, scene, sampler, lane: PathState) -> SegmentEnd:
     if plan.shells:
         target = dr.select(mine, -dr.log(1 - sampler.next_1d()), context.dark)
         flight = fly(context, segment, target, mine | (shadow.crosses & ~blocked), sampler.next_1d())
-    return SegmentEnd(mine, si, blocked, met, flight)
+    past = si.t + PAST * (si.t + dr.max(dr.abs(si.p))) if plan.hidden else mi.Float(0)
+    return SegmentEnd(mine, si, blocked, lamp, past, met, flight)
 
 
 def _arrive(context, plan: Plan, lane: PathState, end: SegmentEnd):
-    """End a shadow, or take it on behind a surface material. Returns it, the lane's light, and whether it goes on."""
+    """End a shadow, or take it on behind a surface material or a lamp. Returns it, the lane's light, and whether it goes on."""
     shadow = lane.shadow
     arrived = shadow.pending & ~end.blocked
-    passing = arrived & end.met.hit
+    passing = arrived & (end.met.hit | end.lamp)
     radiance = shadow.radiance * dr.select(arrived, dr.exp(-mi.Float(end.flight.depth)), 0)
     light = lane.light + dr.select(arrived & ~passing, radiance, 0)
     ray = shadow.ray
@@ -198,6 +208,10 @@ def _arrive(context, plan: Plan, lane: PathState, end: SegmentEnd):
         radiance *= dr.select(end.met.front, 1 - end.met.alpha, 1)
         ray = beyond(ray, context.surface_meshes.beyond(end.met.t))
         passing &= dr.max(radiance) > 0
+    if plan.ghosts:
+        at_lamp = passing & ~end.met.hit
+        radiance = dr.select(at_lamp, shadow.radiance * dr.exp(-mi.Float(end.flight.depth)), radiance)
+        ray = dr.select(at_lamp, beyond(shadow.ray, end.past), ray)
     return Shadow(ray, radiance, shadow.crosses, shadow.pending), light, passing
 
 

@@ -13,7 +13,7 @@ from mesoshell.geometry.mesh import Mesh
 from mesoshell.render.camera import Camera
 from mesoshell.render.lamp import EXTENDED, Lamp, facing, radius
 from mesoshell.render.light import Distant, Environment
-from mesoshell.render.mitsuba_frame import camera_pose, sky_pose, spot_angles, spot_pose
+from mesoshell.render.mitsuba_frame import camera_pose, sky_pose, spot_angles
 
 
 def sensor(camera: Camera, samples: int) -> dict:
@@ -54,7 +54,6 @@ def lamp(given: Lamp) -> dict:
         return made | {"center": position, "radius": radius(given)}
     pose: Any = facing(given)
     if given.kind == "spot":
-        pose = spot_pose(given)
         made |= dict(zip(("beam_width", "cutoff_angle"), spot_angles(given), strict=True))
     return made | {"to_world": mi.ScalarTransform4f(pose)}
 

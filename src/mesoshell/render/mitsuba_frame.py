@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.render.camera import Camera
-from mesoshell.render.lamp import Lamp, facing
+from mesoshell.render.lamp import Lamp
 
 #: From our latitude-longitude frame to Mitsuba's, by the axis that points up.
 _SKY = {1: np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]), 2: np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])}
@@ -25,14 +25,6 @@ def sky_pose(up: int) -> Float[np.ndarray, "4 4"]:
     """`to_world` of an `envmap` whose image is ours. up: 1 for y, 2 for z."""
     pose = np.eye(4)
     pose[:3, :3] = _SKY[up].T
-    return pose
-
-
-def spot_pose(lamp: Lamp) -> Float[np.ndarray, "4 4"]:
-    """`to_world` of a `spot`, which shines along z and has no size."""
-    pose = facing(lamp)
-    x, n = pose[:3, 0] / np.linalg.norm(pose[:3, 0]), pose[:3, 2]
-    pose[:3, :2] = np.stack([x, np.cross(n, x)], axis=1)
     return pose
 
 

@@ -44,11 +44,9 @@ def sun_of(to_world: Float[np.ndarray, "4 4"], irradiance: Float[np.ndarray, "3"
     return Distant(_unit(to_world[:3, 2]), irradiance)
 
 
-def checked_lamp(lamp: Lamp) -> Lamp:
-    """Raises ValueError for one that cannot be."""
-    if fault := fault_of(lamp, FARTHEST, 1e30):
-        raise ValueError(fault)
-    return lamp
+def lamp_fault(lamp: Lamp) -> str:
+    """Why a lamp cannot be; empty if it can."""
+    return fault_of(lamp, FARTHEST, 1e30)
 
 
 def _unit(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

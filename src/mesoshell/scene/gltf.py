@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.render.lamp import Lamp
-from mesoshell.scene.file_scene import FileScene, checked_lamp, frame_of, sun_of
+from mesoshell.scene.file_scene import FileScene, frame_of, lamp_fault, sun_of
 
 LUX = 683.0
 LIGHTS = "KHR_lights_punctual"
@@ -60,16 +60,18 @@ def _file_scene(header: dict[str, Any]) -> FileScene:
         if light is not None:
             light = lights[light["light"]]
             strength = np.array(light.get("color", (1, 1, 1)), np.float64) * float(light.get("intensity", 1.0)) / LUX
+            name = str(node.get("name", light["type"]))
             if light["type"] == "directional":
                 suns.append(sun_of(to_world, strength))
-            elif light["type"] == "point":
-                lamps.append(checked_lamp(Lamp("point", to_world, strength)))
-            elif light["type"] == "spot":
+            elif light["type"] not in ("point", "spot"):
+                others.append(name)
+            elif np.linalg.det(to_world[:3, :3]) != 0 and strength.any():  # else hidden by its scale, or dark
                 cone = light.get("spot", {})
                 angles = float(cone.get("innerConeAngle", 0.0)), float(cone.get("outerConeAngle", np.pi / 4))
-                lamps.append(checked_lamp(Lamp("spot", to_world, strength, angles)))
-            else:
-                others.append(str(node.get("name", light["type"])))
+                lamp = Lamp(light["type"], to_world, strength, angles if light["type"] == "spot" else (0.0, 0.0))
+                fault = lamp_fault(lamp)
+                lamps += [] if fault else [lamp]
+                notes += [f"its lamp {name} is left out: {fault}"] if fault else []
     if len(cameras) > 1:
         notes.append(f"it has {len(cameras)} cameras: {cameras[0][0]}, the first, is taken")
     if suns and max(sun.irradiance.max() for sun in suns) < FAINT:

@@ -22,7 +22,7 @@ from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.lamp import EXTENDED, Lamp, facing, radius
 from mesoshell.render.light import Distant
-from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, sky_pose, spot_angles, spot_pose
+from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, sky_pose, spot_angles
 from mesoshell.render.quality import Quality
 from mesoshell.scene.growth import grows
 from mesoshell.scene.scene import Grown, Scene
@@ -118,8 +118,7 @@ def _lamp(lamp: Lamp) -> str:
     elif lamp.kind == "sphere":
         parts += [f'<point name="center" value="{at}"/>', f'<float name="radius" value="{radius(lamp)!r}"/>']
     else:
-        pose = spot_pose(lamp) if lamp.kind == "spot" else facing(lamp)
-        parts.append(f'<transform name="to_world"> {_matrix(pose)} </transform>')
+        parts.append(f'<transform name="to_world"> {_matrix(facing(lamp))} </transform>')
     if lamp.kind == "spot":
         names = ("beam_width", "cutoff_angle")
         parts += [f'<float name="{k}" value="{x!r}"/>' for k, x in zip(names, spot_angles(lamp), strict=True)]

@@ -75,14 +75,15 @@ class Scene:
     camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default:
         the first of such a file, else it frames the mesh from the upper front.
     lights: distant ones: a direction toward each, x y z in the mesh's axes, or a Distant. Default: the suns of
-        such a file; without any, key, fill and bounce, unless there is an environment or a lamp.
-    lamps: lights that stand somewhere. Engine jax takes each for the distant light that it is in the middle of what is grown.
-        Default: such a file's, where no `lights` are given.
+        such a file, where no `lamps` are given; without any, key, fill and bounce, unless there is an environment or a lamp.
+    lamps: lights that stand somewhere. Engine jax replaces each by a distant light, with its mean light on what is grown, from
+        the same side. Default: such a file's, where no `lights` are given.
     suns: whether such a file's suns and lamps, and a USD stage's dome light, light the scene where neither `lights` nor `lamps`
         are given.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
     environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it;
-        its middle lies toward +x, as in Blender. Default: the dome light of a USD stage, where no `lights` are given.
+        its middle lies toward +x, as in Blender. Default: the dome light of a USD stage, where neither `lights` nor `lamps` are
+        given.
     base_colour: diffuse albedo of the surface under a shell, and of `objects` without a colour, linear Rec. 709, each from 0
         to 1.
     objects: further meshes in the same frame that cast and receive shadows.

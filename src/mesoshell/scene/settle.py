@@ -13,7 +13,7 @@ from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material, read_image, read_params
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.scene import Grown, Scene
-from mesoshell.scene.setup import camera_of, lights_of, up_axis
+from mesoshell.scene.setup import camera_of, lamps_of, lights_of, up_axis
 from mesoshell.scene.unpack import unpack
 
 PartT = TypeVar("PartT", Scene, Grown)
@@ -39,6 +39,7 @@ def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool 
         size=(camera.width, camera.height),
         camera=camera,
         lights=lights_of(scene, camera, up)[0],
+        lamps=lamps_of(scene),
         environment=sky if sky is None or isinstance(sky, np.ndarray) else read_exr(sky)[..., :3],
         objects=tuple(mesh_of(x) for x in scene.objects),
         up="y" if up == 1 else "z",

@@ -28,8 +28,10 @@ from mesoshell.surface_material.scene import SurfaceDescription, default_period
 
 #: Most irradiance or radiance: sums of it stay finite in float32.
 BRIGHTEST = 1e30
-#: Share of a lamp's distance that what it lights may reach from its middle; above, a note says what engine jax takes it for.
+#: A note says what engine jax makes of a lamp where half of the size of what is lit is above this share of its distance.
 NEAR = 0.1
+#: Share of all lamps' light below which engine jax leaves one out; places over each mesh at which that is measured.
+DIM, PLACES = 1e-3, 1024
 
 DescriptionT = TypeVar("DescriptionT", "ShellDescription", SurfaceDescription)
 
@@ -84,7 +86,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
         transparent=scene.transparent,
         holdout=scene.holdout,
         others=tuple(others),
-        lamps=tuple(scene.lamps),
+        lamps=lamps_of(scene),
     )
 
 
@@ -124,34 +126,53 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
     lights, sky = lights_of(scene, camera, up)
     objects = tuple(mesh_of(x) for x in scene.objects)
     return SurfaceDescription(
-        mesh, period, camera, lights, sky, scene.base_colour, objects, scene.transparent, tuple(scene.lamps)
+        mesh, period, camera, lights, sky, scene.base_colour, objects, scene.transparent, lamps_of(scene)
     )
 
 
 def with_distant_lamps(d: DescriptionT, meshes: Sequence[Mesh]) -> tuple[DescriptionT, tuple[str, ...]]:
-    """The description with each lamp as the distant light that it is in the middle of some meshes, which is all that engine jax
-    has; and a note, if one is so near that it shows."""
+    """The description with a distant light in the place of each lamp, which is all that engine jax has: with the lamp's mean
+    light over some meshes; and a note, if one is so near that it shows. Lamps that give next to no light there are left out."""
     if not d.lamps:
         return d, ()
-    low, high = box_of(meshes).astype(np.float64)
-    middle = (low + high) / 2
-    ways = [np.linalg.norm(lamp.pose[:3, 3] - middle) for lamp in d.lamps]
-    near = sum(np.linalg.norm(high - low) / 2 > NEAR * way for way in ways)
-    lights = (*d.lights, *(as_distant(lamp, middle) for lamp in d.lamps))
-    which = "a lamp is" if len(d.lamps) == 1 else f"{near} of {len(d.lamps)} lamps are"
-    note = (
-        f"{which} near what is lit, all of which engine jax lights as its middle; engine mitsuba has lamps as they are"
-    )
+    places = np.concatenate([_places(mesh) for mesh in meshes])
+    suns = [as_distant(lamp, places) for lamp in d.lamps]
+    strengths = np.array([sun.irradiance.max() for sun in suns])
+    bright = strengths > DIM * strengths.sum()
+    low, high = box_of([*meshes, *d.objects]).astype(np.float64)
+    ways = np.array([np.linalg.norm(lamp.pose[:3, 3] - (low + high) / 2) for lamp in d.lamps])
+    near = int((bright & (np.linalg.norm(high - low) / 2 > NEAR * ways)).sum())
+    which = "a lamp is" if len(suns) == 1 else f"{near} of {len(suns)} lamps are"
+    note = f"{which} near what is lit: engine jax lights all of it alike, as it is lit on the mean; engine mitsuba does not"
+    lights = (*d.lights, *(sun for sun, kept in zip(suns, bright, strict=True) if kept))
     return replace(d, lights=lights, lamps=()), (note,) if near else ()
 
 
-def _check_values(scene: Scene) -> None:
-    """Raise InputError for an irradiance, a lamp or an albedo out of range, or for `objects` or `grow` that are not lists."""
-    check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
+def _places(mesh: Mesh) -> Float[np.ndarray, "N 3"]:
+    """Places spread over a mesh."""
+    corner = mesh.vertices[mesh.faces].astype(np.float64)
+    size = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    random = np.random.default_rng(0)
+    face = np.searchsorted(np.cumsum(size) / size.sum(), (np.arange(PLACES) + 0.5) / PLACES)
+    weights = random.dirichlet(np.ones(3), PLACES)
+    return np.einsum("nk,nki->ni", weights, corner[face])
+
+
+def lamps_of(scene: Scene) -> tuple[Lamp, ...]:
+    """The scene's lamps, of arrays. Raises InputError for what is none."""
     if not isinstance(scene.lamps, Sequence) or not all(isinstance(lamp, Lamp) for lamp in scene.lamps):
         raise InputError(Argument("lamps"), f"must be a list of Lamp, not {scene.lamps!r}")
     for fault in filter(None, (fault_of(lamp, FARTHEST, BRIGHTEST) for lamp in scene.lamps)):
         raise InputError(Argument("lamps"), fault)
+    return tuple(
+        Lamp(kind, np.array(pose, np.float64), np.array(strength, np.float64), cone)
+        for kind, pose, strength, cone in scene.lamps
+    )
+
+
+def _check_values(scene: Scene) -> None:
+    """Raise InputError for an irradiance or an albedo out of range, or for `objects` or `grow` that are not lists."""
+    check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
     if np.shape(scene.base_colour) != (3,):
         raise InputError(Argument("base_colour"), f"must be three numbers, not {scene.base_colour!r}")
     if isinstance(scene.objects, str | PathLike):

@@ -5,11 +5,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry import read_usd
-from mesoshell.geometry.mesh import load_nodes
+from mesoshell.geometry.mesh import Mesh, bounding_box, load_nodes
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera
+from mesoshell.render.lamp import Lamp, as_distant
 from mesoshell.scene import gltf, usd
 from mesoshell.scene.file_scene import FileScene
 from mesoshell.scene.kept_meshes import kept_mesh
@@ -23,6 +26,8 @@ READERS = {
 }
 #: Radiance below which a sky without suns is said to be faint.
 FAINT = 0.1
+#: Irradiance below which lamps that light a scene alone are said to be faint.
+DIM = 0.05
 #: Share by which a picture's proportions may differ from the camera's before it is said.
 ALIKE = 0.01
 
@@ -85,6 +90,10 @@ def unpack(scene: Scene) -> Scene:
                 notes.append(f"its sky is left out: {fault}")
             if sky is not None and not lights and not lamps and sky.max() < FAINT:
                 notes.append("its sky is faint, and it has no sun: --light or --no-suns lights it otherwise")
+    if lamps and not lights and sky is None and max(_brightness(lamp, mesh) for lamp in lamps) < DIM:
+        notes.append(
+            "its lamps are faint on the mesh, and nothing else lights it: --light or --no-suns lights it otherwise"
+        )
     return replace(
         scene,
         mesh=replace(mesh, notes=(*mesh.notes, *notes)),
@@ -97,6 +106,11 @@ def unpack(scene: Scene) -> Scene:
         also=tuple(replace(x, mesh=next(own), grow=()) if x.mesh is None else x for x in scene.also),
         up=scene.up or inside.up,
     )
+
+
+def _brightness(lamp: Lamp, mesh: Mesh) -> float:
+    low, high = bounding_box(mesh).astype(np.float64)
+    return float(as_distant(lamp, (low + high)[None] / 2).irradiance.max())
 
 
 def _is_size(size: Any) -> bool:

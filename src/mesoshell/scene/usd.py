@@ -22,7 +22,7 @@ from mesoshell.geometry.read_usd import is_visible, matrix, open_stage, prims, p
 from mesoshell.render.lamp import Kind, Lamp, area, radius
 from mesoshell.render.light import Distant
 from mesoshell.scene.dome import dome_of
-from mesoshell.scene.file_scene import FileScene, checked_lamp, frame_of, sun_of
+from mesoshell.scene.file_scene import FileScene, frame_of, lamp_fault, sun_of
 
 #: Lamps, by their schemas.
 LAMPS: dict[str, Kind] = {"SphereLight": "sphere", "RectLight": "rectangle", "DiskLight": "disk"}
@@ -36,7 +36,7 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
         UsdGeom, UsdLux, UsdSkel = pxr("UsdGeom"), pxr("UsdLux"), pxr("UsdSkel")
         frames, cameras, suns, lights, shapes, notes = UsdGeom.XformCache(time), [], [], [], [], []
         blenders = stage.GetRootLayer().documentation.startswith("Blender")
-        skeletons, domes, lamps, images = 0, [], [], []
+        skeletons, domes, lamps, images, shaped = 0, [], [], [], []
         up = "z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "y"
         for prim in prims(stage.GetPseudoRoot()):
             skeletons += prim.IsA(UsdSkel.Root)
@@ -50,8 +50,11 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
                     pass  # hidden by its scale
                 elif (kind := next((k for k in LAMPS if prim.IsA(getattr(UsdLux, k))), None)) is not None:
                     lamp = _lamp(kind, prim, to_world, time)
-                    lamps += [] if lamp is None else [lamp]
+                    fault = "" if lamp is None else lamp_fault(lamp)
+                    lamps += [] if lamp is None or fault else [lamp]
+                    notes += [f"its lamp {prim.GetName()} is left out: {fault}"] if fault else []
                     images += [prim.GetName()] if _has_image(prim, time) else []
+                    shaped += [prim.GetName()] if _is_shaped(prim, kind) else []
                 elif not prim.IsA(UsdLux.DistantLight):
                     lights.append(prim.GetName())
                 else:
@@ -71,6 +74,7 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
         left_out = (
             ("lights of other kinds", lights),
             ("images of lamps", images),
+            ("shapes of lamps' beams", shaped),
             ("shapes that are no meshes", shapes),
         )
         notes += [f"its {what} are left out: {_some(names)}" for what, names in left_out if names]
@@ -116,7 +120,7 @@ def _sun(light: Any, to_world: np.ndarray, share: float, time: Any) -> Distant:
 
 
 def _lamp(kind: str, prim: Any, to_world: np.ndarray, time: Any) -> Lamp | None:
-    """A lamp of one of LAMPS; None if it gives no light. Raises ValueError."""
+    """A lamp of one of LAMPS; None if it gives no light."""
     UsdLux = pxr("UsdLux")
     light = getattr(UsdLux, kind)(prim)
     strength, pose = _strength(light, time), to_world.copy()
@@ -142,10 +146,10 @@ def _lamp(kind: str, prim: Any, to_world: np.ndarray, time: Any) -> Lamp | None:
     if kind == "SphereLight" and prim.HasAPI(UsdLux.ShapingAPI):
         shaping = UsdLux.ShapingAPI(prim)
         ends = np.radians(shaping.GetShapingConeAngleAttr().Get(time))
-        if ends < np.pi / 2:
+        if shaping.GetShapingConeAngleAttr().HasAuthoredValue() and ends < np.pi:
             begins = ends * (1 - np.clip(shaping.GetShapingConeSoftnessAttr().Get(time), 0, 1))
             lamp = _as_point(lamp)._replace(kind="spot", pose=to_world, cone=(float(begins), float(ends)))
-    return checked_lamp(lamp) if strength.any() else None
+    return lamp if strength.any() else None
 
 
 def _as_point(lamp: Lamp) -> Lamp:
@@ -159,6 +163,16 @@ def _has_image(prim: Any, time: Any) -> bool:
     attribute = prim.GetAttribute("inputs:texture:file")
     value = attribute.Get(time) if attribute else None
     return value is not None and bool(value.path)
+
+
+def _is_shaped(prim: Any, kind: str) -> bool:
+    """Whether its beam has a shape that is not read."""
+    if not prim.HasAPI(pxr("UsdLux").ShapingAPI):
+        return False
+    shaping = pxr("UsdLux").ShapingAPI(prim)
+    left = [shaping.GetShapingFocusAttr(), shaping.GetShapingIesFileAttr()]
+    left += [] if kind == "SphereLight" else [shaping.GetShapingConeAngleAttr()]
+    return any(attribute.HasAuthoredValue() for attribute in left)
 
 
 def _strength(light: Any, time: Any) -> Float[np.ndarray, "3"]:

@@ -82,7 +82,14 @@ def examine(
         picture = render(made, quality, plan_effects(facts(made), quality))[0]
     checks.append(_of_radiance(picture))
     progress(1.0)
-    return Stability(tuple(checks), picture, walks.first, np.concatenate(kept), walks.excess, (*d.notes, *lamps))
+    return Stability(
+        tuple(checks),
+        picture,
+        walks.first,
+        np.concatenate(kept),
+        walks.excess,
+        (*d.notes, *(lamps if engine == "jax" else ())),
+    )
 
 
 def _of_surface_material(scene: Scene, count: int, progress: Callable[[float], None], engine: str) -> Stability:

@@ -19,7 +19,7 @@ from mesoshell.render.camera import Camera
 from mesoshell.scene.materials import Material
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settle import settle
-from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface
+from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface, with_distant_lamps
 from mesoshell.scene.unpack import unpack
 from mesoshell.viewer.look import Look, describe_look, first_look, scene_of_look, with_size, with_texture_of
 from mesoshell.viewer.refine import Abandoned, RefinedPicture, refine
@@ -85,7 +85,8 @@ class Workshop:
         self.begun = settle(scene, texture=False)
         self.still = settle(self.begun, progress)
         if scene.material.kind != KIND:
-            self.notes = describe_shell(self.still).notes  # once its texture is grown
+            d = describe_shell(self.still)  # once its texture is grown
+            self.notes = (*d.notes, *(with_distant_lamps(d, [x.mesh for x in d.growths])[1] if engine == "jax" else ()))
         self.look = first_look(self.begun)
         self._texture: tuple | None = self.look.texture(self.begun)
         self._show, self._tell, self._growing, self._engine = show, say, growing, engine

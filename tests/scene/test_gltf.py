@@ -222,7 +222,9 @@ def test_faint_lamps_that_light_a_scene_alone_are_said(material: Material, tmp_p
     nodes: list[dict] = [{"name": "a", "mesh": 0, "children": [1]}, lit({"translation": [0, 0, 5]}, {})["nodes"][0]]
     header = triangles(nodes) | lit({}, {"type": "point", "intensity": 1.0}) | {"nodes": nodes}
     path = written(tmp_path, header)
-    for more, faint in (({}, True), ({"environment": np.ones((2, 4, 3), np.float32)}, False), ({"suns": False}, False)):
+    sky = np.ones((2, 4, 3), np.float32)
+    given: list[tuple[Any, bool]] = [({}, True), ({"suns": False}, False), ({"environment": sky}, False)]
+    for more, faint in given:
         mesh: Any = unpack(ms.Scene(path, material, **more)).mesh
         assert any("its lamps are faint" in note for note in mesh.notes) == faint
 

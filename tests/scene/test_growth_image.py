@@ -54,7 +54,7 @@ def test_a_shell_is_as_thick_as_the_image_is_bright(fog: ms.Material):
 @pytest.mark.parametrize("engine", ["jax", "mitsuba"])
 def test_black_is_bare_and_grey_is_lower(engine: Any, fog: ms.Material):
     """From above all that grows is as dense, for lengths in a shell are canonical; from aside it is as high as it is bright."""
-    more = {"spp": 64, "max_depth": 2} if engine == "mitsuba" else {}
+    more: dict[str, Any] = {"spp": 64, "max_depth": 2} if engine == "mitsuba" else {}
     image = np.repeat(np.array([[1.0, 0.5, 0.0]], np.float32), [8, 8, 8], axis=1).repeat(24, axis=0)
     scene = scene_of(fog, growth=image)
     seen = ms.render(scene, "normal", engine=engine, density="network", **more).rgba[..., 0]

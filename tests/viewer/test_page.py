@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import os
 import shutil
 import socket
 import threading
@@ -441,3 +442,77 @@ def test_in_a_browser(page: Page, browser: Any):
         time.sleep(0.2)
     assert np.ptp(page.work.look.painted["dryness"].image) > 0.3
     tab.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_minute_of_random_input(page: Page, browser: Any, seed: int):
+    """Clicks, drags, keys and wheels anywhere, by two clients of which one comes and goes: no error in the page or here, no
+    thread that ends, no growth of memory to speak of; and at the end the picture still follows the camera."""
+    random, faults = np.random.default_rng(seed), []
+    hooked, threading.excepthook = threading.excepthook, lambda args: faults.append(repr(args.exc_value))
+    tab = browser.new_page(viewport={"width": 900, "height": 600})
+    tab.on("pageerror", lambda fault: faults.append(str(fault)))
+    tab.goto(page.url)
+    settles(tab, lambda x: x.std() > 10)
+    other, sizes, end = None, [], time.monotonic() + 60
+    try:
+        while (now := time.monotonic()) < end:
+            if random.random() < 0.02:
+                if other is None:
+                    other = browser.new_page(viewport={"width": 500, "height": 400})
+                    other.goto(page.url)
+                else:
+                    other.close()
+                    other = None
+            poke(tab, random)
+            if int(end - now) % 10 == 0:
+                sizes.append(resident())
+    finally:
+        threading.excepthook = hooked
+        if other is not None:
+            other.close()
+    assert not faults and all(thread.is_alive() for thread in page.work._threads)
+    assert sizes[-1] < sizes[0] + 300 * 2**20
+    tab.reload()
+    before = settles(tab, lambda x: x.std() > 5)
+    end = time.monotonic() + 60
+    while np.abs(picture(tab) - before).mean() < 0.5:
+        assert time.monotonic() < end, "the picture stands still"
+        tab.mouse.move(200, 300)
+        tab.mouse.down()
+        tab.mouse.move(290, 330, steps=4)
+        tab.mouse.up()
+        time.sleep(1)
+    tab.close()
+
+
+def poke(tab: Any, random: np.random.Generator) -> None:
+    """One random thing that a user may do."""
+    x, y, u, v = (float(k) for k in random.random(4) * [900, 600, 900, 600])
+    kind = random.integers(6)
+    if kind == 0:
+        tab.mouse.click(x, y)
+    elif kind == 1:
+        tab.mouse.move(x, y)
+        tab.mouse.down()
+        tab.mouse.move(u, v, steps=3)
+        tab.mouse.up()
+    elif kind == 2:
+        tab.mouse.move(x, y)
+        tab.mouse.wheel(0, float(random.integers(-300, 300)))
+    elif kind == 3:
+        tab.keyboard.press(str(random.choice(["Tab", "Escape", "ArrowLeft", "ArrowUp", "Backspace", "7", "-", "."])))
+    elif kind == 4:
+        tab.mouse.click(750 + x / 9, y)  # the panel
+    else:
+        tab.mouse.move(750 + x / 9, y)
+        tab.mouse.down()
+        tab.mouse.move(750 + u / 9, y + 3, steps=2)
+        tab.mouse.up()
+
+
+def resident() -> int:
+    """Bytes of this process's memory."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")

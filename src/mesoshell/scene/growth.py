@@ -103,7 +103,7 @@ def _extruded(part: Scene | Grown) -> tuple[Mesh, Shell]:
     image = read_image("", part.growth, Argument("growth"))
     mesh = refine(mesh, levels_for(mesh, image.shape))
     share = at_vertices(mesh, image)
-    bare = (share[mesh.faces] < LEAST).all(axis=1)
+    bare = np.all(share[mesh.faces] < LEAST, axis=1)
     if bare.all():
         raise InputError(Argument("growth"), "is black everywhere on the mesh: nothing grows")
     return mesh, extrude(mesh, thickness * np.maximum(share, LEAST), scale, bare)

@@ -29,9 +29,12 @@ from tests.helpers.ports import free_port
 viser = pytest.importorskip("viser", reason="requires the extra viewer")
 websockets = pytest.importorskip("websockets", reason="requires the extra viewer")
 
+from mesoshell.scene.growth import growth_of  # noqa: E402
 from mesoshell.viewer import refine as refining  # noqa: E402
 from mesoshell.viewer.address import own_names  # noqa: E402
 from mesoshell.viewer.browser import camera_of  # noqa: E402
+from mesoshell.viewer.brush import grown_so_far  # noqa: E402
+from mesoshell.viewer.look import command, scene_of_look  # noqa: E402
 from mesoshell.viewer.page import ComparisonView, Page  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -185,6 +188,39 @@ def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page, brush: Any):
     brush._undo(None)
     brush._undo(None)
     assert brush.painted == {} and page.work.look.painted == {} and not page._panel.params["dryness"].disabled
+
+
+def test_growth_is_painted_too(page: Page, brush: Any):
+    """Where the brush mows, nothing grows; the command line takes the image."""
+    brush._name.value = "growth"
+    brush._choose()
+    assert brush._value.value == 0
+    usual, brush._radius.value = brush._radius.value, 0.3
+    for _ in range(3):
+        drag(page, (0.5, 0.5), (0.5, 0.5))
+    brush._radius.value = usual
+    mown = brush.painted["growth"].image
+    assert mown.min() < 0.01 and mown.max() == 1 and 20 < (mown < 1).sum() < 0.5 * mown.size
+    camera = looking(page)
+    scene = scene_of_look(page.work.begun, page.work.still, page.work.look, camera, False)
+    assert scene.growth is mown
+    faces = [len(growth_of(x).shell.faces) / len(growth_of(x).mesh.faces) for x in (scene, page.work.still)]
+    assert faces[0] < faces[1]
+    line = command(page.work.given, scene, page.work.look, "jax", 1)
+    assert "--growth growth.exr" in line and "growth=" not in line
+    for _ in range(3):
+        brush._undo(None)
+    assert brush.painted == {}
+    brush._name.value = "dryness"
+    brush._choose()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 5), (512, 512), (2000, 1000)])
+def test_a_scenes_own_growth_is_painted_on(shape: tuple[int, int]):
+    image = np.random.default_rng(0).random(shape).astype(np.float32)
+    found = grown_so_far(image, 64)
+    assert found.shape == (64, 64) and np.isin(found, image).all()
+    np.testing.assert_array_equal(grown_so_far(None, 8), np.ones((8, 8)))
 
 
 def test_what_was_taken_back_is_drawn_again(page: Page, brush: Any):

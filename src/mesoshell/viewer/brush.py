@@ -1,4 +1,4 @@
-"""The brush of a viewer's page: drags over the mesh paint a parameter, or comb an angle along the stroke.
+"""The brush of a viewer's page: drags over the mesh paint a parameter, or how high it grows, or comb an angle along the stroke.
 
 While the brush is on, the shell's top, invisible, catches drags that begin on it; others still turn the camera. A stroke
 shows about once a second as it is drawn, or at its end where it grows another texture. All clients share the images, and
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.bundle import Parameter
@@ -20,7 +21,7 @@ from mesoshell.io.image import exr_bytes
 from mesoshell.render.camera import Camera, rays
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.canvas import Canvas, Hit
-from mesoshell.viewer.look import Painting
+from mesoshell.viewer.look import GROWTH, Painting
 from mesoshell.viewer.work import Workshop
 
 #: Brush's radius as a share of the mesh's size: least, usual, most.
@@ -29,6 +30,9 @@ RADII = (0.01, 0.08, 0.3)
 SPACING, DABS, JUMP = 0.25, 8, 4.0
 #: Seconds between pictures of a stroke: fewer, and none would be done before the next; strokes that can be undone.
 SHOWN, UNDONE = 1.0, 50
+
+#: How high the material grows, painted like a parameter of geometry.
+HEIGHT = Parameter(GROWTH, "beta", (0.0, 1.0), 1.0, "1", "share of the thickness; nothing grows at 0")
 
 #: What a parameter was painted with before, or after; None where it was a number.
 Row = MutableSequence[Painting | None]
@@ -53,7 +57,7 @@ class Brush:
         self._server, self._work, self._changed = server, work, changed
         self._parameters: Mapping[str, Parameter] = {
             name: p for name, p in work.begun.material.parameters.items() if name in work.look.params
-        }
+        } | {GROWTH: HEIGHT}
         self._before: dict[str, Row] = {name: deque(maxlen=UNDONE) for name in self._parameters}
         self._after: dict[str, Row] = {name: [] for name in self._parameters}
         self._now: dict[str, Painting] = {}
@@ -89,7 +93,7 @@ class Brush:
         p = self._parameters[self._name.value]
         low, high = p.range
         self._value.min, self._value.max, self._value.step = low, high, (high - low) / 200
-        self._value.value = high
+        self._value.value = low if p is HEIGHT else high
         self._along.visible = is_angle(p)
 
     def _switch(self, _: Any) -> None:
@@ -185,6 +189,8 @@ class Brush:
         """What is painted so far; at first, the parameter's number everywhere."""
         if name in self._now:
             return self._now[name].image
+        if name == GROWTH:
+            return grown_so_far(self._work.begun.growth, canvas.side)
         low, high = self._parameters[name].range
         share = np.clip((self._work.look.params[name] - low) / (high - low), 0, 1)
         return np.full((canvas.side,) * 2, share, np.float32)
@@ -223,6 +229,14 @@ class Brush:
         if name in self._now and event.client is not None:
             data = exr_bytes(np.repeat(self._now[name].image[..., None], 3, axis=2), half=False)
             event.client.send_file_download(f"{name}.exr", data, save_immediately=True)
+
+
+def grown_so_far(image: Any, side: int) -> Float[np.ndarray, "N N"]:
+    """A scene's image of growth at the canvas's size: its nearest pixels; white without one."""
+    if image is None:
+        return np.ones((side, side), np.float32)
+    row, column = ((np.arange(side) + 0.5) / side * n for n in image.shape)
+    return image[np.ix_(row.astype(int), column.astype(int))].astype(np.float32)
 
 
 def is_angle(parameter: Parameter) -> bool:

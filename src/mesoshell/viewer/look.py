@@ -22,6 +22,9 @@ from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.unpack import is_scene_file
 
+#: The name under which `Look.painted` has how high the material grows.
+GROWTH = "growth"
+
 
 @dataclass(frozen=True, eq=False)
 class Painting:
@@ -104,6 +107,7 @@ def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: b
         params={**still.params, **_values(begun, look, "alpha")},
         seed=look.seed if tiled else still.seed,
         thickness=look.thickness,
+        growth=look.painted[GROWTH].image if GROWTH in look.painted else still.growth,
         base_colour=look.base_colour,
         lights=lights,
         lamps=lamps,
@@ -156,13 +160,14 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     words += _option("size", scene.camera.width, scene.camera.height)
     images = {name: value for name, value in given.params.items() if name not in look.params}
     painted = {name: f"{name}.exr" for name in look.painted}
+    growth = painted.pop(GROWTH, given.growth)
     for name, value in {**images, **look.params, **painted}.items():
         words += ["--param", f"{name}={value:.6g}" if isinstance(value, float) else f"{name}={value}"]
     if look.texture(given) or look.seed:
         words += ["--seed", str(look.seed)]
     for name, value in (("thickness", look.thickness), ("scale", scene.scale)):
         words += [] if value is None else _option(name, value)
-    words += [] if given.growth is None else ["--growth", str(given.growth)]
+    words += [] if growth is None else ["--growth", str(growth)]
     words += _option("base", *look.base_colour)
     own = look.sun is None and look.sky is None
     for light in given.lights if own else scene.lights:

@@ -16,6 +16,7 @@ import viser
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.image import exr_image, linear_to_srgb, srgb_to_linear
+from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import load_material
@@ -129,7 +130,7 @@ class Page:
             self._given_base = look.base_colour
             self._ground = tuple(round(255 * float(x)) for x in linear_to_srgb(np.array(look.base_colour)))
             self._base = gui.add_rgb("ground", self._ground, hint="colour of the surface under the shell")
-        if look.params:
+        if work.begun.material.kind != KIND:
             self._brush = Brush(self._server, work, self._paint)
         with gui.add_folder("Light"):
             self._lit = gui.add_checkbox("sun", False, hint="one light from here, in place of the scene's")

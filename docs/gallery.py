@@ -33,6 +33,7 @@ def render(name: str, words: list[str]) -> None:
         return
     main([*words, "--out", str(OUT / name)])
     frames = [np.asarray(Image.open(x)) for x in sorted((OUT / name).glob("*.png"))]
+    assert len(frames) % 2 == 0, f"{name}: an even number of frames fills the rows"
     rows = [np.concatenate(frames[k : k + 2], axis=1) for k in range(0, len(frames), 2)]
     Image.fromarray(np.concatenate(rows)).save(PICTURES / path.name, optimize=True)
 

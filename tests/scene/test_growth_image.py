@@ -7,15 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tyro
 from PIL import Image
 
 import mesoshell as ms
 import mesoshell.pathtracer
+from mesoshell.cli.described_scene import scene_of as scene_of_words
 from mesoshell.cli.main import main
+from mesoshell.cli.options.render import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
-from mesoshell.scene.growth import LEAST, growth_of
+from mesoshell.scene.growth import LEAST, _extruded, growth_of
 from mesoshell.scene.settle import settle
 from mesoshell.viewer.look import command, first_look, scene_of_look
 from tests.helpers import wearing
@@ -93,13 +96,50 @@ def test_the_command_and_the_library_and_the_viewers_words_are_the_same(fog: ms.
 
 
 def test_of_a_further_material(fog: ms.Material, tmp_path: Path):
-    half = ms.Grown(box(), fog, thickness=0.05, scale=0.05, growth=HALF)
-    far = wearing.moved(box(), 5, 0, 0)
-    both = scene_of(fog, also=[half])
-    alone = replace(scene_of(fog, growth=HALF), also=())
-    found = [growth_of(x) for x in (both.also[0], alone)]
-    assert len(found[0].shell.faces) == len(found[1].shell.faces) < len(found[0].mesh.faces)
-    assert far.vertices[:, 0].min() == 5
+    """By the command: grey 128 of 255 is half as high."""
+    Image.fromarray(np.full((8, 8), 128, np.uint8)).save(tmp_path / "grey.png")
+    wearing.write_obj(tmp_path / "square.obj", wearing.square())
+    wearing.write_obj(tmp_path / "other.obj", wearing.moved(wearing.square(), 3, 0, 0))
+    words = [str(tmp_path / "square.obj"), "--material", fog.name, "--object", f"{tmp_path / 'other.obj'}={fog.name}"]
+    words += ["--param", f"{fog.name}:growth={tmp_path / 'grey.png'}", "--param", f"{fog.name}:thickness=0.1"]
+    scene = scene_of_words(tyro.cli(Options, args=words), fog)
+    own, other = growth_of(scene), growth_of(scene.also[0])
+    heights = [np.linalg.norm(x.shell.offset, axis=1).max() for x in (own, other)]
+    assert heights[1] == pytest.approx(0.1 * 128 / 255, rel=1e-4) and len(np.unique(heights)) == 2
+
+
+def test_an_island_keeps_parameters_and_textures_in_their_places(fog: ms.Material):
+    """What is bare all around moves neither images of parameters nor where a texture begins."""
+    disc = np.zeros((64, 64), np.float32)
+    disc[20:44, 30:50] = 1
+    island, whole = (growth_of(scene_of(fog, growth=x)) for x in (disc, np.ones((64, 64), np.float32)))
+    assert len(island.shell.faces) < 0.3 * len(whole.shell.faces)
+    assert island.patches_per_uv == pytest.approx(whole.patches_per_uv, rel=1e-5) == pytest.approx(20)
+    assert island.origin == whole.origin
+    uv = [_extruded(scene_of(fog, growth=x)).uv for x in (disc, np.ones((64, 64), np.float32))]
+    assert [(x.min(), x.max()) for x in uv] == [(0, 20), (0, 20)]
+
+
+def test_uneven_grass_shades_itself_in_mitsuba_and_jax_says_that_it_does_not(fog: ms.Material):
+    flat, uneven = scene_of(fog), scene_of(fog, growth=HALF)
+    assert (
+        not ms.explain(flat, engine="mitsuba").shell_shadow.on and ms.explain(uneven, engine="mitsuba").shell_shadow.on
+    )
+    notes = [ms.render(x, "draft", max_samples=1).notes for x in (flat, uneven)]
+    assert [any("casts no shadow on lower or bare places" in note for note in some) for some in notes] == [False, True]
+
+
+def test_what_is_coarse_for_its_image_is_said(fog: ms.Material):
+    fine, coarse = (growth_of(scene_of(fog, growth=np.ones((n, n), np.float32))).notes for n in (64, 4096))
+    assert not fine and coarse == ("growth is read every 16 of its pixels: the mesh has 131072 triangles for it",)
+
+
+def test_an_image_that_is_changed_in_place_grows_anew(fog: ms.Material):
+    image, mesh = HALF.copy(), box()
+    before = growth_of(replace(scene_of(fog, growth=image), mesh=mesh))
+    assert growth_of(replace(scene_of(fog, growth=image), mesh=mesh)).shell is before.shell
+    image[:] = 1
+    assert len(growth_of(replace(scene_of(fog, growth=image), mesh=mesh)).shell.faces) > len(before.shell.faces)
 
 
 @pytest.mark.parametrize(
@@ -107,8 +147,11 @@ def test_of_a_further_material(fog: ms.Material, tmp_path: Path):
     [
         ("none.png", "growth: none.png is no image file"),
         (np.zeros((4, 4), np.float32), "growth: is black everywhere on the mesh: nothing grows"),
-        (np.full((4, 4), 2, np.float32), "growth: an image holds values outside 0 to 1"),
-        (np.zeros((0, 4), np.float32), "growth: an image has shape"),
+        (
+            np.full((4, 4), 2, np.float32),
+            "growth: must be an image (H, W) from 0 to 1; this one is (4, 4), from 2 to 2",
+        ),
+        (np.zeros((0, 4), np.float32), "growth: must be an image (H, W) from 0 to 1; this one is (0, 4)"),
     ],
     ids=["missing", "black", "bright", "empty"],
 )

@@ -103,7 +103,7 @@ def test_copies_are_all_there(tmp_path: Path):
     }}
     """
     found = read_usd.parts(stage(tmp_path, rock + copy + scattered))
-    least = sorted((names[0], points[:, 0].min(), np.ptp(points[:, 0])) for names, (points, _, _), _ in found)
+    least = sorted((names[0], points[:, 0].min(), np.ptp(points[:, 0])) for names, (points, _, _), *_ in found)
     wanted = [("/Copy1/Stone", 10, 1), ("/Copy2/Stone", 20, 1), ("/Field", 100, 1), ("/Field", 106, 2)]
     assert [x[0] for x in least] == [x[0] for x in wanted]
     np.testing.assert_allclose([x[1:] for x in least], [x[1:] for x in wanted])
@@ -129,7 +129,7 @@ def test_prototypes_may_be_hidden_abstract_and_within_each_other(tmp_path: Path)
         }}
         """
         found = read_usd.parts(stage(tmp_path, body))
-        inside = [x for names, (x, _, _), _ in found if names[0] == "/Outer"]
+        inside = [x for names, (x, _, _), *_ in found if names[0] == "/Outer"]
         assert sorted(x[:, 0].min() for x in inside) == [111.5, 112.5, 121.5, 122.5]
 
 
@@ -143,7 +143,7 @@ def test_holes_and_plain_pairs(tmp_path: Path):
         float2[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = "vertex" )
         texCoord2f[] primvars:lightmap = [(9, 9), (9, 9), (9, 9), (9, 9)] ( interpolation = "vertex" )
     """
-    ((_, (_, faces, uv), _),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
+    ((_, (_, faces, uv), *_),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
     assert faces.tolist() == [[0, 2, 3]] and uv.tolist() == [[[0, 0], [1, 1], [0, 1]]]
 
 
@@ -152,7 +152,7 @@ def test_the_first_time_code(tmp_path: Path):
     order = 'uniform token[] xformOpOrder = ["xformOp:translate"]\n'
     body = mesh("A", moves.replace("{{", "{").replace("}}", "}") + order)
     for head, wanted in (('upAxis = "Y"', 5), ("startTimeCode = 20", 9)):
-        ((_, (points, _, _), _),) = read_usd.parts(stage(tmp_path, body, head))
+        ((_, (points, _, _), *_),) = read_usd.parts(stage(tmp_path, body, head))
         assert points[:, 0].min() == wanted
 
 
@@ -244,7 +244,10 @@ def test_subsets_and_their_colours(tmp_path: Path):
     looks += shader("Checked", "color3f inputs:diffuseColor.connect = </Checked/Read.outputs:rgb>")
     path = stage(tmp_path, mesh("Hill", kind=API, body=body) + looks + mesh("Bare"))
     parts = read_usd.parts(path)
-    found = {tuple(part.names[1::2]): (len(part.arrays[0]), len(part.arrays[1]), part.colour) for part in parts}
+    found = {
+        (*part.names[1::2], *part.material[1::2]): (len(part.arrays[0]), len(part.arrays[1]), part.colour)
+        for part in parts
+    }
     red = pytest.approx((0.7, 0, 0))
     assert found == {
         ("All", "Hill", "Green"): (10, 6, (0.18, 0.18, 0.18)),
@@ -398,7 +401,7 @@ def test_polygons_are_fans_with_their_own_coordinates(tmp_path: Path, count: int
         texCoord2f[] primvars:UVMap = [{uv}] ( interpolation = "faceVarying" )
         int[] primvars:UVMap:indices = {list(range(count))[::-1]}
     """
-    ((_, (_, faces, uv), _),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
+    ((_, (_, faces, uv), *_),) = read_usd.parts(stage(tmp_path, mesh("A", body=body)))
     np.testing.assert_array_equal(faces, [[0, k, k + 1] for k in range(1, count - 1)])
     np.testing.assert_array_equal(uv[..., 0], count - 1 - faces)
 

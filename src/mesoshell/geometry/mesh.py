@@ -129,19 +129,11 @@ def is_convex(mesh: Mesh) -> bool:
     """Whether no vertex lies in front of any face: such a mesh is dark only where it faces away from the light."""
     v = mesh.vertices.astype(np.float64)
     size = np.ptp(v, axis=0).max()
-    for f in mesh.faces[_planes(v[mesh.faces])]:
+    for f in mesh.faces:
         normal = np.cross(v[f[1]] - v[f[0]], v[f[2]] - v[f[0]])
         if ((v - v[f[0]]) @ normal).max() > 1e-6 * size * np.linalg.norm(normal):
             return False
     return True
-
-
-def _planes(corner: Float[np.ndarray, "F 3 3"]) -> Int[np.ndarray, "N"]:
-    """A face of each plane that faces lie in: exactly, as after refining what is flat."""
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    plane = np.column_stack([normal, np.einsum("fi,fi->f", normal, corner[:, 0])])
-    return np.sort(np.unique(plane, axis=0, return_index=True)[1])
 
 
 def face_albedos(count: int, objects: Sequence[Mesh], base: tuple[float, float, float]) -> Float[np.ndarray, "F 3"]:

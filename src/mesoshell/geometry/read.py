@@ -58,7 +58,11 @@ def read_nodes(
     no other group; and all its others, by colour. Raises InputError, in one line, for a group without triangles."""
     with _one_line(path):
         parts = _parts(path, apart=True)
-        present = sorted({owner for part in parts for owner in part.names})
+        owners = {owner for part in parts for owner in part.names}
+        called = [
+            [*(x for x in part.material if x not in owners), *part.names] for part in parts
+        ]  # most specific first
+        present = sorted({name for names in called for name in names})
         group_of: dict[str, int] = {}
         for k, names in enumerate(groups):
             for name in names:
@@ -67,7 +71,7 @@ def read_nodes(
                     raise InputError(path, f"has no mesh named {name!r}: its names are {', '.join(paths or present)}")
                 if group_of.setdefault(name, k) != k:
                     raise InputError(path, f"two materials are given for {name!r}")
-        chosen = [next((group_of[x] for x in part.names if x in group_of), -1) for part in parts]
+        chosen = [next((group_of[x] for x in names if x in group_of), -1) for names in called]
         meshes = [
             join_arrays([part.arrays for part, own in zip(parts, chosen, strict=True) if own == k])
             for k in range(len(groups))
@@ -178,7 +182,7 @@ def _is_text_stl(head: bytes) -> bool:
 
 def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
     """Each mesh of a file in world space, and the names of its node and of those it hangs on, from itself upward. apart: with
-    the names of materials after these, and their colours; of a USD stage, each subset for itself."""
+    their materials; of a USD stage, each subset for itself."""
     if Path(path).suffix.lower() in read_usd.FORMATS:
         return read_usd.parts(path, apart)
     gltf = Path(path).suffix.lower() in (".glb", ".gltf")
@@ -201,15 +205,16 @@ def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
             owners.append(above)
             above = parents.get(above)
         place = position @ pose[:3, :3].T + pose[:3, 3]
-        called, colour = [names[owner] for owner in owners if owner in names], None
+        called: list[str] = []
+        colour = None
         material = getattr(part.visual, "material", None)
         if apart and material is not None:
             key = str(getattr(material, "name", ""))
             if key not in looks:
                 looks[key] = _look(material, materials)
-            more, colour = looks[key]
-            called += more
-        parts.append(Part(called, (place, corner, np.asarray(uv, np.float64)[:, :2][corner]), colour))
+            called, colour = looks[key]
+        arrays = place, corner, np.asarray(uv, np.float64)[:, :2][corner]
+        parts.append(Part([names[owner] for owner in owners if owner in names], arrays, colour, called))
     return parts
 
 

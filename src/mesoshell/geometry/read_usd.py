@@ -36,12 +36,13 @@ GREY = 0.18
 
 
 class Part(NamedTuple):
-    """Some triangles of one material. names: of subsets, of the prim and of those above it, and of the material; arrays:
-    points, triangles and corner UVs; colour: of the material, None without one."""
+    """Some triangles of one material. names: of subsets, of the prim and of those above it; arrays: points, triangles and
+    corner UVs; colour, material: of the material, and its names; nothing without one."""
 
     names: list[str]
     arrays: tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]
     colour: Colour | None = None
+    material: Sequence[str] = ()
 
 
 class _Look(NamedTuple):
@@ -82,8 +83,8 @@ def open_stage(path: str | PathLike[str]) -> Iterator[tuple[Any, Any]]:
 
 def parts(path: str | PathLike[str], apart: bool = True) -> Sequence[Part]:
     """Each mesh of a stage, with the names of its prim and of those above it, from itself upward: paths and bare names. Of a
-    point that repeats a prototype these are its instancer's. apart: whether subsets are parts of their own, with the names of
-    their materials, and colours."""
+    point that repeats a prototype these are its instancer's. apart: whether subsets are parts of their own, with their
+    materials."""
     there = memory()
     with open_stage(path) as (stage, time):
         walk = _Walk(path, stage, time, there, apart)
@@ -162,7 +163,7 @@ class _Walk:
                     look = self.look(prim if bound is None else bound.GetPrim())
                     inner = [name for x in subsets for name in (str(x.GetPath()), x.GetPrim().GetName())]
                     arrays = (points, faces, uv) if own.all() else _compact(points, faces[own], uv[own])
-                    yield Part([*inner, *(names or _names(prim)), *look.names], arrays, look.colour)
+                    yield Part([*inner, *(names or _names(prim))], arrays, look.colour, look.names)
             else:
                 for prototype, at in _instances(self.stage, prim, self.time):
                     yield from self.below(prototype, to_world @ at, names or _names(prim), depth + 1)
@@ -220,8 +221,9 @@ def _pieces(prim: Any, polygon: Int[np.ndarray, "M"], time: Any) -> Iterator[tup
         for k in np.unique(kind[own]):
             kind[own & (kind == k)] = len(members)
             members.append([*members[k], subset])
+    of_triangle = kind[polygon]
     for k, subsets in enumerate(members):
-        own = kind[polygon] == k
+        own = of_triangle == k
         if own.any():
             yield subsets, own
 

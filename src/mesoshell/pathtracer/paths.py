@@ -23,7 +23,7 @@ from mesoshell.pathtracer.samples import Ray
 from mesoshell.pathtracer.surface_material import nothing_met
 
 #: How far past a lamp a ray goes on, relative to the distance and the coordinates of where it meets it.
-PAST = 1e-5
+PAST = 2e-6
 
 
 @dataclass

@@ -3,28 +3,37 @@
 `one` is a Scene, for its own material, or one of its `also`: both have a mesh, a material, and what is set of it.
 """
 
+import hashlib
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from os.path import isfile
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry.mesh import Mesh
-from mesoshell.geometry.refine import at_vertices, levels_for, refine
+from mesoshell.geometry.refine import at_vertices, levels_for, pixels_an_edge, refine
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import seed_origin
+from mesoshell.io.image import read_heights
 from mesoshell.io.material import PARAMS, parameter_vector
 from mesoshell.limits import check_seed
 from mesoshell.scene.kept_meshes import mesh_of
-from mesoshell.scene.materials import read_image, read_params
+from mesoshell.scene.materials import Image, read_params
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.shell.geometry.chart import patches_of, texture_origin
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
 
 #: Share of the thickness below which a face carries nothing, and that its vertices have at least where it carries something.
 LEAST = 0.02
+#: Pixels along an edge of the mesh above which a note says how coarsely an image of growth is read.
+COARSE = 4.0
+#: What grew last by images, for the next pictures of the same scenes.
+_KEPT: deque = deque(maxlen=4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,24 +53,24 @@ class Growth:
 
 def growth_of(part: Scene | Grown, progress: Callable[[float], None] = lambda share: None) -> Growth:
     """What grows, its texture grown. progress: of that. Raises InputError."""
-    mesh, shell = _extruded(part)
+    mesh, shell, uv, said = _extruded(part)
     bundle = part.material.shell
     values, maps = read_params(bundle, part.params)
     patches = patches_per_uv(mesh, shell)
     shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
     repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
-    material, origin, notes = _textured(part, shell.uv, (values, shape, patches, repeats), progress)
+    material, origin, notes = _textured(part, uv, (values, shape, patches, repeats), progress)
     alpha = parameter_vector(bundle, values)
-    return Growth(mesh, shell, material, origin, alpha, maps, patches, (*mesh.notes, *shell.notes, *notes))
+    return Growth(mesh, shell, material, origin, alpha, maps, patches, (*mesh.notes, *shell.notes, *said, *notes))
 
 
 def check_growth(part: Scene | Grown) -> tuple[str, ...]:
     """Raise InputError as `growth_of` does, but grow no texture. What the user should know, a line each."""
     if not grows(part):
         return growth_of(part).notes
-    mesh, shell = _extruded(part)
+    mesh, shell, _, said = _extruded(part)
     parameter_vector(part.material.shell, read_params(part.material.shell, part.params)[0])
-    return *mesh.notes, *shell.notes
+    return *mesh.notes, *shell.notes, *said
 
 
 def thickness_and_scale(part: Scene | Grown, mesh: Mesh) -> tuple[float, float]:
@@ -93,20 +102,65 @@ def meshes_of(scene: Scene) -> list[Mesh]:
     return [mesh_of(part.mesh) for part in (scene, *scene.also) if part.mesh is not None]
 
 
-def _extruded(part: Scene | Grown) -> tuple[Mesh, Shell]:
+class _Grown(NamedTuple):
+    """A mesh, perhaps refined, its shell, all that a texture must cover, patches, and what the user should know."""
+
+    mesh: Mesh
+    shell: Shell
+    uv: Float[np.ndarray, "N 3 2"]
+    notes: tuple[str, ...] = ()
+
+
+def _extruded(part: Scene | Grown) -> _Grown:
     check_seed(part.seed)
     assert part.mesh is not None  # scene/unpack gives those that are named in a file
     mesh = mesh_of(part.mesh)
     thickness, scale = thickness_and_scale(part, mesh)
     if part.growth is None:
-        return mesh, extrude(mesh, thickness, scale)
-    image = read_image("", part.growth, Argument("growth"))
-    mesh = refine(mesh, levels_for(mesh, image.shape))
+        shell = extrude(mesh, thickness, scale)
+        return _Grown(mesh, shell, shell.uv)
+    image = growth_image(part.growth)
+    how = hashlib.sha256(image.tobytes()).digest(), image.shape, thickness, scale
+    made = next((made for of, by, made in tuple(_KEPT) if of is mesh and by == how), None)
+    if made is None:
+        made = _grown_by(image, mesh, thickness, scale)
+        _KEPT.append((mesh, how, made))
+    return made
+
+
+def _grown_by(image: Float[np.ndarray, "H W"], mesh: Mesh, thickness: float, scale: float) -> _Grown:
+    """As high as an image is bright."""
+    levels = levels_for(mesh, image.shape)
+    mesh = refine(mesh, levels)
     share = at_vertices(mesh, image)
     bare = np.all(share[mesh.faces] < LEAST, axis=1)
     if bare.all():
         raise InputError(Argument("growth"), "is black everywhere on the mesh: nothing grows")
-    return mesh, extrude(mesh, thickness * np.maximum(share, LEAST), scale, bare)
+    shell = extrude(mesh, thickness * np.maximum(share, LEAST), scale, bare)
+    covered = np.union1d(np.flatnonzero(bare), shell.mesh_face)  # so that what is mown elsewhere moves nothing
+    uv = (mesh.uv[covered].astype(np.float64) * patches_per_uv(mesh, shell)).astype(np.float32)
+    apart, notes = pixels_an_edge(mesh, image.shape), ()
+    if apart > COARSE:
+        notes = (f"growth is read every {apart:.0f} of its pixels: the mesh has {len(mesh.faces)} triangles for it",)
+    return _Grown(mesh, shell, uv, notes)
+
+
+def growth_image(given: Image) -> Float[np.ndarray, "H W"]:
+    """Heights from 0 to 1, of a file or an array. Raises InputError."""
+    if isinstance(given, np.ndarray):
+        image = given
+    elif isfile(given):
+        image = read_heights(given)
+    else:
+        raise InputError(Argument("growth"), f"{given} is no image file")
+    if image.ndim != 2 or not image.size or not ((image >= 0) & (image <= 1)).all():
+        raise InputError(Argument("growth"), f"must be an image (H, W) from 0 to 1; this one is {_described(image)}")
+    return image
+
+
+def _described(image: np.ndarray) -> str:
+    known = image.size and np.isfinite(image).all()
+    return f"{image.shape}, from {image.min():g} to {image.max():g}" if known else f"{image.shape}"
 
 
 def _textured(

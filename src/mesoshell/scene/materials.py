@@ -16,8 +16,10 @@ from mesoshell.io.image import read_picture
 from mesoshell.io.material import PARAMS, check_name, find
 from mesoshell.io.surface import KIND, SurfaceBundle, kind_of, read_surface, write_surface
 
-#: A parameter's value: a number in its unit; or an image of it, black to white over its range, as a file or (H, W) in [0, 1].
-Value = float | str | PathLike[str] | Float[np.ndarray, "_ _"]
+#: A grey image, as a file or (H, W) in [0, 1].
+Image = str | PathLike[str] | Float[np.ndarray, "_ _"]
+#: A parameter's value: a number in its unit; or an image of it, black to white over its range.
+Value = float | Image
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,7 @@ def read_params(bundle: Bundle, params: Mapping[str, Value]) -> tuple[dict[str, 
         check_name(bundle, name)
         number = _number(value)
         if number is None:
-            images[name] = read_image(name, value)
+            images[name] = _image(name, value)
         else:
             numbers[name] = number
     return numbers, images
@@ -94,18 +96,16 @@ def _number(value: Value) -> float | None:
         return None
 
 
-def read_image(name: str, value: Value, source: str = PARAMS) -> Float[np.ndarray, "H W"]:
-    """A grey image in [0, 1], of a file or an array. Raises InputError, about `source`."""
+def _image(name: str, value: Value) -> Float[np.ndarray, "H W"]:
     if isinstance(value, np.ndarray):
-        label, image = f"{name}, an image," if name else "an image", value.astype(np.float32)
+        label, image = f"{name}, an image,", value.astype(np.float32)
     else:
-        label = f"{name}={value}" if name else str(value)
+        label = f"{name}={value}"
         if not isinstance(value, str | PathLike) or not isfile(value):
-            kinds = "neither a number nor an image file" if source == PARAMS else "no image file"
-            raise InputError(source, f"{label} is {kinds}")
+            raise InputError(PARAMS, f"{label} is neither a number nor an image file")
         image = read_picture(Path(str(value)))[..., :3].mean(axis=-1).astype(np.float32)
     if image.ndim != 2 or not image.size:
-        raise InputError(source, f"{label} has shape {image.shape}; expected (H, W)")
+        raise InputError(PARAMS, f"{label} has shape {image.shape}; expected (H, W)")
     if not ((image >= 0) & (image <= 1)).all():
-        raise InputError(source, f"{label} holds values outside 0 to 1")
+        raise InputError(PARAMS, f"{label} holds values outside 0 to 1")
     return image

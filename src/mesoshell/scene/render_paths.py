@@ -28,6 +28,7 @@ from mesoshell.scene.lod import describe_twin, twin_facts
 from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, check_size, describe_shell, describe_surface
+from mesoshell.shell.geometry.extrude import is_even
 from mesoshell.surface_material.scene import SurfaceDescription
 from mesoshell.surface_material.tables import surface_tables
 
@@ -169,7 +170,8 @@ def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene,
     made = mi.load_dict(_parts(quality, d) | grounds)
     materials: dict[tuple, Material] = {}
     shells = [(x.shell, _medium(x, materials)) for x in d.growths]
-    set_shells(made, SceneShells(shells, convex=all(is_convex(x.mesh) for x in d.growths), twin=twin), quality)
+    convex = all(is_even(x.mesh, x.shell) and is_convex(x.mesh) for x in d.growths)
+    set_shells(made, SceneShells(shells, convex=convex, twin=twin), quality)
     return made, d.notes
 
 

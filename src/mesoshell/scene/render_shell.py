@@ -25,6 +25,7 @@ from mesoshell.scene.picture import Passes, Prepared, Progress, Rendered, tiled_
 from mesoshell.scene.render_surface import prepare_surface_mesh
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, describe_shell, with_distant_lamps
+from mesoshell.shell.geometry.extrude import is_even
 from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.shell.geometry.join import join_shells
 from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
@@ -43,6 +44,8 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
     d = describe_shell(scene, progress)
     d, lamps = with_distant_lamps(d, [x.mesh for x in d.growths])
     notes = (*d.notes, *lamps)
+    if any(part.growth is not None for part in (scene, *scene.also)):
+        notes += ("what grows high casts no shadow on lower or bare places: engine jax cannot, engine mitsuba can",)
     twin, seen = scene.material.shell.twin, twin_facts(scene, d, quality)
     if twin is not None and plan_twin(seen, quality).on:
         return prepare_surface_mesh(scene, describe_twin(d), twin.surface, quality, begun, seen, notes)
@@ -114,7 +117,7 @@ def facts(scene: MarchedScene) -> Facts:
     media, layouts = scene.media, [m.device_material.layout for m in scene.media]
     patches = [_patch(scene, *ends) for ends in pairwise([*(m.prism for m in media), len(scene.shell.faces)])]
     footprint = pixel_radius(scene.camera.spread) / 2 * far
-    convex = not scene.others and is_convex(scene.mesh)
+    convex = not scene.others and is_even(scene.mesh, scene.shell) and is_convex(scene.mesh)
     ends = np.concatenate([scene.shell.base, scene.shell.base + scene.shell.offset])
     eye = scene.camera.to_world[:3, 3]
     grids = density_shapes(scene)

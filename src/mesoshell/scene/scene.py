@@ -15,7 +15,7 @@ from mesoshell.render.camera import Camera
 from mesoshell.render.lamp import Lamp
 from mesoshell.render.light import Distant
 from mesoshell.scene.defaults import IRRADIANCE, SIZE
-from mesoshell.scene.materials import Material, Value
+from mesoshell.scene.materials import Image, Material, Value
 from mesoshell.shell.geometry.extrude import EARTH
 
 #: x, y, z in the mesh's axes.
@@ -38,7 +38,7 @@ class Grown:
     scale: float | None = None
     params: Mapping[str, Value] = field(default_factory=dict)
     seed: int | None = None
-    growth: Value | None = None
+    growth: Image | None = None
 
     def __post_init__(self) -> None:
         _check_material(self.material)
@@ -69,8 +69,9 @@ class Scene:
         UV square, a file or (H, W) in [0, 1], whose black to white spans the parameter's range.
     seed: which of a generator's textures grows on the mesh; or in which order corner tiles lie; a material that is one patch
         has no other. Default: 0.
-    growth: how high the material grows over the UV square: an image, as in `params`, of shares of `thickness`; nothing grows
-        where it is black. The mesh is refined to show it, to 131072 triangles at most.
+    growth: how high the material grows over the UV square: an image, as a file or (H, W), of shares of `thickness` from 0 to 1,
+        a file's codes over the largest; nothing grows where it is black. The mesh is refined to show it, to 131072 triangles
+        at most.
     size: width and height of the picture in pixels.
     camera: eye x y z, target x y z and vertical field of view in degrees; or a Camera, which has a size of its own. Default:
         the first of such a file, else it frames the mesh from the upper front.
@@ -116,7 +117,7 @@ class Scene:
     also: Sequence[Grown] = ()
     suns: bool = True
     lamps: Sequence[Lamp] = ()
-    growth: Value | None = None
+    growth: Image | None = None
 
     def __post_init__(self) -> None:
         _check_material(self.material)

@@ -5,12 +5,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from mesoshell.errors import Argument
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
-from mesoshell.scene.growth import faults_of, grows, growth_of, meshes_of, thickness_and_scale
+from mesoshell.scene.growth import faults_of, grows, growth_image, growth_of, meshes_of, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
-from mesoshell.scene.materials import Material, read_image, read_params
+from mesoshell.scene.materials import Material, read_params
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.setup import camera_of, lamps_of, lights_of, up_axis
@@ -64,7 +63,7 @@ def _read(part: PartT) -> PartT:
     mesh = mesh_of(part.mesh)
     thickness, scale = thickness_and_scale(part, mesh)
     numbers, images = read_params(part.material.shell, part.params)
-    growth = None if part.growth is None else read_image("", part.growth, Argument("growth"))
+    growth = None if part.growth is None else growth_image(part.growth)
     return replace(part, mesh=mesh, thickness=thickness, scale=scale, params={**numbers, **images}, growth=growth)
 
 

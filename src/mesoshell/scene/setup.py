@@ -30,7 +30,7 @@ from mesoshell.surface_material.scene import SurfaceDescription, default_period
 BRIGHTEST = 1e30
 #: A note says what engine jax makes of a lamp where half of the size of what is lit is above this share of its distance.
 NEAR = 0.1
-#: Share of all lamps' light below which engine jax leaves one out; places over each mesh at which that is measured.
+#: Share of all lamps' light that engine jax may leave out, of the faintest; places at which their light is measured.
 DIM, PLACES = 1e-3, 1024
 
 DescriptionT = TypeVar("DescriptionT", "ShellDescription", SurfaceDescription)
@@ -135,22 +135,24 @@ def with_distant_lamps(d: DescriptionT, meshes: Sequence[Mesh]) -> tuple[Descrip
     light over some meshes; and a note, if one is so near that it shows. Lamps that give next to no light there are left out."""
     if not d.lamps:
         return d, ()
-    places = np.concatenate([_places(mesh) for mesh in meshes])
+    places = _places(meshes)
     suns = [as_distant(lamp, places) for lamp in d.lamps]
     strengths = np.array([sun.irradiance.max() for sun in suns])
-    bright = strengths > DIM * strengths.sum()
+    order = np.argsort(-strengths)
+    bright = np.zeros(len(suns), bool)
+    bright[order[np.cumsum(strengths[order]) - strengths[order] < (1 - DIM) * strengths.sum()]] = True
     low, high = box_of([*meshes, *d.objects]).astype(np.float64)
     ways = np.array([np.linalg.norm(lamp.pose[:3, 3] - (low + high) / 2) for lamp in d.lamps])
     near = int((bright & (np.linalg.norm(high - low) / 2 > NEAR * ways)).sum())
-    which = "a lamp is" if len(suns) == 1 else f"{near} of {len(suns)} lamps are"
-    note = f"{which} near what is lit: engine jax lights all of it alike, as it is lit on the mean; engine mitsuba does not"
+    which = "a lamp is" if len(suns) == 1 else f"{near} of {len(suns)} lamps {'is' if near == 1 else 'are'}"
+    note = f"{which} near what is lit: engine jax gives all of that the lamp's mean light, engine mitsuba each place its own"
     lights = (*d.lights, *(sun for sun, kept in zip(suns, bright, strict=True) if kept))
     return replace(d, lights=lights, lamps=()), (note,) if near else ()
 
 
-def _places(mesh: Mesh) -> Float[np.ndarray, "N 3"]:
-    """Places spread over a mesh."""
-    corner = mesh.vertices[mesh.faces].astype(np.float64)
+def _places(meshes: Sequence[Mesh]) -> Float[np.ndarray, "N 3"]:
+    """Places spread over meshes, by area."""
+    corner = np.concatenate([mesh.vertices[mesh.faces] for mesh in meshes]).astype(np.float64)
     size = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     random = np.random.default_rng(0)
     face = np.searchsorted(np.cumsum(size) / size.sum(), (np.arange(PLACES) + 0.5) / PLACES)

@@ -90,7 +90,7 @@ def unpack(scene: Scene) -> Scene:
                 notes.append(f"its sky is left out: {fault}")
             if sky is not None and not lights and not lamps and sky.max() < FAINT:
                 notes.append("its sky is faint, and it has no sun: --light or --no-suns lights it otherwise")
-    if lamps and not lights and sky is None and max(_brightness(lamp, mesh) for lamp in lamps) < DIM:
+    if lamps and not lights and sky is None and sum(_brightness(lamp, mesh) for lamp in lamps) < DIM:
         notes.append(
             "its lamps are faint on the mesh, and nothing else lights it: --light or --no-suns lights it otherwise"
         )

@@ -116,7 +116,8 @@ def extrude(
     usable[usable] = first_fold(base, offset.astype(np.float64), faces[usable]) >= 1
     if not usable.any():
         raise InputError(
-            Argument("thickness"), "no face of the mesh can be extruded: vertex normals lie below all of them"
+            Argument("thickness"),
+            "no face that is to grow can be extruded: vertex normals lie below all of them, or they have no area",
         )
     if (lost := chosen & ~usable).any():
         left = f"{lost.sum()} of {chosen.sum()} faces left out (first: face {np.argmax(lost)})"
@@ -134,8 +135,14 @@ def extrude(
 
 def patches_per_uv(mesh: Mesh, shell: Shell) -> float:
     """Texture patches along one UV unit, as extruded."""
-    size = float(np.abs(mesh.uv).max())
+    size = float(np.abs(mesh.uv[shell.mesh_face]).max())
     return float(np.abs(shell.uv).max()) / size if size > 0 else 1.0
+
+
+def is_even(mesh: Mesh, shell: Shell) -> bool:
+    """Whether the shell is as thick everywhere on the mesh: else light may leave it, and meet it again."""
+    thickness = np.linalg.norm(shell.offset[shell.faces], axis=-1)
+    return len(shell.faces) == len(mesh.faces) and bool(np.ptp(thickness) <= 1e-3 * thickness.max())
 
 
 def transform_shell(shell: Shell, to_world: Float[np.ndarray, "4 4"]) -> Shell:
@@ -204,7 +211,8 @@ def _usable(
     corner = base[faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     lean = np.einsum("fi,fki->fk", normal, direction[faces])
-    return (lean >= MIN_COSINE * np.linalg.norm(normal, axis=1)[:, None]).all(axis=1)
+    size = np.linalg.norm(normal, axis=1)
+    return (lean >= MIN_COSINE * size[:, None]).all(axis=1) & (size > 0)
 
 
 def _unfold(

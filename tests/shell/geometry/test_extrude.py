@@ -230,5 +230,7 @@ def test_a_prism_that_is_still_folded_in_the_end_is_left_out(monkeypatch: pytest
 def test_a_mesh_that_cannot_be_extruded_at_all_is_refused():
     good = square()
     lying = Mesh(good.vertices, good.faces, good.uv, np.array([[1, 0, 0]] * 4, np.float32), ())
-    with pytest.raises(InputError, match=r"^thickness: no face that is to grow can be extruded: vertex normals lie below"):
+    with pytest.raises(
+        InputError, match=r"^thickness: no face that is to grow can be extruded: vertex normals lie below"
+    ):
         extrude(lying, 0.1, 1.0)

@@ -173,7 +173,8 @@ class Page:
         self._wipe.on_update(lambda _: self._show_all() if self._mode.value == "wipe" else None)
 
     def _look(self) -> Look:
-        red, green, blue = (float(x) for x in srgb_to_linear(np.array(self._base.value, np.float64) / 255))
+        typed = np.clip(np.array(self._base.value, np.float64), 0, 255)  # a picker takes larger numbers by keys
+        red, green, blue = (float(x) for x in srgb_to_linear(typed / 255))
         return Look(
             **self._panel.look(),
             # eight bits are not the colour that was given

@@ -227,7 +227,7 @@ def test_of_corner_tiles_each_placement_shows_a_patch_of_its_own(tiny_bundle, ti
         "light": np.array([[0.6, 0.0, 0.8]]),
     }
     random = np.random.default_rng(0)
-    placings = [PatchPlacement(0.0, 0.0, tuple(0.4 + 1e-3 * random.random(2))) for _ in range(100)]
+    placings = [PatchPlacement(0.0, 0.0, tuple(0.4 + 1e-3 * random.random(2))) for _ in range(40)]
     numbers = []
     for bundle in (tiny_bundle, tiled_bundle):
         loaded = load_device_material(bundle)
@@ -236,4 +236,4 @@ def test_of_corner_tiles_each_placement_shows_a_patch_of_its_own(tiny_bundle, ti
         seen = [ask(placing, query, seed)[0]["reflectance"][0, 1] for seed, placing in enumerate(placings)]
         np.testing.assert_array_equal(seen[:5], [ask(p, query, 9)[0]["reflectance"][0, 1] for p in placings[:5]])
         numbers.append(1 + int((np.diff(np.sort(seen)) > 0.02 * np.mean(seen)).sum()))
-    assert numbers[0] == 1 and 8 <= numbers[1] <= 16
+    assert numbers[0] == 1 and 6 <= numbers[1] <= 16

@@ -5,6 +5,7 @@ colour      linear Rec. 709, each from 0 to 1
 """
 
 import io
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,15 @@ def colour_of(factor: Any, image: Any = None) -> Colour | None:
         numbers = numbers * _mean(image)
     r, g, b = np.clip(numbers, 0, 1).tolist()
     return r, g, b
+
+
+def read_or_none(read: Callable[[], Colour | None]) -> Colour | None:
+    """What `read` gives, None where it fails: whatever is wrong with a colour or its image, which Pillow and OpenUSD say by
+    exceptions of any kind, the mesh is read."""
+    try:
+        return read()
+    except Exception:
+        return None
 
 
 def image_of(data: bytes) -> Any:

@@ -33,7 +33,7 @@ from trimesh.resolvers import FilePathResolver
 
 from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
-from mesoshell.geometry.colour import Colour, colour_of
+from mesoshell.geometry.colour import Colour, colour_of, read_or_none
 from mesoshell.geometry.read_ply import read_ply
 from mesoshell.geometry.read_usd import Part
 
@@ -219,23 +219,23 @@ def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
 
 
 def _look(material: Any, materials: Sequence[dict]) -> tuple[list[str], Colour | None]:
-    """The name and the colour of a part's material. materials: of the file. A colour that cannot be read must not stop the
-    mesh."""
+    """The name and the colour of a part's material. materials: of the file."""
     name = str(getattr(material, "name", "")).removeprefix("material ")
     if not name.isdigit() or int(name) >= len(materials):
         return [], None
     described = materials[int(name)]
     called = [described["called"]] if isinstance(described["called"], str) and described["called"] else []
-    try:
-        glossy = described.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
-        base = described.get("pbrMetallicRoughness", {}) if glossy is None else glossy
-        keys = ("baseColorFactor", "baseColorTexture") if glossy is None else ("diffuseFactor", "diffuseTexture")
-        image = getattr(material, "baseColorTexture", None)
-        if keys[1] in base and image is None:
-            return called, None
-        return called, colour_of(base.get(keys[0], (1, 1, 1)), image if keys[1] in base else None)
-    except Exception:
-        return called, None
+    return called, read_or_none(lambda: _colour(described, getattr(material, "baseColorTexture", None)))
+
+
+def _colour(described: dict, image: Any) -> Colour | None:
+    """Of a material as the file has it, and its image; None if an image is named and not there."""
+    glossy = described.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+    base = described.get("pbrMetallicRoughness", {}) if glossy is None else glossy
+    factor, texture = ("baseColorFactor", "baseColorTexture") if glossy is None else ("diffuseFactor", "diffuseTexture")
+    if texture in base and image is None:
+        return None
+    return colour_of(base.get(factor, (1, 1, 1)), image if texture in base else None)
 
 
 def join_arrays(parts: Sequence[Arrays]) -> Arrays:

@@ -13,7 +13,7 @@ and points that repeat a prototype, are all there. A mesh that is to be subdivid
 Sources: OpenUSD's documentation of UsdGeom: Mesh, Imageable, PointInstancer, Primvar, Subset; UsdShade; UsdPreviewSurface.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from os import PathLike, fspath
@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 
 from mesoshell.contained import bounded_memory, silent
 from mesoshell.errors import InputError
-from mesoshell.geometry.colour import Colour, colour_of, image_of
+from mesoshell.geometry.colour import Colour, colour_of, image_of, read_or_none
 from mesoshell.limits import check_memory, memory
 
 FORMATS = (".usd", ".usda", ".usdc", ".usdz")
@@ -173,11 +173,11 @@ class _Walk:
         UsdShade = pxr("UsdShade")
         bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)[0]
         if not bound:
-            return _Look([], _or_none(lambda: _display_colour(prim, self.time)))
+            return _Look([], read_or_none(lambda: _display_colour(prim, self.time)))
         shared = bound.GetPrim().GetPrimInPrototype() if bound.GetPrim().IsInstanceProxy() else bound.GetPrim()
         key = str(shared.GetPath())
         if key not in self.looks:
-            self.looks[key] = _or_none(lambda: _diffuse(bound, self.time))
+            self.looks[key] = read_or_none(lambda: _diffuse(bound, self.time))
         return _Look([str(bound.GetPath()), bound.GetPrim().GetName()], self.looks[key])
 
     def seen(self, prim: Any, root: Any) -> bool:
@@ -232,14 +232,6 @@ def _compact(points: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tuple[np.
     """Some faces, with the points that they use alone."""
     used, corner = np.unique(faces, return_inverse=True)
     return points[used], corner.reshape(-1, 3), uv
-
-
-def _or_none(make: Callable[[], Colour | None]) -> Colour | None:
-    """What it makes, or None where it fails: a colour that cannot be read must not stop the mesh."""
-    try:
-        return make()
-    except Exception:
-        return None
 
 
 def _diffuse(material: Any, time: Any) -> Colour | None:

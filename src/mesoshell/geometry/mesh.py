@@ -25,6 +25,7 @@ from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.read import check_indices, join_arrays, read_mesh, read_nodes
 from mesoshell.geometry.topology import agree, inside_out, pair_edges
 from mesoshell.geometry.unwrap import unwrap
+from mesoshell.kept import constant
 
 MIN_HEIGHT = 1e-9
 
@@ -98,7 +99,7 @@ def check_mesh(
     normals, turned = vertex_normals(points.astype(np.float64), faces)
     if turned:
         more.append(f"normals of {count_of(turned, 'vertex', 'vertices')} turned to point out of every face around")
-    return Mesh(points, faces, uv, normals.astype(np.float32), (*notes, *more))
+    return constant(Mesh(points, faces, uv, normals.astype(np.float32), (*notes, *more)))
 
 
 def transform_mesh(mesh: Mesh, to_world: Float[np.ndarray, "4 4"], source: str) -> Mesh:

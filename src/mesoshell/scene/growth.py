@@ -21,6 +21,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import read_heights
 from mesoshell.io.material import PARAMS, parameter_vector
+from mesoshell.kept import constant, kept
 from mesoshell.limits import check_seed
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Image, read_params
@@ -117,7 +118,7 @@ def _extruded(part: Scene | Grown) -> _Grown:
     mesh = mesh_of(part.mesh)
     thickness, scale = thickness_and_scale(part, mesh)
     if part.growth is None:
-        shell = extrude(mesh, thickness, scale)
+        shell = _even_shell(mesh, thickness, scale)
         return _Grown(mesh, shell, shell.uv)
     image = growth_image(part.growth)
     how = hashlib.sha256(image.tobytes()).digest(), image.shape, thickness, scale
@@ -126,6 +127,11 @@ def _extruded(part: Scene | Grown) -> _Grown:
         made = _grown_by(image, mesh, thickness, scale)
         _KEPT.append((mesh, how, made))
     return made
+
+
+@kept
+def _even_shell(mesh: Mesh, thickness: float, scale: float) -> Shell:
+    return constant(extrude(mesh, thickness, scale))
 
 
 def _grown_by(image: Float[np.ndarray, "H W"], mesh: Mesh, thickness: float, scale: float) -> _Grown:

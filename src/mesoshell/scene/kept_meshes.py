@@ -20,6 +20,7 @@ from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import Mesh, load_mesh
 from mesoshell.io.cache import cache_folder
 from mesoshell.io.kept_arrays import keep_arrays, read_arrays
+from mesoshell.kept import constant
 
 MIN_BYTES, MAX_BYTES = 1 << 20, 1 << 30
 MULTI_FILE_FORMATS = (".gltf", *read_usd.FORMATS)
@@ -46,7 +47,7 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
     kept = read_arrays(entry, (*ARRAYS, "notes"))
     if kept is not None:
         vertices, faces, uv, normals = (kept[name] for name in ARRAYS)
-        return Mesh(vertices, faces, uv, normals, tuple(map(str, kept["notes"])))
+        return constant(Mesh(vertices, faces, uv, normals, tuple(map(str, kept["notes"]))))
     mesh = load_mesh(path)
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
     keep_arrays(entry, arrays | {"notes": np.array(mesh.notes, np.str_)}, MAX_BYTES)

@@ -15,6 +15,7 @@ from mesoshell.io.bundle import Bundle, Parameter, read_bundle, write_bundle
 from mesoshell.io.image import read_picture
 from mesoshell.io.material import PARAMS, check_name, find
 from mesoshell.io.surface import KIND, SurfaceBundle, kind_of, read_surface, write_surface
+from mesoshell.kept import constant
 
 #: A grey image, as a file or (H, W) in [0, 1].
 Image = str | PathLike[str] | Float[np.ndarray, "_ _"]
@@ -71,7 +72,7 @@ def load_material(name: str | PathLike[str]) -> Material:
     """A bundled material by its name, or a .npz file, or the folder of a large texture. Raises InputError if it is none of
     these, or damaged."""
     path = find(str(name))
-    return Material(str(name), read_surface(path) if kind_of(path) == KIND else read_bundle(path))
+    return Material(str(name), constant(read_surface(path) if kind_of(path) == KIND else read_bundle(path)))
 
 
 def read_params(bundle: Bundle, params: Mapping[str, Value]) -> tuple[dict[str, float], dict[str, np.ndarray]]:

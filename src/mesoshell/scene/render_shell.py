@@ -11,9 +11,11 @@ from math import prod
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
+from jaxtyping import Float
 
 from mesoshell.geometry.enclosure import enclosure
 from mesoshell.geometry.mesh import Mesh, bounding_box, is_convex, uv_stretch
+from mesoshell.kept import kept
 from mesoshell.render.camera import pixel_radius, rays
 from mesoshell.render.effects import MARCH, MAX_BAKED, Effects, left_out, plan_effects, plan_twin
 from mesoshell.render.facts import Facts
@@ -81,6 +83,11 @@ def _rendered(quality: Quality, effects: Effects, image: np.ndarray, report: Ren
     return Rendered(image.astype(np.float32), report.seconds, record)
 
 
+#: What all pictures of one scene share.
+_device_material, _is_convex = kept(load_device_material), kept(is_convex)
+_enclosure = kept(lambda meshes: enclosure(list(meshes)))
+
+
 def marched_scene(d: ShellDescription) -> MarchedScene:
     """The description as the renderer's scene."""
     mesh, shell = join_shells([(x.mesh, x.shell) for x in d.growths])
@@ -89,7 +96,7 @@ def marched_scene(d: ShellDescription) -> MarchedScene:
     for x in d.growths:
         key = id(x.material), x.origin
         if key not in made:
-            made[key] = load_device_material(x.material, x.origin)
+            made[key] = _device_material(x.material, x.origin)
         media.append(Medium(made[key], x.alpha, x.maps, x.patches_per_uv, prism, face))
         prism, face = prism + len(x.shell.faces), face + len(x.mesh.faces)
     return MarchedScene(
@@ -117,7 +124,7 @@ def facts(scene: MarchedScene) -> Facts:
     media, layouts = scene.media, [m.device_material.layout for m in scene.media]
     patches = [_patch(scene, *ends) for ends in pairwise([*(m.prism for m in media), len(scene.shell.faces)])]
     footprint = pixel_radius(scene.camera.spread) / 2 * far
-    convex = not scene.others and is_even(scene.mesh, scene.shell) and is_convex(scene.mesh)
+    convex = not scene.others and is_even(scene.mesh, scene.shell) and _is_convex(scene.mesh)
     ends = np.concatenate([scene.shell.base, scene.shell.base + scene.shell.offset])
     eye = scene.camera.to_world[:3, 3]
     grids = density_shapes(scene)
@@ -128,7 +135,7 @@ def facts(scene: MarchedScene) -> Facts:
         environment=scene.environment is not None,
         seen=not scene.transparent,
         convex=convex,
-        enclosed=0.0 if convex and not scene.objects else enclosure([*_meshes(scene), *scene.objects]),
+        enclosed=0.0 if convex and not scene.objects else _enclosure((*_meshes(scene), *scene.objects)),
         low=scene.environment is not None
         or lowest(scene.shell, np.array([x.direction for x in scene.lights]).reshape(-1, 3)) <= 0,
         ground=max([*scene.base_colour, *(x for mesh in scene.objects for x in mesh.colour or ())]),
@@ -155,15 +162,22 @@ def _magnified(scene: MarchedScene, patches: list[float], most: int) -> float:
 
 def _near(scene: MarchedScene) -> float:
     """The distance that a tenth of the camera's rays that meet a surface do not reach; infinite if none meets one."""
-    camera, meshes = scene.camera, (scene.mesh, *scene.objects)
-    corners = np.concatenate([mesh.vertices.astype(np.float64)[mesh.faces] for mesh in meshes])
+    camera = scene.camera
     places = np.stack(np.meshgrid(SEEN * camera.width, SEEN * camera.height), axis=-1).reshape(-1, 2)
     o, d = rays(camera, places)
-    met = EmbreeScene()
-    TriangleMesh(met, np.ascontiguousarray(corners - o[0], np.float32))
-    hits = met.run(np.zeros_like(d, np.float32), d.astype(np.float32), output=True)
+    surfaces, centre = _surfaces((scene.mesh, *scene.objects))
+    hits = surfaces.run((o - centre).astype(np.float32), d.astype(np.float32), output=True)
     far = hits["tfar"][hits["geomID"] >= 0]
     return float(np.quantile(far, 0.1)) if len(far) else np.inf
+
+
+@kept
+def _surfaces(meshes: tuple[Mesh, ...]) -> tuple[EmbreeScene, Float[np.ndarray, "3"]]:
+    """Meshes as rays meet them, about their centre."""
+    corners = np.concatenate([mesh.vertices.astype(np.float64)[mesh.faces] for mesh in meshes])
+    centre, scene = corners.mean(axis=(0, 1)), EmbreeScene()
+    TriangleMesh(scene, np.ascontiguousarray(corners - centre, np.float32))
+    return scene, centre
 
 
 def _meshes(scene: MarchedScene) -> list[Mesh]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
+from mesoshell.kept import constant
 from mesoshell.scene.growth import faults_of, grows, growth_image, growth_of, meshes_of, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Material, read_params
@@ -71,6 +72,6 @@ def _with_texture(part: PartT, progress: Progress) -> PartT:
     """With a texture that is grown for it, if one must be, in the place of the parameters of geometry."""
     if not grows(part):
         return part
-    material = Material(part.material.name, growth_of(part, progress).material)
+    material = Material(part.material.name, constant(growth_of(part, progress).material))
     shape = {p.name for p in part.material.shell.parameters if p.role == "beta"}
     return replace(part, material=material, params={k: v for k, v in part.params.items() if k not in shape}, seed=None)

@@ -25,7 +25,10 @@ OTHER = 2e-3
 
 def of_walk(scene: Scene, T: float, count: int, rng: np.random.Generator) -> Check:
     """Lengths in the shell of so many rays at vertices, edges and sides, from near and from afar."""
-    boundary, shells = Boundary(scene.shell, scene.mesh.faces, others=object_triangles(scene)), Shells([scene.shell])
+    boundary, shells = (
+        Boundary(scene.shell, scene.mesh.faces, others=object_triangles(scene.objects)),
+        Shells([scene.shell]),
+    )
     off = []
     for distance in (NEAR, FAR):
         rays = aim_rays(scene.shell, count // 2, distance, rng)

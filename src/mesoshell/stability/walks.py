@@ -63,7 +63,7 @@ def walk_through(
 ) -> Walks:
     """Walk rays of the camera, and so many that are aimed, through the scene's shell."""
     shell, camera = scene.shell, scene.camera
-    boundary = Boundary(shell, scene.mesh.faces, others=object_triangles(scene))
+    boundary = Boundary(shell, scene.mesh.faces, others=object_triangles(scene.objects))
     kinds = {
         "camera": of.of_camera(camera, np.arange(camera.width * camera.height), rng),
         "near": of.aim_rays(shell, int(NEAR * count), of.NEAR, rng),

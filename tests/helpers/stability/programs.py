@@ -35,7 +35,7 @@ from mesoshell.shell.generator.generator import (
     synthesise,
 )
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.shell.geometry import batched_walk
+from mesoshell.shell.geometry import batched_walk, march
 from mesoshell.shell.geometry.march import Prisms, Ray, WalkState
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece
 from mesoshell.shell.material import baked_density, density_bounds, loader
@@ -169,6 +169,9 @@ def _of_shells(bundle: Bundle) -> Programs:
     found, placement = f(ROWS, decoder.trunk[-1].bias.shape[0]), shell_teacher.DevicePlacement(f(), f(2, 2), f(2))
     local = shell_teacher.LocalQuery(f(64, 2), f(64), f(64, 3), f(64, 3))
     return {
+        "shell.geometry.march._steps": [_jitted(march._steps, prisms, rays, place)],
+        "shell.geometry.batched_walk._entered": [_jitted(batched_walk._entered, prisms, rays, i(128), i(128))],
+        "shell.geometry.batched_walk._walked": [_jitted(batched_walk._walked, prisms, rays, place)],
         "shell.geometry.batched_walk._begin": [_jitted(batched_walk._begin, prisms, rays, i(128), i(128), i())],
         "shell.geometry.batched_walk._advance": [_jitted(batched_walk._advance, prisms, rays, place, i())],
         "shell.render.kernels.frames": [_jitted(kernels.frames, chart, pieces, i())],
@@ -196,7 +199,7 @@ def _of_shells(bundle: Bundle) -> Programs:
         "shell.render.kernels.transport": [
             _jitted(kernels.transport, table, at, pieces, found, i(ROWS), i(ROWS), f(ROWS, 2, 3), i())
         ],
-        "shell.render.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(64), f(64, 2))],
+        "shell.render.lighting._jacobians": [_jitted(lighting._jacobians, chart, i(ROWS), f(ROWS, 2), i())],
         "shell.material.density_bounds._largest": [_jitted(*cell)],
         "stability.surface._left": [_jitted(surface_checks._left, f(64, 3), f(64, 2, 3), f(64, 2, 3))],
         "stability.field._network_queries": [

@@ -10,6 +10,7 @@ The program runs on the host's CPU, also beside a GPU: its steps are many and sm
 (docs/results/performance.md).
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -158,18 +159,32 @@ def no_intervals() -> Intervals:
     return Intervals(index, index, none, none, pair, pair, none, none)
 
 
+@partial(jax.jit, inline=True)
+def _entered(prisms: Prisms, rays: Ray, prism: Array, code: Array) -> WalkState:
+    """`enter` of many rays. What is jitted is traced once, however often it is called."""
+    return jax.vmap(enter, in_axes=(None, 0, 0, 0))(prisms, rays, prism, code)
+
+
+@partial(jax.jit, inline=True)
+def _walked(prisms: Prisms, rays: Ray, place: WalkState) -> tuple:
+    return walk(prisms, rays, place, STEPS)
+
+
 @jax.jit
 def _begin(prisms: Prisms, rays: Ray, prism: Array, code: Array, count: Array) -> WalkState:
     """`enter` on the first `count` rays, a chunk at a time."""
-    chunk, one = min(CHUNK, len(code)), jax.vmap(enter, in_axes=(None, 0, 0, 0))
-    like: Any = jax.eval_shape(one, prisms, rays, prism, code)
+    chunk = min(CHUNK, len(code))
+    like: Any = jax.eval_shape(_entered, prisms, *_slice((rays, prism, code), 0, chunk))
 
     def body(i: Array, place: WalkState) -> WalkState:
-        entered = one(prisms, *_slice((rays, prism, code), i * chunk, chunk))
+        entered = _entered(prisms, *_slice((rays, prism, code), i * chunk, chunk))
         return jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, i * chunk, 0), place, entered)
 
     return jax.lax.fori_loop(
-        0, (count + chunk - 1) // chunk, body, jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), like)
+        0,
+        (count + chunk - 1) // chunk,
+        body,
+        jax.tree.map(lambda s: jnp.zeros((len(code), *s.shape[1:]), s.dtype), like),
     )
 
 
@@ -178,14 +193,14 @@ def _advance(prisms: Prisms, rays: Ray, place: WalkState, count: Array) -> tuple
     """`walk` on the first `count` rays, a chunk at a time."""
     length = place.t.shape[0]
     chunk = min(CHUNK, length)
-    part = jax.eval_shape(lambda r, p: walk(prisms, r, p, STEPS), *_slice((rays, place), 0, chunk))
+    part = jax.eval_shape(_walked, prisms, *_slice((rays, place), 0, chunk))
     rows = jax.tree.map(lambda s: jnp.zeros((STEPS, length, *s.shape[2:]), s.dtype), part[1])
 
     def body(i: Array, carry: tuple) -> tuple:
         place, rows, used = carry
         begin = i * chunk
         some, at = _slice((rays, place), begin, chunk)
-        after, new, steps = walk(prisms, some, at, STEPS)
+        after, new, steps = _walked(prisms, some, at)
         place = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 0), place, after)
         rows = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 1), rows, new)
         return place, rows, jax.lax.dynamic_update_slice_in_dim(used, steps, begin, 0)

@@ -16,6 +16,7 @@ are missed by far, it ends as lost. Such rays, and all whose decisions lie withi
 the ray right at the shell: positions relative to it are then small, and so are their errors.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -176,6 +177,12 @@ def _along_side(edge: Index, first: Scalar, second: Scalar) -> Vec3:
     return jnp.where(k == edge, first, jnp.where(k == (edge + 1) % 3, second, jnp.zeros_like(first)))
 
 
+@partial(jax.jit, inline=True)
+def _steps(prisms: Prisms, rays: Ray, places: WalkState) -> tuple[WalkState, Interval]:
+    """`step` of many rays. What is jitted is traced once, however often it is called."""
+    return jax.vmap(step, in_axes=(None, 0, 0))(prisms, rays, places)
+
+
 def walk(prisms: Prisms, rays: Ray, start: WalkState, steps: int) -> tuple[WalkState, Interval, Int[Array, "R"]]:
     """At most `steps` prisms of every ray, in lock-step; ends early once every ray has ended.
 
@@ -183,14 +190,13 @@ def walk(prisms: Prisms, rays: Ray, start: WalkState, steps: int) -> tuple[WalkS
     intervals as (steps, R) rows, and how many of these rows count.
     """
     count = rays.direction.shape[0]
-    one = jax.vmap(step, in_axes=(None, 0, 0))
-    shapes = jax.eval_shape(one, prisms, rays, start)[1]
+    shapes = jax.eval_shape(_steps, prisms, rays, start)[1]
     empty = jax.tree.map(lambda s: jnp.zeros((steps, *s.shape), s.dtype), shapes)
 
     def body(carry: tuple) -> tuple:
         i, place, rows, used = carry
         walking = place.exit == WALKING
-        place, interval = one(prisms, rays, place)
+        place, interval = _steps(prisms, rays, place)
         rows = jax.tree.map(lambda all_, new: all_.at[i].set(new), rows, interval)
         return i + 1, place, rows, used + walking.astype(used.dtype)
 

@@ -137,6 +137,8 @@ class Boundary:
         triangle = triangle.copy()
         rays = rays[self.code[triangle[rays]] == TOP]
         for _ in range(HOPS):
+            if not len(rays):
+                break
             at = triangle[rays]
             c = self.corners[at] - o[rays, None]
             side = np.where(_dot(self.normal[at], d[rays]) < 0, -1.0, 1.0)

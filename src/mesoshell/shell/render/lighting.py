@@ -21,6 +21,7 @@ from jaxtyping import Float, Int
 
 from mesoshell.geometry.mesh import face_albedos
 from mesoshell.nets.batches import run
+from mesoshell.nets.mlp import in_tiles
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import Beam, beams
 from mesoshell.render.quality import Quality
@@ -143,19 +144,24 @@ class Lighting:
         o, d = tile.o, tile.d
         rgb = np.zeros((len(o), 3))
         hit = np.flatnonzero((traced.face >= 0) & (through > self.quality.least_weight))
-        if not len(hit):
+        if not len(hit) or not tile.beams:
             return rgb
         face = traced.face[hit]
         normal = self.face_normal[face]
         normal = np.where(np.einsum("ij,ij->i", normal, d[hit])[:, None] > 0, -normal, normal)
         x = o[hit] + traced.end[hit, None] * d[hit] + 2 * ADVANCE * self.boundary.size * normal
+        parts = []
         for beam in tile.beams:
             toward = beam.toward[hit]
             cosine = np.maximum(np.einsum("ij,ij->i", normal, toward), 0)
             seen = ~self.boundary.occluded(x, toward) if self.shadows else np.ones(len(hit), bool)
             lit = np.flatnonzero((cosine > 0) & seen)
-            factor = cosine[lit] * self.transmitted(face[lit], traced.bary[hit][lit], toward[lit])
-            rgb[hit[lit]] += factor[:, None] * self.albedo[face[lit]] / np.pi * beam.strength[hit[lit]]
+            parts.append((lit, toward[lit], cosine[lit, None] * beam.strength[hit[lit]]))
+        lit, toward, strength = (np.concatenate(x) for x in zip(*parts, strict=True))
+        strength = strength * self.transmitted(face[lit], traced.bary[hit[lit]], toward)[:, None]
+        for c in range(3):
+            rgb[hit, c] = np.bincount(lit, strength[:, c], len(hit))
+        rgb[hit] *= self.albedo[face] / np.pi
         self.report.time("surfaces", clock)
         return rgb
 
@@ -192,9 +198,13 @@ class Lighting:
 
 def jacobians(chart: Chart, prism: np.ndarray, bary: np.ndarray) -> np.ndarray:
     """J⁻¹ on the base surface of many prisms."""
-    return run(lambda p, b, n: _jacobians(chart, p, b), prism.astype(np.int32), bary)
+    return run(lambda p, b, n: _jacobians(chart, p, b, n), prism.astype(np.int32), bary).reshape(-1, 3, 3)
 
 
 @jax.jit
-def _jacobians(chart: Chart, prism: Array, bary: Array) -> Array:
-    return jax.vmap(lambda p, b: inverse_jacobian(chart, p, b, jnp.zeros((), jnp.float32)))(prism, bary)
+def _jacobians(chart: Chart, prism: Array, bary: Array, count: Array) -> Array:
+    def tile(prism: Array, bary: Array) -> tuple[Array]:
+        inverse = jax.vmap(lambda p, b: inverse_jacobian(chart, p, b, jnp.zeros((), jnp.float32)))(prism, bary)
+        return (inverse.reshape(-1, 9),)
+
+    return in_tiles(tile, count, (prism, bary), ((9, jnp.float32),))[0]

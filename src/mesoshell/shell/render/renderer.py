@@ -14,12 +14,14 @@ network is asked for lit samples alone. Image tiles bound the memory, whatever t
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mesoshell.geometry.mesh import Mesh
+from mesoshell.kept import kept
 from mesoshell.nets.batches import CAPACITY, batches, capacity, pad, run
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import lookup
@@ -27,6 +29,7 @@ from mesoshell.render.quality import Quality
 from mesoshell.render.sequence import Draws, draws_at
 from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.shell.geometry.batched_walk import Intervals
+from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, spread
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render import kernels
@@ -67,6 +70,14 @@ def marched_tile(
     return renderer.tile, renderer.compile
 
 
+@kept
+def _tables(shell: Shell, mesh: Mesh, objects: tuple[Mesh, ...]) -> tuple[Boundary, Chart]:
+    """What rays are traced through, and its chart."""
+    boundary = Boundary(shell, mesh.faces, others=object_triangles(objects))
+    corners = jnp.asarray(np.asarray(boundary.prisms.corners))
+    return boundary, Chart(corners, jnp.asarray(shell.uv.reshape(-1, 6)))
+
+
 class _Renderer:
     """A scene's tables, ready for tiles of rays."""
 
@@ -75,8 +86,7 @@ class _Renderer:
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
         self.rows = capacity(USUAL * min(RAYS, scene.camera.width * scene.camera.height))
         shell = scene.shell
-        self.boundary = Boundary(shell, scene.mesh.faces, others=object_triangles(scene))
-        chart = Chart(*(jnp.asarray(np.asarray(x)) for x in (self.boundary.prisms.corners, shell.uv.reshape(-1, 6))))
+        self.boundary, chart = _tables(shell, scene.mesh, scene.objects)
         begin = report.time("prepare", begin)
         self.media = Media(scene, quality, effects, chart)
         begin = report.time("bake", begin) if effects.baked_density.on else begin
@@ -279,7 +289,7 @@ def take(s: Samples, index: np.ndarray) -> Samples:
     return Samples(*(x[index] for x in s))
 
 
-def object_triangles(scene: Scene) -> np.ndarray:
+def object_triangles(objects: Sequence[Mesh]) -> np.ndarray:
     """Triangles of the other objects, (F, 3, 3)."""
-    parts = [m.vertices[m.faces] for m in scene.objects]
+    parts = [m.vertices[m.faces] for m in objects]
     return np.concatenate(parts) if parts else np.zeros((0, 3, 3), np.float32)

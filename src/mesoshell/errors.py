@@ -20,6 +20,9 @@ class InputError(ValueError):
         super().__init__(one_line(f"{source}: {fault}"))
         self.source, self.fault = source, fault
 
+    def __reduce__(self) -> tuple:
+        return InputError, (self.source, self.fault)
+
 
 def one_line(text: str) -> str:
     """Escape line breaks and unprintable characters; leave out the middle of a long text."""

@@ -12,7 +12,7 @@ import pytest
 import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
-from mesoshell.film import shoot as shooting
+from mesoshell.film import frame as framing
 from mesoshell.film.shoot import RECORD, on_white
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import linear_to_srgb, read_png, write_exr
@@ -38,13 +38,13 @@ def scene(tiny_bundle: Bundle) -> ms.Scene:
 def times(monkeypatch: pytest.MonkeyPatch) -> list[ms.Scene]:
     """The scenes that were rendered."""
     rendered: list[ms.Scene] = []
-    picture = shooting._picture
+    picture = framing._picture
 
     def counted(scene: ms.Scene, *rest: Any) -> Any:
         rendered.append(scene)
         return picture(scene, *rest)
 
-    monkeypatch.setattr(shooting, "_picture", counted)
+    monkeypatch.setattr(framing, "_picture", counted)
     return rendered
 
 
@@ -139,8 +139,8 @@ def test_a_film_has_its_density_from_one_source(moves, texels, density, scene: m
     """A grid if all frames may have one: of one frame's parameters, and not too far away."""
     if "keys" in moves:
         moves["keys"][1]["frame"] = 1
-    asked, picture, camera = [], shooting._picture, (-2.5, 1.25, 8.0, -2.5, 1.25, 4.1, 40.0)
-    monkeypatch.setattr(shooting, "_picture", lambda *given: asked.append(given[1].density) or picture(*given))
+    asked, picture, camera = [], framing._picture, (-2.5, 1.25, 8.0, -2.5, 1.25, 4.1, 40.0)
+    monkeypatch.setattr(framing, "_picture", lambda *given: asked.append(given[1].density) or picture(*given))
     monkeypatch.setattr("mesoshell.render.effects.MAX_TEXELS", texels)
     ms.film(replace(scene, camera=camera), tmp_path / "film", **moves, samples=28)
     assert asked == 2 * [density]

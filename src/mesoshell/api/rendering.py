@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mesoshell.errors import Argument, InputError
+from mesoshell.film.crew import crew_of
 from mesoshell.film.keys import Keys
 from mesoshell.film.shoot import Film, plan_motion, shoot
 from mesoshell.render.effects import Effects
@@ -90,6 +91,8 @@ def film(
     fps: float = 24.0,
     quality: str | Quality = "normal",
     engine: Engine = "jax",
+    workers: int | None = None,
+    scheduler: str | None = None,
     progress: ShowStage = lambda share, what: None,
     **changes: Any,
 ) -> Film:
@@ -99,13 +102,16 @@ def film(
     folder: for the frames; those of an earlier call that was stopped are kept. Give one of orbit: frames of a turn around what
     the camera looks at; dolly: frames of a way toward it from `far` times its distance (8 if not given); keys: {"frame": 0,
     "camera": seven numbers, "params": {...}, "thickness": ...} each, smooth between them. wind: strength, to 1, of gusts toward
-    the camera's right, for materials with a lean; fps: frames a second. quality, engine, changes: as of `render`. progress:
-    called with the share done, and what is done. Raises InputError, also for a folder that holds another film's frames.
+    the camera's right, for materials with a lean; fps: frames a second. quality, engine, changes: as of `render`. workers:
+    processes that render frames side by side; scheduler: address of a Dask scheduler whose workers do, which see the folder
+    under the same path. progress: called with the share done, and what is done. Raises InputError, also for a folder that holds
+    another film's frames.
     """
     chosen = quality_of(quality, engine, changes)
     motion = plan_motion(scene, orbit, dolly, far, keys, wind, fps)
     step = lambda done, count: progress(done / count, f"frame {min(int(done) + 1, count)} of {count}")  # noqa: E731
-    return shoot(scene, motion, Path(folder), chosen, engine, lambda share: progress(share, "growing"), step)
+    crew = crew_of(workers, scheduler)
+    return shoot(scene, motion, Path(folder), chosen, engine, lambda share: progress(share, "growing"), step, crew)
 
 
 def tradeoff(

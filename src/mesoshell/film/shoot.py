@@ -6,8 +6,8 @@ of all that the pictures depend on: a folder with another one is refused.
 
 import hashlib
 import json
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, fields, is_dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -18,7 +18,9 @@ from jaxtyping import Float, UInt8
 
 from mesoshell import __version__
 from mesoshell.errors import Argument, InputError
+from mesoshell.film.crew import alone
 from mesoshell.film.flicker import FrameView, flicker, frame_view
+from mesoshell.film.frame import Crew, Shot, Task, compiled_in
 from mesoshell.film.keys import Keys, follow
 from mesoshell.film.motion import Motion
 from mesoshell.film.motion import dolly as toward
@@ -26,14 +28,14 @@ from mesoshell.film.motion import orbit as around
 from mesoshell.film.mp4 import check_mp4, write_mp4
 from mesoshell.film.wind import add_wind
 from mesoshell.io.atomic import probe_folder, replace_file
-from mesoshell.io.image import linear_to_srgb, read_picture, write_png
+from mesoshell.io.image import linear_to_srgb, read_picture
 from mesoshell.io.records import read_object
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import Quality
 from mesoshell.scene.defaults import back_light
 from mesoshell.scene.growth import meshes_of
 from mesoshell.scene.kept_meshes import mesh_of
-from mesoshell.scene.picture import Picture, Progress
+from mesoshell.scene.picture import Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settle import settle, with_others_grown
@@ -73,46 +75,62 @@ def shoot(
     engine: str = "jax",
     grown: Progress = lambda share: None,
     show: ShowFrames = lambda done, count: None,
+    crew: Crew = alone,
 ) -> Film:
-    """Render the frames that are not there yet. motion: of the settled scene; grown: progress of its texture. Raises
-    InputError, also for a folder that holds another film's frames."""
+    """Render the frames that are not there yet. motion: of the settled scene; grown: progress of its texture; crew: who makes
+    them. Raises InputError, also for a folder that holds another film's frames."""
     probe_folder(folder, Argument("folder"))
     begun = settle(scene, texture=False)
     moves = motion(begun)
     of = _identity(begun, moves, quality, engine)
     rows = _rows(folder, of)
     still = with_others_grown(begun, grown) if moves.shape else settle(begun, grown)
-
-    def scene_at(k: int) -> Scene:
-        change = moves.change(k)
-        return replace(still, **change | {"params": {**still.params, **change.get("params", {})}})
-
+    shot = Shot(still, quality, engine, compiled_in() if engine == "jax" else None)
     some = [] if "params" in moves.change(0) else sorted({0, moves.count // 2, moves.count - 1})
-    if not _bakes([scene_at(k) for k in some], quality, engine):
-        quality = quality.with_changes(density="network")
+    if not _bakes([shot.scene(moves.change(k)) for k in some], quality, engine):
+        shot = replace(shot, quality=quality.with_changes(density="network"))
+    paths = tuple(folder / f"{k:05d}.png" for k in range(moves.count))
+    missing = [k for k, path in enumerate(paths) if str(k) not in rows or not path.exists()]
+    there = moves.count - len(missing)
     notes: dict[str, None] = {}
-    before: tuple[FrameView, np.ndarray] | None = None
-    for k in range(moves.count):
-        frame = scene_at(k)
-        path, view = folder / f"{k:05d}.png", _view(frame)
-        if str(k) not in rows or not path.exists():
-            start = time.perf_counter()
-            made = _picture(frame, quality, engine, lambda share, k=k: show(k + share, moves.count))
+    measured = _flickers(paths, rows, lambda k: _view(shot.scene(moves.change(k))))
+    if next(measured) or missing:  # what the folder holds is known before its first frame is there
+        folder.mkdir(parents=True, exist_ok=True)
+        _write(folder, of, engine, rows)
+    show(there, moves.count)
+    tasks = (Task(k, moves.change(k), paths[k]) for k in missing)
+    with closing(crew(shot, tasks, lambda k, share: show(there + share, moves.count))) as frames:
+        for made in frames:
+            if not paths[made.k].exists():
+                raise InputError(folder, f"has no frame {made.k}, which a worker made: workers must share the folder")
+            rows[str(made.k)] = {"seconds": made.seconds}
             notes |= dict.fromkeys(made.notes)
-            folder.mkdir(parents=True, exist_ok=True)
-            if not rows:  # what the folder holds is known before its first frame is there
-                _write(folder, of, engine, rows)
-            write_png(path, made.rgba)
-            rows[str(k)] = {"seconds": round(time.perf_counter() - start, 3)}
-        shown = on_white(path)
+            there += 1
+            next(measured)
+            _write(folder, of, engine, rows)
+            show(there, moves.count)
+    done = [rows[str(k)] for k in range(moves.count)]
+    return Film(paths, tuple(x["seconds"] for x in done), tuple(x["flicker"] for x in done), tuple(notes))
+
+
+def _flickers(
+    paths: Sequence[Path], rows: dict[str, dict[str, Any]], view_of: Callable[[int], FrameView]
+) -> Iterator[int]:
+    """Write the flicker of each frame into its row, in order: at each step, of those whose frames are there; how many."""
+    before: tuple[FrameView, np.ndarray] | None = None
+    count = 0
+    for k, path in enumerate(paths):
+        while str(k) not in rows or not path.exists():
+            yield count
+            count = 0
+        view, shown = view_of(k), on_white(path)
         if "flicker" not in rows[str(k)]:
             rows[str(k)]["flicker"] = None if before is None else flicker(before[1], shown, before[0], view)
-            _write(folder, of, engine, rows)
+            count += 1
         before = view, shown
-        show(k + 1, moves.count)
-    made = [rows[str(k)] for k in range(moves.count)]
-    paths = tuple(folder / f"{k:05d}.png" for k in range(moves.count))
-    return Film(paths, tuple(x["seconds"] for x in made), tuple(x["flicker"] for x in made), tuple(notes))
+    while True:
+        yield count
+        count = 0
 
 
 def on_white(path: Path) -> Float[np.ndarray, "H W 3"]:
@@ -199,10 +217,6 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
     if not same:
         raise InputError(folder, "holds another film's frames: remove the folder, or choose another")
     return rows
-
-
-def _picture(scene: Scene, quality: Quality, engine: str, progress: Progress) -> Picture:
-    return prepare(scene, quality, engine).picture(progress)
 
 
 def _bakes(frames: list[Scene], quality: Quality, engine: str) -> bool:

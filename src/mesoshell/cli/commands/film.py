@@ -7,6 +7,7 @@ from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.film import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
+from mesoshell.film.crew import crew_of
 from mesoshell.film.keys import read_keys
 from mesoshell.film.mp4 import check_mp4
 from mesoshell.film.shoot import Film, plan_motion, shoot
@@ -30,11 +31,12 @@ def run(options: Options) -> None:
     motion = plan_motion(scene, options.orbit, options.dolly, options.far, keys, options.wind, options.fps)
     folder = options.out.with_suffix(".frames") if filmed else options.out
     probe_folder(folder, "--out")
+    crew = crew_of(options.workers, options.scheduler)
     console = stderr()
     compiled_by(options.engine)
     with bar(console, "growing") as show:
         step = lambda done, count: show(done, count, f"frame {min(int(done) + 1, count)} of {count}")  # noqa: E731
-        made = shoot(scene, motion, folder, quality, options.engine, show, step)
+        made = shoot(scene, motion, folder, quality, options.engine, show, step, crew)
     say_notes(console, made.notes)
     if filmed:
         made.save(options.out, options.fps)

@@ -32,5 +32,10 @@ class Options(SceneOptions):
     #: Effort a frame: draft, normal or reference.
     quality: Literal["draft", "normal", "reference"] = "normal"
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(help=SETTINGS_HELP)] = ()
+    #: Processes that render frames side by side, each with its share of the cores, and a copy of the scene in memory. Default:
+    #: none but this one.
+    workers: int | None = None
+    #: Address of a Dask scheduler whose workers render the frames; they see the folder under the same path.
+    scheduler: str | None = None
     #: A folder for the frames; or an .mp4 file, which needs the extra `film` and keeps its frames in a folder beside it.
     out: Path = Path("out/film")

@@ -1,5 +1,6 @@
 """Reading mesh files: what is read is what was written, and every fault is one line that names it."""
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +89,7 @@ def test_faults_of_paths(tmp_path: Path):
     (tmp_path / "mesh.fbx").write_text("")
     with pytest.raises(
         InputError,
-        match=r"unknown mesh format '\.fbx': use \.obj, \.ply, \.glb, \.gltf, \.off, \.stl, \.usd, \.usda, \.usdc, \.usdz$",
+        match=r"unknown mesh format '\.fbx': use \.obj, .*, \.3mf, \.dae, \.zae, .*, \.usdz, or one of them in a \.zip$",
     ):
         read_mesh(tmp_path / "mesh.fbx")
 
@@ -151,8 +152,10 @@ def test_the_same_mesh_in_every_format(tmp_path: Path):
     ball = trimesh.creation.icosphere(1)
     uv = np.random.default_rng(0).random((len(ball.vertices), 2))
     textured = trimesh.Trimesh(ball.vertices, ball.faces, visual=TextureVisuals(uv=uv), process=False)
-    for kind in ("obj", "ply", "glb", "off", "stl"):
+    for kind in ("obj", "ply", "glb", "off", "stl", "3mf", "dae"):
         textured.export(tmp_path / f"ball.{kind}")
+    with zipfile.ZipFile(tmp_path / "ball.zae", "w") as archive:
+        archive.write(tmp_path / "ball.dae", "ball.dae")
     parts = export_gltf(trimesh.Scene(textured))
     for name, data in parts.items():
         data = data.replace(b'"gltf_buffer', b'"a%20buffer')  # as exporters write names with spaces
@@ -162,7 +165,7 @@ def test_the_same_mesh_in_every_format(tmp_path: Path):
     for kind in FORMATS:
         points, faces, read_uv = read_mesh(tmp_path / f"ball{kind}")
         np.testing.assert_allclose(points[faces], ball.vertices[ball.faces], atol=1e-6)
-        if kind in (".glb", ".gltf", ".obj", *read_usd.FORMATS):
+        if kind in (".glb", ".gltf", ".obj", ".dae", ".zae", *read_usd.FORMATS):
             assert read_uv is not None
             np.testing.assert_allclose(read_uv, uv[ball.faces], atol=1e-6)
 

@@ -7,8 +7,8 @@ colour      diffuse colour of the material of a glTF file or a USD stage        
 v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are ignored
 n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
 
-GLB, glTF, OFF and STL are read by trimesh, with the transforms of their scene applied; axes and unit stay the file's. USD:
-read_usd.
+GLB, glTF, OFF, STL, 3MF and COLLADA are read by trimesh, with the transforms of their scene applied; axes and unit stay the
+file's. USD: read_usd.
 OBJ is read here, for five faults of trimesh's reader (5.2) that leave no trace: number 0 becomes the first vertex; a
 negative number counts from the file's end; one face without vt drops every UV; so does one vt out of range; polygons
 under several `usemtl` come back out of order. A polygon becomes a fan of triangles about its first corner. PLY: read_ply.
@@ -18,9 +18,13 @@ Source: the OBJ specification (Wavefront, appendix B1).
 
 import io
 import json
+import logging
 import os
+import re
+import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -36,9 +40,14 @@ from mesoshell.geometry import read_usd
 from mesoshell.geometry.colour import Colour, colour_of, read_or_none
 from mesoshell.geometry.read_ply import read_ply
 from mesoshell.geometry.read_usd import Part
+from mesoshell.geometry.unzip import check_archive, unzipped
 
-FORMATS = (".obj", ".ply", ".glb", ".gltf", ".off", ".stl", *read_usd.FORMATS)
+COLLADA = (".dae", ".zae")
+#: Of XML: trimesh needs packages of the extra `formats` for them.
+XML = (".3mf", *COLLADA)
+FORMATS = (".obj", ".ply", ".glb", ".gltf", ".off", ".stl", *XML, *read_usd.FORMATS)
 NO_TEXTURE = -1
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it warns of materials on standard error
 
 #: Positions, triangles, and corner UVs (None where no corner has one).
 Arrays = tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"] | None]
@@ -46,6 +55,7 @@ Arrays = tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarra
 
 def read_mesh(path: str | PathLike[str]) -> Arrays:
     """The arrays of a mesh file of one of FORMATS, in float64. Raises InputError, in one line, if it has none."""
+    path = unzipped(path, FORMATS)
     with _one_line(path) as kind:
         own = {"OBJ": read_obj, "PLY": read_ply}.get(kind)
         return _some(join_arrays([part.arrays for part in _parts(path)]) if own is None else own(path), path, kind)
@@ -56,6 +66,7 @@ def read_nodes(
 ) -> tuple[list[Arrays], list[tuple[Arrays, Colour | None]]]:
     """The meshes of each group of a glTF file's nodes or a USD stage's prims, by their names, with what hangs on them and is in
     no other group; and all its others, by colour. Raises InputError, in one line, for a group without triangles."""
+    path = unzipped(path, FORMATS)
     with _one_line(path):
         parts = _parts(path, apart=True)
         owners = {owner for part in parts for owner in part.names}
@@ -84,6 +95,18 @@ def read_nodes(
         return meshes, [(join_arrays([part.arrays for part in rest if part.colour == c]), c) for c in colours]
 
 
+def up_of_collada(path: str | PathLike[str]) -> str:
+    """The axis that a COLLADA file says is up: "x", "y" or "z". Raises InputError, in one line, if it cannot be read."""
+    with _one_line(path) as kind:
+        if kind == "ZAE":
+            with zipfile.ZipFile(path) as archive:
+                data = archive.read(next(x for x in archive.namelist() if x.lower().endswith(".dae")))
+        else:
+            data = Path(path).read_bytes()
+    said = re.search(rb"<up_axis>\s*([XYZ])_UP", data)
+    return "y" if said is None else said[1].decode().lower()
+
+
 @contextmanager
 def _one_line(path: str | PathLike[str]) -> Iterator[str]:
     """The format of a whole file, OBJ, PLY, …; whatever its reader raises is an InputError."""
@@ -94,7 +117,11 @@ def _one_line(path: str | PathLike[str]) -> Iterator[str]:
     if not os.path.isfile(file):
         raise InputError(path, "no such file")
     if file.suffix.lower() not in FORMATS:
-        raise InputError(path, f"unknown mesh format '{file.suffix}': use {', '.join(FORMATS)}")
+        raise InputError(
+            path, f"unknown mesh format '{file.suffix}': use {', '.join(FORMATS)}, or one of them in a .zip"
+        )
+    if file.suffix.lower() in XML and not (find_spec("lxml") and find_spec("collada")):
+        raise InputError(path, "needs lxml and pycollada: pip install mesoshell[formats]")
     try:
         check_whole(file)
         yield kind
@@ -141,6 +168,8 @@ def check_whole(path: Path) -> None:
             raise InputError(path, f"is cut short: it has {size} of {stated} bytes")
     if kind == ".gltf":
         _check_buffers(path)
+    if kind in (".3mf", ".zae"):
+        check_archive(path)
     if kind == ".off":
         lines = [line for line in (x.split(b"#")[0].split() for x in path.read_bytes().splitlines()) if line]
         words = [*lines[0][1:], *(lines[1] if len(lines[0]) == 1 and len(lines) > 1 else ())] if lines else []

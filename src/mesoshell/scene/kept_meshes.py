@@ -18,6 +18,8 @@ import numpy as np
 from mesoshell import __version__
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import Mesh, load_mesh
+from mesoshell.geometry.read import FORMATS
+from mesoshell.geometry.unzip import unzipped
 from mesoshell.io.cache import cache_folder
 from mesoshell.io.kept_arrays import keep_arrays, read_arrays
 from mesoshell.kept import constant
@@ -34,7 +36,7 @@ def mesh_of(given: str | PathLike[str] | Mesh) -> Mesh:
 
 def kept_mesh(path: str | PathLike[str]) -> Mesh:
     """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
-    file = Path(path)
+    file = unzipped(path, FORMATS)
     try:
         large = (
             os.path.isfile(file) and file.suffix.lower() not in MULTI_FILE_FORMATS and file.stat().st_size >= MIN_BYTES
@@ -43,12 +45,12 @@ def kept_mesh(path: str | PathLike[str]) -> Mesh:
     except OSError:
         entry = None
     if entry is None:
-        return load_mesh(path)  # which says why, if it cannot be read
+        return load_mesh(file)  # which says why, if it cannot be read
     kept = read_arrays(entry, (*ARRAYS, "notes"))
     if kept is not None:
         vertices, faces, uv, normals = (kept[name] for name in ARRAYS)
         return constant(Mesh(vertices, faces, uv, normals, tuple(map(str, kept["notes"]))))
-    mesh = load_mesh(path)
+    mesh = load_mesh(file)
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
     keep_arrays(entry, arrays | {"notes": np.array(mesh.notes, np.str_)}, MAX_BYTES)
     return mesh

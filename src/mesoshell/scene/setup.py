@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
 from os import PathLike
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +12,8 @@ from jaxtyping import Float
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box
+from mesoshell.geometry.read import COLLADA, FORMATS, up_of_collada
+from mesoshell.geometry.unzip import unzipped
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
 from mesoshell.limits import check_memory
@@ -204,10 +205,13 @@ def up_axis(scene: Scene) -> int:
 
 def axis_of_file(path: str | PathLike[str]) -> int:
     """1 for y, 2 for z: what a USD stage says, or as usual for a format. Raises InputError for a stage that is none."""
-    suffix = Path(path).suffix.lower()
+    path = unzipped(path, FORMATS)
+    suffix = path.suffix.lower()
     if suffix in read_usd.FORMATS:
         return 2 if read_usd.up_of(path) == "z" else 1
-    return 2 if suffix in (".ply", ".stl") else 1
+    if suffix in COLLADA:
+        return 2 if up_of_collada(path) == "z" else 1
+    return 2 if suffix in (".ply", ".stl", ".3mf") else 1
 
 
 def lights_of(scene: Scene, camera: Camera, up: int) -> tuple[tuple[Distant, ...], Environment | None]:

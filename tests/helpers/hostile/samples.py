@@ -1,6 +1,7 @@
 """Small files of every kind that are well, made without JAX: what generated cases damage."""
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,11 @@ def make(folder: Path) -> None:
     ball.export(folder / "ball.stl")
     ball.export(folder / "ball.ply")
     ball.export(folder / "text.ply", encoding="ascii")
+    textured.export(folder / "ball.dae")
+    ball.export(folder / "ball.3mf")
+    for kind, name in (("zae", "ball.dae"), ("zip", "ball.gltf")):
+        with zipfile.ZipFile(folder / f"ball.{kind}", "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.write(folder / name, f"made/{name}")
     for kind in ("usda", "usdc"):
         stage(folder / f"ball.{kind}", ball.vertices, ball.faces, uv)
     pxr("UsdUtils").CreateNewUsdzPackage(str(folder / "ball.usdc"), str(folder / "ball.usdz"))

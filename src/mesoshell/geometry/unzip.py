@@ -1,0 +1,89 @@
+"""Mesh files in a ZIP archive, as sites for models give them: unpacked for as long as this process lives.
+
+Everything in the archive is unpacked, since a mesh may name its buffers and images; nothing outside the folder is touched.
+"""
+
+import shutil
+import tempfile
+import threading
+import zipfile
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path, PurePosixPath
+
+from mesoshell.errors import InputError
+from mesoshell.limits import check_memory
+
+SUFFIX = ".zip"
+#: Most files of an archive; a format of several files, if an archive holds one, comes before what else it holds.
+MOST, FIRST = 10_000, (".gltf", ".usd", ".usda", ".usdc")
+#: Memory that a file takes for each of its bytes, at most about: text of numbers, and what is made of it.
+GROWS = 16
+_UNPACKED: dict[tuple, tuple[tempfile.TemporaryDirectory, Path]] = {}
+_TURN = threading.Lock()
+
+
+def unzipped(path: str | PathLike[str], formats: Sequence[str]) -> Path:
+    """The file of one of these formats in a .zip, unpacked; any other path as it is. Raises InputError unless there is one."""
+    file = Path(path)
+    if file.suffix.lower() != SUFFIX or not file.is_file():
+        return file
+    state = file.stat()
+    key = file.resolve(), state.st_mtime_ns, state.st_size
+    with _TURN:
+        if key not in _UNPACKED:
+            _UNPACKED[key] = _unpacked(file, formats)
+        return _UNPACKED[key][1]
+
+
+def check_archive(path: Path) -> list[zipfile.ZipInfo]:
+    """The files in an archive. Raises InputError if it is none, or they are too large, too many, or lead out of its folder."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            files = [entry for entry in archive.infolist() if not entry.is_dir()]
+    except (zipfile.BadZipFile, NotImplementedError, ValueError, OSError) as fault:
+        raise InputError(path, f"is not a readable ZIP archive ({fault})") from fault
+    if len(files) > MOST:
+        raise InputError(path, f"holds {len(files)} files, more than {MOST}")
+    for entry in files:
+        name = PurePosixPath(entry.filename.replace("\\", "/"))
+        if name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
+            raise InputError(path, f"its file {entry.filename!r} leads out of the folder")
+        if entry.flag_bits & 1:
+            raise InputError(path, f"its file {entry.filename!r} is encrypted")
+    check_memory(path, "what it holds", GROWS * sum(entry.file_size for entry in files))
+    return files
+
+
+def _unpacked(path: Path, formats: Sequence[str]) -> tuple[tempfile.TemporaryDirectory, Path]:
+    files = check_archive(path)
+    name = _chosen(path, [x.filename for x in files], formats)
+    folder = tempfile.TemporaryDirectory(prefix="mesoshell-")
+    try:
+        # a fault in what was unpacked then names the archive, too
+        inside = Path(folder.name) / path.name
+        with zipfile.ZipFile(path) as archive:
+            for entry in files:
+                target = inside / entry.filename.replace("\\", "/")
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(entry) as packed, target.open("wb") as out:
+                    shutil.copyfileobj(packed, out)
+    except Exception as fault:  # of each way of packing its own
+        folder.cleanup()
+        raise InputError(path, f"cannot be unpacked ({fault})") from fault
+    return folder, inside / name
+
+
+def _chosen(path: Path, names: Sequence[str], formats: Sequence[str]) -> str:
+    """The one mesh file among names."""
+    given = [PurePosixPath(name.replace("\\", "/")) for name in names]
+    shown = [x for x in given if not any(part.startswith(("__MACOSX", ".")) for part in x.parts)]
+    found = [x for x in shown if x.suffix.lower() in formats]
+    found = [x for x in found if x.suffix.lower() in FIRST] or found
+    if not found:
+        raise InputError(path, f"holds no mesh of {', '.join(formats)}")
+    if len(found) > 1:
+        raise InputError(
+            path, f"holds {len(found)} meshes: unpack it, and give one of {', '.join(map(str, sorted(found)))}"
+        )
+    return str(found[0])

@@ -67,13 +67,13 @@ def unpack(scene: Scene) -> Scene:
             raise InputError(Argument("grow"), "names meshes of a glTF file or a USD stage, and the scene has none")
         return scene
     assert isinstance(scene.mesh, str | PathLike)
-    scene = replace(scene, mesh=unzipped(scene.mesh, FORMATS))
+    path = unzipped(scene.mesh, FORMATS)
     if scene.grow or named:
-        (mesh, *meshes), others = load_nodes(scene.mesh, [scene.grow, *(x.grow for x in named)])
+        (mesh, *meshes), others = load_nodes(path, [scene.grow, *(x.grow for x in named)])
     else:
-        mesh, meshes, others = kept_mesh(scene.mesh), [], ()
+        mesh, meshes, others = kept_mesh(path), [], ()
     own = iter(meshes)
-    inside = read_scene_file(scene.mesh)
+    inside = read_scene_file(path)
     notes, camera, sky = list(inside.notes), scene.camera, scene.environment
     lights, lamps = scene.lights, scene.lamps
     if camera is None and inside.camera is not None and _is_size(scene.size):

@@ -160,12 +160,13 @@ def test_the_command_makes_this_very_picture(tiny_bundle: Bundle, tmp_path: Path
     given = ms.Scene(MESH, material, scale=0.4, lights=lights, irradiance=5.0, objects=[MESH], transparent=True)
     begun = settle(given, texture=False)
     look = replace(first_look(begun), params={"dryness": 0.8}, sun=sun, quality="draft", thickness=0.25)
+    look = replace(look, changes={"samples": 6, "filtering": False, "spacing": "length", "skip": 0.01} if lit else {})
     away = ms.Camera(ms.look_at((-6.0, 1.0, -7.0), (0.0, 0.0, 0.0)), 0.6, 20, 16)  # not from where it began
     scene = scene_of_look(begun, begun, look, away, lit)
     words = shlex.split(command(given, scene, look, "jax", 2))
     assert words[:2] == ["mesoshell", "render"]
     main([*words[1:], "--out", str(tmp_path / "a.png")])
-    made = ms.render(scene, "draft", max_samples=2).rgba
+    made = ms.render(scene, look.settings, max_samples=2).rgba
     away_from = np.abs(read_exr(tmp_path / "a.exr") - made)
     assert np.median(away_from) < 1e-3 * made.max() and np.quantile(away_from, 0.95) < 0.02 * made.max()
 

@@ -312,9 +312,9 @@ def test_a_picture_is_compared_with_another_quality(page: Page, watching: Watchi
     """Of equal pictures the errors are none; what shows something else is not compared with."""
     watching.wait(lambda: page.work.picture(7)[1])
     page._with.value = "reference"
-    watching.wait(lambda: "reference: " in page._cost.content)
+    watching.wait(lambda: "reference: " in page._settings.cost.content)
     page._mode.value = "error"
-    watching.wait(lambda: "FLIP" in page._cost.content)
+    watching.wait(lambda: "FLIP" in page._settings.cost.content)
     compared_picture, same = page.work.picture(ComparisonView(7))
     assert same and compared_picture is not None
     page.work.leave(7)
@@ -324,12 +324,44 @@ def test_a_picture_is_compared_with_another_quality(page: Page, watching: Watchi
         page._mode.value = "wipe"
         assert watching.shown[-1].max() == 255
         page._mode.value = "error"
-        assert "FLIP 0.0000" in page._cost.content and watching.shown[-1].max() < 10
+        assert "FLIP 0.0000" in page._settings.cost.content and watching.shown[-1].max() < 10
         page._with.value = "nothing"
-        assert page._cost.content.count("a pixel") == 1 and watching.shown[-1].max() == 255
+        assert page._settings.cost.content.count("a pixel") == 1 and watching.shown[-1].max() == 255
         patch.setattr(page.work, "picture", lambda eye: (compared_picture, eye == 7))
         page._with.value = "draft"
-        assert page._cost.content.endswith("draft: under way")
+        assert page._settings.cost.content.endswith("draft: under way")
+
+
+def test_a_field_of_quality_says_what_it_costs(page: Page, watching: Watching):
+    settings, work = page._settings, page.work
+
+    def refined() -> bool:
+        picture, current = work.picture(7)
+        return current and picture is not None and picture.samples >= 2
+
+    watching.wait(refined)
+    fields = settings._fields
+    assert fields["samples"].visible and not fields["environment_samples"].visible and "max_depth" not in fields
+    assert "pixel_samples" not in fields and "density" not in fields
+    fields["samples"].value = 7
+    assert work.look.changes == {"samples": 7} and settings._said.content == "`samples` 28 → 7: under way"
+    watching.wait(lambda: "evaluations a ray" in settings._said.content)
+    found = re.fullmatch(
+        r"`samples` 28 → 7: \d+ → \d+ ms a pass, ([\d.]+) → ([\d.]+) evaluations a ray", settings._said.content
+    )
+    assert found is not None and float(found[2]) > 1.3 * float(found[1])  # the page's preset has 4
+    picture, _ = work.picture(7)
+    assert picture is not None and picture.rendered.record["quality"]["samples"] == 7
+    fields["visibility"].value = "sample"
+    assert work.look.changes == {"samples": 7, "visibility": "sample"}
+    for name, wrong in (("skip", 2.0), ("skip", float("nan")), ("samples", -3)):
+        fields[name].value = wrong
+        assert work.look.changes == {"samples": 7, "visibility": "sample"} and name in settings._said.content
+    fields["samples"].value = 10**9
+    assert work.look.changes["samples"] == 4 * 256
+    settings._preset.value = "draft"
+    assert work.look.quality == "draft" and work.look.changes == {} and fields["samples"].value == 10
+    settings._preset.value = "normal"
 
 
 def test_an_image_lights_the_scene(page: Page):
@@ -367,7 +399,7 @@ def test_a_material_stands_beside_another(tiny_bundle: Bundle, monkeypatch: pyte
         monkeypatch.setattr(page._server, "get_clients", lambda: {7: seen})
         page._connected(seen)
         beside = page.beside
-        seen.wait(lambda: page._cost.content.count("a pixel") == 2)
+        seen.wait(lambda: page._settings.cost.content.count("a pixel") == 2)
         page._other.params["dryness"].value = 0.9
         page._lit.value = True
         assert page.work.look.params == {"dryness": 0.3} and page.beside.look.params == {"dryness": 0.9}

@@ -5,7 +5,6 @@ All is made in memory and downloaded by the browser: nothing is written where th
 
 import io
 import zipfile
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,17 +12,16 @@ from typing import Any
 
 from mesoshell.errors import InputError
 from mesoshell.io.image import exr_bytes, png_bytes
-from mesoshell.render.quality import PRESETS
 from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.viewer.look import command
 from mesoshell.viewer.work import Workshop
 
 
 class Downloads:
-    """The buttons of the folder "Save". quality: the name of the preset that is chosen now."""
+    """The buttons of the folder "Save"."""
 
-    def __init__(self, gui: Any, work: Workshop, engine: str, quality: Callable[[], str]):
-        self._work, self._engine, self._quality = work, engine, quality
+    def __init__(self, gui: Any, work: Workshop, engine: str):
+        self._work, self._engine = work, engine
         with gui.add_folder("Save"):
             gui.add_button("PNG").on_click(partial(self._picture, "png"))
             gui.add_button("EXR").on_click(partial(self._picture, "exr"))
@@ -44,7 +42,7 @@ class Downloads:
         with TemporaryDirectory() as parent:
             folder = Path(parent) / "scene"
             try:
-                write_folder(self._work.described(event.client_id), folder, PRESETS[self._quality()])
+                write_folder(self._work.described(event.client_id), folder, self._work.look.settings)
             except (InputError, OSError) as fault:
                 self._work.say("scene", str(fault))
                 return

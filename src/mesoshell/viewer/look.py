@@ -18,6 +18,7 @@ from jaxtyping import Float
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
+from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.unpack import is_scene_file
@@ -43,8 +44,8 @@ class Sky:
 
 @dataclass(frozen=True)
 class Look:
-    """What is set. params: by name; thickness: world; sun and sky: None both for the scene's own lights; side: pixels of the
-    longer side; painted: in place of parameters."""
+    """What is set. params: by name; thickness: world; sun and sky: None both for the scene's own lights; quality: a preset's
+    name; side: pixels of the longer side; painted: in place of parameters; changes: of the preset's fields."""
 
     params: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
@@ -55,6 +56,12 @@ class Look:
     quality: str = "normal"
     side: int = 384
     painted: Mapping[str, Painting] = field(default_factory=dict)
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> Quality:
+        """The preset with the changes."""
+        return PRESETS[self.quality].with_changes(**self.changes)
 
     def texture(self, scene: Scene) -> tuple:
         """What of it a grown texture depends on; alike for all looks where none is grown."""
@@ -192,7 +199,9 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         *(["--holdout"] if given.holdout else []),
     ]
     words += ["--engine", engine, "--quality", look.quality, "--max-samples", str(samples)]
-    return shlex.join([*words, "--set", "density=network"])
+    for name, value in {"density": "network", **look.changes}.items():
+        words += ["--set", f"{name}={str(value).lower()}"]
+    return shlex.join(words)
 
 
 def _further(one: Grown) -> list[str]:

@@ -30,9 +30,9 @@ from mesoshell.viewer.downloads import Downloads
 from mesoshell.viewer.look import Look, Sky
 from mesoshell.viewer.panel import Panel
 from mesoshell.viewer.refine import RefinedPicture
+from mesoshell.viewer.settings import SettingsPanel
 from mesoshell.viewer.work import Workshop
 
-SIDES = (128, 256, 384, 512, 768, 1024)
 #: Quality of the pictures' JPEG, 0 to 100.
 JPEG = 85
 NOTHING = "nothing"
@@ -143,12 +143,7 @@ class Page:
                 "Environment", hint="a latitude-longitude EXR, in place of the scene's lights"
             )
             upload.on_upload(lambda event: self._take_sky(event.target.value))
-        with gui.add_folder("Picture"):
-            self._quality = gui.add_dropdown("quality", tuple(PRESETS), initial_value=look.quality)
-            self._side = gui.add_dropdown(
-                "pixels", tuple(map(str, SIDES)), initial_value=str(look.side), hint="of the longer side"
-            )
-            self._cost = gui.add_markdown("")
+        self._settings = SettingsPanel(gui, self._engine, look, self._set)
         with gui.add_folder("Compare", expand_by_default=self.beside is not None):
             first = NOTHING if self.beside is None else self.beside.given.material.name
             names = {NOTHING: None, **dict.fromkeys(PRESETS), first: None}
@@ -156,13 +151,11 @@ class Page:
             self._with = gui.add_dropdown("with", tuple(names), initial_value=first, hint=hint)
             self._mode = gui.add_dropdown("show", ("wipe", "error"), hint="both pictures, or FLIP, where they differ")
             self._wipe = gui.add_slider("wipe", 0.0, 1.0, 0.01, 0.5, hint="what is compared with is right of it")
-        self._downloads = Downloads(gui, work, self._engine, lambda: self._quality.value)
+        self._downloads = Downloads(gui, work, self._engine)
         with gui.add_folder("Effects", expand_by_default=False):
             self._effects = gui.add_markdown("")
         self._fault, self._other_fault = gui.add_markdown(""), gui.add_markdown("")
-        for each in (
-            self._base, self._lit, self._azimuth, self._elevation, self._under, self._quality, self._side,
-        ):  # fmt: skip
+        for each in (self._base, self._lit, self._azimuth, self._elevation, self._under):
             each.on_update(self._set)
         if run is not None:
             from mesoshell.viewer.run import RunPanel  # training needs JAX
@@ -182,8 +175,7 @@ class Page:
             painted={} if self._brush is None else self._brush.painted,
             sun=(self._azimuth.value, self._elevation.value) if self._lit.value else None,
             sky=self._sky if self._under.value else None,
-            quality=self._quality.value,
-            side=int(self._side.value),
+            **self._settings.look(),
         )
 
     def _set(self, _: Any) -> None:
@@ -312,7 +304,8 @@ class Page:
                 image = wipe(picture.rgba, compared_picture.rgba, self._wipe.value)
         codes = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
         client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
-        self._cost.content = "  \n".join(lines)
+        self._settings.cost.content = "  \n".join(lines)
+        self._settings.see(picture, self.work.look)
         text = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
         if self._effects.content != text:
             self._effects.content = text

@@ -1,16 +1,17 @@
 """Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned in a tile's time."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import Effects
-from mesoshell.render.quality import PRESETS
+from mesoshell.render.quality import PRESETS, Quality
 from mesoshell.scene.picture import Rendered
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
@@ -43,22 +44,27 @@ def refine(
     engine: str = "jax",
     coarse: bool = True,
     most: int = MAX_SAMPLES,
+    changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> Iterator[RefinedPicture]:
-    """Ever better pictures of a settled scene, up to `most` samples a pixel. coarse: whether one of few pixels comes first.
-    Ends early once `stopped` says so, and raises InputError as `prepare` does."""
+    """Ever better pictures of a settled scene, up to `most` samples a pixel. quality: a preset's name; coarse: whether a draft
+    of few pixels comes first; changes: of the preset's fields. Ends early once `stopped` says so, and raises InputError as
+    `prepare` does."""
     assert isinstance(scene.camera, Camera)
-    stages = [(with_size(scene.camera, COARSE), "draft", 1), (scene.camera, quality, most)]
+    stages = [
+        (with_size(scene.camera, COARSE), PRESETS["draft"], 1),
+        (scene.camera, PRESETS[quality].with_changes(**changes), most),
+    ]
     if not coarse or max(scene.camera.width, scene.camera.height) <= COARSE:
         stages = stages[1:]
     try:
-        for camera, preset, count in stages:
-            yield from _passes(replace(scene, camera=camera), preset, count, stopped, engine)
+        for camera, settings, count in stages:
+            yield from _passes(replace(scene, camera=camera), settings, count, stopped, engine)
     except Abandoned:
         return
 
 
 def _passes(
-    scene: Scene, preset: str, count: int, stopped: Callable[[], bool], engine: str
+    scene: Scene, settings: Quality, count: int, stopped: Callable[[], bool], engine: str
 ) -> Iterator[RefinedPicture]:
     def check(share: float) -> None:
         if stopped():
@@ -67,7 +73,7 @@ def _passes(
     begin = time.perf_counter()
     check(0.0)
     # a grid of density would take seconds at each step of a slider
-    ready = prepare(scene, PRESETS[preset].with_changes(density="network"), engine)
+    ready = prepare(scene, settings.with_changes(density="network"), engine)
     check(0.0)
     passes = ready.passes(None)
     total = np.zeros((passes.shape[0] * passes.shape[1], 4))

@@ -182,8 +182,10 @@ class Workshop:
                     eye, view = ready[self._turn % len(ready)]
                     if view.painted != view.wish:
                         view.painted = view.wish
-                        quality, coarse = view.quality or self.look.quality, view.quality is None
-                        view.left = refine(self._scene(view), quality, self._stopped(view), self._engine, coarse)
+                        own, quality = view.quality is None, view.quality or self.look.quality
+                        changes = self.look.changes if own else {}
+                        how = {"engine": self._engine, "coarse": own, "changes": changes}
+                        view.left = refine(self._scene(view), quality, self._stopped(view), **how)
                     return eye, view
                 self._changed.wait(min(v.rest for _, v in waiting) - now if waiting else None)
         return None

@@ -1,10 +1,10 @@
 """Run by Blender's Python: a head on a stand, seen by a camera, as a mask and in every mesh format.
 
-FOLDER, which has sky.exr, gets sky_0.exr to sky_7.exr, what is seen of that in eight directions, sky.usda, mapped.usdc and
-upright.usda, whose y is up; the same of the sky turned by 90 degrees, turned_0.exr to turned_7.exr and turned.usdz; of each
-lamp NAME, NAME.exr, what is seen of a white floor below it, NAME.usdc and NAME.glb; mask.png, view.json (the camera's frame and
-vertical field of view) and head.glb, .gltf, .usda, .usdc, .usdz, .obj, .ply and .stl, by Blender's own settings but for
-cameras."""
+FOLDER, which has sky.exr and board.png, gets sky_0.exr to sky_7.exr, what is seen of the sky in eight directions, sky.usda,
+mapped.usdc and upright.usda, whose y is up; the same of the sky turned by 90 degrees, turned_0.exr to turned_7.exr and
+turned.usdz; of each lamp NAME, NAME.exr, what is seen of a white floor below it, NAME.usdc and NAME.glb; of a board that wears
+board.png, under a sun, board.exr, .glb, .gltf, .usdc and .usdz; mask.png, view.json (the camera's frame and vertical field of
+view) and head.glb, .gltf, .usda, .usdc, .usdz, .obj, .ply and .stl, by Blender's own settings but for cameras."""
 
 import json
 import math
@@ -109,3 +109,29 @@ show_lamp("bare", "POINT", shadow_soft_size=0.0)
 show_lamp("spot", "SPOT", shadow_soft_size=0.1, spot_size=1.2, spot_blend=0.15)
 show_lamp("rectangle", "AREA", shape="RECTANGLE", size=0.3, size_y=0.2)
 show_lamp("disk", "AREA", shape="DISK", size=0.3)
+board = bpy.context.object
+board.name = "Board"
+painted = bpy.data.materials.new("Painted")
+painted.use_nodes = True
+shader = painted.node_tree.nodes["Principled BSDF"]
+shader.inputs["Specular IOR Level"].default_value, shader.inputs["Roughness"].default_value = 0.0, 1.0
+texture = painted.node_tree.nodes.new("ShaderNodeTexImage")
+texture.image, texture.interpolation = bpy.data.images.load(str(FOLDER / "board.png")), "Closest"
+painted.node_tree.links.new(texture.outputs[0], shader.inputs["Base Color"])
+board.data.materials[0] = painted
+for corner in board.data.uv_layers[0].data:  # turned, and repeated
+    corner.uv = 1.5 * corner.uv[1] - 0.25, corner.uv[0]
+bpy.ops.mesh.primitive_plane_add(size=0.5, location=(0, 0, -50))
+bpy.context.object.name = "Lawn"
+sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+sun.data.energy = math.pi
+bpy.context.collection.objects.link(sun)
+scene.render.resolution_x = scene.render.resolution_y = 24
+camera.location, lens.angle, scene.cycles.samples = (0, 0, 100), 2 * math.atan(0.01), 16
+scene.render.filepath = str(FOLDER / "board.exr")
+bpy.ops.render.render(write_still=True)
+for form, kind in (("GLB", "glb"), ("GLTF_SEPARATE", "gltf")):
+    path = str(FOLDER / f"board.{kind}")
+    bpy.ops.export_scene.gltf(filepath=path, export_format=form, export_cameras=True, export_lights=True)
+for kind in ("usdc", "usdz"):
+    bpy.ops.wm.usd_export(filepath=str(FOLDER / f"board.{kind}"))

@@ -3,6 +3,7 @@
 import json
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,10 +33,20 @@ Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 SKY = np.stack(np.broadcast_arrays(np.arange(1, 9) / 8, np.arange(1, 5)[:, None] / 4, 0.0), axis=-1).astype(np.float32)
 
 
+#: Blocks of 64 pixels, 4 by 2 of them, each of another colour.
+BOARD = np.kron(
+    np.stack(np.broadcast_arrays(np.arange(40, 240, 50), np.arange(50, 250, 100)[:, None], 120), axis=-1).astype(
+        np.uint8
+    ),
+    np.ones((64, 64, 1), np.uint8),
+)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("blender")
     write_exr(made / "sky.exr", SKY, half=False)
+    Image.fromarray(BOARD).save(made / "board.png")
     script = [ROOT / "data_gen/.venv/bin/python", ROOT / "tests/helpers/blender_view.py", made]
     subprocess.run(list(map(str, script)), check=True, capture_output=True)
     return made
@@ -113,3 +124,18 @@ def test_a_lamp_is_as_bright_as_blenders(folder: Path, file: str):
     assert lamp.kind == {"bare": "point", "point": "sphere" if told.up == "z" else "point"}.get(
         Path(file).stem, Path(file).stem
     )
+
+
+@pytest.mark.parametrize(
+    ("file", "engine"),
+    [("board.glb", "jax"), ("board.gltf", "mitsuba"), ("board.usdc", "mitsuba"), ("board.usdz", "jax")],
+)
+def test_an_image_lies_on_a_board_as_in_blender(folder: Path, tiny_bundle: Bundle, file: str, engine: Any):
+    """Whose texture coordinates are turned, stretched, and repeat the image. Compared where all neighbours are alike."""
+    seen = read_exr(folder / "board.exr")[..., :3]
+    around = np.stack([np.roll(seen, (y, x), axis=(0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1)])
+    inside = np.ptp(around, axis=0).max(axis=-1) < 0.01
+    assert inside.mean() > 0.4 and len(np.unique(seen[inside].round(2), axis=0)) == 8  # every colour
+    scene = ms.Scene(folder / file, Material("tiny", tiny_bundle), grow=("Lawn",), size=(24, 24), thickness=0.01)
+    made = ms.render(scene, engine=engine, quality="draft").rgba[..., :3]
+    np.testing.assert_allclose(made[inside], seen[inside], rtol=0.01, atol=0.002)

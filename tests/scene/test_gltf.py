@@ -16,15 +16,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.spatial.transform import Rotation
+from trimesh.visual.material import PBRMaterial
 
 import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh, load_nodes
 from mesoshell.geometry.read import read_mesh, read_nodes
+from mesoshell.geometry.read_usd import Look
 from mesoshell.io.bundle import Bundle
 from mesoshell.scene.gltf import LUX
 from mesoshell.scene.materials import Material
@@ -353,8 +356,8 @@ def test_names_are_the_files(tmp_path: Path):
     nodes += [{"name": name, "mesh": 0, "translation": [k, 0, 0]} for k, name in enumerate(("Tree", "Tree", "Rock"))]
     path = written(tmp_path, triangles([*nodes, {"mesh": 0, "translation": [9, 0, 0]}]))
     grown, others = read_nodes(path, [("Tree",)])
-    ((rest, colour),) = others
-    assert len(grown[0][1]) == 2 and len(rest[1]) == 2 and colour is None
+    ((rest, look),) = others
+    assert len(grown[0][1]) == 2 and len(rest[1]) == 2 and look == Look()
     assert len(read_nodes(path, [("world",)])[0][0][1]) == 4
     with pytest.raises(InputError, match=r"its names are Rock, Tree, node 4, world$"):
         read_nodes(path, [("Bush",)])
@@ -382,6 +385,25 @@ def test_what_nothing_grows_on_has_its_materials_colours(tmp_path: Path, texture
     share = 0.5 if textured else 1.0
     found = {len(m.faces) if m.colour else "bare": m.colour for m in others}
     assert found == {2: pytest.approx((0.6 * share, 0.1 * share, 0)), 1: (0, 0, 0), "bare": None} and len(others) == 3
+
+
+@pytest.mark.parametrize(
+    ("more", "lies"), [({}, True), ({"texCoord": 1}, False), ({"extensions": {"KHR_texture_transform": {}}}, False)]
+)
+def test_an_image_is_kept_where_it_is_not_moved(tmp_path: Path, more: dict, lies: bool):
+    """One that is moved, or lies on other texture coordinates, has its mean alone."""
+    image = Image.fromarray(np.array([[[255, 0, 0], [0, 0, 0]]], np.uint8))
+    material = PBRMaterial(baseColorTexture=image, baseColorFactor=[128, 255, 255, 255])
+    visual = trimesh.visual.TextureVisuals(uv=np.eye(4, 2), material=material)  # type: ignore[attr-defined]
+    solid = trimesh.Trimesh(np.eye(4, 3), [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
+    trimesh.Scene(solid).export(str(tmp_path / "a.gltf"))
+    header = json.loads((tmp_path / "a.gltf").read_text())
+    header["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] |= more
+    (tmp_path / "a.gltf").write_text(json.dumps(header))
+    ((_, look),) = read_nodes(tmp_path / "a.gltf", [])[1]
+    assert look.colour == pytest.approx((0.25, 0, 0), abs=2e-3) and (look.texture is not None) == lies
+    if look.texture is not None:
+        np.testing.assert_allclose(look.texture.image, [[[0.5, 0, 0], [0, 0, 0]]], atol=4e-3)
 
 
 def test_what_nothing_grows_on_needs_neither_uvs_nor_area(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

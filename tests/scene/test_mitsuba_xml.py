@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import mesoshell as ms
 import mesoshell.pathtracer
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
+from mesoshell.geometry.image_texture import texture_of
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
@@ -139,6 +141,22 @@ def test_it_is_the_picture_of_the_described_scene(kind: str, tmp_path: Path):
     np.testing.assert_allclose(made.mean(axis=(0, 1)), wanted.mean(axis=(0, 1)), rtol=0.02)
     away = np.abs(made - wanted)[..., :3].mean()
     assert away < 0.1 * wanted[..., :3].mean() < 0.3 * np.abs(made[:, ::-1] - wanted)[..., :3].mean()
+
+
+def test_an_image_on_an_object_is_written_too(material: Material, tmp_path: Path):
+    """The picture is the same, noise apart; without the image it is not."""
+    codes = np.random.default_rng(0).integers(0, 256, (2, 3, 3)).astype(np.uint8)
+    board = replace(
+        load_mesh(MESH.with_name("spot.obj")), texture=texture_of(Image.fromarray(codes)), colour=(1.0, 1.0, 1.0)
+    )
+    scene = ms.Scene(MESH, material, objects=[board], size=(24, 20), camera=(1.5, 0.5, -3.0, 0.0, 0.0, 0.0, 40.0))
+    path = ms.write_scene(scene, tmp_path / "made", quality="draft")
+    assert {"object0.obj", "albedo0.exr"} <= {file.name for file in path.parent.iterdir()}
+    plain = replace(scene, objects=[replace(board, texture=None)])
+    wanted, other = (ms.render(x, "draft", engine="mitsuba", spp=256).rgba[..., :3] for x in (scene, plain))
+    written = np.array(mitsuba().render(ms.mitsuba.load_file(path), spp=256))[..., :3]
+    np.testing.assert_allclose(written.mean(axis=(0, 1)), wanted.mean(axis=(0, 1)), rtol=0.02)
+    assert np.abs(written - wanted).mean() < 0.1 * np.abs(written - other).mean()
 
 
 def test_a_surface_material_is_written_too(tmp_path: Path):

@@ -245,7 +245,7 @@ def test_subsets_and_their_colours(tmp_path: Path):
     path = stage(tmp_path, mesh("Hill", kind=API, body=body) + looks + mesh("Bare"))
     parts = read_usd.parts(path)
     found = {
-        (*part.names[1::2], *part.material[1::2]): (len(part.arrays[0]), len(part.arrays[1]), part.colour)
+        (*part.names[1::2], *part.material[1::2]): (len(part.arrays[0]), len(part.arrays[1]), part.look.colour)
         for part in parts
     }
     red = pytest.approx((0.7, 0, 0))
@@ -268,7 +268,7 @@ def test_subsets_and_their_colours(tmp_path: Path):
     assert len(read_usd.parts(path, apart=False)) == 2
     for spoil in (lambda: (tmp_path / "half.png").write_bytes(b"nonsense"), lambda: (tmp_path / "half.png").unlink()):
         spoil()
-        assert {part.names[1]: part.colour for part in read_usd.parts(path)}["Path"] is None
+        assert {part.names[1]: part.look.colour for part in read_usd.parts(path)}["Path"] is None
         assert len(load_nodes(path, [("Lawn",)])[0][0].faces) == 4
 
 
@@ -294,7 +294,7 @@ def test_colours_by_other_ways(tmp_path: Path):
             }.items()
         )
     )
-    found = {part.names[0]: part.colour for part in read_usd.parts(stage(tmp_path, body + looks))}
+    found = {part.names[0]: part.look.colour for part in read_usd.parts(stage(tmp_path, body + looks))}
     tinted = pytest.approx((0.1, 0.2, 0.3))
     assert found == {"/A": tinted, "/B": tinted, "/C": pytest.approx((0.3, 0, 0)), "/D": None, "/E": None}
 
@@ -643,3 +643,22 @@ def test_a_stages_sky_is_exported_and_brought_by_the_viewers_command(tmp_path: P
     assert str(path) in shown and "--no-suns" not in shown and "--environment" not in shown and "--light" not in shown
     sun = replace(look, sun=(0.5, 0.5))
     assert "--light" in command(scene, scene_of_look(still, still, sun, camera, True), sun, "jax", 1)
+
+
+@pytest.mark.parametrize(("by", "lies"), [("", True), ("UsdPrimvarReader_float2", True), ("UsdTransform2d", False)])
+def test_an_image_is_kept_where_it_is_not_moved(tmp_path: Path, by: str, lies: bool):
+    """One that is moved has its mean alone."""
+    Image.fromarray(np.repeat(np.array([[0, 255]], np.uint8), 3).reshape(1, 2, 3)).save(tmp_path / "half.png")
+    looks = shader("Checked", "color3f inputs:diffuseColor.connect = </Checked/Read.outputs:rgb>")
+    if by:
+        looks = looks.replace(
+            "float3 outputs:rgb",
+            f"""float3 outputs:rgb
+            float2 inputs:st.connect = </Checked/Place.outputs:result>
+        }}
+        def Shader "Place" {{
+            uniform token info:id = "{by}"
+            float2 outputs:result""",
+        )
+    (part,) = read_usd.parts(stage(tmp_path, mesh("A", bound("Checked"), kind=API) + looks))
+    assert part.look.colour == pytest.approx((0.5, 0.5, 0.5)) and (part.look.texture is not None) == lies

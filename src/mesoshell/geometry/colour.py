@@ -6,11 +6,12 @@ colour      linear Rec. 709, each from 0 to 1
 
 import io
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 Colour = tuple[float, float, float]
+T = TypeVar("T")
 #: Light of each value of 8 bits.
 _V = np.arange(256) / 255
 LINEAR = np.where(_V <= 0.04045, _V / 12.92, ((_V + 0.055) / 1.055) ** 2.4)
@@ -28,7 +29,7 @@ def colour_of(factor: Any, image: Any = None) -> Colour | None:
     return r, g, b
 
 
-def read_or_none(read: Callable[[], Colour | None]) -> Colour | None:
+def read_or_none(read: Callable[[], T | None]) -> T | None:
     """What `read` gives, None where it fails: whatever is wrong with a colour or its image, which Pillow and OpenUSD say by
     exceptions of any kind, the mesh is read."""
     try:

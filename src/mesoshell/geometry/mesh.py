@@ -21,8 +21,10 @@ from jaxtyping import Bool, Float, Int
 
 from mesoshell.errors import InputError
 from mesoshell.geometry.colour import Colour
+from mesoshell.geometry.image_texture import Texture
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.read import check_indices, join_arrays, read_mesh, read_nodes
+from mesoshell.geometry.read_usd import Look
 from mesoshell.geometry.topology import agree, inside_out, pair_edges
 from mesoshell.geometry.unwrap import unwrap
 from mesoshell.kept import constant
@@ -37,7 +39,8 @@ FARTHEST = 1e12
 @dataclass(frozen=True)
 class Mesh:
     """A mesh without zero-area or repeated faces and unused vertices; `notes` has one line for each thing mended; colour:
-    diffuse albedo of what nothing grows on, where its file has one."""
+    diffuse albedo of what nothing grows on, where its file has one; texture: the same over its texture coordinates, where
+    its file has an image, whose mean is the colour."""
 
     vertices: Float[np.ndarray, "V 3"]  # float32, no two alike
     faces: Int[np.ndarray, "F 3"]  # int32, counter-clockwise seen from outside
@@ -45,6 +48,7 @@ class Mesh:
     normals: Float[np.ndarray, "V 3"]  # float32, unit
     notes: tuple[str, ...]
     colour: Colour | None = None
+    texture: Texture | None = None
 
 
 def load_mesh(path: str | PathLike[str]) -> Mesh:
@@ -61,18 +65,24 @@ def load_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tu
         raise InputError(path, "every mesh is named for a further material: none is left for the scene's own")
     if rest:
         named, others = [join_arrays([arrays for arrays, _ in others]), *named], []
-    bare = [_bare(*arrays, colour, str(path)) for arrays, colour in others]
+    bare = [_bare(*arrays, look, str(path)) for arrays, look in others]
     return [check_mesh(*arrays, str(path)) for arrays in named], tuple(mesh for some in bare for mesh in some)
 
 
 def _bare(
-    vertices: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "M 3"], _: object, colour: Colour | None, source: str
+    vertices: Float[np.ndarray, "N 3"],
+    faces: Int[np.ndarray, "M 3"],
+    uv: Float[np.ndarray, "M 3 2"] | None,
+    look: Look,
+    source: str,
 ) -> tuple[Mesh, ...]:
-    """What nothing grows on: no texture coordinates are needed, and a mesh without area is none."""
+    """What nothing grows on: without an image no texture coordinates are needed, and a mesh without area is none."""
     if not len(_usable_faces(_check_arrays(vertices, faces, source), faces)[0]):
         return ()
-    uv = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), (len(faces), 1, 1))
-    return (replace(check_mesh(vertices, faces, uv, source), colour=colour),)
+    colour, texture = look
+    if texture is None or uv is None or not np.isfinite(uv).all() or not _doubled_areas(uv).any():
+        uv, texture = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), (len(faces), 1, 1)), None
+    return (replace(check_mesh(vertices, faces, uv, source), colour=colour, texture=texture),)
 
 
 def check_mesh(
@@ -135,12 +145,6 @@ def is_convex(mesh: Mesh) -> bool:
         if ((v - v[f[0]]) @ normal).max() > 1e-6 * size * np.linalg.norm(normal):
             return False
     return True
-
-
-def face_albedos(count: int, objects: Sequence[Mesh], base: tuple[float, float, float]) -> Float[np.ndarray, "F 3"]:
-    """Diffuse albedo of `count` faces, which have the base colour, and of those of objects after them, by their colours."""
-    of_objects = [np.tile(base if mesh.colour is None else mesh.colour, (len(mesh.faces), 1)) for mesh in objects]
-    return np.concatenate([np.tile(base, (count, 1)), *of_objects]).astype(np.float64)
 
 
 def count_of(number: int | np.integer, one: str, many: str = "") -> str:

@@ -37,9 +37,10 @@ from trimesh.resolvers import FilePathResolver
 
 from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
-from mesoshell.geometry.colour import Colour, colour_of, read_or_none
+from mesoshell.geometry.colour import colour_of, read_or_none
+from mesoshell.geometry.image_texture import texture_of
 from mesoshell.geometry.read_ply import read_ply
-from mesoshell.geometry.read_usd import Part
+from mesoshell.geometry.read_usd import Look, Part
 from mesoshell.geometry.unzip import check_archive, unzipped
 
 COLLADA = (".dae", ".zae")
@@ -63,9 +64,9 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
 
 def read_nodes(
     path: str | PathLike[str], groups: Sequence[Sequence[str]]
-) -> tuple[list[Arrays], list[tuple[Arrays, Colour | None]]]:
+) -> tuple[list[Arrays], list[tuple[Arrays, Look]]]:
     """The meshes of each group of a glTF file's nodes or a USD stage's prims, by their names, with what hangs on them and is in
-    no other group; and all its others, by colour. Raises InputError, in one line, for a group without triangles."""
+    no other group; and all its others, by their look. Raises InputError, in one line, for a group without triangles."""
     path = unzipped(path, FORMATS)
     with _one_line(path):
         parts = _parts(path, apart=True)
@@ -91,8 +92,8 @@ def read_nodes(
             if not len(mesh[1]):
                 raise InputError(path, f"has no triangles under {', '.join(names)} that no other name covers")
         rest = [part for part, own in zip(parts, chosen, strict=True) if own < 0 and len(part.arrays[1])]
-        colours = dict.fromkeys(part.colour for part in rest)
-        return meshes, [(join_arrays([part.arrays for part in rest if part.colour == c]), c) for c in colours]
+        looks = dict.fromkeys(part.look for part in rest)
+        return meshes, [(join_arrays([part.arrays for part in rest if part.look == look]), look) for look in looks]
 
 
 def up_of_collada(path: str | PathLike[str]) -> str:
@@ -216,7 +217,7 @@ def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
         return read_usd.parts(path, apart)
     gltf = Path(path).suffix.lower() in (".glb", ".gltf")
     scene, names, materials = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {}, [])
-    parents, parts, looks = scene.graph.transforms.parents, [], dict[str, tuple[list[str], Colour | None]]()
+    parents, parts, looks = scene.graph.transforms.parents, [], dict[str, tuple[list[str], Look]]()
     for node in scene.graph.nodes_geometry:
         pose, name = scene.graph[node]
         part = scene.geometry[name]
@@ -235,36 +236,42 @@ def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
             above = parents.get(above)
         place = position @ pose[:3, :3].T + pose[:3, 3]
         called: list[str] = []
-        colour = None
+        look = Look()
         material = getattr(part.visual, "material", None)
         if apart and material is not None:
             key = str(getattr(material, "name", ""))
             if key not in looks:
                 looks[key] = _look(material, materials)
-            called, colour = looks[key]
+            called, look = looks[key]
         arrays = place, corner, np.asarray(uv, np.float64)[:, :2][corner]
-        parts.append(Part([names[owner] for owner in owners if owner in names], arrays, colour, called))
+        parts.append(Part([names[owner] for owner in owners if owner in names], arrays, look, called))
     return parts
 
 
-def _look(material: Any, materials: Sequence[dict]) -> tuple[list[str], Colour | None]:
-    """The name and the colour of a part's material. materials: of the file."""
+def _look(material: Any, materials: Sequence[dict]) -> tuple[list[str], Look]:
+    """The name and the look of a part's material. materials: of the file."""
     name = str(getattr(material, "name", "")).removeprefix("material ")
     if not name.isdigit() or int(name) >= len(materials):
-        return [], None
+        return [], Look()
     described = materials[int(name)]
     called = [described["called"]] if isinstance(described["called"], str) and described["called"] else []
-    return called, read_or_none(lambda: _colour(described, getattr(material, "baseColorTexture", None)))
+    return called, read_or_none(lambda: _diffuse(described, getattr(material, "baseColorTexture", None))) or Look()
 
 
-def _colour(described: dict, image: Any) -> Colour | None:
-    """Of a material as the file has it, and its image; None if an image is named and not there."""
+def _diffuse(described: dict, image: Any) -> Look:
+    """Of a material as the file has it, and its image; nothing if an image is named and not there. An image of other texture
+    coordinates than the first, or that is moved on them, is its mean alone."""
     glossy = described.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
     base = described.get("pbrMetallicRoughness", {}) if glossy is None else glossy
     factor, texture = ("baseColorFactor", "baseColorTexture") if glossy is None else ("diffuseFactor", "diffuseTexture")
-    if texture in base and image is None:
-        return None
-    return colour_of(base.get(factor, (1, 1, 1)), image if texture in base else None)
+    given = base.get(factor, (1, 1, 1))
+    if texture not in base:
+        return Look(colour_of(given))
+    if image is None:
+        return Look()
+    mean, times = colour_of(given, image), colour_of(given)
+    plain = base[texture].get("texCoord", 0) == 0 and "KHR_texture_transform" not in base[texture].get("extensions", {})
+    return Look(mean, texture_of(image, times) if plain and times is not None else None)
 
 
 def join_arrays(parts: Sequence[Arrays]) -> Arrays:

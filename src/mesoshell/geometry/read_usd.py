@@ -25,6 +25,7 @@ from jaxtyping import Bool, Float, Int
 from mesoshell.contained import bounded_memory, silent
 from mesoshell.errors import InputError
 from mesoshell.geometry.colour import Colour, colour_of, image_of, read_or_none
+from mesoshell.geometry.image_texture import Texture, texture_of
 from mesoshell.limits import check_memory, memory
 
 FORMATS = (".usd", ".usda", ".usdc", ".usdz")
@@ -35,21 +36,28 @@ MAX_PRIMS, MAX_NESTING = 500_000, 8
 GREY = 0.18
 
 
+class Look(NamedTuple):
+    """A material's diffuse colour; and the image whose mean it is. Nothing where the file says none that is understood."""
+
+    colour: Colour | None = None
+    texture: Texture | None = None
+
+
 class Part(NamedTuple):
     """Some triangles of one material. names: of subsets, of the prim and of those above it; arrays: points, triangles and
-    corner UVs; colour, material: of the material, and its names; nothing without one."""
+    corner UVs; look, material: of the material, and its names; nothing without one."""
 
     names: list[str]
     arrays: tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"]]
-    colour: Colour | None = None
+    look: Look = Look()
     material: Sequence[str] = ()
 
 
-class _Look(NamedTuple):
-    """Path and name of a material, and its colour."""
+class _Bound(NamedTuple):
+    """Path and name of a material, and its look."""
 
     names: list[str]
-    colour: Colour | None
+    look: Look
 
 
 def pxr(name: str) -> Any:
@@ -136,7 +144,7 @@ class _Walk:
     def __init__(self, path: str | PathLike[str], stage: Any, time: Any, there: int, apart: bool):
         self.path, self.stage, self.time, self.there = path, stage, time, there
         self.frames, self.triangles = pxr("UsdGeom").XformCache(time), 0
-        self.apart, self.looks = apart, dict[str, Colour | None]()
+        self.apart, self.looks = apart, dict[str, Look]()
 
     def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Part]:
         """The meshes from a root downward. names: of the outermost instancer, where there is one."""
@@ -160,25 +168,25 @@ class _Walk:
                     continue
                 for subsets, own in _pieces(prim, polygon, self.time):
                     bound = next((x for x in subsets if x.GetFamilyNameAttr().Get() == "materialBind"), None)
-                    look = self.look(prim if bound is None else bound.GetPrim())
+                    names_, look = self.bound(prim if bound is None else bound.GetPrim())
                     inner = [name for x in subsets for name in (str(x.GetPath()), x.GetPrim().GetName())]
                     arrays = (points, faces, uv) if own.all() else _compact(points, faces[own], uv[own])
-                    yield Part([*inner, *(names or _names(prim))], arrays, look.colour, look.names)
+                    yield Part([*inner, *(names or _names(prim))], arrays, look, names_)
             else:
                 for prototype, at in _instances(self.stage, prim, self.time):
                     yield from self.below(prototype, to_world @ at, names or _names(prim), depth + 1)
 
-    def look(self, prim: Any) -> _Look:
+    def bound(self, prim: Any) -> _Bound:
         """The material that is bound to a prim, kept by its path, of instances by that in their prototype."""
         UsdShade = pxr("UsdShade")
         bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)[0]
         if not bound:
-            return _Look([], read_or_none(lambda: _display_colour(prim, self.time)))
+            return _Bound([], Look(read_or_none(lambda: _display_colour(prim, self.time))))
         shared = bound.GetPrim().GetPrimInPrototype() if bound.GetPrim().IsInstanceProxy() else bound.GetPrim()
         key = str(shared.GetPath())
         if key not in self.looks:
-            self.looks[key] = read_or_none(lambda: _diffuse(bound, self.time))
-        return _Look([str(bound.GetPath()), bound.GetPrim().GetName()], self.looks[key])
+            self.looks[key] = read_or_none(lambda: _diffuse(bound, self.time)) or Look()
+        return _Bound([str(bound.GetPath()), bound.GetPrim().GetName()], self.looks[key])
 
     def seen(self, prim: Any, root: Any) -> bool:
         imageable = pxr("UsdGeom").Imageable(prim)
@@ -234,21 +242,31 @@ def _compact(points: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tuple[np.
     return points[used], corner.reshape(-1, 3), uv
 
 
-def _diffuse(material: Any, time: Any) -> Colour | None:
-    """The diffuse colour of a UsdPreviewSurface; None for another shader, or an image that is not there."""
+def _diffuse(material: Any, time: Any) -> Look:
+    """Of a UsdPreviewSurface. Raises an exception of any kind for an image that is not there."""
     UsdShade = pxr("UsdShade")
     shader = material.ComputeSurfaceSource()[0]
     if not shader or shader.GetIdAttr().Get() != "UsdPreviewSurface":
-        return None
+        return Look()
     given = shader.GetInput("diffuseColor")
     sources = UsdShade.Utils.GetValueProducingAttributes(given) if given else []
     if not sources:
-        return GREY, GREY, GREY
+        return Look((GREY, GREY, GREY))
     if UsdShade.Utils.GetType(sources[0].GetName()) != UsdShade.AttributeType.Output:
-        return colour_of(sources[0].Get(time))
-    file = UsdShade.Shader(sources[0].GetPrim()).GetInput("file").Get(time)
+        return Look(colour_of(sources[0].Get(time)))
+    reader = UsdShade.Shader(sources[0].GetPrim())
+    file = reader.GetInput("file").Get(time)
     asset = pxr("Ar").GetResolver().OpenAsset(pxr("Ar").ResolvedPath(file.resolvedPath))
-    return colour_of((1, 1, 1), image_of(bytes(asset.GetBuffer())))
+    image = image_of(bytes(asset.GetBuffer()))
+    return Look(colour_of((1, 1, 1), image), texture_of(image) if _lies_as_it_is(reader) else None)
+
+
+def _lies_as_it_is(reader: Any) -> bool:
+    """Whether a UsdUVTexture lies at the texture coordinates as they are: not moved, turned or scaled on the way."""
+    UsdShade = pxr("UsdShade")
+    given = reader.GetInput("st")
+    sources = UsdShade.Utils.GetValueProducingAttributes(given) if given else []
+    return not sources or str(UsdShade.Shader(sources[0].GetPrim()).GetIdAttr().Get()).startswith("UsdPrimvarReader")
 
 
 def _display_colour(prim: Any, time: Any) -> Colour | None:

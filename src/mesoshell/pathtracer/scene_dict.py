@@ -66,9 +66,13 @@ def sky(environment: Environment) -> dict:
 
 
 def surface(mesh: Mesh, albedo: tuple[float, float, float]) -> mi.Mesh:
-    """A mesh with flat faces and a vertex for each corner, diffuse from both sides."""
+    """A mesh with flat faces and a vertex for each corner, diffuse from both sides. albedo: unless it has a texture."""
     props = mi.Properties()
-    props["bsdf"] = mi.load_dict({"type": "twosided", "inner": {"type": "diffuse", "reflectance": _rgb(albedo)}})
+    reflectance: Any = _rgb(albedo)
+    if mesh.texture is not None:
+        bitmap = mi.Bitmap(np.ascontiguousarray(mesh.texture.image[::-1]))
+        reflectance = {"type": "bitmap", "bitmap": bitmap, "wrap_mode": "repeat", "raw": True}
+    props["bsdf"] = mi.load_dict({"type": "twosided", "inner": {"type": "diffuse", "reflectance": reflectance}})
     count = 3 * len(mesh.faces)
     made = mi.Mesh("surface", count, len(mesh.faces), props=props, has_vertex_texcoords=True)
     parameters = mi.traverse(made)

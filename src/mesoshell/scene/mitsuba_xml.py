@@ -97,11 +97,23 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
         yield _shape(part.mesh, folder / f"mesh{number}.obj", "\n".join(_shell(part, folder, ground, number)))
     for k, mesh in enumerate(still.objects):
         assert isinstance(mesh, Mesh)
-        yield _shape(mesh, folder / f"object{k}.obj", f"        {_diffuse(mesh.colour or still.base_colour)}")
+        bsdf = _diffuse(mesh.colour or still.base_colour)
+        if mesh.texture is not None:
+            write_exr(folder / f"albedo{k}.exr", mesh.texture.image[::-1], half=False)
+            bsdf = _textured(f"albedo{k}.exr")
+        yield _shape(mesh, folder / f"object{k}.obj", f"        {bsdf}")
 
 
 def _diffuse(colour: tuple[float, float, float]) -> str:
-    albedo = f'<rgb name="reflectance" value="{_numbers(colour)}"/>'
+    return _twosided(f'<rgb name="reflectance" value="{_numbers(colour)}"/>')
+
+
+def _textured(file: str) -> str:
+    inside = f'<string name="filename" value="{file}"/> <boolean name="raw" value="true"/>'
+    return _twosided(f'<texture type="bitmap" name="reflectance"> {inside} </texture>')
+
+
+def _twosided(albedo: str) -> str:
     return f'<bsdf type="twosided"> <bsdf type="diffuse"> {albedo} </bsdf> </bsdf>'
 
 

@@ -20,8 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.geometry.albedo import Albedo
 from mesoshell.geometry.enclosure import enclosure
-from mesoshell.geometry.mesh import face_albedos, is_convex
+from mesoshell.geometry.mesh import is_convex
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.render.camera import pixel_radius
@@ -124,7 +125,7 @@ class _Tile:
             report,
         )
         self.spread = pixel_radius(scene.camera.spread) / 2
-        self.albedo = face_albedos(intersector.count, scene.objects, scene.base_colour)
+        self.albedo = Albedo(intersector.count, scene.objects, scene.base_colour)
 
     def rgba(self, o: np.ndarray, d: np.ndarray, draws: Draws) -> Float[np.ndarray, "R 4"]:
         """Premultiplied."""
@@ -178,7 +179,8 @@ class _Tile:
         """The same for other objects."""
         o, d, t = ray
         normal = self.intersector.facing(hits, rows, d)
-        albedo = self.albedo[hits.face[rows]]
+        slant = np.abs(np.einsum("ij,ij->i", normal, d))
+        albedo = self.albedo.at(hits.face[rows], hits.bary[rows, :2], self.scene.camera.spread * t, slant)
         out = np.zeros((len(rows), 3))
         for beam in lights:
             cosine = np.maximum(np.einsum("ij,ij->i", normal, beam.toward), 0)

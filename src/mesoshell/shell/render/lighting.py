@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.geometry.mesh import face_albedos
+from mesoshell.geometry.albedo import Albedo
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.render.effects import Effects
@@ -73,7 +73,7 @@ class Lighting:
         corners = np.concatenate([scene.mesh.vertices[scene.mesh.faces], *others]).astype(np.float64)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self.face_normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-        self.albedo = face_albedos(len(scene.mesh.faces), scene.objects, scene.base_colour)
+        self.albedo = Albedo(len(scene.mesh.faces), scene.objects, scene.base_colour)
         self.stands = np.full(len(corners), -1)
         self.stands[scene.shell.mesh_face] = np.arange(len(scene.shell.mesh_face))
         self.uv_of_face = scene.shell.uv
@@ -161,7 +161,9 @@ class Lighting:
         strength = strength * self.transmitted(face[lit], traced.bary[hit[lit]], toward)[:, None]
         for c in range(3):
             rgb[hit, c] = np.bincount(lit, strength[:, c], len(hit))
-        rgb[hit] *= self.albedo[face] / np.pi
+        slant = np.abs(np.einsum("ij,ij->i", normal, d[hit]))
+        pixel = self.scene.camera.spread * traced.end[hit]
+        rgb[hit] *= self.albedo.at(face, traced.bary[hit], pixel, slant) / np.pi
         self.report.time("surfaces", clock)
         return rgb
 

@@ -104,7 +104,8 @@ def test_meshes_and_materials_of_files_are_constants():
 def test_a_picture_after_others_is_the_first_one_again(tiny_bundle):
     """Nothing that is kept of one scene shows in another: neither of a thicker shell, nor of objects beside it."""
     cube = load_mesh("tests/data/cross.obj")
-    scene = ms.Scene(cube, ms.Material("tiny", constant(tiny_bundle)), size=(24, 24), thickness=0.2, scale=1.0)
+    own = constant(replace(tiny_bundle, arrays={name: x.copy() for name, x in tiny_bundle.arrays.items()}))
+    scene = ms.Scene(cube, ms.Material("tiny", own), size=(24, 24), thickness=0.2, scale=1.0)
     beside = replace(cube, vertices=cube.vertices + np.float32(0.4))
     others = (replace(scene, thickness=0.4), replace(scene, objects=(beside,)))
     quality = ms.Quality(pixel_samples=1, samples=8, density="network")
@@ -131,3 +132,24 @@ def test_a_mesh_that_is_written_to_is_seen(tiny_bundle):
     first = ms.render(scene, quality=quality).rgba
     mesh.vertices[:, 1] *= 0.5
     assert np.abs(ms.render(scene, quality=quality).rgba - first).max() > 0.01
+
+
+def test_another_array_in_the_same_bundle_is_seen(counted):
+    make, calls = counted
+    x = thing()
+    make(x)
+    other = np.zeros(3)
+    other.setflags(write=False)
+    x.parts["a"] = other
+    make(x)
+    make(x)
+    assert len(calls) == 2
+
+
+def test_what_shows_memory_that_can_be_written_to_is_no_constant():
+    base = np.zeros(4)
+    view = base[1:]
+    view.setflags(write=False)
+    assert not is_constant(view) and not is_constant((1, view)) and not is_constant([1])
+    base.setflags(write=False)
+    assert is_constant(view)

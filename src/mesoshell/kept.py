@@ -1,7 +1,7 @@
 """Keep what was made of things that cannot change: a viewer's next picture shares most of its last one's tables (NumPy only).
 
 Notation
-constant    a number, a word, None; an array, a frozen dataclass or a tuple, if none of its arrays can be written to
+constant    a number, a word, None; an array that cannot be written to; a frozen dataclass of such arrays; a tuple of constants
 """
 
 import weakref
@@ -9,39 +9,57 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from itertools import chain
-from threading import Lock
-from typing import Any, TypeVar, TypeVarTuple
+from threading import RLock
+from typing import Any, NamedTuple, TypeVar, TypeVarTuple
 
 import numpy as np
 
 T = TypeVar("T")
 Given = TypeVarTuple("Given")
 
-#: Results that a function keeps: of two scenes, to compare them.
-MOST = 2
+#: Results that a function keeps.
+MOST = 4
+
+
+class _Entry(NamedTuple):
+    """A result; the arrays that it was made of; and what forgets it when one of its arguments is gone."""
+
+    result: Any
+    arrays: list[np.ndarray]
+    ends: list[weakref.finalize]
 
 
 def kept(make: Callable[[*Given], T]) -> Callable[[*Given], T]:
     """A function that makes nothing twice of the same constants: it returns what it made of them last, while they live. What
     it makes must not hold its arguments, which would then never be freed. Arguments are given by position."""
-    results: dict[tuple, T] = {}
-    lock = Lock()
+    entries: dict[tuple, _Entry] = {}
+    lock = RLock()
+
+    def forget(key: tuple) -> None:
+        with lock:
+            entry = entries.pop(key, None)
+        for end in entry.ends if entry is not None else ():
+            end.detach()
 
     @wraps(make)
     def get(*given: *Given) -> T:
         if not all(map(is_constant, given)):
             return make(*given)
-        key = tuple(_name(x) for x in given)
+        key, arrays = tuple(_name(x) for x in given), list(chain.from_iterable(map(_arrays, given)))
         with lock:
-            if key in results:
-                return results[key]
+            entry = entries.get(key)
+        # a dictionary of a dataclass may hold others by now
+        if entry is not None and len(entry.arrays) == len(arrays) and all(map(_same, entry.arrays, arrays)):
+            return entry.result
         result = make(*given)
         with lock:
-            while len(results) >= MOST:
-                results.pop(next(iter(results)), None)
-            results[key] = result
-        for x in _objects(given):
-            weakref.finalize(x, results.pop, key, None).atexit = False
+            forget(key)
+            for old in list(entries)[: max(0, len(entries) + 1 - MOST)]:
+                forget(old)
+            ends = [weakref.finalize(x, forget, key) for x in _objects(given)]
+            for end in ends:
+                end.atexit = False
+            entries[key] = _Entry(result, arrays, ends)
         return result
 
     return get
@@ -49,15 +67,21 @@ def kept(make: Callable[[*Given], T]) -> Callable[[*Given], T]:
 
 def is_constant(x: Any) -> bool:
     """Whether it is a constant."""
-    if x is None or isinstance(x, str | int | float):
+    if _is_plain(x):
         return True
-    return (isinstance(x, np.ndarray | tuple) or is_dataclass(x)) and not any(a.flags.writeable for a in _arrays(x))
+    if isinstance(x, tuple):
+        return all(map(is_constant, x))
+    frozen = is_dataclass(x) and x.__dataclass_params__.frozen  # type: ignore[attr-defined]
+    return (isinstance(x, np.ndarray) or frozen) and not any(
+        a.flags.writeable for own in _arrays(x) for a in _bases(own)
+    )
 
 
 def constant(x: T) -> T:
     """A dataclass, with arrays that cannot be written to from now on."""
     for array in _arrays(x):
-        array.setflags(write=False)
+        for a in _bases(array):
+            a.setflags(write=False)
     return x
 
 
@@ -73,15 +97,30 @@ def _arrays(x: Any) -> Iterator[np.ndarray]:
         yield from chain.from_iterable(_arrays(getattr(x, field.name)) for field in fields(x))
 
 
+def _bases(x: Any) -> Iterator[np.ndarray]:
+    """An array, and those whose memory it shows."""
+    while isinstance(x, np.ndarray):
+        yield x
+        x = x.base
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    return a is b
+
+
+def _is_plain(x: Any) -> bool:
+    return x is None or isinstance(x, str | int | float)
+
+
 def _name(x: Any) -> Any:
     """What tells a constant from others while it lives."""
     if isinstance(x, tuple):
         return tuple(map(_name, x))
-    return (type(x), x) if x is None or isinstance(x, str | int | float) else ("object", id(x))
+    return (type(x), x) if _is_plain(x) else ("object", id(x))
 
 
 def _objects(x: Any) -> list[Any]:
     """The objects in nested tuples."""
     if isinstance(x, tuple):
         return [y for part in x for y in _objects(part)]
-    return [] if x is None or isinstance(x, str | int | float) else [x]
+    return [] if _is_plain(x) else [x]

@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 
 import mesoshell as ms
+from mesoshell.cli.main import main
 from mesoshell.errors import InputError
 from mesoshell.film import crew as crews
 from mesoshell.film.cluster import on_cluster
 from mesoshell.film.crew import alone, crew_of
 from mesoshell.film.frame import Made, Shot, Task
 from mesoshell.film.processes import _Worker, in_processes
-from mesoshell.io.bundle import Bundle
+from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settle import settle
@@ -51,12 +52,13 @@ class Ends:
         return exec, (f"import os; {end}",)
 
 
-def ignore(k: int, share: float) -> None:
+def ignore(share: float) -> None:
     """Shows nothing."""
 
 
-def tasks(folder: Path, *changes: dict[str, Any]) -> Iterator[Task]:
-    return (Task(k, change, folder / f"{k}.png") for k, change in enumerate(changes))
+def tasks(folder: Path, *changes: dict[str, Any]) -> tuple[Iterator[Task], int]:
+    """And how many they are."""
+    return (Task(k, change, folder / f"{k}.png") for k, change in enumerate(changes)), len(changes)
 
 
 def test_processes_make_the_frames_that_this_one_makes(scene: ms.Scene, tmp_path: Path):
@@ -82,15 +84,16 @@ def test_a_cluster_makes_the_frames_that_this_process_makes(
     changes = [{"thickness": 0.1 + 0.02 * k} for k in range(3)]
     monkeypatch.chdir(tmp_path)  # a relative path is made absolute
     here = {"dashboard_address": None, "host": "127.0.0.1", "silence_logs": 50}
-    with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, **here) as machines,
-        distributed.Client(machines) as client,
-    ):
-        made = list(on_cluster(client)(shot, tasks(Path("there"), *changes), ignore))
-        with pytest.raises(InputError, match="thickness: must be positive"):
-            list(on_cluster(client)(shot, tasks(Path("there"), {"thickness": -1.0}), ignore))
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **here) as machines:
+        made = list(on_cluster(distributed.Client(machines))(shot, *tasks(Path("there"), *changes), ignore))
+        for change, says in (
+            ({"thickness": -1.0}, "thickness: must be positive"),
+            ({"nothing": 1}, "scheduler: a frame failed: "),
+        ):
+            with pytest.raises(InputError, match=says):
+                list(on_cluster(distributed.Client(machines))(shot, *tasks(Path("there"), change), ignore))
     assert sorted(x.k for x in made) == [0, 1, 2]
-    for k, _ in enumerate(alone(shot, tasks(Path("here"), *changes))):
+    for k, _ in enumerate(alone(shot, *tasks(Path("here"), *changes), ignore)):
         assert Path(f"there/{k}.png").read_bytes() == Path(f"here/{k}.png").read_bytes()
 
 
@@ -104,12 +107,12 @@ def test_a_cluster_makes_the_frames_that_this_process_makes(
 )
 def test_what_goes_wrong_in_a_process_is_said(change: dict[str, Any], says: str, shot: Shot, tmp_path: Path):
     with pytest.raises(InputError, match=says):
-        list(in_processes(1)(shot, tasks(tmp_path, change), ignore))
+        list(in_processes(1)(shot, *tasks(tmp_path, change), ignore))
 
 
 def test_a_defect_in_a_process_is_one_here(shot: Shot, tmp_path: Path):
     with pytest.raises(RuntimeError, match=r"TypeError: .*unexpected keyword argument 'nothing'"):
-        list(in_processes(1)(shot, tasks(tmp_path, {"nothing": 1}), ignore))
+        list(in_processes(1)(shot, *tasks(tmp_path, {"nothing": 1}), ignore))
 
 
 def test_a_film_that_is_stopped_leaves_no_process(shot: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -121,7 +124,7 @@ def test_a_film_that_is_stopped_leaves_no_process(shot: Shot, tmp_path: Path, mo
         init(self, cores)
 
     monkeypatch.setattr(_Worker, "__init__", counted)
-    frames = in_processes(2)(shot, tasks(tmp_path, *[{}] * 50), ignore)
+    frames = in_processes(2)(shot, *tasks(tmp_path, *[{}] * 50), ignore)
     next(frames)
     start = time.perf_counter()
     frames.close()
@@ -147,8 +150,58 @@ def test_each_process_has_cores_of_its_own():
     assert all(x and x <= everyone for x in _cores(3 * len(everyone)))
 
 
+def test_a_film_that_is_done_begins_no_process(scene: ms.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Nor one that has no frame to make."""
+    begun: list[set[int] | None] = []
+    init = _Worker.__init__
+    monkeypatch.setattr(_Worker, "__init__", lambda self, cores: begun.append(cores) or init(self, cores))
+    made = ms.film(scene, tmp_path / "film", orbit=1, workers=5, **DRAFT)
+    assert len(begun) == 1 and begun[0] == os.sched_getaffinity(0)
+    assert ms.film(scene, tmp_path / "film", orbit=1, workers=5, **DRAFT).frames == made.frames and len(begun) == 1
+
+
+def test_frames_that_were_lost_are_made_anew(scene: ms.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """By those who write several before they say so."""
+    whole = ms.film(scene, tmp_path / "film", orbit=5, **DRAFT)
+
+    def late(shot: Shot, tasks: Iterator[Task], count: int, show: Any) -> Iterator[Made]:
+        yield from list(alone(shot, tasks, count, show))[::-1]
+
+    monkeypatch.setattr(crews, "in_processes", lambda count: late)
+    for k in (1, 2):
+        whole.frames[k].unlink()
+    again = ms.film(scene, tmp_path / "film", orbit=5, workers=2, **DRAFT)
+    assert again.flicker == whole.flicker and all(path.exists() for path in again.frames)
+
+
+def test_a_film_that_was_stopped_before_its_first_frame_keeps_no_folder(scene: ms.Scene, tmp_path: Path):
+    def stopped(share: float, what: str) -> None:
+        if what.startswith("frame"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ms.film(scene, tmp_path / "film", orbit=4, progress=stopped, **DRAFT)
+    assert len(ms.film(scene, tmp_path / "film", orbit=2, **DRAFT).frames) == 2
+
+
+def test_the_command_takes_both(scene: ms.Scene, tiny_bundle: Bundle, tmp_path: Path, capsys: pytest.CaptureFixture):
+    write_bundle(tmp_path / "tiny.npz", tiny_bundle)
+    words = ["film", str(MESH), "--material", str(tmp_path / "tiny.npz"), "--orbit", "2", "--size", "16", "12"]
+    words += ["--quality", "draft", "--out", str(tmp_path / "film")]
+    for more, says in (
+        (["--workers", "0"], "--workers: must be at least 1, not 0"),
+        (["--workers", "1", "--scheduler", "tcp://127.0.0.1:9"], "--workers: cannot be combined with --scheduler"),
+        (["--scheduler", "here"], "--scheduler: here does not answer"),
+    ):
+        with pytest.raises(SystemExit) as left:
+            main([*words, *more])
+        assert left.value.code == 2 and says in capsys.readouterr().err and not (tmp_path / "film").exists()
+    main([*words, "--workers", "1"])
+    assert "2 frames" in capsys.readouterr().out and (tmp_path / "film" / "00001.png").exists()
+
+
 def test_frames_that_are_not_here_are_told_of(scene: ms.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def elsewhere(shot: Shot, tasks: Iterator[Task], show: Any) -> Iterator[Made]:
+    def elsewhere(shot: Shot, tasks: Iterator[Task], count: int, show: Any) -> Iterator[Made]:
         for task in tasks:
             yield Made(task.k, 1.0, ())
 

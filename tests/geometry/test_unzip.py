@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 import trimesh
 from trimesh.exchange.gltf import export_gltf
 
+from mesoshell import limits
 from mesoshell.errors import InputError
 from mesoshell.geometry import unzip
 from mesoshell.geometry.mesh import load_mesh
@@ -71,37 +73,40 @@ def test_up_is_the_file_s(tmp_path: Path):
         ({"a.obj/b.obj": OBJ, "a.obj": OBJ}, r"holds 2 meshes"),
         ({"a": b"x", "a/b.obj": OBJ}, r"cannot be unpacked"),
         ({f"{k}.obj": b"" for k in range(6)}, r"holds 6 files, more than 5"),
+        ({".": OBJ}, r"leads out of the folder"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_a_line(
     files: dict[str, bytes], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(unzip, "MOST", 5)
-    (tmp_path / "in").mkdir()
+    for name in ("in", "tmp"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     before = set(tmp_path.rglob("*"))
     path = pack(tmp_path / "in" / "a.zip", files)
     with pytest.raises(InputError, match=says) as fault:
         load_mesh(path)
     assert "\n" not in str(fault.value) and "a.zip" in str(fault.value)
+    for _, folder, _ in unzip._UNPACKED.values():  # of what could be unpacked
+        folder.cleanup()
+    unzip._UNPACKED.clear()
     assert set(tmp_path.rglob("*")) == before | {path}
 
 
-def test_an_archive_larger_than_the_memory_is_not_unpacked(tmp_path: Path):
+def test_an_archive_larger_than_the_memory_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A gigabyte of spaces is a megabyte in it."""
-    path = tmp_path / "bomb.zip"
-    with (
-        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
-        archive.open("a.obj", "w", force_zip64=True) as out,
-    ):
-        for _ in range(64):
-            out.write(b" " * 2**20)
-    data = bytearray(path.read_bytes())
-    at = data.rindex(b"PK\x01\x02") + 24  # what the directory says of its size
-    data[at : at + 4] = (2**32 - 2).to_bytes(4, "little")
-    for kind in ("zip", "3mf", "zae"):
-        (tmp_path / f"bomb.{kind}").write_bytes(data)
+    monkeypatch.setattr(limits, "memory", lambda: 2**34)
+    for kind, name in (("zip", "a.obj"), ("3mf", "3D/3dmodel.model"), ("zae", "a.dae")):
+        path = tmp_path / f"bomb.{kind}"
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(name, b" " * 2**26)
+        data = bytearray(path.read_bytes())
+        at = data.rindex(b"PK\x01\x02") + 24  # what the directory says of its size
+        data[at : at + 4] = (2**32 - 2).to_bytes(4, "little")
+        path.write_bytes(data)
         with pytest.raises(InputError, match=r"what it holds would take 64\.0 GiB"):
-            load_mesh(tmp_path / f"bomb.{kind}")
+            load_mesh(path)
 
 
 def test_nothing_stays_behind(tmp_path: Path):

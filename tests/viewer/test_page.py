@@ -31,7 +31,9 @@ viser = pytest.importorskip("viser", reason="requires the extra viewer")
 websockets = pytest.importorskip("websockets", reason="requires the extra viewer")
 
 from mesoshell.scene.growth import growth_of  # noqa: E402
+from mesoshell.viewer import look as looking_at  # noqa: E402
 from mesoshell.viewer import refine as refining  # noqa: E402
+from mesoshell.viewer import settings  # noqa: E402
 from mesoshell.viewer.address import own_names  # noqa: E402
 from mesoshell.viewer.browser import camera_of  # noqa: E402
 from mesoshell.viewer.brush import grown_so_far  # noqa: E402
@@ -48,7 +50,9 @@ def page(tiny_bundle: Bundle, tmp_path_factory: pytest.TempPathFactory) -> Itera
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
         patch.setattr(refining, "COARSE", 64)
-        patch.setattr(refining, "PRESETS", dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1)))
+        cheap = dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1))
+        for module in (refining, looking_at, settings):
+            patch.setattr(module, "PRESETS", cheap)
         made = Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=free_port())
         yield made
         made.close()
@@ -333,35 +337,48 @@ def test_a_picture_is_compared_with_another_quality(page: Page, watching: Watchi
 
 
 def test_a_field_of_quality_says_what_it_costs(page: Page, watching: Watching):
-    settings, work = page._settings, page.work
+    panel, work, fields = page._settings, page.work, page._settings._fields
 
-    def refined() -> bool:
-        picture, current = work.picture(7)
-        return current and picture is not None and picture.samples >= 2
-
-    watching.wait(refined)
-    fields = settings._fields
+    watching.wait(lambda: panel._costs)
     assert fields["samples"].visible and not fields["environment_samples"].visible and "max_depth" not in fields
     assert "pixel_samples" not in fields and "density" not in fields
-    fields["samples"].value = 7
-    assert work.look.changes == {"samples": 7} and settings._said.content == "`samples` 28 → 7: under way"
-    watching.wait(lambda: "evaluations a ray" in settings._said.content)
+    fields["samples"].value = 6
+    fields["samples"].value = 7  # of which alone a picture is seen
+    assert work.look.changes == {"samples": 7} and panel._said.content == "`samples` 4 → 7: under way"
+    watching.wait(lambda: "evaluations a ray" in panel._said.content)
     found = re.fullmatch(
-        r"`samples` 28 → 7: \d+ → \d+ ms a pass, ([\d.]+) → ([\d.]+) evaluations a ray", settings._said.content
+        r"`samples` 4 → 7: \d+ → \d+ ms a pass, ([\d.]+) → ([\d.]+) evaluations a ray", panel._said.content
     )
-    assert found is not None and float(found[2]) > 1.3 * float(found[1])  # the page's preset has 4
+    assert found is not None and float(found[2]) > 1.3 * float(found[1])
     picture, _ = work.picture(7)
     assert picture is not None and picture.rendered.record["quality"]["samples"] == 7
     fields["visibility"].value = "sample"
     assert work.look.changes == {"samples": 7, "visibility": "sample"}
-    for name, wrong in (("skip", 2.0), ("skip", float("nan")), ("samples", -3)):
+    for name, wrong in (("early_stop", 2.0), ("early_stop", float("nan")), ("samples", -3), ("samples", 10**9)):
         fields[name].value = wrong
-        assert work.look.changes == {"samples": 7, "visibility": "sample"} and name in settings._said.content
-    fields["samples"].value = 10**9
-    assert work.look.changes["samples"] == 4 * 256
-    settings._preset.value = "draft"
-    assert work.look.quality == "draft" and work.look.changes == {} and fields["samples"].value == 10
-    settings._preset.value = "normal"
+        assert work.look.changes == {"samples": 7, "visibility": "sample"} and name in panel._said.content
+        assert fields[name].value == getattr(work.look.settings, name)  # what is used
+    told = panel._said.content
+    shown = len(watching.shown)
+    watching.wait(lambda: len(watching.shown) > shown + 2)
+    assert panel._said.content == told  # until there is another change
+    panel._preset.value = "draft"
+    assert work.look.quality == "draft" and work.look.changes == {} and fields["samples"].value == 4
+    panel._preset.value = "normal"
+
+
+def test_costs_of_other_views_are_not_compared(page: Page, watching: Watching, monkeypatch: pytest.MonkeyPatch):
+    panel, fields = page._settings, page._settings._fields
+
+    watching.wait(lambda: panel._costs)
+    fields["samples"].value = 5
+    watching.wait(lambda: "ms a pass" in panel._said.content)
+    assert len(panel._costs) >= 2
+    watching.camera.position = watching.camera.position * 1.1
+    page._moved(watching)
+    watching.wait(lambda: len(panel._costs) == 1)
+    panel._preset.value = "draft"
+    panel._preset.value = "normal"
 
 
 def test_an_image_lights_the_scene(page: Page):

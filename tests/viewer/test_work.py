@@ -172,7 +172,7 @@ def test_workshops_of_one_hand_paint_in_turn(scene: ms.Scene, monkeypatch: pytes
             time.sleep(0.01)
             with lock:
                 painting[0] -= 1
-            yield RefinedPicture(np.zeros((2, 2, 4)), k + 1, 0.01, None, None, ())  # type: ignore[arg-type]
+            yield RefinedPicture(np.zeros((2, 2, 4)), k + 1, 0.01, None, None, (), CAMERA, ms.Quality())  # type: ignore[arg-type]
 
     monkeypatch.setattr(refining, "_passes", passes)
     paint_lock, seen = threading.Lock(), [Seen(), Seen()]

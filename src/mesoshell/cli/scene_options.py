@@ -29,8 +29,8 @@ SETTINGS_HELP = (
 class SceneOptions:
     """A mesh grown with a neural material, its camera, its lights, and the engine that renders it."""
 
-    #: OBJ, PLY, GLB, glTF, USD, OFF or STL file; without texture coordinates it is unwrapped. For `render` and `tradeoff` with
-    #: --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
+    #: OBJ, PLY, GLB, glTF, USD, OFF, STL, 3MF or COLLADA file, also in a .zip; without texture coordinates it is unwrapped. For
+    #: `render` and `tradeoff` with --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: Name of a glTF file's node or material, or path of a USD stage's prim or subset, that the material grows on; may be
     #: repeated. The file's other meshes become objects, in their materials' colours. NODE=MATERIAL grows another material on
@@ -74,7 +74,8 @@ class SceneOptions:
     #: Eye x y z, target x y z and vertical field of view in degrees; default: the first of a glTF file or a USD stage, else it
     #: frames the mesh from the upper front.
     camera: tuple[float, float, float, float, float, float, float] | None = None
-    #: The axis that points up; default: what a USD stage says, z for PLY and STL, y for all others.
+    #: The axis that points up; default: what a USD stage or a COLLADA file says, z for PLY, STL and 3MF, y for all
+    #: others.
     up: Literal["y", "z"] | None = None
     #: Make the background transparent even where an environment is given.
     transparent: bool = False

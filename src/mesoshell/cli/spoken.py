@@ -16,7 +16,19 @@ _NAMES |= {
 }
 _NAMES |= {
     name: f"--{name.replace('_', '-')}"
-    for name in ("engine", "scale", "orbit", "dolly", "keys", "spp", "max_depth", "max_samples", "hosts", "coordinator")
+    for name in (
+        "engine",
+        "scale",
+        "orbit",
+        "dolly",
+        "keys",
+        "spp",
+        "max_depth",
+        "max_samples",
+        "hosts",
+        "coordinator",
+        "scheduler",
+    )
 }
 
 

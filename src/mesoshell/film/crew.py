@@ -1,20 +1,19 @@
 """Who makes the frames of a film: this process, others on this machine, or the workers of a Dask cluster."""
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 
 from mesoshell.datasets.blender.cluster import connect
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.cluster import on_cluster
 from mesoshell.film.frame import Crew, Made, Shot, Task, make_frame
 from mesoshell.film.processes import in_processes
+from mesoshell.scene.picture import Progress
 
 
-def alone(
-    shot: Shot, tasks: Iterator[Task], show: Callable[[int, float], None] = lambda k, share: None
-) -> Generator[Made, None, None]:
+def alone(shot: Shot, tasks: Iterator[Task], count: int, show: Progress) -> Generator[Made, None, None]:
     """Frames that this process makes, in order."""
     for task in tasks:
-        yield make_frame(shot, task, lambda share, k=task.k: show(k, share))
+        yield make_frame(shot, task, show)
 
 
 def crew_of(workers: int | None, scheduler: str | None) -> Crew:

@@ -7,6 +7,7 @@ shot        what all frames of a film share: the settled scene, and how it is re
 change      fields of the scene that differ in a frame; of `params` those that do
 """
 
+import os
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -50,8 +51,8 @@ class Made(NamedTuple):
     notes: tuple[str, ...]
 
 
-#: A shot, tasks, and a callback with a frame's number and the share of it that is done.
-Crew = Callable[[Shot, Iterator[Task], Callable[[int, float], None]], Generator[Made, None, None]]
+#: A shot, tasks, how many these are, and a callback with the share of a frame that is done, of those who make one at a time.
+Crew = Callable[[Shot, Iterator[Task], int, Progress], Generator[Made, None, None]]
 
 
 def make_frame(shot: Shot, task: Task, progress: Progress = lambda share: None) -> Made:
@@ -72,10 +73,10 @@ def compiled_in() -> str | None:
 
 
 def keep_compiled(folder: str) -> None:
-    """Keep what JAX compiles, of another process, in a folder."""
+    """Keep what JAX compiles in the folder of another process, unless that is another machine's."""
     import jax
 
-    if jax.config.values["jax_compilation_cache_dir"] != folder:
+    if jax.config.values["jax_compilation_cache_dir"] != folder and os.path.isdir(folder):
         jax.config.update("jax_compilation_cache_dir", folder)
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 

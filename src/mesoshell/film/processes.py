@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -20,6 +20,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.film.frame import Crew, Made, Shot, Task, make_frame
 from mesoshell.interrupt import arrived
 from mesoshell.kept import constant
+from mesoshell.scene.picture import Progress
 
 #: What a process runs: its cores, before what counts them is imported.
 PROGRAM = "import os; {cores} and os.sched_setaffinity(0, {cores}); from mesoshell.film.processes import serve; serve()"
@@ -28,11 +29,14 @@ PROGRAM = "import os; {cores} and os.sched_setaffinity(0, {cores}); from mesoshe
 def in_processes(count: int) -> Crew:
     """Frames by so many processes."""
 
-    def crew(shot: Shot, tasks: Iterator[Task], show: Callable[[int, float], None]) -> Generator[Made, None, None]:
+    def crew(shot: Shot, tasks: Iterator[Task], frames: int, show: Progress) -> Generator[Made, None, None]:
+        if not frames:
+            return
         events: queue.SimpleQueue[Made | BaseException | None] = queue.SimpleQueue()
         turn = threading.Lock()
         told = pickle.dumps(shot)
-        workers = [_Worker(cores) for cores in _cores(count)]
+        workers: list[_Worker] = []
+        threads: list[threading.Thread] = []
 
         def work(worker: _Worker) -> None:
             try:
@@ -47,10 +51,11 @@ def in_processes(count: int) -> Crew:
             except BaseException as fault:  # whoever iterates must see it
                 events.put(fault)
 
-        threads = [threading.Thread(target=work, args=(worker,), daemon=True) for worker in workers]
-        for thread in threads:
-            thread.start()
         try:
+            for cores in _cores(min(count, frames)):
+                workers.append(_Worker(cores))
+                threads.append(threading.Thread(target=work, args=(workers[-1],), daemon=True))
+                threads[-1].start()
             running = len(workers)
             while running:
                 event = events.get()
@@ -105,7 +110,8 @@ class _Worker:
         return answer
 
     def end(self) -> None:
-        self._process.kill()
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)  # with what it has begun itself
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout, self._errors):
             with suppress(BrokenPipeError):
@@ -141,6 +147,13 @@ def serve() -> None:
         try:
             answer: Any = make_frame(shot, task)
         except Exception as fault:
-            answer = fault if isinstance(fault, InputError) else RuntimeError(f"{type(fault).__name__}: {fault}")
+            answer = _told(fault)
         pickle.dump(answer, answers)
         answers.flush()
+
+
+def _told(fault: Exception) -> Exception:
+    """A fault as its maker hears of it: one that a user can mend, or a defect with its type in its text."""
+    if isinstance(fault, MemoryError):
+        return MemoryError(str(fault))
+    return fault if isinstance(fault, InputError | OSError) else RuntimeError(f"{type(fault).__name__}: {fault}")

@@ -1,4 +1,4 @@
-"""Shoot a film: frames into a folder, one by one; a film that was interrupted goes on where it stopped.
+"""Shoot a film: frames into a folder; a film that was interrupted goes on where it stopped.
 
 A folder holds 00000.png, 00001.png … and film.json, whose `frames` have the seconds and the flicker of each. `of` is a hash
 of all that the pictures depend on: a folder with another one is refused.
@@ -92,6 +92,8 @@ def shoot(
     paths = tuple(folder / f"{k:05d}.png" for k in range(moves.count))
     missing = [k for k, path in enumerate(paths) if str(k) not in rows or not path.exists()]
     there = moves.count - len(missing)
+    for k in missing:  # what was known of a frame that is lost
+        rows.pop(str(k), None)
     notes: dict[str, None] = {}
     measured = _flickers(paths, rows, lambda k: _view(shot.scene(moves.change(k))))
     if next(measured) or missing:  # what the folder holds is known before its first frame is there
@@ -99,7 +101,7 @@ def shoot(
         _write(folder, of, engine, rows)
     show(there, moves.count)
     tasks = (Task(k, moves.change(k), paths[k]) for k in missing)
-    with closing(crew(shot, tasks, lambda k, share: show(there + share, moves.count))) as frames:
+    with closing(crew(shot, tasks, len(missing), lambda share: show(there + share, moves.count))) as frames:
         for made in frames:
             if not paths[made.k].exists():
                 raise InputError(folder, f"has no frame {made.k}, which a worker made: workers must share the folder")
@@ -116,7 +118,7 @@ def shoot(
 def _flickers(
     paths: Sequence[Path], rows: dict[str, dict[str, Any]], view_of: Callable[[int], FrameView]
 ) -> Iterator[int]:
-    """Write the flicker of each frame into its row, in order: at each step, of those whose frames are there; how many."""
+    """Write the flicker of each frame into its row, as far as frames are there; at each step, gives how many were written."""
     before: tuple[FrameView, np.ndarray] | None = None
     count = 0
     for k, path in enumerate(paths):
@@ -214,9 +216,9 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
         same, rows = record["of"] == of, dict(record["frames"])
     except (InputError, ValueError, TypeError, KeyError) as fault:
         raise InputError(path, "is no record of a film: remove the folder, or choose another") from fault
-    if not same:
+    if not same and (rows or any(folder.glob("[0-9]" * 5 + ".png"))):
         raise InputError(folder, "holds another film's frames: remove the folder, or choose another")
-    return rows
+    return rows if same else {}
 
 
 def _bakes(frames: list[Scene], quality: Quality, engine: str) -> bool:

@@ -52,7 +52,8 @@ class Mesh:
 
 
 def load_mesh(path: str | PathLike[str]) -> Mesh:
-    """Read an OBJ, PLY, GLB, glTF, USD, OFF or STL file. Raises InputError, in one line, if it cannot be used."""
+    """Read an OBJ, PLY, GLB, glTF, USD, OFF, STL, 3MF or COLLADA file, also in a .zip. Raises InputError, in one line, if
+    it cannot be used."""
     return check_mesh(*read_mesh(path), str(path))
 
 

@@ -54,9 +54,14 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it warns of ma
 Arrays = tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 2"] | None]
 
 
+def file_of(path: str | PathLike[str]) -> Path:
+    """The mesh's file: out of its archive, if it lies in one. Raises InputError for an archive of none, or of several."""
+    return unzipped(path, FORMATS)
+
+
 def read_mesh(path: str | PathLike[str]) -> Arrays:
     """The arrays of a mesh file of one of FORMATS, in float64. Raises InputError, in one line, if it has none."""
-    path = unzipped(path, FORMATS)
+    path = file_of(path)
     with _one_line(path) as kind:
         own = {"OBJ": read_obj, "PLY": read_ply}.get(kind)
         return _some(join_arrays([part.arrays for part in _parts(path)]) if own is None else own(path), path, kind)
@@ -67,7 +72,7 @@ def read_nodes(
 ) -> tuple[list[Arrays], list[tuple[Arrays, Look]]]:
     """The meshes of each group of a glTF file's nodes or a USD stage's prims, by their names, with what hangs on them and is in
     no other group; and all its others, by their look. Raises InputError, in one line, for a group without triangles."""
-    path = unzipped(path, FORMATS)
+    path = file_of(path)
     with _one_line(path):
         parts = _parts(path, apart=True)
         owners = {owner for part in parts for owner in part.names}
@@ -170,7 +175,7 @@ def check_whole(path: Path) -> None:
     if kind == ".gltf":
         _check_buffers(path)
     if kind in (".3mf", ".zae"):
-        check_archive(path)
+        check_archive(path, (".model", ".dae"))
     if kind == ".off":
         lines = [line for line in (x.split(b"#")[0].split() for x in path.read_bytes().splitlines()) if line]
         words = [*lines[0][1:], *(lines[1] if len(lines[0]) == 1 and len(lines) > 1 else ())] if lines else []

@@ -3,6 +3,7 @@
 Everything in the archive is unpacked, since a mesh may name its buffers and images; nothing outside the folder is touched.
 """
 
+import os
 import shutil
 import tempfile
 import threading
@@ -15,48 +16,56 @@ from mesoshell.errors import InputError
 from mesoshell.limits import check_memory
 
 SUFFIX = ".zip"
-#: Most files of an archive; a format of several files, if an archive holds one, comes before what else it holds.
-MOST, FIRST = 10_000, (".gltf", ".usd", ".usda", ".usdc")
-#: Memory that a file takes for each of its bytes, at most about: text of numbers, and what is made of it.
+#: Most files of an archive.
+MOST = 10_000
+#: Formats whose meshes name other files: where an archive holds one of these, its other meshes are passed over.
+FIRST = (".gltf", ".usd", ".usda", ".usdc")
+#: Memory that a mesh takes for each byte of its file, at most about: text of numbers, and what is made of it.
 GROWS = 16
-_UNPACKED: dict[tuple, tuple[tempfile.TemporaryDirectory, Path]] = {}
+#: By its path: when an archive was written and its size, the folder, and the file in it.
+_UNPACKED: dict[Path, tuple[tuple[int, int], tempfile.TemporaryDirectory, Path]] = {}
 _TURN = threading.Lock()
 
 
 def unzipped(path: str | PathLike[str], formats: Sequence[str]) -> Path:
     """The file of one of these formats in a .zip, unpacked; any other path as it is. Raises InputError unless there is one."""
     file = Path(path)
-    if file.suffix.lower() != SUFFIX or not file.is_file():
+    if file.suffix.lower() != SUFFIX or not os.path.isfile(file):
         return file
-    state = file.stat()
-    key = file.resolve(), state.st_mtime_ns, state.st_size
+    state, key = file.stat(), file.resolve()
+    now = state.st_mtime_ns, state.st_size
     with _TURN:
-        if key not in _UNPACKED:
-            _UNPACKED[key] = _unpacked(file, formats)
-        return _UNPACKED[key][1]
+        if key not in _UNPACKED or _UNPACKED[key][0] != now:
+            fresh = _unpacked(file, formats)
+            if key in _UNPACKED:
+                _UNPACKED[key][1].cleanup()
+            _UNPACKED[key] = now, *fresh
+        return _UNPACKED[key][2]
 
 
-def check_archive(path: Path) -> list[zipfile.ZipInfo]:
-    """The files in an archive. Raises InputError if it is none, or they are too large, too many, or lead out of its folder."""
+def check_archive(path: Path, formats: Sequence[str]) -> list[zipfile.ZipInfo]:
+    """The files in an archive. formats: whose files are read as meshes. Raises InputError if it is none, or they are too large,
+    too many, or lead out of its folder."""
     try:
         with zipfile.ZipFile(path) as archive:
             files = [entry for entry in archive.infolist() if not entry.is_dir()]
-    except (zipfile.BadZipFile, NotImplementedError, ValueError, OSError) as fault:
+    except (zipfile.BadZipFile, NotImplementedError, LookupError, ValueError, OSError) as fault:
         raise InputError(path, f"is not a readable ZIP archive ({fault})") from fault
     if len(files) > MOST:
         raise InputError(path, f"holds {len(files)} files, more than {MOST}")
     for entry in files:
         name = PurePosixPath(entry.filename.replace("\\", "/"))
-        if name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
+        if name.is_absolute() or not name.parts or ".." in name.parts or ":" in name.parts[0]:
             raise InputError(path, f"its file {entry.filename!r} leads out of the folder")
         if entry.flag_bits & 1:
             raise InputError(path, f"its file {entry.filename!r} is encrypted")
-    check_memory(path, "what it holds", GROWS * sum(entry.file_size for entry in files))
+    sizes = (x.file_size * (GROWS if Path(x.filename).suffix.lower() in formats else 1) for x in files)
+    check_memory(path, "what it holds", sum(sizes))
     return files
 
 
 def _unpacked(path: Path, formats: Sequence[str]) -> tuple[tempfile.TemporaryDirectory, Path]:
-    files = check_archive(path)
+    files = check_archive(path, formats)
     name = _chosen(path, [x.filename for x in files], formats)
     folder = tempfile.TemporaryDirectory(prefix="mesoshell-")
     try:

@@ -137,12 +137,12 @@ def _even_shell(mesh: Mesh, thickness: float, scale: float) -> Shell:
 def _grown_by(image: Float[np.ndarray, "H W"], mesh: Mesh, thickness: float, scale: float) -> _Grown:
     """As high as an image is bright."""
     levels = levels_for(mesh, image.shape)
-    mesh = refine(mesh, levels)
+    mesh = constant(refine(mesh, levels)) if levels else mesh
     share = at_vertices(mesh, image)
     bare = np.all(share[mesh.faces] < LEAST, axis=1)
     if bare.all():
         raise InputError(Argument("growth"), "is black everywhere on the mesh: nothing grows")
-    shell = extrude(mesh, thickness * np.maximum(share, LEAST), scale, bare)
+    shell = constant(extrude(mesh, thickness * np.maximum(share, LEAST), scale, bare))
     covered = np.union1d(np.flatnonzero(bare), shell.mesh_face)  # so that what is mown elsewhere moves nothing
     uv = (mesh.uv[covered].astype(np.float64) * patches_per_uv(mesh, shell)).astype(np.float32)
     apart, notes = pixels_an_edge(mesh, image.shape), ()

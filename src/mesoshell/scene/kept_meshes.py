@@ -18,8 +18,7 @@ import numpy as np
 from mesoshell import __version__
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import Mesh, load_mesh
-from mesoshell.geometry.read import FORMATS
-from mesoshell.geometry.unzip import unzipped
+from mesoshell.geometry.read import file_of
 from mesoshell.io.cache import cache_folder
 from mesoshell.io.kept_arrays import keep_arrays, read_arrays
 from mesoshell.kept import constant
@@ -36,7 +35,7 @@ def mesh_of(given: str | PathLike[str] | Mesh) -> Mesh:
 
 def kept_mesh(path: str | PathLike[str]) -> Mesh:
     """A mesh file, read and mended; a large one from the cache if it was there before. Raises InputError as `load_mesh`."""
-    file = unzipped(path, FORMATS)
+    file = file_of(path)
     try:
         large = (
             os.path.isfile(file) and file.suffix.lower() not in MULTI_FILE_FORMATS and file.stat().st_size >= MIN_BYTES

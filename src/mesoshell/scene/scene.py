@@ -56,7 +56,8 @@ class Grown:
 class Scene:
     """A mesh grown with a material, its camera and its lights.
 
-    mesh: an OBJ, PLY, GLB, glTF, USD, OFF or STL file, unwrapped if it has no texture coordinates; or a loaded mesh.
+    mesh: an OBJ, PLY, GLB, glTF, USD, OFF, STL, 3MF or COLLADA file, also in a .zip, unwrapped if it has no texture
+        coordinates; or a loaded mesh.
     grow: names of a glTF file's nodes or materials, or paths of a USD stage's prims or subsets, that the material grows on; the
         file's other meshes stand beside them, as `objects` do, in their materials' diffuse colours. Default: on all that no
         material of `also` grows on.
@@ -89,7 +90,8 @@ class Scene:
         to 1.
     objects: further meshes in the same frame that cast and receive shadows.
     also: further meshes in the same frame that are grown too, each with a material of its own. Shells alone.
-    up: the axis that points up, "y" or "z". Default: what a USD stage says, z for PLY and STL files, else y.
+    up: the axis that points up, "y" or "z". Default: what a USD stage or a COLLADA file says (z, or else y), z for
+        PLY, STL and 3MF files, y for others.
     transparent: whether the background is transparent even where there is an environment.
     holdout: whether the picture is transparent where it would show `objects`, so that it lies over a picture of them; they
         still cast and receive shadows. Shells by engine jax alone.

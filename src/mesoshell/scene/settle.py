@@ -72,6 +72,9 @@ def _with_texture(part: PartT, progress: Progress) -> PartT:
     """With a texture that is grown for it, if one must be, in the place of the parameters of geometry."""
     if not grows(part):
         return part
-    material = Material(part.material.name, constant(growth_of(part, progress).material))
+    given, grown = part.material.shell, growth_of(part, progress).material
+    # what both bundles share stays the giver's, who may write to it
+    arrays = {key: x.copy() if x is given.arrays.get(key) else x for key, x in grown.arrays.items()}
+    material = Material(part.material.name, constant(replace(grown, arrays=arrays)))
     shape = {p.name for p in part.material.shell.parameters if p.role == "beta"}
     return replace(part, material=material, params={k: v for k, v in part.params.items() if k not in shape}, seed=None)

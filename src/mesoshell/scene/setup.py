@@ -12,8 +12,7 @@ from jaxtyping import Float
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box
-from mesoshell.geometry.read import COLLADA, FORMATS, up_of_collada
-from mesoshell.geometry.unzip import unzipped
+from mesoshell.geometry.read import COLLADA, file_of, up_of_collada
 from mesoshell.io.image import read_exr
 from mesoshell.io.surface import KIND
 from mesoshell.limits import check_memory
@@ -204,8 +203,9 @@ def up_axis(scene: Scene) -> int:
 
 
 def axis_of_file(path: str | PathLike[str]) -> int:
-    """1 for y, 2 for z: what a USD stage says, or as usual for a format. Raises InputError for a stage that is none."""
-    path = unzipped(path, FORMATS)
+    """1 for y, 2 for z: what a USD stage or a COLLADA file says, or as usual for a format. Raises InputError
+    for one that is none."""
+    path = file_of(path)
     suffix = path.suffix.lower()
     if suffix in read_usd.FORMATS:
         return 2 if read_usd.up_of(path) == "z" else 1

@@ -10,8 +10,7 @@ import numpy as np
 from mesoshell.errors import Argument, InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import Mesh, bounding_box, load_nodes
-from mesoshell.geometry.read import FORMATS
-from mesoshell.geometry.unzip import unzipped
+from mesoshell.geometry.read import file_of
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera
 from mesoshell.render.lamp import Lamp, as_distant
@@ -36,7 +35,7 @@ ALIKE = 0.01
 
 def is_scene_file(mesh: Any) -> bool:
     """Whether it is the path of a file that may say more than a mesh."""
-    return isinstance(mesh, str | PathLike) and unzipped(mesh, FORMATS).suffix.lower() in READERS
+    return isinstance(mesh, str | PathLike) and file_of(mesh).suffix.lower() in READERS
 
 
 def read_scene_file(path: str | PathLike[str]) -> FileScene:
@@ -67,7 +66,7 @@ def unpack(scene: Scene) -> Scene:
             raise InputError(Argument("grow"), "names meshes of a glTF file or a USD stage, and the scene has none")
         return scene
     assert isinstance(scene.mesh, str | PathLike)
-    path = unzipped(scene.mesh, FORMATS)
+    path = file_of(scene.mesh)
     if scene.grow or named:
         (mesh, *meshes), others = load_nodes(path, [scene.grow, *(x.grow for x in named)])
     else:

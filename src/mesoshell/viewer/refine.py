@@ -23,7 +23,7 @@ COARSE, MAX_SAMPLES = 128, 256
 
 class RefinedPicture(NamedTuple):
     """A picture on its way. rgba: linear, premultiplied; samples: of each pixel; seconds: of the last pass, with what came
-    before it; rendered: what the engine gives."""
+    before it; rendered: what the engine gives; camera, settings: that it was made with."""
 
     rgba: Float[np.ndarray, "H W 4"]
     samples: int
@@ -31,6 +31,8 @@ class RefinedPicture(NamedTuple):
     rendered: Rendered
     effects: Effects | None
     notes: tuple[str, ...]
+    camera: Camera
+    settings: Quality
 
 
 class Abandoned(Exception):
@@ -70,6 +72,7 @@ def _passes(
         if stopped():
             raise Abandoned
 
+    assert isinstance(scene.camera, Camera)
     begin = time.perf_counter()
     check(0.0)
     # a grid of density would take seconds at each step of a slider
@@ -81,5 +84,6 @@ def _passes(
         total += passes.render(k, np.arange(len(total)), check)
         image = (total / (k + 1)).reshape(*passes.shape, 4)
         now = time.perf_counter()
-        yield RefinedPicture(image, k + 1, now - begin, passes.ended(image, k + 1), ready.effects, ready.notes)
+        ended = passes.ended(image, k + 1)
+        yield RefinedPicture(image, k + 1, now - begin, ended, ready.effects, ready.notes, scene.camera, settings)
         begin = time.perf_counter()

@@ -4,11 +4,12 @@ costs.
 A pass has one ray or path a pixel and its density from the network, so fields about these are not here.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
-from mesoshell.render.quality import PRESETS, SETTINGS, kind_of, out_of_range
+from mesoshell.render.quality import PRESETS, SETTINGS, Quality, kind_of, out_of_range
 from mesoshell.viewer.look import Look
 from mesoshell.viewer.refine import RefinedPicture
 
@@ -19,89 +20,106 @@ LEFT_OUT = ("pixel_samples", "spp", "density")
 MOST = 4
 
 
+class Cost(NamedTuple):
+    """Of a pass: seconds, and evaluations of the network a ray."""
+
+    seconds: float
+    evaluations: float
+
+
 class SettingsPanel:
     """Folders of a server's page. changed: called when something is set."""
 
     def __init__(self, gui: Any, engine: str, look: Look, changed: Callable[[Any], None]):
-        self._changed, self._resetting = changed, False
-        self._passes: dict[tuple, tuple[float, float]] = {}
-        self._last: tuple[dict[str, Any], dict[str, Any]] | None = None
+        self._changed, self._setting = changed, False
+        self._settings = look.settings
+        self._about: tuple = ()
+        self._costs: dict[Quality, Cost] = {}
+        self._before: Quality | None = None
         with gui.add_folder("Picture"):
             self._preset = gui.add_dropdown("quality", tuple(PRESETS), initial_value=look.quality)
             hint = "of the longer side"
             self._side = gui.add_dropdown("pixels", tuple(map(str, SIDES)), initial_value=str(look.side), hint=hint)
             self.cost = gui.add_markdown("")
-        with gui.add_folder("Settings", expand_by_default=False) as self._folder:
+        with gui.add_folder("Settings", expand_by_default=False):
             self._said = gui.add_markdown("Change one, and see what it costs.")
-            preset = PRESETS[look.quality]
             self._fields = {
-                name: _control(gui, name, getattr(preset, name))
+                name: _control(gui, name, getattr(self._settings, name))
                 for name, setting in SETTINGS.items()
                 if setting.engine in ("", engine) and name not in LEFT_OUT
             }
-        self._settings = {**preset.as_dict(), **look.changes}
         self._preset.on_update(self._reset)
         self._side.on_update(changed)
         for name, field in self._fields.items():
             field.on_update(partial(self._set, name))
 
-    @property
-    def preset(self) -> str:
-        return self._preset.value
-
     def look(self) -> dict[str, Any]:
         """Fields of a `Look`."""
-        preset = PRESETS[self.preset].as_dict()
-        changes = {name: self._settings[name] for name in self._fields if self._settings[name] != preset[name]}
-        return {"quality": self.preset, "side": int(self._side.value), "changes": changes}
+        preset = PRESETS[self._preset.value]
+        now = {name: getattr(self._settings, name) for name in self._fields}
+        changes = {name: value for name, value in now.items() if value != getattr(preset, name)}
+        return {"quality": self._preset.value, "side": int(self._side.value), "changes": changes}
 
     def see(self, picture: RefinedPicture, look: Look) -> None:
         """A picture has come: show the fields that it depends on, and what the last change costs."""
-        used = picture.rendered.record["quality"]
+        if picture.samples < 2:  # the first pass has the preparations in it, or is a coarse one
+            return
+        record = picture.rendered.record
         for name, field in self._fields.items():
-            if field.visible != (name in used):
-                field.visible = name in used
-        if picture.samples < 2:
-            return  # the first pass has the preparations in it, or is a coarse one
-        size = picture.rgba.shape[:2]
-        now = look.settings.as_dict()
-        self._passes[_key(now, size)] = picture.seconds, _evaluations(picture)
-        if self._last is not None and now == self._last[1]:
-            costs = [self._passes.get(_key(x, size)) for x in self._last]
-            if None not in costs:
-                text = _said(self._last[0], self._last[1], *costs)  # type: ignore[arg-type]
-                if self._said.content != text:
-                    self._said.content = text
+            if field.visible != (name in record["quality"]):
+                field.visible = name in record["quality"]
+        # costs are compared where all else is alike
+        about = picture.camera.to_world.tobytes(), picture.rgba.shape, replace(look, quality="", changes={})
+        if about != self._about:
+            self._about, self._costs, self._before = about, {}, None
+        self._costs[picture.settings] = Cost(picture.seconds, record["queries"] / max(record["rays"], 1))
+        before, now = self._before, self._settings
+        if before is not None and before in self._costs and picture.settings == now != before:
+            self._say(_said(before, now, self._costs[before], self._costs[now]))
+
+    def _say(self, text: str) -> None:
+        if self._said.content != text:
+            self._said.content = text
+
+    def _show(self, settings: Quality) -> None:
+        """In the controls."""
+        self._setting = True
+        for name, field in self._fields.items():
+            field.value = getattr(settings, name)
+        self._setting = False
 
     def _reset(self, event: Any) -> None:
         """Another preset: its values."""
-        self._resetting = True
-        for name, field in self._fields.items():
-            field.value = getattr(PRESETS[self.preset], name)
-        self._resetting = False
-        self._remember(PRESETS[self.preset].as_dict())
+        self._remember(PRESETS[self._preset.value])
         self._changed(event)
 
     def _set(self, name: str, event: Any) -> None:
-        if self._resetting:
+        if self._setting:
             return
         try:
             value = kind_of(name)(self._fields[name].value)
         except (TypeError, ValueError, OverflowError):
+            value = None
+        fault = "is no number" if value is None else out_of_range(name, value)
+        if not fault and isinstance(value, int) and not isinstance(value, bool) and value > _most(name):
+            fault = f"must be at most {_most(name)} here"
+        if fault:
+            self._show(self._settings)
+            self._before = None  # or the cost of a change before would be said again
+            self._say(f"`{name}` {fault}")
             return
-        if isinstance(value, int) and not isinstance(value, bool):
-            value = min(value, _most(name))
-        if out_of_range(name, value):
-            self._said.content = f"`{name}` {out_of_range(name, value)}"
-            return
-        self._remember({**self._settings, name: value})
+        self._remember(self._settings.with_changes(**{name: value}))
         self._changed(event)
 
-    def _remember(self, settings: dict[str, Any]) -> None:
-        if settings != self._settings:
-            self._last = self._settings, settings
-            self._settings = settings
-            self._said.content = f"{_what(*self._last)}: under way"
+    def _remember(self, settings: Quality) -> None:
+        """What is set now, and what it is compared with: what was measured last."""
+        if settings == self._settings:
+            return
+        if self._settings in self._costs:
+            self._before = self._settings
+        self._settings = settings
+        self._show(settings)
+        self._say(f"{_what(self._before, settings)}: under way" if self._before not in (None, settings) else "")
 
 
 def _control(gui: Any, name: str, value: Any) -> Any:
@@ -124,23 +142,13 @@ def _most(name: str) -> int:
     return MOST * max(getattr(preset, name) for preset in PRESETS.values())
 
 
-def _what(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+def _what(before: Any, after: Quality) -> str:
     """What has changed."""
-    return ", ".join(f"`{name}` {before[name]} → {after[name]}" for name in after if before[name] != after[name])
+    each = ((name, getattr(before, name), getattr(after, name)) for name in SETTINGS if name not in LEFT_OUT)
+    return ", ".join(f"`{name}` {old} → {new}" for name, old, new in each if old != new)
 
 
-def _key(settings: Mapping[str, Any], size: tuple[int, ...]) -> tuple:
-    return *sorted(settings.items()), size
-
-
-def _evaluations(picture: RefinedPicture) -> float:
-    record = picture.rendered.record
-    return record["queries"] / max(record["rays"], 1)
-
-
-def _said(
-    before: Mapping[str, Any], after: Mapping[str, Any], old: tuple[float, float], new: tuple[float, float]
-) -> str:
-    """What a change costs. old, new: seconds of a pass, and evaluations a ray."""
-    each = f", {old[1]:.1f} → {new[1]:.1f} evaluations a ray" if old[1] or new[1] else ""
-    return f"{_what(before, after)}: {1000 * old[0]:.0f} → {1000 * new[0]:.0f} ms a pass{each}"
+def _said(before: Quality, after: Quality, old: Cost, new: Cost) -> str:
+    """What a change costs."""
+    each = f", {old.evaluations:.1f} → {new.evaluations:.1f} evaluations a ray" if old.evaluations else ""
+    return f"{_what(before, after)}: {1000 * old.seconds:.0f} → {1000 * new.seconds:.0f} ms a pass{each}"

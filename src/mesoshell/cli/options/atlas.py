@@ -11,7 +11,7 @@ import tyro
 class Capture:
     """Photograph a mesh with Blender from a dome around it: images, masks and a point cloud, to try the other verbs with."""
 
-    #: OBJ, PLY, GLB, glTF, USD, OFF or STL file.
+    #: OBJ, PLY, GLB, glTF, USD, OFF, STL, 3MF or COLLADA file, also in a .zip.
     mesh: tyro.conf.Positional[Path]
     #: Folder to write; must not exist.
     out: Path

@@ -26,6 +26,8 @@ from mesoshell.typing import Array, Scalar, Vec3
 
 #: Columns that are decoded together, about.
 TOGETHER = 4096
+#: Grids that a material keeps: of two values of a parameter, to compare them.
+MOST = 2
 
 Shape = tuple[int, ...]
 
@@ -36,11 +38,15 @@ def baked_density(
     """A material's grid, from the cache or made. varying: positions in α of what varies."""
     values = tuple(None if i in varying else float(a) for i, a in enumerate(alpha))
     key = values, shape
-    if key not in device_material.densities:
+    known = device_material.densities
+    if key not in known:
         of = "jax", jax.default_backend(), device_material.digest, values
         made = kept_grid(of, shape, partial(bake, device_material, values, shape))
-        device_material.densities[key] = jnp.asarray(made)
-    return device_material.densities[key]
+        for old in list(known)[: max(0, len(known) + 1 - MOST)]:
+            known.pop(old, None)
+        known[key] = jnp.asarray(made)
+        return known[key]
+    return known[key]
 
 
 def bake(device_material: DeviceMaterial, values: tuple[float | None, ...], shape: Shape) -> Float[np.ndarray, "N"]:

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mesoshell.geometry.albedo import Albedo
-from mesoshell.nets.batches import run
+from mesoshell.nets.batches import CAPACITY, run
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.render.effects import Effects
 from mesoshell.render.light import Beam, beams
@@ -158,7 +158,9 @@ class Lighting:
             lit = np.flatnonzero((cosine > 0) & seen)
             parts.append((lit, toward[lit], cosine[lit, None] * beam.strength[hit[lit]]))
         lit, toward, strength = (np.concatenate(x) for x in zip(*parts, strict=True))
-        strength = strength * self.transmitted(face[lit], traced.bary[hit[lit]], toward)[:, None]
+        for first in range(0, len(lit), CAPACITY):
+            some = slice(first, first + CAPACITY)
+            strength[some] *= self.transmitted(face[lit[some]], traced.bary[hit[lit[some]]], toward[some])[:, None]
         for c in range(3):
             rgb[hit, c] = np.bincount(lit, strength[:, c], len(hit))
         slant = np.abs(np.einsum("ij,ij->i", normal, d[hit]))

@@ -85,13 +85,13 @@ def test_a_cluster_makes_the_frames_that_this_process_makes(
     monkeypatch.chdir(tmp_path)  # a relative path is made absolute
     here = {"dashboard_address": None, "host": "127.0.0.1", "silence_logs": 50}
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **here) as machines:
-        made = list(on_cluster(distributed.Client(machines))(shot, *tasks(Path("there"), *changes), ignore))
+        made = list(on_cluster(machines.scheduler_address)(shot, *tasks(Path("there"), *changes), ignore))
         for change, says in (
             ({"thickness": -1.0}, "thickness: must be positive"),
             ({"nothing": 1}, "scheduler: a frame failed: "),
         ):
             with pytest.raises(InputError, match=says):
-                list(on_cluster(distributed.Client(machines))(shot, *tasks(Path("there"), change), ignore))
+                list(on_cluster(machines.scheduler_address)(shot, *tasks(Path("there"), change), ignore))
     assert sorted(x.k for x in made) == [0, 1, 2]
     for k, _ in enumerate(alone(shot, *tasks(Path("here"), *changes), ignore)):
         assert Path(f"there/{k}.png").read_bytes() == Path(f"here/{k}.png").read_bytes()
@@ -174,7 +174,7 @@ def test_frames_that_were_lost_are_made_anew(scene: ms.Scene, tmp_path: Path, mo
     assert again.flicker == whole.flicker and all(path.exists() for path in again.frames)
 
 
-def test_a_film_that_was_stopped_before_its_first_frame_keeps_no_folder(scene: ms.Scene, tmp_path: Path):
+def test_a_film_that_was_stopped_before_its_first_frame_leaves_no_record(scene: ms.Scene, tmp_path: Path):
     def stopped(share: float, what: str) -> None:
         if what.startswith("frame"):
             raise KeyboardInterrupt

@@ -25,9 +25,9 @@ from trimesh.visual.material import PBRMaterial
 
 import mesoshell as ms
 from mesoshell.errors import InputError
+from mesoshell.geometry.image_texture import Look
 from mesoshell.geometry.mesh import load_mesh, load_nodes
 from mesoshell.geometry.read import read_mesh, read_nodes
-from mesoshell.geometry.read_usd import Look
 from mesoshell.io.bundle import Bundle
 from mesoshell.scene.gltf import LUX
 from mesoshell.scene.materials import Material

@@ -13,7 +13,7 @@ import mesoshell as ms
 import mesoshell.pathtracer
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
-from mesoshell.geometry.image_texture import texture_of
+from mesoshell.geometry.image_texture import Texture, codes_of
 from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
@@ -147,7 +147,7 @@ def test_an_image_on_an_object_is_written_too(material: Material, tmp_path: Path
     """The picture is the same, noise apart; without the image it is not."""
     codes = np.random.default_rng(0).integers(0, 256, (2, 3, 3)).astype(np.uint8)
     board = replace(
-        load_mesh(MESH.with_name("spot.obj")), texture=texture_of(Image.fromarray(codes)), colour=(1.0, 1.0, 1.0)
+        load_mesh(MESH.with_name("spot.obj")), texture=Texture(codes_of(Image.fromarray(codes))), colour=(1.0, 1.0, 1.0)
     )
     scene = ms.Scene(MESH, material, objects=[board], size=(24, 20), camera=(1.5, 0.5, -3.0, 0.0, 0.0, 0.0, 40.0))
     path = ms.write_scene(scene, tmp_path / "made", quality="draft")

@@ -301,7 +301,7 @@ def test_colours_by_other_ways(tmp_path: Path):
 
 def test_instances_share_what_is_read_of_a_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     calls = []
-    monkeypatch.setattr(read_usd, "_diffuse", lambda material, time: calls.append(material.GetPath()))
+    monkeypatch.setattr(read_usd, "_diffuse", lambda material, *_: calls.append(material.GetPath()))
     model = f"""def Xform "Model" {{
     {mesh("A", bound("Model/Look"), kind=API)}
     {shader("Look", "").replace("</Look.", "</Model/Look.")}
@@ -645,20 +645,35 @@ def test_a_stages_sky_is_exported_and_brought_by_the_viewers_command(tmp_path: P
     assert "--light" in command(scene, scene_of_look(still, still, sun, camera, True), sun, "jax", 1)
 
 
-@pytest.mark.parametrize(("by", "lies"), [("", True), ("UsdPrimvarReader_float2", True), ("UsdTransform2d", False)])
-def test_an_image_is_kept_where_it_is_not_moved(tmp_path: Path, by: str, lies: bool):
-    """One that is moved has its mean alone."""
+READS = "UsdPrimvarReader_float2"
+
+
+@pytest.mark.parametrize(
+    ("by", "more", "lies"),
+    [
+        ("", "", True),
+        (READS, "", True),
+        (READS, 'string inputs:varname = "st"', True),
+        (READS, 'string inputs:varname = "lightmap"', False),
+        ("UsdTransform2d", "", False),
+        ("", 'token inputs:sourceColorSpace = "sRGB"', True),
+        ("", 'token inputs:sourceColorSpace = "raw"', False),
+        ("", "float4 inputs:scale = (1, 1, 1, 1)", True),
+        ("", "float4 inputs:scale = (0.5, 1, 1, 1)", False),
+        ("", "float4 inputs:bias = (0.1, 0, 0, 0)", False),
+    ],
+)
+def test_an_image_is_kept_where_it_shows_as_it_is(tmp_path: Path, by: str, more: str, lies: bool):
+    """One that is moved, or of other values or texture coordinates, has its mean alone."""
     Image.fromarray(np.repeat(np.array([[0, 255]], np.uint8), 3).reshape(1, 2, 3)).save(tmp_path / "half.png")
     looks = shader("Checked", "color3f inputs:diffuseColor.connect = </Checked/Read.outputs:rgb>")
-    if by:
-        looks = looks.replace(
-            "float3 outputs:rgb",
-            f"""float3 outputs:rgb
-            float2 inputs:st.connect = </Checked/Place.outputs:result>
+    place = f"""float2 inputs:st.connect = </Checked/Place.outputs:result>
         }}
         def Shader "Place" {{
             uniform token info:id = "{by}"
-            float2 outputs:result""",
-        )
-    (part,) = read_usd.parts(stage(tmp_path, mesh("A", bound("Checked"), kind=API) + looks))
+            {more}
+            float2 outputs:result"""
+    looks = looks.replace("float3 outputs:rgb", f"float3 outputs:rgb\n            {place if by else more}")
+    body = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = "vertex" )'
+    (part,) = read_usd.parts(stage(tmp_path, mesh("A", f"{bound('Checked')}\n{body}", kind=API) + looks))
     assert part.look.colour == pytest.approx((0.5, 0.5, 0.5)) and (part.look.texture is not None) == lies

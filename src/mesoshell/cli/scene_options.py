@@ -33,8 +33,8 @@ class SceneOptions:
     #: `render` and `tradeoff` with --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: Name of a glTF file's node or material, or path of a USD stage's prim or subset, that the material grows on; may be
-    #: repeated. The file's other meshes become objects, in their materials' colours. NODE=MATERIAL grows another material on
-    #: it. Default: every mesh that no NODE=MATERIAL names.
+    #: repeated. The file's other meshes become objects, in their materials' colours or images. NODE=MATERIAL grows another
+    #: material on it. Default: every mesh that no NODE=MATERIAL names.
     grow: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: A bundled material's name, or a .npz file, or the folder of a large texture.
     material: str = "grass"

@@ -5,6 +5,7 @@ from collections.abc import Generator, Iterator
 from itertools import islice
 from typing import Any
 
+from mesoshell.datasets.blender.cluster import connect
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.frame import Crew, Made, Shot, Task, make_frame
 from mesoshell.scene.picture import Progress
@@ -13,11 +14,12 @@ from mesoshell.scene.picture import Progress
 AHEAD = 2
 
 
-def on_cluster(client: Any) -> Crew:
-    """Frames by the workers of a Dask client, which is closed at the end. Raises InputError for what goes wrong there."""
+def on_cluster(address: str) -> Crew:
+    """Frames by the workers of a Dask scheduler. Raises InputError if it does not answer now, or for what goes wrong there."""
+    connect(address).close()
 
     def crew(shot: Shot, tasks: Iterator[Task], count: int, show: Progress) -> Generator[Made, None, None]:
-        with client:
+        with connect(address) as client:
             try:
                 yield from _frames(client, shot, tasks)
             except InputError:

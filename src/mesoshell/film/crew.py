@@ -2,7 +2,6 @@
 
 from collections.abc import Generator, Iterator
 
-from mesoshell.datasets.blender.cluster import connect
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.cluster import on_cluster
 from mesoshell.film.frame import Crew, Made, Shot, Task, make_frame
@@ -24,5 +23,5 @@ def crew_of(workers: int | None, scheduler: str | None) -> Crew:
     if workers is not None and scheduler is not None:
         raise InputError(Argument("workers"), "cannot be combined with `scheduler`, whose workers they are")
     if scheduler is not None:
-        return on_cluster(connect(scheduler))
+        return on_cluster(scheduler)
     return alone if workers is None else in_processes(workers)

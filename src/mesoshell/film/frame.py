@@ -10,6 +10,7 @@ change      fields of the scene that differ in a frame; of `params` those that d
 import os
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -66,10 +67,14 @@ def make_frame(shot: Shot, task: Task, progress: Progress = lambda share: None) 
 
 
 def compiled_in() -> str | None:
-    """The folder where JAX keeps what it compiles."""
+    """The folder where JAX keeps what it compiles, which is made if it is not there."""
     import jax
 
-    return jax.config.values["jax_compilation_cache_dir"]
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    if folder is not None:
+        with suppress(OSError):
+            os.makedirs(folder, exist_ok=True)
+    return folder
 
 
 def keep_compiled(folder: str) -> None:

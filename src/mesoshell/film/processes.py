@@ -54,8 +54,9 @@ def in_processes(count: int) -> Crew:
         try:
             for cores in _cores(min(count, frames)):
                 workers.append(_Worker(cores))
-                threads.append(threading.Thread(target=work, args=(workers[-1],), daemon=True))
-                threads[-1].start()
+                thread = threading.Thread(target=work, args=(workers[-1],), daemon=True)
+                thread.start()
+                threads.append(thread)
             running = len(workers)
             while running:
                 event = events.get()
@@ -110,8 +111,9 @@ class _Worker:
         return answer
 
     def end(self) -> None:
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)  # with what it has begun itself
+        if self._process.poll() is None:
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)  # with what it has begun itself
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout, self._errors):
             with suppress(BrokenPipeError):

@@ -7,7 +7,7 @@ of all that the pictures depend on: a folder with another one is refused.
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -99,9 +99,12 @@ def shoot(
     if next(measured) or missing:  # what the folder holds is known before its first frame is there
         folder.mkdir(parents=True, exist_ok=True)
         _write(folder, of, engine, rows)
-    show(there, moves.count)
     tasks = (Task(k, moves.change(k), paths[k]) for k in missing)
-    with closing(crew(shot, tasks, len(missing), lambda share: show(there + share, moves.count))) as frames:
+    with (
+        _forgotten(folder, rows),
+        closing(crew(shot, tasks, len(missing), lambda s: show(there + s, moves.count))) as frames,
+    ):
+        show(there, moves.count)
         for made in frames:
             if not paths[made.k].exists():
                 raise InputError(folder, f"has no frame {made.k}, which a worker made: workers must share the folder")
@@ -113,6 +116,17 @@ def shoot(
             show(there, moves.count)
     done = [rows[str(k)] for k in range(moves.count)]
     return Film(paths, tuple(x["seconds"] for x in done), tuple(x["flicker"] for x in done), tuple(notes))
+
+
+@contextmanager
+def _forgotten(folder: Path, rows: Mapping[str, Any]) -> Iterator[None]:
+    """A film that ends without a frame leaves no record: its folder may hold another one."""
+    try:
+        yield
+    except BaseException:
+        if not rows:
+            (folder / RECORD).unlink(missing_ok=True)
+        raise
 
 
 def _flickers(
@@ -216,9 +230,9 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
         same, rows = record["of"] == of, dict(record["frames"])
     except (InputError, ValueError, TypeError, KeyError) as fault:
         raise InputError(path, "is no record of a film: remove the folder, or choose another") from fault
-    if not same and (rows or any(folder.glob("[0-9]" * 5 + ".png"))):
+    if not same:
         raise InputError(folder, "holds another film's frames: remove the folder, or choose another")
-    return rows if same else {}
+    return rows
 
 
 def _bakes(frames: list[Scene], quality: Quality, engine: str) -> bool:

@@ -1,4 +1,4 @@
-"""The diffuse colour of a file's material: one colour, and of an image its mean (no JAX).
+"""The diffuse colour of a file's material: a number, or the mean of an image (no JAX).
 
 Notation
 colour      linear Rec. 709, each from 0 to 1
@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
+from jaxtyping import Bool, UInt8
 
 Colour = tuple[float, float, float]
 T = TypeVar("T")
@@ -24,7 +25,10 @@ def colour_of(factor: Any, image: Any = None) -> Colour | None:
     if len(numbers) < 3 or not np.isfinite(numbers).all():
         return None
     if image is not None:
-        numbers = numbers * _mean(image)
+        codes, opaque = opaque_rgb(image)
+        seen = codes[opaque] if opaque.any() else codes.reshape(-1, 3)
+        counts = np.stack([np.bincount(seen[:, k], minlength=256) for k in range(3)])
+        numbers = numbers * (counts @ LINEAR) / len(seen)
     r, g, b = np.clip(numbers, 0, 1).tolist()
     return r, g, b
 
@@ -45,9 +49,10 @@ def image_of(data: bytes) -> Any:
     return Image.open(io.BytesIO(data))
 
 
-def _mean(image: Any) -> np.ndarray:
+def opaque_rgb(image: Any) -> tuple[UInt8[np.ndarray, "H W 3"], Bool[np.ndarray, "H W"]]:
+    """Values of a PIL image, and where it is opaque."""
     if image.mode.startswith("I"):  # 16 bits of grey, of which PIL would keep the lower eight
-        image = image.point(lambda v: v / 256).convert("L")
-    opaque = image.convert("RGBA").getchannel("A").point(lambda a: 255 if a > 127 else 0)
-    whole = np.array(image.convert("RGB").histogram(opaque if opaque.getbbox() else None), np.float64).reshape(3, 256)
-    return whole @ LINEAR / whole.sum(axis=1)
+        grey = (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
+        return np.repeat(grey[..., None], 3, axis=2), np.ones(grey.shape, bool)
+    rgba = np.array(image.convert("RGBA"))
+    return np.ascontiguousarray(rgba[..., :3]), rgba[..., 3] > 127

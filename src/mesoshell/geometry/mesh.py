@@ -21,10 +21,9 @@ from jaxtyping import Bool, Float, Int
 
 from mesoshell.errors import InputError
 from mesoshell.geometry.colour import Colour
-from mesoshell.geometry.image_texture import Texture
+from mesoshell.geometry.image_texture import Look, Texture
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.geometry.read import check_indices, join_arrays, read_mesh, read_nodes
-from mesoshell.geometry.read_usd import Look
 from mesoshell.geometry.topology import agree, inside_out, pair_edges
 from mesoshell.geometry.unwrap import unwrap
 from mesoshell.kept import constant
@@ -59,7 +58,7 @@ def load_mesh(path: str | PathLike[str]) -> Mesh:
 
 def load_nodes(path: str | PathLike[str], groups: Sequence[Sequence[str]]) -> tuple[list[Mesh], tuple[Mesh, ...]]:
     """Each group of a glTF file's nodes or a USD stage's prims, by their names, as one mesh, and all its others as one of each
-    colour; an empty first group stands for all others. Raises InputError, in one line, if it cannot be used."""
+    look; an empty first group stands for all others. Raises InputError, in one line, if it cannot be used."""
     rest = not groups[0]
     named, others = read_nodes(path, groups[1:] if rest else groups)
     if rest and not others:
@@ -81,9 +80,9 @@ def _bare(
     if not len(_usable_faces(_check_arrays(vertices, faces, source), faces)[0]):
         return ()
     colour, texture = look
-    if texture is None or uv is None or not np.isfinite(uv).all() or not _doubled_areas(uv).any():
-        uv, texture = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), (len(faces), 1, 1)), None
-    return (replace(check_mesh(vertices, faces, uv, source), colour=colour, texture=texture),)
+    if texture is None or uv is None:
+        uv = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), (len(faces), 1, 1))
+    return (replace(check_mesh(vertices, faces, uv, source, bare=True), colour=colour, texture=texture),)
 
 
 def check_mesh(
@@ -91,8 +90,10 @@ def check_mesh(
     faces: Int[np.ndarray, "M 3"],
     uv: Float[np.ndarray, "M 3 2"] | None,
     source: str,
+    bare: bool = False,
 ) -> Mesh:
-    """Check and mend a mesh given as arrays; corner UVs may be NaN. Raises InputError(source, ...) if it cannot be used."""
+    """Check and mend a mesh given as arrays; corner UVs may be NaN. bare: nothing grows on it, so UVs stay as they are. Raises
+    InputError(source, ...) if it cannot be used."""
     points = _check_arrays(vertices, faces, source)
     faces = _first_equal_row(points.view(np.int32))[faces]
     kept, notes = _usable_faces(points, faces)
@@ -106,7 +107,9 @@ def check_mesh(
         uv[flip] = uv[flip][:, [0, 2, 1]]
     used, corner = np.unique(faces, return_inverse=True)
     points, faces = points[used], corner.reshape(-1, 3).astype(np.int32)
-    uv, more = _check_uv(points, faces, uv, kept, source)
+    more: list[str] = []
+    if not bare or uv is None:
+        uv, more = _check_uv(points, faces, uv, kept, source)
     normals, turned = vertex_normals(points.astype(np.float64), faces)
     if turned:
         more.append(f"normals of {count_of(turned, 'vertex', 'vertices')} turned to point out of every face around")

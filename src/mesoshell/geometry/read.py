@@ -3,7 +3,7 @@
 Notation
 N, M        vertices and triangles of the file; index: of one of them, counted from 0
 uv          texture coordinates of each corner, NaN on corners without
-colour      diffuse colour of the material of a glTF file or a USD stage                                   (geometry/colour)
+look        diffuse colour and image of a glTF file's or a USD stage's material               (geometry/image_texture)
 v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are ignored
 n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
 
@@ -38,9 +38,9 @@ from trimesh.resolvers import FilePathResolver
 from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.colour import colour_of, read_or_none
-from mesoshell.geometry.image_texture import texture_of
+from mesoshell.geometry.image_texture import Look, Texture, codes_of
 from mesoshell.geometry.read_ply import read_ply
-from mesoshell.geometry.read_usd import Look, Part
+from mesoshell.geometry.read_usd import Part
 from mesoshell.geometry.unzip import check_archive, unzipped
 
 COLLADA = (".dae", ".zae")
@@ -96,7 +96,7 @@ def read_nodes(
         for names, mesh in zip(groups, meshes, strict=True):
             if not len(mesh[1]):
                 raise InputError(path, f"has no triangles under {', '.join(names)} that no other name covers")
-        rest = [part for part, own in zip(parts, chosen, strict=True) if own < 0 and len(part.arrays[1])]
+        rest = [_worn(part) for part, own in zip(parts, chosen, strict=True) if own < 0 and len(part.arrays[1])]
         looks = dict.fromkeys(part.look for part in rest)
         return meshes, [(join_arrays([part.arrays for part in rest if part.look == look]), look) for look in looks]
 
@@ -111,6 +111,16 @@ def up_of_collada(path: str | PathLike[str]) -> str:
             data = Path(path).read_bytes()
     said = re.search(rb"<up_axis>\s*([XYZ])_UP", data)
     return "y" if said is None else said[1].decode().lower()
+
+
+def _worn(part: Part) -> Part:
+    """A part, without its image if it has no texture coordinates for it."""
+    uv = part.arrays[2]
+    return (
+        part
+        if uv is not None and np.isfinite(uv.astype(np.float32)).all()
+        else part._replace(look=Look(part.look.colour))
+    )
 
 
 @contextmanager
@@ -223,6 +233,7 @@ def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
     gltf = Path(path).suffix.lower() in (".glb", ".gltf")
     scene, names, materials = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {}, [])
     parents, parts, looks = scene.graph.transforms.parents, [], dict[str, tuple[list[str], Look]]()
+    codes: dict[int, np.ndarray] = {}
     for node in scene.graph.nodes_geometry:
         pose, name = scene.graph[node]
         part = scene.geometry[name]
@@ -246,26 +257,28 @@ def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
         if apart and material is not None:
             key = str(getattr(material, "name", ""))
             if key not in looks:
-                looks[key] = _look(material, materials)
+                looks[key] = _look(material, materials, codes)
             called, look = looks[key]
         arrays = place, corner, np.asarray(uv, np.float64)[:, :2][corner]
         parts.append(Part([names[owner] for owner in owners if owner in names], arrays, look, called))
     return parts
 
 
-def _look(material: Any, materials: Sequence[dict]) -> tuple[list[str], Look]:
-    """The name and the look of a part's material. materials: of the file."""
+def _look(material: Any, materials: Sequence[dict], codes: dict[int, np.ndarray]) -> tuple[list[str], Look]:
+    """The name and the look of a part's material. materials: of the file; codes: of images that several may share."""
     name = str(getattr(material, "name", "")).removeprefix("material ")
     if not name.isdigit() or int(name) >= len(materials):
         return [], Look()
     described = materials[int(name)]
     called = [described["called"]] if isinstance(described["called"], str) and described["called"] else []
-    return called, read_or_none(lambda: _diffuse(described, getattr(material, "baseColorTexture", None))) or Look()
+    return called, read_or_none(
+        lambda: _diffuse(described, getattr(material, "baseColorTexture", None), codes)
+    ) or Look()
 
 
-def _diffuse(described: dict, image: Any) -> Look:
-    """Of a material as the file has it, and its image; nothing if an image is named and not there. An image of other texture
-    coordinates than the first, or that is moved on them, is its mean alone."""
+def _diffuse(described: dict, image: Any, codes: dict[int, np.ndarray]) -> Look:
+    """Of a material as the file has it, and its image; nothing if an image is named and not there. The mean of an image that is
+    moved, of other texture coordinates than the first, or beside gloss, for which trimesh changes it."""
     glossy = described.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
     base = described.get("pbrMetallicRoughness", {}) if glossy is None else glossy
     factor, texture = ("baseColorFactor", "baseColorTexture") if glossy is None else ("diffuseFactor", "diffuseTexture")
@@ -275,8 +288,12 @@ def _diffuse(described: dict, image: Any) -> Look:
     if image is None:
         return Look()
     mean, times = colour_of(given, image), colour_of(given)
-    plain = base[texture].get("texCoord", 0) == 0 and "KHR_texture_transform" not in base[texture].get("extensions", {})
-    return Look(mean, texture_of(image, times) if plain and times is not None else None)
+    moved = "KHR_texture_transform" in base[texture].get("extensions", {})
+    if glossy is not None or moved or base[texture].get("texCoord", 0) != 0 or times is None:
+        return Look(mean)
+    if id(image) not in codes:
+        codes[id(image)] = codes_of(image)
+    return Look(mean, Texture(codes[id(image)], times))
 
 
 def join_arrays(parts: Sequence[Arrays]) -> Arrays:

@@ -8,7 +8,7 @@ root, place     where a walk begins, and what takes its parent's space to the wo
 
 Read at the stage's first time code. What is invisible, or there for guidance or as a proxy, is left out, and holes; instances,
 and points that repeat a prototype, are all there. A mesh that is to be subdivided is taken as its cage. Texture coordinates are
-`st`, or the first that are declared as such. A material is its diffuse colour, if it is a UsdPreviewSurface.
+`st`, or the first that are declared as such. A material is its diffuse colour or image, if it is a UsdPreviewSurface.
 
 Sources: OpenUSD's documentation of UsdGeom: Mesh, Imageable, PointInstancer, Primvar, Subset; UsdShade; UsdPreviewSurface.
 """
@@ -25,7 +25,7 @@ from jaxtyping import Bool, Float, Int
 from mesoshell.contained import bounded_memory, silent
 from mesoshell.errors import InputError
 from mesoshell.geometry.colour import Colour, colour_of, image_of, read_or_none
-from mesoshell.geometry.image_texture import Texture, texture_of
+from mesoshell.geometry.image_texture import Look, Texture, codes_of
 from mesoshell.limits import check_memory, memory
 
 FORMATS = (".usd", ".usda", ".usdc", ".usdz")
@@ -34,13 +34,8 @@ SEEN = ("default", "render")
 MAX_PRIMS, MAX_NESTING = 500_000, 8
 #: Diffuse albedo of a UsdPreviewSurface that names none.
 GREY = 0.18
-
-
-class Look(NamedTuple):
-    """A material's diffuse colour; and the image whose mean it is. Nothing where the file says none that is understood."""
-
-    colour: Colour | None = None
-    texture: Texture | None = None
+#: Inputs of a UsdUVTexture by which it gives its image as it is.
+USUAL = {"scale": ((1, 1, 1, 1),), "bias": ((0, 0, 0, 0),), "sourceColorSpace": ("auto", "sRGB")}
 
 
 class Part(NamedTuple):
@@ -144,7 +139,7 @@ class _Walk:
     def __init__(self, path: str | PathLike[str], stage: Any, time: Any, there: int, apart: bool):
         self.path, self.stage, self.time, self.there = path, stage, time, there
         self.frames, self.triangles = pxr("UsdGeom").XformCache(time), 0
-        self.apart, self.looks = apart, dict[str, Look]()
+        self.apart, self.looks, self.codes = apart, dict[str, tuple[Look, str]](), dict[str, np.ndarray]()
 
     def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Part]:
         """The meshes from a root downward. names: of the outermost instancer, where there is one."""
@@ -185,8 +180,11 @@ class _Walk:
         shared = bound.GetPrim().GetPrimInPrototype() if bound.GetPrim().IsInstanceProxy() else bound.GetPrim()
         key = str(shared.GetPath())
         if key not in self.looks:
-            self.looks[key] = read_or_none(lambda: _diffuse(bound, self.time)) or Look()
-        return _Bound([str(bound.GetPath()), bound.GetPrim().GetName()], self.looks[key])
+            self.looks[key] = read_or_none(lambda: _diffuse(bound, self.time, self.codes)) or (Look(), "")
+        look, by = self.looks[key]
+        if by and by not in [x.GetPrimvarName() for x in _uv_sets(prim)[:1]]:  # other texture coordinates than are read
+            look = Look(look.colour)
+        return _Bound([str(bound.GetPath()), bound.GetPrim().GetName()], look)
 
     def seen(self, prim: Any, root: Any) -> bool:
         imageable = pxr("UsdGeom").Imageable(prim)
@@ -242,31 +240,52 @@ def _compact(points: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tuple[np.
     return points[used], corner.reshape(-1, 3), uv
 
 
-def _diffuse(material: Any, time: Any) -> Look:
-    """Of a UsdPreviewSurface. Raises an exception of any kind for an image that is not there."""
+def _diffuse(material: Any, time: Any, codes: dict[str, np.ndarray]) -> tuple[Look, str]:
+    """Of a UsdPreviewSurface, and the name of the texture coordinates of its image, if it says one. codes: of files. Raises an
+    exception of any kind for an image that is not there."""
     UsdShade = pxr("UsdShade")
     shader = material.ComputeSurfaceSource()[0]
     if not shader or shader.GetIdAttr().Get() != "UsdPreviewSurface":
-        return Look()
+        return Look(), ""
     given = shader.GetInput("diffuseColor")
     sources = UsdShade.Utils.GetValueProducingAttributes(given) if given else []
     if not sources:
-        return Look((GREY, GREY, GREY))
+        return Look((GREY, GREY, GREY)), ""
     if UsdShade.Utils.GetType(sources[0].GetName()) != UsdShade.AttributeType.Output:
-        return Look(colour_of(sources[0].Get(time)))
+        return Look(colour_of(sources[0].Get(time))), ""
     reader = UsdShade.Shader(sources[0].GetPrim())
     file = reader.GetInput("file").Get(time)
     asset = pxr("Ar").GetResolver().OpenAsset(pxr("Ar").ResolvedPath(file.resolvedPath))
     image = image_of(bytes(asset.GetBuffer()))
-    return Look(colour_of((1, 1, 1), image), texture_of(image) if _lies_as_it_is(reader) else None)
+    mean, by = colour_of((1, 1, 1), image), _coordinates(reader, time)
+    if by is None or _is_changed(reader, time) or sources[0].GetBaseName() != "rgb":
+        return Look(mean), ""
+    if (name := str(file.resolvedPath)) not in codes:
+        codes[name] = codes_of(image)
+    return Look(mean, Texture(codes[name])), by
 
 
-def _lies_as_it_is(reader: Any) -> bool:
-    """Whether a UsdUVTexture lies at the texture coordinates as they are: not moved, turned or scaled on the way."""
+def _is_changed(reader: Any, time: Any) -> bool:
+    """Whether a UsdUVTexture gives other values than its image has, as light."""
+    given = {name: reader.GetInput(name).Get(time) for name in USUAL if reader.GetInput(name)}
+    return any(
+        x is not None and (x if isinstance(x, str) else tuple(x)) not in USUAL[name] for name, x in given.items()
+    )
+
+
+def _coordinates(reader: Any, time: Any) -> str | None:
+    """The name of the texture coordinates at which a UsdUVTexture is read, "" if it says none; None where they are moved."""
     UsdShade = pxr("UsdShade")
     given = reader.GetInput("st")
     sources = UsdShade.Utils.GetValueProducingAttributes(given) if given else []
-    return not sources or str(UsdShade.Shader(sources[0].GetPrim()).GetIdAttr().Get()).startswith("UsdPrimvarReader")
+    if not sources:
+        return ""
+    before = UsdShade.Shader(sources[0].GetPrim())
+    if not str(before.GetIdAttr().Get()).startswith("UsdPrimvarReader"):
+        return None
+    name = before.GetInput("varname")
+    named = UsdShade.Utils.GetValueProducingAttributes(name) if name else []
+    return str(named[0].Get(time)) if named else ""
 
 
 def _display_colour(prim: Any, time: Any) -> Colour | None:
@@ -300,12 +319,17 @@ def _array(attribute: Any, time: Any, *width: int) -> np.ndarray:
     return np.zeros((0, *width)) if value is None else np.array(value, np.float64).reshape(-1, *width)
 
 
+def _uv_sets(prim: Any) -> list[Any]:
+    """Primvars that may be texture coordinates, those that are read first."""
+    known = [x for x in pxr("UsdGeom").PrimvarsAPI(prim).FindPrimvarsWithInheritance() if x.HasValue()]
+    named = [x for x in known if x.GetPrimvarName() == "st"]  # of any type: some write float2[]
+    return [*named, *(x for x in known if str(x.GetTypeName()).startswith("texCoord2") and x not in named)]
+
+
 def _uv(prim: Any, time: Any, corners: np.ndarray) -> Float[np.ndarray, "_ 2"]:
     """Of each corner, NaN without any."""
     UsdGeom = pxr("UsdGeom")
-    known = [x for x in UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance() if x.HasValue()]
-    named = [x for x in known if x.GetPrimvarName() == "st"]  # of any type: some write float2[]
-    for primvar in [*named, *(x for x in known if str(x.GetTypeName()).startswith("texCoord2"))]:
+    for primvar in _uv_sets(prim):
         values = np.array(primvar.ComputeFlattened(time), np.float64)
         if values.ndim == 2 and values.shape[1] == 2:
             if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(values) == len(corners):

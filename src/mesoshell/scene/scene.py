@@ -59,8 +59,8 @@ class Scene:
     mesh: an OBJ, PLY, GLB, glTF, USD, OFF, STL, 3MF or COLLADA file, also in a .zip, unwrapped if it has no texture
         coordinates; or a loaded mesh.
     grow: names of a glTF file's nodes or materials, or paths of a USD stage's prims or subsets, that the material grows on; the
-        file's other meshes stand beside them, as `objects` do, in their materials' diffuse colours. Default: on all that no
-        material of `also` grows on.
+        file's other meshes stand beside them, as `objects` do, in their materials' diffuse colours or images. Default: on all
+        that no material of `also` grows on.
     material: of `load_material`.
     thickness: height of the shell in the mesh's unit. Default: the material's own thickness times `scale`, or 1/25 of the
         bounding box's diagonal. A surface material has none.

@@ -4,6 +4,7 @@ costs.
 A pass has one ray or path a pixel and its density from the network, so fields about these are not here.
 """
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -18,6 +19,8 @@ SIDES = (128, 256, 384, 512, 768, 1024)
 LEFT_OUT = ("pixel_samples", "spp", "density")
 #: A whole number may be so many times the largest of a preset: a page takes any number that is typed.
 MOST = 4
+#: Views whose costs are kept: of several clients.
+VIEWS = 4
 
 
 class Cost(NamedTuple):
@@ -33,8 +36,7 @@ class SettingsPanel:
     def __init__(self, gui: Any, engine: str, look: Look, changed: Callable[[Any], None]):
         self._changed, self._setting = changed, False
         self._settings = look.settings
-        self._about: tuple = ()
-        self._costs: dict[Quality, Cost] = {}
+        self._views: deque[tuple[tuple, dict[Quality, Cost]]] = deque(maxlen=VIEWS)
         self._before: Quality | None = None
         with gui.add_folder("Picture"):
             self._preset = gui.add_dropdown("quality", tuple(PRESETS), initial_value=look.quality)
@@ -70,12 +72,14 @@ class SettingsPanel:
                 field.visible = name in record["quality"]
         # costs are compared where all else is alike
         about = picture.camera.to_world.tobytes(), picture.rgba.shape, replace(look, quality="", changes={})
-        if about != self._about:
-            self._about, self._costs, self._before = about, {}, None
-        self._costs[picture.settings] = Cost(picture.seconds, record["queries"] / max(record["rays"], 1))
+        costs = next((costs for seen, costs in self._views if seen == about), None)
+        if costs is None:
+            costs = {}
+            self._views.append((about, costs))
+        costs[picture.settings] = Cost(picture.seconds, record["queries"] / max(record["rays"], 1))
         before, now = self._before, self._settings
-        if before is not None and before in self._costs and picture.settings == now != before:
-            self._say(_said(before, now, self._costs[before], self._costs[now]))
+        if before is not None and before in costs and picture.settings == now != before:
+            self._say(_said(before, now, costs[before], costs[now]))
 
     def _say(self, text: str) -> None:
         if self._said.content != text:
@@ -115,7 +119,7 @@ class SettingsPanel:
         """What is set now, and what it is compared with: what was measured last."""
         if settings == self._settings:
             return
-        if self._settings in self._costs:
+        if any(self._settings in costs for _, costs in self._views):
             self._before = self._settings
         self._settings = settings
         self._show(settings)

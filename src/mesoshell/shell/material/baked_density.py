@@ -26,8 +26,8 @@ from mesoshell.typing import Array, Scalar, Vec3
 
 #: Columns that are decoded together, about.
 TOGETHER = 4096
-#: Grids that a material keeps: of two values of a parameter, to compare them.
-MOST = 2
+#: Grids that a material keeps, those that were used last.
+MOST = 4
 
 Shape = tuple[int, ...]
 
@@ -39,14 +39,15 @@ def baked_density(
     values = tuple(None if i in varying else float(a) for i, a in enumerate(alpha))
     key = values, shape
     known = device_material.densities
-    if key not in known:
+    grid = known.pop(key, None)
+    if grid is None:
         of = "jax", jax.default_backend(), device_material.digest, values
         made = kept_grid(of, shape, partial(bake, device_material, values, shape))
-        for old in list(known)[: max(0, len(known) + 1 - MOST)]:
-            known.pop(old, None)
-        known[key] = jnp.asarray(made)
-        return known[key]
-    return known[key]
+        grid = jnp.asarray(made)
+    for old in list(known)[: max(0, len(known) + 1 - MOST)]:
+        known.pop(old, None)
+    known[key] = grid
+    return grid
 
 
 def bake(device_material: DeviceMaterial, values: tuple[float | None, ...], shape: Shape) -> Float[np.ndarray, "N"]:

@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -126,10 +125,9 @@ def test_a_film_that_is_stopped_leaves_no_process(shot: Shot, tmp_path: Path, mo
     monkeypatch.setattr(_Worker, "__init__", counted)
     frames = in_processes(2)(shot, *tasks(tmp_path, *[{}] * 50), ignore)
     next(frames)
-    start = time.perf_counter()
     frames.close()
     assert [worker._process.poll() for worker in begun] == [-9, -9]
-    assert time.perf_counter() - start < 30 and len(list(tmp_path.glob("*.png"))) < 50
+    assert 1 <= len(list(tmp_path.glob("*.png"))) < 50
 
 
 def test_a_process_ends_when_nobody_asks_it(shot: Shot):

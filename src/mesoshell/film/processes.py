@@ -104,7 +104,7 @@ class _Worker:
         self.tell(pickle.dumps(task))
         try:
             answer = pickle.load(self._process.stdout)
-        except EOFError:
+        except (EOFError, pickle.UnpicklingError):
             raise InputError(Argument("workers"), f"one ended at frame {task.k}: {self._last_words()}") from None
         if isinstance(answer, BaseException):
             raise answer

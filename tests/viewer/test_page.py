@@ -378,6 +378,12 @@ def test_costs_of_other_views_are_not_compared(page: Page, watching: Watching, m
     page._moved(watching)
     watching.wait(lambda: panel._views[-1] is not views[-1])
     assert len(panel._views[-1][1]) == 1
+    picture, views = page.work.picture(7)[0], list(panel._views)
+    assert picture is not None
+    for samples, more in ((1, 0), (2, 1)):  # the first pass has what came before it
+        other = replace(picture.camera, fov=0.3, to_world=picture.camera.to_world + np.eye(4))
+        panel.see(picture._replace(samples=samples, camera=other), page.work.look)
+        assert sum(view is not views[-1] for view in list(panel._views)[-1:]) == more
     panel._preset.value = "draft"
     panel._preset.value = "normal"
 

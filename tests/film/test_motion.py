@@ -1,6 +1,7 @@
 """Cameras go around, and come nearer, as they are told; keys give what they say and nothing beyond."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,11 +12,12 @@ from hypothesis import strategies as st
 
 import mesoshell as ms
 from mesoshell.errors import InputError
+from mesoshell.film.frame import Shot
 from mesoshell.film.keys import follow, read_keys
 from mesoshell.film.motion import dolly, orbit
 from mesoshell.io.bundle import Bundle
 from mesoshell.scene.materials import Material
-from tests.helpers import wearing
+from tests.helpers import growing, wearing
 
 EYE, PIVOT = (1.0, 2.0, 4.0), np.array([0.5, -0.3, 0.2])
 CAMERA = ms.Camera(ms.look_at(EYE, tuple(PIVOT)), 0.6, 40, 30)
@@ -81,6 +83,43 @@ def test_keys_are_met_and_stay_at_both_ends(scene: ms.Scene):
         np.testing.assert_allclose(change["camera"], camera, atol=1e-12)
         assert change["params"] == {"dryness": 0.8} and change["thickness"] == 0.1
     assert follow([{"frame": 3}], scene).change(1) == {}
+
+
+def test_keys_of_further_materials(tiny_bundle: Bundle, scene: ms.Scene):
+    """By their material's name or their own, which counts more."""
+    moss, grown = Material("moss", tiny_bundle), Material("lawn", growing.bundle())
+    scene = replace(
+        scene, also=[ms.Grown(MESH, moss), ms.Grown(MESH, moss, name="stone"), ms.Grown(MESH, grown, name="a:hill")]
+    )
+    keys = [
+        {"frame": 0, "params": {"stone:dryness": 0.5, "moss:dryness": 0.1, "dryness": 0.9, "moss:thickness": 0.2}},
+        {"frame": 2, "params": {"a:hill:length": 3.0, "moss:dryness": 0.3}},
+    ]
+    moves = follow(keys, scene)
+    assert list(moves.shape) == [3]
+    assert moves.change(1) == {
+        "params": {"dryness": 0.9},
+        "also": {
+            0: {"thickness": 0.2, "params": {"dryness": 0.2}},
+            1: {"thickness": 0.2, "params": {"dryness": 0.5}},
+            2: {"params": {"length": 3.0}},
+        },
+    }
+    shown = Shot(scene, ms.Quality(), "jax").scene(moves.change(2))
+    assert [x.params for x in (shown, *shown.also)] == [
+        {"dryness": 0.9},
+        {"dryness": pytest.approx(0.3)},
+        {"dryness": 0.5},
+        {"length": 3.0},
+    ]
+    for params, fault in [
+        ({"rock:dryness": 1}, "rock:dryness: rock is not among the further materials: moss, stone, a:hill"),
+        ({"stone:dryness": 9}, "stone: dryness=9 lies outside"),
+        ({"stone:thickness": 0}, "stone:thickness must be a positive number"),
+        ({"stone:wet": 1}, "wet"),
+    ]:
+        with pytest.raises(InputError, match=f"^keys: .*{fault}"):
+            follow([{"frame": 0, "params": params}], scene)
 
 
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=6), st.data())

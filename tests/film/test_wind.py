@@ -86,9 +86,9 @@ def scene(bundle: Bundle, names: tuple[str, ...]) -> ms.Scene:
 
 def test_wind_changes_lean_alone(tiny_bundle: Bundle):
     begin = scene(tiny_bundle, ("lean", "lean_angle"))
-    moves = add_wind(Motion(3, lambda k: {"thickness": 0.1 + k}), begin, FIELD, EAST, 0.4, 12.0)
+    moves = add_wind(Motion(3, lambda k: {"thickness": 0.1 + k}), begin, EAST, 0.4, 12.0)
     change = moves.change(2)
-    assert moves.count == 3 and moves.shape and change["thickness"] == 2.1
+    assert moves.count == 3 and set(moves.shape) == {0} and change["thickness"] == 2.1
     assert (
         set(change["params"]) == {"lean", "lean_angle"}
         and change["params"]["lean"].shape == change["params"]["lean_angle"].shape
@@ -96,23 +96,42 @@ def test_wind_changes_lean_alone(tiny_bundle: Bundle):
     assert not np.array_equal(moves.change(1)["params"]["lean"], change["params"]["lean"])
 
 
+def test_wind_blows_over_all_that_leans(tiny_bundle: Bundle):
+    """On further meshes too, by the same gusts; what has no lean is left as it is."""
+    leaning, stiff = scene(tiny_bundle, ("lean", "lean_angle")), scene(tiny_bundle, ())
+    away = replace(FIELD, vertices=(FIELD.vertices + np.array([1.5, 0, 0])).astype(np.float32))
+    rug, moss = ms.Grown(away, leaning.material), ms.Grown(FIELD, stiff.material)
+    both = replace(leaning, also=[moss, rug])
+    moves = add_wind(Motion(3, lambda k: {"also": {1: {"thickness": 0.1}}}, {2}), both, EAST, 0.4, 12.0)
+    change = moves.change(1)
+    assert set(moves.shape) == {0, 2} and set(change["also"]) == {1} and change["also"][1]["thickness"] == 0.1
+    own, other = change["params"]["lean"], change["also"][1]["params"]["lean"]
+    half = own.shape[1] // 2
+    np.testing.assert_allclose(own[:, half:], other[:, :half], atol=1e-5)  # where both lie, the same gust
+    assert np.ptp(other[:, half:]) > 0.05
+    alone = add_wind(Motion(3, lambda k: {}), replace(stiff, also=[rug]), EAST, 0.4, 12.0)
+    assert set(alone.change(0)["also"]) == {0} and set(alone.shape) == {1} and "params" not in alone.change(0)
+    with pytest.raises(InputError, match=r"^wind: sets pile:lean, which is given too"):
+        add_wind(Motion(1, lambda k: {}), replace(stiff, also=[replace(rug, params={"lean": 0.2})]), EAST, 0.4, 12.0)
+
+
 def test_wind_is_refused_where_nothing_leans(tiny_bundle: Bundle):
     motion = Motion(3, lambda k: {})
     with pytest.raises(InputError, match=r"^wind: pile has no lean"):
-        add_wind(motion, scene(tiny_bundle, ("lean",)), FIELD, EAST, 0.4, 24.0)
+        add_wind(motion, scene(tiny_bundle, ("lean",)), EAST, 0.4, 24.0)
     for fps in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match=r"^fps: must be positive and finite"):
-            add_wind(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, 0.4, fps)
+            add_wind(motion, scene(tiny_bundle, ("lean", "lean_angle")), EAST, 0.4, fps)
     for name in ("lean", "lean_angle"):
         given = replace(scene(tiny_bundle, ("lean", "lean_angle")), params={name: 0.5})
         with pytest.raises(InputError, match=f"^wind: sets {name}, which is given too"):
-            add_wind(motion, given, FIELD, EAST, 0.4, 24.0)
+            add_wind(motion, given, EAST, 0.4, 24.0)
         with pytest.raises(InputError, match=f"^wind: sets {name}, which is given too"):
             keyed = Motion(3, lambda k, name=name: {"params": {name: 0.1 * k}})
-            add_wind(keyed, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, 0.4, 24.0)
+            add_wind(keyed, scene(tiny_bundle, ("lean", "lean_angle")), EAST, 0.4, 24.0)
     for strength in (0.0, -0.2, 1.5, np.nan):
         with pytest.raises(InputError, match=r"^wind: must be above 0"):
-            add_wind(motion, scene(tiny_bundle, ("lean", "lean_angle")), FIELD, EAST, strength, 24.0)
+            add_wind(motion, scene(tiny_bundle, ("lean", "lean_angle")), EAST, strength, 24.0)
 
 
 def test_a_chart_smaller_than_a_pixel_is_refused():

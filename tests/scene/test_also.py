@@ -21,7 +21,7 @@ from mesoshell.render.tiles import RenderReport
 from mesoshell.scene.growth import grows
 from mesoshell.scene.materials import Material
 from mesoshell.scene.render_shell import facts, marched_scene
-from mesoshell.scene.settle import settle, with_others_grown
+from mesoshell.scene.settle import settle, with_textures
 from mesoshell.scene.setup import describe_shell
 from mesoshell.scene.unpack import unpack
 from mesoshell.shell.render.renderer import _Renderer
@@ -218,8 +218,30 @@ def test_options_name_them(tiny_bundle: Bundle, tmp_path: Path):
     assert (cat.material.name, cat.mesh, cat.seed, cat.thickness) == ("fur", Path("cat.obj"), 3, None)
     scene = ms.Scene("room.glb", rug.material, also=named.also, camera=ms.Camera(np.eye(4), 0.7, 8, 8), up="y")
     words = command(scene, scene, first_look(scene), "jax", 4).split()
-    for text in ("Rug=carpet", "Mat=carpet", "carpet:lean=0.5", "carpet:scale=0.1", "cat.obj=fur", "fur:length=0.4"):
+    for text in ("Rug=carpet", "Mat=carpet", "carpet:lean=0.5", "carpet:scale=0.1", "cat.obj=fur", "cat:length=0.4"):
         assert text in words
+
+
+def test_each_mesh_of_a_material_has_values_of_its_own():
+    """A node's or a file's count more than its material's, wherever they stand."""
+    options = Options(
+        Path("room.glb"),
+        grow=("Rug=carpet", "Mat=carpet", "ns:Cat=carpet"),
+        object=(Path("far/a.obj=fur"), Path("b.obj=fur")),
+        param=(
+            "a:length=0.2",
+            "fur:length=0.4",
+            "fur:thickness=0.1",
+            "Rug:lean=0.3",
+            "carpet:lean=0.1",
+            "ns:Cat:seed=2",
+        ),
+    )
+    mats, rug, cat, a, b = grown_of(options, ms.load_material("grass")).also
+    assert [x.grow for x in (mats, rug, cat)] == [("Mat",), ("Rug",), ("ns:Cat",)]
+    assert [x.called for x in (mats, rug, cat, a, b)] == ["carpet", "Rug", "ns:Cat", "a", "b"]
+    assert [x.params for x in (mats, rug, cat)] == [{"lean": "0.1"}, {"lean": "0.3"}, {"lean": "0.1"}] and cat.seed == 2
+    assert (a.params, b.params) == ({"length": "0.2"}, {"length": "0.4"}) and a.thickness == b.thickness == 0.1
 
 
 @pytest.mark.parametrize(
@@ -315,7 +337,7 @@ def test_a_setting_of_one_regrows_no_other(monkeypatch: pytest.MonkeyPatch):
     carpet, lawn = (Material(name, growing.bundle()) for name in ("carpet", "lawn"))
     scene = ms.Scene(plate(0, 0, 0), carpet, thickness=0.5, also=[ms.Grown(plate(2, 0, 0), lawn, thickness=0.5)])
     begun = settle(scene, texture=False)
-    still = with_others_grown(begun)
+    still = with_textures(begun, but=(0,))
     assert grows(begun.also[0]) and not grows(still.also[0]) and grows(still)
     again = settle(still)
     assert again.also[0].material is still.also[0].material and not grows(again)

@@ -21,7 +21,7 @@ from mesoshell.viewer.look import (
     scene_of_look,
     toward_sun,
     with_size,
-    with_texture_of,
+    with_textures_of,
 )
 from tests.helpers import growing, wearing
 
@@ -72,7 +72,7 @@ def test_geometry_and_seed_ask_for_another_texture():
     look = first_look(begun)
     assert set(look.params) == {"age", "length"} and look.texture(begun) == (0, ("length", 2.0))
     for other in (replace(look, seed=5), replace(look, params={**look.params, "length": 3.0})):
-        wanted = with_texture_of(begun, other)
+        wanted = with_textures_of(begun, begun, other, [None])
         assert other.texture(begun) != look.texture(begun)
         assert wanted.seed == other.seed and wanted.params["length"] == other.params["length"]
     assert replace(look, params={**look.params, "age": 1.0}).texture(begun) == look.texture(begun)
@@ -95,7 +95,7 @@ def test_painted_geometry_asks_for_another_texture():
     assert painted.texture(begun) != look.texture(begun) and painted.texture(begun) == replace(painted).texture(begun)
     assert replace(look, painted={"length": Painting(painting.image)}).texture(begun) != painted.texture(begun)
     assert replace(look, painted={"age": painting}).texture(begun) == look.texture(begun)
-    np.testing.assert_array_equal(with_texture_of(begun, painted).params["length"], painting.image)
+    np.testing.assert_array_equal(with_textures_of(begun, begun, painted, [None]).params["length"], painting.image)
 
 
 def test_a_surface_material_has_little_to_set():

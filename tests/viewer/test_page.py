@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,11 @@ from PIL import Image
 import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
+from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import exr_bytes
 from mesoshell.scene.materials import Material
+from tests.helpers import wearing
 from tests.helpers.ports import free_port
 
 viser = pytest.importorskip("viser", reason="requires the extra viewer")
@@ -163,19 +166,19 @@ class Asked:
 
 
 def drag(page: Page, *places: tuple[float, float]) -> None:
-    assert page._brush is not None
-    page._brush.prepare()
+    assert page._brushes[0] is not None
+    page._brushes[0].prepare()
     phases = ["start", *["update"] * (len(places) - 2), "end"]
     for phase, place in zip(phases, places, strict=True):
-        asyncio.run(page._brush._dragged(Drag(looking(page), phase, place)))
+        asyncio.run(page._brushes[0]._dragged(Drag(looking(page), phase, place)))
 
 
 @pytest.fixture
 def brush(page: Page) -> Iterator[Any]:
-    assert page._brush is not None
-    yield page._brush
+    assert page._brushes[0] is not None
+    yield page._brushes[0]
     for _ in range(4):
-        page._brush._undo(None)
+        page._brushes[0]._undo(None)
 
 
 def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page, brush: Any):
@@ -183,7 +186,7 @@ def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page, brush: Any):
     drag(page, (0.5, 0.5), (0.5, 0.5))
     first = brush.painted["dryness"]
     assert page.work.look.painted == {"dryness": first}
-    assert page._panel.params["dryness"].disabled
+    assert page._panels[0].params["dryness"].disabled
     changed = first.image != first.image.min()
     assert 20 < changed.sum() < 0.5 * changed.size and first.image.max() > 0.99
     drag(page, (0.5, 0.5), (0.6, 0.55), (0.65, 0.6), (-2.0, 0.5))
@@ -192,7 +195,7 @@ def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page, brush: Any):
     assert brush.painted["dryness"] is first
     brush._undo(None)
     brush._undo(None)
-    assert brush.painted == {} and page.work.look.painted == {} and not page._panel.params["dryness"].disabled
+    assert brush.painted == {} and page.work.look.painted == {} and not page._panels[0].params["dryness"].disabled
 
 
 def test_growth_is_painted_too(page: Page, brush: Any):
@@ -435,6 +438,43 @@ def test_a_material_stands_beside_another(tiny_bundle: Bundle, monkeypatch: pyte
     finally:
         page.close()
     assert not any(thread.is_alive() for work in (page.work, beside) for thread in work._threads)
+
+
+def test_each_material_of_a_scene_has_sliders_and_a_brush(tiny_bundle: Bundle, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(refining, "COARSE", 64)
+    monkeypatch.setattr(refining, "PRESETS", dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1)))
+    away = wearing.moved(load_mesh(MESH), 3.0, 0.0, 0.0)
+    stone = ms.Grown(away, Material("moss", tiny_bundle), scale=0.4, params={"dryness": 0.2}, name="far/stone")
+    page = Page(
+        ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4, params={"dryness": 0.3}, also=[stone]),
+        port=free_port(),
+    )
+    try:
+        assert [panel.folder.label for panel in page._panels] == ["Material: tiny", "Material: moss on far/stone"]
+        page._panels[1].params["dryness"].value = 0.9
+        assert page.work.look.params == {"dryness": 0.3} and page.work.look.also[0].params == {"dryness": 0.9}
+        brush = page._brushes[1]
+        brush.prepare()
+        camera = page.work.still.camera
+        assert isinstance(camera, ms.Camera)
+        middle = away.vertices.mean(axis=0).astype(float)
+        eye = middle + 8 * camera.to_world[:3, 2]
+        near = ms.Camera(ms.look_at(tuple(eye), tuple(middle)), 0.6, 60, 60)
+        brush.begin(1, near, np.array([30.0, 30.0]))
+        brush.end(1)
+        own, other = page.work.look.parts
+        assert set(other.painted) == {"dryness"} and not own.painted and page._panels[1].params["dryness"].disabled
+        sent: dict[str, bytes] = {}
+        event = SimpleNamespace(
+            client=SimpleNamespace(send_file_download=lambda name, data, **how: sent.update({name: data}))
+        )
+        brush._download(event)
+        assert list(sent) == ["stone_dryness.exr"]
+        shown = scene_of_look(page.work.begun, page.work.still, page.work.look, near, False)
+        assert isinstance(shown.also[0].params["dryness"], np.ndarray) and shown.params == {"dryness": 0.3}
+        assert "far/stone:dryness=stone_dryness.exr" in command(page.work.given, shown, page.work.look, "jax", 1)
+    finally:
+        page.close()
 
 
 def test_a_scene_of_mitsuba_s_is_downloaded(tiny_bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -16,6 +16,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settle import settle
 from mesoshell.viewer import refine as refining
+from mesoshell.viewer.look import command
 from mesoshell.viewer.refine import RefinedPicture, refine
 from mesoshell.viewer.work import Workshop
 from tests.helpers import growing
@@ -208,6 +209,34 @@ def test_a_fault_is_said_and_forgotten(scene: ms.Scene, opened):
     seen.wait(lambda: any("thickness" in line for line in seen.lines))
     work.set(replace(work.look, thickness=0.2))
     seen.wait(lambda: seen.lines[-1] == "" and seen.pictures)
+
+
+def test_a_further_material_has_a_look_of_its_own(scene: ms.Scene, tiny_bundle: Bundle, opened):
+    """And only the texture that is asked for is grown."""
+    lawn = ms.Grown(MESH, Material("lawn", growing.bundle()), scale=1.0, thickness=0.3)
+    moss = ms.Grown(MESH, Material("moss", tiny_bundle), scale=0.4, name="stone")
+    work, seen = opened(replace(scene, also=[lawn, moss]))
+    work.see(1, CAMERA)
+    seen.wait(lambda: seen.pictures)
+    assert [sorted(x.params) for x in work.look.parts] == [["dryness"], ["age", "length"], ["dryness"]]
+    grown, stone = work.look.also
+    work.set(replace(work.look, also=(grown, replace(stone, params={"dryness": 0.9}, thickness=0.07))))
+    shown = work.scene(1)
+    assert (
+        shown.also[1].params == {"dryness": 0.9} and shown.also[1].thickness == 0.07 and shown.params["dryness"] != 0.9
+    )
+    words = command(work.given, shown, work.look, "jax", 2).split()
+    assert "stone:dryness=0.9" in words and "stone:thickness=0.07" in words and "lawn:length=2" in words
+    old = work.still
+    work.set(replace(work.look, also=(replace(grown, params={**grown.params, "length": 3.0}, seed=2), stone)))
+    end = time.monotonic() + 120
+    while work.still is old and time.monotonic() < end:
+        time.sleep(0.05)
+    assert work.still.also[0].material is not old.also[0].material and work.still.also[0].material.shell.baked
+    assert work.still.material is old.material and work.still.also[1].material is old.also[1].material
+    wanted = settle(replace(work.begun, also=[replace(work.begun.also[0], params={"length": 3.0}, seed=2)]))
+    for name, array in wanted.also[0].material.shell.arrays.items():
+        np.testing.assert_array_equal(work.still.also[0].material.shell.arrays[name], array)
 
 
 @pytest.mark.slow

@@ -1,6 +1,11 @@
-"""Further materials of a scene, by the options that name them: NODE=MATERIAL, FILE=MATERIAL and MATERIAL:NAME=VALUE."""
+"""Further materials of a scene, by the options that name them: NODE=MATERIAL, FILE=MATERIAL and WHAT:NAME=VALUE.
+
+WHAT is a material, for all meshes that have it; or a node, or the stem of a file, for that one alone.
+"""
 
 import os
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +15,7 @@ from mesoshell.errors import InputError
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.scene import Grown
 
-#: What `--param MATERIAL:NAME=VALUE` sets beside parameters, and its kind.
+#: What `--param WHAT:NAME=VALUE` sets beside parameters, and its kind.
 PROPORTIONS = {"thickness": float, "scale": float, "seed": int, "growth": str}
 
 
@@ -41,10 +46,30 @@ def grown_of(options: SceneOptions, material: Material) -> Named:
             bare.append(path)
         else:
             files.append((Path(file), name))
-    params, given = _split(options, dict.fromkeys([*nodes, *(name for _, name in files)]))
-    also = [Grown(None, loaded[name], grow=tuple(some), **given[name]) for name, some in nodes.items()]
-    also += [Grown(file, loaded[name], **given[name]) for file, name in files]
+    names = [
+        *nodes,
+        *(x for some in nodes.values() for x in some),
+        *(x for file, name in files for x in (name, file.stem)),
+    ]
+    params, given = _split(options, dict.fromkeys(names))
+    also = []
+    for name, some in nodes.items():
+        apart = [node for node in some if node in given and node != name]  # with values of their own
+        if together := tuple(node for node in some if node not in apart):
+            also.append(_grown(None, loaded[name], given, grow=together))
+        also += [_grown(None, loaded[name], given, grow=(node,), name=node) for node in apart]
+    also += [_grown(file, loaded[name], given, name=file.stem) for file, name in files]
     return Named(tuple(own), tuple(bare), params, tuple(also))
+
+
+def _grown(mesh: Path | None, material: Material, given: Mapping[str, dict[str, Any]], **named: Any) -> Grown:
+    """With what is given for its material, and for itself by its name."""
+    one = Grown(mesh, material, **named)
+    fields: dict[str, Any] = {"params": {}}
+    for name in dict.fromkeys((material.name, one.called)):
+        of = given.get(name, {})
+        fields |= {**of, "params": {**fields["params"], **of.get("params", {})}}
+    return replace(one, **fields)
 
 
 def _apart(text: str, loaded: dict[str, Material]) -> tuple[str, str | None]:
@@ -64,19 +89,20 @@ def _apart(text: str, loaded: dict[str, Material]) -> tuple[str, str | None]:
 
 
 def _split(options: SceneOptions, names: dict[str, None]) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
-    """Values of the scene's own material, and fields of a Grown for each further one."""
+    """Values of the scene's own material, and fields of a Grown by the names that values are given for."""
     own: list[str] = []
-    given: dict[str, dict[str, Any]] = {name: {"params": {}} for name in names}
+    given: dict[str, dict[str, Any]] = {}
     for text in options.param:
-        name = next((name for name in names if text.startswith(f"{name}:")), None)
+        name = max((name for name in names if text.startswith(f"{name}:")), key=len, default=None)
         if name is None:
             own.append(text)
             continue
+        fields = given.setdefault(name, {"params": {}})
         for key, value in pairs_of("--param", [text[len(name) + 1 :]]).items():
             if key in PROPORTIONS:
-                given[name][key] = _number(f"{name}:{key}", value, PROPORTIONS[key])
+                fields[key] = _number(f"{name}:{key}", value, PROPORTIONS[key])
             else:
-                given[name]["params"][key] = value
+                fields["params"][key] = value
     params = pairs_of("--param", own)
     for key in params:
         if ":" in key:

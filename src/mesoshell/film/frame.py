@@ -4,7 +4,7 @@ Notation
 crew        who makes frames: it is given a shot and tasks, and gives each frame as it is made, in any order. It takes tasks as
             it is free to do them
 shot        what all frames of a film share: the settled scene, and how it is rendered
-change      fields of the scene that differ in a frame; of `params` those that do
+change      fields of the scene that differ in a frame; of `params` those that do, and of `also`, by its number, what does
 """
 
 import os
@@ -13,13 +13,15 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from mesoshell.io.image import write_png
 from mesoshell.render.quality import Quality
 from mesoshell.scene.picture import Picture, Progress
 from mesoshell.scene.prepare import prepare
-from mesoshell.scene.scene import Scene
+from mesoshell.scene.scene import Grown, Scene
+
+PartT = TypeVar("PartT", Scene, Grown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,14 @@ class Shot:
 
     def scene(self, change: Mapping[str, Any]) -> Scene:
         """The scene of a frame."""
-        return replace(self.still, **{**change, "params": {**self.still.params, **change.get("params", {})}})
+        also = list(self.still.also)
+        for k, own in change.get("also", {}).items():
+            also[k] = _with(also[k], own)
+        return _with(self.still, {**change, "also": tuple(also)})
+
+
+def _with(part: PartT, change: Mapping[str, Any]) -> PartT:
+    return replace(part, **{**change, "params": {**part.params, **change.get("params", {})}})
 
 
 class Task(NamedTuple):

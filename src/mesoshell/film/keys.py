@@ -6,11 +6,14 @@
 Notation
 track       the keys that give one number, in order of frames; before its first key and after its last it stays
 
+A further material's parameter or thickness is NAME:PARAMETER among `params`. NAME is what `Grown.called` says; or its
+material, for all that have it, but for those that the same parameter is given by their own names.
+
 Between keys a track is a monotone cubic (Fritsch and Carlson 1980): smooth, and never beyond the keys around it, so that a
 parameter stays in its range. The film ends with the last key.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -24,7 +27,7 @@ from mesoshell.geometry.mesh import FARTHEST
 from mesoshell.io.material import parameter_vector
 from mesoshell.io.records import read_object
 from mesoshell.io.surface import KIND
-from mesoshell.scene.scene import Scene
+from mesoshell.scene.scene import Grown, Scene
 
 #: Numbers of a key beside its frame: camera is eye, target and vertical field of view in degrees, as of a Scene.
 CAMERA, NUMBERS = 7, ("thickness",)
@@ -50,37 +53,85 @@ def follow(keys: Keys, scene: Scene) -> Motion:
     count = keys[-1]["frame"] + 1
     check_count("keys", count)
     tracks = {name: track for name in ("camera", *NUMBERS) if (track := _track(keys, lambda key, n=name: key.get(n)))}
-    names = dict.fromkeys(name for key in keys for name in key.get("params", {}))
-    params = {name: _track(keys, lambda key, n=name: key.get("params", {}).get(n)) for name in names}
-    _check_params(scene, keys)
-    shape = any(scene.material.parameters[name].role == "beta" for name in names)
+    names = _by_part(scene, dict.fromkeys(name for key in keys for name in key.get("params", {})))
+    params = {
+        part: {own: _track(keys, lambda key, n=name: key.get("params", {}).get(n)) for own, name in given.items()}
+        for part, given in names.items()
+    }
+    _check_params(scene, keys, names)
+    parts = (scene, *scene.also)
+    shape = [k for k, given in names.items() if any(_is_geometry(parts[k], name) for name in given)]
 
     def change(k: int) -> dict[str, Any]:
         at: dict[str, Any] = {name: track(k) for name, track in tracks.items()}
-        changed = {name: value.tolist() if name == "camera" else float(value) for name, value in at.items()}
-        if params:
-            changed["params"] = {name: float(track(k)) for name, track in params.items()}
+        changed: dict[str, Any] = {
+            name: value.tolist() if name == "camera" else float(value) for name, value in at.items()
+        }
+        for part, some in params.items():
+            values = {name: float(track(k)) for name, track in some.items()}
+            if part == 0:
+                changed["params"] = values
+                continue
+            own: dict[str, Any] = {name: values.pop(name) for name in NUMBERS if name in values}
+            changed.setdefault("also", {})[part - 1] = own | ({"params": values} if values else {})
         return changed
 
     return Motion(count, change, shape)
 
 
-def _check_params(scene: Scene, keys: Keys) -> None:
-    """Raise InputError for what the material has not, a value out of its range, or geometry that it cannot change."""
-    given = [key["params"] for key in keys if "params" in key]
+def _by_part(scene: Scene, names: Iterable[str]) -> dict[int, dict[str, str]]:
+    """Which of the keys' names gives which of a material's own, by material: 0 is the scene's, 1 and on are those of `also`.
+    Raises InputError for a name that no material has."""
+    found: dict[int, dict[str, str]] = {}
+    for alike in (
+        lambda part: part.material.name,
+        lambda part: part.called,
+    ):  # the second is what counts where both are given
+        for name in names:
+            of, _, own = name.rpartition(":")
+            if not of:
+                found.setdefault(0, {})[own] = name
+            for k, part in enumerate(scene.also, 1):
+                if of and alike(part) == of:
+                    found.setdefault(k, {})[own] = name
+    for name in names:
+        of = name.rpartition(":")[0]
+        if of and not any(of in (part.called, part.material.name) for part in scene.also):
+            called = ", ".join(dict.fromkeys(part.called for part in scene.also))
+            raise InputError(
+                Argument("keys"), f"{name}: {of} is not among the further materials: " + (called or "there is none")
+            )
+    return found
+
+
+def _is_geometry(part: Scene | Grown, name: str) -> bool:
+    return name in part.material.parameters and part.material.parameters[name].role == "beta"
+
+
+def _check_params(scene: Scene, keys: Keys, names: Mapping[int, Mapping[str, str]]) -> None:
+    """Raise InputError for what a material has not, a value out of its range, or geometry that it cannot change."""
     if scene.material.kind == KIND:
-        if given or any(name in key for key in keys for name in NUMBERS):
+        if names or any(name in key for key in keys for name in NUMBERS):
             raise InputError(Argument("keys"), f"{scene.material.name} is a surface material: it has only a camera")
         return
-    bundle = scene.material.shell
-    for params in given:
-        parameter_vector(bundle, dict(params), source=Argument("keys"))
-        fixed = [
-            p.name for p in bundle.parameters if p.role == "beta" and p.name in params and bundle.generator is None
-        ]
+    parts = (scene, *scene.also)
+    for k, given in names.items():
+        bundle = parts[k].material.shell
+        for key in keys:
+            values = {own: float(key["params"][name]) for own, name in given.items() if name in key.get("params", {})}
+            numbers = {name: values.pop(name) for name in NUMBERS if k and name in values}
+            wrong = [given[name] for name, x in numbers.items() if not x > 0]
+            if wrong:
+                raise InputError(Argument("keys"), f"{wrong[0]} must be a positive number")
+            try:
+                parameter_vector(bundle, values)
+            except InputError as fault:
+                of = f"{scene.also[k - 1].called}: " if k else ""
+                raise InputError(Argument("keys"), of + fault.fault) from fault
+        fixed = [name for name in given if _is_geometry(parts[k], name) and bundle.generator is None]
         if fixed:
             raise InputError(
-                Argument("keys"), f"{fixed[0]} is baked into {scene.material.name}, which has no generator"
+                Argument("keys"), f"{fixed[0]} is baked into {parts[k].material.name}, which has no generator"
             )
 
 

@@ -8,7 +8,7 @@ far         how many times as far away a dolly begins
 A motion is asked for the fields of the scene that differ in frame k.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,12 +25,12 @@ MAX_FRAMES = 100_000
 
 @dataclass(frozen=True)
 class Motion:
-    """count: frames; change: fields of the scene in frame k; shape: whether the texture changes, so that each frame grows its
-    own."""
+    """count: frames; change: fields of the scene in frame k, `also` by number of the further material; shape: materials whose
+    texture changes, so that each frame grows its own: 0 is the scene's own, 1 and on are those of `also`."""
 
     count: int
     change: Callable[[int], dict[str, Any]]
-    shape: bool = False
+    shape: Collection[int] = ()
 
 
 def orbit(

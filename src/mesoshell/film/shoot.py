@@ -38,7 +38,7 @@ from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.picture import Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.settle import settle, with_others_grown
+from mesoshell.scene.settle import settle, with_textures
 from mesoshell.scene.setup import box_of, camera_of, up_axis
 from mesoshell.scene.unpack import unpack
 
@@ -84,9 +84,11 @@ def shoot(
     moves = motion(begun)
     of = _identity(begun, moves, quality, engine)
     rows = _rows(folder, of)
-    still = with_others_grown(begun, grown) if moves.shape else settle(begun, grown)
+    still = with_textures(begun, grown, moves.shape)
     shot = Shot(still, quality, engine, compiled_in() if engine == "jax" else None)
-    some = [] if "params" in moves.change(0) else sorted({0, moves.count // 2, moves.count - 1})
+    first = moves.change(0)
+    vary = any("params" in own for own in (first, *first.get("also", {}).values()))
+    some = [] if vary else sorted({0, moves.count // 2, moves.count - 1})
     if not _bakes([shot.scene(moves.change(k)) for k in some], quality, engine):
         shot = replace(shot, quality=quality.with_changes(density="network"))
     paths = tuple(folder / f"{k:05d}.png" for k in range(moves.count))
@@ -180,7 +182,7 @@ def plan_motion(
         if wind is None:
             return moves
         right = _camera(replace(still, **{k: x for k, x in moves.change(0).items() if k == "camera"})).to_world[:3, 0]
-        return add_wind(moves, still, mesh_of(still.mesh), right, wind, fps)
+        return add_wind(moves, still, right, wind, fps)
 
     def moved(still: Scene) -> Motion:
         if keys is not None:

@@ -24,7 +24,10 @@ from scipy.ndimage import distance_transform_edt
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.motion import Motion
 from mesoshell.geometry.mesh import Mesh
-from mesoshell.scene.scene import Scene
+from mesoshell.scene.growth import meshes_of
+from mesoshell.scene.kept_meshes import mesh_of
+from mesoshell.scene.scene import Grown, Scene
+from mesoshell.scene.setup import box_of
 
 LEAN, ANGLE = "lean", "lean_angle"
 #: Pixels along a side of the images of lean and angle over the UV square.
@@ -45,29 +48,45 @@ class Ground:
     along_v: Float[np.ndarray, "H W 3"]
 
 
-def add_wind(
-    motion: Motion, scene: Scene, mesh: Mesh, toward: Float[np.ndarray, "3"], strength: float, fps: float
-) -> Motion:
-    """The motion of a scene with wind. mesh: the scene's; toward: ω. Raises InputError for a material without lean, or a
-    strength out of range."""
+def add_wind(motion: Motion, scene: Scene, toward: Float[np.ndarray, "3"], strength: float, fps: float) -> Motion:
+    """The motion of a settled scene with wind over all its materials that have a lean. toward: ω. Raises InputError if none
+    has, or for a strength out of range."""
     if not 0 < fps < np.inf:
         raise InputError(Argument("fps"), f"must be positive and finite, not {fps:g}")
     if not 0 < strength <= 1:
         raise InputError(Argument("wind"), f"must be above 0, to 1, not {strength:g}")
-    if not {LEAN, ANGLE} <= {name for name, p in scene.material.parameters.items() if p.role == "beta"}:
-        raise InputError(Argument("wind"), f"{scene.material.name} has no lean that wind could change (carpet has)")
-    given = sorted({LEAN, ANGLE} & {*scene.params, *motion.change(0).get("params", {})})
-    if given:
-        raise InputError(Argument("wind"), f"sets {given[0]}, which is given too: leave one out")
-    ground = ground_of(mesh)
-    size = float(np.linalg.norm(np.ptp(mesh.vertices.astype(np.float64), axis=0)))
+    parts = {k: part for k, part in enumerate((scene, *scene.also)) if _leans(part)}
+    if not parts:
+        names = dict.fromkeys(part.material.name for part in (scene, *scene.also))
+        raise InputError(Argument("wind"), f"{' and '.join(names)} has no lean that wind could change (carpet has)")
+    first = motion.change(0)
+    for k, part in parts.items():
+        given = sorted({LEAN, ANGLE} & {*part.params, *_own(first, k).get("params", {})})
+        if given:
+            name = given[0] if k == 0 else f"{scene.also[k - 1].called}:{given[0]}"
+            raise InputError(Argument("wind"), f"sets {name}, which is given too: leave one out")
+    grounds = {k: ground_of(mesh_of(part.mesh)) for k, part in parts.items() if part.mesh is not None}
+    size = float(np.linalg.norm(np.ptp(box_of(meshes_of(scene)).astype(np.float64), axis=0)))
 
     def change(k: int) -> dict[str, Any]:
         moved = motion.change(k)
-        lean, angle = wind_lean(ground, toward, strength, size, k / fps, scene.seed or 0)
-        return moved | {"params": {**moved.get("params", {}), LEAN: lean, ANGLE: angle}}
+        for part, ground in grounds.items():
+            own = _own(moved, part)
+            lean, angle = wind_lean(ground, toward, strength, size, k / fps, scene.seed or 0)
+            own = own | {"params": {**own.get("params", {}), LEAN: lean, ANGLE: angle}}
+            moved = own if part == 0 else moved | {"also": {**moved.get("also", {}), part - 1: own}}
+        return moved
 
-    return Motion(motion.count, change, shape=True)
+    return Motion(motion.count, change, {*motion.shape, *grounds})
+
+
+def _leans(part: Scene | Grown) -> bool:
+    return {LEAN, ANGLE} <= {name for name, p in part.material.parameters.items() if p.role == "beta"}
+
+
+def _own(change: dict[str, Any], part: int) -> dict[str, Any]:
+    """What changes of a material: 0 is the scene's own, 1 and on are those of `also`."""
+    return change if part == 0 else change.get("also", {}).get(part - 1, {})
 
 
 def wind_lean(

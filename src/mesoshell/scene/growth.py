@@ -88,13 +88,13 @@ def grows(part: Scene | Grown) -> bool:
 
 @contextmanager
 def faults_of(part: Grown) -> Iterator[None]:
-    """Faults within say of which material of `also` they are: MATERIAL:ARGUMENT."""
+    """Faults within say of which of `also` they are: NAME:ARGUMENT."""
     try:
         yield
     except InputError as fault:
         if not isinstance(fault.source, Argument):
             raise
-        own = Argument(f"{part.material.name}:{fault.source}")
+        own = Argument(f"{part.called}:{fault.source}")
         raise InputError(own, fault.fault.replace("`", "")) from fault
 
 

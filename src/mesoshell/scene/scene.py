@@ -29,6 +29,7 @@ class Grown:
     mesh: as of a Scene; or None, and `grow` names nodes of the scene's own file.
     material: a shell's, of `load_material`.
     thickness, scale, params, seed, growth: as of a Scene.
+    name: by which faults and a film's keys call it, NAME:PARAMETER. Default: its material's.
     """
 
     mesh: str | PathLike[str] | Mesh | None
@@ -39,6 +40,12 @@ class Grown:
     params: Mapping[str, Value] = field(default_factory=dict)
     seed: int | None = None
     growth: Image | None = None
+    name: str | None = None
+
+    @property
+    def called(self) -> str:
+        """Its name, or its material's."""
+        return self.material.name if self.name is None else self.name
 
     def __post_init__(self) -> None:
         _check_material(self.material)

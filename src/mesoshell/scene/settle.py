@@ -1,5 +1,6 @@
 """Settle a scene: read its files and grow its texture once, for many pictures of it (loads JAX only to grow a texture)."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import TypeVar
 
@@ -44,18 +45,20 @@ def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool 
         objects=tuple(mesh_of(x) for x in scene.objects),
         up="y" if up == 1 else "z",
     )
-    if scene.material.kind == KIND or not texture:
+    return with_textures(still, progress) if texture else still
+
+
+def with_textures(still: Scene, progress: Progress = lambda share: None, but: Collection[int] = ()) -> Scene:
+    """The scene, settled, with its textures grown. but: materials that are left as they are: 0 is the scene's own, 1 and on are
+    those of `also`. Raises InputError."""
+    if still.material.kind == KIND:
         return still
-    return _with_texture(with_others_grown(still, progress), progress)
-
-
-def with_others_grown(still: Scene, progress: Progress = lambda share: None) -> Scene:
-    """The scene, settled, with the textures of `also`, and not its own. Raises InputError."""
     also = []
-    for part in still.also:
+    for k, part in enumerate(still.also, 1):
         with faults_of(part):
-            also.append(_with_texture(part, progress))
-    return replace(still, also=tuple(also))
+            also.append(part if k in but else _with_texture(part, progress))
+    still = replace(still, also=tuple(also))
+    return still if 0 in but else _with_texture(still, progress)
 
 
 def _read(part: PartT) -> PartT:

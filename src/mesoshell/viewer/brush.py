@@ -19,9 +19,10 @@ from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.bundle import Parameter
 from mesoshell.io.image import exr_bytes
 from mesoshell.render.camera import Camera, rays
+from mesoshell.scene.scene import Grown, Scene
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.canvas import Canvas, Hit
-from mesoshell.viewer.look import GROWTH, Painting
+from mesoshell.viewer.look import GROWTH, Painting, PartLook, image_of, parts_of
 from mesoshell.viewer.work import Workshop
 
 #: Brush's radius as a share of the mesh's size: least, usual, most.
@@ -51,12 +52,13 @@ class Stroke:
 
 
 class Brush:
-    """Paints on a server's page. changed: called when what is shown has changed."""
+    """Paints a material on a server's page. part: 0 is the scene's own, 1 and on are its further ones; title: of its folder;
+    changed: called when what is shown has changed."""
 
-    def __init__(self, server: Any, work: Workshop, changed: Callable[[], None]):
-        self._server, self._work, self._changed = server, work, changed
+    def __init__(self, server: Any, work: Workshop, changed: Callable[[], None], part: int = 0, title: str = "Paint"):
+        self._server, self._work, self._changed, self._index = server, work, changed, part
         self._parameters: Mapping[str, Parameter] = {
-            name: p for name, p in work.begun.material.parameters.items() if name in work.look.params
+            name: p for name, p in self._begun.material.parameters.items() if name in self._look.params
         } | {GROWTH: HEIGHT}
         self._before: dict[str, Row] = {name: deque(maxlen=UNDONE) for name in self._parameters}
         self._after: dict[str, Row] = {name: [] for name in self._parameters}
@@ -68,7 +70,7 @@ class Brush:
         self._node: Any = None
         self._lock, self._switching = threading.Lock(), threading.Lock()
         gui = server.gui
-        with gui.add_folder("Paint", expand_by_default=False):
+        with gui.add_folder(title, expand_by_default=False):
             names = tuple(self._parameters)
             self._on = gui.add_checkbox("brush", False, hint="drags on the mesh paint; beside it they turn the camera")
             self._name = gui.add_dropdown("parameter", names, initial_value=names[0])
@@ -82,6 +84,14 @@ class Brush:
         self._on.on_update(self._switch)
         self._name.on_update(lambda _: self._choose())
         self._choose()
+
+    @property
+    def _look(self) -> PartLook:
+        return self._work.look.parts[self._index]
+
+    @property
+    def _begun(self) -> Scene | Grown:
+        return parts_of(self._work.begun)[self._index]
 
     @property
     def painted(self) -> dict[str, Painting]:
@@ -99,20 +109,22 @@ class Brush:
     def _switch(self, _: Any) -> None:
         """On or off, with the shell's top as thick as it is now."""
         with self._switching:
-            if self._on.value and (self._node is None or self._lift != self._work.look.thickness):
+            if self._on.value and (self._node is None or self._lift != self._look.thickness):
                 self.prepare()
                 assert self._canvas is not None
                 if self._node is not None:
                     self._node.remove()
                 top = self._canvas.vertices, self._canvas.faces
-                self._node = self._server.scene.add_mesh_simple("/brush", *top, opacity=0.0, side="double")
+                self._node = self._server.scene.add_mesh_simple(
+                    f"/brush{self._index}", *top, opacity=0.0, side="double"
+                )
                 self._node.on_drag("left")(self._dragged)
             if self._node is not None:
                 self._node.visible = self._on.value
 
     def prepare(self) -> None:
         """Make the mesh ready to paint on."""
-        mesh, self._lift = self._work.still.mesh, self._work.look.thickness
+        mesh, self._lift = parts_of(self._work.still)[self._index].mesh, self._look.thickness
         assert isinstance(mesh, Mesh)
         canvas = Canvas(mesh, self._lift or 0.0)
         canvas.prepare()
@@ -190,9 +202,9 @@ class Brush:
         if name in self._now:
             return self._now[name].image
         if name == GROWTH:
-            return grown_so_far(self._work.begun.growth, canvas.side)
+            return grown_so_far(self._begun.growth, canvas.side)
         low, high = self._parameters[name].range
-        share = np.clip((self._work.look.params[name] - low) / (high - low), 0, 1)
+        share = np.clip((self._look.params[name] - low) / (high - low), 0, 1)
         return np.full((canvas.side,) * 2, share, np.float32)
 
     def _show(self) -> None:
@@ -228,7 +240,7 @@ class Brush:
         name = self._name.value
         if name in self._now and event.client is not None:
             data = exr_bytes(np.repeat(self._now[name].image[..., None], 3, axis=2), half=False)
-            event.client.send_file_download(f"{name}.exr", data, save_immediately=True)
+            event.client.send_file_download(image_of(self._begun, name), data, save_immediately=True)
 
 
 def grown_so_far(image: Any, side: int) -> Float[np.ndarray, "N N"]:

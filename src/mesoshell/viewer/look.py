@@ -2,15 +2,17 @@
 
 Notation
 still       the scene as it was given, settled (scene/settle), with the texture of `Look.texture`
+part        the scene itself, for its own material, or one of its `also`
 sun         azimuth and elevation of a light, degrees; azimuth from where the first camera stands, counter-clockwise seen from
             above
 """
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -23,7 +25,8 @@ from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.unpack import is_scene_file
 
-#: The name under which `Look.painted` has how high the material grows.
+PartT = TypeVar("PartT", Scene, Grown)
+#: The name under which `PartLook.painted` has how high the material grows.
 GROWTH = "growth"
 
 
@@ -43,19 +46,33 @@ class Sky:
 
 
 @dataclass(frozen=True)
-class Look:
-    """What is set. params: by name; thickness: world; sun and sky: None both for the scene's own lights; quality: a preset's
-    name; side: pixels of the longer side; painted: in place of parameters; changes: of the preset's fields."""
+class PartLook:
+    """What is set of one material. params: by name; thickness: world; painted: in place of parameters."""
 
     params: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     thickness: float | None = None
+    painted: Mapping[str, Painting] = field(default_factory=dict)
+
+    def texture(self, part: Scene | Grown) -> tuple:
+        """What of it a grown texture depends on; alike for all looks where none is grown."""
+        if not is_generated(part):
+            return ()
+        shape = sorted(_of_role(part, self, "beta").items())
+        return self.seed, *((name, self.painted.get(name, x)) for name, x in shape)
+
+
+@dataclass(frozen=True)
+class Look(PartLook):
+    """What is set, of the scene's own material and of all. also: of further materials; sun and sky: None both for the scene's
+    own lights; quality: a preset's name; side: pixels of the longer side; changes: of the preset's fields."""
+
+    also: tuple[PartLook, ...] = ()
     base_colour: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sun: tuple[float, float] | None = None
     sky: Sky | None = None
     quality: str = "normal"
     side: int = 384
-    painted: Mapping[str, Painting] = field(default_factory=dict)
     changes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -63,46 +80,66 @@ class Look:
         """The preset with the changes."""
         return PRESETS[self.quality].with_changes(**self.changes)
 
-    def texture(self, scene: Scene) -> tuple:
-        """What of it a grown texture depends on; alike for all looks where none is grown."""
-        if not is_generated(scene):
-            return ()
-        return (
-            self.seed,
-            *((name, self.painted.get(name, x)) for name, x in sorted(_of_role(scene, self, "beta").items())),
-        )
+    @property
+    def parts(self) -> tuple[PartLook, ...]:
+        """Of all materials, the scene's own first."""
+        return self, *self.also
+
+    def textures(self, scene: Scene) -> tuple[tuple, ...]:
+        """`texture` of each material."""
+        return tuple(own.texture(part) for own, part in zip(self.parts, parts_of(scene), strict=True))
+
+
+def parts_of(scene: Scene) -> tuple[Scene | Grown, ...]:
+    """The scene, for its own material, and its further ones."""
+    return scene, *scene.also
 
 
 def first_look(scene: Scene) -> Look:
     """The look of a scene as it was given. Parameters that an image varies stay as they are, and geometry without a
     generator. Raises InputError."""
+    own, *others = (PartLook(_free(part), part.seed or 0, part.thickness) for part in parts_of(scene))
+    return Look(own.params, own.seed, own.thickness, also=tuple(others), base_colour=scene.base_colour)
+
+
+def _free(part: Scene | Grown) -> dict[str, float]:
+    """Parameters that can be set, with their values."""
     values, images = {}, {}
-    if scene.material.kind != KIND:
-        values, images = read_params(scene.material.shell, scene.params)
-    free = {
-        n: p
-        for n, p in scene.material.parameters.items()
-        if n not in images and (p.role == "alpha" or is_generated(scene))
+    if part.material.kind != KIND:
+        values, images = read_params(part.material.shell, part.params)
+    return {
+        name: values.get(name, p.default)
+        for name, p in part.material.parameters.items()
+        if name not in images and (p.role == "alpha" or is_generated(part))
     }
-    params = {name: values.get(name, p.default) for name, p in free.items()}
-    return Look(params, scene.seed or 0, scene.thickness, scene.base_colour)
 
 
-def is_generated(scene: Scene) -> bool:
-    """Whether a generator makes the scene's texture."""
-    return scene.material.kind != KIND and scene.material.shell.generator is not None
+def is_generated(part: Scene | Grown) -> bool:
+    """Whether a generator makes the texture."""
+    return part.material.kind != KIND and part.material.shell.generator is not None
 
 
-def with_texture_of(begun: Scene, look: Look) -> Scene:
-    """The scene whose texture a look wants, for `settle`."""
-    seed = look.seed if is_generated(begun) else begun.seed
-    return replace(begun, params={**begun.params, **_values(begun, look, "beta")}, seed=seed)
+def with_textures_of(begun: Scene, still: Scene, look: Look, now: Sequence[tuple | None]) -> Scene:
+    """The scene whose textures a look wants, for `settle`. still: has textures; now: what each of these depends on."""
+    wanted = look.textures(begun)
+    also = tuple(
+        there if known == want else _to_grow(part, own)
+        for part, there, own, known, want in zip(begun.also, still.also, look.also, now[1:], wanted[1:], strict=True)
+    )
+    scene = still if now[0] == wanted[0] else _to_grow(begun, look)
+    return replace(scene, also=also)
+
+
+def _to_grow(part: PartT, look: PartLook) -> PartT:
+    seed = look.seed if is_generated(part) else part.seed
+    return replace(part, params={**part.params, **_values(part, look, "beta")}, seed=seed)
 
 
 def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
-    """The scene that a look and a camera show. begun: as it was given; still: with the look's texture, settled; lit: whether
+    """The scene that a look and a camera show. begun: as it was given; still: with the look's textures, settled; lit: whether
     it was given lights, or default ones stand about each camera."""
-    tiled = begun.material.kind != KIND and begun.material.shell.tiles is not None
+    still = _worn(begun, still, look)
+    also = tuple(_worn(*three) for three in zip(begun.also, still.also, look.also, strict=True))
     lights, lamps, sky = (still.lights if lit else ()), still.lamps, still.environment
     if look.sun is not None or look.sky is not None:
         lamps = ()
@@ -111,10 +148,7 @@ def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: b
     return replace(
         still,
         camera=camera,
-        params={**still.params, **_values(begun, look, "alpha")},
-        seed=look.seed if tiled else still.seed,
-        thickness=look.thickness,
-        growth=look.painted[GROWTH].image if GROWTH in look.painted else still.growth,
+        also=also,
         base_colour=look.base_colour,
         lights=lights,
         lamps=lamps,
@@ -122,20 +156,32 @@ def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: b
     )
 
 
+def _worn(begun: PartT, still: PartT, look: PartLook) -> PartT:
+    """What a look shows of a material beside its texture."""
+    tiled = begun.material.kind != KIND and begun.material.shell.tiles is not None
+    return replace(
+        still,
+        params={**still.params, **_values(begun, look, "alpha")},
+        seed=look.seed if tiled else still.seed,
+        thickness=look.thickness,
+        growth=look.painted[GROWTH].image if GROWTH in look.painted else still.growth,
+    )
+
+
 def describe_look(begun: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
-    """What `look_scene` shows, with parameters in place of a grown texture."""
-    other = look.texture(begun) != first_look(begun).texture(begun)
-    return scene_of_look(begun, with_texture_of(begun, look) if other else begun, look, camera, lit)
+    """What `scene_of_look` shows, with parameters in place of grown textures."""
+    wanted = with_textures_of(begun, begun, look, first_look(begun).textures(begun))
+    return scene_of_look(begun, wanted, look, camera, lit)
 
 
-def _of_role(scene: Scene, look: Look, role: str) -> dict[str, float]:
-    return {name: x for name, x in look.params.items() if scene.material.parameters[name].role == role}
+def _of_role(part: Scene | Grown, look: PartLook, role: str) -> dict[str, float]:
+    return {name: x for name, x in look.params.items() if part.material.parameters[name].role == role}
 
 
-def _values(scene: Scene, look: Look, role: str) -> dict[str, Any]:
+def _values(part: Scene | Grown, look: PartLook, role: str) -> dict[str, Any]:
     """Numbers and painted images."""
     images = {name: painting.image for name, painting in look.painted.items()}
-    return {name: images.get(name, x) for name, x in _of_role(scene, look, role).items()}
+    return {name: images.get(name, x) for name, x in _of_role(part, look, role).items()}
 
 
 def toward_sun(still: Scene, sun: tuple[float, float]) -> tuple[float, float, float]:
@@ -165,16 +211,11 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     words = ["mesoshell", "render", str(given.mesh), "--material", given.material.name]
     words += _option("camera", *eye, *(eye - back), math.degrees(scene.camera.fov))
     words += _option("size", scene.camera.width, scene.camera.height)
-    images = {name: value for name, value in given.params.items() if name not in look.params}
-    painted = {name: f"{name}.exr" for name in look.painted}
-    growth = painted.pop(GROWTH, given.growth)
-    for name, value in {**images, **look.params, **painted}.items():
-        words += ["--param", f"{name}={value:.6g}" if isinstance(value, float) else f"{name}={value}"]
-    if look.texture(given) or look.seed:
-        words += ["--seed", str(look.seed)]
-    for name, value in (("thickness", look.thickness), ("scale", scene.scale)):
-        words += [] if value is None else _option(name, value)
-    words += [] if growth is None else ["--growth", str(growth)]
+    params, fields = _said(given, scene, look)
+    for name, value in params.items():
+        words += ["--param", f"{name}={value}"]
+    for name, value in fields.items():
+        words += [f"--{name}", value]
     words += _option("base", *look.base_colour)
     own = look.sun is None and look.sky is None
     for light in given.lights if own else scene.lights:
@@ -190,8 +231,8 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         words += ["--grow", name]
     for mesh in given.objects:
         words += ["--object", str(mesh)]
-    for one in given.also:
-        words += _further(one)
+    for one, shown, own in zip(given.also, scene.also, look.also, strict=True):
+        words += _further(one, shown, own)
     words += [
         "--up",
         scene.up or "y",
@@ -204,17 +245,36 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     return shlex.join(words)
 
 
-def _further(one: Grown) -> list[str]:
+def _further(given: Grown, shown: Grown, look: PartLook) -> list[str]:
     """A further material, with what is set of it."""
-    name, words = one.material.name, []
-    for node in one.grow:
+    name, words = given.material.name, []
+    for node in given.grow:
         words += ["--grow", f"{node}={name}"]
-    if one.mesh is not None:
-        words += ["--object", f"{one.mesh}={name}"]
-    said = {"thickness": one.thickness, "scale": one.scale, "seed": one.seed, "growth": one.growth, **one.params}
-    for key, value in said.items():
-        words += [] if value is None else ["--param", f"{name}:{key}={value}"]
+    if given.mesh is not None:
+        words += ["--object", f"{given.mesh}={name}"]
+    params, fields = _said(given, shown, look)
+    for key, value in {**params, **fields}.items():
+        words += ["--param", f"{given.called}:{key}={value}"]
     return words
+
+
+def _said(given: PartT, shown: PartT, look: PartLook) -> tuple[dict[str, str], dict[str, str]]:
+    """Parameters and fields that are set of a material, as a command line has them."""
+    images = {name: value for name, value in given.params.items() if name not in look.params}
+    painted = {name: image_of(given, name) for name in look.painted}
+    growth = painted.pop(GROWTH, given.growth)
+    seed = look.seed if look.texture(given) or look.seed else None
+    fields = {"seed": seed, "thickness": look.thickness, "scale": shown.scale, GROWTH: growth}
+    return _spelled({**images, **look.params, **painted}), _spelled(fields)
+
+
+def _spelled(values: Mapping[str, Any]) -> dict[str, str]:
+    return {name: f"{x:.6g}" if isinstance(x, float) else str(x) for name, x in values.items() if x is not None}
+
+
+def image_of(part: Scene | Grown, name: str) -> str:
+    """The name of the file that holds what is painted in place of a parameter."""
+    return f"{name}.exr" if isinstance(part, Scene) else f"{Path(part.called).name}_{name}.exr"
 
 
 def _option(name: str, *numbers: float | int) -> list[str]:

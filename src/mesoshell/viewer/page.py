@@ -8,6 +8,7 @@ import re
 import threading
 from dataclasses import replace
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,14 +21,14 @@ from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import load_material
-from mesoshell.scene.scene import Scene
+from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.setup import check_environment
 from mesoshell.viewer.address import check_port, own_sockets
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.brush import Brush
 from mesoshell.viewer.compare import difference, over_white, wipe
 from mesoshell.viewer.downloads import Downloads
-from mesoshell.viewer.look import Look, Sky
+from mesoshell.viewer.look import Look, PartLook, Sky, parts_of
 from mesoshell.viewer.panel import Panel
 from mesoshell.viewer.refine import RefinedPicture
 from mesoshell.viewer.settings import SettingsPanel
@@ -72,7 +73,7 @@ class Page:
                 raise InputError(Argument("port"), f"{host}:{port} was taken in the meantime")
             self.url = f"http://{host}:{port}"
             self._begin_camera()
-            self._brush: Brush | None = None
+            self._brushes: list[Brush] = []
             self._run: Any = None
             self._build(run)
         except BaseException:
@@ -122,16 +123,23 @@ class Page:
         gui: Any = self._server.gui
         work, look = self.work, self.work.look
         gui.configure_theme(show_logo=False, show_share_button=False)
-        self._panel = Panel(gui, work, f"Material: {work.given.material.name if run is None else run.name}", self._set)
+        name, parts = work.begun.material.name if run is None else run.name, parts_of(work.begun)
+        names = [f": {name}", *(f": {_called(part)}" for part in work.begun.also)]
+        self._panels = [
+            Panel(gui, part, own, f"Material{name}", self._set)
+            for part, own, name in zip(parts, look.parts, names, strict=True)
+        ]
         self._other: Panel | None = None
         if self.beside is not None:
-            self._other = Panel(gui, self.beside, f"Beside it: {self.beside.given.material.name}", self._set)
-        with self._panel.folder:
+            title = f"Beside it: {self.beside.given.material.name}"
+            self._other = Panel(gui, self.beside.begun, self.beside.look, title, self._set)
+        with self._panels[0].folder:
             self._given_base = look.base_colour
             self._ground = tuple(round(255 * float(x)) for x in linear_to_srgb(np.array(look.base_colour)))
             self._base = gui.add_rgb("ground", self._ground, hint="colour of the surface under the shell")
         if work.begun.material.kind != KIND:
-            self._brush = Brush(self._server, work, self._paint)
+            names = names if len(names) > 1 else [""]
+            self._brushes = [Brush(self._server, work, self._paint, k, f"Paint{x}") for k, x in enumerate(names)]
         with gui.add_folder("Light"):
             self._lit = gui.add_checkbox("sun", False, hint="one light from here, in place of the scene's")
             self._azimuth = gui.add_slider("azimuth", -180.0, 180.0, 1.0, -40.0, hint="degrees from the first camera")
@@ -168,11 +176,18 @@ class Page:
     def _look(self) -> Look:
         typed = np.clip(np.array(self._base.value, np.float64), 0, 255)  # a picker takes larger numbers by keys
         red, green, blue = (float(x) for x in srgb_to_linear(typed / 255))
+        own, *others = (
+            PartLook(**panel.look(), painted=brush.painted if brush is not None else {})
+            for panel, brush in zip_longest(self._panels, self._brushes)
+        )
         return Look(
-            **self._panel.look(),
+            own.params,
+            own.seed,
+            own.thickness,
+            own.painted,
+            also=tuple(others),
             # eight bits are not the colour that was given
             base_colour=self._given_base if tuple(self._base.value) == self._ground else (red, green, blue),
-            painted={} if self._brush is None else self._brush.painted,
             sun=(self._azimuth.value, self._elevation.value) if self._lit.value else None,
             sky=self._sky if self._under.value else None,
             **self._settings.look(),
@@ -211,8 +226,8 @@ class Page:
 
     def _paint(self) -> None:
         """Show what was painted."""
-        assert self._brush is not None
-        self._panel.rest(self._brush.painted)
+        for panel, brush in zip(self._panels, self._brushes, strict=True):
+            panel.rest(brush.painted)
         self._set(None)
 
     def _connected(self, client: Any) -> None:
@@ -319,11 +334,17 @@ class Page:
             self._other_fault.content = line
 
     def _grown(self, share: float) -> None:
-        self._panel.grown(share)
+        self._panels[0].grown(share)
 
     def _grown_other(self, share: float) -> None:
         assert self._other is not None
         self._other.grown(share)
+
+
+def _called(part: Grown) -> str:
+    """A further material, and which one where it has a name of its own."""
+    name = part.material.name
+    return name if part.called == name else f"{name} on {part.called}"
 
 
 def _cost(picture: RefinedPicture) -> str:

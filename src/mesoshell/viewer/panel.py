@@ -4,22 +4,22 @@ from collections.abc import Callable, Collection
 from typing import Any
 
 from mesoshell.io.bundle import Parameter
-from mesoshell.viewer.look import is_generated
-from mesoshell.viewer.work import Workshop
+from mesoshell.scene.scene import Grown, Scene
+from mesoshell.viewer.look import PartLook, is_generated
 
 
 class Panel:
-    """A folder of a server's page with the parameters, the seed and the thickness of a workshop's material. changed: called
-    when one is set."""
+    """A folder of a server's page with the parameters, the seed and the thickness of a material of a scene. look: what is set
+    of it; changed: called when one is set."""
 
-    def __init__(self, gui: Any, work: Workshop, title: str, changed: Callable[[Any], None]):
-        look, material = work.look, work.begun.material
+    def __init__(self, gui: Any, part: Scene | Grown, look: PartLook, title: str, changed: Callable[[Any], None]):
+        material = part.material
         self.folder = gui.add_folder(title)
         with self.folder:
             self.params = {n: _slider(gui, n, material.parameters[n], value) for n, value in look.params.items()}
-            tiled = not is_generated(work.begun) and getattr(material.bundle, "tiles", None) is not None
+            tiled = not is_generated(part) and getattr(material.bundle, "tiles", None) is not None
             self._seed, self._thickness = None, None
-            if is_generated(work.begun) or tiled:
+            if is_generated(part) or tiled:
                 self._seed = gui.add_number("seed", look.seed, min=-(2**31), max=2**32 - 1, step=1)
             if (t := look.thickness) is not None:
                 hint = "height of the shell, in the mesh's unit"
@@ -30,7 +30,7 @@ class Panel:
                 each.on_update(changed)
 
     def look(self) -> dict[str, Any]:
-        """Fields of a `Look`."""
+        """Fields of a `PartLook`."""
         return {
             "params": {name: float(slider.value) for name, slider in self.params.items()},
             "seed": 0 if self._seed is None else int(self._seed.value),

@@ -21,7 +21,7 @@ from mesoshell.scene.scene import Scene
 from mesoshell.scene.settle import settle
 from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface, with_distant_lamps
 from mesoshell.scene.unpack import unpack
-from mesoshell.viewer.look import Look, describe_look, first_look, scene_of_look, with_size, with_texture_of
+from mesoshell.viewer.look import Look, describe_look, first_look, scene_of_look, with_size, with_textures_of
 from mesoshell.viewer.refine import Abandoned, RefinedPicture, refine
 
 #: Seconds of rest before what takes long is begun: while a camera moves, there are only coarse pictures, and nothing has to be
@@ -88,7 +88,7 @@ class Workshop:
             d = describe_shell(self.still)  # once its texture is grown
             self.notes = (*d.notes, *(with_distant_lamps(d, [x.mesh for x in d.growths])[1] if engine == "jax" else ()))
         self.look = first_look(self.begun)
-        self._texture: tuple | None = self.look.texture(self.begun)
+        self._textures: tuple[tuple | None, ...] = self.look.textures(self.begun)
         self._show, self._tell, self._growing, self._engine = show, say, growing, engine
         self._faults = {"picture": "", "texture": "", "scene": "", "environment": "", "snapshot": "", "run": ""}
         self._views: dict[Hashable, View] = {}
@@ -136,7 +136,7 @@ class Workshop:
         if (material.kind, material.parameters) != (now.kind, now.parameters):
             raise InputError(material.name, f"has other parameters than {now.name}")
         with self._changed:
-            self.begun, self._texture = replace(self.begun, material=material), None
+            self.begun, self._textures = replace(self.begun, material=material), (None, *self._textures[1:])
             self._changed.notify_all()
 
     def scene(self, eye: Hashable) -> Scene:
@@ -219,21 +219,21 @@ class Workshop:
     def _grow(self) -> None:
         while self._open:
             with self._changed:
-                while self._open and self.look.texture(self.begun) == self._texture:
+                while self._open and self.look.textures(self.begun) == self._textures:
                     self._changed.wait()
-                look, begun = self.look, self.begun
+                begun, wanted = self.begun, self.look.textures(self.begun)
+                asked = with_textures_of(begun, self.still, self.look, self._textures)
             if not self._open:
                 return
-            wanted = look.texture(begun)
 
             def check(share: float, wanted: tuple = wanted, begun: Scene = begun) -> None:
-                if not self._open or self.look.texture(begun) != wanted:
+                if not self._open or self.look.textures(begun) != wanted:
                     raise Abandoned
                 self._growing(share)
 
-            still = None
+            made = None
             try:
-                still = settle(replace(with_texture_of(begun, look), also=self.still.also), check)
+                made = settle(asked, check)
             except Abandoned:
                 self._growing(1.0)
                 continue
@@ -243,9 +243,9 @@ class Workshop:
                 self.say("texture", "")
             with self._changed:
                 if self.begun is begun:
-                    self._texture = wanted
-                if still is not None:
-                    self.still, self.given = still, replace(self.given, material=begun.material)
+                    self._textures = wanted
+                if made is not None:
+                    self.still, self.given = made, replace(self.given, material=begun.material)
                 for view in self._views.values():
                     view.ask()
                 self._changed.notify_all()

@@ -15,12 +15,10 @@ from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io.archive import read_arrays, write_arrays
 from mesoshell.io.image import srgb_to_linear, write_png
 from mesoshell.io.mesh_export import write_textured_mesh
-from mesoshell.nets.encoding import HashConfig
 from mesoshell.nets.mlp import Dense
-from mesoshell.neutex.cameras import Photo, photo_rays, pixels
+from mesoshell.neutex.cameras import photo_rays, pixels
 from mesoshell.neutex.edit import paint_of, read_edit, texture_image
 from mesoshell.neutex.field import (
-    FieldConfig,
     density,
     init_field,
     lobes,
@@ -33,13 +31,13 @@ from mesoshell.neutex.layout import LAYOUTS, checkerboard, directions, shape
 from mesoshell.neutex.march import CELLS, march
 from mesoshell.neutex.mesh import REACH, extract_mesh
 from mesoshell.neutex.render import Lighting, Paint, View, occupancy, picture
-from mesoshell.neutex.store import NeuTexModel, read_neutex, write_neutex
+from mesoshell.neutex.store import read_neutex, write_neutex
 from mesoshell.render.camera import look_at
 from mesoshell.render.light import Distant, environment
 from mesoshell.render.quality import Quality
+from tests.helpers.octahedron import CONFIG, PHOTO, octahedron
+from tests.helpers.octahedron import model as captured
 
-CONFIG = FieldConfig((16, 16), (16,), (8, 8), (8, 8), 8, "hash", octaves=(2, 2, 1), hash=HashConfig(3, 2, 8, 4, 12))
-PHOTO = Photo(look_at((2.5, 1.0, 1.5), (0, 0, 0), (0, 0, 1)), (20.0, 20.0, 10.0, 8.0), 20, 16)
 EXACT = Quality(pixel_samples=1, samples=64, early_stop=0.0, skip=0.0)
 FULL = jnp.ones((CELLS,) * 3, bool)
 surfaces = jax.jit(jax.vmap(to_surface, in_axes=(None, 0)))
@@ -53,25 +51,9 @@ def _small_tiles():
         yield
 
 
-def captured(field, config=CONFIG, centre=(0.0, 0.0, 0.0), half=1.0) -> NeuTexModel:
-    return NeuTexModel(config, field, np.array(centre), half, (PHOTO, PHOTO), (1,), {"rays": 5})
-
-
 @pytest.fixture(scope="module")
 def field():
-    """An octahedron of fog, σ = 25 softplus(6 − 10 |y|₁), with random colours that views change."""
-    made: Any = init_field(CONFIG, jax.random.key(3))
-    ways = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
-    first, second = np.zeros((9, 16), np.float32), np.zeros((16, 16), np.float32)
-    first[:3, :6], second[:6, :6] = ways, np.eye(6)
-    last = np.zeros((16, 1), np.float32)
-    last[:6] = -10
-    hidden = [Dense(jnp.asarray(k), jnp.zeros(16)) for k in (first, second)]
-    return made._replace(
-        sigma=made.sigma._replace(hidden=hidden, last=Dense(jnp.asarray(last), jnp.full(1, 6.0))),
-        texture=made.texture._replace(tables=made.texture.tables * 1e4),
-        view=made.view._replace(last=made.view.last._replace(kernel=made.view.last.kernel * 10)),
-    )
+    return octahedron()
 
 
 def test_a_picture_is_its_rays(field) -> None:

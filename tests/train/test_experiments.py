@@ -120,7 +120,15 @@ VARIANTS = {
     "atlas_frequency",
     "atlas_no_inverse",
 }
-VARIANTS |= {"atlas", "atlas_no_cloud", "textures", "textures_critic", "textures_patches", "weave_cosine"}
+VARIANTS |= {
+    "atlas",
+    "atlas_cloud_first",
+    "atlas_no_cloud",
+    "textures",
+    "textures_critic",
+    "textures_patches",
+    "weave_cosine",
+}
 VARIANTS |= {"atlas_nerf", "atlas_reflectance", "spheres_silhouette", "triplane", "weave_neumip", "nerf_tex_seed"}
 
 

@@ -27,7 +27,7 @@ UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
 
 @pytest.fixture(scope="module")
 def plain() -> Canvas:
-    return Canvas(square(UNIT), side=SIDE)
+    return Canvas(square(UNIT), shape=(SIDE, SIDE))
 
 
 def above(x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
@@ -53,7 +53,7 @@ def test_a_ray_meets_the_mesh_or_misses(plain: Canvas):
 
 @given(st.floats(0.2, 0.8), st.floats(0.2, 0.8))
 def test_a_dab_lands_where_it_is_drawn(x: float, y: float):
-    canvas = Canvas(square(UNIT), side=SIDE)
+    canvas = Canvas(square(UNIT), shape=(SIDE, SIDE))
     image = canvas.dab(np.zeros((SIDE, SIDE), np.float32), hit(canvas, x, y), 0.15, 1.0)
     v, u = np.meshgrid(1 - (np.arange(SIDE) + 0.5) / SIDE, (np.arange(SIDE) + 0.5) / SIDE, indexing="ij")
     r = np.hypot(u - x, v - y)
@@ -63,7 +63,7 @@ def test_a_dab_lands_where_it_is_drawn(x: float, y: float):
 
 
 def test_every_texel_of_the_mesh_can_be_painted():
-    canvas = Canvas(load_mesh(SPOT), side=256)
+    canvas = Canvas(load_mesh(SPOT), shape=(256, 256))
     image = np.zeros((256, 256), np.float32)
     for face in range(0, len(canvas._corners), 7):
         image = canvas.dab(image, Hit(canvas._corners[face].mean(axis=0), face), 0.3, 1.0)
@@ -77,7 +77,7 @@ def test_a_seam_is_painted_on_both_sides():
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     uv = np.array([[[0, 0], [0.4, 0], [0.4, 0.4]], [[0.5, 0.5], [0.9, 0.9], [0.5, 0.9]]])
-    canvas = Canvas(check_mesh(corners, faces, uv, "seam"), side=SIDE)
+    canvas = Canvas(check_mesh(corners, faces, uv, "seam"), shape=(SIDE, SIDE))
     image = canvas.dab(np.zeros((SIDE, SIDE), np.float32), hit(canvas, 0.5, 0.5), 0.2, 1.0)
     assert looked_up(image, 0.21, 0.19) > 0.9 and looked_up(image, 0.69, 0.71) > 0.9
     assert looked_up(image, 0.6, 0.2) == 0
@@ -89,13 +89,13 @@ def test_what_faces_away_is_left_alone():
     points = np.concatenate([front.vertices, front.vertices - [0, 0, 0.01]])
     faces = np.concatenate([front.faces, front.faces[:, ::-1] + 4])
     uv = np.concatenate([front.uv, front.uv[:, ::-1] + 0.5])
-    canvas = Canvas(check_mesh(points, faces, uv, "leaf"), side=SIDE)
+    canvas = Canvas(check_mesh(points, faces, uv, "leaf"), shape=(SIDE, SIDE))
     image = canvas.dab(np.zeros((SIDE, SIDE), np.float32), hit(canvas, 0.5, 0.5), 0.2, 1.0)
     assert looked_up(image, 0.25, 0.25) > 0.9 and looked_up(image, 0.75, 0.75) == 0
 
 
 def test_texture_coordinates_outside_the_square_repeat(plain: Canvas):
-    canvas = Canvas(square(UNIT + np.array([3, -2])), side=SIDE)
+    canvas = Canvas(square(UNIT + np.array([3, -2])), shape=(SIDE, SIDE))
     blank = np.zeros((SIDE, SIDE), np.float32)
     moved, still = (c.dab(blank, hit(c, 0.4, 0.6), 0.1, 1.0) for c in (canvas, plain))
     np.testing.assert_allclose(moved, still, atol=0.15)  # samples on a texel's edge may lie beside it
@@ -108,7 +108,7 @@ def test_a_stroke_combs_along_itself(angle: float, stretch: float, turned: bool)
     uv = UNIT * [stretch, 1.0]
     if turned:
         uv = np.stack([1 - uv[:, 1], uv[:, 0]], axis=1)
-    canvas = Canvas(square(uv), side=SIDE)
+    canvas = Canvas(square(uv), shape=(SIDE, SIDE))
     way = np.array([np.cos(angle), np.sin(angle), 0.0])
     image = np.full((SIDE, SIDE), 0.3, np.float32)
     for _ in range(12):
@@ -132,7 +132,7 @@ def test_angles_turn_the_shorter_way(plain: Canvas):
 
 
 def test_a_brush_over_degenerate_texture_coordinates_is_finite():
-    canvas = Canvas(square(np.array([[0.2, 0.2], [0.2, 0.2], [0.6, 0.7], [0.6, 0.7]])), side=SIDE)
+    canvas = Canvas(square(np.array([[0.2, 0.2], [0.2, 0.2], [0.6, 0.7], [0.6, 0.7]])), shape=(SIDE, SIDE))
     image = canvas.comb(np.zeros((SIDE, SIDE), np.float32), hit(canvas, 0.5, 0.5), 0.3, np.array([1.0, 0.0, 0.0]))
     assert np.isfinite(image).all()
 
@@ -140,9 +140,9 @@ def test_a_brush_over_degenerate_texture_coordinates_is_finite():
 def test_what_is_drawn_on_a_shell_s_top_is_painted_under_it():
     """The top of a ball's shell: a ray beside the ball meets it."""
     mesh = ball(3, 1.0, (0.0, 0.0, 0.0))
-    canvas = Canvas(mesh, 0.5, SIDE)
+    canvas = Canvas(mesh, 0.5, (SIDE, SIDE))
     beside = np.array([1.2, 0.0, 5.0]), np.array([0.0, 0.0, -1.0])
-    assert Canvas(mesh, side=SIDE).hit(*beside) is None
+    assert Canvas(mesh, shape=(SIDE, SIDE)).hit(*beside) is None
     found = canvas.hit(*beside)
     assert found is not None and np.linalg.norm(found.point) == pytest.approx(1.5, abs=0.02)
     image = canvas.dab(np.zeros((SIDE, SIDE), np.float32), found, 0.3, 1.0)

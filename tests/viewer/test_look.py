@@ -106,14 +106,14 @@ def test_a_surface_material_has_little_to_set():
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
-def test_the_sun_goes_around_the_axis_that_is_up(begun: ms.Scene, up):
-    scene = replace(begun, up=up, camera=ms.Camera(ms.look_at((3.0, 2.0, 2.0), (0.0, 0.0, 0.0)), 0.6, 4, 4))
+def test_the_sun_goes_around_the_axis_that_is_up(up: str):
+    to_world = ms.look_at((3.0, 2.0, 2.0), (0.0, 0.0, 0.0))
     axis = 1 if up == "y" else 2
     for azimuth in (-120.0, 0.0, 75.0):
-        toward = np.array(toward_sun(scene, (azimuth, 30.0)))
+        toward = np.array(toward_sun(to_world, np.eye(3)[axis], (azimuth, 30.0)))
         assert np.linalg.norm(toward) == pytest.approx(1) and toward[axis] == pytest.approx(0.5)
-    back = np.delete(np.array(toward_sun(scene, (0.0, 0.0))), axis)
-    eye = np.delete(ms.look_at((3.0, 2.0, 2.0), (0.0, 0.0, 0.0))[:3, 2], axis)
+    back = np.delete(np.array(toward_sun(to_world, np.eye(3)[axis], (0.0, 0.0))), axis)
+    eye = np.delete(to_world[:3, 2], axis)
     np.testing.assert_allclose(back, eye / np.linalg.norm(eye), atol=1e-12)
 
 

@@ -35,7 +35,7 @@ MIN_HEIGHT = 1e-9
 FARTHEST = 1e12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """A mesh without zero-area or repeated faces and unused vertices; `notes` has one line for each thing mended; colour:
     diffuse albedo of what nothing grows on, where its file has one; texture: the same over its texture coordinates, where

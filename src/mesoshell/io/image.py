@@ -81,9 +81,13 @@ def read_png(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
 
 def read_picture(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
     """A photograph: OpenEXR as `read_exr`, PNG and JPEG as `read_png`, by what is in the file and not by its name."""
-    data = read_file(path)
+    return picture_of(read_file(path), path)
+
+
+def picture_of(data: bytes, path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
+    """What `read_picture` gives, of the bytes of a file. Raises InputError(path, …) as it does."""
     if data.startswith(_EXR_MAGIC):
-        return read_exr(path)
+        return exr_image(data, path)
     return _decoded(path, data, "JPEG" if data.startswith(b"\xff\xd8") else "PNG")
 
 

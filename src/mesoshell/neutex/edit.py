@@ -87,23 +87,34 @@ def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.
     image = read_picture(path)
     if not np.isfinite(image).all():
         raise InputError(path, "has pixels that are not finite")
+    return layout_of(image, layout, path), image
+
+
+def layout_of(image: NumPyFloat[np.ndarray, "h w c"], layout: Layout | None, source: str | Path) -> Layout:
+    """The given layout, or the only one with the image's proportions. Raises InputError, which names the source."""
     h, w = image.shape[:2]
     layouts: tuple[Layout, ...] = LAYOUTS if layout is None else (layout,)
     fit: list[Layout] = [name for name in layouts if side_of(name, h, w)]
     if not fit:
         sizes = " or ".join(f"{name} ({shape(name, 1)[1]}:{shape(name, 1)[0]})" for name in layouts)
-        raise InputError(path, f"is {w} x {h} pixels, the proportions of no {sizes}")
-    return fit[0], image
+        raise InputError(source, f"is {w} x {h} pixels, the proportions of no {sizes}")
+    return fit[0]
 
 
 def paint_of(model: NeuTexModel, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"], edit: Edit) -> Paint:
     """The edit of an image. image: linear RGB, or premultiplied RGBA."""
-    alpha = image[..., 3:] if image.shape[2] == 4 else np.ones_like(image[..., :1])
-    rgb = image[..., :3]  # α E
-    if edit == "multiply":
-        return Paint(layout, np.concatenate([np.zeros_like(rgb), rgb + (1 - alpha)], axis=-1))
     side = side_of(layout, *image.shape[:2])
     assert side
-    now = texture_image(model, layout, side)
+    return paint_over(None if edit == "multiply" else texture_image(model, layout, side), layout, image)
+
+
+def paint_over(
+    now: NumPyFloat[np.ndarray, "h w 3"] | None, layout: Layout, image: NumPyFloat[np.ndarray, "h w c"]
+) -> Paint:
+    """The edit of an image that replaces a texture, T; or multiplies it, if that is None."""
+    alpha = image[..., 3:] if image.shape[2] == 4 else np.ones_like(image[..., :1])
+    rgb = image[..., :3]  # α E
+    if now is None:
+        return Paint(layout, np.concatenate([np.zeros_like(rgb), rgb + (1 - alpha)], axis=-1))
     s = np.minimum(alpha, rgb / np.maximum(now, DARKEST))  # α s
     return Paint(layout, np.concatenate([rgb - s * now, s + (1 - alpha)], axis=-1))

@@ -5,6 +5,7 @@ samples     of a ray: `Quality.samples`, in whole CHUNKs, at the middles of equa
 occupied    cells where σ reaches Quality.skip over the box's diagonal at one of PROBES³ points in each, with their neighbours:
             no sample lies elsewhere, and a ray loses at most `skip` of optical depth, by these points
 early_stop  samples are taken CHUNK at a time, until no ray of a tile has more than this transmittance
+tile        TILE rays that meet an occupied cell; others see nothing, and cost nothing
 """
 
 from functools import partial
@@ -15,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float as NumPyFloat
 
-from mesoshell.nets.batches import pad, run
+from mesoshell.nets.batches import run
+from mesoshell.nets.mlp import in_tiles
 from mesoshell.neutex.brdf import shade
 from mesoshell.neutex.cameras import Photo, photo_rays, pixels
 from mesoshell.neutex.field import Field, FieldConfig, density, lobes, normal, radiance, to_texture
@@ -112,56 +114,85 @@ def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Pictu
     """Render from a camera in the box's units. Each light other than the flash is attenuated on its way to the mean depth of a
     ray."""
     n = how.quality.pixel_samples
-    means = np.mean([_once(config, field, photo, how, k) for k in range(n)], axis=0)
+    each = (trace(config, field, photo, how, pixels(photo, n, k), centred(n, k)) for k in range(n))
+    means = np.mean(list(each), axis=0)
     size = photo.height, photo.width
     return Picture(means[:, :4].reshape(*size, 4), means[:, 4].reshape(size))
 
 
-def _once(config: FieldConfig, field: Field, photo: Photo, how: View, k: int) -> np.ndarray:
-    """RGBA and depth by one ray a pixel, the k-th."""
+def trace(
+    config: FieldConfig,
+    field: Field,
+    photo: Photo,
+    how: View,
+    xy: NumPyFloat[np.ndarray, "R 2"],
+    steps: float,
+) -> NumPyFloat[np.ndarray, "R 5"]:
+    """RGBA and depth of a ray through each image point. steps: of the sequence that draws directions of light."""
     quality, paint = how.quality, how.paint
-    xy = pixels(photo, quality.pixel_samples, k)
     o, d = (x.astype(np.float32) for x in photo_rays(photo, xy))
     form = StaticConfig(config, -(-quality.samples // CHUNK) * CHUNK, paint and paint.layout, True)
     arrays = FieldArrays(
         field, how.occupied, jnp.float32(quality.early_stop), paint and jnp.asarray(paint.image, jnp.float32)
     )
-    light = None
-    if how.lit is not None:
-        _, passed, depth = _marched(form._replace(shown=False), arrays, o, d)
-        y = o + d * (depth / np.maximum(1 - passed, 1e-3))
-        (n,) = run(lambda y, count: (_normals(config, field, y),), y)
-        draws = draws_at(np.floor(xy), centred(quality.pixel_samples, k))
-        falling = beams(how.lit.lights, how.lit.sky, quality.environment_samples, draws)
-        toward = np.stack([beam.toward for beam in falling], axis=1).astype(np.float32)
-        strength = [
-            beam.strength * _marched(form._replace(shown=False), arrays, y + AWAY * n, toward[:, i])[1]
-            for i, beam in enumerate(falling)
-        ]
-        light = toward, np.stack(strength, axis=1).astype(np.float32)
-    rgb, passed, depth = _marched(form, arrays, o, d, light)
+    if how.lit is None:
+        rgb, passed, depth = _marched(form, arrays, o, d)
+        return np.concatenate([np.maximum(rgb, 0), 1 - passed, depth], axis=1)
+    hidden = form._replace(shown=False)
+    none, passed, depth = _marched(hidden, arrays, o, d)
+    seen = np.flatnonzero(passed < 1)  # light is traced for these alone
+    o, d = o[seen], d[seen]
+    y = o + d * (depth[seen] / np.maximum(1 - passed[seen], 1e-3))
+    (n,) = run(lambda *rows: _normals(config, field, *rows), y)
+    falling = beams(how.lit.lights, how.lit.sky, quality.environment_samples, draws_at(np.floor(xy[seen]), steps))
+    toward = np.stack([beam.toward for beam in falling], axis=1).astype(np.float32)
+    strength = [
+        beam.strength * _marched(hidden, arrays, y + AWAY * n, toward[:, i])[1] for i, beam in enumerate(falling)
+    ]
+    rgb = none
+    rgb[seen] = _marched(form, arrays, o, d, (toward, np.stack(strength, axis=1).astype(np.float32)))[0]
     return np.concatenate([np.maximum(rgb, 0), 1 - passed, depth], axis=1)
 
 
 @partial(jax.jit, static_argnums=0)
-def _normals(config: FieldConfig, field: Field, y):
-    return jax.vmap(lambda y: normal(field, y, density(config, field, y)[1]))(y)
+def _normals(config: FieldConfig, field: Field, y, count):
+    one = jax.vmap(lambda y: normal(field, y, density(config, field, y)[1]))
+    return in_tiles(lambda y: (one(y),), count, (y,), ((3, y.dtype),))
 
 
-def _marched(form: StaticConfig, arrays: FieldArrays, o, d, light=None):
-    """(colour, transmittance, depth) of any number of rays. light: (toward, E⊥) of each ray's lights, or the flash."""
-    rows = -(-len(o) // TILE) * TILE
+def _marched(form: StaticConfig, arrays: FieldArrays, o, d, light=()):
+    """(colour, transmittance, depth) of any number of rays. light: (toward, E⊥) of each ray's lights; none for the flash."""
+    (meets,) = run(lambda *rays: (_meets(arrays.occupied, *rays),), o, d)
+    some = np.flatnonzero(meets)
+    found = run(lambda *rays: _tiles(form, arrays, *rays), *(x[some] for x in (o, d, *light)))
+    results = np.zeros((len(o), 3), o.dtype), np.ones((len(o), 1), o.dtype), np.zeros((len(o), 1), o.dtype)
+    for result, x in zip(results, found, strict=True):
+        result[some] = x.reshape(len(some), result.shape[1])
+    return results
 
-    def tiled(x):
-        return jnp.asarray(pad(x, rows).reshape(-1, TILE, *x.shape[1:]))
 
-    tiles = _tiles(form, arrays, jax.tree.map(tiled, (o, d, light)))
-    return tuple(np.asarray(x).reshape(rows, -1)[: len(o)] for x in tiles)
+@jax.jit
+def _meets(occupied: Bool[Array, "n n n"], o, d, count):
+    """Whether rays meet an occupied cell."""
+    (step,) = in_tiles(
+        jax.vmap(lambda o, d: (places(o, d, occupied, jnp.full(1, 0.5, o.dtype))[1],)), count, (o, d), ((0, o.dtype),)
+    )
+    return step > 0
 
 
 @partial(jax.jit, static_argnums=0)
-def _tiles(form: StaticConfig, arrays: FieldArrays, rays):
-    return jax.lax.map(lambda tile: _tile(form, arrays, *tile), rays)
+def _tiles(form: StaticConfig, arrays: FieldArrays, o, d, *given):
+    """Of the first `count` rays, the last of `given`; before it their lights, if any."""
+    *light, count = given
+    rays = (o, d, *light)
+    outputs = jnp.zeros((len(o), 3), o.dtype), jnp.ones(len(o), o.dtype), jnp.zeros(len(o), o.dtype)
+
+    def body(i, out):
+        o, d, *light = (jax.lax.dynamic_slice_in_dim(x, i * TILE, TILE) for x in rays)
+        made = _tile(form, arrays, o, d, tuple(light) or None)
+        return tuple(jax.lax.dynamic_update_slice_in_dim(x, y, i * TILE, 0) for x, y in zip(out, made, strict=True))
+
+    return jax.lax.fori_loop(0, (count + TILE - 1) // TILE, body, outputs)
 
 
 def _tile(form: StaticConfig, arrays: FieldArrays, o, d, light):

@@ -21,6 +21,7 @@ from mesoshell.io.records import parse_json
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.neutex.cameras import Photo
 from mesoshell.neutex.field import Field, FieldConfig, init_field
+from mesoshell.render.quality import PRESETS, Quality
 
 SCHEMA = 1
 
@@ -36,6 +37,12 @@ class NeuTexModel:
     photos: tuple[Photo, ...]
     tested: tuple[int, ...]
     provenance: dict[str, Any]
+
+    def quality(self, preset: str) -> Quality:
+        """A preset with as many samples a ray as the object was learned with; `reference` has no fewer than its own."""
+        quality = PRESETS[preset]
+        learned = int(self.provenance.get("config", {}).get("samples", quality.samples))
+        return quality.with_changes(samples=max(learned, quality.samples) if preset == "reference" else learned)
 
     def to_box(self, photo: Photo) -> Photo:
         """The same camera in the box's units."""

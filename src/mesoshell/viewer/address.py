@@ -7,9 +7,22 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from functools import partial
 from typing import Any
 
+import viser
 import websockets.asyncio.server
 
 from mesoshell.errors import Argument, InputError
+
+
+def open_server(host: str, port: int) -> viser.ViserServer:
+    """A server at this very address. Raises InputError if another program has taken the port."""
+    with own_sockets(host, port):
+        server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
+    if server.get_port() != port:  # another program took it in the meantime; viser takes the next one
+        server.stop()
+        raise InputError(Argument("port"), f"{host}:{port} was taken in the meantime")
+    server.request_share_url = lambda verbose=True: None  # or any client could open a tunnel to this machine
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    return server
 
 
 @contextmanager

@@ -1,7 +1,7 @@
-"""Paint a parameter onto a mesh: dabs of a brush on the surface become a grey image, as `--param NAME=IMAGE` takes it.
+"""Paint onto a mesh: dabs of a brush on the surface become an image: grey, as `--param NAME=IMAGE` takes it, or with channels.
 
 Notation
-N           texels of the image's side, over the UV square; row 0 has v = 1; 1 is the upper end of the parameter's range
+H, W        texels of the image over the UV square; row 0 has v = 1; from 0 to 1
 S           sample points of the surface: where they lie, and in which texel. A texel without any is as the nearest that has one
 E, U        edges of a face from its first corner, (3, 2) in the world and (2, 2) in UV; a direction d along the face has
             the components U E⁺ d along u and v
@@ -10,6 +10,7 @@ w           share by which a dab moves a texel to its value: (1 − (r/R)²)² a
 A dab reaches what is near in space, and so the other side of a UV seam, but not surfaces that face away from where it lies.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -36,10 +37,11 @@ class Hit:
 
 
 class Canvas:
-    """A mesh to paint on. lift: how far above it the surface lies that rays meet and distances are measured on (world)."""
+    """A mesh to paint on. lift: how far above it the surface lies that rays meet and distances are measured on (world);
+    shape: (H, W)."""
 
-    def __init__(self, mesh: Mesh, lift: float = 0.0, side: int = SIDE):
-        self.side, self.faces = side, mesh.faces
+    def __init__(self, mesh: Mesh, lift: float = 0.0, shape: tuple[int, int] = (SIDE, SIDE)):
+        self.shape, self.faces = shape, mesh.faces
         self.vertices = mesh.vertices + np.float32(lift) * mesh.normals
         self._corners = self.vertices[mesh.faces].astype(np.float64)
         self._uv = mesh.uv.astype(np.float64)
@@ -60,7 +62,8 @@ class Canvas:
     @cached_property
     def _samples(self) -> tuple[Float[np.ndarray, "S 3"], Int[np.ndarray, "S"], Int[np.ndarray, "S"]]:
         """Points, seen from the mesh's middle and in order of x, their texels and faces."""
-        lengths = np.linalg.norm(np.roll(self._uv, -1, axis=1) - np.roll(self._uv, -2, axis=1), axis=-1) * self.side
+        edges = np.roll(self._uv, -1, axis=1) - np.roll(self._uv, -2, axis=1)
+        lengths = np.linalg.norm(edges * self.shape[::-1], axis=-1)
         apex = lengths.argmin(axis=1)  # the corner across from the shortest edge
         order = (apex[:, None] + np.arange(3)) % 3
         wanted = FINE * np.maximum(np.stack([lengths.max(axis=1), lengths.min(axis=1)], axis=1), 1)
@@ -76,20 +79,21 @@ class Canvas:
             owner.append(np.repeat(faces, len(weights)))
         place, inside = np.concatenate(points), np.concatenate(uv)
         column, row = (
-            np.minimum((x % 1 * self.side).astype(int), self.side - 1) for x in (inside[:, 0], -inside[:, 1])
+            np.minimum((x % 1 * n).astype(int), n - 1)
+            for x, n in zip((inside[:, 0], -inside[:, 1]), self.shape[::-1], strict=True)
         )
         place = (place - self._centre).astype(np.float32)
         order = np.argsort(place[:, 0])
-        return place[order], (row * self.side + column)[order], np.concatenate(owner)[order]
+        return place[order], (row * self.shape[1] + column)[order], np.concatenate(owner)[order]
 
     @cached_property
-    def _nearest(self) -> Int[np.ndarray, "N N"]:
+    def _nearest(self) -> Int[np.ndarray, "H W"]:
         """For each texel the nearest one that has a sample."""
-        empty = np.ones(self.side**2, bool)
+        empty = np.ones(self.shape[0] * self.shape[1], bool)
         empty[self._samples[1]] = False
-        nearest: Any = distance_transform_edt(empty.reshape(self.side, -1), return_distances=False, return_indices=True)
+        nearest: Any = distance_transform_edt(empty.reshape(self.shape), return_distances=False, return_indices=True)
         row, column = nearest
-        return row * self.side + column
+        return row * self.shape[1] + column
 
     def prepare(self) -> None:
         """Make what the first dab would wait for."""
@@ -104,14 +108,17 @@ class Canvas:
         t = float(found["tfar"][0])
         return Hit(o + t * d, int(found["primID"][0]))
 
-    def dab(self, image: Float[np.ndarray, "N N"], at: Hit, radius: float, value: float) -> Float[np.ndarray, "N N"]:
-        """The image with one dab of a value."""
+    def dab(
+        self, image: Float[np.ndarray, "H W *c"], at: Hit, radius: float, value: float | Sequence[float]
+    ) -> Float[np.ndarray, "H W *c"]:
+        """The image with one dab of a value, of as many numbers as it has channels."""
         texels, _, weight = self._near(at, radius)
-        return np.clip(self._mixed(image, texels, weight, np.full(len(texels), value)), 0, 1)
+        values = np.broadcast_to(np.asarray(value, np.float64), (len(texels), *image.shape[2:]))
+        return np.clip(self._mixed(image, texels, weight, values), 0, 1)
 
     def comb(
-        self, image: Float[np.ndarray, "N N"], at: Hit, radius: float, way: Float[np.ndarray, "3"]
-    ) -> Float[np.ndarray, "N N"]:
+        self, image: Float[np.ndarray, "H W"], at: Hit, radius: float, way: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "H W"]:
         """The image of an angle, from u toward v in turns, with one dab along a way in space: each face has its own u and v."""
         texels, faces, weight = self._near(at, radius)
         du, dv = np.einsum("sij,j->is", self._toward_uv[faces], way)
@@ -135,12 +142,12 @@ class Canvas:
 
     def _mixed(
         self, image: np.ndarray, texels: np.ndarray, weight: np.ndarray, value: np.ndarray
-    ) -> Float[np.ndarray, "N N"]:
+    ) -> Float[np.ndarray, "H W *c"]:
         """Each texel moved to the value of its heaviest sample, by its weight."""
         order = np.argsort(weight, kind="stable")  # of several assignments the last one holds
-        new = image.astype(np.float32).ravel()
-        before = new[texels[order]]
-        new[texels[order]] = before + weight[order] * (value[order] - before)
+        new = image.astype(np.float32).reshape(-1, *image.shape[2:])
+        before, weight = new[texels[order]], weight[order].reshape(-1, *(1,) * (new.ndim - 1))
+        new[texels[order]] = before + weight * (value[order] - before)
         return new[self._nearest]
 
 

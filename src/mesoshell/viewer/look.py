@@ -32,9 +32,10 @@ GROWTH = "growth"
 
 @dataclass(frozen=True, eq=False)
 class Painting:
-    """A painted image, in [0, 1] of its parameter's range. Two are equal if they are the same object."""
+    """A painted image: in [0, 1] of its parameter's range, or linear premultiplied RGBA. Two are equal if they are the same
+    object."""
 
-    image: Float[np.ndarray, "N N"]
+    image: Float[np.ndarray, "H W *c"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +144,9 @@ def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: b
     lights, lamps, sky = (still.lights if lit else ()), still.lamps, still.environment
     if look.sun is not None or look.sky is not None:
         lamps = ()
-        lights = () if look.sun is None else (toward_sun(still, look.sun),)
+        assert isinstance(still.camera, Camera)
+        up = np.eye(3)[1 if still.up == "y" else 2]
+        lights = () if look.sun is None else (toward_sun(still.camera.to_world, up, look.sun),)
         sky = None if look.sky is None else look.sky.radiance
     return replace(
         still,
@@ -184,11 +187,11 @@ def _values(part: Scene | Grown, look: PartLook, role: str) -> dict[str, Any]:
     return {name: images.get(name, x) for name, x in _of_role(part, look, role).items()}
 
 
-def toward_sun(still: Scene, sun: tuple[float, float]) -> tuple[float, float, float]:
-    """Direction toward a sun."""
-    assert isinstance(still.camera, Camera)
-    up = np.eye(3)[1 if still.up == "y" else 2]
-    back = still.camera.to_world[:3, 2] - (still.camera.to_world[:3, 2] @ up) * up
+def toward_sun(
+    to_world: Float[np.ndarray, "4 4"], up: Float[np.ndarray, "3"], sun: tuple[float, float]
+) -> tuple[float, float, float]:
+    """Direction toward a sun, seen from a camera's side."""
+    back = to_world[:3, 2] - (to_world[:3, 2] @ up) * up
     back = back / np.linalg.norm(back) if np.linalg.norm(back) > 1e-9 else np.roll(up, 1)
     azimuth, elevation = (math.radians(x) for x in sun)
     level = math.cos(azimuth) * back + math.sin(azimuth) * np.cross(up, back)

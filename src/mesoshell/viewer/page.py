@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import viser
 
-from mesoshell.errors import Argument, InputError
+from mesoshell.errors import InputError
 from mesoshell.io.image import exr_image, linear_to_srgb, srgb_to_linear
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
@@ -23,7 +22,7 @@ from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import load_material
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.setup import check_environment
-from mesoshell.viewer.address import check_port, own_sockets
+from mesoshell.viewer.address import check_port, open_server
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.brush import Brush
 from mesoshell.viewer.compare import difference, over_white, wipe
@@ -65,12 +64,7 @@ class Page:
         self._sky: Sky | None = None
         self.work, self.beside = self._workshops(scene, beside, progress)
         try:
-            with own_sockets(host, port):
-                self._server = viser.ViserServer(host=host, port=port, label="mesoshell", verbose=False)
-            if (
-                self._server.get_port() != port
-            ):  # another program took it while a texture grew; viser takes the next one
-                raise InputError(Argument("port"), f"{host}:{port} was taken in the meantime")
+            self._server = open_server(host, port)
             self.url = f"http://{host}:{port}"
             self._begin_camera()
             self._brushes: list[Brush] = []
@@ -84,7 +78,6 @@ class Page:
             raise
         self._server.on_client_connect(self._connected)
         self._server.on_client_disconnect(lambda client: self._forget(client.client_id))
-        self._server.request_share_url = lambda verbose=True: None  # or any client could open a tunnel to this machine
 
     def _workshops(self, scene: Scene, beside: Scene | None, progress: Any) -> tuple[Workshop, Workshop | None]:
         """Of the scene and of what it may be compared with; they paint in turn."""
@@ -122,7 +115,6 @@ class Page:
     def _build(self, run: Path | None) -> None:
         gui: Any = self._server.gui
         work, look = self.work, self.work.look
-        gui.configure_theme(show_logo=False, show_share_button=False)
         name, parts = work.begun.material.name if run is None else run.name, parts_of(work.begun)
         names = [f": {name}", *(f": {_called(part)}" for part in work.begun.also)]
         self._panels = [

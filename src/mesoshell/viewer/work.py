@@ -1,21 +1,14 @@
-"""What a viewer does beside its page: one thread paints, another grows textures; the newest wish counts.
+"""What a viewer of a scene does beside its page: pictures of a look, and, in a thread beside them, textures that it wants."""
 
-Notation
-view        what one eye sees: its camera, and a number that grows with each wish. A client has an eye, or several to compare
-"""
-
-import threading
-import time
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.surface import KIND
-from mesoshell.render.camera import Camera
 from mesoshell.scene.materials import Material
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settle import settle
@@ -23,47 +16,12 @@ from mesoshell.scene.setup import check_irradiance, describe_shell, describe_sur
 from mesoshell.scene.unpack import unpack
 from mesoshell.viewer.look import Look, describe_look, first_look, scene_of_look, with_size, with_textures_of
 from mesoshell.viewer.refine import Abandoned, RefinedPicture, refine
-
-#: Seconds of rest before what takes long is begun: while a camera moves, there are only coarse pictures, and nothing has to be
-#: abandoned.
-PAUSE = 0.25
+from mesoshell.viewer.views import View, Views, fault_line
 
 
-@dataclass
-class View:
-    """camera: of any size with its proportions; quality: None for the look's; wish: its number; painted: that of the picture
-    under way; left: its steps; shown: how many there were of this wish; picture: the last one; rest: until when nothing is
-    begun, as `time.monotonic` has it."""
-
-    camera: Camera
-    quality: str | None = None
-    wish: int = 1
-    painted: int = 0
-    left: Iterator[RefinedPicture] | None = None
-    shown: int = 0
-    picture: RefinedPicture | None = None
-    rest: float = 0.0
-
-    def ask(self) -> None:
-        """Another picture is wished for."""
-        self.wish, self.shown = self.wish + 1, 0
-        self.rest = time.monotonic() + PAUSE if self.quality is not None else 0.0
-
-    @property
-    def waits(self) -> bool:
-        """Whether there is more to paint."""
-        return self.painted != self.wish or self.left is not None
-
-    @property
-    def urgent(self) -> bool:
-        """Whether it waits for its coarse picture, or for the first one after it."""
-        return self.quality is None and self.shown < 2 and self.waits
-
-
-class Workshop:
-    """Paints what eyes see of a scene. show: called with an eye whose picture has refined; say: with a line for all, empty
-    when a fault is over; growing: with the share of a texture that is grown, 1 at the end. Callbacks come from threads of its
-    own. notes: what the user should know, a line each."""
+class Workshop(Views[RefinedPicture]):
+    """Paints what eyes see of a scene. growing: called with the share of a texture that is grown, 1 at the end. notes: what
+    the user should know, a line each."""
 
     def __init__(
         self,
@@ -75,7 +33,8 @@ class Workshop:
         progress: Callable[[float], None] = lambda share: None,
         paint_lock: AbstractContextManager | None = None,
     ):
-        """Settles the scene. paint_lock: what workshops that paint in turn share. Raises InputError."""
+        """Settles the scene. Raises InputError."""
+        super().__init__(show, say, paint_lock)
         self.given, scene = scene, unpack(scene)
         self._lit = bool(scene.lights) or bool(scene.lamps) or scene.environment is not None
         check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
@@ -89,36 +48,8 @@ class Workshop:
             self.notes = (*d.notes, *(with_distant_lamps(d, [x.mesh for x in d.growths])[1] if engine == "jax" else ()))
         self.look = first_look(self.begun)
         self._textures: tuple[tuple | None, ...] = self.look.textures(self.begun)
-        self._show, self._tell, self._growing, self._engine = show, say, growing, engine
-        self._faults = {"picture": "", "texture": "", "scene": "", "environment": "", "snapshot": "", "run": ""}
-        self._views: dict[Hashable, View] = {}
-        self._changed, self._open, self._turn = threading.Condition(), True, 0
-        self._paint_lock, self._telling = paint_lock or threading.Lock(), threading.Lock()
-        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._paint, self._grow)]
-        for thread in self._threads:
-            thread.start()
-
-    def see(self, eye: Hashable, camera: Camera, quality: str | None = None) -> None:
-        """An eye looks from here. quality: of its pictures alone, which have no coarse one before; None: the look's."""
-        with self._changed:
-            view = self._views.setdefault(eye, View(camera, wish=0))
-            view.camera, view.quality = camera, quality
-            view.ask()
-            self._changed.notify_all()
-
-    def leave(self, eye: Hashable) -> None:
-        """An eye is gone."""
-        with self._changed:
-            view = self._views.pop(eye, None)
-            if view is not None:
-                view.ask()
-            self._changed.notify_all()
-
-    def picture(self, eye: Hashable) -> tuple[RefinedPicture | None, bool]:
-        """The last picture of an eye, and whether it shows what is wished for now."""
-        with self._changed:
-            view = self._views.get(eye)
-            return (None, False) if view is None else (view.picture, view.shown > 0)
+        self._growing, self._engine = growing, engine
+        self._start(self._grow)
 
     def set(self, look: Look) -> None:
         """Show another look to all."""
@@ -126,9 +57,7 @@ class Workshop:
             if look == self.look:
                 return
             self.look = look
-            for view in self._views.values():
-                view.ask()
-            self._changed.notify_all()
+            self._ask_all()
 
     def set_material(self, material: Material) -> None:
         """Show another material with the same parameters, once its texture is grown. Raises InputError for one with others."""
@@ -150,71 +79,13 @@ class Workshop:
             camera = with_size(self._views[eye].camera, self.look.side)
             return describe_look(self.begun, self.look, camera, self._lit)
 
-    def close(self) -> None:
-        """End both threads."""
-        with self._changed:
-            self._open = False
-            self._changed.notify_all()
-        for thread in self._threads:
-            thread.join()
-
     def _scene(self, view: View) -> Scene:
         return scene_of_look(self.begun, self.still, self.look, with_size(view.camera, self.look.side), self._lit)
 
-    def say(self, of: str, line: str) -> None:
-        """Say what is wrong with pictures, textures and scenes; an empty line once nothing is."""
-        with self._telling:
-            if self._faults[of] != line:
-                self._faults[of] = line
-                self._tell("  \n".join(x for x in self._faults.values() if x))
-
-    def _next(self) -> tuple[Hashable, View] | None:
-        """The eye whose turn it is: those that wait for their first pictures first, then each in turn. Waits for one; None at
-        the end."""
-        with self._changed:
-            while self._open:
-                waiting = [(eye, v) for eye, v in self._views.items() if v.waits]
-                waiting = [(eye, v) for eye, v in waiting if v.urgent] or waiting
-                now = time.monotonic()
-                ready = [(eye, v) for eye, v in waiting if v.rest <= now]
-                if ready:
-                    self._turn += 1
-                    eye, view = ready[self._turn % len(ready)]
-                    if view.painted != view.wish:
-                        view.painted = view.wish
-                        own, quality = view.quality is None, view.quality or self.look.quality
-                        changes = self.look.changes if own else {}
-                        how = {"engine": self._engine, "coarse": own, "changes": changes}
-                        view.left = refine(self._scene(view), quality, self._stopped(view), **how)
-                    return eye, view
-                self._changed.wait(min(v.rest for _, v in waiting) - now if waiting else None)
-        return None
-
-    def _stopped(self, view: View) -> Callable[[], bool]:
-        wish = view.wish
-        return lambda: view.wish != wish or not self._open
-
-    def _paint(self) -> None:
-        while (turn := self._next()) is not None:
-            eye, view = turn
-            assert view.left is not None
-            try:
-                with self._paint_lock:
-                    picture = next(view.left, None)
-                with self._changed:
-                    if picture is None:
-                        view.left = None
-                        continue
-                    if view.painted != view.wish:
-                        continue
-                    if view.quality is None and view.shown == 0:
-                        view.rest = time.monotonic() + PAUSE
-                    view.picture, view.shown = picture, view.shown + 1
-                self.say("picture", "")
-                self._show(eye)
-            except Exception as fault:  # the page goes on, and says it
-                view.left = None
-                self.say("picture", _line(fault))
+    def _refined(self, view: View[RefinedPicture], stopped: Callable[[], bool]) -> Iterator[RefinedPicture]:
+        own = view.quality is None
+        quality, changes = view.quality or self.look.quality, self.look.changes if own else {}
+        return refine(self._scene(view), quality, stopped, engine=self._engine, coarse=own, changes=changes)
 
     def _grow(self) -> None:
         while self._open:
@@ -238,7 +109,7 @@ class Workshop:
                 self._growing(1.0)
                 continue
             except Exception as fault:
-                self.say("texture", _line(fault))
+                self.say("texture", fault_line(fault))
             else:
                 self.say("texture", "")
             with self._changed:
@@ -246,11 +117,5 @@ class Workshop:
                     self._textures = wanted
                 if made is not None:
                     self.still, self.given = made, replace(self.given, material=begun.material)
-                for view in self._views.values():
-                    view.ask()
-                self._changed.notify_all()
+                self._ask_all()
             self._growing(1.0)
-
-
-def _line(fault: Exception) -> str:
-    return str(fault) if isinstance(fault, InputError) else f"{type(fault).__name__}: {fault}"

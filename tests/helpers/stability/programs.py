@@ -316,7 +316,7 @@ def _of_objects() -> Programs:
         config = FieldConfig((8, 8), (8,), (8, 8), (8, 8), 8, encoding, colour=colour, flash=1.0, **small)  # type: ignore[arg-type]
         field = jax.eval_shape(lambda c=config: init_field(c, KEY))
         occupied, y, image = b(32, 32, 32), f(1024, 3), f(4, 8, 6)
-        lit = (f(1, 1024, 2, 3), f(1, 1024, 2, 3)) if colour == "reflectance" else None
+        lit = (f(1024, 2, 3), f(1024, 2, 3)) if colour == "reflectance" else ()
         form, thing = (
             atlas_render.StaticConfig(config, 8, "latlong", True),
             atlas_render.FieldArrays(field, occupied, f(), image),
@@ -326,7 +326,8 @@ def _of_objects() -> Programs:
         rays = Rays(f(16, 3), f(16, 3), f(16, 3), f(16), i(16), f(16, 3), f(16, 3))
         programs = {
             "neutex.render._greatest": _jitted(atlas_render._greatest, config, field),
-            "neutex.render._tiles": _jitted(atlas_render._tiles, form, thing, (f(1, 1024, 3), f(1, 1024, 3), lit)),
+            "neutex.render._tiles": _jitted(atlas_render._tiles, form, thing, f(1024, 3), f(1024, 3), *lit, i()),
+            "neutex.render._meets": _jitted(atlas_render._meets, occupied, f(ROWS, 3), f(ROWS, 3), i()),
             "neutex.mesh._surface_near": _jitted(mesh._surface_near, config, field, f(ROWS, 3), f(ROWS, 3), i()),
             "neutex.mesh._surface": _jitted(mesh._surface, field, y),
             "measure.captured._there": _jitted(captured._there, field, y),
@@ -335,7 +336,7 @@ def _of_objects() -> Programs:
         if colour != "volume":
             programs["neutex.edit._greatest"] = _jitted(paint._greatest, config, "colour", field, f(2, 3), y)
         if colour == "reflectance":
-            programs["neutex.render._normals"] = _jitted(atlas_render._normals, config, field, y)
+            programs["neutex.render._normals"] = _jitted(atlas_render._normals, config, field, f(ROWS, 3), i())
         found |= {name: [*found.get(name, []), program] for name, program in programs.items()}
     return found
 

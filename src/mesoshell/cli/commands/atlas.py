@@ -20,7 +20,6 @@ from mesoshell.neutex.capture import read_capture
 from mesoshell.neutex.mesh import extract_mesh
 from mesoshell.neutex.render import Lighting, picture, view
 from mesoshell.neutex.store import NeuTexModel, read_neutex
-from mesoshell.render.quality import PRESETS
 from mesoshell.scene.setup import check_irradiance, environment_of, light_of
 from mesoshell.train.experiment import read_experiment, with_kimg
 from mesoshell.train.gan.presets import PRESETS as SIZES
@@ -69,12 +68,9 @@ def render(options: Render) -> None:
     if options.texture:
         layout, image = paint.read_edit(options.texture, options.layout)
         painted = paint.paint_of(model, layout, image, options.edit)
-    quality = PRESETS[options.quality]
-    samples = options.samples
-    if samples is None:
-        learned = int(model.provenance.get("config", {}).get("samples", quality.samples))
-        samples = max(learned, quality.samples) if options.quality == "reference" else learned
-    quality = quality.with_changes(samples=samples)
+    quality = model.quality(options.quality)
+    if options.samples is not None:
+        quality = quality.with_changes(samples=options.samples)
     cameras = _cameras(model, options)
     how = view(model.config, model.field, quality, painted, _lit(model, options))
     options.out.mkdir(parents=True, exist_ok=True)

@@ -2,9 +2,10 @@
 
 import importlib.util
 import threading
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.view import Options
@@ -18,6 +19,10 @@ from mesoshell.scene.materials import load_material
 
 #: Methods whose snapshots are materials.
 MATERIALS = ("gan", "surface", "textures")
+#: The method whose snapshots are objects.
+OBJECTS = "atlas"
+#: Options that a page of an object takes.
+OF_OBJECTS = ("mesh", "host", "port")
 
 
 def run(options: Options) -> None:
@@ -29,6 +34,9 @@ def run(options: Options) -> None:
     from mesoshell.viewer.page import Page
 
     run = _run_of(options)
+    if run is not None and read_object(run / "config.json").get("method") == OBJECTS:
+        _show(_object_page(options, run))
+        return
     if run is not None and run == options.mesh:
         options = replace(options, mesh=Path(str(resources.files("mesoshell") / "assets" / "spot.obj")))
     scene, beside = scene_of(options, load_material(options.material if run is None else _newest(run))), None
@@ -41,6 +49,26 @@ def run(options: Options) -> None:
     with bar(stderr(), "growing") as progress:
         page = Page(scene, options.engine, options.host, options.port, progress, beside, run)
     say_notes(stderr(), page.work.notes)
+    _show(page)
+
+
+def _object_page(options: Options, run: Path) -> Any:
+    """The page of a captured object. Raises InputError for options of a scene."""
+    if run != options.mesh:
+        raise InputError("--material", f"{run} is a run of an object, which is no material: give it as the mesh")
+    given = [x.name for x in fields(options) if getattr(options, x.name) != x.default and x.name not in OF_OBJECTS]
+    if given:
+        raise InputError(f"--{given[0].replace('_', '-')}", f"is of a scene, and {run} is an object")
+    from mesoshell.cli.compilation_cache import keep_compiled
+    from mesoshell.train.run_config import snapshots
+    from mesoshell.viewer.object_page import ObjectPage
+
+    keep_compiled()
+    return ObjectPage(run, snapshots(run)[-1][1], options.host, options.port)
+
+
+def _show(page: Any) -> None:
+    """Until it is interrupted."""
     print(f"{page.url} (Ctrl-C ends it)", flush=True)
     try:
         threading.Event().wait()

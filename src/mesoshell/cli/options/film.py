@@ -25,8 +25,8 @@ class Options(SceneOptions):
     #: JSON file of keys: camera, parameters and thickness at some frames, smooth between them (docs/how_to/film.md).
     #: NAME:PARAMETER is a further material's.
     keys: Path | None = None
-    #: Strength of a wind, above 0 to 1, that blows toward the right of the picture, over materials with a lean, as carpet: gusts
-    #: move over the surface, and each frame grows its own texture.
+    #: Strength of a wind, above 0 to 1, that blows toward the right of the picture, over materials with a lean, as carpet:
+    #: gusts move over the surface, and each frame grows its own texture.
     wind: float | None = None
     #: Frames a second.
     fps: float = 24.0

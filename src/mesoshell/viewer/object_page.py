@@ -1,0 +1,200 @@
+"""The page of a captured object, by viser: its pictures, its texture beside them, and a brush that paints one on the other."""
+
+import threading
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mesoshell.errors import InputError
+from mesoshell.io.image import exr_bytes, linear_to_srgb, png_bytes
+from mesoshell.neutex.store import NeuTexModel, read_neutex
+from mesoshell.render.quality import PRESETS
+from mesoshell.viewer.address import check_port, open_server
+from mesoshell.viewer.browser import camera_of
+from mesoshell.viewer.captured import ObjectLook, ObjectPicture, ObjectWorkshop
+from mesoshell.viewer.compare import over_white
+from mesoshell.viewer.page import JPEG
+from mesoshell.viewer.run import RunPanel
+from mesoshell.viewer.settings import SIDES
+from mesoshell.viewer.texture_brush import TEXTURE, TextureBrush
+
+
+class ObjectPage:
+    """A viewer's page of an object. folder: of its run; snapshot: the file that is shown first; url: where it is; close: end
+    it. Raises InputError for an address that cannot be listened on, and for a snapshot that is none."""
+
+    def __init__(self, folder: Path, snapshot: Path, host: str = "127.0.0.1", port: int = 8080):
+        check_port(host, port)
+        self._changing, self._sending = threading.Lock(), threading.Lock()
+        self._shown_texture: Any = None
+        self.notes: tuple[str, ...] = ()
+        self.work = ObjectWorkshop(read_neutex(snapshot), self._show, self._say)
+        self._run: RunPanel | None = None
+        try:
+            self._server = open_server(host, port)
+            self.url = f"http://{host}:{port}"
+            self._begin_camera(self.work.object.model)
+            self._build(folder, snapshot)
+        except BaseException:
+            if hasattr(self, "_server"):
+                self._server.stop()
+            self.work.close()
+            raise
+        self._server.on_client_connect(self._connected)
+        self._server.on_client_disconnect(lambda client: self.work.leave(client.client_id))
+
+    def close(self) -> None:
+        if self._run is not None:
+            self._run.close()
+        self._server.stop()
+        self.work.close()
+
+    def _begin_camera(self, model: NeuTexModel) -> None:
+        photo, begin = model.photos[0], self._server.initial_camera
+        eye, back = photo.to_world[:3, 3], photo.to_world[:3, 2]
+        self._server.scene.set_up_direction(tuple(self.work.object.up))
+        begin.position, begin.look_at = eye, eye - back * max(float((eye - model.centre) @ back), 1e-9)
+        begin.fov = 2 * float(np.arctan(photo.height / 2 / photo.lens[1]))
+
+    def _build(self, folder: Path, snapshot: Path) -> None:
+        gui: Any = self._server.gui
+        look, captured = self.work.look, self.work.object
+        self._brush: TextureBrush | None = None
+        self._checker: Any = None
+        self._sun: Any = None
+        if captured.has_texture:
+            with gui.add_folder("Texture", order=-3):
+                self._image = gui.add_image(self._codes(look))
+                self._checker = gui.add_checkbox(
+                    "checkerboard", False, hint="squares of one size: it can be painted on"
+                )
+            self._brush = TextureBrush(self._server, self.work, self._painted)
+            self._brush.upload.on_upload(self._take_image)
+        if captured.is_lit:
+            with gui.add_folder("Light"):
+                self._sun = gui.add_checkbox("sun", False, hint="in place of the camera's flash")
+                self._azimuth = gui.add_slider(
+                    "azimuth", -180.0, 180.0, 1.0, -40.0, hint="degrees from the first photograph"
+                )
+                self._elevation = gui.add_slider("elevation", -10.0, 90.0, 1.0, 45.0, hint="degrees above the horizon")
+        with gui.add_folder("Picture"):
+            self._quality = gui.add_dropdown("quality", tuple(PRESETS), initial_value=look.quality)
+            sides = tuple(map(str, SIDES))
+            self._side = gui.add_dropdown("pixels", sides, initial_value=str(look.side), hint="of the longer side")
+            self._cost = gui.add_markdown("")
+        with gui.add_folder("Save"):
+            for kind in ("PNG", "EXR"):
+                gui.add_button(kind).on_click(partial(self._save_picture, kind.lower()))
+            if captured.has_texture:
+                gui.add_button("Texture", hint="as it is shown, a cubemap").on_click(self._save_texture)
+                hint = "paint alone, a cubemap: what `mesoshell atlas render --texture` takes"
+                gui.add_button("Paint", hint=hint).on_click(self._save_paint)
+        self._fault = gui.add_markdown("")
+        for each in (self._checker, self._sun, self._sun and self._azimuth, self._sun and self._elevation):
+            if each is not None:
+                each.on_update(self._set)
+        for each in (self._quality, self._side):
+            each.on_update(self._set)
+        self._run = RunPanel(gui, folder, snapshot, self._set_snapshot, partial(self.work.say, "run"))
+
+    def _look(self) -> ObjectLook:
+        sun = (self._azimuth.value, self._elevation.value) if self._sun is not None and self._sun.value else None
+        return ObjectLook(
+            None if self._brush is None else self._brush.painted.get(TEXTURE),
+            self._checker is not None and self._checker.value,
+            sun,
+            self._quality.value,
+            int(self._side.value),
+        )
+
+    def _set(self, _: Any) -> None:
+        with self._changing:
+            look = self._look()
+            self.work.set(look)
+            self._show_texture()
+
+    def _painted(self) -> None:
+        self._set(None)
+
+    def _take_image(self, event: Any) -> None:
+        """An image that a browser sent."""
+        assert self._brush is not None
+        try:
+            self._brush.put(event.target.value.content, "the image")
+        except InputError as fault:
+            self.work.say("image", str(fault))
+        else:
+            self.work.say("image", "")
+
+    def _show_texture(self) -> None:
+        """The texture beside the pictures, if it is another one."""
+        look, captured = self.work.look, self.work.object
+        wanted = captured, look.painted, look.checker
+        if captured.has_texture and wanted != self._shown_texture:
+            self._image.image = self._codes(look)
+            self._shown_texture = wanted
+
+    def _codes(self, look: ObjectLook) -> np.ndarray:
+        return np.round(255 * linear_to_srgb(np.clip(self.work.object.shown(look), 0, 1))).astype(np.uint8)
+
+    def _set_snapshot(self, path: Path) -> None:
+        """Another snapshot of the run."""
+        try:
+            self.work.set_object(read_neutex(path))
+        except InputError as fault:
+            self.work.say("snapshot", str(fault))
+            return
+        self.work.say("snapshot", "")
+        with self._changing:
+            self._show_texture()
+
+    def _connected(self, client: Any) -> None:
+        client.camera.on_update(lambda _: self._moved(client))
+        self._moved(client)
+
+    def _moved(self, client: Any) -> None:
+        camera = camera_of(client.camera)
+        if camera is not None:
+            self.work.see(client.client_id, camera)
+
+    def _show(self, number: int) -> None:
+        """A picture has refined."""
+        client = self._server.get_clients().get(number)
+        if client is None:  # it left in the meantime
+            self.work.leave(number)
+            return
+        with self._sending:
+            picture, current = self.work.picture(number)
+            if picture is None or not current:
+                return
+            codes = np.round(255 * linear_to_srgb(np.clip(over_white(picture.rgba), 0, 1))).astype(np.uint8)
+            client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
+            self._cost.content = _cost(picture)
+
+    def _say(self, line: str) -> None:
+        if self._fault.content != line:
+            self._fault.content = line
+
+    def _save_picture(self, kind: str, event: Any) -> None:
+        picture, _ = self.work.picture(event.client_id)
+        if picture is not None and event.client is not None:
+            data = png_bytes(picture.rgba) if kind == "png" else exr_bytes(picture.rgba)
+            event.client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
+
+    def _save_texture(self, event: Any) -> None:
+        if event.client is not None:
+            data = png_bytes(self.work.object.shown(self.work.look))
+            event.client.send_file_download("texture.png", data, save_immediately=True)
+
+    def _save_paint(self, event: Any) -> None:
+        painted = self.work.look.painted
+        if painted is not None and event.client is not None:
+            event.client.send_file_download("paint.png", png_bytes(painted.image), save_immediately=True)
+
+
+def _cost(picture: ObjectPicture) -> str:
+    """What a picture's passes cost."""
+    (height, width), each = picture.rgba.shape[:2], f"{picture.samples} samples a ray"
+    return f"{width} × {height}, {picture.rays} a pixel; {1000 * picture.seconds:.0f} ms a pass, {each}"

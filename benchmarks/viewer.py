@@ -26,8 +26,8 @@ def measured(material: str) -> None:
     import mesoshell as ms
     from mesoshell.film.motion import rotate_about
     from mesoshell.io.cache import cache_folder
-    from mesoshell.viewer.brush import RADII
     from mesoshell.viewer.canvas import Canvas
+    from mesoshell.viewer.strokes import RADII
     from mesoshell.viewer.work import Workshop
 
     jax.config.update("jax_compilation_cache_dir", str(cache_folder("xla")))
@@ -74,7 +74,7 @@ def measured(material: str) -> None:
     print(f"{time.perf_counter() - begin:.1f} s until the brush is ready")
     hit = canvas.hit(camera.to_world[:3, 3], -camera.to_world[:3, 2])
     assert hit is not None
-    image = np.zeros((canvas.side,) * 2, np.float32)
+    image = np.zeros(canvas.shape, np.float32)
     for radius in RADII:
         dabs = []
         for _ in range(MOVES):

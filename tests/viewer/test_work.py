@@ -51,6 +51,27 @@ def test_a_picture_refines_to_what_render_makes(scene: ms.Scene):
     assert steps[-1].rendered.record["rays"] == 3 * 300 and steps[-1].effects is not None
 
 
+def test_the_first_picture_is_half_a_chessboard(scene: ms.Scene, monkeypatch: pytest.MonkeyPatch):
+    """Its pixels of one colour are as all rays make them; each other is the mean of those beside it."""
+    monkeypatch.setattr(refining, "COARSE", 16)
+    first = next(iter(refine(settle(scene), "draft", never))).rgba
+    monkeypatch.setattr(refining, "chessboard", lambda shape: np.ones(shape, bool))
+    whole = next(iter(refine(settle(scene), "draft", never))).rgba
+    y, x = np.indices(first.shape[:2])
+    known = (x + y) % 2 == 0
+    np.testing.assert_allclose(first[known], whole[known], atol=1e-6)
+    for y, x in np.argwhere(~known):
+        beside = [
+            first[b, a]
+            for b, a in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1))
+            if 0 <= b < len(first) and 0 <= a < first.shape[1]
+        ]
+        np.testing.assert_allclose(first[y, x], np.mean(beside, axis=0), atol=1e-6)
+    assert np.abs(first - whole)[~known].max() > 0.01
+    np.testing.assert_array_equal(refining.filled(np.ones((1, 2, 4)), np.array([[True, False]])), np.ones((1, 2, 4)))
+    assert not refining.filled(np.ones((1, 1, 4)), np.array([[False]])).any()
+
+
 def test_a_small_picture_has_no_smaller_one(scene: ms.Scene):
     still = settle(replace(scene, size=(8, 6)))
     assert [s.rgba.shape for s in refine(still, "draft", never, most=1)] == [(6, 8, 4)]

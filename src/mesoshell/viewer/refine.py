@@ -1,4 +1,9 @@
-"""Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned in a tile's time."""
+"""Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned in a tile's time.
+
+Notation
+chessboard  the pixels of one colour of a chessboard: the others of the first picture are means of their neighbours, which takes
+            two thirds of the time (docs/how_to/view.md)
+"""
 
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -7,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import Effects
@@ -59,15 +64,18 @@ def refine(
     if not coarse or max(scene.camera.width, scene.camera.height) <= COARSE:
         stages = stages[1:]
     try:
-        for camera, settings, count in stages:
-            yield from _passes(replace(scene, camera=camera), settings, count, stopped, engine)
+        for k, (camera, settings, count) in enumerate(stages):
+            half = k < len(stages) - 1
+            yield from _passes(replace(scene, camera=camera), settings, count, stopped, engine, half)
     except Abandoned:
         return
 
 
 def _passes(
-    scene: Scene, settings: Quality, count: int, stopped: Callable[[], bool], engine: str
+    scene: Scene, settings: Quality, count: int, stopped: Callable[[], bool], engine: str, half: bool
 ) -> Iterator[RefinedPicture]:
+    """half: of a chessboard's pixels alone."""
+
     def check(share: float) -> None:
         if stopped():
             raise Abandoned
@@ -79,11 +87,29 @@ def _passes(
     ready = prepare(scene, settings.with_changes(density="network"), engine)
     check(0.0)
     passes = ready.passes(None)
-    total = np.zeros((passes.shape[0] * passes.shape[1], 4))
+    total = np.zeros((*passes.shape, 4))
+    known = chessboard(passes.shape) if half and passes.chosen else np.ones(passes.shape, bool)
     for k in range(count):
-        total += passes.render(k, np.arange(len(total)), check)
-        image = (total / (k + 1)).reshape(*passes.shape, 4)
+        total[known] += passes.render(k, np.flatnonzero(known), check)
+        image = filled(total / (k + 1), known)
         now = time.perf_counter()
         ended = passes.ended(image, k + 1)
         yield RefinedPicture(image, k + 1, now - begin, ended, ready.effects, ready.notes, scene.camera, settings)
         begin = time.perf_counter()
+
+
+def chessboard(shape: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
+    """Every other pixel, in turn."""
+    y, x = np.indices(shape)
+    return (x + y) % 2 == 0
+
+
+def filled(image: Float[np.ndarray, "H W 4"], known: Bool[np.ndarray, "H W"]) -> Float[np.ndarray, "H W 4"]:
+    """A picture whose other pixels are means of the known ones beside them, 0 where there are none."""
+    if known.all():
+        return image
+    given = np.pad(
+        np.concatenate([image, np.ones_like(image[..., :1])], axis=2) * known[..., None], ((1, 1), (1, 1), (0, 0))
+    )
+    around = given[:-2, 1:-1] + given[2:, 1:-1] + given[1:-1, :-2] + given[1:-1, 2:]
+    return np.where(known[..., None], image, around[..., :4] / np.maximum(around[..., 4:], 1))

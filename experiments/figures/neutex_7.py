@@ -1,7 +1,7 @@
-"""NeuTex, figure 7: the surface that a noisy cloud taught, and the same after it: python -m experiments.figures.neutex_7 RUN
+"""NeuTex, figure 7: the surface that a noisy cloud taught, and the last one: python -m experiments.figures.neutex_7 RUN PHOTOS
 
-RUN is of experiments/atlas_cloud_first.py, on a capture with much noise. Surfaces are F_uv⁻¹ of a sphere's points, lit from the
-camera; the cloud is seen from there.
+RUN is of experiments/atlas_cloud_first.py, to its end, on PHOTOS whose cloud has much noise. Surfaces are F_uv⁻¹ of a sphere's
+points, lit from the camera; the cloud is seen from there.
 """
 
 import argparse

@@ -15,6 +15,7 @@ from mesoshell.film.wind import SPEED, add_wind, ground_of, gusts, wind_lean
 from mesoshell.geometry.mesh import check_mesh, load_mesh
 from mesoshell.io.bundle import Bundle, Parameter
 from mesoshell.scene.materials import Material
+from tests.helpers import growing
 
 GRID = np.array([[0.0, 0, 0], [3, 0, 0], [3, 0, -3], [0, 0, -3]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -79,9 +80,8 @@ def test_every_pixel_of_a_mesh_of_charts_has_ground():
 
 def scene(bundle: Bundle, names: tuple[str, ...]) -> ms.Scene:
     parameters = tuple(Parameter(name, "beta", (0.0, 1.0), 0.5, "1", name) for name in names)
-    return ms.Scene(
-        FIELD, Material("pile", replace(bundle, parameters=(*bundle.parameters, *parameters))), params={"dryness": 0.1}
-    )
+    made = replace(bundle, parameters=(*bundle.parameters, *parameters), generator=growing.bundle().generator)
+    return ms.Scene(FIELD, Material("pile", made), params={"dryness": 0.1})
 
 
 def test_wind_changes_lean_alone(tiny_bundle: Bundle):
@@ -111,6 +111,10 @@ def test_wind_blows_over_all_that_leans(tiny_bundle: Bundle):
     assert np.ptp(other[:, half:]) > 0.05
     alone = add_wind(Motion(3, lambda k: {}), replace(stiff, also=[rug]), EAST, 0.4, 12.0)
     assert set(alone.change(0)["also"]) == {0} and set(alone.shape) == {1} and "params" not in alone.change(0)
+    combed = ms.Grown(FIELD, leaning.material, params={"lean": 0.2})
+    assert set(add_wind(Motion(1, lambda k: {}), replace(leaning, also=[combed]), EAST, 0.4, 12.0).shape) == {0}
+    baked = ms.Grown(FIELD, Material("baked", replace(leaning.material.shell, generator=None)))
+    assert set(add_wind(Motion(1, lambda k: {}), replace(leaning, also=[baked]), EAST, 0.4, 12.0).shape) == {0}
     with pytest.raises(InputError, match=r"^wind: sets pile:lean, which is given too"):
         add_wind(Motion(1, lambda k: {}), replace(stiff, also=[replace(rug, params={"lean": 0.2})]), EAST, 0.4, 12.0)
 

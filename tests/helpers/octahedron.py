@@ -23,10 +23,11 @@ def octahedron(config: FieldConfig = CONFIG) -> Field:
     ways = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
     first, second = np.zeros((9, 16), np.float32), np.zeros((16, 16), np.float32)
     first[:3, :6], second[:6, :6] = ways, np.eye(6)
-    last = np.zeros((16, 1), np.float32)
-    last[:6] = -10
+    bias = jnp.zeros_like(made.sigma.last.bias).at[0].set(6.0)
+    last = np.zeros((16, len(bias)), np.float32)
+    last[:6, 0] = -10
     hidden = [Dense(jnp.asarray(k), jnp.zeros(16)) for k in (first, second)]
-    made = made._replace(sigma=made.sigma._replace(hidden=hidden, last=Dense(jnp.asarray(last), jnp.full(1, 6.0))))
+    made = made._replace(sigma=made.sigma._replace(hidden=hidden, last=Dense(jnp.asarray(last), bias)))
     if config.colour != "texture":
         return made
     return made._replace(

@@ -16,6 +16,7 @@ from mesoshell.io.archive import read_arrays, write_arrays
 from mesoshell.io.image import srgb_to_linear, write_png
 from mesoshell.io.mesh_export import write_textured_mesh
 from mesoshell.nets.mlp import Dense
+from mesoshell.neutex import render as rendering
 from mesoshell.neutex.cameras import photo_rays, pixels
 from mesoshell.neutex.edit import paint_of, read_edit, texture_image
 from mesoshell.neutex.field import (
@@ -86,6 +87,23 @@ def test_skipping_misses_no_more_than_it_says(field) -> None:
     assert not bool(occupied.all())
     found = picture(CONFIG, field, PHOTO, View(fine, occupied)).rgba[..., 3]
     assert (exact - found).max() <= 1 - np.exp(-skip) + 0.01
+
+
+@pytest.mark.parametrize("lit", [False, True])
+def test_rays_that_meet_nothing_are_not_marched(lit: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of a picture that shows nothing; half of one whose other half is not occupied."""
+    config = replace(CONFIG, colour="reflectance", flash=1.0) if lit else CONFIG
+    made, counted = octahedron(config), []
+    tiles = rendering._tiles
+    monkeypatch.setattr(rendering, "_tiles", lambda *given: counted.append(int(given[-1])) or tiles(*given))
+    light = Lighting((Distant(np.array([0.0, 0, 1]), np.ones(3)),), None) if lit else None
+    empty = jnp.zeros((CELLS,) * 3, bool)
+    found = picture(config, made, PHOTO, View(EXACT, empty, None, light))
+    assert not found.rgba.any() and not found.depth.any() and sum(counted) == 0
+    counted.clear()
+    half = FULL.at[:, : CELLS // 2].set(False)
+    found = picture(config, made, PHOTO, View(EXACT, half, None, light))
+    assert found.rgba[..., 3].max() > 0.5 and 0 < counted[0] < 0.9 * PHOTO.width * PHOTO.height
 
 
 def test_nothing_is_skipped_unless_it_may_be(field) -> None:

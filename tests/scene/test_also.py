@@ -1,7 +1,9 @@
 """Several materials in one scene: each mesh shows its own, in both engines, and faults say of which they are."""
 
 import json
+import shlex
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -222,6 +224,57 @@ def test_options_name_them(tiny_bundle: Bundle, tmp_path: Path):
         assert text in words
 
 
+def test_names_are_of_one_thing_each():
+    """A stem that names something else too is no name; a node that is called as a material is not set apart."""
+    options = Options(
+        Path("room.glb"),
+        grow=("Rug=carpet", "fur=carpet", "Mat=carpet", "Hill=turf"),
+        object=(Path("a/leaf.obj=fur"), Path("b/leaf.obj=fur"), Path("Hill.obj=pelt"), Path("turf.obj=pelt")),
+        param=("fur:length=0.4", "b/leaf.obj:length=0.2", "fur:growth=g.png", "a/leaf.obj:growth=none", "Hill:age=0.7"),
+    )
+    group, hill, a, b, over, stem = grown_of(options, ms.load_material("grass")).also
+    assert (group.called, group.grow, hill.called, hill.params) == (
+        "carpet",
+        ("Rug", "fur", "Mat"),
+        "Hill",
+        {"age": "0.7"},
+    )
+    assert [x.called for x in (a, b, over, stem)] == ["a/leaf.obj", "b/leaf.obj", "Hill.obj", "turf.obj"]
+    assert (a.params, b.params, over.params) == ({"length": "0.4"}, {"length": "0.2"}, {})
+    assert (a.growth, b.growth) == (None, "g.png")
+    with pytest.raises(InputError, match=r"leaf:length: leaf is not among the further materials: these are"):
+        grown_of(replace(options, param=("leaf:length=0.2",)), ms.load_material("grass"))
+
+
+@pytest.mark.parametrize("mown", [False, True])
+def test_a_command_names_the_same_scene(mown: bool):
+    """What the viewer says is read back as what it was said of: no value is another mesh's too."""
+    options = Options(
+        Path("room.glb"),
+        grow=("Rug=carpet", "Mat=carpet", "Cat=carpet"),
+        object=(Path("far/a.obj=fur"), Path("b.obj=fur")),
+        param=(
+            "Cat:lean=0.2",
+            "a:length=0.3",
+            "b:seed=4",
+            *(("carpet:growth=g.png", "Cat:growth=none") if mown else ()),
+        ),
+    )
+    also = grown_of(options, ms.load_material("grass")).also
+    scene = ms.Scene("room.glb", ms.load_material("grass"), also=also, camera=ms.Camera(np.eye(4), 0.7, 8, 8), up="y")
+    look = first_look(
+        replace(scene, also=[replace(x, params={k: float(str(v)) for k, v in x.params.items()}) for x in also])
+    )
+    words = shlex.split(command(scene, scene, look, "jax", 4))
+    read: Any = {name: tuple(b for a, b in pairwise(words) if a == f"--{name}") for name in ("grow", "object", "param")}
+    read["object"] = tuple(map(Path, read["object"]))
+    again = grown_of(replace(options, **read), ms.load_material("grass")).also
+    for one, other in zip(also, again, strict=True):
+        assert (one.called, one.grow, one.mesh, one.growth) == (other.called, other.grow, other.mesh, other.growth)
+        assert all(float(str(other.params[k])) == float(str(x)) for k, x in one.params.items())
+        assert (one.seed or 0) == (other.seed or 0)
+
+
 def test_each_mesh_of_a_material_has_values_of_its_own():
     """A node's or a file's count more than its material's, wherever they stand."""
     options = Options(
@@ -239,7 +292,7 @@ def test_each_mesh_of_a_material_has_values_of_its_own():
     )
     mats, rug, cat, a, b = grown_of(options, ms.load_material("grass")).also
     assert [x.grow for x in (mats, rug, cat)] == [("Mat",), ("Rug",), ("ns:Cat",)]
-    assert [x.called for x in (mats, rug, cat, a, b)] == ["carpet", "Rug", "ns:Cat", "a", "b"]
+    assert [x.called for x in (mats, rug, cat, a, b)] == ["Mat", "Rug", "ns:Cat", "a", "b"]
     assert [x.params for x in (mats, rug, cat)] == [{"lean": "0.1"}, {"lean": "0.3"}, {"lean": "0.1"}] and cat.seed == 2
     assert (a.params, b.params) == ({"length": "0.2"}, {"length": "0.4"}) and a.thickness == b.thickness == 0.1
 

@@ -166,7 +166,6 @@ class Asked:
 
 
 def drag(page: Page, *places: tuple[float, float]) -> None:
-    assert page._brushes[0] is not None
     page._brushes[0].prepare()
     phases = ["start", *["update"] * (len(places) - 2), "end"]
     for phase, place in zip(phases, places, strict=True):
@@ -175,7 +174,6 @@ def drag(page: Page, *places: tuple[float, float]) -> None:
 
 @pytest.fixture
 def brush(page: Page) -> Iterator[Any]:
-    assert page._brushes[0] is not None
     yield page._brushes[0]
     for _ in range(4):
         page._brushes[0]._undo(None)
@@ -469,10 +467,10 @@ def test_each_material_of_a_scene_has_sliders_and_a_brush(tiny_bundle: Bundle, m
             client=SimpleNamespace(send_file_download=lambda name, data, **how: sent.update({name: data}))
         )
         brush._download(event)
-        assert list(sent) == ["stone_dryness.exr"]
+        assert list(sent) == ["far_stone_dryness.exr"]
         shown = scene_of_look(page.work.begun, page.work.still, page.work.look, near, False)
         assert isinstance(shown.also[0].params["dryness"], np.ndarray) and shown.params == {"dryness": 0.3}
-        assert "far/stone:dryness=stone_dryness.exr" in command(page.work.given, shown, page.work.look, "jax", 1)
+        assert "far/stone:dryness=far_stone_dryness.exr" in command(page.work.given, shown, page.work.look, "jax", 1)
     finally:
         page.close()
 

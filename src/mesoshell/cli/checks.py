@@ -1,7 +1,7 @@
 """Checks of options, before any work is done."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,14 @@ def requires(options: Any, other: str, *names: str) -> None:
     for name in names:
         if not getattr(options, other) and getattr(options, name) != defaults[name]:
             raise InputError(Argument(name), f"requires --{other}")
+
+
+def first_given(options: Any, among: Collection[str]) -> tuple[str, str] | None:
+    """The name of the first of some options that is not as by default, and the option; None if all are."""
+    for field in fields(options):
+        if field.name in among and getattr(options, field.name) != field.default:
+            return field.name, f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}"
+    return None
 
 
 def ends_in(path: Path, *suffixes: str) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import fields
 from pathlib import Path
 
-from mesoshell.cli.checks import pairs_of
+from mesoshell.cli.checks import first_given, pairs_of
 from mesoshell.cli.grown import grown_of
 from mesoshell.cli.scene_options import SceneOptions
 from mesoshell.errors import InputError
@@ -37,10 +37,10 @@ def prepare_with_bar(
         return prepare(scene_of(options, load_material(options.material)), quality, options.engine, progress)
     if options.engine != "mitsuba":
         raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
-    for field in (field for field in fields(SceneOptions) if field.name not in OF_XML):
-        if getattr(options, field.name) != field.default:
-            fault = NOT_OF_XML.get(field.name, f"is set in {options.mesh}")
-            raise InputError(f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}", fault)
+    given = first_given(options, {field.name for field in fields(SceneOptions)} - set(OF_XML))
+    if given is not None:
+        name, option = given
+        raise InputError(option, NOT_OF_XML.get(name, f"is set in {options.mesh}"))
     from mesoshell.scene.render_paths import prepare_file
 
     size, names = options.size, pairs_of("--param", options.param)

@@ -1,9 +1,11 @@
 """Further materials of a scene, by the options that name them: NODE=MATERIAL, FILE=MATERIAL and WHAT:NAME=VALUE.
 
-WHAT is a material, for all meshes that have it; or a node, or the stem of a file, for that one alone.
+WHAT is a material, for all meshes that have it; or a node, or a file by its stem, for that one alone. A file whose stem names
+something else too is WHAT as it was given; several nodes of one material are one mesh, unless WHAT is one of them.
 """
 
 import os
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +17,8 @@ from mesoshell.errors import InputError
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.scene import Grown
 
+#: In the place of an image of growth: as high everywhere.
+EVEN = "none"
 #: What `--param WHAT:NAME=VALUE` sets beside parameters, and its kind.
 PROPORTIONS = {"thickness": float, "scale": float, "seed": int, "growth": str}
 
@@ -46,19 +50,21 @@ def grown_of(options: SceneOptions, material: Material) -> Named:
             bare.append(path)
         else:
             files.append((Path(file), name))
-    names = [
-        *nodes,
-        *(x for some in nodes.values() for x in some),
-        *(x for file, name in files for x in (name, file.stem)),
-    ]
-    params, given = _split(options, dict.fromkeys(names))
+    materials = dict.fromkeys([*nodes, *(name for _, name in files)])
+    known = [node for some in nodes.values() for node in some if node not in materials]
+    stems = Counter([*materials, *known, *(file.stem for file, _ in files)])
+    called = [file.stem if stems[file.stem] == 1 else str(file) for file, _ in files]
+    params, given = _split(options, dict.fromkeys([*materials, *known, *called]))
     also = []
     for name, some in nodes.items():
-        apart = [node for node in some if node in given and node != name]  # with values of their own
-        if together := tuple(node for node in some if node not in apart):
-            also.append(_grown(None, loaded[name], given, grow=together))
+        apart = [node for node in some if node in known and node in given]  # with values of their own
+        together = tuple(node for node in some if node not in apart)
+        if together:
+            alone = together[0] if len(together) == 1 and together[0] in known else None
+            also.append(_grown(None, loaded[name], given, grow=together, name=alone))
         also += [_grown(None, loaded[name], given, grow=(node,), name=node) for node in apart]
-    also += [_grown(file, loaded[name], given, name=file.stem) for file, name in files]
+    for (file, name), of in zip(files, called, strict=True):
+        also.append(_grown(file, loaded[name], given, name=of))
     return Named(tuple(own), tuple(bare), params, tuple(also))
 
 
@@ -99,7 +105,9 @@ def _split(options: SceneOptions, names: dict[str, None]) -> tuple[dict[str, str
             continue
         fields = given.setdefault(name, {"params": {}})
         for key, value in pairs_of("--param", [text[len(name) + 1 :]]).items():
-            if key in PROPORTIONS:
+            if (key, value) == ("growth", EVEN):
+                fields[key] = None
+            elif key in PROPORTIONS:
                 fields[key] = _number(f"{name}:{key}", value, PROPORTIONS[key])
             else:
                 fields["params"][key] = value

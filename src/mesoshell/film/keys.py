@@ -13,7 +13,7 @@ Between keys a track is a monotone cubic (Fritsch and Carlson 1980): smooth, and
 parameter stays in its range. The film ends with the last key.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -79,28 +79,19 @@ def follow(keys: Keys, scene: Scene) -> Motion:
     return Motion(count, change, shape)
 
 
-def _by_part(scene: Scene, names: Iterable[str]) -> dict[int, dict[str, str]]:
+def _by_part(scene: Scene, names: Collection[str]) -> dict[int, dict[str, str]]:
     """Which of the keys' names gives which of a material's own, by material: 0 is the scene's, 1 and on are those of `also`.
     Raises InputError for a name that no material has."""
-    found: dict[int, dict[str, str]] = {}
-    for alike in (
-        lambda part: part.material.name,
-        lambda part: part.called,
-    ):  # the second is what counts where both are given
-        for name in names:
-            of, _, own = name.rpartition(":")
-            if not of:
-                found.setdefault(0, {})[own] = name
-            for k, part in enumerate(scene.also, 1):
-                if of and alike(part) == of:
-                    found.setdefault(k, {})[own] = name
+    found, aliases = {}, [("",), *((part.material.name, part.called) for part in scene.also)]  # the last counts
+    for k, some in enumerate(aliases):
+        given = {name.rpartition(":")[2]: name for alias in some for name in names if name.rpartition(":")[0] == alias}
+        if given:
+            found[k] = given
     for name in names:
         of = name.rpartition(":")[0]
-        if of and not any(of in (part.called, part.material.name) for part in scene.also):
-            called = ", ".join(dict.fromkeys(part.called for part in scene.also))
-            raise InputError(
-                Argument("keys"), f"{name}: {of} is not among the further materials: " + (called or "there is none")
-            )
+        if not any(of in some for some in aliases):
+            called = ", ".join(dict.fromkeys(part.called for part in scene.also)) or "there is none"
+            raise InputError(Argument("keys"), f"{name}: {of} is not among the further materials: {called}")
     return found
 
 
@@ -128,7 +119,7 @@ def _check_params(scene: Scene, keys: Keys, names: Mapping[int, Mapping[str, str
             except InputError as fault:
                 of = f"{scene.also[k - 1].called}: " if k else ""
                 raise InputError(Argument("keys"), of + fault.fault) from fault
-        fixed = [name for name in given if _is_geometry(parts[k], name) and bundle.generator is None]
+        fixed = [given[own] for own in given if _is_geometry(parts[k], own) and bundle.generator is None]
         if fixed:
             raise InputError(
                 Argument("keys"), f"{fixed[0]} is baked into {parts[k].material.name}, which has no generator"

@@ -28,7 +28,7 @@ from mesoshell.film.motion import orbit as around
 from mesoshell.film.mp4 import check_mp4, write_mp4
 from mesoshell.film.wind import add_wind
 from mesoshell.io.atomic import probe_folder, replace_file
-from mesoshell.io.image import linear_to_srgb, read_picture
+from mesoshell.io.image import read_picture, srgb_codes
 from mesoshell.io.records import read_object
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import Quality
@@ -201,7 +201,7 @@ def plan_motion(
 
 def _bytes(path: Path) -> UInt8[np.ndarray, "H W 3"]:
     """A frame over white, sRGB."""
-    return np.round(255 * linear_to_srgb(on_white(path))).astype(np.uint8)
+    return srgb_codes(on_white(path))
 
 
 def _camera(still: Scene) -> Camera:

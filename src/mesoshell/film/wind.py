@@ -24,6 +24,7 @@ from scipy.ndimage import distance_transform_edt
 from mesoshell.errors import Argument, InputError
 from mesoshell.film.motion import Motion
 from mesoshell.geometry.mesh import Mesh
+from mesoshell.io.surface import KIND
 from mesoshell.scene.growth import meshes_of
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.scene import Grown, Scene
@@ -60,12 +61,13 @@ def add_wind(motion: Motion, scene: Scene, toward: Float[np.ndarray, "3"], stren
         names = dict.fromkeys(part.material.name for part in (scene, *scene.also))
         raise InputError(Argument("wind"), f"{' and '.join(names)} has no lean that wind could change (carpet has)")
     first = motion.change(0)
-    for k, part in parts.items():
-        given = sorted({LEAN, ANGLE} & {*part.params, *_own(first, k).get("params", {})})
-        if given:
-            name = given[0] if k == 0 else f"{scene.also[k - 1].called}:{given[0]}"
-            raise InputError(Argument("wind"), f"sets {name}, which is given too: leave one out")
-    grounds = {k: ground_of(mesh_of(part.mesh)) for k, part in parts.items() if part.mesh is not None}
+    given = {k: sorted({LEAN, ANGLE} & {*part.params, *_own(first, k).get("params", {})}) for k, part in parts.items()}
+    free = [k for k in parts if not given[k]]
+    if given.get(0) or not free:  # further ones that are combed stay so
+        k = next(k for k in parts if given[k])
+        name = given[k][0] if k == 0 else f"{scene.also[k - 1].called}:{given[k][0]}"
+        raise InputError(Argument("wind"), f"sets {name}, which is given too: leave one out")
+    grounds = {k: ground_of(mesh_of(part.mesh)) for k in free if (part := parts[k]).mesh is not None}
     size = float(np.linalg.norm(np.ptp(box_of(meshes_of(scene)).astype(np.float64), axis=0)))
 
     def change(k: int) -> dict[str, Any]:
@@ -81,6 +83,9 @@ def add_wind(motion: Motion, scene: Scene, toward: Float[np.ndarray, "3"], stren
 
 
 def _leans(part: Scene | Grown) -> bool:
+    """Whether its texture can be grown with another lean."""
+    if part.material.kind == KIND or part.material.shell.generator is None:
+        return False
     return {LEAN, ANGLE} <= {name for name, p in part.material.parameters.items() if p.role == "beta"}
 
 

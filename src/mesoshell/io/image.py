@@ -14,7 +14,7 @@ import io
 from os import PathLike
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, UInt8
 
 from mesoshell.contained import silent
 from mesoshell.errors import InputError
@@ -158,6 +158,11 @@ def png_bytes(image: Float[np.ndarray, "H W C"], source: str | PathLike[str] = "
     stream = io.BytesIO()
     Image.fromarray((values * 255 + 0.5).astype(np.uint8)).save(stream, format="PNG")
     return stream.getvalue()
+
+
+def srgb_codes(x: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
+    """What a screen is sent for linear values."""
+    return np.round(255 * linear_to_srgb(np.clip(x, 0, 1))).astype(np.uint8)
 
 
 def linear_to_srgb(x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from mesoshell.render.camera import centred, in_pixel, look_at
+from mesoshell.render.camera import Camera, centred, in_pixel, look_at
 
 
 class Photo(NamedTuple):
@@ -72,15 +72,27 @@ def orbit(
     return look_at(tuple(eye), tuple(centre), tuple(up))
 
 
+def up_of(photos: Sequence[Photo]) -> Float[np.ndarray, "3"] | None:
+    """The mean of the photographs' upward directions; None if there is no such direction."""
+    up = np.mean([p.to_world[:3, 1] for p in photos], axis=0)
+    length = np.linalg.norm(up)
+    return up / length if length > 1e-3 else None
+
+
+def photo_of(camera: Camera) -> Photo:
+    """A camera as a photograph's."""
+    f = 1 / camera.spread
+    return Photo(camera.to_world, (f, f, camera.width / 2, camera.height / 2), camera.width, camera.height)
+
+
 def around(photos: Sequence[Photo], centre: Float[np.ndarray, "3"], frames: int, size: tuple[int, int]) -> list[Photo]:
     """Cameras on a circle about the mean of the photographs' upward directions, at their median height and distance, with the
     first one's angle of view across its shorter side. size: width and height. Raises ValueError if there is no such
     direction."""
     worlds = np.stack([p.to_world for p in photos])
-    up = worlds[:, :3, 1].mean(axis=0)
-    if not np.linalg.norm(up) > 1e-3:
+    up = up_of(photos)
+    if up is None:
         raise ValueError("the photographs have no common upward direction to go around")
-    up /= np.linalg.norm(up)
     arms = worlds[:, :3, 3] - centre
     far, high = np.median(np.linalg.norm(arms, axis=1)), np.median(arms @ up / np.linalg.norm(arms, axis=1))
     sides = arms - np.outer(arms @ up, up)

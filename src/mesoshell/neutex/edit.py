@@ -28,7 +28,7 @@ from mesoshell.io.image import read_picture
 from mesoshell.nets.batches import run
 from mesoshell.neutex.brdf import MIN_ROUGHNESS
 from mesoshell.neutex.field import Field, FieldConfig, lobes, texture, to_surface, view_reflectance
-from mesoshell.neutex.layout import LAYOUTS, Layout, directions, shape, side_of
+from mesoshell.neutex.layout import LAYOUTS, Layout, checkerboard, directions, shape, side_of
 from mesoshell.neutex.render import Paint
 from mesoshell.neutex.store import NeuTexModel
 from mesoshell.numerics import normalise
@@ -40,6 +40,8 @@ VIEWS = 32
 BEFORE = 0.1
 #: Least texture value as a divisor.
 DARKEST = 1e-4
+#: Of the checkerboard: squares along a face's side, and pixels.
+SQUARES, BOARD = 6, 192
 
 
 def texture_image(
@@ -82,16 +84,25 @@ def _surface(field: Field, u):
     return y, normalise(jnp.cross(along, across))
 
 
+def board_paint() -> Paint:
+    """A checkerboard that replaces the object's colours."""
+    board = checkerboard("cubemap", BOARD, SQUARES)
+    return Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
+
+
 def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.ndarray, "h w c"]]:
     """Read an image, and its layout: the given one, or the only one with its proportions. Raises InputError."""
     image = read_picture(path)
+    return checked_edit(image, layout, path), image
+
+
+def checked_edit(image: NumPyFloat[np.ndarray, "h w c"], layout: Layout | None, source: str | Path) -> Layout:
+    """The layout of an image that edits: the given one, or the only one with its proportions. Raises InputError about the
+    source."""
     if not np.isfinite(image).all():
-        raise InputError(path, "has pixels that are not finite")
-    return layout_of(image, layout, path), image
-
-
-def layout_of(image: NumPyFloat[np.ndarray, "h w c"], layout: Layout | None, source: str | Path) -> Layout:
-    """The given layout, or the only one with the image's proportions. Raises InputError, which names the source."""
+        raise InputError(source, "has pixels that are not finite")
+    if image.shape[2] == 4 and not (image[..., 3].min() >= 0 and image[..., 3].max() <= 1 + 1e-3):
+        raise InputError(source, "has coverage (alpha) outside of 0 to 1")
     h, w = image.shape[:2]
     layouts: tuple[Layout, ...] = LAYOUTS if layout is None else (layout,)
     fit: list[Layout] = [name for name in layouts if side_of(name, h, w)]

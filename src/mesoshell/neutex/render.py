@@ -5,7 +5,7 @@ samples     of a ray: `Quality.samples`, in whole CHUNKs, at the middles of equa
 occupied    cells where σ reaches Quality.skip over the box's diagonal at one of PROBES³ points in each, with their neighbours:
             no sample lies elsewhere, and a ray loses at most `skip` of optical depth, by these points
 early_stop  samples are taken CHUNK at a time, until no ray of a tile has more than this transmittance
-tile        TILE rays that meet an occupied cell; others see nothing, and cost nothing
+tile        TILE rays that meet an occupied cell; others are not marched
 """
 
 from functools import partial
@@ -114,13 +114,13 @@ def picture(config: FieldConfig, field: Field, photo: Photo, how: View) -> Pictu
     """Render from a camera in the box's units. Each light other than the flash is attenuated on its way to the mean depth of a
     ray."""
     n = how.quality.pixel_samples
-    each = (trace(config, field, photo, how, pixels(photo, n, k), centred(n, k)) for k in range(n))
+    each = (march_pixels(config, field, photo, how, pixels(photo, n, k), centred(n, k)) for k in range(n))
     means = np.mean(list(each), axis=0)
     size = photo.height, photo.width
     return Picture(means[:, :4].reshape(*size, 4), means[:, 4].reshape(size))
 
 
-def trace(
+def march_pixels(
     config: FieldConfig,
     field: Field,
     photo: Photo,
@@ -128,7 +128,7 @@ def trace(
     xy: NumPyFloat[np.ndarray, "R 2"],
     steps: float,
 ) -> NumPyFloat[np.ndarray, "R 5"]:
-    """RGBA and depth of a ray through each image point. steps: of the sequence that draws directions of light."""
+    """RGBA and depth of a ray through each image point. steps: place in the sequence that draws directions of light."""
     quality, paint = how.quality, how.paint
     o, d = (x.astype(np.float32) for x in photo_rays(photo, xy))
     form = StaticConfig(config, -(-quality.samples // CHUNK) * CHUNK, paint and paint.layout, True)

@@ -24,6 +24,8 @@ from mesoshell.neutex.field import Field, FieldConfig, init_field
 from mesoshell.render.quality import PRESETS, Quality
 
 SCHEMA = 1
+#: Samples a ray.
+MAX_SAMPLES = 65536
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class NeuTexModel:
     def quality(self, preset: str) -> Quality:
         """A preset with as many samples a ray as the object was learned with; `reference` has no fewer than its own."""
         quality = PRESETS[preset]
-        learned = int(self.provenance.get("config", {}).get("samples", quality.samples))
+        learned = self.provenance.get("config", {}).get("samples", quality.samples)
         return quality.with_changes(samples=max(learned, quality.samples) if preset == "reference" else learned)
 
     def to_box(self, photo: Photo) -> Photo:
@@ -85,6 +87,11 @@ def read_neutex(path: Path) -> NeuTexModel:
         tested, provenance = tuple(map(int, about["tested"])), dict(about["provenance"])
         if not (np.isfinite(centre).all() and 0 < half < np.inf and all(0 <= i < len(photos) for i in tested)):
             raise ValueError(f"its box is about {centre} with half a side of {half}, its held views are {tested}")
+        if not photos or not all(map(_is_camera, photos)):
+            raise ValueError("it has no photograph, or one whose camera is none")
+        samples = provenance.get("config", {}).get("samples", 1)
+        if not (isinstance(samples, int) and 1 <= samples <= MAX_SAMPLES):
+            raise ValueError(f"it was learned with {samples!r} samples a ray")
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, ZeroDivisionError) as error:
@@ -113,6 +120,12 @@ def _named(field: Field) -> dict[str, Any]:
 def _config(entries: dict[str, Any]) -> FieldConfig:
     lists = {k: tuple(x) if isinstance(x, list) else x for k, x in entries.items()}
     return FieldConfig(**{**lists, "hash": HashConfig(**entries["hash"])})
+
+
+def _is_camera(photo: Photo) -> bool:
+    fx, fy = photo.lens[:2]
+    known = np.isfinite(photo.to_world).all() and np.isfinite(photo.lens).all()
+    return bool(known and min(fx, fy) > 0 and min(photo.width, photo.height) > 0)
 
 
 def _photo(entries: dict[str, Any]) -> Photo:

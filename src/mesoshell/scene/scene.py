@@ -53,6 +53,8 @@ class Grown:
             raise InputError(
                 Argument("also"), f"{self.material.name} is a surface material: only shells grow beside others"
             )
+        if self.name is not None and not (isinstance(self.name, str) and self.name):
+            raise InputError(Argument("also"), f"name must be a text that is not empty, not {self.name!r}")
         if isinstance(self.grow, str):
             raise InputError(Argument("grow"), f"must be a list of names, not {self.grow!r}")
         if (self.mesh is None) is (not self.grow):

@@ -102,9 +102,9 @@ def check_shell(scene: Scene) -> tuple[str, ...]:
 
 
 def _of_all(scene: Scene, notes: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """Notes of the scene's own growth, and of others, with their materials' names."""
+    """Notes of the scene's own growth, and of others, with their names."""
     own, *rest = notes
-    return *own, *(f"{part.material.name}: {x}" for part, some in zip(scene.also, rest, strict=True) for x in some)
+    return *own, *(f"{part.called}: {x}" for part, some in zip(scene.also, rest, strict=True) for x in some)
 
 
 def describe_surface(scene: Scene) -> SurfaceDescription:

@@ -49,7 +49,8 @@ def examine(
     d, lamps = with_distant_lamps(d, [x.mesh for x in d.growths])
     grown = [scene, *scene.also]
     each = [thickness_and_scale(one, x.mesh)[0] for one, x in zip(grown, d.growths, strict=True)]
-    names = [f"{one.material.name}: " if len(grown) > 1 else "" for one in grown]
+    called = [scene.material.name, *(one.called for one in scene.also)]
+    names = [f"{name}: " if len(grown) > 1 else "" for name in called]
     made = marched_scene(replace(d, camera=_smaller(d.camera)))
     rng = np.random.default_rng(0)
     kept = [_lengths(x) / own for x, own in zip(d.growths, each, strict=True)]

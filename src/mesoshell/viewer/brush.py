@@ -5,6 +5,7 @@ texture.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ class Brush(Strokes):
         self._parameters: Mapping[str, Parameter] = {
             name: p for name, p in self._begun.material.parameters.items() if name in self._look.params
         } | {GROWTH: HEIGHT}
-        super().__init__(server, f"/brush{part}", self._parameters, changed)
+        super().__init__(server, f"/brush{part}", self._parameters, changed, partial(work.say, f"brush{part}"))
         gui = server.gui
         with gui.add_folder(title, expand_by_default=False):
             names = tuple(self._parameters)
@@ -83,7 +84,7 @@ class Brush(Strokes):
         if is_angle(parameter) and self._along.value:
             return None if way is None else canvas.comb(image, hit, radius, way)
         low, high = parameter.range
-        return canvas.dab(image, hit, radius, (self._value.value - low) / (high - low))
+        return np.clip(canvas.dab(image, hit, radius, (self._value.value - low) / (high - low)), 0, 1)
 
     def _begun_image(self, canvas: Canvas, name: str) -> np.ndarray:
         """The parameter's number everywhere."""

@@ -1,7 +1,7 @@
 """Paint onto a mesh: dabs of a brush on the surface become an image: grey, as `--param NAME=IMAGE` takes it, or with channels.
 
 Notation
-H, W        texels of the image over the UV square; row 0 has v = 1; from 0 to 1
+H, W        texels of the image over the UV square; row 0 has v = 1
 S           sample points of the surface: where they lie, and in which texel. A texel without any is as the nearest that has one
 E, U        edges of a face from its first corner, (3, 2) in the world and (2, 2) in UV; a direction d along the face has
             the components U E⁺ d along u and v
@@ -114,7 +114,7 @@ class Canvas:
         """The image with one dab of a value, of as many numbers as it has channels."""
         texels, _, weight = self._near(at, radius)
         values = np.broadcast_to(np.asarray(value, np.float64), (len(texels), *image.shape[2:]))
-        return np.clip(self._mixed(image, texels, weight, values), 0, 1)
+        return self._mixed(image, texels, weight, values)
 
     def comb(
         self, image: Float[np.ndarray, "H W"], at: Hit, radius: float, way: Float[np.ndarray, "3"]

@@ -16,11 +16,11 @@ from jaxtyping import Float
 
 from mesoshell.geometry.mesh import Mesh, check_mesh
 from mesoshell.neutex import render as rendering
-from mesoshell.neutex.cameras import Photo, pixels
-from mesoshell.neutex.edit import paint_over, texture_image
-from mesoshell.neutex.layout import checkerboard, shape
+from mesoshell.neutex.cameras import photo_of, pixels, up_of
+from mesoshell.neutex.edit import board_paint, paint_over, texture_image
+from mesoshell.neutex.layout import shape
 from mesoshell.neutex.mesh import extract_mesh
-from mesoshell.neutex.render import Lighting, Paint, occupancy, trace
+from mesoshell.neutex.render import Lighting, march_pixels, occupancy
 from mesoshell.neutex.store import NeuTexModel
 from mesoshell.render.camera import Camera, in_pixel, outward
 from mesoshell.render.quality import Quality
@@ -60,11 +60,15 @@ class ObjectPicture(NamedTuple):
 
 
 class CapturedObject:
-    """An object, with what its pictures share."""
+    """An object, with what its pictures share. prepare: make what a page would wait for."""
 
     def __init__(self, model: NeuTexModel):
         self.model = model
         self._occupied: dict[float, Any] = {}
+
+    def prepare(self) -> None:
+        if self.has_texture:
+            _ = self.texture
 
     @property
     def has_texture(self) -> bool:
@@ -89,15 +93,14 @@ class CapturedObject:
 
     @cached_property
     def up(self) -> Float[np.ndarray, "3"]:
-        up = np.mean([photo.to_world[:3, 1] for photo in self.model.photos], axis=0)
-        length = np.linalg.norm(up)
-        return up / length if length > 1e-3 else np.array([0.0, 1.0, 0.0])
+        up = up_of(self.model.photos)
+        return np.array([0.0, 1.0, 0.0]) if up is None else up
 
     def shown(self, look: ObjectLook) -> Float[np.ndarray, "h w 3"]:
         """The texture as it is shown."""
         if look.checker:
-            return checkerboard("cubemap", SIDE)
-        return self.texture if look.painted is None else painted_over(self.texture, look.painted)
+            return board_paint().image[..., :3]
+        return self.texture if look.painted is None else composite_over(self.texture, look.painted)
 
     def view(self, look: ObjectLook, quality: Quality) -> rendering.View:
         """How a look shows it."""
@@ -105,8 +108,7 @@ class CapturedObject:
             self._occupied[quality.skip] = occupancy(self.model.config, self.model.field, quality.skip)
         paint, lit = None, None
         if look.checker and self.has_texture:
-            board = checkerboard("cubemap", SIDE)
-            paint = Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
+            paint = board_paint()
         elif look.painted is not None:
             paint = paint_over(self.texture, "cubemap", look.painted.image)
         if look.sun is not None and self.is_lit:
@@ -121,6 +123,7 @@ class ObjectWorkshop(Views[ObjectPicture]):
     def __init__(self, model: NeuTexModel, show: Callable[[Any], None], say: Callable[[str], None]):
         super().__init__(show, say)
         self.look, self.object = ObjectLook(), CapturedObject(model)
+        self.object.prepare()
         self._start()
 
     def set(self, look: ObjectLook) -> None:
@@ -130,10 +133,10 @@ class ObjectWorkshop(Views[ObjectPicture]):
                 self.look = look
                 self._ask_all()
 
-    def set_object(self, model: NeuTexModel) -> None:
+    def set_object(self, captured: CapturedObject) -> None:
         """Show another object."""
         with self._changed:
-            self.object = CapturedObject(model)
+            self.object = captured
             self._ask_all()
 
     def _refined(self, view: View[ObjectPicture], stopped: Callable[[], bool]) -> Iterator[ObjectPicture]:
@@ -177,20 +180,14 @@ def _passes(
             if stopped():
                 raise Abandoned
             some = slice(first, first + RAYS)
-            total[some] += trace(model.config, model.field, boxed, how, place[some], outward(k))[:, :4]
+            total[some] += march_pixels(model.config, model.field, boxed, how, place[some], outward(k))[:, :4]
         now = time.perf_counter()
         image = (total / (k + 1)).reshape(photo.height, photo.width, 4)
         yield ObjectPicture(image, k + 1, quality.samples, now - begin)
         begin = time.perf_counter()
 
 
-def photo_of(camera: Camera) -> Photo:
-    """A camera as a photograph's."""
-    f = 1 / camera.spread
-    return Photo(camera.to_world, (f, f, camera.width / 2, camera.height / 2), camera.width, camera.height)
-
-
-def painted_over(texture: Float[np.ndarray, "h w 3"], painting: Painting) -> Float[np.ndarray, "h w 3"]:
+def composite_over(texture: Float[np.ndarray, "h w 3"], painting: Painting) -> Float[np.ndarray, "h w 3"]:
     """A texture beneath paint, linear."""
     return painting.image[..., :3] + (1 - painting.image[..., 3:]) * texture
 

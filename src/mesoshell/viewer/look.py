@@ -8,10 +8,10 @@ sun         azimuth and elevation of a light, degrees; azimuth from where the fi
 """
 
 import math
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -192,7 +192,9 @@ def toward_sun(
 ) -> tuple[float, float, float]:
     """Direction toward a sun, seen from a camera's side."""
     back = to_world[:3, 2] - (to_world[:3, 2] @ up) * up
-    back = back / np.linalg.norm(back) if np.linalg.norm(back) > 1e-9 else np.roll(up, 1)
+    if not np.linalg.norm(back) > 1e-9:  # it looks straight down
+        back = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    back = back / np.linalg.norm(back)
     azimuth, elevation = (math.radians(x) for x in sun)
     level = math.cos(azimuth) * back + math.sin(azimuth) * np.cross(up, back)
     x, y, z = math.cos(elevation) * level + math.sin(elevation) * up
@@ -220,22 +222,24 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     for name, value in fields.items():
         words += [f"--{name}", value]
     words += _option("base", *look.base_colour)
-    own = look.sun is None and look.sky is None
-    for light in given.lights if own else scene.lights:
+    as_given = look.sun is None and look.sky is None
+    for light in given.lights if as_given else scene.lights:
         assert not isinstance(light, Distant)
         words += _option("light", *light)
-    if not given.suns or (is_scene_file(given.mesh) and not own and not scene.lights):
+    if not given.suns or (is_scene_file(given.mesh) and not as_given and not scene.lights):
         words += ["--no-suns"]
     words += _option("irradiance", given.irradiance)
-    sky = look.sky.name if look.sky is not None else given.environment if own else None
+    sky = look.sky.name if look.sky is not None else given.environment if as_given else None
     if sky is not None:
         words += ["--environment", str(sky)]
     for name in given.grow:
         words += ["--grow", name]
     for mesh in given.objects:
         words += ["--object", str(mesh)]
+    mown = [x.growth is not None or GROWTH in own.painted for x, own in zip(given.also, look.also, strict=True)]
+    shared = {x.called for x, is_mown in zip(given.also, mown, strict=True) if is_mown}
     for one, shown, own in zip(given.also, scene.also, look.also, strict=True):
-        words += _further(one, shown, own)
+        words += _further(one, shown, own, one.material.name in shared)
     words += [
         "--up",
         scene.up or "y",
@@ -248,15 +252,15 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     return shlex.join(words)
 
 
-def _further(given: Grown, shown: Grown, look: PartLook) -> list[str]:
-    """A further material, with what is set of it."""
+def _further(given: Grown, shown: Grown, look: PartLook, mown: bool) -> list[str]:
+    """A further material, with what is set of it. mown: whether all that have the material are."""
     name, words = given.material.name, []
     for node in given.grow:
         words += ["--grow", f"{node}={name}"]
     if given.mesh is not None:
         words += ["--object", f"{given.mesh}={name}"]
     params, fields = _said(given, shown, look)
-    for key, value in {**params, **fields}.items():
+    for key, value in {**params, **({GROWTH: "none"} if mown else {}), **fields}.items():
         words += ["--param", f"{given.called}:{key}={value}"]
     return words
 
@@ -266,7 +270,8 @@ def _said(given: PartT, shown: PartT, look: PartLook) -> tuple[dict[str, str], d
     images = {name: value for name, value in given.params.items() if name not in look.params}
     painted = {name: image_of(given, name) for name in look.painted}
     growth = painted.pop(GROWTH, given.growth)
-    seed = look.seed if look.texture(given) or look.seed else None
+    is_tiled = getattr(given.material.bundle, "tiles", None) is not None
+    seed = look.seed if look.texture(given) or look.seed or (is_tiled and isinstance(given, Grown)) else None
     fields = {"seed": seed, "thickness": look.thickness, "scale": shown.scale, GROWTH: growth}
     return _spelled({**images, **look.params, **painted}), _spelled(fields)
 
@@ -277,7 +282,10 @@ def _spelled(values: Mapping[str, Any]) -> dict[str, str]:
 
 def image_of(part: Scene | Grown, name: str) -> str:
     """The name of the file that holds what is painted in place of a parameter."""
-    return f"{name}.exr" if isinstance(part, Scene) else f"{Path(part.called).name}_{name}.exr"
+    if isinstance(part, Scene):
+        return f"{name}.exr"
+    plain = re.sub(r"[^\w.-]+", "_", part.called).strip("_.")  # browsers change others
+    return f"{plain}_{name}.exr"
 
 
 def _option(name: str, *numbers: float | int) -> list[str]:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.image import exr_bytes, linear_to_srgb, png_bytes
+from mesoshell.io.image import exr_bytes, png_bytes, srgb_codes
 from mesoshell.neutex.store import NeuTexModel, read_neutex
 from mesoshell.render.quality import PRESETS
 from mesoshell.viewer.address import check_port, open_server
 from mesoshell.viewer.browser import camera_of
-from mesoshell.viewer.captured import ObjectLook, ObjectPicture, ObjectWorkshop
+from mesoshell.viewer.captured import CapturedObject, ObjectLook, ObjectPicture, ObjectWorkshop
 from mesoshell.viewer.compare import over_white
 from mesoshell.viewer.page import JPEG
 from mesoshell.viewer.run import RunPanel
@@ -27,9 +27,8 @@ class ObjectPage:
 
     def __init__(self, folder: Path, snapshot: Path, host: str = "127.0.0.1", port: int = 8080):
         check_port(host, port)
-        self._changing, self._sending = threading.Lock(), threading.Lock()
+        self._changing, self._sending, self._moving = (threading.Lock() for _ in range(3))
         self._shown_texture: Any = None
-        self.notes: tuple[str, ...] = ()
         self.work = ObjectWorkshop(read_neutex(snapshot), self._show, self._say)
         self._run: RunPanel | None = None
         try:
@@ -64,21 +63,23 @@ class ObjectPage:
         self._brush: TextureBrush | None = None
         self._checker: Any = None
         self._sun: Any = None
+        controls: list[Any] = []
         if captured.has_texture:
             with gui.add_folder("Texture", order=-3):
                 self._image = gui.add_image(self._codes(look))
                 self._checker = gui.add_checkbox(
                     "checkerboard", False, hint="squares of one size: it can be painted on"
                 )
-            self._brush = TextureBrush(self._server, self.work, self._painted)
+            controls.append(self._checker)
+            self._brush = TextureBrush(self._server, self.work, lambda: self._set(None))
             self._brush.upload.on_upload(self._take_image)
         if captured.is_lit:
             with gui.add_folder("Light"):
                 self._sun = gui.add_checkbox("sun", False, hint="in place of the camera's flash")
-                self._azimuth = gui.add_slider(
-                    "azimuth", -180.0, 180.0, 1.0, -40.0, hint="degrees from the first photograph"
-                )
+                hint = "degrees from the first photograph"
+                self._azimuth = gui.add_slider("azimuth", -180.0, 180.0, 1.0, -40.0, hint=hint)
                 self._elevation = gui.add_slider("elevation", -10.0, 90.0, 1.0, 45.0, hint="degrees above the horizon")
+            controls += [self._sun, self._azimuth, self._elevation]
         with gui.add_folder("Picture"):
             self._quality = gui.add_dropdown("quality", tuple(PRESETS), initial_value=look.quality)
             sides = tuple(map(str, SIDES))
@@ -92,10 +93,7 @@ class ObjectPage:
                 hint = "paint alone, a cubemap: what `mesoshell atlas render --texture` takes"
                 gui.add_button("Paint", hint=hint).on_click(self._save_paint)
         self._fault = gui.add_markdown("")
-        for each in (self._checker, self._sun, self._sun and self._azimuth, self._sun and self._elevation):
-            if each is not None:
-                each.on_update(self._set)
-        for each in (self._quality, self._side):
+        for each in (*controls, self._quality, self._side):
             each.on_update(self._set)
         self._run = RunPanel(gui, folder, snapshot, self._set_snapshot, partial(self.work.say, "run"))
 
@@ -114,9 +112,6 @@ class ObjectPage:
             look = self._look()
             self.work.set(look)
             self._show_texture()
-
-    def _painted(self) -> None:
-        self._set(None)
 
     def _take_image(self, event: Any) -> None:
         """An image that a browser sent."""
@@ -137,27 +132,32 @@ class ObjectPage:
             self._shown_texture = wanted
 
     def _codes(self, look: ObjectLook) -> np.ndarray:
-        return np.round(255 * linear_to_srgb(np.clip(self.work.object.shown(look), 0, 1))).astype(np.uint8)
+        return srgb_codes(self.work.object.shown(look))
 
     def _set_snapshot(self, path: Path) -> None:
         """Another snapshot of the run."""
         try:
-            self.work.set_object(read_neutex(path))
+            captured = CapturedObject(read_neutex(path))
+            captured.prepare()
         except InputError as fault:
             self.work.say("snapshot", str(fault))
             return
         self.work.say("snapshot", "")
+        self.work.set_object(captured)
         with self._changing:
             self._show_texture()
+        if self._brush is not None:
+            self._brush.renew()
 
     def _connected(self, client: Any) -> None:
         client.camera.on_update(lambda _: self._moved(client))
         self._moved(client)
 
     def _moved(self, client: Any) -> None:
-        camera = camera_of(client.camera)
-        if camera is not None:
-            self.work.see(client.client_id, camera)
+        with self._moving:
+            camera = camera_of(client.camera)
+            if camera is not None:
+                self.work.see(client.client_id, camera)
 
     def _show(self, number: int) -> None:
         """A picture has refined."""
@@ -169,7 +169,7 @@ class ObjectPage:
             picture, current = self.work.picture(number)
             if picture is None or not current:
                 return
-            codes = np.round(255 * linear_to_srgb(np.clip(over_white(picture.rgba), 0, 1))).astype(np.uint8)
+            codes = srgb_codes(over_white(picture.rgba))
             client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
             self._cost.content = _cost(picture)
 
@@ -190,8 +190,9 @@ class ObjectPage:
 
     def _save_paint(self, event: Any) -> None:
         painted = self.work.look.painted
+        self.work.say("paint", "nothing is painted yet" if painted is None else "")
         if painted is not None and event.client is not None:
-            event.client.send_file_download("paint.png", png_bytes(painted.image), save_immediately=True)
+            event.client.send_file_download("paint.exr", exr_bytes(painted.image), save_immediately=True)
 
 
 def _cost(picture: ObjectPicture) -> str:

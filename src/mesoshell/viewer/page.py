@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.image import exr_image, linear_to_srgb, srgb_to_linear
+from mesoshell.io.image import exr_image, linear_to_srgb, srgb_codes, srgb_to_linear
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
@@ -309,8 +309,7 @@ class Page:
                 lines.append(f"FLIP {flip:.4f} between them")
             else:
                 image = wipe(picture.rgba, compared_picture.rgba, self._wipe.value)
-        codes = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
-        client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
+        client.scene.set_background_image(srgb_codes(image), format="jpeg", jpeg_quality=JPEG)
         self._settings.cost.content = "  \n".join(lines)
         self._settings.see(picture, self.work.look)
         text = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())

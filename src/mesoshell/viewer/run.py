@@ -30,7 +30,7 @@ class RunPanel:
         self._seen: tuple[Any, ...] = ()
         self._turn, self._closed = threading.RLock(), threading.Event()  # viser calls back where options are set
         with gui.add_folder(f"Run: {folder.name}", order=-1):
-            hint = "by thousands of images seen; the newest is followed"
+            hint = "by thousands of images, or rays, seen; the newest is followed"
             self._which = gui.add_dropdown("snapshot", (NEWEST,), initial_value=NEWEST, hint=hint)
             blank = np.full((1, 1, 3), 255, np.uint8)
             self._sheet, self._curves = (gui.add_image(blank, visible=False) for _ in range(2))

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mesoshell.errors import InputError
 from mesoshell.render.camera import Camera, rays
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.canvas import Canvas, Hit
@@ -43,10 +44,13 @@ class Stroke:
 
 class Strokes:
     """Paintings by name, on a server's page. names: of them; node: of the mesh that catches drags; changed: called when what
-    is shown has changed. Who inherits gives what its strokes paint, and how."""
+    is shown has changed; say: with what is wrong with the mesh, empty if nothing is. Who inherits gives what its strokes paint,
+    and how."""
 
-    def __init__(self, server: Any, node: str, names: Collection[str], changed: Callable[[], None]):
-        self._server, self._path, self._changed = server, node, changed
+    def __init__(
+        self, server: Any, node: str, names: Collection[str], changed: Callable[[], None], say: Callable[[str], None]
+    ):
+        self._server, self._path, self._changed, self._say = server, node, changed, say
         self._before: dict[str, Row] = {name: deque(maxlen=UNDONE) for name in names}
         self._after: dict[str, Row] = {name: [] for name in names}
         self._now: dict[str, Painting] = {}
@@ -104,7 +108,13 @@ class Strokes:
         """On or off, with the mesh as it is now."""
         with self._switching:
             if self._on.value and (self._node is None or self._of != self._mesh_now()):
-                self.prepare()
+                try:
+                    self.prepare()
+                except InputError as fault:
+                    self._say(str(fault))
+                    self._on.value = False
+                    return
+                self._say("")
                 assert self._canvas is not None
                 if self._node is not None:
                     self._node.remove()
@@ -113,6 +123,10 @@ class Strokes:
                 self._node.on_drag("left")(self._dragged)
             if self._node is not None:
                 self._node.visible = self._on.value
+
+    def renew(self) -> None:
+        """The mesh has changed."""
+        self._switch(None)
 
     def prepare(self) -> None:
         """Make the mesh ready to paint on."""
@@ -170,7 +184,8 @@ class Strokes:
 
     def end(self, client: int) -> None:
         """Show the whole stroke."""
-        stroke = self._strokes.pop(client, None)
+        with self._lock:
+            stroke = self._strokes.pop(client, None)
         if stroke is not None and stroke.drawn:
             self._show()
 
@@ -207,8 +222,7 @@ class Strokes:
         with self._lock:
             if not to[name]:
                 return
-            for stroke in self._strokes.values():  # what is drawn on is another stroke
-                stroke.drawn = stroke.drawn and stroke.name != name
+            self._part_strokes(name)
             back[name].append(self._now.get(name))
             painting = to[name].pop()
             if painting is None:
@@ -216,3 +230,17 @@ class Strokes:
             else:
                 self._now[name] = painting
         self._show()
+
+    def _replace(self, name: str, painting: Painting) -> None:
+        """With another painting, which can be undone."""
+        with self._lock:
+            self._before[name].append(self._now.get(name))
+            self._after[name].clear()
+            self._now[name] = painting
+            self._part_strokes(name)
+        self._show()
+
+    def _part_strokes(self, name: str) -> None:
+        """What is drawn on of strokes under way is another stroke; the lock is held."""
+        for stroke in self._strokes.values():
+            stroke.drawn = stroke.drawn and stroke.name != name

@@ -1,6 +1,8 @@
 """The brush of a captured object's page: drags over the object paint a colour over its texture, linear premultiplied RGBA."""
 
+import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -8,10 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.io.image import picture_of, srgb_to_linear
-from mesoshell.neutex.edit import layout_of
+from mesoshell.neutex.edit import checked_edit
 from mesoshell.neutex.layout import Layout, directions, lookup, shape
 from mesoshell.viewer.canvas import Canvas, Hit
 from mesoshell.viewer.captured import SIDE, ObjectWorkshop, blank
@@ -19,6 +20,8 @@ from mesoshell.viewer.look import Painting
 from mesoshell.viewer.strokes import Stroke, Strokes
 
 TEXTURE = "texture"
+#: Most lookups along a side of a texel of an image that is uploaded.
+FINEST = 16
 
 
 class TextureBrush(Strokes):
@@ -26,28 +29,22 @@ class TextureBrush(Strokes):
 
     def __init__(self, server: Any, work: ObjectWorkshop, changed: Callable[[], None]):
         self._work = work
-        super().__init__(server, "/brush", (TEXTURE,), changed)
+        super().__init__(server, "/brush", (TEXTURE,), changed, partial(work.say, "brush"))
         gui = server.gui
         with gui.add_folder("Paint", order=-2):
             self._add_switch(gui, "drags on the object paint; beside it they turn the camera")
             self._colour = gui.add_rgb("colour", (200, 30, 30))
             self._cover = gui.add_slider("cover", 0.0, 1.0, 0.01, 1.0, hint="0 takes paint off")
             self._add_radius(gui)
-            self.upload = gui.add_upload_button(
-                "Image", hint="PNG, JPEG or EXR over the texture, in any of its layouts"
+            hint = (
+                f"PNG, JPEG or EXR over the texture, in any of its layouts; kept with {SIDE} texels a side of a square"
             )
+            self.upload = gui.add_upload_button("Image", hint=hint)
 
     def put(self, data: bytes, name: str) -> None:
         """Paint the texture as an image file has it. Raises InputError, about `name`."""
         image = picture_of(data, name)
-        if not np.isfinite(image).all():
-            raise InputError(name, "has pixels that are not finite")
-        made = as_cubemap(layout_of(image, None, name), image)
-        with self._lock:
-            self._before[TEXTURE].append(self._now.get(TEXTURE))
-            self._after[TEXTURE].clear()
-            self._now[TEXTURE] = Painting(made)
-        self._show()
+        self._replace(TEXTURE, Painting(as_cubemap(checked_edit(image, None, name), image)))
 
     def _name_now(self) -> str:
         return TEXTURE
@@ -73,9 +70,11 @@ class TextureBrush(Strokes):
 
 
 def as_cubemap(layout: Layout, image: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "_ _ 4"]:
-    """An image of any layout, linear RGB or premultiplied RGBA, as a cubemap of RGBA."""
+    """An image of any layout, linear RGB or premultiplied RGBA, as a cubemap of RGBA, of means over its texels."""
     if image.shape[2] == 3:
         image = np.concatenate([image, np.ones_like(image[..., :1])], axis=2)
-    u = directions("cubemap", SIDE)
+    fine = min(max(1, math.ceil((image.shape[0] * image.shape[1] / (6 * SIDE**2)) ** 0.5)), FINEST)
+    u = directions("cubemap", SIDE * fine)
     looked = jax.vmap(lambda u: lookup(layout, jnp.asarray(image), u))(jnp.asarray(u.reshape(-1, 3)))
-    return np.asarray(looked).reshape(*u.shape[:2], 4)
+    height, width = shape("cubemap", SIDE)
+    return np.asarray(looked).reshape(height, fine, width, fine, 4).mean(axis=(1, 3))

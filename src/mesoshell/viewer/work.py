@@ -48,6 +48,7 @@ class Workshop(Views[RefinedPicture]):
             self.notes = (*d.notes, *(with_distant_lamps(d, [x.mesh for x in d.growths])[1] if engine == "jax" else ()))
         self.look = first_look(self.begun)
         self._textures: tuple[tuple | None, ...] = self.look.textures(self.begun)
+        self._failed: tuple[tuple, ...] | None = None  # what could not be grown, and is not tried again
         self._growing, self._engine = growing, engine
         self._start(self._grow)
 
@@ -58,6 +59,9 @@ class Workshop(Views[RefinedPicture]):
                 return
             self.look = look
             self._ask_all()
+            there = look.textures(self.begun) == self._textures
+        if there:
+            self.say("texture", "")
 
     def set_material(self, material: Material) -> None:
         """Show another material with the same parameters, once its texture is grown. Raises InputError for one with others."""
@@ -66,6 +70,7 @@ class Workshop(Views[RefinedPicture]):
             raise InputError(material.name, f"has other parameters than {now.name}")
         with self._changed:
             self.begun, self._textures = replace(self.begun, material=material), (None, *self._textures[1:])
+            self._failed = None
             self._changed.notify_all()
 
     def scene(self, eye: Hashable) -> Scene:
@@ -90,7 +95,7 @@ class Workshop(Views[RefinedPicture]):
     def _grow(self) -> None:
         while self._open:
             with self._changed:
-                while self._open and self.look.textures(self.begun) == self._textures:
+                while self._open and self.look.textures(self.begun) in (self._textures, self._failed):
                     self._changed.wait()
                 begun, wanted = self.begun, self.look.textures(self.begun)
                 asked = with_textures_of(begun, self.still, self.look, self._textures)
@@ -113,9 +118,10 @@ class Workshop(Views[RefinedPicture]):
             else:
                 self.say("texture", "")
             with self._changed:
-                if self.begun is begun:
-                    self._textures = wanted
+                self._failed = wanted if made is None and self.begun is begun else None
                 if made is not None:
+                    if self.begun is begun:
+                        self._textures = wanted
                     self.still, self.given = made, replace(self.given, material=begun.material)
                 self._ask_all()
             self._growing(1.0)

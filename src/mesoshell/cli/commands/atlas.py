@@ -23,7 +23,6 @@ from mesoshell.neutex.store import NeuTexModel, read_neutex
 from mesoshell.scene.setup import check_irradiance, environment_of, light_of
 from mesoshell.train.experiment import read_experiment, with_kimg
 from mesoshell.train.gan.presets import PRESETS as SIZES
-from mesoshell.train.neutex.snapshot import board_paint
 from mesoshell.train.neutex.step import NeuTexTrainConfig, neutex_config
 from mesoshell.train.run_config import read_record, snapshots
 
@@ -64,7 +63,7 @@ def render(options: Render) -> None:
     keep_compiled()
     probe_folder(options.out, "--out")
     model = _read_textured(options.object) if options.checker or options.texture else _read_model(options.object)
-    painted = board_paint() if options.checker else None
+    painted = paint.board_paint() if options.checker else None
     if options.texture:
         layout, image = paint.read_edit(options.texture, options.layout)
         painted = paint.paint_of(model, layout, image, options.edit)

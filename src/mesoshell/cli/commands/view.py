@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from mesoshell.cli.checks import first_given
 from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
 from mesoshell.cli.options.view import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
@@ -21,8 +22,6 @@ from mesoshell.scene.materials import load_material
 MATERIALS = ("gan", "surface", "textures")
 #: The method whose snapshots are objects.
 OBJECTS = "atlas"
-#: Options that a page of an object takes.
-OF_OBJECTS = ("mesh", "host", "port")
 
 
 def run(options: Options) -> None:
@@ -56,9 +55,9 @@ def _object_page(options: Options, run: Path) -> Any:
     """The page of a captured object. Raises InputError for options of a scene."""
     if run != options.mesh:
         raise InputError("--material", f"{run} is a run of an object, which is no material: give it as the mesh")
-    given = [x.name for x in fields(options) if getattr(options, x.name) != x.default and x.name not in OF_OBJECTS]
-    if given:
-        raise InputError(f"--{given[0].replace('_', '-')}", f"is of a scene, and {run} is an object")
+    given = first_given(options, {field.name for field in fields(options)} - {"mesh", "host", "port"})
+    if given is not None:
+        raise InputError(given[1], f"is of a scene, and {run} is an object")
     from mesoshell.cli.compilation_cache import keep_compiled
     from mesoshell.train.run_config import snapshots
     from mesoshell.viewer.object_page import ObjectPage

@@ -15,16 +15,12 @@ from jaxtyping import Float
 from mesoshell.io.checkout import commit
 from mesoshell.neutex.cameras import Photo
 from mesoshell.neutex.capture import Capture
-from mesoshell.neutex.edit import texture_image
-from mesoshell.neutex.layout import checkerboard
-from mesoshell.neutex.render import Paint, picture, view
+from mesoshell.neutex.edit import board_paint, texture_image
+from mesoshell.neutex.render import picture, view
 from mesoshell.neutex.store import NeuTexModel, read_neutex, write_neutex
 from mesoshell.render.quality import Quality
 from mesoshell.train.neutex.ray_batches import held_out
 from mesoshell.train.neutex.step import NeuTexState, NeuTexTrainConfig
-
-#: Of the checkerboard: squares along a face's side, and pixels.
-SQUARES, BOARD = 6, 192
 
 
 def save(path: Path, config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> None:
@@ -77,12 +73,6 @@ def sheet(config: NeuTexTrainConfig, capture: Capture, state: NeuTexState) -> Fl
         beneath[:, : flat.shape[1]] = flat
         whole = np.concatenate([whole, beneath])
     return np.asarray(np.clip(whole, 0, 1), np.float32)
-
-
-def board_paint() -> Paint:
-    """A checkerboard that replaces the object's colours."""
-    board = checkerboard("cubemap", BOARD, SQUARES)
-    return Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
 
 
 def quality_of(config: NeuTexTrainConfig) -> Quality:

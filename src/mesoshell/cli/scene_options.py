@@ -64,7 +64,7 @@ class SceneOptions:
     suns: bool = True
     #: Irradiance of each light on a plane facing it; 3.14 makes a white wall white, grass reflects a fifth of that.
     irradiance: float = IRRADIANCE
-    #: Latitude-longitude EXR that lights the scene and is seen behind it; its middle lies toward +x, as in Blender.
+    #: Latitude-longitude EXR or HDR that lights the scene and is seen behind it; its middle lies toward +x, as in Blender.
     #: Default: the dome light of a USD stage, where no --light is given.
     environment: Path | None = None
     #: Diffuse colour of the surface under the shell, of each --object, and of a file's other meshes without a material, linear

@@ -19,6 +19,8 @@ from jaxtyping import Float, Float32, UInt8
 from mesoshell.contained import silent
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file, replace_file
+from mesoshell.io.radiance_hdr import MAGIC as HDR_MAGIC
+from mesoshell.io.radiance_hdr import hdr_image
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HALF_MAX = 65504.0
@@ -47,6 +49,16 @@ def exr_image(data: bytes, path: str | PathLike[str]) -> Float32[np.ndarray, "H 
         if planes[name].shape != planes["R"].shape:
             raise InputError(path, f"channel {name} is subsampled; expected full resolution")
     return np.stack([planes[name].astype(np.float32) for name in order], axis=-1)
+
+
+def read_radiance(path: str | PathLike[str]) -> Float32[np.ndarray, "H W 3"]:
+    """Light of an OpenEXR file, or of one of Radiance (.hdr), by what is in it. Raises InputError."""
+    return radiance_of(read_file(path), path)
+
+
+def radiance_of(data: bytes, path: str | PathLike[str]) -> Float32[np.ndarray, "H W 3"]:
+    """What `read_radiance` gives, of the bytes of a file. Raises InputError(path, …) as it does."""
+    return hdr_image(data, path) if data.startswith(HDR_MAGIC) else exr_image(data, path)[..., :3]
 
 
 def write_exr(path: str | PathLike[str], image: Float[np.ndarray, "H W C"], half: bool = True) -> None:

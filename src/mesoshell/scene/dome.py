@@ -24,7 +24,7 @@ from jaxtyping import Float
 from mesoshell.contained import bounded_memory, silent
 from mesoshell.errors import InputError
 from mesoshell.geometry.read_usd import pxr
-from mesoshell.io.image import exr_image
+from mesoshell.io.image import radiance_of
 from mesoshell.limits import check_memory, memory
 
 FRAMES = {
@@ -92,7 +92,7 @@ def _read(name: str, found: str, form: str) -> Float[np.ndarray, "H W 3"]:
         raise InputError(name, "cannot be read") from fault
     if data is None:
         raise InputError(name, "no such file")
-    return exr_image(data, name)[..., :3]
+    return radiance_of(data, name)
 
 
 def _turned(image: Float[np.ndarray, "H W 3"], turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "H W 3"]:

@@ -92,9 +92,9 @@ class Scene:
     suns: whether such a file's suns and lamps, and a USD stage's dome light, light the scene where neither `lights` nor `lamps`
         are given.
     irradiance: of each light that is a direction, on a plane facing it; 3.14 makes a white wall white.
-    environment: a latitude-longitude EXR file, or its linear radiance (H, W, 3), that lights the scene and is seen behind it;
-        its middle lies toward +x, as in Blender. Default: the dome light of a USD stage, where neither `lights` nor `lamps` are
-        given.
+    environment: a latitude-longitude EXR or HDR file, or its linear radiance (H, W, 3), that lights the scene and is seen
+        behind it; its middle lies toward +x, as in Blender. Default: the dome light of a USD stage, where neither `lights` nor
+        `lamps` are given.
     base_colour: diffuse albedo of the surface under a shell, and of `objects` without a colour, linear Rec. 709, each from 0
         to 1.
     objects: further meshes in the same frame that cast and receive shadows.

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from mesoshell.io.image import read_exr
+from mesoshell.io.image import read_radiance
 from mesoshell.io.surface import KIND
 from mesoshell.kept import constant
 from mesoshell.scene.growth import faults_of, grows, growth_image, growth_of, meshes_of, thickness_and_scale
@@ -41,7 +41,7 @@ def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool 
         camera=camera,
         lights=lights_of(scene, camera, up)[0],
         lamps=lamps_of(scene),
-        environment=sky if sky is None or isinstance(sky, np.ndarray) else read_exr(sky)[..., :3],
+        environment=sky if sky is None or isinstance(sky, np.ndarray) else read_radiance(sky),
         objects=tuple(mesh_of(x) for x in scene.objects),
         up="y" if up == 1 else "z",
     )

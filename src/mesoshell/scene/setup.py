@@ -13,7 +13,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.mesh import FARTHEST, Mesh, bounding_box
 from mesoshell.geometry.read import COLLADA, file_of, up_of_collada
-from mesoshell.io.image import read_exr
+from mesoshell.io.image import read_radiance
 from mesoshell.io.surface import KIND
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, look_at
@@ -285,7 +285,7 @@ def environment_of(given: str | PathLike[str] | Float[np.ndarray, "H W 3"] | Non
     """A latitude-longitude image as an environment. up: axis, 1 or 2. Raises InputError."""
     if given is None:
         return None
-    image = given if isinstance(given, np.ndarray) else read_exr(given)[..., :3]
+    image = given if isinstance(given, np.ndarray) else read_radiance(given)
     check_environment(image, Argument("environment") if isinstance(given, np.ndarray) else given)
     return environment(image, up)
 

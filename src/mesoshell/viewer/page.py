@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.image import exr_image, linear_to_srgb, srgb_codes, srgb_to_linear
+from mesoshell.io.image import linear_to_srgb, radiance_of, srgb_codes, srgb_to_linear
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
@@ -140,7 +140,7 @@ class Page:
                 "environment", False, visible=False, hint="light of the image, and of the sun"
             )
             upload = gui.add_upload_button(
-                "Environment", hint="a latitude-longitude EXR, in place of the scene's lights"
+                "Environment", hint="a latitude-longitude EXR or HDR, in place of the scene's lights"
             )
             upload.on_upload(lambda event: self._take_sky(event.target.value))
         self._settings = SettingsPanel(gui, self._engine, look, self._set)
@@ -197,7 +197,7 @@ class Page:
         name = re.sub(r"[^\w .-]", "_", given.name.replace("\\", "/").rpartition("/")[2]).lstrip("-. ")
         name = name or "environment.exr"
         try:
-            radiance = exr_image(given.content, name)[..., :3]
+            radiance = radiance_of(given.content, name)
             check_environment(radiance, name)
             self._sky = Sky(name, radiance)
         except InputError as fault:

@@ -96,7 +96,7 @@ class Render:
     light: Annotated[tuple[tuple[float, float, float], ...], tyro.conf.UseAppendAction] = ()
     #: Irradiance of each light on a plane facing it.
     irradiance: float = 3.0
-    #: Latitude-longitude EXR that lights it.
+    #: Latitude-longitude EXR or HDR that lights it.
     environment: Path | None = None
     #: The axis of the photographs that points up in the environment.
     up: Literal["y", "z"] = "y"

@@ -50,11 +50,12 @@ def over_white(picture: ms.Picture) -> np.ndarray:
 # %% [markdown]
 # ## What each costs
 #
-# The same camera, with one material bare and with both: rays are traced once, so both take less than the sum.
+# The same camera, with either mesh bare and with both: rays are traced once, so both take less than the sum.
 
 # %%
 scenes = {
     "fur, the hill bare": replace(scene, also=(), objects=["experiments/scenes/hill.obj"]),
+    "grass, the cow bare": ms.Scene(hill.mesh, turf, scale=0.35, objects=[scene.mesh], camera=camera, size=scene.size),
     "both": scene,
     "a dry, high hill": replace(scene, also=[replace(hill, params={"age": 1.0}, thickness=0.5)]),
 }

@@ -41,6 +41,7 @@ from mesoshell.surface_material.network import (
     reflectance,
 )
 from tests.helpers import growing, wearing
+from tests.helpers.octahedron import PHOTO
 from tests.helpers.same_trees import FIELD, same
 
 KEY = jax.random.key(4)
@@ -221,7 +222,7 @@ def test_what_a_surface_material_s_file_holds(tmp_path: Path) -> None:
 
 def test_what_a_captured_object_s_file_holds(tmp_path: Path) -> None:
     tree = init_field(FIELD, KEY)
-    write_neutex(tmp_path / "object.npz", NeuTexModel(FIELD, tree, np.zeros(3), 1.0, (), (), {}))
+    write_neutex(tmp_path / "object.npz", NeuTexModel(FIELD, tree, np.zeros(3), 1.0, (PHOTO,), (), {}))
     field = ms.modules.networks_of(read_neutex(tmp_path / "object.npz"))["field"]
     same(field.tree(), tree)
     inputs = case("texture").inputs

@@ -324,6 +324,16 @@ def test_a_point_keeps_its_place_between_world_and_box(field) -> None:
     np.testing.assert_allclose(found.centre + found.half * (o + 0.7 * d), far + 0.7 * 2.5 * towards, atol=1e-12)
 
 
+def said(arrays: dict[str, np.ndarray], **entries: Any) -> dict[str, np.ndarray]:
+    """A file's arrays with other entries in its manifest."""
+    about = json.loads(arrays["manifest.json"].tobytes()) | entries
+    return {**arrays, "manifest.json": np.frombuffer(json.dumps(about).encode(), np.uint8)}
+
+
+def told(**entries: Any) -> dict[str, Any]:
+    return {**PHOTO._asdict(), "to_world": PHOTO.to_world.tolist()} | entries
+
+
 @pytest.mark.parametrize(
     ("spoil", "fault"),
     [
@@ -333,6 +343,14 @@ def test_a_point_keeps_its_place_between_world_and_box(field) -> None:
         (lambda a: {**a, "uv/last/bias": np.full(3, np.nan, np.float32)}, "weights that are not finite"),
         (lambda a: {**a, "manifest.json": np.frombuffer(b"{}", np.uint8)}, "is not a captured object"),
         (lambda a: {k: v for k, v in a.items() if k != "manifest.json"}, "has no manifest.json"),
+        (lambda a: said(a, photos=[], tested=[]), "it has no photograph"),
+        (lambda a: said(a, photos=[told(lens=[0, 20, 10, 8])], tested=[]), "or one whose camera is none"),
+        (
+            lambda a: said(a, photos=[told(to_world=np.full((4, 4), np.inf).tolist())], tested=[]),
+            "or one whose camera is none",
+        ),
+        (lambda a: said(a, provenance={"config": {"samples": "many"}}), "learned with 'many' samples a ray"),
+        (lambda a: said(a, provenance={"config": {"samples": 10**9}}), "learned with 1000000000 samples a ray"),
     ],
 )
 def test_damaged_files_are_named(field, tmp_path, spoil, fault) -> None:

@@ -174,11 +174,42 @@ def test_written_for_mitsuba_it_is_the_same(two: tuple[ms.Scene, ms.Scene, ms.Sc
         np.testing.assert_allclose(found[:, columns].mean(axis=(0, 1)), wanted[:, columns].mean(axis=(0, 1)), rtol=0.03)
 
 
+def test_a_surface_material_stands_beside_a_shell(tiny_bundle: Bundle):
+    """By engine mitsuba: each is what it is alone, where neither is before the other."""
+    shell, cloth = Material("tiny", tiny_bundle), Material("dots", wearing.constant(0.7, (0.2, 0.1, 0.05)))
+    left, right = plate(-2, 0, 0), plate(1, 0, 0)
+    at: Any = {"camera": (0.0, -2.0, 12.0, 0.0, 0.5, 0.0, 10.0), "size": (36, 12), "lights": [(0.2, 0.3, 1.0)]}
+    both = ms.Scene(left, shell, thickness=0.3, scale=0.5, **at, also=[ms.Grown(right, cloth, scale=0.5)])
+    alone = ms.Scene(left, shell, thickness=0.3, scale=0.5, **at), ms.Scene(right, cloth, scale=0.5, **at)
+    how: Any = {"spp": 256, "density": "network"}
+    found, each = picture(both, "mitsuba", **how), [picture(one, "mitsuba", **how) for one in alone]
+    assert each[0][:, :18, 3].max() == 1 and 0.5 < each[1][:, 18:, 3].max() < 1
+    for columns, wanted in ((slice(0, 18), each[0]), (slice(18, 36), each[1])):
+        np.testing.assert_allclose(found[:, columns].mean(axis=(0, 1)), wanted[:, columns].mean(axis=(0, 1)), rtol=0.04)
+    np.testing.assert_array_equal(picture(settle(both), "mitsuba", **how), found)
+    plan: Any = ms.explain(both, engine="mitsuba")
+    assert plan.shells.on and plan.surface_materials.on and plan.opacity.on
+
+
 def test_what_cannot_be_is_said(tiny_bundle: Bundle):
     shell, surface = Material("tiny", tiny_bundle), Material("dots", wearing.bundle())
     mesh = plate(0, 0, 0)
+
+    def beside(**more: Any) -> ms.Scene:
+        return ms.Scene(mesh, shell, also=[ms.Grown(mesh, surface, **more)])
+
     for make, said in (
-        (lambda: ms.Grown(mesh, surface), "^also: dots is a surface material"),
+        (lambda: ms.Grown(mesh, surface, thickness=0.1), "^dots:thickness: dots is a surface material: it has none"),
+        (lambda: ms.Grown(mesh, surface, params={"x": 1.0}, name="rug"), "^rug:params: dots is a surface material"),
+        (
+            lambda: ms.explain(ms.Scene(mesh, shell, also=[ms.Grown(mesh, surface)])),
+            "^also: dots is a surface material: be",
+        ),
+        (
+            lambda: ms.stability(ms.Scene(mesh, shell, also=[ms.Grown(mesh, surface)])),
+            "^also: dots is a surface material",
+        ),
+        (lambda: ms.explain(beside(scale=0.0), engine="mitsuba"), "^dots:scale: must be above 0"),
         (lambda: ms.Scene(mesh, surface, also=[ms.Grown(mesh, shell)]), "^also: dots is a surface material"),
         (lambda: ms.Grown(None, shell), "^also: tiny takes either a mesh or `grow`"),
         (lambda: ms.Grown(mesh, shell, grow=["Rug"]), "^also: tiny takes either a mesh or `grow`"),

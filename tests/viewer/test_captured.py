@@ -188,6 +188,7 @@ def test_images_of_any_layout_are_paint(page: ObjectPage, brush: Any):
     assert away[np.abs(u[..., 1]) > 0.15].max() < 1e-3
     for data, said in [
         (b"no image", "the image: "),
+        (exr_bytes(np.full((8, 16, 4), 2.0, np.float32)), "the image: has coverage"),
         (png_bytes(np.ones((5, 7, 3), np.float32)), "the image: is 7 x 5 pixels, the proportions of no"),
         (exr_bytes(np.full((8, 16, 3), np.nan, np.float32)), "the image: has pixels that are not finite"),
     ]:
@@ -240,16 +241,37 @@ def test_clients_see_pictures_and_other_snapshots(page: ObjectPage, monkeypatch:
     assert shown[-1].shape == (128, 128, 3) and shown[-1].std() > 10 and "32 samples a ray" in page._cost.content
     assert page._run is not None
     before, old = seen_by(page), page.work.object
+    assert page._brush is not None
+    page._brush._on.value = True
+    assert page._brush._of is old.mesh
     page._run._which.value = "1 kimg"
     page._run.refresh()
     wait(lambda: page.work.object is not old)
     count = len(shown)
     wait(lambda: len(shown) > count + 1)
     assert not np.allclose(seen_by(page), before, atol=0.01)
-    assert page._brush is not None and page._brush._mesh_now() is page.work.object.mesh is not old.mesh
+    wait(lambda: page._brush is not None and page._brush._of is page.work.object.mesh)
+    page._brush._on.value = False
     page._run._which.value = "newest"
     page._run.refresh()
     page.work.leave(5)
+
+
+def test_a_surface_that_cannot_be_painted_on_is_said(page: ObjectPage, monkeypatch: pytest.MonkeyPatch):
+    def fails(*given: Any) -> Any:
+        raise InputError("the object", "has no faces")
+
+    there = page.work.object
+    assert page._brush is not None
+    with monkeypatch.context() as patch:
+        patch.setattr(captured, "check_mesh", fails)
+        page.work.set_object(CapturedObject(there.model))
+        page._brush._on.value = True
+        assert not page._brush._on.value and page._fault.content == "the object: has no faces"
+    page.work.set_object(there)
+    page._brush._on.value = True
+    assert page._brush._on.value and page._fault.content == ""
+    page._brush._on.value = False
 
 
 def wait(until: Any) -> None:
@@ -278,6 +300,8 @@ def test_what_an_object_has_not_has_no_control(colour: Any, tmp_path: Path):
     ("options", "said"),
     [
         (["{run}", "--thickness", "0.1"], "--thickness: is of a scene, and {run} is an object"),
+        (["{run}", "--material", "pelt"], "--material: is of a scene, and {run} is an object"),
+        (["{run}", "--no-suns"], "--no-suns: is of a scene, and {run} is an object"),
         (["{run}", "--beside", "pelt"], "--beside: is of a scene, and {run} is an object"),
         (
             ["x.obj", "--material", "{run}"],

@@ -54,7 +54,9 @@ def test_a_picture_refines_to_what_render_makes(scene: ms.Scene):
 def test_the_first_picture_is_half_a_chessboard(scene: ms.Scene, monkeypatch: pytest.MonkeyPatch):
     """Its pixels of one colour are as all rays make them; each other is the mean of those beside it."""
     monkeypatch.setattr(refining, "COARSE", 16)
-    first = next(iter(refine(settle(scene), "draft", never))).rgba
+    begun = next(iter(refine(settle(scene), "draft", never)))
+    first = begun.rgba
+    assert begun.rendered.record["rays"] == (first.shape[0] * first.shape[1] + 1) // 2 and not begun.whole
     monkeypatch.setattr(refining, "chessboard", lambda shape: np.ones(shape, bool))
     whole = next(iter(refine(settle(scene), "draft", never))).rgba
     y, x = np.indices(first.shape[:2])
@@ -258,6 +260,28 @@ def test_a_further_material_has_a_look_of_its_own(scene: ms.Scene, tiny_bundle: 
     wanted = settle(replace(work.begun, also=[replace(work.begun.also[0], params={"length": 3.0}, seed=2)]))
     for name, array in wanted.also[0].material.shell.arrays.items():
         np.testing.assert_array_equal(work.still.also[0].material.shell.arrays[name], array)
+
+
+def test_a_texture_that_cannot_be_grown_is_said_each_time(opened, monkeypatch: pytest.MonkeyPatch):
+    """And other textures, and the old one, go on."""
+    lawn = ms.Grown(MESH, Material("lawn", growing.bundle()), scale=1.0, thickness=0.3)
+    work, seen = opened(ms.Scene(MESH, Material("own", growing.bundle()), scale=1.0, size=(20, 15), also=[lawn]))
+    begun, there = work.look, work.still
+    bad = replace(begun, seed=2**40)
+    for _ in range(2):
+        count = len(seen.lines)
+        work.set(bad)
+        seen.wait(lambda n=count: any("seed" in line for line in seen.lines[n:]))
+        work.set(begun)
+        seen.wait(lambda: seen.lines[-1] == "")
+        assert work.still is there
+    work.set(bad)
+    seen.wait(lambda: "seed" in seen.lines[-1])
+    work.set(replace(begun, also=(replace(begun.also[0], seed=3),)))
+    end = time.monotonic() + 120
+    while work.still is there and time.monotonic() < end:
+        time.sleep(0.05)
+    assert work.still.material is there.material and work.still.also[0].material is not there.also[0].material
 
 
 @pytest.mark.slow

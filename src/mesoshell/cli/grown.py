@@ -18,7 +18,7 @@ from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.scene import Grown
 
 #: In the place of an image of growth: as high everywhere.
-EVEN = "none"
+NO_GROWTH_IMAGE = "none"
 #: What `--param WHAT:NAME=VALUE` sets beside parameters, and its kind.
 PROPORTIONS = {"thickness": float, "scale": float, "seed": int, "growth": str}
 
@@ -105,7 +105,7 @@ def _split(options: SceneOptions, names: dict[str, None]) -> tuple[dict[str, str
             continue
         fields = given.setdefault(name, {"params": {}})
         for key, value in pairs_of("--param", [text[len(name) + 1 :]]).items():
-            if (key, value) == ("growth", EVEN):
+            if (key, value) == ("growth", NO_GROWTH_IMAGE):
                 fields[key] = None
             elif key in PROPORTIONS:
                 fields[key] = _number(f"{name}:{key}", value, PROPORTIONS[key])

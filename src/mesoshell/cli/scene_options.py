@@ -40,8 +40,8 @@ class SceneOptions:
     material: str = "grass"
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
     #: generator also varies geometry: an image of a carpet's lean angle combs it. MATERIAL:NAME=VALUE is for a further
-    #: material, also its thickness, scale, seed and growth; NODE:NAME=VALUE for one mesh, a file by its stem. Of a scene of
-    #: Mitsuba's: a value of its $NAME.
+    #: material, also its thickness, scale, seed and growth; NODE:NAME=VALUE for one mesh, a file by its stem;
+    #: growth=none takes its material's growth back. Of a scene of Mitsuba's: a value of its $NAME.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: Seed of the texture that a generator makes, or of the order of corner tiles; a material of one patch takes none.
     #: Default: 0.

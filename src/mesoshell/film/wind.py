@@ -50,8 +50,8 @@ class Ground:
 
 
 def add_wind(motion: Motion, scene: Scene, toward: Float[np.ndarray, "3"], strength: float, fps: float) -> Motion:
-    """The motion of a settled scene with wind over all its materials that have a lean. toward: ω. Raises InputError if none
-    has, or for a strength out of range."""
+    """The motion of a settled scene with wind. It blows over all materials whose generator has a lean, but for further ones
+    whose lean is given. toward: ω. Raises InputError if there is none, or for a strength out of range."""
     if not 0 < fps < np.inf:
         raise InputError(Argument("fps"), f"must be positive and finite, not {fps:g}")
     if not 0 < strength <= 1:

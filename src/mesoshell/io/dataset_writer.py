@@ -31,8 +31,7 @@ class Collector:
         self._rows_file, self._log_file = folder / "samples.jsonl", folder / "log.jsonl"
         self._manifest(json.loads(json.dumps(settings)), count)
         self._parts.mkdir(exist_ok=True)
-        for partial in left_over(self._parts):
-            partial.unlink(missing_ok=True)
+        self._sweep()
         self._rows = self._whole_rows()
 
     def missing(self, count: int) -> list[int]:
@@ -49,9 +48,15 @@ class Collector:
                 _append(self._log_file, json.dumps(log) + "\n")
 
     def sort(self) -> None:
-        """Sort the rows by index; on a full disk they stay unsorted, which every reader accepts."""
+        """Sort the rows by index, and remove what killed writers left; on a full disk rows stay unsorted, which every reader
+        accepts."""
+        self._sweep()
         with contextlib.suppress(InputError):
             replace_file(self._rows_file, "".join(line for _, line in sorted(self._rows.items())).encode())
+
+    def _sweep(self) -> None:
+        for partial in left_over(self._parts):
+            partial.unlink(missing_ok=True)
 
     def _manifest(self, settings: dict[str, Any], count: int) -> None:
         path = self.folder / "manifest.json"

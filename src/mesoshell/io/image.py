@@ -58,7 +58,11 @@ def read_radiance(path: str | PathLike[str]) -> Float32[np.ndarray, "H W 3"]:
 
 def radiance_of(data: bytes, path: str | PathLike[str]) -> Float32[np.ndarray, "H W 3"]:
     """What `read_radiance` gives, of the bytes of a file. Raises InputError(path, …) as it does."""
-    return hdr_image(data, path) if data.startswith(HDR_MAGIC) else exr_image(data, path)[..., :3]
+    if data.startswith(HDR_MAGIC):
+        return hdr_image(data, path)
+    if not data.startswith(_EXR_MAGIC):
+        raise InputError(path, "is neither an OpenEXR file nor one of Radiance (.hdr)")
+    return exr_image(data, path)[..., :3]
 
 
 def write_exr(path: str | PathLike[str], image: Float[np.ndarray, "H W C"], half: bool = True) -> None:

@@ -37,29 +37,31 @@ def hdr_image(data: bytes, path: str | PathLike[str]) -> Float32[np.ndarray, "H 
     height, width = int(size[1]), int(size[2])
     if not height or not width:
         raise InputError(path, f"{width} x {height} has no pixels")
-    check_memory(path, f"an image of {width} x {height}", 16 * width * height)
+    check_memory(path, f"an image of {width} x {height}", 32 * width * height)
+    scales = np.exp2(np.arange(256) - 136.0) / _exposure(lines, path)
+    scales[0] = 0
+    pixels = _pixels(body, height, width, path)
+    with np.errstate(over="ignore"):  # who reads light says what is too bright
+        return pixels[..., :3] * scales.astype(np.float32)[pixels[..., 3:]]
+
+
+def _exposure(lines: list[str], path: str | PathLike[str]) -> float:
+    """The product of the header's exposures."""
     exposure = 1.0
     for line in lines:
         if line.startswith("EXPOSURE="):
-            exposure *= _number(line, path)
-    pixels = _pixels(body, height, width, path)
-    scale = np.where(pixels[..., 3:] > 0, np.exp2(pixels[..., 3:].astype(np.float64) - 136) / exposure, 0.0)
-    return (pixels[..., :3] * scale).astype(np.float32)
-
-
-def _number(line: str, path: str | PathLike[str]) -> float:
-    try:
-        number = float(line.partition("=")[2])
-    except ValueError:
-        number = 0.0
-    if not 0 < number < np.inf:
-        raise InputError(path, f"has the exposure {line!r}")
-    return number
+            try:
+                exposure *= float(line.partition("=")[2])
+            except ValueError:
+                exposure = 0.0
+            if not 1e-30 < exposure < 1e30:
+                raise InputError(path, f"has the exposure {line!r}")
+    return exposure
 
 
 def _pixels(body: bytes, height: int, width: int, path: str | PathLike[str]) -> UInt8[np.ndarray, "H W 4"]:
     """Bytes of all pixels."""
-    if width not in WIDTHS or not body.startswith(BEGIN):
+    if width not in WIDTHS or not (body.startswith(BEGIN) and len(body) > 2 and body[2] < 128):
         plain = np.frombuffer(body[: 4 * height * width], np.uint8)
         if plain.size < 4 * height * width:
             raise InputError(path, "is cut off, or in an older kind of runs")

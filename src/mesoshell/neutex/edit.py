@@ -14,7 +14,7 @@ replace     s = min(1, E/T), a = E − s T: where E = T nothing changes; elsewhe
 Where α is below 1 the edit is mixed with s = 1, a = 0.
 """
 
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Literal
 
@@ -84,10 +84,13 @@ def _surface(field: Field, u):
     return y, normalise(jnp.cross(along, across))
 
 
+@cache
 def board_paint() -> Paint:
     """A checkerboard that replaces the object's colours."""
     board = checkerboard("cubemap", BOARD, SQUARES)
-    return Paint("cubemap", np.concatenate([board, np.zeros_like(board)], axis=-1))
+    image = np.concatenate([board, np.zeros_like(board)], axis=-1)
+    image.flags.writeable = False
+    return Paint("cubemap", image)
 
 
 def read_edit(path: Path, layout: Layout | None) -> tuple[Layout, NumPyFloat[np.ndarray, "h w c"]]:

@@ -24,8 +24,8 @@ from mesoshell.neutex.field import Field, FieldConfig, init_field
 from mesoshell.render.quality import PRESETS, Quality
 
 SCHEMA = 1
-#: Samples a ray.
-MAX_SAMPLES = 65536
+#: Most samples a ray of a file.
+MAX_SAMPLES = 4096
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def read_neutex(path: Path) -> NeuTexModel:
         if not photos or not all(map(_is_camera, photos)):
             raise ValueError("it has no photograph, or one whose camera is none")
         samples = provenance.get("config", {}).get("samples", 1)
-        if not (isinstance(samples, int) and 1 <= samples <= MAX_SAMPLES):
+        if not (type(samples) is int and 1 <= samples <= MAX_SAMPLES):
             raise ValueError(f"it was learned with {samples!r} samples a ray")
     except InputError:
         raise

@@ -21,6 +21,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import read_heights
 from mesoshell.io.material import PARAMS, parameter_vector
+from mesoshell.io.surface import KIND
 from mesoshell.kept import constant, kept
 from mesoshell.limits import check_seed
 from mesoshell.scene.kept_meshes import mesh_of
@@ -28,6 +29,7 @@ from mesoshell.scene.materials import Image, read_params
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.shell.geometry.chart import patches_of, texture_origin
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
+from mesoshell.surface_material.scene import SurfacePart, default_period
 
 #: Share of the thickness below which a face carries nothing, and that its vertices have at least where it carries something.
 LEAST = 0.02
@@ -67,11 +69,23 @@ def growth_of(part: Scene | Grown, progress: Callable[[float], None] = lambda sh
 
 def check_growth(part: Scene | Grown) -> tuple[str, ...]:
     """Raise InputError as `growth_of` does, but grow no texture. What the user should know, a line each."""
+    if part.material.kind == KIND:
+        return surface_part(part).mesh.notes
     if not grows(part):
         return growth_of(part).notes
     mesh, shell, _, said = _extruded(part)
     parameter_vector(part.material.shell, read_params(part.material.shell, part.params)[0])
     return *mesh.notes, *shell.notes, *said
+
+
+def surface_part(part: Scene | Grown) -> SurfacePart:
+    """A mesh with a surface material, its period by default. Raises InputError."""
+    assert part.mesh is not None
+    mesh = mesh_of(part.mesh)
+    period = default_period(mesh) if part.scale is None else part.scale
+    if not (np.isfinite(period) and period > 0):
+        raise InputError(Argument("scale"), f"must be above 0, not {period:g}")
+    return SurfacePart(mesh, period, part.material.surface)
 
 
 def thickness_and_scale(part: Scene | Grown, mesh: Mesh) -> tuple[float, float]:
@@ -81,6 +95,8 @@ def thickness_and_scale(part: Scene | Grown, mesh: Mesh) -> tuple[float, float]:
 
 def grows(part: Scene | Grown) -> bool:
     """Whether a texture must be grown: another is called for than the material holds."""
+    if part.material.kind == KIND:
+        return False
     bundle = part.material.shell
     geometry = any(p.role == "beta" and p.name in part.params for p in bundle.parameters)
     return bundle.generator is not None and (not bundle.baked or part.seed is not None or geometry)

@@ -64,7 +64,7 @@ def _misfit(scene: Scene, d: ShellDescription, twin: Twin) -> str:
         return "a texture is grown"
     if scene.holdout:
         return "objects are held out"
-    if d.others:
+    if d.others or d.surfaces:
         return "another material grows beside it"
     if d.maps:
         return f"{next(iter(d.maps))} varies"

@@ -44,12 +44,21 @@ def _check_field(name: str, value: Any, engine: str) -> None:
             raise InputError(Argument(name), f"must be at most {MAX_PATHS}, not {value}")
 
 
+def check_engine(scene: Scene, engine: str) -> None:
+    """Raise InputError for what a scene asks of an engine that has it not."""
+    if scene.holdout and engine != "jax":
+        raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
+    surface = next((part for part in scene.also if part.material.kind == KIND), None)
+    if surface is not None and engine != "mitsuba":
+        fault = f"{surface.material.name} is a surface material: beside a shell it requires `engine` mitsuba"
+        raise InputError(Argument("also"), fault)
+
+
 def prepare(scene: Scene, quality: Quality, engine: str = "jax", progress: Progress = lambda share: None) -> Prepared:
     """The scene, ready to be rendered: its effects are decided, nothing is compiled yet. progress: of growing a texture. Raises
     InputError."""
     begun = time.perf_counter()
-    if scene.holdout and engine != "jax":
-        raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
+    check_engine(scene, engine)
     if engine == "mitsuba":
         from mesoshell.scene.render_paths import prepare_paths as prepared_by
     elif scene.material.kind == KIND:

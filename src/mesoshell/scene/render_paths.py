@@ -30,7 +30,7 @@ from mesoshell.scene.scene import Scene
 from mesoshell.scene.setup import ShellDescription, check_size, describe_shell, describe_surface
 from mesoshell.shell.geometry.extrude import is_even
 from mesoshell.surface_material.scene import SurfaceDescription
-from mesoshell.surface_material.tables import surface_tables
+from mesoshell.surface_material.tables import SurfaceTables, surface_tables
 
 import mitsuba as mi  # isort: skip  (after mesoshell.pathtracer, which names a libLLVM that works)
 
@@ -171,8 +171,20 @@ def _made(scene: Scene, quality: Quality, progress: Progress) -> tuple[mi.Scene,
     materials: dict[tuple, Material] = {}
     shells = [(x.shell, _medium(x, materials)) for x in d.growths]
     convex = all(is_even(x.mesh, x.shell) and is_convex(x.mesh) for x in d.growths)
-    set_shells(made, SceneShells(shells, convex=convex, twin=twin), quality)
-    return made, d.notes
+    surfaces, notes = _surfaces(d, quality)
+    convex &= all(is_convex(x.mesh) for x in d.surfaces)
+    set_shells(made, SceneShells(shells, surfaces, convex=convex, twin=twin), quality)
+    return made, (*d.notes, *notes)
+
+
+def _surfaces(
+    d: ShellDescription, quality: Quality
+) -> tuple[list[tuple[SurfaceTables, SurfaceMaterial]], tuple[str, ...]]:
+    """Meshes with surface materials, and what the user should know; meshes of one material share it."""
+    made = {id(x.material): SurfaceMaterial(x.material) for x in d.surfaces}
+    tables = [surface_tables(x.mesh, x.period, quality) for x in d.surfaces]
+    notes = [note for x, own in zip(d.surfaces, tables, strict=True) for note in own.notes(x.material.curvature)]
+    return [(own, made[id(x.material)]) for x, own in zip(d.surfaces, tables, strict=True)], tuple(notes)
 
 
 def _medium(grown: Growth, materials: dict[tuple, Material]) -> Medium:

@@ -24,11 +24,11 @@ Direction = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Grown:
-    """A further mesh that is grown with a material of its own: `Scene.also`.
+    """A further mesh with a material of its own: `Scene.also`.
 
     mesh: as of a Scene; or None, and `grow` names nodes of the scene's own file.
-    material: a shell's, of `load_material`.
-    thickness, scale, params, seed, growth: as of a Scene.
+    material: of `load_material`; a surface material beside shells requires `engine` mitsuba.
+    thickness, scale, params, seed, growth: as of a Scene; a surface material has only `scale`.
     name: by which faults and a film's keys call it, NAME:PARAMETER. Default: its material's.
     """
 
@@ -49,16 +49,18 @@ class Grown:
 
     def __post_init__(self) -> None:
         _check_material(self.material)
-        if self.material.kind == KIND:
-            raise InputError(
-                Argument("also"), f"{self.material.name} is a surface material: only shells grow beside others"
-            )
         if self.name is not None and not (isinstance(self.name, str) and self.name):
             raise InputError(Argument("also"), f"name must be a text that is not empty, not {self.name!r}")
         if isinstance(self.grow, str):
             raise InputError(Argument("grow"), f"must be a list of names, not {self.grow!r}")
         if (self.mesh is None) is (not self.grow):
             raise InputError(Argument("also"), f"{self.material.name} takes either a mesh or `grow`")
+        if self.material.kind == KIND:
+            given = {"params": bool(self.params)}
+            given |= {k: getattr(self, k) is not None for k in ("seed", "thickness", "growth")}
+            for name in (name for name, is_given in given.items() if is_given):
+                fault = f"{self.material.name} is a surface material: it has none (see scale)"
+                raise InputError(Argument(f"{self.called}:{name}"), fault)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +100,7 @@ class Scene:
     base_colour: diffuse albedo of the surface under a shell, and of `objects` without a colour, linear Rec. 709, each from 0
         to 1.
     objects: further meshes in the same frame that cast and receive shadows.
-    also: further meshes in the same frame that are grown too, each with a material of its own. Shells alone.
+    also: further meshes in the same frame, each with a material of its own, where the scene's own is a shell.
     up: the axis that points up, "y" or "z". Default: what a USD stage or a COLLADA file says (z, or else y), z for
         PLY, STL and 3MF files, y for others.
     transparent: whether the background is transparent even where there is an environment.
@@ -136,7 +138,8 @@ class Scene:
             raise InputError(Argument("also"), f"must be a list of Grown, not {self.also!r}")
         if self.also and self.material.kind == KIND:
             raise InputError(
-                Argument("also"), f"{self.material.name} is a surface material: only shells grow beside others"
+                Argument("also"),
+                f"{self.material.name} is a surface material: it stands beside a shell, as a further material, not before it",
             )
 
 

@@ -25,15 +25,11 @@ def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool 
     are when its camera moves. progress: of growing the texture. texture: whether to grow it. Raises InputError."""
     scene = unpack(scene)
     up, sky = up_axis(scene), scene.environment
-    if scene.material.kind == KIND:
-        still = replace(scene, mesh=mesh_of(scene.mesh))
-    else:
-        still = _read(scene)
-        also = []
-        for part in scene.also:
-            with faults_of(part):
-                also.append(_read(part))
-        still = replace(still, also=tuple(also))
+    also = []
+    for part in scene.also:
+        with faults_of(part):
+            also.append(_read(part))
+    still = replace(_read(scene), also=tuple(also))
     camera = camera_of(still, meshes_of(still), up)
     still = replace(
         still,
@@ -51,8 +47,6 @@ def settle(scene: Scene, progress: Progress = lambda share: None, texture: bool 
 def with_textures(still: Scene, progress: Progress = lambda share: None, but: Collection[int] = ()) -> Scene:
     """The scene, settled, with its textures grown. but: materials that are left as they are: 0 is the scene's own, 1 and on are
     those of `also`. Raises InputError."""
-    if still.material.kind == KIND:
-        return still
     also = []
     for k, part in enumerate(still.also, 1):
         with faults_of(part):
@@ -65,6 +59,8 @@ def _read(part: PartT) -> PartT:
     """With its mesh, the numbers that defaults come to, and images in the place of files."""
     assert part.mesh is not None
     mesh = mesh_of(part.mesh)
+    if part.material.kind == KIND:
+        return replace(part, mesh=mesh)
     thickness, scale = thickness_and_scale(part, mesh)
     numbers, images = read_params(part.material.shell, part.params)
     growth = None if part.growth is None else growth_image(part.growth)

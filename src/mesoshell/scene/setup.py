@@ -20,11 +20,11 @@ from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.lamp import Lamp, as_distant, fault_of
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
-from mesoshell.scene.growth import Growth, check_growth, faults_of, growth_of, thickness_and_scale
+from mesoshell.scene.growth import Growth, check_growth, faults_of, growth_of, surface_part, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.unpack import unpack
-from mesoshell.surface_material.scene import SurfaceDescription, default_period
+from mesoshell.surface_material.scene import SurfaceDescription, SurfacePart
 
 #: Most irradiance or radiance: sums of it stay finite in float32.
 BRIGHTEST = 1e30
@@ -38,8 +38,8 @@ DescriptionT = TypeVar("DescriptionT", "ShellDescription", SurfaceDescription)
 
 @dataclass(frozen=True, eq=False)
 class ShellDescription(Growth):
-    """A scene's growth with its camera and lights. others: the growths of `Scene.also`; notes: of these too; lamps: of engine
-    mitsuba (`with_distant_lamps`)."""
+    """A scene's growth with its camera and lights. others: the growths of `Scene.also`; surfaces: those of it that have a
+    surface material; notes: of these too; lamps: of engine mitsuba (`with_distant_lamps`)."""
 
     camera: Camera
     lights: tuple[Distant, ...]
@@ -50,6 +50,7 @@ class ShellDescription(Growth):
     holdout: bool
     others: tuple[Growth, ...] = ()
     lamps: tuple[Lamp, ...] = ()
+    surfaces: tuple[SurfacePart, ...] = ()
 
     @property
     def growths(self) -> tuple[Growth, ...]:
@@ -61,13 +62,20 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
     """The description of a scene with neural shells. progress: of growing textures. Raises InputError."""
     _check_values(scene)
     scene = unpack(scene)
-    count, others = 1 + len(scene.also), []
+    count, others, surfaces = 1 + len(scene.also), [], []
     own = growth_of(scene, lambda share: progress(share / count))
+    meshes, notes = [own.mesh], [own.notes]
     for k, part in enumerate(scene.also, 1):
         with faults_of(part):
-            others.append(growth_of(part, lambda share, k=k: progress((k + share) / count)))
+            if part.material.kind == KIND:
+                surfaces.append(surface_part(part))
+                notes.append(surfaces[-1].mesh.notes)
+            else:
+                others.append(growth_of(part, lambda share, k=k: progress((k + share) / count)))
+                notes.append(others[-1].notes)
+        meshes.append((surfaces if part.material.kind == KIND else others)[-1].mesh)
     up = up_axis(scene)
-    camera = camera_of(scene, [x.mesh for x in (own, *others)], up)
+    camera = camera_of(scene, meshes, up)
     lights, sky = lights_of(scene, camera, up)
     return ShellDescription(
         mesh=own.mesh,
@@ -77,7 +85,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
         alpha=own.alpha,
         maps=own.maps,
         patches_per_uv=own.patches_per_uv,
-        notes=_of_all(scene, [x.notes for x in (own, *others)]),
+        notes=_of_all(scene, notes),
         camera=camera,
         lights=lights,
         environment=sky,
@@ -87,6 +95,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
         holdout=scene.holdout,
         others=tuple(others),
         lamps=lamps_of(scene),
+        surfaces=tuple(surfaces),
     )
 
 
@@ -118,10 +127,7 @@ def describe_surface(scene: Scene) -> SurfaceDescription:
         raise InputError(
             Argument("holdout"), f"{scene.material.name} is a surface material: only shells hold objects out"
         )
-    mesh, up = mesh_of(scene.mesh), up_axis(scene)
-    period = default_period(mesh) if scene.scale is None else scene.scale
-    if not (np.isfinite(period) and period > 0):
-        raise InputError(Argument("scale"), f"must be above 0, not {period:g}")
+    (mesh, period, _), up = surface_part(scene), up_axis(scene)
     camera = camera_of(scene, [mesh], up)
     lights, sky = lights_of(scene, camera, up)
     objects = tuple(mesh_of(x) for x in scene.objects)
@@ -252,8 +258,9 @@ def camera_of(scene: Scene, meshes: Sequence[Mesh], up: int) -> Camera:
     if isinstance(given, Camera):
         return given
     if given is None:
-        grown, surface = zip((scene, *scene.also), meshes, strict=True), scene.material.kind == KIND
-        layer = 0.0 if surface else max(thickness_and_scale(part, mesh)[0] for part, mesh in grown)
+        each = zip((scene, *scene.also), meshes, strict=True)
+        grown = [(part, mesh) for part, mesh in each if part.material.kind != KIND]
+        layer = max((thickness_and_scale(part, mesh)[0] for part, mesh in grown), default=0.0)
         return default_camera(box_of(meshes), layer, (width, height), up)
     numbers = [float(x) for x in given]
     if len(numbers) != 7:

@@ -17,9 +17,9 @@ from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.growth import Growth, thickness_and_scale
-from mesoshell.scene.prepare import prepare
+from mesoshell.scene.prepare import check_engine, prepare
 from mesoshell.scene.render_shell import facts, marched_scene
-from mesoshell.scene.scene import Scene
+from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.setup import describe_shell, describe_surface, with_distant_lamps
 from mesoshell.shell.render.renderer import render
 from mesoshell.stability import surface
@@ -41,15 +41,14 @@ def examine(
         raise InputError(Argument("rays"), f"must be at least {MIN_RAYS}, not {count}")
     if scene.material.kind == KIND:
         return _of_surface_material(scene, count, progress, engine)
+    check_engine(scene, engine)
     if engine == "mitsuba":
-        if scene.holdout:
-            raise InputError(Argument("holdout"), "objects are held out by `engine` jax alone")
         from mesoshell.stability.paths import of_walk
     d = describe_shell(scene, lambda share: progress(0.2 * share))
     d, lamps = with_distant_lamps(d, [x.mesh for x in d.growths])
-    grown = [scene, *scene.also]
+    grown = [scene, *(part for part in scene.also if part.material.kind != KIND)]
     each = [thickness_and_scale(one, x.mesh)[0] for one, x in zip(grown, d.growths, strict=True)]
-    called = [scene.material.name, *(one.called for one in scene.also)]
+    called = [one.called if isinstance(one, Grown) else one.material.name for one in grown]
     names = [f"{name}: " if len(grown) > 1 else "" for name in called]
     made = marched_scene(replace(d, camera=_smaller(d.camera)))
     rng = np.random.default_rng(0)

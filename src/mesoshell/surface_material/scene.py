@@ -1,10 +1,12 @@
 """A mesh with a surface material to render, the same for all engines."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from mesoshell.geometry.mesh import Mesh, bounding_box
+from mesoshell.io.surface import SurfaceBundle
 from mesoshell.render.camera import Camera
 from mesoshell.render.lamp import Lamp
 from mesoshell.render.light import Distant, Environment
@@ -24,6 +26,14 @@ class SurfaceDescription:
     objects: tuple[Mesh, ...]
     transparent: bool
     lamps: tuple[Lamp, ...] = ()
+
+
+class SurfacePart(NamedTuple):
+    """A mesh with a surface material in a scene of shells. period: world length."""
+
+    mesh: Mesh
+    period: float
+    material: SurfaceBundle
 
 
 def default_period(mesh: Mesh) -> float:

@@ -10,6 +10,7 @@ sun         azimuth and elevation of a light, degrees; azimuth from where the fi
 import math
 import re
 import shlex
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -236,10 +237,10 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
         words += ["--grow", name]
     for mesh in given.objects:
         words += ["--object", str(mesh)]
-    mown = [x.growth is not None or GROWTH in own.painted for x, own in zip(given.also, look.also, strict=True)]
-    shared = {x.called for x, is_mown in zip(given.also, mown, strict=True) if is_mown}
+    has_growth = [x.growth is not None or GROWTH in own.painted for x, own in zip(given.also, look.also, strict=True)]
+    with_growth = {x.called for x, has in zip(given.also, has_growth, strict=True) if has}
     for one, shown, own in zip(given.also, scene.also, look.also, strict=True):
-        words += _further(one, shown, own, one.material.name in shared)
+        words += _further(one, shown, own, one.material.name in with_growth)
     words += [
         "--up",
         scene.up or "y",
@@ -252,15 +253,15 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     return shlex.join(words)
 
 
-def _further(given: Grown, shown: Grown, look: PartLook, mown: bool) -> list[str]:
-    """A further material, with what is set of it. mown: whether all that have the material are."""
+def _further(given: Grown, shown: Grown, look: PartLook, others: bool) -> list[str]:
+    """A further material, with what is set of it. others: whether an image of growth is given to all that have the material."""
     name, words = given.material.name, []
     for node in given.grow:
         words += ["--grow", f"{node}={name}"]
     if given.mesh is not None:
         words += ["--object", f"{given.mesh}={name}"]
     params, fields = _said(given, shown, look)
-    for key, value in {**params, **({GROWTH: "none"} if mown else {}), **fields}.items():
+    for key, value in {**params, **({GROWTH: "none"} if others else {}), **fields}.items():
         words += ["--param", f"{given.called}:{key}={value}"]
     return words
 
@@ -285,7 +286,8 @@ def image_of(part: Scene | Grown, name: str) -> str:
     if isinstance(part, Scene):
         return f"{name}.exr"
     plain = re.sub(r"[^\w.-]+", "_", part.called).strip("_.")  # browsers change others
-    return f"{plain}_{name}.exr"
+    other = "" if plain == part.called else f"-{zlib.crc32(part.called.encode()):08x}"
+    return f"{plain}{other}_{name}.exr"
 
 
 def _option(name: str, *numbers: float | int) -> list[str]:

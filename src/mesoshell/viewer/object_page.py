@@ -112,6 +112,8 @@ class ObjectPage:
             look = self._look()
             self.work.set(look)
             self._show_texture()
+        if look.painted is not None:
+            self.work.say("paint", "")
 
     def _take_image(self, event: Any) -> None:
         """An image that a browser sent."""

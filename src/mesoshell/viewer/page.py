@@ -8,7 +8,6 @@ import re
 import threading
 from dataclasses import replace
 from functools import partial
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -67,7 +66,7 @@ class Page:
             self._server = open_server(host, port)
             self.url = f"http://{host}:{port}"
             self._begin_camera()
-            self._brushes: list[Brush] = []
+            self._brushes: dict[int, Brush] = {}
             self._run: Any = None
             self._build(run)
         except BaseException:
@@ -131,7 +130,11 @@ class Page:
             self._base = gui.add_rgb("ground", self._ground, hint="colour of the surface under the shell")
         if work.begun.material.kind != KIND:
             names = names if len(names) > 1 else [""]
-            self._brushes = [Brush(self._server, work, self._paint, k, f"Paint{x}") for k, x in enumerate(names)]
+            self._brushes = {
+                k: Brush(self._server, work, self._paint, k, f"Paint{name}")
+                for k, (part, name) in enumerate(zip(parts, names, strict=True))
+                if part.material.kind != KIND
+            }
         with gui.add_folder("Light"):
             self._lit = gui.add_checkbox("sun", False, hint="one light from here, in place of the scene's")
             self._azimuth = gui.add_slider("azimuth", -180.0, 180.0, 1.0, -40.0, hint="degrees from the first camera")
@@ -169,8 +172,8 @@ class Page:
         typed = np.clip(np.array(self._base.value, np.float64), 0, 255)  # a picker takes larger numbers by keys
         red, green, blue = (float(x) for x in srgb_to_linear(typed / 255))
         own, *others = (
-            PartLook(**panel.look(), painted=brush.painted if brush is not None else {})
-            for panel, brush in zip_longest(self._panels, self._brushes)
+            PartLook(**panel.look(), painted=self._brushes[k].painted if k in self._brushes else {})
+            for k, panel in enumerate(self._panels)
         )
         return Look(
             own.params,
@@ -218,8 +221,8 @@ class Page:
 
     def _paint(self) -> None:
         """Show what was painted."""
-        for panel, brush in zip(self._panels, self._brushes, strict=True):
-            panel.rest(brush.painted)
+        for k, brush in self._brushes.items():
+            self._panels[k].rest(brush.painted)
         self._set(None)
 
     def _connected(self, client: Any) -> None:
@@ -343,4 +346,5 @@ def _cost(picture: RefinedPicture) -> str:
     height, width = picture.rgba.shape[:2]
     record = picture.rendered.record
     each = f", {record['queries'] / record['rays']:.1f} evaluations a ray" if record["rays"] else ""
-    return f"{width} × {height}, {picture.samples} a pixel; {1000 * picture.seconds:.0f} ms a pass{each}"
+    where = "a pixel" if picture.whole else "for every other pixel"
+    return f"{width} × {height}, {picture.samples} {where}; {1000 * picture.seconds:.0f} ms a pass{each}"

@@ -1,8 +1,8 @@
 """Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned in a tile's time.
 
 Notation
-chessboard  the pixels of one colour of a chessboard: the others of the first picture are means of their neighbours, which takes
-            two thirds of the time (docs/how_to/view.md)
+chessboard  the pixels of one colour of a chessboard. The first picture has rays for these alone, and in the others the mean of
+            their neighbours, in two thirds of the time of all rays (docs/how_to/view.md)
 """
 
 import time
@@ -27,8 +27,9 @@ COARSE, MAX_SAMPLES = 128, 256
 
 
 class RefinedPicture(NamedTuple):
-    """A picture on its way. rgba: linear, premultiplied; samples: of each pixel; seconds: of the last pass, with what came
-    before it; rendered: what the engine gives; camera, settings: that it was made with."""
+    """A picture on its way. rgba: linear, premultiplied; samples: of each pixel that has any; seconds: of the last pass, with
+    what came before it; rendered: what the engine gives; camera, settings: that it was made with; whole: whether all pixels
+    have samples."""
 
     rgba: Float[np.ndarray, "H W 4"]
     samples: int
@@ -38,6 +39,7 @@ class RefinedPicture(NamedTuple):
     notes: tuple[str, ...]
     camera: Camera
     settings: Quality
+    whole: bool = True
 
 
 class Abandoned(Exception):
@@ -94,7 +96,9 @@ def _passes(
         image = filled(total / (k + 1), known)
         now = time.perf_counter()
         ended = passes.ended(image, k + 1)
-        yield RefinedPicture(image, k + 1, now - begin, ended, ready.effects, ready.notes, scene.camera, settings)
+        yield RefinedPicture(
+            image, k + 1, now - begin, ended, ready.effects, ready.notes, scene.camera, settings, bool(known.all())
+        )
         begin = time.perf_counter()
 
 

@@ -59,7 +59,7 @@ class Strokes:
         self._canvas: Canvas | None = None
         self._of: Any = None
         self._node: Any = None
-        self._lock, self._switching = threading.Lock(), threading.Lock()
+        self._lock, self._switching = threading.Lock(), threading.RLock()  # viser calls back where a control is set
 
     def _add_switch(self, gui: Any, hint: str) -> None:
         """The control that turns the brush on."""
@@ -107,14 +107,16 @@ class Strokes:
     def _switch(self, _: Any) -> None:
         """On or off, with the mesh as it is now."""
         with self._switching:
-            if self._on.value and (self._node is None or self._of != self._mesh_now()):
-                try:
+            try:
+                other = self._on.value and (self._node is None or self._of != self._mesh_now())
+                if other:
                     self.prepare()
-                except InputError as fault:
-                    self._say(str(fault))
-                    self._on.value = False
-                    return
-                self._say("")
+                    self._say("")
+            except InputError as fault:
+                self._say(str(fault))
+                self._on.value = False
+                return
+            if other:
                 assert self._canvas is not None
                 if self._node is not None:
                     self._node.remove()
@@ -125,7 +127,7 @@ class Strokes:
                 self._node.visible = self._on.value
 
     def renew(self) -> None:
-        """The mesh has changed."""
+        """Paint on the mesh as it is now."""
         self._switch(None)
 
     def prepare(self) -> None:

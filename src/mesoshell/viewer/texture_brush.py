@@ -21,7 +21,7 @@ from mesoshell.viewer.strokes import Stroke, Strokes
 
 TEXTURE = "texture"
 #: Most lookups along a side of a texel of an image that is uploaded.
-FINEST = 16
+FINEST = 4
 
 
 class TextureBrush(Strokes):
@@ -36,9 +36,7 @@ class TextureBrush(Strokes):
             self._colour = gui.add_rgb("colour", (200, 30, 30))
             self._cover = gui.add_slider("cover", 0.0, 1.0, 0.01, 1.0, hint="0 takes paint off")
             self._add_radius(gui)
-            hint = (
-                f"PNG, JPEG or EXR over the texture, in any of its layouts; kept with {SIDE} texels a side of a square"
-            )
+            hint = f"PNG, JPEG or EXR over the texture, in any of its layouts; resampled to {SIDE} texels a side of a square"
             self.upload = gui.add_upload_button("Image", hint=hint)
 
     def put(self, data: bytes, name: str) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.io.surface import KIND
 from mesoshell.scene.materials import Material
+from mesoshell.scene.prepare import check_engine
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.settle import settle
 from mesoshell.scene.setup import check_irradiance, describe_shell, describe_surface, with_distant_lamps
@@ -37,6 +38,7 @@ class Workshop(Views[RefinedPicture]):
         super().__init__(show, say, paint_lock)
         self.given, scene = scene, unpack(scene)
         self._lit = bool(scene.lights) or bool(scene.lamps) or scene.environment is not None
+        check_engine(scene, engine)
         check_irradiance("irradiance", np.array(scene.irradiance, np.float64))
         if scene.material.kind == KIND:
             describe_surface(scene)  # raises what a picture of it would
@@ -60,6 +62,7 @@ class Workshop(Views[RefinedPicture]):
             self.look = look
             self._ask_all()
             there = look.textures(self.begun) == self._textures
+            self._failed = None if there else self._failed
         if there:
             self.say("texture", "")
 
@@ -114,7 +117,8 @@ class Workshop(Views[RefinedPicture]):
                 self._growing(1.0)
                 continue
             except Exception as fault:
-                self.say("texture", fault_line(fault))
+                if self.look.textures(begun) == wanted:
+                    self.say("texture", fault_line(fault))
             else:
                 self.say("texture", "")
             with self._changed:

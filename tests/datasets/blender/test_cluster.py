@@ -36,6 +36,7 @@ def test_a_worker_killed_midway_loses_nothing_and_doubles_nothing(cluster, farm,
         while not images.exists() or len(list(images.glob("*.exr"))) < SHARD // 2:
             time.sleep(0.01)
         os.kill(victim, signal.SIGKILL)
+        (images / f".000006.exr.{'0' * 16}.partial").touch()  # as if it died while it wrote
 
     killer = threading.Thread(target=kill_midway)
     killer.start()

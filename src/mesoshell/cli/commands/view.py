@@ -32,10 +32,11 @@ def run(options: Options) -> None:
         raise InputError("view", "requires viser: pip install mesoshell[viewer]")
     from mesoshell.viewer.page import Page
 
-    run = _run_of(options)
-    if run is not None and read_object(run / "config.json").get("method") == OBJECTS:
-        _show(_object_page(options, run))
+    objects = [x for x in (options.mesh, Path(options.material)) if _is_run(x) and _method(x) == OBJECTS]
+    if objects:
+        _show(_object_page(options, objects[0]))
         return
+    run = _run_of(options)
     if run is not None and run == options.mesh:
         options = replace(options, mesh=Path(str(resources.files("mesoshell") / "assets" / "spot.obj")))
     scene, beside = scene_of(options, load_material(options.material if run is None else _newest(run))), None
@@ -94,11 +95,15 @@ def _is_run(folder: Path) -> bool:
     return (folder / "config.json").is_file()
 
 
+def _method(run: Path) -> Any:
+    return read_object(run / "config.json").get("method", MATERIALS[0])
+
+
 def _newest(run: Path) -> Path:
     """Its newest snapshot. Raises InputError if there is none, or for a method whose snapshots are no materials."""
     from mesoshell.train.run_config import snapshots
 
-    method = read_object(run / "config.json").get("method", MATERIALS[0])
+    method = _method(run)
     if method not in MATERIALS:
         raise InputError(run, f"is a run of {method}, whose snapshots are no materials")
     return snapshots(run)[-1][1]

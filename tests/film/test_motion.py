@@ -120,6 +120,9 @@ def test_keys_of_further_materials(tiny_bundle: Bundle, scene: ms.Scene):
     ]:
         with pytest.raises(InputError, match=f"^keys: .*{fault}"):
             follow([{"frame": 0, "params": params}], scene)
+    cloth = replace(scene, also=[ms.Grown(MESH, Material("dots", wearing.bundle()), name="cloth")])
+    with pytest.raises(InputError, match=r"^keys: cloth:age: dots is a surface material: it has no parameters"):
+        follow([{"frame": 0, "params": {"cloth:age": 1}}], cloth)
 
 
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=6), st.data())

@@ -107,6 +107,11 @@ def _check_params(scene: Scene, keys: Keys, names: Mapping[int, Mapping[str, str
         return
     parts = (scene, *scene.also)
     for k, given in names.items():
+        if parts[k].material.kind == KIND:
+            fault = (
+                f"{next(iter(given.values()))}: {parts[k].material.name} is a surface material: it has no parameters"
+            )
+            raise InputError(Argument("keys"), fault)
         bundle = parts[k].material.shell
         for key in keys:
             values = {own: float(key["params"][name]) for own, name in given.items() if name in key.get("params", {})}

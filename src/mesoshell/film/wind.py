@@ -59,7 +59,10 @@ def add_wind(motion: Motion, scene: Scene, toward: Float[np.ndarray, "3"], stren
     parts = {k: part for k, part in enumerate((scene, *scene.also)) if _leans(part)}
     if not parts:
         names = dict.fromkeys(part.material.name for part in (scene, *scene.also))
-        raise InputError(Argument("wind"), f"{' and '.join(names)} has no lean that wind could change (carpet has)")
+        raise InputError(
+            Argument("wind"),
+            f"{' and '.join(names)} {'has' if len(names) == 1 else 'have'} no lean that wind could change (carpet has)",
+        )
     first = motion.change(0)
     given = {k: sorted({LEAN, ANGLE} & {*part.params, *_own(first, k).get("params", {})}) for k, part in parts.items()}
     free = [k for k in parts if not given[k]]

@@ -2,7 +2,7 @@
 
 Of spot, with compiled programs in the cache, without a browser: seconds from the start of a process to the first picture,
 pictures of 128 pixels a second while the camera turns, seconds from a slider to the first picture of it, until the brush is
-ready, and of a dab. Run it twice: the first fills the cache.
+ready, and of a dab. Run it twice: the first fills the cache. --flip measures what pixels without rays cost the first picture.
 """
 
 import argparse
@@ -84,12 +84,44 @@ def measured(material: str) -> None:
         print(f"{1000 * np.median(dabs):.0f} ms a dab of radius {radius}")
 
 
+def flip(material: str) -> None:
+    """FLIP of first pictures against 64 rays a pixel of `normal`: with all rays, half of them, and of 64 pixels, enlarged."""
+    import mesoshell as ms
+    from mesoshell.measure.flip import flip_map
+    from mesoshell.render.quality import PRESETS
+    from mesoshell.scene.accumulate import over_backdrop
+    from mesoshell.scene.prepare import prepare
+    from mesoshell.scene.settle import settle
+    from mesoshell.viewer.look import with_size
+    from mesoshell.viewer.refine import COARSE, chessboard, filled
+
+    still = settle(ms.Scene(MESH, ms.load_material(material)))
+    assert isinstance(still.camera, ms.Camera)
+
+    def picture(side: int, quality: str, rays: int, half: bool = False) -> np.ndarray:
+        scene = replace(still, camera=with_size(still.camera, side))
+        passes = prepare(scene, PRESETS[quality].with_changes(density="network"), "jax").passes(None)
+        known, total = chessboard(passes.shape) | (not half), np.zeros((*passes.shape, 4))
+        for k in range(rays):
+            total[known] += passes.render(k, np.flatnonzero(known), lambda share: None) / rays
+        return filled(total, known)
+
+    wanted = over_backdrop(picture(COARSE, "normal", 64))
+    enlarged = picture(COARSE // 2, "draft", 1).repeat(2, axis=0).repeat(2, axis=1)
+    shown = {"all rays": picture(COARSE, "draft", 1), "half of them": picture(COARSE, "draft", 1, half=True)}
+    for name, image in (shown | {"64 pixels, enlarged": enlarged}).items():
+        print(f"{name}: FLIP {flip_map(over_backdrop(image), wanted).mean():.3f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--material", default="turf")
+    parser.add_argument("--flip", action="store_true", help="measure errors, and no times")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
-    if given.here:
+    if given.flip:
+        flip(given.material)
+    elif given.here:
         measured(given.material)
     else:
         subprocess.run([sys.executable, "-m", __spec__.name, "--material", given.material, "--here"], check=True)

@@ -51,14 +51,15 @@ def test_a_picture_refines_to_what_render_makes(scene: ms.Scene):
     assert steps[-1].rendered.record["rays"] == 3 * 300 and steps[-1].effects is not None
 
 
-def test_the_first_picture_is_half_a_chessboard(scene: ms.Scene, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("engine", ["jax", pytest.param("mitsuba", marks=pytest.mark.slow)])
+def test_the_first_picture_is_half_a_chessboard(engine: str, scene: ms.Scene, monkeypatch: pytest.MonkeyPatch):
     """Its pixels of one colour are as all rays make them; each other is the mean of those beside it."""
     monkeypatch.setattr(refining, "COARSE", 16)
-    begun = next(iter(refine(settle(scene), "draft", never)))
+    begun = next(iter(refine(settle(scene), "draft", never, engine)))
     first = begun.rgba
     assert begun.rendered.record["rays"] == (first.shape[0] * first.shape[1] + 1) // 2 and not begun.whole
     monkeypatch.setattr(refining, "chessboard", lambda shape: np.ones(shape, bool))
-    whole = next(iter(refine(settle(scene), "draft", never))).rgba
+    whole = next(iter(refine(settle(scene), "draft", never, engine))).rgba
     y, x = np.indices(first.shape[:2])
     known = (x + y) % 2 == 0
     np.testing.assert_allclose(first[known], whole[known], atol=1e-6)

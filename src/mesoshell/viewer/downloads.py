@@ -8,7 +8,10 @@ import zipfile
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
 
 from mesoshell.errors import InputError
 from mesoshell.io.image import exr_bytes, png_bytes
@@ -29,11 +32,9 @@ class Downloads:
             gui.add_button("Command").on_click(self._say_command)
             self._command = gui.add_markdown("")
 
-    def _picture(self, kind: str, event: Any) -> None:
+    def _picture(self, kind: Literal["png", "exr"], event: Any) -> None:
         picture, _ = self._work.picture(event.client_id)
-        if picture is not None and event.client is not None:
-            data = png_bytes(picture.rgba) if kind == "png" else exr_bytes(picture.rgba)
-            event.client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
+        send_picture(event.client, None if picture is None else picture.rgba, kind)
 
     def _scene(self, event: Any) -> None:
         if self._work.picture(event.client_id)[0] is None or event.client is None:
@@ -58,3 +59,10 @@ class Downloads:
             work = self._work
             line = command(work.given, work.scene(event.client_id), work.look, self._engine, picture.samples)
             self._command.content = f"    {line}"
+
+
+def send_picture(client: Any, rgba: Float[np.ndarray, "H W 4"] | None, kind: Literal["png", "exr"]) -> None:
+    """Have a client download its picture, if there are both."""
+    if client is not None and rgba is not None:
+        data = png_bytes(rgba) if kind == "png" else exr_bytes(rgba)
+        client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)

@@ -3,7 +3,7 @@
 import threading
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mesoshell.viewer.address import check_port, open_server
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.captured import CapturedObject, ObjectLook, ObjectPicture, ObjectWorkshop
 from mesoshell.viewer.compare import over_white
+from mesoshell.viewer.downloads import send_picture
 from mesoshell.viewer.page import JPEG
 from mesoshell.viewer.run import RunPanel
 from mesoshell.viewer.settings import SIDES
@@ -67,9 +68,8 @@ class ObjectPage:
         if captured.has_texture:
             with gui.add_folder("Texture", order=-3):
                 self._image = gui.add_image(self._codes(look))
-                self._checker = gui.add_checkbox(
-                    "checkerboard", False, hint="squares of one size: it can be painted on"
-                )
+                hint = "where its squares are of one size, the texture can be painted on"
+                self._checker = gui.add_checkbox("checkerboard", False, hint=hint)
             controls.append(self._checker)
             self._brush = TextureBrush(self._server, self.work, lambda: self._set(None))
             self._brush.upload.on_upload(self._take_image)
@@ -86,8 +86,8 @@ class ObjectPage:
             self._side = gui.add_dropdown("pixels", sides, initial_value=str(look.side), hint="of the longer side")
             self._cost = gui.add_markdown("")
         with gui.add_folder("Save"):
-            for kind in ("PNG", "EXR"):
-                gui.add_button(kind).on_click(partial(self._save_picture, kind.lower()))
+            gui.add_button("PNG").on_click(partial(self._save_picture, "png"))
+            gui.add_button("EXR").on_click(partial(self._save_picture, "exr"))
             if captured.has_texture:
                 gui.add_button("Texture", hint="as it is shown, a cubemap").on_click(self._save_texture)
                 hint = "paint alone, a cubemap: what `mesoshell atlas render --texture` takes"
@@ -179,11 +179,9 @@ class ObjectPage:
         if self._fault.content != line:
             self._fault.content = line
 
-    def _save_picture(self, kind: str, event: Any) -> None:
+    def _save_picture(self, kind: Literal["png", "exr"], event: Any) -> None:
         picture, _ = self.work.picture(event.client_id)
-        if picture is not None and event.client is not None:
-            data = png_bytes(picture.rgba) if kind == "png" else exr_bytes(picture.rgba)
-            event.client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
+        send_picture(event.client, None if picture is None else picture.rgba, kind)
 
     def _save_texture(self, event: Any) -> None:
         if event.client is not None:

@@ -6,6 +6,7 @@ is painted, and what is undone.
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, MutableSequence
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ class Stroke:
     shown: float = 0.0
 
 
-class Strokes:
+class Strokes(ABC):
     """Paintings by name, on a server's page. names: of them; node: of the mesh that catches drags; changed: called when what
     is shown has changed; say: with what is wrong with the mesh, empty if nothing is. Who inherits gives what its strokes paint,
     and how."""
@@ -78,31 +79,31 @@ class Strokes:
         """What is shown, by name."""
         return dict(self._shown)
 
+    @abstractmethod
     def _name_now(self) -> str:
         """What a stroke that begins now paints."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _mesh_now(self) -> Any:
         """What the canvas is made of; the same object as long as it stays the same."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _made(self, of: Any) -> Canvas:
         """The canvas."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _begun_image(self, canvas: Canvas, name: str) -> np.ndarray:
         """What is there before the first stroke."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _dabbed(
         self, canvas: Canvas, image: np.ndarray, stroke: Stroke, hit: Hit, radius: float, way: np.ndarray | None
     ) -> np.ndarray | None:
         """The image with a dab; None for none. radius: world; way: from the dab before; None where there was none near."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _shows_at_once(self, name: str) -> bool:
         """Whether a stroke shows as it is drawn, and not only at its end."""
-        raise NotImplementedError
 
     def _switch(self, _: Any) -> None:
         """On or off, with the mesh as it is now."""

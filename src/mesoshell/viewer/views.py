@@ -6,6 +6,7 @@ view        what one eye sees: its camera, and a number that grows with each wis
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -51,7 +52,7 @@ class View(Generic[PictureT]):
         return self.quality is None and self.shown < 2 and self.waits
 
 
-class Views(Generic[PictureT]):
+class Views(ABC, Generic[PictureT]):
     """Paints what eyes see. show: called with an eye whose picture has refined; say: with a line for all, empty when a fault is
     over. Callbacks come from threads of its own. Who inherits gives `_refined`, and begins by `_start`."""
 
@@ -66,9 +67,9 @@ class Views(Generic[PictureT]):
         self._paint_lock, self._telling = paint_lock or threading.Lock(), threading.Lock()
         self._threads: list[threading.Thread] = []
 
+    @abstractmethod
     def _refined(self, view: View[PictureT], stopped: Callable[[], bool]) -> Iterator[PictureT]:
         """Ever better pictures of what a view shows now. Ends early once `stopped` says so."""
-        raise NotImplementedError
 
     def _start(self, *others: Callable[[], None]) -> None:
         """Begin to paint. others: what runs in threads beside it, until it is closed."""

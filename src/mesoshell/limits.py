@@ -27,7 +27,21 @@ def check_memory(source: str | PathLike[str], what: str, size: int, there: int |
         raise InputError(source, f"{what} would take {size / 2**30:,.1f} GiB; this machine has {there / 2**30:,.1f}")
 
 
-def check_seed(seed: int | None) -> None:
+def check_seed(seed: int | None, argument: str = "seed") -> None:
     """Raise InputError for a seed that does not fit a random key."""
     if seed is not None and not -(2**31) <= seed < 2**32:
-        raise InputError(Argument("seed"), f"{seed} must be from -2147483648 to 4294967295: 32 bits")
+        raise InputError(Argument(argument), f"{seed} must be from -2147483648 to 4294967295: 32 bits")
+
+
+def check_latent(latent: tuple[int, float] | None, name: str, numbers: int) -> None:
+    """Raise InputError for a seed and a share that the latent of a material, of so many numbers, cannot go toward."""
+    if latent is None:
+        return
+    seed, share = latent
+    check_seed(seed, "latent")
+    if not 0 <= share <= 1:
+        raise InputError(Argument("latent"), f"the share of the other seed must be from 0 to 1, not {share:g}")
+    if not numbers:
+        raise InputError(
+            Argument("latent"), f"{name} has no latent z: its textures differ by their seed's phases alone"
+        )

@@ -338,6 +338,7 @@ def test_each_mesh_of_a_material_has_values_of_its_own():
         (["--object", "x.obj=fur", "--param", "carpet:lean=1"], "these are fur"),
         (["--object", "x.obj=fur", "--param", "fur:scale=wide"], "--param: fur:scale=wide is no number"),
         (["--object", "x.obj=fur", "--param", "fur:seed=1.5"], "--param: fur:seed=1.5 is no whole number"),
+        (["--object", "x.obj=fur", "--param", "fur:latent=3"], "--param: fur:latent=3 is no SEED,SHARE"),
         (["--object", "x.obj=hay"], "hay"),
         (["--grow", "Rug=fur"], "--grow: names meshes of a glTF file or a USD stage"),
         (["--grow", "Rug="], "--grow: names meshes of a glTF file or a USD stage"),

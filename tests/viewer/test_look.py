@@ -3,6 +3,7 @@
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -70,12 +71,43 @@ def test_each_value_reaches_the_scene(begun: ms.Scene):
 def test_geometry_and_seed_ask_for_another_texture():
     begun = settle(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0, params={"age": 4.0}), texture=False)
     look = first_look(begun)
-    assert set(look.params) == {"age", "length"} and look.texture(begun) == (0, ("length", 2.0))
-    for other in (replace(look, seed=5), replace(look, params={**look.params, "length": 3.0})):
+    assert set(look.params) == {"age", "length"} and look.texture(begun) == (0, None, ("length", 2.0))
+    longer = {**look.params, "length": 3.0}
+    for other in (replace(look, seed=5), replace(look, params=longer), replace(look, latent=(5, 0.5))):
         wanted = with_textures_of(begun, begun, other, [None])
         assert other.texture(begun) != look.texture(begun)
-        assert wanted.seed == other.seed and wanted.params["length"] == other.params["length"]
+        assert (wanted.seed, wanted.latent) == (other.seed, other.latent)
+        assert wanted.params["length"] == other.params["length"]
     assert replace(look, params={**look.params, "age": 1.0}).texture(begun) == look.texture(begun)
+
+
+def test_the_command_says_how_far_the_latent_is(tmp_path: Path):
+    write_bundle(tmp_path / "it.npz", growing.bundle())
+    material = ms.load_material(tmp_path / "it.npz")
+    given = ms.Scene(MESH, material, scale=1.0, also=(ms.Grown(MESH, material, scale=1.0, name="other"),))
+    begun = settle(given, texture=False)
+    own, other = (3, 0.25), (4, 0.75)
+    look = first_look(begun)
+    look = replace(look, latent=own, also=(replace(look.also[0], latent=other),))
+    words = command(given, replace(begun, camera=CAMERA), look, "jax", 1)
+    assert "--latent 3 0.25" in words and "--param other:latent=4,0.75" in words
+
+
+def test_a_panel_goes_toward_another_seed():
+    """Where the share is 0 it does not."""
+    pytest.importorskip("viser", reason="requires the extra viewer")
+    from mesoshell.viewer.panel import Panel
+
+    gui = MagicMock()
+    gui.add_number = gui.add_slider = lambda label, *given, **_: MagicMock(value=given[-1], label=label)
+    scene = settle(ms.Scene(MESH, Material("grown", growing.bundle()), latent=(3, 0.25)), texture=False)
+    panel = Panel(gui, scene, first_look(scene), "Material", lambda _: None)
+    assert panel.look()["latent"] == (3, 0.25)
+    assert panel._share is not None
+    panel._share.value = 0.0
+    assert panel.look()["latent"] is None
+    lawn = settle(ms.Scene(MESH, ms.load_material("lawn")), texture=False)
+    assert Panel(gui, lawn, first_look(lawn), "Material", lambda _: None)._share is None
 
 
 def test_what_is_painted_takes_a_number_s_place(tmp_path: Path, begun: ms.Scene):

@@ -18,6 +18,7 @@ from mesoshell.scene.scene import Scene
 OF_XML = ("mesh", "engine", "param", "size")
 NOT_OF_XML = {
     "grow": "names nodes of a glTF file or a USD stage: a scene of Mitsuba's says by its BSDFs what grows",
+    "latent": "is for meshes: a BSDF of Mitsuba's goes toward no other seed (make a texture, and give that)",
     "growth": "is for meshes: a scene of Mitsuba's has one thickness a mesh",
     "holdout": "is for --engine jax: a scene of Mitsuba's holds nothing out",
 }
@@ -62,6 +63,7 @@ def scene_of(options: SceneOptions, material: Material) -> Scene:
         scale=options.scale,
         params=named.params,
         seed=options.seed,
+        latent=options.latent,
         size=options.size or SIZE,
         camera=options.camera,
         lights=options.light,

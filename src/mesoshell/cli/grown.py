@@ -6,7 +6,7 @@ something else too is WHAT as it was given; several nodes of one material are on
 
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,8 +19,16 @@ from mesoshell.scene.scene import Grown
 
 #: In the place of an image of growth: as high everywhere.
 NO_GROWTH_IMAGE = "none"
+
+
+def _latent(text: str) -> tuple[int, float]:
+    """SEED,SHARE."""
+    seed, share = text.split(",")
+    return int(seed), float(share)
+
+
 #: What `--param WHAT:NAME=VALUE` sets beside parameters, and its kind.
-PROPORTIONS = {"thickness": float, "scale": float, "seed": int, "growth": str}
+PROPORTIONS = {"thickness": float, "scale": float, "seed": int, "growth": str, "latent": _latent}
 
 
 class Named(NamedTuple):
@@ -119,8 +127,9 @@ def _split(options: SceneOptions, names: dict[str, None]) -> tuple[dict[str, str
     return params, given
 
 
-def _number(key: str, value: str, kind: type) -> Any:
+def _number(key: str, value: str, kind: Callable[[str], Any]) -> Any:
     try:
         return kind(value)
     except ValueError:
-        raise InputError("--param", f"{key}={value} is no {'whole ' * (kind is int)}number") from None
+        wanted = {int: "whole number", _latent: "SEED,SHARE"}.get(kind, "number")
+        raise InputError("--param", f"{key}={value} is no {wanted}") from None

@@ -40,12 +40,15 @@ class SceneOptions:
     material: str = "grass"
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
     #: generator also varies geometry: an image of a carpet's lean angle combs it. MATERIAL:NAME=VALUE is for a further
-    #: material, also its thickness, scale, seed and growth; NODE:NAME=VALUE for one mesh, a file by its stem;
-    #: growth=none takes its material's growth back. Of a scene of Mitsuba's: a value of its $NAME.
+    #: material, also its thickness, scale, seed, latent (SEED,SHARE) and growth; NODE:NAME=VALUE for one mesh, a file by its
+    #: stem; growth=none takes its material's growth back. Of a scene of Mitsuba's: a value of its $NAME.
     param: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     #: Seed of the texture that a generator makes, or of the order of corner tiles; a material of one patch takes none.
     #: Default: 0.
     seed: int | None = None
+    #: SEED SHARE: how far, from 0 to 1, a generator's latent z is on its way from that of --seed to that of another one; blades
+    #: stand where --seed says. For generators that were trained with a latent.
+    latent: tuple[int, float] | None = None
     #: Height of the shell in the mesh's unit; default: the material's own thickness times --scale, or 1/25 of the bounding
     #: box's diagonal.
     thickness: float | None = None

@@ -115,6 +115,11 @@ class Bundle:
         return "features/0" in self.arrays
 
     @property
+    def latents(self) -> int:
+        """Numbers of the generator's latent z; 0 without one."""
+        return 0 if self.generator is None else self.generator.get("z", 64)
+
+    @property
     def extent(self) -> tuple[float, float]:
         """Patches (V, U) that the texture of a baked bundle covers."""
         height, width = self.arrays["features/0"].shape[:2]

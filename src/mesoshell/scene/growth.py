@@ -23,7 +23,7 @@ from mesoshell.io.image import read_heights
 from mesoshell.io.material import PARAMS, parameter_vector
 from mesoshell.io.surface import KIND
 from mesoshell.kept import constant, kept
-from mesoshell.limits import check_seed
+from mesoshell.limits import check_latent, check_seed
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Image, read_params
 from mesoshell.scene.scene import Grown, Scene
@@ -99,7 +99,8 @@ def grows(part: Scene | Grown) -> bool:
         return False
     bundle = part.material.shell
     geometry = any(p.role == "beta" and p.name in part.params for p in bundle.parameters)
-    return bundle.generator is not None and (not bundle.baked or part.seed is not None or geometry)
+    others = part.seed is not None or part.latent is not None
+    return bundle.generator is not None and (not bundle.baked or others or geometry)
 
 
 @contextmanager
@@ -130,6 +131,7 @@ class _Grown(NamedTuple):
 
 def _extruded(part: Scene | Grown) -> _Grown:
     check_seed(part.seed)
+    check_latent(part.latent, part.material.name, part.material.shell.latents)
     assert part.mesh is not None  # scene/unpack gives those that are named in a file
     mesh = mesh_of(part.mesh)
     thickness, scale = thickness_and_scale(part, mesh)
@@ -199,7 +201,8 @@ def _textured(
         from mesoshell.shell.generator.texture_synthesis import TextureRequest, field_of, grow
 
         fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
-        return *grow(bundle, name, uv.reshape(-1, 3, 2), TextureRequest(part.seed or 0, values, fields), progress), []
+        request = TextureRequest(part.seed or 0, values, fields, latent=part.latent)
+        return *grow(bundle, name, uv.reshape(-1, 3, 2), request, progress), []
     if part.seed is not None and bundle.tiles is None:
         raise InputError(Argument("seed"), f"{name} is one texture and has no generator")
     fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values | shape]

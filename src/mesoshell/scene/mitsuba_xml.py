@@ -43,6 +43,10 @@ def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tu
         raise InputError(Argument("holdout"), "a scene of Mitsuba's holds no objects out")
     if any(part.growth is not None for part in (scene, *scene.also)):
         raise InputError(Argument("growth"), "a scene of Mitsuba's has one thickness a mesh")
+    if any(part.latent is not None for part in (scene, *scene.also)):
+        raise InputError(
+            Argument("latent"), "a scene of Mitsuba's goes toward no other seed: make a texture, and give that"
+        )
     still = settle(scene, texture=False)
     assert isinstance(still.mesh, Mesh)
     if scene.material.kind == KIND:

@@ -28,7 +28,7 @@ class Grown:
 
     mesh: as of a Scene; or None, and `grow` names nodes of the scene's own file.
     material: of `load_material`; a surface material beside shells requires `engine` mitsuba.
-    thickness, scale, params, seed, growth: as of a Scene; a surface material has only `scale`.
+    thickness, scale, params, seed, latent, growth: as of a Scene; a surface material has only `scale`.
     name: by which faults and a film's keys call it, NAME:PARAMETER. Default: its material's.
     """
 
@@ -41,6 +41,7 @@ class Grown:
     seed: int | None = None
     growth: Image | None = None
     name: str | None = None
+    latent: tuple[int, float] | None = None
 
     @property
     def called(self) -> str:
@@ -57,7 +58,7 @@ class Grown:
             raise InputError(Argument("also"), f"{self.material.name} takes either a mesh or `grow`")
         if self.material.kind == KIND:
             given = {"params": bool(self.params)}
-            given |= {k: getattr(self, k) is not None for k in ("seed", "thickness", "growth")}
+            given |= {k: getattr(self, k) is not None for k in ("seed", "latent", "thickness", "growth")}
             for name in (name for name, is_given in given.items() if is_given):
                 fault = f"{self.material.name} is a surface material: it has none (see scale)"
                 raise InputError(Argument(f"{self.called}:{name}"), fault)
@@ -81,6 +82,8 @@ class Scene:
         UV square, a file or (H, W) in [0, 1], whose black to white spans the parameter's range.
     seed: which of a generator's textures grows on the mesh; or in which order corner tiles lie; a material that is one patch
         has no other. Default: 0.
+    latent: another seed and a share from 0 to 1: how far a generator's latent z is on its way to that of the other seed. The
+        phases, so where blades may stand, stay those of `seed`. For generators that were trained with a latent.
     growth: how high the material grows over the UV square: an image, as a file or (H, W), of shares of `thickness` from 0 to 1,
         a file's codes over the largest; nothing grows where it is black. The mesh is refined to show it, to 131072 triangles
         at most.
@@ -131,6 +134,7 @@ class Scene:
     suns: bool = True
     lamps: Sequence[Lamp] = ()
     growth: Image | None = None
+    latent: tuple[int, float] | None = None
 
     def __post_init__(self) -> None:
         _check_material(self.material)

@@ -76,4 +76,5 @@ def _with_texture(part: PartT, progress: Progress) -> PartT:
     arrays = {key: x.copy() if x is given.arrays.get(key) else x for key, x in grown.arrays.items()}
     material = Material(part.material.name, constant(replace(grown, arrays=arrays)))
     shape = {p.name for p in part.material.shell.parameters if p.role == "beta"}
-    return replace(part, material=material, params={k: v for k, v in part.params.items() if k not in shape}, seed=None)
+    params = {k: v for k, v in part.params.items() if k not in shape}
+    return replace(part, material=material, params=params, seed=None, latent=None)

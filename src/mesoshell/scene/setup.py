@@ -118,7 +118,9 @@ def _of_all(scene: Scene, notes: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
 
 def describe_surface(scene: Scene) -> SurfaceDescription:
     """The description of a scene with a surface material. Raises InputError."""
-    given = {"params": bool(scene.params)} | {k: getattr(scene, k) is not None for k in ("seed", "thickness", "growth")}
+    given = {"params": bool(scene.params)} | {
+        k: getattr(scene, k) is not None for k in ("seed", "latent", "thickness", "growth")
+    }
     for name in (name for name, is_given in given.items() if is_given):
         raise InputError(Argument(name), f"{scene.material.name} is a surface material: it has none (see `scale`)")
     _check_values(scene)

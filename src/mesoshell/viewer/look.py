@@ -49,19 +49,20 @@ class Sky:
 
 @dataclass(frozen=True)
 class PartLook:
-    """What is set of one material. params: by name; thickness: world; painted: in place of parameters."""
+    """What is set of one material. params: by name; thickness: world; painted: in place of parameters; latent: of a Scene."""
 
     params: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     thickness: float | None = None
     painted: Mapping[str, Painting] = field(default_factory=dict)
+    latent: tuple[int, float] | None = None
 
     def texture(self, part: Scene | Grown) -> tuple:
         """What of it a grown texture depends on; alike for all looks where none is grown."""
         if not is_generated(part):
             return ()
         shape = sorted(_of_role(part, self, "beta").items())
-        return self.seed, *((name, self.painted.get(name, x)) for name, x in shape)
+        return self.seed, self.latent, *((name, self.painted.get(name, x)) for name, x in shape)
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,11 @@ def parts_of(scene: Scene) -> tuple[Scene | Grown, ...]:
 def first_look(scene: Scene) -> Look:
     """The look of a scene as it was given. Parameters that an image varies stay as they are, and geometry without a
     generator. Raises InputError."""
-    own, *others = (PartLook(_free(part), part.seed or 0, part.thickness) for part in parts_of(scene))
-    return Look(own.params, own.seed, own.thickness, also=tuple(others), base_colour=scene.base_colour)
+    own, *others = (
+        PartLook(_free(part), part.seed or 0, part.thickness, latent=part.latent) for part in parts_of(scene)
+    )
+    also = tuple(others)
+    return Look(own.params, own.seed, own.thickness, latent=own.latent, also=also, base_colour=scene.base_colour)
 
 
 def _free(part: Scene | Grown) -> dict[str, float]:
@@ -134,7 +138,7 @@ def with_textures_of(begun: Scene, still: Scene, look: Look, now: Sequence[tuple
 
 def _to_grow(part: PartT, look: PartLook) -> PartT:
     seed = look.seed if is_generated(part) else part.seed
-    return replace(part, params={**part.params, **_values(part, look, "beta")}, seed=seed)
+    return replace(part, params={**part.params, **_values(part, look, "beta")}, seed=seed, latent=look.latent)
 
 
 def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
@@ -221,7 +225,7 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     for name, value in params.items():
         words += ["--param", f"{name}={value}"]
     for name, value in fields.items():
-        words += [f"--{name}", value]
+        words += [f"--{name}", *(value.split(",") if name == "latent" else [value])]
     words += _option("base", *look.base_colour)
     as_given = look.sun is None and look.sky is None
     for light in given.lights if as_given else scene.lights:
@@ -273,7 +277,8 @@ def _said(given: PartT, shown: PartT, look: PartLook) -> tuple[dict[str, str], d
     growth = painted.pop(GROWTH, given.growth)
     is_tiled = getattr(given.material.bundle, "tiles", None) is not None
     seed = look.seed if look.texture(given) or look.seed or (is_tiled and isinstance(given, Grown)) else None
-    fields = {"seed": seed, "thickness": look.thickness, "scale": shown.scale, GROWTH: growth}
+    latent = None if look.latent is None else "{},{:.6g}".format(*look.latent)
+    fields = {"seed": seed, "latent": latent, "thickness": look.thickness, "scale": shown.scale, GROWTH: growth}
     return _spelled({**images, **look.params, **painted}), _spelled(fields)
 
 

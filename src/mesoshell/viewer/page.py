@@ -180,6 +180,7 @@ class Page:
             own.seed,
             own.thickness,
             own.painted,
+            own.latent,
             also=tuple(others),
             # eight bits are not the colour that was given
             base_colour=self._given_base if tuple(self._base.value) == self._ground else (red, green, blue),

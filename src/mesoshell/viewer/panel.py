@@ -18,14 +18,20 @@ class Panel:
         with self.folder:
             self.params = {n: _slider(gui, n, material.parameters[n], value) for n, value in look.params.items()}
             tiled = not is_generated(part) and getattr(material.bundle, "tiles", None) is not None
-            self._seed, self._thickness = None, None
+            self._seed, self._toward, self._share, self._thickness = (None,) * 4
             if is_generated(part) or tiled:
                 self._seed = gui.add_number("seed", look.seed, min=-(2**31), max=2**32 - 1, step=1)
+            if is_generated(part) and material.shell.latents:
+                toward, share = look.latent or (1, 0.0)
+                hint = "another seed: its latent z is what the next slider goes toward"
+                self._toward = gui.add_number("toward seed", toward, min=-(2**31), max=2**32 - 1, step=1, hint=hint)
+                hint = "how far z is on its way from that of the seed to that of the other; the phases stay the seed's"
+                self._share = gui.add_slider("latent", 0.0, 1.0, 0.05, share, hint=hint)
             if (t := look.thickness) is not None:
                 hint = "height of the shell, in the mesh's unit"
                 self._thickness = gui.add_slider("thickness", t / 10, t * 3, t / 50, t, hint=hint)
             self._bar = gui.add_progress_bar(0.0, visible=False)
-        for each in (*self.params.values(), self._seed, self._thickness):
+        for each in (*self.params.values(), self._seed, self._toward, self._share, self._thickness):
             if each is not None:
                 each.on_update(changed)
 
@@ -34,8 +40,14 @@ class Panel:
         return {
             "params": {name: float(slider.value) for name, slider in self.params.items()},
             "seed": 0 if self._seed is None else int(self._seed.value),
+            "latent": self._latent(),
             "thickness": None if self._thickness is None else float(self._thickness.value),
         }
+
+    def _latent(self) -> tuple[int, float] | None:
+        if self._toward is None or self._share is None or not self._share.value:
+            return None
+        return int(self._toward.value), float(self._share.value)
 
     def rest(self, painted: Collection[str]) -> None:
         """A painted parameter's slider rests."""

@@ -29,6 +29,7 @@ OPTIONS: dict[str, list[Any]] = {
     "light": [((x, x, x),) for x in WILD],
     "base": [(x, 0.1, 0.1) for x in WILD[:3]],
     "seed": [2**32, -(2**40), 10**30],
+    "latent": [(2**32, 0.5), (1, -0.1), *((1, x) for x in WILD[:3])],
     "param": [
         (x,) for x in ("age", "age=", "=1", "age=nan", "age=1e999", "age=none.png", "age=a\0b", "x=1", "\n=1", "age=.")
     ],

@@ -44,7 +44,7 @@ def run(options: Options) -> None:
         other = load_material(options.beside)
         if other.kind == KIND and scene.also:
             raise InputError("--beside", f"{other.name} is a surface material: only shells grow beside others")
-        beside = replace(scene, material=other, params={}, seed=None, thickness=None, scale=None)
+        beside = replace(scene, material=other, params={}, seed=None, latent=None, thickness=None, scale=None)
     compiled_by(options.engine)
     with bar(stderr(), "growing") as progress:
         page = Page(scene, options.engine, options.host, options.port, progress, beside, run)

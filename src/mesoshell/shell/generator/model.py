@@ -2,6 +2,7 @@
 
 Notation
 seed        of a material: z, and the phases φ of all Fourier maps, follow from it
+t           how far z is on its way to that of another seed, whose phases are not used
 β           geometry parameters, normalised to [0, 1]                             (G,), or (P, Q, G) on nodes
 w           mapping(z, β)                                                          (1, W), or (1, P, Q, W) on nodes
 
@@ -31,7 +32,7 @@ from mesoshell.shell.generator.generator import (
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.loader import decoder_of
-from mesoshell.typing import Array
+from mesoshell.typing import Array, Key
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +93,33 @@ def generator_model(bundle: Bundle, name: str) -> GeneratorModel:
     return GeneratorModel(config, generator, averages, decoder, bundle.height_octaves, correction)
 
 
-def grown(maker: GeneratorModel, seed: int, beta: Float[np.ndarray, "*nodes G"]) -> Latent:
-    """The latent and the phases of a seed."""
+def grown(
+    maker: GeneratorModel, seed: int, beta: Float[np.ndarray, "*nodes G"], latent: tuple[int, float] | None = None
+) -> Latent:
+    """The latent and the phases of a seed. latent: another seed, and t."""
     k = jax.random.split(jax.random.key(seed))
-    z = jax.random.normal(k[0], (1, maker.config.z), jnp.float32)
+    z = _drawn_z(maker, k[0])
+    if latent is not None:
+        z = slerp(z, _drawn_z(maker, jax.random.split(jax.random.key(latent[0]))[0]), latent[1])
     rows = jnp.asarray(beta, jnp.float32).reshape(math.prod(beta.shape[:-1]), beta.shape[-1])
     w = map_latent(maker.generator, jnp.broadcast_to(z, (len(rows), maker.config.z)), rows)
     return Latent(w.reshape(1, *beta.shape[:-1], w.shape[-1]), draw_phases(maker.config, k[1], 1))
+
+
+def _drawn_z(maker: GeneratorModel, key: Key[Array, ""]) -> Float[Array, "1 Z"]:
+    return jax.random.normal(key, (1, maker.config.z), jnp.float32)
+
+
+def slerp(a: Float[Array, "1 Z"], b: Float[Array, "1 Z"], t: float) -> Float[Array, "1 Z"]:
+    """From a to b on a great circle, its norm from one to the other; straight where they lie on one line (Shoemake 1985)."""
+    norms = [jnp.maximum(jnp.linalg.norm(x), 1e-20) for x in (a, b)]
+    u, v = a / norms[0], b / norms[1]
+    # the angle by its half's tangent: arccos of a dot product is off by 3e-4 near 0
+    angle = 2 * jnp.arctan2(jnp.linalg.norm(u - v), jnp.linalg.norm(u + v))
+    sine = jnp.sin(angle)
+    apart = jnp.abs(sine) > 1e-3
+    one, other = (jnp.where(apart, jnp.sin(s * angle) / jnp.where(apart, sine, 1.0), s) for s in (1 - t, t))
+    return ((1 - t) * norms[0] + t * norms[1]) * (one * u + other * v)
 
 
 def _named(trees: tuple[Any, Any]) -> dict[str, Any]:

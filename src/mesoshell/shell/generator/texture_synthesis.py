@@ -27,12 +27,14 @@ from mesoshell.shell.geometry.chart import cells, fits, patches_of
 @dataclass(frozen=True)
 class TextureRequest:
     """Settings of a texture. values: of parameters, in their units; fields: of geometry parameters that vary, from (…, 2)
-    coordinates in patches to (…) values in [0, 1]; coarser: how many of the finest levels are left out."""
+    coordinates in patches to (…) values in [0, 1]; coarser: how many of the finest levels are left out; latent: another seed,
+    and the share by which z goes to its own from that of `seed`."""
 
     seed: int = 0
     values: dict[str, float] = field(default_factory=dict)
     fields: dict[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
     coarser: int = 0
+    latent: tuple[int, float] | None = None
 
 
 def grow(
@@ -61,7 +63,7 @@ def grow(
         return replace(textured, provenance=textured.provenance | share._asdict())
 
     beta = _geometry(bundle, wanted, count_nodes(size, texels))
-    settings = sorted(wanted.values.items()), sorted(wanted.fields), wanted.coarser, bundle.generator
+    settings = sorted(wanted.values.items()), sorted(wanted.fields), wanted.coarser, wanted.latent, bundle.generator
     key = key_of(bundle, beta, size, needed.tobytes(), wanted.seed, *settings)
     return kept(key, 8 * bundle.channels * size[0] * size[1] // 3 >> 2 * wanted.coarser, make), origin
 
@@ -93,13 +95,15 @@ def bake_bundle(
         arrays.update((f"{name}/{i}", level) for i, level in enumerate(levels))
         return levels
 
-    share = bake(maker, grown(maker, wanted.seed, beta), size, keep, needed, progress, wanted.coarser)
+    begun = grown(maker, wanted.seed, beta, wanted.latent)
+    share = bake(maker, begun, size, keep, needed, progress, wanted.coarser)
     parameters = tuple(replace(p, default=float(wanted.values.get(p.name, p.default))) for p in bundle.parameters)
     density = bundle.texel_density / 2**wanted.coarser
     made = replace(
         bundle, arrays=arrays, generator=None, twin=None, wraps=False, parameters=parameters, texel_density=density
     )
-    return replace(made, provenance=bundle.provenance | {"seed": wanted.seed, "varies": sorted(wanted.fields)}), share
+    said = {"seed": wanted.seed, "latent": wanted.latent, "varies": sorted(wanted.fields)}
+    return replace(made, provenance=bundle.provenance | said), share
 
 
 def _geometry(bundle: Bundle, wanted: TextureRequest, nodes: tuple[int, int]) -> Float[np.ndarray, "*nodes G"]:

@@ -39,8 +39,8 @@ def slerp64(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 16, 512]), st.floats(0, 1))
 def test_it_goes_along_a_great_circle(seed: int, size: int, t: float):
     a, b = np.random.default_rng(seed).normal(size=(2, size))
-    found = slerp(*(jnp.asarray(x, jnp.float32)[None] for x in (a, b)), t)
-    np.testing.assert_allclose(np.asarray(found[0]), slerp64(a, b, t), rtol=0, atol=2e-3 * np.linalg.norm(a))
+    found = slerp(jnp.asarray(a[None], jnp.float32), jnp.asarray(b[None], jnp.float32), t)
+    np.testing.assert_allclose(np.asarray(found[0]), slerp64(a, b, t), rtol=0, atol=2e-3 * float(np.linalg.norm(a)))
 
 
 @pytest.mark.parametrize("b", [1.0, 1.0 + 1e-6, 3.0, -1.0], ids=str)

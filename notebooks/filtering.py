@@ -66,7 +66,7 @@ for level, (before, after) in enumerate(corrected.provenance["correction"]["rms"
 
 # %%
 def field(material: ms.Material, camera: tuple[float, ...], light: tuple[float, ...]) -> ms.Scene:
-    return ms.Scene("experiments/scenes/plane.obj", material, scale=0.03, camera=camera, size=(56, 42), lights=[light])
+    return ms.Scene("experiments/scenes/plane.obj", material, scale=0.03, camera=camera, size=(40, 30), lights=[light])
 
 
 def shown(picture: ms.Picture) -> np.ndarray:

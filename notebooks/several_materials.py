@@ -30,7 +30,7 @@ from mesoshell.io.image import linear_to_srgb
 pelt, turf = ms.load_material("pelt"), ms.load_material("turf")
 hill = ms.Grown("experiments/scenes/hill.obj", turf, scale=0.35, name="hill")
 camera = (2.2, 0.7, -3.2, 0.0, -0.2, 0.0, 36.0)
-scene = ms.Scene("src/mesoshell/assets/spot.obj", pelt, params={"hue": 0.08}, also=[hill], camera=camera, size=(80, 80))
+scene = ms.Scene("src/mesoshell/assets/spot.obj", pelt, params={"hue": 0.08}, also=[hill], camera=camera, size=(48, 48))
 
 
 def show(images: list[np.ndarray], names: list[str]) -> None:

@@ -126,6 +126,7 @@ def test_distill_makes_both_files(folder, capsys, monkeypatch) -> None:
         assert low <= least * (1 + 1e-6) and least < high
 
 
+@pytest.mark.slow
 def test_of_corner_tiles_there_is_a_twin_and_nothing_else(tmp_path, tiled_bundle, capsys, monkeypatch) -> None:
     monkeypatch.setattr("mesoshell.distill.error.PICTURES", 2)
     monkeypatch.setattr("mesoshell.distill.error.RAYS", 1)

@@ -211,6 +211,7 @@ def commanded(network: Path, *data: Path) -> list[tuple[int, str]]:
     return together(ways, network)
 
 
+@pytest.mark.slow
 def test_the_command_trains_on_two_hosts(network) -> None:
     ended = commanded(network, *2 * [network / "data" / "packed"])
     assert [status for status, _ in ended] == [0, 0], ended

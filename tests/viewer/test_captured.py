@@ -32,7 +32,7 @@ from mesoshell.viewer.look import Painting
 from mesoshell.viewer.object_page import ObjectPage
 from mesoshell.viewer.texture_brush import TEXTURE
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore::DeprecationWarning"), pytest.mark.usefixtures("optimised")]
 SIDE, CENTRE, HALF = 16, (3.0, -1.0, 2.0), 2.0
 RED = [1.0, 0.0, 0.0, 1.0]
 

@@ -57,6 +57,7 @@ def page(tiny_bundle: Bundle, tmp_path_factory: pytest.TempPathFactory) -> Itera
         for module in (refining, looking_at, settings):
             patch.setattr(module, "PRESETS", cheap)
         made = Page(ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4), port=free_port())
+        made._settings._side.value = "128"
         yield made
         made.close()
 
@@ -421,6 +422,7 @@ def test_a_material_stands_beside_another(tiny_bundle: Bundle, monkeypatch: pyte
     monkeypatch.setattr(refining, "PRESETS", dict.fromkeys(refining.PRESETS, ms.Quality(samples=4, pixel_samples=1)))
     scene = ms.Scene(MESH, Material("tiny", tiny_bundle), scale=0.4, params={"dryness": 0.3})
     page = Page(scene, port=free_port(), beside=ms.Scene(MESH, Material("other", tiny_bundle), scale=0.8))
+    page._settings._side.value = "128"
     try:
         assert page.beside is not None and page._other is not None and page._with.value == "other"
         seen = Watching(page)

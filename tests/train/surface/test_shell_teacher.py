@@ -218,6 +218,7 @@ def test_grass_seen_wide_is_the_mean_of_grass_seen_narrow(degrees: float):
     np.testing.assert_allclose(seen(1.0), seen(1 / 256), rtol=0.3)
 
 
+@pytest.mark.slow
 def test_of_corner_tiles_each_placement_shows_a_patch_of_its_own(tiny_bundle, tiled_bundle) -> None:
     """At one place within it, to a thousandth: as many answers as tiles; one where a patch repeats. And one a placement."""
     query = {

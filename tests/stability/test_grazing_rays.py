@@ -84,8 +84,8 @@ def test_no_cap_is_wrong_and_unflagged(angle: float, operands: str):
 @pytest.fixture(params=OPERANDS)
 def _walking(request, monkeypatch):
     """The walk's programs with such operands."""
-    for name in ("_begin", "_advance") if request.param in BITS else ():
-        monkeypatch.setattr(batched_walk, name, jax.jit(rounded(getattr(batched_walk, name), BITS[request.param])))
+    if request.param in BITS:
+        monkeypatch.setattr(batched_walk, "_advance", jax.jit(rounded(batched_walk._advance, BITS[request.param])))
 
 
 @pytest.mark.usefixtures("_walking")

@@ -170,10 +170,8 @@ def _of_shells(bundle: Bundle) -> Programs:
     local = shell_teacher.LocalQuery(f(64, 2), f(64), f(64, 3), f(64, 3))
     return {
         "shell.geometry.march._steps": [_jitted(march._steps, prisms, rays, place)],
-        "shell.geometry.batched_walk._entered": [_jitted(batched_walk._entered, prisms, rays, i(128), i(128))],
-        "shell.geometry.batched_walk._walked": [_jitted(batched_walk._walked, prisms, rays, place)],
-        "shell.geometry.batched_walk._begin": [_jitted(batched_walk._begin, prisms, rays, i(128), i(128), i())],
-        "shell.geometry.batched_walk._advance": [_jitted(batched_walk._advance, prisms, rays, place, i())],
+        "shell.geometry.batched_walk._walked": [_jitted(batched_walk._walked, prisms, rays, i(128), place)],
+        "shell.geometry.batched_walk._advance": [_jitted(batched_walk._advance, prisms, rays, i(128), place, i())],
         "shell.render.kernels.frames": [_jitted(kernels.frames, chart, pieces, i())],
         "shell.render.kernels.depth_bounds": [
             _jitted(kernels.depth_bounds, p, table, pieces, at, samples, i()) for p in ways

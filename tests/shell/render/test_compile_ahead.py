@@ -16,7 +16,7 @@ from mesoshell.shell.render import kernels, lighting, renderer, spacing
 from mesoshell.shell.render.scene import Medium
 from tests.helpers import scenes
 
-ALWAYS: list[Any] = [batched_walk._begin, batched_walk._advance, lighting._jacobians]
+ALWAYS: list[Any] = [batched_walk._advance, lighting._jacobians]
 ALWAYS += [kernels.frames, kernels.density, kernels.transport, kernels.density_at]
 PROGRAMS = {
     "density": [*ALWAYS, spacing.interval_segments, spacing.depth_profile, spacing.places],

@@ -3,8 +3,9 @@
 A *visit* is one stay of a ray in the shell, from the face where it enters to the face where it leaves.
 
 The compiled program takes CAPACITY rays at most and serves any number below: it works through them in chunks of CHUNK
-rays that advance in lock-step, STEPS prisms at most, and stops a chunk when all its rays have left. Rays that need more
-go on in the next call, packed together, so a few long grazing rays do not hold the others up.
+rays that enter and advance in lock-step, STEPS prisms at most, and stops a chunk when all its rays have left. Rays that need
+more go on in the next call, packed together, so a few long grazing rays do not hold the others up. Most calls are of a few
+rays: rows for more would only be cleared and copied.
 
 The program runs on the host's CPU, also beside a GPU: its steps are many and small, and a GPU took ten times as long for them
 (docs/results/performance.md).
@@ -21,9 +22,11 @@ from jaxtyping import Bool, Float, Int
 from mesoshell.shell.geometry.march import LOST, WALKING, Prisms, Ray, WalkState, enter, walk
 from mesoshell.typing import Array
 
-CAPACITY, CHUNK, STEPS = 4096, 128, 16
+CAPACITY, CHUNK, STEPS = 1024, 128, 16
 #: Prisms after which a walk counts as lost: only a shell of NaNs can need so many.
 LONGEST = 4096
+#: Exit code of a ray that is about to enter its prism.
+ENTERING = -3
 
 
 class Intervals(NamedTuple):
@@ -100,9 +103,8 @@ def compile_walk(prisms: Prisms, exact: bool) -> None:
     dtype, rows = (np.float64, CHUNK) if exact else (np.float32, CAPACITY)
     with jax.enable_x64(exact):
         parts: Any = [np.zeros((rows, 3), dtype) for _ in range(3)]
-        rays, none = Ray(*parts), np.zeros(rows, np.int32)
-        place = jax.tree.map(np.asarray, _begin(prisms, rays, none, none, np.int32(0)))
-        _advance(prisms, rays, place, np.int32(0))
+        none = np.zeros(rows, np.int32)
+        _advance(prisms, Ray(*parts), none, _outside(none, dtype), np.int32(0))
 
 
 def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
@@ -111,22 +113,30 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
     parts: Any = (near, starts.point - near.astype(np.float64), starts.direction)
     rays = Ray(*(x.astype(dtype) for x in parts))
     capacity = CAPACITY if dtype is np.float32 else CHUNK
-    place: Any = _begun(prisms, rays, starts, capacity)
-    compacted: list[Intervals] = []
+    place, compacted = _outside(starts.prism, dtype), [no_intervals()]
+    walking = np.arange(len(starts.code))
     for _ in range(0, LONGEST, STEPS):
-        walking = np.flatnonzero(place.exit == WALKING)
         if not len(walking):
             break
         for part in np.split(walking, range(capacity, len(walking), capacity)):
             n = len(part)
-            some: Any = jax.tree.map(lambda x, part=part: _padded(x[part], capacity), (rays, place))
+            some = jax.tree.map(lambda x, part=part: _padded(x[part], capacity), (rays, starts.code, place))
             after, rows, used = jax.tree.map(np.asarray, _advance(prisms, *some, np.int32(n)))
             for whole, new in zip(place, after, strict=True):
                 whole[part] = new[:n]
             compacted.append(_compact(rows, used[:n], part))
+        walking = np.flatnonzero(place.exit == WALKING)
     place.exit[place.exit == WALKING] = LOST
-    intervals = Intervals(*(np.concatenate(c) for c in zip(*compacted, strict=True))) if compacted else no_intervals()
+    intervals = Intervals(*(np.concatenate(c) for c in zip(*compacted, strict=True)))
     return Visits(intervals, place.exit, place.t, place.prism, place.bary, place.doubt)
+
+
+def _outside(prism: Int[np.ndarray, "n"], dtype: type) -> WalkState:
+    """Places of rays that are about to enter prisms."""
+    number = lambda *more: np.zeros((len(prism), *more), dtype)  # noqa: E731
+    codes = np.full(len(prism), ENTERING, np.int32)
+    parts: Any = (prism.astype(np.int32), number(), number(), number(2), number(), codes, np.zeros(len(prism), bool))
+    return WalkState(*parts)
 
 
 def _compact(rows: tuple, used: Int[np.ndarray, "n"], part: Int[np.ndarray, "n"]) -> Intervals:
@@ -135,18 +145,6 @@ def _compact(rows: tuple, used: Int[np.ndarray, "n"], part: Int[np.ndarray, "n"]
     at = step * rows[0].shape[1] + row
     prism, t0, t1, bary0, h0, bary1, h1 = (np.take(x.reshape(-1, *x.shape[2:]), at, axis=0) for x in rows)
     return Intervals(part[row], prism, t0, t1, bary0, bary1, h0, h1)
-
-
-def _begun(prisms: Prisms, rays: Ray, starts: Starts, capacity: int) -> WalkState:
-    """Where each ray enters, as arrays that can be written."""
-    parts, count = [], len(starts.code)
-    for i in range(0, max(count, 1), capacity):
-        n = min(capacity, count - i)
-        some: Any = jax.tree.map(
-            lambda x, i=i: _padded(x[i : i + capacity], capacity), (rays, starts.prism, starts.code)
-        )
-        parts.append(jax.tree.map(lambda x, n=n: np.asarray(x)[:n], _begin(prisms, *some, np.int32(n))))
-    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
 
 
 def _padded(x: np.ndarray, rows: int) -> np.ndarray:
@@ -160,47 +158,28 @@ def no_intervals() -> Intervals:
 
 
 @partial(jax.jit, inline=True)
-def _entered(prisms: Prisms, rays: Ray, prism: Array, code: Array) -> WalkState:
-    """`enter` of many rays. What is jitted is traced once, however often it is called."""
-    return jax.vmap(enter, in_axes=(None, 0, 0, 0))(prisms, rays, prism, code)
+def _walked(prisms: Prisms, rays: Ray, code: Array, place: WalkState) -> tuple:
+    """`enter` of the rays that have not entered, and `walk`. What is jitted is traced once, however often it is called."""
+    entered = jax.vmap(enter, in_axes=(None, 0, 0, 0))(prisms, rays, place.prism, code)
 
+    def chosen(new: Array, old: Array) -> Array:
+        return jnp.where((place.exit == ENTERING).reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
-@partial(jax.jit, inline=True)
-def _walked(prisms: Prisms, rays: Ray, place: WalkState) -> tuple:
-    return walk(prisms, rays, place, STEPS)
-
-
-@jax.jit
-def _begin(prisms: Prisms, rays: Ray, prism: Array, code: Array, count: Array) -> WalkState:
-    """`enter` on the first `count` rays, a chunk at a time."""
-    chunk = min(CHUNK, len(code))
-    like: Any = jax.eval_shape(_entered, prisms, *_slice((rays, prism, code), 0, chunk))
-
-    def body(i: Array, place: WalkState) -> WalkState:
-        entered = _entered(prisms, *_slice((rays, prism, code), i * chunk, chunk))
-        return jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, i * chunk, 0), place, entered)
-
-    return jax.lax.fori_loop(
-        0,
-        (count + chunk - 1) // chunk,
-        body,
-        jax.tree.map(lambda s: jnp.zeros((len(code), *s.shape[1:]), s.dtype), like),
-    )
+    return walk(prisms, rays, jax.tree.map(chosen, entered, place), STEPS)
 
 
 @jax.jit
-def _advance(prisms: Prisms, rays: Ray, place: WalkState, count: Array) -> tuple:
-    """`walk` on the first `count` rays, a chunk at a time."""
+def _advance(prisms: Prisms, rays: Ray, code: Array, place: WalkState, count: Array) -> tuple:
+    """`_walked` on the first `count` rays, a chunk at a time."""
     length = place.t.shape[0]
     chunk = min(CHUNK, length)
-    part = jax.eval_shape(_walked, prisms, *_slice((rays, place), 0, chunk))
+    part = jax.eval_shape(_walked, prisms, *_slice((rays, code, place), 0, chunk))
     rows = jax.tree.map(lambda s: jnp.zeros((STEPS, length, *s.shape[2:]), s.dtype), part[1])
 
     def body(i: Array, carry: tuple) -> tuple:
         place, rows, used = carry
         begin = i * chunk
-        some, at = _slice((rays, place), begin, chunk)
-        after, new, steps = _walked(prisms, some, at)
+        after, new, steps = _walked(prisms, *_slice((rays, code, place), begin, chunk))
         place = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 0), place, after)
         rows = jax.tree.map(lambda a, b: jax.lax.dynamic_update_slice_in_dim(a, b, begin, 1), rows, new)
         return place, rows, jax.lax.dynamic_update_slice_in_dim(used, steps, begin, 0)

@@ -1,11 +1,13 @@
 """How soon a viewer shows what is asked: python -m benchmarks.viewer [--material NAME]
 
 Of spot, with compiled programs in the cache, without a browser: seconds from the start of a process to the first picture,
-pictures of 128 pixels a second while the camera turns, seconds from a slider to the first picture of it, until the brush is
+pictures of 128 pixels a second while the camera turns (asked for after each picture, and at EVERY whether or not there was
+one), seconds from a move after REST to its picture, seconds from a slider to the first picture of it, until the brush is
 ready, and of a dab. Run it twice: the first fills the cache. --flip measures what pixels without rays cost the first picture.
 """
 
 import argparse
+import itertools
 import subprocess
 import sys
 import threading
@@ -16,6 +18,8 @@ import numpy as np
 
 MESH = "tests/data/spot.obj"
 MOVES = 12
+#: Seconds between moves of a camera that is dragged; of rest, in which the picture refines; of dragging.
+EVERY, REST, DRAG = 0.02, 2.0, 4.0
 
 
 def measured(material: str) -> None:
@@ -57,6 +61,23 @@ def measured(material: str) -> None:
         work.see(1, rotate_about(camera, np.zeros(3), 1, 0.05 * k))
         moves.append(wait())
     print(f"{1 / np.median(moves):.1f} pictures a second while the camera turns")
+    rests = []
+    for k in range(3):
+        time.sleep(REST)
+        while shown.acquire(blocking=False):
+            pass
+        work.see(1, rotate_about(camera, np.zeros(3), 1, 0.05 * k))
+        rests.append(wait())
+    print(f"{np.median(rests):.2f} s from a move after a rest to its picture")
+    count, end = 0, time.perf_counter() + DRAG
+    for k in itertools.count():
+        if time.perf_counter() > end:
+            break
+        work.see(1, rotate_about(camera, np.zeros(3), 1, 0.01 * k))
+        time.sleep(EVERY)
+        while shown.acquire(blocking=False):
+            count += 1
+    print(f"{count / DRAG:.1f} pictures a second while it is dragged")
     waits = []
     for k in range(MOVES):
         name, value = next(iter(work.look.params.items()))

@@ -1,10 +1,12 @@
 """Limits of memory and seeds, checked before anything is made (standard library only)."""
 
 import contextlib
+import operator
 import os
 import resource
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from mesoshell.errors import Argument, InputError
 
@@ -33,15 +35,18 @@ def check_seed(seed: int | None, argument: str = "seed") -> None:
         raise InputError(Argument(argument), f"{seed} must be from -2147483648 to 4294967295: 32 bits")
 
 
-def check_latent(latent: tuple[int, float] | None, name: str, numbers: int) -> None:
-    """Raise InputError for a seed and a share that the latent of a material, of so many numbers, cannot go toward."""
+def checked_latent(latent: Any, name: str, size: int) -> tuple[int, float] | None:
+    """Another seed and its share of a material's latent, of `size` numbers; None where that share is 0. Raises InputError."""
     if latent is None:
-        return
-    seed, share = latent
+        return None
+    try:
+        seed, share = latent
+        seed, share = operator.index(seed), float(share)
+    except (TypeError, ValueError):
+        raise InputError(Argument("latent"), f"must be another seed and its share, not {latent!r}") from None
     check_seed(seed, "latent")
     if not 0 <= share <= 1:
-        raise InputError(Argument("latent"), f"the share of the other seed must be from 0 to 1, not {share:g}")
-    if not numbers:
-        raise InputError(
-            Argument("latent"), f"{name} has no latent z: its textures differ by their seed's phases alone"
-        )
+        raise InputError(Argument("latent"), f"the other seed's share must be from 0 to 1, not {share:g}")
+    if not size:
+        raise InputError(Argument("latent"), f"{name} has no latent z")
+    return (seed, share) if share else None

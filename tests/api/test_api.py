@@ -274,6 +274,8 @@ def explained(quality="draft", engine="jax", changes={{}}, **more):
     return lambda: ms.explain(ms.Scene({mesh!r}, material, **{{"size": (8, 6)}} | more), quality, engine=engine, **changes)
 for value in ([[0.0, 1.0]], None, "a" * 300):
     fault(explained(params={{"dryness": value}}), "params: dryness=")
+for latent in (3, (3,), (3.5, 0.5), (3, "half"), (3, None)):
+    fault(explained(latent=latent), "latent: must be another seed and its share, not")
 for size in (64, (64,), (64.5, 32)):
     fault(explained(size=size), "size: must be two whole numbers")
 far = ms.Camera(ms.look_at((0, 0, 1e38), (0, 0, 0)), 0.5, 8, 6)

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.xdist_group("atlas_cli")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, optimised):
+def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("made")
     balls.write_capture(made / "capture", views=10, size=24)
     main(["atlas", "train", str(made / "capture"), "--run", str(made / "run"), "--preset", "tiny", "--kimg", "10.24"])

@@ -1,11 +1,13 @@
 """Drawn numbers are even over the rays of a pixel and over its neighbours, and a picture of theirs does not know its tiles."""
 
+import threading
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesoshell.render.camera import Camera, centred, look_at, outward
+from mesoshell.render.camera import Camera, centred, look_at, outward, rays
 from mesoshell.render.light import beams, environment, sample
 from mesoshell.render.sequence import PLANE, SPACE, draws_at
 from mesoshell.render.tiles import render_pass, render_tiles
@@ -92,10 +94,33 @@ def test_beams_carry_the_light_of_the_sky():
     assert beams((), None, 8, draws_at(PIXELS, 0.0)) == []
 
 
+def test_a_pass_that_nobody_waits_for_ends():
+    """Within its tiles, and without those that were not begun."""
+    stop, worked = threading.Event(), []
+    camera = Camera(look_at((0, 0, 3), (0, 0, 0)), 0.8, 9, 7)
+    (first,) = rays(camera, np.array([[0.5, 0.5]]))[1]
+
+    def tile(o, d, shift, draws, check):
+        assert np.allclose(d, first) or stop.wait(30)
+        check()
+        worked.append(d)
+        return np.zeros((len(o), 4))
+
+    def progress(share: float) -> None:
+        if share > 0 or stop.is_set():
+            stop.set()
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        render_pass(camera, 0, np.arange(63), 1, tile, progress)
+    assert len(worked) == 1
+
+
 def test_a_picture_does_not_know_its_tiles():
     camera = Camera(look_at((0, 0, 3), (0, 0, 0)), 0.8, 9, 7)
 
-    def tile(o, d, shift, draws):
+    def tile(o, d, shift, draws, check):
+        check()
         return np.concatenate([d * draws.numbers()[:, None], draws.triples(3)[1, :, :1] + shift], axis=1)
 
     whole, parts = (render_tiles(camera, 3, size, tile, lambda share: None) for size in (63, 5))

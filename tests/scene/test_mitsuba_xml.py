@@ -100,7 +100,7 @@ def test_what_cannot_be_written_leaves_nothing(
         (described(carpet, params={"lean": float("nan")}), tmp_path / "a", "lean=nan lies outside"),
         (described(carpet, base_colour=(2.0, 0.0, 0.0)), tmp_path / "a", "base_colour"),
         (described(carpet, seed=2**40), tmp_path / "a", "seed"),
-        (described(carpet, latent=(3, 0.5)), tmp_path / "a", "^latent: a scene of Mitsuba's goes toward no other seed"),
+        (described(carpet, latent=(3, 0.5)), tmp_path / "a", "^latent: carpet has no latent z"),
         (described(material, params={"dryness": 9.0}), tmp_path / "b", "dryness=9 lies outside"),
         (described(material, seed=3), tmp_path / "c", "seed"),
     ):

@@ -18,7 +18,7 @@ from mesoshell.scene.scene import Scene
 OF_XML = ("mesh", "engine", "param", "size")
 NOT_OF_XML = {
     "grow": "names nodes of a glTF file or a USD stage: a scene of Mitsuba's says by its BSDFs what grows",
-    "latent": "is for meshes: a BSDF of Mitsuba's goes toward no other seed (make a texture, and give that)",
+    "latent": "is for meshes: make a texture (mesoshell texture --latent), and name it in the scene",
     "growth": "is for meshes: a scene of Mitsuba's has one thickness a mesh",
     "holdout": "is for --engine jax: a scene of Mitsuba's holds nothing out",
 }

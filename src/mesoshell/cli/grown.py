@@ -27,8 +27,14 @@ def _latent(text: str) -> tuple[int, float]:
     return int(seed), float(share)
 
 
-#: What `--param WHAT:NAME=VALUE` sets beside parameters, and its kind.
-PROPORTIONS = {"thickness": float, "scale": float, "seed": int, "growth": str, "latent": _latent}
+#: What `--param WHAT:NAME=VALUE` sets beside parameters, and what that must be.
+PROPORTIONS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "thickness": (float, "a number"),
+    "scale": (float, "a number"),
+    "seed": (int, "a whole number"),
+    "growth": (str, "a file"),
+    "latent": (_latent, "SEED,SHARE, as 8,0.5"),
+}
 
 
 class Named(NamedTuple):
@@ -116,7 +122,7 @@ def _split(options: SceneOptions, names: dict[str, None]) -> tuple[dict[str, str
             if (key, value) == ("growth", NO_GROWTH_IMAGE):
                 fields[key] = None
             elif key in PROPORTIONS:
-                fields[key] = _number(f"{name}:{key}", value, PROPORTIONS[key])
+                fields[key] = _read(f"{name}:{key}", value, *PROPORTIONS[key])
             else:
                 fields["params"][key] = value
     params = pairs_of("--param", own)
@@ -127,9 +133,8 @@ def _split(options: SceneOptions, names: dict[str, None]) -> tuple[dict[str, str
     return params, given
 
 
-def _number(key: str, value: str, kind: Callable[[str], Any]) -> Any:
+def _read(key: str, value: str, kind: Callable[[str], Any], wanted: str) -> Any:
     try:
         return kind(value)
     except ValueError:
-        wanted = {int: "whole number", _latent: "SEED,SHARE"}.get(kind, "number")
-        raise InputError("--param", f"{key}={value} is no {wanted}") from None
+        raise InputError("--param", f"{key} must be {wanted}, not {value}") from None

@@ -46,8 +46,8 @@ class SceneOptions:
     #: Seed of the texture that a generator makes, or of the order of corner tiles; a material of one patch takes none.
     #: Default: 0.
     seed: int | None = None
-    #: SEED SHARE: how far, from 0 to 1, a generator's latent z is on its way from that of --seed to that of another one; blades
-    #: stand where --seed says. For generators that were trained with a latent.
+    #: Another SEED, and the SHARE, from 0 to 1, by which z goes from that of --seed toward that of SEED; phases stay those of
+    #: --seed. For generators that were trained with a latent z.
     latent: tuple[int, float] | None = None
     #: Height of the shell in the mesh's unit; default: the material's own thickness times --scale, or 1/25 of the bounding
     #: box's diagonal.

@@ -115,7 +115,7 @@ class Bundle:
         return "features/0" in self.arrays
 
     @property
-    def latents(self) -> int:
+    def latent_size(self) -> int:
         """Numbers of the generator's latent z; 0 without one."""
         return 0 if self.generator is None else self.generator.get("z", 64)
 

@@ -21,9 +21,9 @@ from jaxtyping import Float, Int
 from mesoshell.render.camera import Camera, centred, in_pixel, outward, rays
 from mesoshell.render.sequence import GOLDEN, Draws, draws_at
 
-#: (origins, directions, shift, what numbers are drawn from) -> RGBA, premultiplied: (R, 3), (R, 3) -> (R, 4). shift: of samples
-#: along their rays, in [0, 1); it differs between the rays of a pixel.
-TileRenderer = Callable[[np.ndarray, np.ndarray, float, Draws], np.ndarray]
+#: (origins, directions, shift, what numbers are drawn from, check) -> RGBA, premultiplied: (R, 3), (R, 3) -> (R, 4). shift: of
+#: samples along their rays, in [0, 1); it differs between the rays of a pixel. check: called now and then; raises to end it.
+TileRenderer = Callable[[np.ndarray, np.ndarray, float, Draws, Callable[[], None]], np.ndarray]
 
 
 @dataclass
@@ -59,7 +59,7 @@ def render_tiles(
     pixels = np.arange(camera.height * camera.width)
     image = np.zeros((len(pixels), 4))
     each = [_Ray(centred(samples, k), (k + 0.5) / samples) for k in range(samples)]
-    for part, rgba, share in _tiles(camera, each, pixels, size, tile):
+    for part, rgba, share in _tiles(camera, each, pixels, size, tile, lambda: None):
         image[part] += rgba
         progress(share)
     return (image / samples).reshape(camera.height, camera.width, 4)
@@ -73,10 +73,12 @@ def render_pass(
     tile: TileRenderer,
     progress: Callable[[float], None],
 ) -> Float[np.ndarray, "P 4"]:
-    """Ray k of these pixels, numbered row by row, of a sequence that may end anywhere. Otherwise as `render_tiles`."""
-    rgba, n = np.zeros((len(pixels), 4)), outward(k)
-    for part, some, share in _tiles(camera, [_Ray(n, (0.5 + n * GOLDEN) % 1)], pixels, size, tile):
-        rgba[part] = some
+    """Ray k of these pixels, numbered row by row, of a sequence that may end anywhere. Otherwise as `render_tiles`. progress:
+    also called within tiles, from their threads; what it raises ends the pass."""
+    rgba, n, done = np.zeros((len(pixels), 4)), outward(k), [0.0]
+    each = [_Ray(n, (0.5 + n * GOLDEN) % 1)]
+    for part, some, share in _tiles(camera, each, pixels, size, tile, lambda: progress(done[0])):
+        rgba[part], done[0] = some, share
         progress(share)
     return rgba
 
@@ -94,7 +96,12 @@ class _Ray(NamedTuple):
 
 
 def _tiles(
-    camera: Camera, each: Sequence[_Ray], pixels: np.ndarray, size: int, tile: TileRenderer
+    camera: Camera,
+    each: Sequence[_Ray],
+    pixels: np.ndarray,
+    size: int,
+    tile: TileRenderer,
+    check: Callable[[], None],
 ) -> Iterator[tuple[slice, np.ndarray, float]]:
     """Tiles in order, as they are done: which of the pixels, their RGBA, and the share done."""
     work = [(ray, first) for ray in each for first in range(0, len(pixels), size)]
@@ -105,8 +112,11 @@ def _tiles(
         ray, first = item
         part = slice(first, first + size)
         o, d = rays(camera, corners[part] + in_pixel(ray.n))
-        return part, tile(np.ascontiguousarray(o), d, ray.shift, draws_at(corners[part], ray.n))
+        return part, tile(np.ascontiguousarray(o), d, ray.shift, draws_at(corners[part], ray.n), check)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for done, (part, rgba) in enumerate(pool.map(one, work), start=1):
-            yield part, rgba, done / len(work)
+        try:
+            for done, (part, rgba) in enumerate(pool.map(one, work), start=1):
+                yield part, rgba, done / len(work)
+        finally:
+            pool.shutdown(cancel_futures=True)  # where it ends early

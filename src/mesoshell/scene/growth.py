@@ -23,7 +23,7 @@ from mesoshell.io.image import read_heights
 from mesoshell.io.material import PARAMS, parameter_vector
 from mesoshell.io.surface import KIND
 from mesoshell.kept import constant, kept
-from mesoshell.limits import check_latent, check_seed
+from mesoshell.limits import check_seed, checked_latent
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Image, read_params
 from mesoshell.scene.scene import Grown, Scene
@@ -99,8 +99,13 @@ def grows(part: Scene | Grown) -> bool:
         return False
     bundle = part.material.shell
     geometry = any(p.role == "beta" and p.name in part.params for p in bundle.parameters)
-    others = part.seed is not None or part.latent is not None
+    others = part.seed is not None or latent_of(part) is not None
     return bundle.generator is not None and (not bundle.baked or others or geometry)
+
+
+def latent_of(part: Scene | Grown) -> tuple[int, float] | None:
+    """Another seed and its share of z, above 0. Raises InputError."""
+    return checked_latent(part.latent, part.material.name, part.material.shell.latent_size)
 
 
 @contextmanager
@@ -131,7 +136,7 @@ class _Grown(NamedTuple):
 
 def _extruded(part: Scene | Grown) -> _Grown:
     check_seed(part.seed)
-    check_latent(part.latent, part.material.name, part.material.shell.latents)
+    latent_of(part)
     assert part.mesh is not None  # scene/unpack gives those that are named in a file
     mesh = mesh_of(part.mesh)
     thickness, scale = thickness_and_scale(part, mesh)
@@ -201,7 +206,7 @@ def _textured(
         from mesoshell.shell.generator.texture_synthesis import TextureRequest, field_of, grow
 
         fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
-        request = TextureRequest(part.seed or 0, values, fields, latent=part.latent)
+        request = TextureRequest(part.seed or 0, values, fields, latent=latent_of(part))
         return *grow(bundle, name, uv.reshape(-1, 3, 2), request, progress), []
     if part.seed is not None and bundle.tiles is None:
         raise InputError(Argument("seed"), f"{name} is one texture and has no generator")

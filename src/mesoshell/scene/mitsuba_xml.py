@@ -24,7 +24,7 @@ from mesoshell.render.lamp import EXTENDED, Lamp, facing, radius
 from mesoshell.render.light import Distant
 from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, sky_pose, spot_angles
 from mesoshell.render.quality import Quality
-from mesoshell.scene.growth import grows
+from mesoshell.scene.growth import grows, latent_of
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.settle import settle
 from mesoshell.scene.setup import check_shell, describe_shell, describe_surface
@@ -43,11 +43,10 @@ def write_folder(scene: Scene, folder: Path, quality: Quality) -> tuple[Path, tu
         raise InputError(Argument("holdout"), "a scene of Mitsuba's holds no objects out")
     if any(part.growth is not None for part in (scene, *scene.also)):
         raise InputError(Argument("growth"), "a scene of Mitsuba's has one thickness a mesh")
-    if any(part.latent is not None for part in (scene, *scene.also)):
-        raise InputError(
-            Argument("latent"), "a scene of Mitsuba's goes toward no other seed: make a texture, and give that"
-        )
     still = settle(scene, texture=False)
+    if any(part.material.kind != KIND and latent_of(part) is not None for part in (still, *still.also)):
+        fault = "a scene of Mitsuba's has none: make a texture (mesoshell texture), and give it as the material"
+        raise InputError(Argument("latent"), fault)
     assert isinstance(still.mesh, Mesh)
     if scene.material.kind == KIND:
         describe_surface(scene)  # raises what a picture of it would

@@ -131,4 +131,5 @@ def _of(part: Scene | Grown) -> dict[str, Any]:
         for name, value in part.params.items()
     }
     given = {name: str(x) if isinstance(x, str | PathLike) else float(x) for name, x in given.items()}
-    return {"name": part.material.name, "parameters": given, **part.material.provenance}
+    drawn = {k: getattr(part, k) for k in ("seed", "latent") if getattr(part, k) is not None}
+    return {"name": part.material.name, "parameters": given, **part.material.provenance, **drawn}

@@ -95,7 +95,8 @@ def tile_renderer(scene: SurfaceScene, quality: Quality, effects: Effects, repor
     report.notes = intersector.tables.notes(scene.device_material.curvature)
     report.time("prepare", begin)
 
-    def tile(o: np.ndarray, d: np.ndarray, shift: float, draws: Draws) -> np.ndarray:
+    def tile(o: np.ndarray, d: np.ndarray, shift: float, draws: Draws, check: Callable[[], None]) -> np.ndarray:
+        check()
         return _Tile(scene, intersector, quality, effects, report).rgba(o, d, draws)
 
     return tile

@@ -22,6 +22,7 @@ from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS, Quality
+from mesoshell.scene.growth import latent_of
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.unpack import is_scene_file
@@ -102,10 +103,12 @@ def first_look(scene: Scene) -> Look:
     """The look of a scene as it was given. Parameters that an image varies stay as they are, and geometry without a
     generator. Raises InputError."""
     own, *others = (
-        PartLook(_free(part), part.seed or 0, part.thickness, latent=part.latent) for part in parts_of(scene)
+        PartLook(
+            _free(part), part.seed or 0, part.thickness, latent=None if part.material.kind == KIND else latent_of(part)
+        )
+        for part in parts_of(scene)
     )
-    also = tuple(others)
-    return Look(own.params, own.seed, own.thickness, latent=own.latent, also=also, base_colour=scene.base_colour)
+    return Look(**vars(own), also=tuple(others), base_colour=scene.base_colour)
 
 
 def _free(part: Scene | Grown) -> dict[str, float]:
@@ -222,10 +225,12 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     words += _option("camera", *eye, *(eye - back), math.degrees(scene.camera.fov))
     words += _option("size", scene.camera.width, scene.camera.height)
     params, fields = _said(given, scene, look)
+    fields.pop("latent", None)
     for name, value in params.items():
         words += ["--param", f"{name}={value}"]
     for name, value in fields.items():
-        words += [f"--{name}", *(value.split(",") if name == "latent" else [value])]
+        words += [f"--{name}", value]
+    words += [] if look.latent is None else _option("latent", *look.latent)
     words += _option("base", *look.base_colour)
     as_given = look.sun is None and look.sky is None
     for light in given.lights if as_given else scene.lights:

@@ -168,8 +168,8 @@ class ObjectPage:
             self.work.leave(number)
             return
         with self._sending:
-            picture, current = self.work.picture(number)
-            if picture is None or not current:
+            picture, _ = self.work.picture(number)
+            if picture is None:
                 return
             codes = srgb_codes(over_white(picture.rgba))
             client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)

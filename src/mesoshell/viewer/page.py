@@ -176,11 +176,7 @@ class Page:
             for k, panel in enumerate(self._panels)
         )
         return Look(
-            own.params,
-            own.seed,
-            own.thickness,
-            own.painted,
-            own.latent,
+            **vars(own),
             also=tuple(others),
             # eight bits are not the colour that was given
             base_colour=self._given_base if tuple(self._base.value) == self._ground else (red, green, blue),
@@ -294,13 +290,15 @@ class Page:
     def _join(self, client: Any) -> None:
         """Send a client its picture, with what it is compared with if that shows the same."""
         picture, current = self.work.picture(client.client_id)
-        if picture is None or not current:
+        if picture is None:
             return
         comparison, name, lines = self._comparison(), self._with.value, [_cost(picture)]
         compared_picture = None
         if comparison is not None:
             other, up_to_date = comparison[0].picture(ComparisonView(client.client_id))
-            compared_picture = other if up_to_date else None
+            moving = not current and not up_to_date and comparison[0] is self.beside
+            if (current and up_to_date) or (moving and other and other.rgba.shape == picture.rgba.shape):
+                compared_picture = other
             if compared_picture is None and comparison[0] is self.beside and picture.samples == 1:
                 return  # while a camera moves, both materials or none
         if compared_picture is None:
@@ -315,7 +313,8 @@ class Page:
                 image = wipe(picture.rgba, compared_picture.rgba, self._wipe.value)
         client.scene.set_background_image(srgb_codes(image), format="jpeg", jpeg_quality=JPEG)
         self._settings.cost.content = "  \n".join(lines)
-        self._settings.see(picture, self.work.look)
+        if current:
+            self._settings.see(picture, self.work.look)
         text = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
         if self._effects.content != text:
             self._effects.content = text

@@ -21,12 +21,12 @@ class Panel:
             self._seed, self._toward, self._share, self._thickness = (None,) * 4
             if is_generated(part) or tiled:
                 self._seed = gui.add_number("seed", look.seed, min=-(2**31), max=2**32 - 1, step=1)
-            if is_generated(part) and material.shell.latents:
-                toward, share = look.latent or (1, 0.0)
-                hint = "another seed: its latent z is what the next slider goes toward"
-                self._toward = gui.add_number("toward seed", toward, min=-(2**31), max=2**32 - 1, step=1, hint=hint)
-                hint = "how far z is on its way from that of the seed to that of the other; the phases stay the seed's"
-                self._share = gui.add_slider("latent", 0.0, 1.0, 0.05, share, hint=hint)
+            if is_generated(part) and material.shell.latent_size:
+                toward, share = look.latent or (look.seed + 1 if look.seed < 2**32 - 1 else 0, 0.0)
+                hint = "whose latent z the seed's can go toward"
+                self._toward = gui.add_number("other seed", toward, min=-(2**31), max=2**32 - 1, step=1, hint=hint)
+                hint = "0: z of the seed; 1: z of the other seed; phases stay the seed's"
+                self._share = gui.add_slider("share of its z", 0.0, 1.0, 0.05, share, hint=hint)
             if (t := look.thickness) is not None:
                 hint = "height of the shell, in the mesh's unit"
                 self._thickness = gui.add_slider("thickness", t / 10, t * 3, t / 50, t, hint=hint)

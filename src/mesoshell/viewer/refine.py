@@ -1,4 +1,5 @@
-"""Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned in a tile's time.
+"""Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned within a wave of a
+tile's samples.
 
 Notation
 chessboard  the pixels of one colour of a chessboard. The first picture has rays for these alone, and in the others the mean of

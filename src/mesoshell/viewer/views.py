@@ -1,4 +1,5 @@
-"""What eyes see: one thread paints their pictures; the newest wish counts.
+"""What eyes see: one thread paints their pictures; the newest wish counts. An eye's first picture is painted to its end,
+whatever is wished for meanwhile: else nothing would be seen while a camera, or a slider, moves faster than a picture takes.
 
 Notation
 view        what one eye sees: its camera, and a number that grows with each wish. A client has an eye, or several to compare
@@ -24,14 +25,15 @@ PictureT = TypeVar("PictureT")
 @dataclass
 class View(Generic[PictureT]):
     """camera: of any size with its proportions; quality: None for the look's; wish: its number; painted: that of the picture
-    under way; left: its steps; shown: how many there were of this wish; picture: the last one; rest: until when nothing is
-    begun, as `time.monotonic` has it."""
+    under way; left: its steps; given: pictures of these so far; shown: how many there were of this wish; picture: the last one;
+    rest: until when nothing is begun, as `time.monotonic` has it."""
 
     camera: Camera
     quality: str | None = None
     wish: int = 1
     painted: int = 0
     left: Iterator[PictureT] | None = None
+    given: int = 0
     shown: int = 0
     picture: PictureT | None = None
     rest: float = 0.0
@@ -50,6 +52,11 @@ class View(Generic[PictureT]):
     def urgent(self) -> bool:
         """Whether it waits for its coarse picture, or for the first one after it."""
         return self.quality is None and self.shown < 2 and self.waits
+
+    @property
+    def is_late(self) -> bool:
+        """Whether nobody waits for what it paints: there is a newer wish, and this one's first picture was there."""
+        return self.painted != self.wish and (self.given > 0 or self.quality is not None)
 
 
 class Views(ABC, Generic[PictureT]):
@@ -94,7 +101,7 @@ class Views(ABC, Generic[PictureT]):
             self._changed.notify_all()
 
     def picture(self, eye: Hashable) -> tuple[PictureT | None, bool]:
-        """The last picture of an eye, and whether it shows what is wished for now."""
+        """The last picture of an eye, and whether it shows what is wished for now, or what was a moment ago."""
         with self._changed:
             view = self._views.get(eye)
             return (None, False) if view is None else (view.picture, view.shown > 0)
@@ -133,15 +140,11 @@ class Views(ABC, Generic[PictureT]):
                     self._turn += 1
                     eye, view = ready[self._turn % len(ready)]
                     if view.painted != view.wish:
-                        view.painted = view.wish
-                        view.left = self._refined(view, self._stopped(view))
+                        view.painted, view.given = view.wish, 0
+                        view.left = self._refined(view, lambda view=view: view.is_late or not self._open)
                     return eye, view
                 self._changed.wait(min(v.rest for _, v in waiting) - now if waiting else None)
         return None
-
-    def _stopped(self, view: View[PictureT]) -> Callable[[], bool]:
-        wish = view.wish
-        return lambda: view.wish != wish or not self._open
 
     def _paint(self) -> None:
         while (turn := self._next()) is not None:
@@ -154,11 +157,13 @@ class Views(ABC, Generic[PictureT]):
                     if picture is None:
                         view.left = None
                         continue
-                    if view.painted != view.wish:
+                    if view.is_late:
                         continue
-                    if view.quality is None and view.shown == 0:
-                        view.rest = time.monotonic() + PAUSE
-                    view.picture, view.shown = picture, view.shown + 1
+                    view.picture, view.given = picture, view.given + 1
+                    if view.painted == view.wish:
+                        if view.quality is None and view.shown == 0:
+                            view.rest = time.monotonic() + PAUSE
+                        view.shown += 1
                 self.say("picture", "")
                 self._show(eye)
             except Exception as fault:  # the page goes on, and says it

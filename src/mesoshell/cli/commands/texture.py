@@ -14,7 +14,7 @@ from mesoshell.io.atomic import new_folder, probe_folder, probe_outputs
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.kept_textures import to_folder
 from mesoshell.io.material import find, parameter_vector
-from mesoshell.limits import check_latent, check_memory, check_seed
+from mesoshell.limits import check_memory, check_seed, checked_latent
 from mesoshell.scene.materials import read_params
 from mesoshell.shell.generator.bake import patches_a_tile
 from mesoshell.shell.generator.model import generator_model
@@ -39,7 +39,7 @@ def run(options: Options) -> None:
     elif max(size) > 2**20:
         raise InputError("--extent", f"{size[1]} × {size[0]} texels are more than {2**20} along a side")
     check_seed(options.seed)
-    check_latent(options.latent, options.material, config.z)
+    options = replace(options, latent=checked_latent(options.latent, options.material, config.z))
     coarser = _coarser(options, config.texels)
     wanted = replace(_wanted(options, bundle, (size[1] / config.texels, size[0] / config.texels)), coarser=coarser)
     console = stderr()

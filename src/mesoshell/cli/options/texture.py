@@ -21,7 +21,7 @@ class Options:
     texels: int | None = None
     #: Another seed, another texture.
     seed: int = 0
-    #: SEED SHARE: how far, from 0 to 1, the latent z is on its way from that of --seed to that of another one.
+    #: Another SEED, and the SHARE, from 0 to 1, by which z goes from that of --seed toward that of SEED.
     latent: tuple[int, float] | None = None
     #: NAME=VALUE; may be repeated. Geometry is baked, and NAME=IMAGE varies it over the extent (grey; black to white spans
     #: its range); appearance becomes the default that a render can still change.

@@ -97,29 +97,31 @@ def grown(
     maker: GeneratorModel, seed: int, beta: Float[np.ndarray, "*nodes G"], latent: tuple[int, float] | None = None
 ) -> Latent:
     """The latent and the phases of a seed. latent: another seed, and t."""
-    k = jax.random.split(jax.random.key(seed))
-    z = _drawn_z(maker, k[0])
+    z, phases = _drawn(maker, seed)
     if latent is not None:
-        z = slerp(z, _drawn_z(maker, jax.random.split(jax.random.key(latent[0]))[0]), latent[1])
+        z = slerp(z, _drawn(maker, latent[0])[0], latent[1])
     rows = jnp.asarray(beta, jnp.float32).reshape(math.prod(beta.shape[:-1]), beta.shape[-1])
     w = map_latent(maker.generator, jnp.broadcast_to(z, (len(rows), maker.config.z)), rows)
-    return Latent(w.reshape(1, *beta.shape[:-1], w.shape[-1]), draw_phases(maker.config, k[1], 1))
+    return Latent(w.reshape(1, *beta.shape[:-1], w.shape[-1]), draw_phases(maker.config, phases, 1))
 
 
-def _drawn_z(maker: GeneratorModel, key: Key[Array, ""]) -> Float[Array, "1 Z"]:
-    return jax.random.normal(key, (1, maker.config.z), jnp.float32)
+def _drawn(maker: GeneratorModel, seed: int) -> tuple[Float[Array, "1 Z"], Key[Array, ""]]:
+    """z of a seed, and the key of its phases."""
+    k = jax.random.split(jax.random.key(seed))
+    return jax.random.normal(k[0], (1, maker.config.z), jnp.float32), k[1]
 
 
 def slerp(a: Float[Array, "1 Z"], b: Float[Array, "1 Z"], t: float) -> Float[Array, "1 Z"]:
-    """From a to b on a great circle, its norm from one to the other; straight where they lie on one line (Shoemake 1985)."""
-    norms = [jnp.maximum(jnp.linalg.norm(x), 1e-20) for x in (a, b)]
-    u, v = a / norms[0], b / norms[1]
-    # the angle by its half's tangent: arccos of a dot product is off by 3e-4 near 0
-    angle = 2 * jnp.arctan2(jnp.linalg.norm(u - v), jnp.linalg.norm(u + v))
+    """The direction between those of a and b on a great circle, which is all that a mapping network takes of z; straight where
+    they lie on one line (Shoemake 1985)."""
+    u, v = (x / jnp.maximum(jnp.linalg.norm(x), 1e-20) for x in (a, b))
+    angle = 2 * jnp.arctan2(
+        jnp.linalg.norm(u - v), jnp.linalg.norm(u + v)
+    )  # arccos of a product is off by 3e-4 at its ends
     sine = jnp.sin(angle)
     apart = jnp.abs(sine) > 1e-3
     one, other = (jnp.where(apart, jnp.sin(s * angle) / jnp.where(apart, sine, 1.0), s) for s in (1 - t, t))
-    return ((1 - t) * norms[0] + t * norms[1]) * (one * u + other * v)
+    return one * u + other * v
 
 
 def _named(trees: tuple[Any, Any]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from mesoshell.shell.geometry.chart import cells, fits, patches_of
 class TextureRequest:
     """Settings of a texture. values: of parameters, in their units; fields: of geometry parameters that vary, from (…, 2)
     coordinates in patches to (…) values in [0, 1]; coarser: how many of the finest levels are left out; latent: another seed,
-    and the share by which z goes to its own from that of `seed`."""
+    and the share by which z goes from that of `seed` toward that of the other."""
 
     seed: int = 0
     values: dict[str, float] = field(default_factory=dict)
@@ -102,7 +102,8 @@ def bake_bundle(
     made = replace(
         bundle, arrays=arrays, generator=None, twin=None, wraps=False, parameters=parameters, texel_density=density
     )
-    said = {"seed": wanted.seed, "latent": wanted.latent, "varies": sorted(wanted.fields)}
+    said = {"seed": wanted.seed, "varies": sorted(wanted.fields)}
+    said |= {} if wanted.latent is None else {"latent": list(wanted.latent)}
     return replace(made, provenance=bundle.provenance | said), share
 
 

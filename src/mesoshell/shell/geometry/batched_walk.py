@@ -2,10 +2,10 @@
 
 A *visit* is one stay of a ray in the shell, from the face where it enters to the face where it leaves.
 
-The compiled program takes CAPACITY rays at most and serves any number below: it works through them in chunks of CHUNK
-rays that enter and advance in lock-step, STEPS prisms at most, and stops a chunk when all its rays have left. Rays that need
-more go on in the next call, packed together, so a few long grazing rays do not hold the others up. Most calls are of a few
-rays: rows for more would only be cleared and copied.
+The compiled program takes CAPACITY rays at most (CHUNK in float64) and serves any number below: it works through them in
+chunks of CHUNK rays that enter and advance in lock-step, STEPS prisms at most, and stops a chunk when all its rays have left.
+Rays that need more go on in the next call, packed together, so a few long grazing rays do not hold the others up. Most calls
+are of a few rays: rows for more would only be cleared and copied.
 
 The program runs on the host's CPU, also beside a GPU: its steps are many and small, and a GPU took ten times as long for them
 (docs/results/performance.md).
@@ -19,14 +19,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mesoshell.shell.geometry.march import LOST, WALKING, Prisms, Ray, WalkState, enter, walk
+from mesoshell.shell.geometry.march import ENTERING, LOST, WALKING, Prisms, Ray, WalkState, begun, walk
 from mesoshell.typing import Array
 
 CAPACITY, CHUNK, STEPS = 1024, 128, 16
 #: Prisms after which a walk counts as lost: only a shell of NaNs can need so many.
 LONGEST = 4096
-#: Exit code of a ray that is about to enter its prism.
-ENTERING = -3
 
 
 class Intervals(NamedTuple):
@@ -103,8 +101,8 @@ def compile_walk(prisms: Prisms, exact: bool) -> None:
     dtype, rows = (np.float64, CHUNK) if exact else (np.float32, CAPACITY)
     with jax.enable_x64(exact):
         parts: Any = [np.zeros((rows, 3), dtype) for _ in range(3)]
-        none = np.zeros(rows, np.int32)
-        _advance(prisms, Ray(*parts), none, _outside(none, dtype), np.int32(0))
+        zeros = np.zeros(rows, np.int32)
+        _advance(prisms, Ray(*parts), zeros, _entering(zeros, dtype), np.int32(0))
 
 
 def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
@@ -113,7 +111,8 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
     parts: Any = (near, starts.point - near.astype(np.float64), starts.direction)
     rays = Ray(*(x.astype(dtype) for x in parts))
     capacity = CAPACITY if dtype is np.float32 else CHUNK
-    place, compacted = _outside(starts.prism, dtype), [no_intervals()]
+    place: Any = _entering(starts.prism, dtype)
+    compacted = [no_intervals()]
     walking = np.arange(len(starts.code))
     for _ in range(0, LONGEST, STEPS):
         if not len(walking):
@@ -131,11 +130,12 @@ def _visit(prisms: Prisms, starts: Starts, dtype: type) -> Visits:
     return Visits(intervals, place.exit, place.t, place.prism, place.bary, place.doubt)
 
 
-def _outside(prism: Int[np.ndarray, "n"], dtype: type) -> WalkState:
+def _entering(prism: Int[np.ndarray, "n"], dtype: type) -> WalkState:
     """Places of rays that are about to enter prisms."""
-    number = lambda *more: np.zeros((len(prism), *more), dtype)  # noqa: E731
-    codes = np.full(len(prism), ENTERING, np.int32)
-    parts: Any = (prism.astype(np.int32), number(), number(), number(2), number(), codes, np.zeros(len(prism), bool))
+    n = len(prism)
+    t, slack, h = np.zeros((3, n), dtype)
+    codes: Any = np.full(n, ENTERING, np.int32)
+    parts: Any = (prism.astype(np.int32), t, slack, np.zeros((n, 2), dtype), h, codes, np.zeros(n, bool))
     return WalkState(*parts)
 
 
@@ -159,13 +159,8 @@ def no_intervals() -> Intervals:
 
 @partial(jax.jit, inline=True)
 def _walked(prisms: Prisms, rays: Ray, code: Array, place: WalkState) -> tuple:
-    """`enter` of the rays that have not entered, and `walk`. What is jitted is traced once, however often it is called."""
-    entered = jax.vmap(enter, in_axes=(None, 0, 0, 0))(prisms, rays, place.prism, code)
-
-    def chosen(new: Array, old: Array) -> Array:
-        return jnp.where((place.exit == ENTERING).reshape(-1, *[1] * (old.ndim - 1)), new, old)
-
-    return walk(prisms, rays, jax.tree.map(chosen, entered, place), STEPS)
+    """`begun`, and `walk`, of many rays. What is jitted is traced once, however often it is called."""
+    return walk(prisms, rays, jax.vmap(begun, in_axes=(None, 0, 0, 0))(prisms, rays, code, place), STEPS)
 
 
 @jax.jit

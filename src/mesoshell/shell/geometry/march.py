@@ -26,8 +26,8 @@ from mesoshell.geometry.patch import Crossing, leave_cap, leave_side, post_funct
 from mesoshell.typing import Array, Flag, Float, Index, Int, Scalar, Vec2, Vec3
 
 TOP, BASE = 3, 4
-#: Exit codes of a walk that has not ended, and of one that is outside every prism.
-WALKING, LOST = -1, -2
+#: Exit codes of a walk that has not ended, of one that is outside every prism, and of one that is about to enter its first.
+WALKING, LOST, ENTERING = -1, -2, -3
 #: No face is met beyond its bounds by more than this, whatever its error bound.
 WIDEST = 1e-3
 #: A ray that misses every face by more than this is not in the prism: its walk ends there. (In a scene 1e5 away from the
@@ -107,6 +107,12 @@ def enter(prisms: Prisms, ray: Ray, prism: Index, code: Index) -> WalkState:
     exit_ = jnp.where(met, WALKING, LOST).astype(prism.dtype)
     slack = jnp.where(is_top, top.slack, jnp.where(is_base, base.slack, side.slack))
     return WalkState(prism, t, slack, jnp.where(met, bary, 0.0), jnp.clip(h, 0, 1), exit_, doubt)
+
+
+def begun(prisms: Prisms, ray: Ray, code: Index, place: WalkState) -> WalkState:
+    """The place of a walk, where it enters by `code` if it is about to."""
+    entered = enter(prisms, ray, place.prism, code)
+    return jax.tree.map(lambda new, old: jnp.where(place.exit == ENTERING, new, old), entered, place)
 
 
 def step(prisms: Prisms, ray: Ray, place: WalkState) -> tuple[WalkState, Interval]:

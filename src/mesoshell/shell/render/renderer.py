@@ -101,7 +101,12 @@ class _Renderer:
         self.report.time("compile", begin)
 
     def tile(
-        self, o: Float[np.ndarray, "R 3"], d: Float[np.ndarray, "R 3"], shift: float, draws: Draws
+        self,
+        o: Float[np.ndarray, "R 3"],
+        d: Float[np.ndarray, "R 3"],
+        shift: float,
+        draws: Draws,
+        check: Callable[[], None],
     ) -> Float[np.ndarray, "R 4"]:
         """Premultiplied RGBA of rays (render/tiles)."""
         d = d.astype(np.float32).astype(np.float64)
@@ -116,7 +121,7 @@ class _Renderer:
         self.report.time("sample", clock)
         lit = Tile(o, d, self.lighting.beams(draws))
         drawn = draws.numbers() if self.quality.light_samples else None
-        depth, shaded = self.march(candidates, pieces, at, lit, drawn)
+        depth, shaded = self.march(candidates, pieces, at, lit, drawn, check)
         rgb = self.lighting.shell(lit, i, shaded, at)
         through = np.exp(-depth)
         solid = np.isfinite(traced.end)
@@ -189,9 +194,11 @@ class _Renderer:
         at: Frame,
         tile: Tile,
         drawn: Float[np.ndarray, "R"] | None = None,
+        check: Callable[[], None] = lambda: None,
     ) -> tuple[np.ndarray, Shaded]:
         """Decode samples wave by wave, front to back; where density is baked, those to light alone. drawn: u of each ray, if
-        samples to light are drawn. Returns the rays' optical depths and the samples to light."""
+        samples to light are drawn; check: called before each wave. Returns the rays' optical depths and the samples to
+        light."""
         clock = time.perf_counter()
         samples, ray, opacity = candidates
         depth = np.zeros(len(tile.o))
@@ -206,6 +213,7 @@ class _Renderer:
             chosen = np.flatnonzero((rank >= wave) & (rank < wave + width) & (depth[ray] < stop))
             if not len(chosen):
                 break
+            check()
             some, owner = take(samples, chosen), ray[chosen]
             tau, decoded = (self.depths(some, pieces, at), []) if baked else self.decode(some, pieces, at)
             clock = self.report.time("decode", clock)

@@ -1,0 +1,61 @@
+"""One thread paints what eyes see: the newest wish counts, but an eye's first picture is painted to its end."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import mesoshell as ms
+from mesoshell.viewer.views import View, Views
+
+CAMERAS = [ms.Camera(ms.look_at((1.0, 2.0, 9.0 + k), (0.0, 0.0, 0.0)), 0.6, 20, 16) for k in range(4)]
+STEPS = 3
+
+
+class Painter(Views[tuple[int, int]]):
+    """Pictures are numbers of a camera and a step. moves: what is wished for while the first and the second step of a picture
+    are under way."""
+
+    def __init__(self, *moves: int, quality: str | None = None):
+        self.moves, self.quality, self.seen = list(moves), quality, []
+        self.done = threading.Event()
+        super().__init__(self._shown, lambda line: None)
+        self._start()
+
+    def _refined(self, view: View, stopped: Callable[[], bool]) -> Iterator[tuple[int, int]]:
+        number = next(k for k, camera in enumerate(CAMERAS) if camera is view.camera)
+        for step in range(STEPS):
+            if self.moves and step < 2:
+                self.see(1, CAMERAS[self.moves.pop(0)], self.quality)
+            if stopped():
+                return
+            yield number, step
+
+    def _shown(self, eye: Any) -> None:
+        picture, current = self.picture(eye)
+        self.seen.append((picture, current))
+        if current and picture is not None and picture[1] == STEPS - 1:
+            self.done.set()
+
+
+def painted(*moves: int, quality: str | None = None) -> list[Any]:
+    painter = Painter(*moves, quality=quality)
+    try:
+        painter.see(1, CAMERAS[0], quality)
+        assert painter.done.wait(30)
+    finally:
+        painter.close()
+    return painter.seen
+
+
+def test_a_picture_refines():
+    assert painted() == [((0, step), True) for step in range(STEPS)]
+
+
+def test_while_a_camera_moves_there_are_first_pictures():
+    """They are shown as what was wished for a moment ago, and nothing after them is begun."""
+    assert painted(1, 2, 3) == [((k, 0), False) for k in range(3)] + [((3, step), True) for step in range(STEPS)]
+
+
+def test_pictures_of_a_quality_of_their_own_are_abandoned():
+    """They have no coarse one before, and take long."""
+    assert painted(1, 2, quality="reference") == [((2, step), True) for step in range(STEPS)]

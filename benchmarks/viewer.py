@@ -42,9 +42,11 @@ def measured(material: str) -> None:
         shown.release()
 
     def wait() -> float:
-        """Seconds to the next picture; further ones are forgotten."""
+        """Seconds to the next picture of what is wished for; further ones are forgotten."""
         since = time.perf_counter()
         shown.acquire()
+        while not work.picture(1)[1]:
+            shown.acquire()
         seconds = time.perf_counter() - since
         while shown.acquire(blocking=False):
             pass
@@ -78,6 +80,7 @@ def measured(material: str) -> None:
         while shown.acquire(blocking=False):
             count += 1
     print(f"{count / DRAG:.1f} pictures a second while it is dragged")
+    wait()
     waits = []
     for k in range(MOVES):
         name, value = next(iter(work.look.params.items()))

@@ -3,6 +3,7 @@
 import contextlib
 import operator
 import os
+import reprlib
 import resource
 from os import PathLike
 from pathlib import Path
@@ -42,8 +43,9 @@ def checked_latent(latent: Any, name: str, size: int) -> tuple[int, float] | Non
     try:
         seed, share = latent
         seed, share = operator.index(seed), float(share)
-    except (TypeError, ValueError):
-        raise InputError(Argument("latent"), f"must be another seed and its share, not {latent!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        given = reprlib.repr(latent)
+        raise InputError(Argument("latent"), f"must be another seed and its share, not {given}") from None
     check_seed(seed, "latent")
     if not 0 <= share <= 1:
         raise InputError(Argument("latent"), f"the other seed's share must be from 0 to 1, not {share:g}")

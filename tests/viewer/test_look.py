@@ -86,11 +86,11 @@ def test_the_command_says_how_far_the_latent_is(tmp_path: Path):
     material = ms.load_material(tmp_path / "it.npz")
     given = ms.Scene(MESH, material, scale=1.0, also=(ms.Grown(MESH, material, scale=1.0, name="other"),))
     begun = settle(given, texture=False)
-    own, other = (3, 0.25), (4, 0.75)
+    own, other = (2**32 - 1, 0.25), (4, 0.75)
     look = first_look(begun)
     look = replace(look, latent=own, also=(replace(look.also[0], latent=other),))
     words = command(given, replace(begun, camera=CAMERA), look, "jax", 1)
-    assert "--latent 3 0.25" in words and "--param other:latent=4,0.75" in words
+    assert "--latent 4294967295 0.25" in words and "--param other:latent=4,0.75" in words
 
 
 def test_a_panel_goes_toward_another_seed():

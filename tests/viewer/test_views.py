@@ -4,7 +4,10 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import pytest
+
 import mesoshell as ms
+from mesoshell.viewer import views
 from mesoshell.viewer.views import View, Views
 
 CAMERAS = [ms.Camera(ms.look_at((1.0, 2.0, 9.0 + k), (0.0, 0.0, 0.0)), 0.6, 20, 16) for k in range(4)]
@@ -12,11 +15,11 @@ STEPS = 3
 
 
 class Painter(Views[tuple[int, int]]):
-    """Pictures are numbers of a camera and a step. moves: what is wished for while the first and the second step of a picture
-    are under way."""
+    """Pictures are numbers of a camera and a step. moves: which camera is wished for while a step of a picture is under way, by
+    that picture's camera and the step."""
 
-    def __init__(self, *moves: int, quality: str | None = None):
-        self.moves, self.quality, self.seen = list(moves), quality, []
+    def __init__(self, moves: dict[tuple[int, int], int], quality: str | None = None):
+        self.moves, self.quality, self.seen = moves, quality, []
         self.done = threading.Event()
         super().__init__(self._shown, lambda line: None)
         self._start()
@@ -24,8 +27,8 @@ class Painter(Views[tuple[int, int]]):
     def _refined(self, view: View, stopped: Callable[[], bool]) -> Iterator[tuple[int, int]]:
         number = next(k for k, camera in enumerate(CAMERAS) if camera is view.camera)
         for step in range(STEPS):
-            if self.moves and step < 2:
-                self.see(1, CAMERAS[self.moves.pop(0)], self.quality)
+            if (number, step) in self.moves:
+                self.see(1, CAMERAS[self.moves[number, step]], self.quality)
             if stopped():
                 return
             yield number, step
@@ -37,8 +40,8 @@ class Painter(Views[tuple[int, int]]):
             self.done.set()
 
 
-def painted(*moves: int, quality: str | None = None) -> list[Any]:
-    painter = Painter(*moves, quality=quality)
+def painted(moves: dict[tuple[int, int], int], quality: str | None = None) -> list[Any]:
+    painter = Painter(moves, quality)
     try:
         painter.see(1, CAMERAS[0], quality)
         assert painter.done.wait(30)
@@ -48,14 +51,24 @@ def painted(*moves: int, quality: str | None = None) -> list[Any]:
 
 
 def test_a_picture_refines():
-    assert painted() == [((0, step), True) for step in range(STEPS)]
+    assert painted({}) == [((0, step), True) for step in range(STEPS)]
 
 
 def test_while_a_camera_moves_there_are_first_pictures():
-    """They are shown as what was wished for a moment ago, and nothing after them is begun."""
-    assert painted(1, 2, 3) == [((k, 0), False) for k in range(3)] + [((3, step), True) for step in range(STEPS)]
+    """They are shown as what was wished for a moment ago."""
+    wished = {(0, 0): 1, (1, 0): 2, (2, 0): 3}
+    assert painted(wished) == [((k, 0), False) for k in range(3)] + [((3, step), True) for step in range(STEPS)]
+
+
+def test_what_comes_after_a_first_picture_is_abandoned():
+    assert painted({(0, 1): 1}) == [((0, 0), True), *(((1, step), True) for step in range(STEPS))]
+
+
+def test_a_first_picture_that_takes_long_is_abandoned(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(views, "PATIENCE", -1.0)
+    assert painted({(0, 0): 1}) == [((1, step), True) for step in range(STEPS)]
 
 
 def test_pictures_of_a_quality_of_their_own_are_abandoned():
     """They have no coarse one before, and take long."""
-    assert painted(1, 2, quality="reference") == [((2, step), True) for step in range(STEPS)]
+    assert painted({(0, 0): 1, (1, 0): 2}, "reference") == [((2, step), True) for step in range(STEPS)]

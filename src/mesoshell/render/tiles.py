@@ -109,6 +109,7 @@ def _tiles(
     corners = np.stack([x, y], axis=1)
 
     def one(item: tuple[_Ray, int]) -> tuple[slice, np.ndarray]:
+        check()
         ray, first = item
         part = slice(first, first + size)
         o, d = rays(camera, corners[part] + in_pixel(ray.n))

@@ -11,6 +11,7 @@ The estimate knows no bias, which all passes have in common. It is of the tone-m
 silhouettes count too. Blocks of pixels whose own estimate, and that of their neighbours, is within the error are left alone.
 """
 
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -148,12 +149,14 @@ def accumulate(passes: Passes, goal: Goal, progress: Progress, warm: bool = Fals
     """The picture that passes come to. SIGINT or SIGTERM ends it with the passes so far. warm: all is compiled."""
     sums, clock, met = Sums(passes.shape), _Clock(warm), ""
     active, due = np.arange(len(sums.passes)), FIRST
+    own = threading.current_thread()
     with StopRequest() as stop:
 
         def moved(share: float) -> None:
             if stop.requested:
                 raise _Stopped
-            progress(_share(goal, clock, share))
+            if threading.current_thread() is own:  # tiles call this from threads of theirs
+                progress(_share(goal, clock, share))
 
         while not met:
             pixels = _affordable(goal, clock, active, passes) if len(clock.passes) >= 2 - warm else active

@@ -131,5 +131,7 @@ def _of(part: Scene | Grown) -> dict[str, Any]:
         for name, value in part.params.items()
     }
     given = {name: str(x) if isinstance(x, str | PathLike) else float(x) for name, x in given.items()}
-    drawn = {k: getattr(part, k) for k in ("seed", "latent") if getattr(part, k) is not None}
+    drawn: dict[str, Any] = {} if part.seed is None else {"seed": int(part.seed)}
+    if part.latent is not None:
+        drawn["latent"] = [int(part.latent[0]), float(part.latent[1])]
     return {"name": part.material.name, "parameters": given, **part.material.provenance, **drawn}

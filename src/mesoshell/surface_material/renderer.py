@@ -96,7 +96,6 @@ def tile_renderer(scene: SurfaceScene, quality: Quality, effects: Effects, repor
     report.time("prepare", begin)
 
     def tile(o: np.ndarray, d: np.ndarray, shift: float, draws: Draws, check: Callable[[], None]) -> np.ndarray:
-        check()
         return _Tile(scene, intersector, quality, effects, report).rgba(o, d, draws)
 
     return tile

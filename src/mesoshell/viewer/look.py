@@ -225,12 +225,12 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     words += _option("camera", *eye, *(eye - back), math.degrees(scene.camera.fov))
     words += _option("size", scene.camera.width, scene.camera.height)
     params, fields = _said(given, scene, look)
-    fields.pop("latent", None)
+    latent = fields.pop("latent", None)
     for name, value in params.items():
         words += ["--param", f"{name}={value}"]
     for name, value in fields.items():
         words += [f"--{name}", value]
-    words += [] if look.latent is None else _option("latent", *look.latent)
+    words += [] if latent is None else ["--latent", *latent.split(",")]
     words += _option("base", *look.base_colour)
     as_given = look.sun is None and look.sky is None
     for light in given.lights if as_given else scene.lights:

@@ -288,7 +288,8 @@ class Page:
                     self._join(client)
 
     def _join(self, client: Any) -> None:
-        """Send a client its picture, with what it is compared with if that shows the same."""
+        """Send a client its picture, with what it is compared with if that shows the same, or while a camera moves about the
+        same."""
         picture, current = self.work.picture(client.client_id)
         if picture is None:
             return
@@ -299,7 +300,9 @@ class Page:
             moving = not current and not up_to_date and comparison[0] is self.beside
             if (current and up_to_date) or (moving and other and other.rgba.shape == picture.rgba.shape):
                 compared_picture = other
-            if compared_picture is None and comparison[0] is self.beside and picture.samples == 1:
+            if moving and self._mode.value == "error":
+                return  # it would show how far the camera moved
+            if compared_picture is None and comparison[0] is self.beside and (picture.samples == 1 or not current):
                 return  # while a camera moves, both materials or none
         if compared_picture is None:
             image = over_white(picture.rgba)

@@ -1,5 +1,5 @@
-"""Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned within a wave of a
-tile's samples.
+"""Refine a picture: few pixels at once, then all of them, pass by pass. What nobody waits for is abandoned within a tile of
+rays.
 
 Notation
 chessboard  the pixels of one colour of a chessboard. The first picture has rays for these alone, and in the others the mean of

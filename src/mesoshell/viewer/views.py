@@ -1,5 +1,6 @@
 """What eyes see: one thread paints their pictures; the newest wish counts. An eye's first picture is painted to its end,
-whatever is wished for meanwhile: else nothing would be seen while a camera, or a slider, moves faster than a picture takes.
+whatever is wished for meanwhile, if that takes not too long: else nothing would be seen while a camera, or a slider, moves
+faster than a picture takes.
 
 Notation
 view        what one eye sees: its camera, and a number that grows with each wish. A client has an eye, or several to compare
@@ -19,14 +20,16 @@ from mesoshell.render.camera import Camera
 #: Seconds of rest before what takes long is begun: while a camera moves, there are only coarse pictures, and nothing has to be
 #: abandoned.
 PAUSE = 0.25
+#: Seconds that a first picture may take although there is a newer wish.
+PATIENCE = 0.5
 PictureT = TypeVar("PictureT")
 
 
 @dataclass
 class View(Generic[PictureT]):
     """camera: of any size with its proportions; quality: None for the look's; wish: its number; painted: that of the picture
-    under way; left: its steps; given: pictures of these so far; shown: how many there were of this wish; picture: the last one;
-    rest: until when nothing is begun, as `time.monotonic` has it."""
+    under way; left: its steps; given: pictures of these so far; late: when the first should be there, as `time.monotonic` has
+    it; shown: how many there were of this wish; picture: the last one; rest: until when nothing is begun."""
 
     camera: Camera
     quality: str | None = None
@@ -34,6 +37,7 @@ class View(Generic[PictureT]):
     painted: int = 0
     left: Iterator[PictureT] | None = None
     given: int = 0
+    late: float = 0.0
     shown: int = 0
     picture: PictureT | None = None
     rest: float = 0.0
@@ -55,8 +59,10 @@ class View(Generic[PictureT]):
 
     @property
     def is_late(self) -> bool:
-        """Whether nobody waits for what it paints: there is a newer wish, and this one's first picture was there."""
-        return self.painted != self.wish and (self.given > 0 or self.quality is not None)
+        """Whether nobody waits for what it paints: there is a newer wish, and this one's first picture was there, or takes
+        long."""
+        given = self.given > 0 or self.quality is not None or time.monotonic() > self.late
+        return self.painted != self.wish and given
 
 
 class Views(ABC, Generic[PictureT]):
@@ -98,10 +104,11 @@ class Views(ABC, Generic[PictureT]):
             view = self._views.pop(eye, None)
             if view is not None:
                 view.ask()
+                view.late = 0.0
             self._changed.notify_all()
 
     def picture(self, eye: Hashable) -> tuple[PictureT | None, bool]:
-        """The last picture of an eye, and whether it shows what is wished for now, or what was a moment ago."""
+        """The last picture of an eye, and whether it shows what is wished for now. If not, that is of a moment ago."""
         with self._changed:
             view = self._views.get(eye)
             return (None, False) if view is None else (view.picture, view.shown > 0)
@@ -140,7 +147,7 @@ class Views(ABC, Generic[PictureT]):
                     self._turn += 1
                     eye, view = ready[self._turn % len(ready)]
                     if view.painted != view.wish:
-                        view.painted, view.given = view.wish, 0
+                        view.painted, view.given, view.late = view.wish, 0, time.monotonic() + PATIENCE
                         view.left = self._refined(view, lambda view=view: view.is_late or not self._open)
                     return eye, view
                 self._changed.wait(min(v.rest for _, v in waiting) - now if waiting else None)

@@ -113,6 +113,7 @@ class _Renderer:
         clock = time.perf_counter()
         traced = self.boundary.trace(o, d)
         clock = self.report.time("trace", clock)
+        check()
         self.report.count(rays=len(o), visits=traced.walked, visits_in_float64=traced.redone)
         i = traced.intervals
         self.report.count(intervals=len(i.ray))

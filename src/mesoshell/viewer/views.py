@@ -20,7 +20,7 @@ from mesoshell.render.camera import Camera
 #: Seconds of rest before what takes long is begun: while a camera moves, there are only coarse pictures, and nothing has to be
 #: abandoned.
 PAUSE = 0.25
-#: Seconds that a first picture may take although there is a newer wish.
+#: Seconds that a first picture may take although there is a newer wish: compiling, or a pass of paths, takes more.
 PATIENCE = 0.5
 PictureT = TypeVar("PictureT")
 

@@ -3,7 +3,8 @@
 Of spot, with compiled programs in the cache, without a browser: seconds from the start of a process to the first picture,
 pictures of 128 pixels a second while the camera turns (asked for after each picture, and at EVERY whether or not there was
 one), seconds from a move after REST to its picture, seconds from a slider to the first picture of it, until the brush is
-ready, and of a dab. Run it twice: the first fills the cache. --flip measures what pixels without rays cost the first picture.
+ready, and of a dab. Run it twice: the first fills the cache. --flip measures what
+the first picture loses by its few rays and samples, and what it gains.
 """
 
 import argparse
@@ -109,38 +110,55 @@ def measured(material: str) -> None:
 
 
 def flip(material: str) -> None:
-    """FLIP of first pictures against 64 rays a pixel of `normal`: with all rays, half of them, and of 64 pixels, enlarged."""
+    """FLIP against 64 rays a pixel of `normal`, and time, of first pictures: as they are, with all rays, with a draft's
+    samples, and of half as many pixels a side."""
     import mesoshell as ms
     from mesoshell.measure.flip import flip_map
-    from mesoshell.render.quality import PRESETS
+    from mesoshell.render.quality import PRESETS, Quality
     from mesoshell.scene.accumulate import over_backdrop
+    from mesoshell.scene.picture import Passes
     from mesoshell.scene.prepare import prepare
     from mesoshell.scene.settle import settle
     from mesoshell.viewer.look import with_size
-    from mesoshell.viewer.refine import COARSE, chessboard, filled
+    from mesoshell.viewer.refine import COARSE, chessboard, filled, first_settings
 
     still = settle(ms.Scene(MESH, ms.load_material(material)))
-    assert isinstance(still.camera, ms.Camera)
 
-    def picture(side: int, quality: str, rays: int, half: bool = False) -> np.ndarray:
+    def passes(side: int, quality: Quality) -> Passes:
+        assert isinstance(still.camera, ms.Camera)
         scene = replace(still, camera=with_size(still.camera, side))
-        passes = prepare(scene, PRESETS[quality].with_changes(density="network"), "jax").passes(None)
-        known, total = chessboard(passes.shape) | (not half), np.zeros((*passes.shape, 4))
-        for k in range(rays):
-            total[known] += passes.render(k, np.flatnonzero(known), lambda share: None) / rays
-        return filled(total, known)
+        return prepare(scene, quality.with_changes(density="network"), "jax").passes(None)
 
-    wanted = over_backdrop(picture(COARSE, "normal", 64))
-    enlarged = picture(COARSE // 2, "draft", 1).repeat(2, axis=0).repeat(2, axis=1)
-    shown = {"all rays": picture(COARSE, "draft", 1), "half of them": picture(COARSE, "draft", 1, half=True)}
-    for name, image in (shown | {"64 pixels, enlarged": enlarged}).items():
-        print(f"{name}: FLIP {flip_map(over_backdrop(image), wanted).mean():.3f}")
+    def picture(of: Passes, rays: int, half: bool) -> np.ndarray:
+        known, total = chessboard(of.shape) | (not half), np.zeros((*of.shape, 4))
+        for k in range(rays):
+            total[known] += of.render(k, np.flatnonzero(known), lambda share: None) / rays
+        larger = COARSE // of.shape[0]
+        return over_backdrop(filled(total, known).repeat(larger, axis=0).repeat(larger, axis=1))
+
+    wanted, few = picture(passes(COARSE, PRESETS["normal"]), 64, False), first_settings()
+    shown = {
+        "the first picture": (passes(COARSE, few), 1, True),
+        "with all rays": (passes(COARSE, few), 1, False),
+        "with a draft's samples": (passes(COARSE, PRESETS["draft"]), 1, True),
+        "of 64 pixels, enlarged": (passes(COARSE // 2, few), 1, False),
+    }
+    errors = {name: flip_map(picture(*one), wanted).mean() for name, one in shown.items()}
+    times: dict[str, list[float]] = {name: [] for name in shown}
+    for _ in range(MOVES):
+        for name, one in shown.items():
+            begin = time.perf_counter()
+            picture(*one)
+            times[name].append(time.perf_counter() - begin)
+    least = np.median(times["the first picture"])
+    for name, error in errors.items():
+        print(f"{name}: FLIP {error:.3f}, {np.median(times[name]) / least:.2f} of the time")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--material", default="turf")
-    parser.add_argument("--flip", action="store_true", help="measure errors, and no times")
+    parser.add_argument("--flip", action="store_true", help="measure what first pictures cost")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.flip:

@@ -3,7 +3,7 @@ rays.
 
 Notation
 chessboard  the pixels of one colour of a chessboard. The first picture has rays for these alone, and in the others the mean of
-            their neighbours, in two thirds of the time of all rays (docs/how_to/view.md)
+            their neighbours, in two thirds of the time of all rays
 """
 
 import time
@@ -25,6 +25,8 @@ from mesoshell.viewer.look import with_size
 
 #: Pixels of the longer side of what is shown first; most samples a pixel.
 COARSE, MAX_SAMPLES = 128, 256
+#: Samples a ray of what is shown first, 0.8 of a draft's time (docs/how_to/view.md).
+FEW = 4
 
 
 class RefinedPicture(NamedTuple):
@@ -61,7 +63,7 @@ def refine(
     `prepare` does."""
     assert isinstance(scene.camera, Camera)
     stages = [
-        (with_size(scene.camera, COARSE), PRESETS["draft"], 1),
+        (with_size(scene.camera, COARSE), first_settings(), 1),
         (scene.camera, PRESETS[quality].with_changes(**changes), most),
     ]
     if not coarse or max(scene.camera.width, scene.camera.height) <= COARSE:
@@ -72,6 +74,11 @@ def refine(
             yield from _passes(replace(scene, camera=camera), settings, count, stopped, engine, half)
     except Abandoned:
         return
+
+
+def first_settings() -> Quality:
+    """Of what is shown first."""
+    return PRESETS["draft"].with_changes(samples=FEW)
 
 
 def _passes(

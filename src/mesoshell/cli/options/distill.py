@@ -11,8 +11,8 @@ import tyro
 class Options:
     """Learn a surface material from a neural shell or from geometry: one query a hit. A run that was interrupted goes on."""
 
-    #: A shell of one patch that repeats: grass, a .npz file or a folder; or geometry, for which mesoshell[mitsuba] is
-    #: needed: weave, scales, spheres or fibres, or an image file with heights.
+    #: A shell of one patch that repeats, or with --twin of corner tiles: grass, a .npz file or a folder; or geometry, for which
+    #: mesoshell[mitsuba] is needed: weave, scales, spheres or fibres, or an image file with heights.
     material: tyro.conf.Positional[str]
     #: The surface material to write.
     out: Path | None = None

@@ -173,7 +173,10 @@ def test_a_texture_is_a_material_of_its_own(material, tmp_path, capsys) -> None:
     for key, array in field.arrays.items():
         np.testing.assert_array_equal(mapped.arrays[key], array)
     assert "exists already" in fault(capsys, "texture", material, "--out", tmp_path / "f")
-    assert "at least a texel" in fault(capsys, "texture", material, "--extent", "0", "1", "--out", tmp_path / "g.npz")
+    for extent in (("0", "1"), ("1e308", "1e308"), ("1", "1e200")):
+        assert "at least a texel" in fault(
+            capsys, "texture", material, "--extent", *extent, "--out", tmp_path / "g.npz"
+        )
     for wrong in (5, 0, 32):
         said = fault(capsys, "texture", material, "--texels", wrong, "--out", tmp_path / "g.npz")
         assert f"--texels: {wrong}: the generator makes 16; fewer are 8, 4, ... 1" in said

@@ -79,9 +79,11 @@ def test_another_films_frames_are_refused(scene: ms.Scene, tmp_path: Path):
     for other in others:
         with pytest.raises(InputError, match="holds another film's frames: remove the folder, or choose another"):
             ms.film(scene, tmp_path / "film", **(DRAFT | other))
-    (tmp_path / "film" / RECORD).write_text("{")
-    with pytest.raises(InputError, match="is no record of a film"):
-        ms.film(scene, tmp_path / "film", orbit=2, **DRAFT)
+    record = json.loads((tmp_path / "film" / RECORD).read_text())
+    for damaged in ("{", *(json.dumps(record | {"frames": {"0": row}}) for row in (5, {}, {"seconds": "soon"}))):
+        (tmp_path / "film" / RECORD).write_text(damaged)
+        with pytest.raises(InputError, match="is no record of a film"):
+            ms.film(scene, tmp_path / "film", orbit=2, **DRAFT)
     (tmp_path / "film" / RECORD).unlink()
     with pytest.raises(InputError, match=f"holds frames but no {RECORD}"):
         ms.film(scene, tmp_path / "film", orbit=2, **DRAFT)

@@ -1,7 +1,9 @@
 """Reading mesh files: what is read is what was written, and every fault is one line that names it."""
 
+import json
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from trimesh.visual import TextureVisuals
 
 from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
-from mesoshell.geometry.read import FORMATS, read_mesh, read_obj
+from mesoshell.geometry.image_texture import Look
+from mesoshell.geometry.read import FORMATS, _parts, read_mesh, read_obj
 
 DATA = Path(__file__).parents[1] / "data"
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -168,6 +171,70 @@ def test_the_same_mesh_in_every_format(tmp_path: Path):
         if kind in (".glb", ".gltf", ".obj", ".dae", ".zae", *read_usd.FORMATS):
             assert read_uv is not None
             np.testing.assert_allclose(read_uv, uv[ball.faces], atol=1e-6)
+
+
+def test_a_gltf_file_needs_neither_materials_nor_a_scene(tmp_path: Path):
+    """Its primitives keep their texture coordinates, and all of its nodes are read."""
+    ball = trimesh.creation.icosphere(1)
+    uv = np.random.default_rng(0).random((len(ball.vertices), 2))
+    textured = trimesh.Trimesh(ball.vertices, ball.faces, visual=TextureVisuals(uv=uv), process=False)
+    files = export_gltf(trimesh.Scene(textured))
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+    described = json.loads(files["model.gltf"])
+    for key in ("materials", "scenes", "scene"):
+        described.pop(key, None)
+    for mesh in described["meshes"]:
+        for primitive in mesh["primitives"]:
+            primitive.pop("material", None)
+    (tmp_path / "model.gltf").write_text(json.dumps(described))
+    (part,) = _parts(tmp_path / "model.gltf", apart=True)
+    points, faces, read_uv = part.arrays
+    np.testing.assert_allclose(points[faces], ball.vertices[ball.faces], atol=1e-6)
+    assert read_uv is not None and (part.look, part.material) == (Look(), [])
+    np.testing.assert_allclose(read_uv, uv[ball.faces], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (lambda g, p: p.update(mode=6), "holds a triangle fan, which is not read: export triangles"),
+        (
+            lambda g, p: g["accessors"][p["attributes"]["TEXCOORD_0"]].update(componentType=5123, normalized=True),
+            "holds TEXCOORD_0 in whole numbers, normalized: export it without quantization",
+        ),
+        (
+            lambda g, p: g["accessors"][p["attributes"]["POSITION"]].update(sparse={"count": 1}),
+            "holds sparse POSITION, which is not read: export it in full",
+        ),
+        (
+            lambda g, p: g.update(extensionsRequired=["KHR_draco_mesh_compression"]),
+            "needs KHR_draco_mesh_compression, which is not read: export it without compression",
+        ),
+    ],
+)
+def test_geometry_of_a_gltf_file_that_is_not_read_is_said(tmp_path: Path, change: Any, fault: str):
+    ball = trimesh.creation.icosphere(1)
+    uv = np.zeros((len(ball.vertices), 2))
+    textured = trimesh.Trimesh(ball.vertices, ball.faces, visual=TextureVisuals(uv=uv), process=False)
+    for name, data in export_gltf(trimesh.Scene(textured)).items():
+        (tmp_path / name).write_bytes(data)
+    described = json.loads((tmp_path / "model.gltf").read_text())
+    change(described, described["meshes"][0]["primitives"][0])
+    (tmp_path / "model.gltf").write_text(json.dumps(described))
+    with pytest.raises(InputError) as raised:
+        read_mesh(tmp_path / "model.gltf")
+    assert str(raised.value) == f"{tmp_path / 'model.gltf'}: {fault}"
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_line_of_an_obj_file_may_go_on_in_the_next(tmp_path: Path, end: str):
+    lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 2 \\", "3", "f 1 2 9"]
+    (tmp_path / "a.obj").write_bytes(end.join(lines[:-1]).encode())
+    assert read_mesh(tmp_path / "a.obj")[1].tolist() == [[0, 1, 2]]
+    (tmp_path / "a.obj").write_bytes(end.join(lines).encode())
+    with pytest.raises(InputError, match="line 6: face refers to vertex 9"):
+        read_mesh(tmp_path / "a.obj")
 
 
 def test_scenes_are_joined_with_their_transforms(tmp_path: Path):

@@ -91,6 +91,7 @@ def test_each_field_of_the_manifest_is_required(folder):
         ({"parameters": {"age": {}}}, "parameter 'age' must have role, range, default, unit, meaning"),
         ({"parameters": {"age": AGE | {"range": "01"}}}, "parameter 'age': range is '01'; expected [lo, hi]"),
         ({"parameters": {"age": AGE | {"range": [0]}}}, "parameter 'age': range is [0]; expected [lo, hi]"),
+        ({"parameters": {"age": AGE | {"range": [1, 1]}}}, "parameter 'age': range is [1, 1]; expected [lo, hi] with"),
     ],
 )
 def test_fields_of_the_manifest(folder, fields: dict[str, Any], fault: str):

@@ -4,13 +4,14 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mesoshell.io import kept_textures
 from mesoshell.io.bundle import Bundle
-from mesoshell.io.cache import cache_folder, held
+from mesoshell.io.cache import cache_folder, forget, held
 from mesoshell.io.kept_textures import Allocate, kept, key_of
 
 
@@ -81,6 +82,21 @@ def test_a_cache_that_cannot_be_written_is_done_without(maker, tmp_path: Path):
     make, times = maker
     kept("a", 1000, make)
     assert times[-1] is False
+
+
+def test_what_another_process_removes_meanwhile_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for name in "abc":
+        (tmp_path / name).write_bytes(bytes(10))
+    plain = Path.stat
+
+    def stat(path: Path, **how: Any) -> os.stat_result:
+        if path.name == "b":
+            path.unlink(missing_ok=True)
+        return plain(path, **how)
+
+    monkeypatch.setattr(Path, "stat", stat)
+    forget(tmp_path / "c", 15)
+    assert [p.name for p in tmp_path.iterdir()] == ["c"]
 
 
 def test_what_was_not_used_for_longest_goes(maker, monkeypatch: pytest.MonkeyPatch):

@@ -237,6 +237,22 @@ def test_lights_of_other_kinds_are_said(tmp_path: Path):
     assert told.notes == ("its lights of other kinds are left out: Tube",) and not told.lamps
 
 
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ({"nodes": [{"skin": 0}]}, ["its skins move nothing"]),
+        ({"nodes": [{"mesh": 0}], "meshes": [{"weights": [0, 1]}]}, ["its morph targets move nothing"]),
+        ({"nodes": [{"mesh": 0}], "meshes": [{"weights": [0, 0]}]}, []),
+        (
+            {"nodes": [{"extensions": {"EXT_mesh_gpu_instancing": {}}}]},
+            ["its instances (EXT_mesh_gpu_instancing) are left out"],
+        ),
+    ],
+)
+def test_what_moves_meshes_and_is_not_read_is_said(tmp_path: Path, header: dict, said: list[str]):
+    assert list(read_scene_file(written(tmp_path, header)).notes) == said
+
+
 def test_what_cannot_be_taken_is_said(tmp_path: Path):
     cameras = [{"type": "orthographic"}, *[{"type": "perspective", "perspective": {"yfov": 0.5 + k}} for k in (0, 1)]]
     nodes = [{"camera": k, "name": name} for k, name in enumerate(("plan", "wide", "near"))]

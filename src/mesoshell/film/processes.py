@@ -84,7 +84,7 @@ class _Worker:
     def __init__(self, cores: set[int] | None):
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (`end` closes it)
         self._process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM.format(cores=cores)],
+            [sys.executable, "-P", "-c", PROGRAM.format(cores=cores)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,

@@ -229,8 +229,11 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
         return {}
     try:
         record = read_object(path)
-        same, rows = record["of"] == of, dict(record["frames"])
-    except (InputError, ValueError, TypeError, KeyError) as fault:
+        same, rows = (
+            record["of"] == of,
+            {str(k): {"seconds": float(x["seconds"]), **x} for k, x in record["frames"].items()},
+        )
+    except (InputError, ValueError, TypeError, KeyError, AttributeError) as fault:
         raise InputError(path, "is no record of a film: remove the folder, or choose another") from fault
     if not same:
         raise InputError(folder, "holds another film's frames: remove the folder, or choose another")
@@ -260,7 +263,8 @@ def _feed(sha: Any, part: Any) -> None:
         sha.update(f"{part.dtype}{part.shape}".encode())
         sha.update(np.ascontiguousarray(part).data)
     elif is_dataclass(part) and not isinstance(part, type):
-        _feed(sha, {field.name: getattr(part, field.name) for field in fields(part)})
+        names = [field.name for field in fields(part) if field.name != "notes"]  # may name a temporary folder
+        _feed(sha, {name: getattr(part, name) for name in names})
     elif isinstance(part, Mapping):
         for key in sorted(part):
             _feed(sha, (key, part[key]))

@@ -16,8 +16,6 @@ under several `usemtl` come back out of order. A polygon becomes a fan of triang
 Source: the OBJ specification (Wavefront, appendix B1).
 """
 
-import io
-import json
 import logging
 import os
 import re
@@ -28,17 +26,16 @@ from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
-from trimesh.resolvers import FilePathResolver
 
 from mesoshell.errors import InputError
 from mesoshell.geometry import read_usd
 from mesoshell.geometry.colour import colour_of, read_or_none
 from mesoshell.geometry.image_texture import Look, Texture, codes_of
+from mesoshell.geometry.read_gltf import check_buffers, load_gltf
 from mesoshell.geometry.read_ply import read_ply
 from mesoshell.geometry.read_usd import Part
 from mesoshell.geometry.unzip import check_archive, unzipped
@@ -48,6 +45,8 @@ COLLADA = (".dae", ".zae")
 XML = (".3mf", *COLLADA)
 FORMATS = (".obj", ".ply", ".glb", ".gltf", ".off", ".stl", *XML, *read_usd.FORMATS)
 NO_TEXTURE = -1
+#: Where a line of an OBJ file goes on in the next one: of Unicode's private characters.
+CONTINUED = "\ue000"
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it warns of materials on standard error
 
 #: Positions, triangles, and corner UVs (None where no corner has one).
@@ -183,7 +182,7 @@ def check_whole(path: Path) -> None:
         if stated > size:
             raise InputError(path, f"is cut short: it has {size} of {stated} bytes")
     if kind == ".gltf":
-        _check_buffers(path)
+        check_buffers(path)
     if kind in (".3mf", ".zae"):
         check_archive(path, (".model", ".dae"))
     if kind == ".off":
@@ -203,24 +202,6 @@ def check_whole(path: Path) -> None:
             raise InputError(path, f"is cut short: it has {size} bytes for {sum(counts)} elements")
 
 
-def _check_buffers(path: Path) -> None:
-    """Raise InputError unless a glTF file's buffers are in it, or whole in files of its folder or below."""
-    described = json.loads(path.read_bytes())
-    for buffer in described.get("buffers", []):
-        uri = buffer.get("uri", "")
-        if uri.startswith("data:"):
-            continue
-        name = unquote(uri)
-        file, folder = (path.parent / name).resolve(), path.parent.resolve()
-        if not name or not file.is_relative_to(folder):
-            raise InputError(path, f"its buffer {uri!r} is no file of its folder")
-        if not file.is_file():
-            raise InputError(path, f"its buffer {uri!r} is missing")
-        if file.stat().st_size < buffer["byteLength"]:
-            sizes = f"it has {file.stat().st_size} of {buffer['byteLength']} bytes"
-            raise InputError(path, f"its buffer {uri!r} is cut short: {sizes}")
-
-
 def _is_text_stl(head: bytes) -> bool:
     return head.lstrip()[:5].lower() == b"solid" and b"facet" in head.lower() and b"\0" not in head
 
@@ -231,7 +212,7 @@ def _parts(path: str | PathLike[str], apart: bool = False) -> Sequence[Part]:
     if Path(path).suffix.lower() in read_usd.FORMATS:
         return read_usd.parts(path, apart)
     gltf = Path(path).suffix.lower() in (".glb", ".gltf")
-    scene, names, materials = _gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {}, [])
+    scene, names, materials = load_gltf(Path(path)) if gltf else (trimesh.load_scene(str(path), process=False), {}, [])
     parents, parts, looks = scene.graph.transforms.parents, [], dict[str, tuple[list[str], Look]]()
     codes: dict[int, np.ndarray] = {}
     for node in scene.graph.nodes_geometry:
@@ -307,34 +288,6 @@ def join_arrays(parts: Sequence[Arrays]) -> Arrays:
     return np.concatenate(points), np.concatenate(faces), _or_none(np.concatenate(uvs))
 
 
-def _gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
-    """A glTF file's scene, the file's names of its nodes, which need not be unique, and its materials, of names `called`.
-    trimesh looks for files by their names as written, in which exporters encode spaces; makes names unique by others; and takes
-    cameras out of the graph, with what hangs on them."""
-    data = path.read_bytes()
-    binary = path.suffix.lower() == ".glb"
-    end = 20 + int.from_bytes(data[12:16], "little") if binary else len(data)
-    described = json.loads(data[20:end] if binary else data)
-    for part in [*described.get("buffers", []), *described.get("images", [])]:
-        if not part.get("uri", "data:").startswith("data:"):
-            part["uri"] = unquote(part["uri"])
-    names = {}
-    for k, node in enumerate(described.get("nodes", [])):
-        names[f"node {k}"] = str(node.get("name", f"node {k}"))
-        node["name"] = f"node {k}"
-        node.pop("camera", None)
-    for k, material in enumerate(described.get("materials", [])):
-        material["called"], material["name"] = material.get("name", ""), f"material {k}"
-    text = json.dumps(described).encode()
-    if binary:
-        text += b" " * (-len(text) % 4)
-        size = (12 + 8 + len(text) + len(data) - end).to_bytes(4, "little")
-        text = data[:8] + size + len(text).to_bytes(4, "little") + data[16:20] + text + data[end:]
-    kind, near = path.suffix[1:].lower(), FilePathResolver(str(path))
-    scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=near, process=False)
-    return scene, names, described.get("materials", [])
-
-
 def read_obj(path: str | PathLike[str]) -> Arrays:
     """All polygons of an OBJ file as triangles. Raises InputError that names the line at fault."""
     points: list[list[float]] = []
@@ -344,8 +297,10 @@ def read_obj(path: str | PathLike[str]) -> Arrays:
     data = Path(path).read_bytes()
     if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:4096]:
         raise InputError(path, "is not text of ASCII or UTF-8 (UTF-16, or binary)")
-    text = data.decode("utf-8-sig", errors="replace")
-    for number, line in enumerate(text.replace("\\\n", " ").splitlines(), start=1):
+    text, number = data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n"), 0
+    for line in text.replace("\\\n", CONTINUED).splitlines():
+        number += 1 + line.count(CONTINUED)
+        line = line.replace(CONTINUED, " ")
         key, *words = line.split("#", 1)[0].split() or [""]
         try:
             if key == "v":

@@ -61,7 +61,9 @@ def _in_child(
 ) -> tuple[Float[np.ndarray, "F 3 2"], int] | None:
     with TemporaryDirectory() as folder:
         np.savez(Path(folder) / "mesh.npz", vertices=vertices, faces=faces, parts=parts)
-        child = subprocess.run([sys.executable, "-m", "mesoshell.geometry.xatlas_process", folder], capture_output=True)
+        child = subprocess.run(
+            [sys.executable, "-P", "-m", "mesoshell.geometry.xatlas_process", folder], capture_output=True
+        )
         if child.returncode != 0:
             return None
         with np.load(Path(folder) / "uv.npz") as made:

@@ -37,13 +37,16 @@ def held(path: Path) -> int:
 
 def forget(new: Path, most: int) -> None:
     """Remove what was not used for longest from the room of `new`, but not that entry, until all are within `most` bytes."""
-    entries = sorted(new.parent.iterdir(), key=lambda p: p.stat().st_mtime)
-    sizes = {p: held(p) for p in entries}
-    for entry in entries:
-        if sum(sizes.values()) <= most or entry == new:
+    found = []
+    for entry in new.parent.iterdir():
+        with contextlib.suppress(OSError):  # another process may remove or rename it
+            found.append((entry.stat().st_mtime, entry, held(entry)))
+    total = sum(size for _, _, size in found)
+    for _, entry, size in sorted(found):
+        if total <= most or entry == new:
             continue
         remove(entry)
-        del sizes[entry]
+        total -= size
 
 
 def remove(path: Path) -> None:

@@ -121,8 +121,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     for name, entry in manifest["parameters"].items():
         if not isinstance(entry, dict) or not entry.keys() >= set(_PARAMETER):
             raise InputError(path, f"parameter {name!r} must have {', '.join(_PARAMETER)}")
-        if _array(entry["range"], (2,)) is None:
-            raise InputError(path, f"parameter {name!r}: range is {entry['range']!r}; expected [lo, hi]")
+        ends = _array(entry["range"], (2,))
+        if ends is None or not ends[0] < ends[1]:
+            raise InputError(path, f"parameter {name!r}: range is {entry['range']!r}; expected [lo, hi] with lo < hi")
     return manifest
 
 

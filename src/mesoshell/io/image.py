@@ -24,6 +24,8 @@ from mesoshell.io.radiance_hdr import hdr_image
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HALF_MAX = 65504.0
+#: What Pillow refuses to decode.
+VAST = "has more pixels than are read: 179 million"
 
 
 def read_exr(path: str | PathLike[str]) -> Float32[np.ndarray, "H W C"]:
@@ -117,6 +119,8 @@ def _decoded(path: str | PathLike[str], data: bytes, form: str) -> Float32[np.nd
             codes = np.asarray(picture.convert("RGBA" if picture.has_transparency_data else "RGB"))
     except InputError:
         raise
+    except Image.DecompressionBombError as error:
+        raise InputError(path, VAST) from error
     except Exception as error:  # the decoder throws OSError, SyntaxError, ValueError, struct.error, zlib.error, …
         raise InputError(path, f"not a {form} file, or a corrupt one") from error
     values = codes.astype(np.float32) / np.float32(255)
@@ -142,6 +146,8 @@ def read_heights(path: str | PathLike[str]) -> Float32[np.ndarray, "H W"]:
         with Image.open(io.BytesIO(data)) as picture:
             whole = picture.mode.startswith("I") or picture.mode == "F"
             codes = np.asarray(picture if whole else picture.convert("RGB"))
+    except Image.DecompressionBombError as error:
+        raise InputError(path, VAST) from error
     except Exception as error:  # as in read_png
         raise InputError(path, "not an image file, or a corrupt one") from error
     if codes.ndim == 3:

@@ -92,7 +92,7 @@ def _made(path: Path, patches: tuple[int, ...], wanted: TextureKey, images: dict
 
 def _run(path: Path, options: list[str]) -> None:
     """Run `mesoshell texture`. Raises InputError if it fails."""
-    command = [sys.executable, "-m", "mesoshell", "texture", str(path), *options]
+    command = [sys.executable, "-P", "-m", "mesoshell", "texture", str(path), *options]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     if done.returncode:
         reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]

@@ -70,7 +70,7 @@ def _check_loaded(path: str | None) -> None:
 def _try(path: str) -> None:
     """Raise InputError unless Dr.Jit compiles with this libLLVM, in a process that may abort."""
     code = "import drjit as dr, drjit.llvm as a; assert dr.sum(dr.clip(dr.arange(a.Float, 40) - 3, 0, 9))[0] == 288"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True)
     if done.returncode:
         reason = (
             "Dr.Jit aborts" if done.returncode < 0 else (done.stderr.strip().splitlines() or ["no reason given"])[-1]

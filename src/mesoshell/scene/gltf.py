@@ -22,7 +22,7 @@ from mesoshell.render.lamp import Lamp
 from mesoshell.scene.file_scene import FileScene, frame_of, lamp_fault, sun_of
 
 LUX = 683.0
-LIGHTS = "KHR_lights_punctual"
+LIGHTS, INSTANCES = "KHR_lights_punctual", "EXT_mesh_gpu_instancing"
 #: W/m² below which it is said that suns are faint.
 FAINT = 0.05
 
@@ -80,8 +80,20 @@ def _file_scene(header: dict[str, Any]) -> FileScene:
         )
     if others:
         notes.append(f"its lights of other kinds are left out: {', '.join(others)}")
+    notes += [f"its {what}" for what in _unread(header)]
     _, camera, aspect = cameras[0] if cameras else ("", None, None)
     return FileScene(camera, aspect, tuple(suns), tuple(notes), lamps=tuple(lamps))
+
+
+def _unread(header: dict[str, Any]) -> list[str]:
+    """What a file says that moves meshes, and is not read."""
+    nodes, meshes = header.get("nodes", []), header.get("meshes", [])
+    found = {
+        "skins move nothing": any("skin" in node for node in nodes),
+        "morph targets move nothing": any(any(x.get("weights", ())) for x in (*nodes, *meshes)),
+        f"instances ({INSTANCES}) are left out": any(INSTANCES in node.get("extensions", {}) for node in nodes),
+    }
+    return [what for what, there in found.items() if there]
 
 
 def _nodes(header: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Float[np.ndarray, "4 4"]]]:

@@ -3,8 +3,6 @@
 import time
 from dataclasses import replace
 
-import numpy as np
-
 from mesoshell.cli.checks import pairs_of
 from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.options.texture import Options
@@ -20,6 +18,9 @@ from mesoshell.shell.generator.bake import patches_a_tile
 from mesoshell.shell.generator.model import generator_model
 from mesoshell.shell.generator.plan import halo_cost
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle, field_of
+
+#: Texels of a side; what fits the machine is checked after it.
+MAX_TEXELS = 2**24
 
 
 def run(options: Options) -> None:
@@ -75,8 +76,9 @@ def _with(bundle: Bundle, share) -> Bundle:
 def _size(options: Options, texels: int) -> tuple[int, int]:
     """Texels (V, U) of the extent."""
     u, v = options.extent
-    if not all(np.isfinite(x) and x * texels >= 1 for x in (u, v)):
-        raise InputError("--extent", f"{u:g} {v:g}: must be two numbers of patches, at least a texel each")
+    if not all(1 <= x * texels <= MAX_TEXELS for x in (u, v)):
+        most = f"at most {MAX_TEXELS / texels:g} patches"
+        raise InputError("--extent", f"{u:g} {v:g}: must be two numbers of patches, at least a texel, and {most}")
     return round(v * texels), round(u * texels)
 
 

@@ -229,10 +229,8 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
         return {}
     try:
         record = read_object(path)
-        same, rows = (
-            record["of"] == of,
-            {str(k): {"seconds": float(x["seconds"]), **x} for k, x in record["frames"].items()},
-        )
+        same = record["of"] == of
+        rows = {str(k): {**x, "seconds": float(x["seconds"])} for k, x in record["frames"].items()}
     except (InputError, ValueError, TypeError, KeyError, AttributeError) as fault:
         raise InputError(path, "is no record of a film: remove the folder, or choose another") from fault
     if not same:

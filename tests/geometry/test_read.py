@@ -201,7 +201,7 @@ def test_a_gltf_file_needs_neither_materials_nor_a_scene(tmp_path: Path):
         (lambda g, p: p.update(mode=6), "holds a triangle fan, which is not read: export triangles"),
         (
             lambda g, p: g["accessors"][p["attributes"]["TEXCOORD_0"]].update(componentType=5123, normalized=True),
-            "holds TEXCOORD_0 in whole numbers, normalized: export it without quantization",
+            "holds TEXCOORD_0 in normalized integers, which are not read: export it without quantization",
         ),
         (
             lambda g, p: g["accessors"][p["attributes"]["POSITION"]].update(sparse={"count": 1}),

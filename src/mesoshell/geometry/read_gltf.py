@@ -1,4 +1,4 @@
-"""glTF files as trimesh reads them: what it would get wrong without a word is put right before, or refused."""
+"""Load glTF files by trimesh. What trimesh would read wrongly without a word is put right first, or refused."""
 
 import io
 import json
@@ -90,6 +90,8 @@ def _check_geometry(described: dict, path: Path) -> None:
             for name, number in (used | {"indices": primitive.get("indices")}).items():
                 accessor = {} if number is None else accessors[number]
                 if accessor.get("normalized") and accessor.get("componentType") != FLOAT:
-                    raise InputError(path, f"holds {name} in whole numbers, normalized: export it without quantization")
+                    raise InputError(
+                        path, f"holds {name} in normalized integers, which are not read: export it without quantization"
+                    )
                 if "sparse" in accessor:
                     raise InputError(path, f"holds sparse {name}, which is not read: export it in full")

@@ -86,12 +86,12 @@ def _file_scene(header: dict[str, Any]) -> FileScene:
 
 
 def _unread(header: dict[str, Any]) -> list[str]:
-    """What a file says that moves meshes, and is not read."""
+    """What moves or repeats meshes in a file, and is not read."""
     nodes, meshes = header.get("nodes", []), header.get("meshes", [])
     found = {
         "skins move nothing": any("skin" in node for node in nodes),
         "morph targets move nothing": any(any(x.get("weights", ())) for x in (*nodes, *meshes)),
-        f"instances ({INSTANCES}) are left out": any(INSTANCES in node.get("extensions", {}) for node in nodes),
+        f"instances ({INSTANCES}) are read as one mesh": any(INSTANCES in node.get("extensions", {}) for node in nodes),
     }
     return [what for what, there in found.items() if there]
 

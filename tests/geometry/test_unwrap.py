@@ -47,6 +47,13 @@ def test_unwrapping_does_not_depend_on_the_unit(size: float):
     assert 50 < charts < 100 and uv.min() >= 0 and 0.9 < uv.max() <= 1
 
 
+def test_a_module_of_the_working_folder_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "xatlas.py").write_text("raise SystemExit(3)\n")
+    monkeypatch.chdir(tmp_path)
+    ball = trimesh.creation.icosphere(1)
+    assert unwrapping._in_child(np.asarray(ball.vertices), np.asarray(ball.faces), np.zeros(80, np.int64)) is not None
+
+
 def test_where_xatlas_dies_it_is_asked_again_and_then_given_up(monkeypatch: pytest.MonkeyPatch):
     asked = []
 

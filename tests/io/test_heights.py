@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from mesoshell.io.image import read_heights, srgb_to_linear
+from mesoshell.errors import InputError
+from mesoshell.io.image import read_heights, read_png, srgb_to_linear
 
 ONE_FOLDER = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -149,3 +150,11 @@ def test_a_damaged_file_is_heights_or_one_line(tmp_path: Path, fault_of, where: 
         fault_of(read_heights, path)
     else:
         assert found.dtype == np.float32 and found.ndim == 2
+
+
+def test_an_image_of_too_many_pixels_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    Image.new("L", (40, 40)).save(tmp_path / "a.png")
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 700)
+    for read in (read_heights, read_png):
+        with pytest.raises(InputError, match="has more pixels than are read"):
+            read(tmp_path / "a.png")

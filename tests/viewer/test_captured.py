@@ -290,7 +290,7 @@ def test_what_an_object_has_not_has_no_control(colour: Any, tmp_path: Path):
         assert (page._brush is None) is (colour == "volume") and (page._sun is None) is (colour == "volume")
         before = seen_by(page)
         if page._sun is not None:
-            page._sun.value = True
+            page._sun.on.value = True
             assert page.work.look.sun == (-40.0, 45.0) and not np.allclose(seen_by(page), before)
     finally:
         page.close()

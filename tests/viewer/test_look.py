@@ -12,15 +12,16 @@ import mesoshell as ms
 from mesoshell.cli.main import main
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
+from mesoshell.scene.growth import surface_part
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settle import settle
 from mesoshell.viewer.look import (
     Painting,
     Sky,
     command,
+    describe_look,
     first_look,
     scene_of_look,
-    toward_sun,
     with_size,
     with_textures_of,
 )
@@ -60,10 +61,17 @@ def test_what_varies_by_an_image_has_no_value(tiny_bundle: Bundle):
 
 def test_each_value_reaches_the_scene(begun: ms.Scene):
     look = replace(
-        first_look(begun), params={"dryness": 0.8}, thickness=0.2, base_colour=(0.1, 0.2, 0.3), sun=(0.0, 90.0)
+        first_look(begun),
+        params={"dryness": 0.8},
+        thickness=0.2,
+        scale=0.5,
+        base_colour=(0.1, 0.2, 0.3),
+        sun=(0.0, 90.0),
     )
+    assert look.texture(begun) == ()
     scene = scene_of_look(begun, begun, look, CAMERA, True)
-    assert scene.params["dryness"] == 0.8 and scene.thickness == 0.2 and scene.base_colour == (0.1, 0.2, 0.3)
+    assert scene.params["dryness"] == 0.8 and (scene.thickness, scene.scale) == (0.2, 0.5)
+    assert scene.base_colour == (0.1, 0.2, 0.3)
     assert scene.camera is CAMERA and scene.environment is None
     assert len(scene.lights) == 1 and scene.lights[0] == pytest.approx((0, 1, 0))
 
@@ -71,14 +79,27 @@ def test_each_value_reaches_the_scene(begun: ms.Scene):
 def test_geometry_and_seed_ask_for_another_texture():
     begun = settle(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0, params={"age": 4.0}), texture=False)
     look = first_look(begun)
-    assert set(look.params) == {"age", "length"} and look.texture(begun) == (0, None, ("length", 2.0))
+    assert set(look.params) == {"age", "length"} and look.texture(begun) == (0, None, 1.0, ("length", 2.0))
     longer = {**look.params, "length": 3.0}
-    for other in (replace(look, seed=5), replace(look, params=longer), replace(look, latent=(5, 0.5))):
+    others = {"seed": 5}, {"params": longer}, {"latent": (5, 0.5)}, {"scale": 2.0}
+    for other in (replace(look, **fields) for fields in others):
         wanted = with_textures_of(begun, begun, other, [None])
         assert other.texture(begun) != look.texture(begun)
-        assert (wanted.seed, wanted.latent) == (other.seed, other.latent)
+        assert (wanted.seed, wanted.latent, wanted.scale) == (other.seed, other.latent, other.scale)
         assert wanted.params["length"] == other.params["length"]
     assert replace(look, params={**look.params, "age": 1.0}).texture(begun) == look.texture(begun)
+
+
+def test_patches_that_are_grown_stay_as_wide_until_others_are():
+    begun = settle(ms.Scene(MESH, Material("grown", growing.bundle()), scale=1.0), texture=False)
+    wider = replace(first_look(begun), scale=2.0)
+    assert scene_of_look(begun, begun, wider, CAMERA, True).scale == 1.0
+    wanted = with_textures_of(begun, begun, wider, [None])
+    assert (
+        scene_of_look(begun, wanted, wider, CAMERA, True).scale
+        == describe_look(begun, wider, CAMERA, True).scale
+        == 2.0
+    )
 
 
 def test_the_command_says_how_far_the_latent_is(tmp_path: Path):
@@ -133,20 +154,11 @@ def test_painted_geometry_asks_for_another_texture():
 def test_a_surface_material_has_little_to_set():
     begun = settle(ms.Scene(MESH, Material("dots", wearing.bundle()), scale=0.4), texture=False)
     look = first_look(begun)
-    assert look.params == {} and look.thickness is None and look.texture(begun) == ()
-    assert scene_of_look(begun, begun, look, CAMERA, False).thickness is None
-
-
-@pytest.mark.parametrize("up", ["y", "z"])
-def test_the_sun_goes_around_the_axis_that_is_up(up: str):
-    to_world = ms.look_at((3.0, 2.0, 2.0), (0.0, 0.0, 0.0))
-    axis = 1 if up == "y" else 2
-    for azimuth in (-120.0, 0.0, 75.0):
-        toward = np.array(toward_sun(to_world, np.eye(3)[axis], (azimuth, 30.0)))
-        assert np.linalg.norm(toward) == pytest.approx(1) and toward[axis] == pytest.approx(0.5)
-    back = np.delete(np.array(toward_sun(to_world, np.eye(3)[axis], (0.0, 0.0))), axis)
-    eye = np.delete(to_world[:3, 2], axis)
-    np.testing.assert_allclose(back, eye / np.linalg.norm(eye), atol=1e-12)
+    assert look.params == {} and look.thickness is None and look.scale == 0.4 and look.texture(begun) == ()
+    scene = scene_of_look(begun, begun, replace(look, scale=0.7), CAMERA, False)
+    assert scene.thickness is None and scene.scale == 0.7
+    period = first_look(settle(ms.Scene(MESH, begun.material), texture=False)).scale
+    assert period is not None and period == surface_part(ms.Scene(MESH, begun.material)).period
 
 
 def test_a_view_keeps_its_proportions():

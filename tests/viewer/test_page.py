@@ -392,27 +392,27 @@ def test_costs_of_other_views_are_not_compared(page: Page, watching: Watching, m
 
 def test_an_image_lights_the_scene(page: Page):
     sky = np.full((4, 8, 3), 0.5, np.float32)
-    page._take_sky(viser.UploadedFile("C:\\skies\\noon sky.exr", exr_bytes(sky)))
+    page._light.take(viser.UploadedFile("C:\\skies\\noon sky.exr", exr_bytes(sky)))
     try:
         look = page.work.look
         assert look.sky is not None and look.sky.name == "noon sky.exr"
         np.testing.assert_array_equal(look.sky.radiance, sky)
-        page._take_sky(viser.UploadedFile("../x.exr", b"no image"))
+        page._light.take(viser.UploadedFile("../x.exr", b"no image"))
         assert (
             page._fault.content == "x.exr: is neither an OpenEXR file nor one of Radiance (.hdr)"
             and page.work.look.sky is look.sky
         )
-        page._take_sky(viser.UploadedFile("<img src=x onerror=alert(1)>`\n.exr", exr_bytes(-sky)))
+        page._light.take(viser.UploadedFile("<img src=x onerror=alert(1)>`\n.exr", exr_bytes(-sky)))
         said = page._fault.content
         assert (
             said.startswith("_img src_x onerror_alert_1____.exr: holds negative light")
             and page.work.look.sky is look.sky
         )
-        page._take_sky(viser.UploadedFile("", exr_bytes(sky)))
+        page._light.take(viser.UploadedFile("", exr_bytes(sky)))
         look = page.work.look
         assert page._fault.content == "" and look.sky is not None and look.sky.name == "environment.exr"
     finally:
-        page._under.value = False
+        page._light.under.value = False
     assert page.work.look.sky is None
 
 
@@ -431,7 +431,7 @@ def test_a_material_stands_beside_another(tiny_bundle: Bundle, monkeypatch: pyte
         beside = page.beside
         seen.wait(lambda: page._settings.cost.content.count("a pixel") == 2)
         page._other.params["dryness"].value = 0.9
-        page._lit.value = True
+        page._light.sun.on.value = True
         assert page.work.look.params == {"dryness": 0.3} and page.beside.look.params == {"dryness": 0.9}
         assert page.beside.look.sun == page.work.look.sun is not None
         assert page.work.look.thickness is not None and page.beside.look.thickness == 2 * page.work.look.thickness
@@ -548,6 +548,15 @@ def settles(tab: Any, until: Any, seconds: float = 60.0) -> np.ndarray:
     return seen
 
 
+def handle_of_the_sun(page: Page) -> np.ndarray:
+    """Where the first client sees it, in pixels."""
+    client = next(iter(page._server.get_clients().values()))
+    camera = camera_of(client.camera)
+    assert camera is not None
+    x, y, z, _ = np.linalg.inv(camera.to_world) @ [*page._light.sun._handle.position, 1]
+    return np.array([camera.width / 2 - x / z / camera.spread, camera.height / 2 + y / z / camera.spread])
+
+
 @pytest.mark.slow
 def test_in_a_browser(page: Page, browser: Any):
     tab, other = (browser.new_page(viewport={"width": 900, "height": 600}) for _ in range(2))
@@ -556,6 +565,14 @@ def test_in_a_browser(page: Page, browser: Any):
     tab.get_by_text("sun", exact=True).wait_for()
     tab.get_by_role("checkbox").first.click()
     lit = settles(tab, lambda x: np.abs(x - first).mean() > 1)
+    sun = page.work.look.sun
+    x, y = handle_of_the_sun(page)
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    tab.mouse.move(x + 40, y + 30, steps=6)
+    tab.mouse.up()
+    lit = settles(tab, lambda x: np.abs(x - lit).mean() > 1)
+    assert page.work.look.sun != sun and np.hypot(*(handle_of_the_sun(page) - [x + 40, y + 30])) < 10
     tab.mouse.move(200, 300)
     tab.mouse.down()
     tab.mouse.move(320, 330, steps=4)

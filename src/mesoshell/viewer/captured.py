@@ -25,8 +25,9 @@ from mesoshell.neutex.store import NeuTexModel
 from mesoshell.render.camera import Camera, in_pixel, outward
 from mesoshell.render.quality import Quality
 from mesoshell.scene.setup import light_of
-from mesoshell.viewer.look import Painting, toward_sun, with_size
+from mesoshell.viewer.look import Painting, with_size
 from mesoshell.viewer.refine import COARSE, Abandoned
+from mesoshell.viewer.sun import toward_sun
 from mesoshell.viewer.views import View, Views
 
 #: Texels a side of a cubemap's squares; quads a side of the mesh that is painted on.

@@ -3,8 +3,7 @@
 Notation
 still       the scene as it was given, settled (scene/settle), with the texture of `Look.texture`
 part        the scene itself, for its own material, or one of its `also`
-sun         azimuth and elevation of a light, degrees; azimuth from where the first camera stands, counter-clockwise seen from
-            above
+sun         as in viewer/sun
 """
 
 import math
@@ -22,10 +21,11 @@ from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
 from mesoshell.render.quality import PRESETS, Quality
-from mesoshell.scene.growth import latent_of
+from mesoshell.scene.growth import latent_of, surface_part
 from mesoshell.scene.materials import read_params
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.scene.unpack import is_scene_file
+from mesoshell.viewer.sun import toward_sun
 
 PartT = TypeVar("PartT", Scene, Grown)
 #: The name under which `PartLook.painted` has how high the material grows.
@@ -50,20 +50,22 @@ class Sky:
 
 @dataclass(frozen=True)
 class PartLook:
-    """What is set of one material. params: by name; thickness: world; painted: in place of parameters; latent: of a Scene."""
+    """What is set of one material. params: by name; thickness and scale: world; painted: in place of parameters; latent: of a
+    Scene."""
 
     params: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     thickness: float | None = None
     painted: Mapping[str, Painting] = field(default_factory=dict)
     latent: tuple[int, float] | None = None
+    scale: float | None = None
 
     def texture(self, part: Scene | Grown) -> tuple:
         """What of it a grown texture depends on; alike for all looks where none is grown."""
         if not is_generated(part):
             return ()
         shape = sorted(_of_role(part, self, "beta").items())
-        return self.seed, self.latent, *((name, self.painted.get(name, x)) for name, x in shape)
+        return self.seed, self.latent, self.scale, *((name, self.painted.get(name, x)) for name, x in shape)
 
 
 @dataclass(frozen=True)
@@ -103,9 +105,9 @@ def first_look(scene: Scene) -> Look:
     """The look of a scene as it was given. Parameters that an image varies stay as they are, and geometry without a
     generator. Raises InputError."""
     own, *others = (
-        PartLook(
-            _free(part), part.seed or 0, part.thickness, latent=None if part.material.kind == KIND else latent_of(part)
-        )
+        PartLook(_free(part), part.seed or 0, part.thickness, latent=latent_of(part), scale=part.scale)
+        if part.material.kind != KIND
+        else PartLook(scale=surface_part(part).period)
         for part in parts_of(scene)
     )
     return Look(**vars(own), also=tuple(others), base_colour=scene.base_colour)
@@ -113,9 +115,7 @@ def first_look(scene: Scene) -> Look:
 
 def _free(part: Scene | Grown) -> dict[str, float]:
     """Parameters that can be set, with their values."""
-    values, images = {}, {}
-    if part.material.kind != KIND:
-        values, images = read_params(part.material.shell, part.params)
+    values, images = read_params(part.material.shell, part.params)
     return {
         name: values.get(name, p.default)
         for name, p in part.material.parameters.items()
@@ -141,7 +141,8 @@ def with_textures_of(begun: Scene, still: Scene, look: Look, now: Sequence[tuple
 
 def _to_grow(part: PartT, look: PartLook) -> PartT:
     seed = look.seed if is_generated(part) else part.seed
-    return replace(part, params={**part.params, **_values(part, look, "beta")}, seed=seed, latent=look.latent)
+    params = {**part.params, **_values(part, look, "beta")}
+    return replace(part, params=params, seed=seed, latent=look.latent, scale=look.scale)
 
 
 def scene_of_look(begun: Scene, still: Scene, look: Look, camera: Camera, lit: bool) -> Scene:
@@ -175,6 +176,7 @@ def _worn(begun: PartT, still: PartT, look: PartLook) -> PartT:
         params={**still.params, **_values(begun, look, "alpha")},
         seed=look.seed if tiled else still.seed,
         thickness=look.thickness,
+        scale=still.scale if is_generated(begun) else look.scale,  # what is grown is so wide
         growth=look.painted[GROWTH].image if GROWTH in look.painted else still.growth,
     )
 
@@ -193,20 +195,6 @@ def _values(part: Scene | Grown, look: PartLook, role: str) -> dict[str, Any]:
     """Numbers and painted images."""
     images = {name: painting.image for name, painting in look.painted.items()}
     return {name: images.get(name, x) for name, x in _of_role(part, look, role).items()}
-
-
-def toward_sun(
-    to_world: Float[np.ndarray, "4 4"], up: Float[np.ndarray, "3"], sun: tuple[float, float]
-) -> tuple[float, float, float]:
-    """Direction toward a sun, seen from a camera's side."""
-    back = to_world[:3, 2] - (to_world[:3, 2] @ up) * up
-    if not np.linalg.norm(back) > 1e-9:  # it looks straight down
-        back = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    back = back / np.linalg.norm(back)
-    azimuth, elevation = (math.radians(x) for x in sun)
-    level = math.cos(azimuth) * back + math.sin(azimuth) * np.cross(up, back)
-    x, y, z = math.cos(elevation) * level + math.sin(elevation) * up
-    return float(x), float(y), float(z)
 
 
 def with_size(camera: Camera, side: int) -> Camera:

@@ -19,6 +19,7 @@ from mesoshell.viewer.downloads import send_picture
 from mesoshell.viewer.page import JPEG
 from mesoshell.viewer.run import RunPanel
 from mesoshell.viewer.settings import SIDES
+from mesoshell.viewer.sun import Sphere, Sun
 from mesoshell.viewer.texture_brush import TEXTURE, TextureBrush
 
 
@@ -63,7 +64,7 @@ class ObjectPage:
         look, captured = self.work.look, self.work.object
         self._brush: TextureBrush | None = None
         self._checker: Any = None
-        self._sun: Any = None
+        self._sun: Sun | None = None
         controls: list[Any] = []
         if captured.has_texture:
             with gui.add_folder("Texture", order=-3):
@@ -75,11 +76,9 @@ class ObjectPage:
             self._brush.upload.on_upload(self._take_image)
         if captured.is_lit:
             with gui.add_folder("Light"):
-                self._sun = gui.add_checkbox("sun", False, hint="in place of the camera's flash")
-                hint = "degrees from the first photograph"
-                self._azimuth = gui.add_slider("azimuth", -180.0, 180.0, 1.0, -40.0, hint=hint)
-                self._elevation = gui.add_slider("elevation", -10.0, 90.0, 1.0, 45.0, hint="degrees above the horizon")
-            controls += [self._sun, self._azimuth, self._elevation]
+                model, hint = captured.model, "in place of the camera's flash"
+                about = Sphere(model.centre, model.half)
+                self._sun = Sun(self._server, model.photos[0].to_world, captured.up, about, hint, self._set)
         with gui.add_folder("Picture"):
             self._quality = gui.add_dropdown("quality", tuple(PRESETS), initial_value=look.quality)
             sides = tuple(map(str, SIDES))
@@ -98,11 +97,10 @@ class ObjectPage:
         self._run = RunPanel(gui, folder, snapshot, self._set_snapshot, partial(self.work.say, "run"))
 
     def _look(self) -> ObjectLook:
-        sun = (self._azimuth.value, self._elevation.value) if self._sun is not None and self._sun.value else None
         return ObjectLook(
             None if self._brush is None else self._brush.painted.get(TEXTURE),
             self._checker is not None and self._checker.value,
-            sun,
+            None if self._sun is None else self._sun.sun,
             self._quality.value,
             int(self._side.value),
         )

@@ -4,7 +4,6 @@ The server listens on the address that it is given, answers sockets that its own
 from the browser: what is saved is downloaded there (viewer/downloads).
 """
 
-import re
 import threading
 from dataclasses import replace
 from functools import partial
@@ -14,22 +13,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mesoshell.errors import InputError
-from mesoshell.io.image import linear_to_srgb, radiance_of, srgb_codes, srgb_to_linear
+from mesoshell.geometry.mesh import Mesh, bounding_box
+from mesoshell.io.image import linear_to_srgb, srgb_codes, srgb_to_linear
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import load_material
 from mesoshell.scene.scene import Grown, Scene
-from mesoshell.scene.setup import check_environment
 from mesoshell.viewer.address import check_port, open_server
 from mesoshell.viewer.browser import camera_of
 from mesoshell.viewer.brush import Brush
 from mesoshell.viewer.compare import difference, over_white, wipe
 from mesoshell.viewer.downloads import Downloads
-from mesoshell.viewer.look import Look, PartLook, Sky, parts_of
+from mesoshell.viewer.light import LightPanel
+from mesoshell.viewer.look import Look, PartLook, parts_of
 from mesoshell.viewer.panel import Panel
 from mesoshell.viewer.refine import RefinedPicture
 from mesoshell.viewer.settings import SettingsPanel
+from mesoshell.viewer.sun import Sphere
 from mesoshell.viewer.work import Workshop
 
 #: Quality of the pictures' JPEG, 0 to 100.
@@ -60,7 +61,6 @@ class Page:
         check_port(host, port)
         self._engine, self._changing = engine, threading.Lock()
         self._joining, self._latest = threading.Lock(), 0
-        self._sky: Sky | None = None
         self.work, self.beside = self._workshops(scene, beside, progress)
         try:
             self._server = open_server(host, port)
@@ -104,12 +104,17 @@ class Page:
         still, server = self.work.still, self._server
         assert isinstance(still.camera, Camera)
         eye, m = still.camera.to_world[:3, 3], still.camera.to_world
-        middle = np.asarray(still.mesh.vertices, np.float64)  # type: ignore[union-attr]
-        middle = (middle.min(axis=0) + middle.max(axis=0)) / 2
+        middle, _ = self._about()
         server.scene.set_up_direction("+y" if still.up == "y" else "+z")
         server.initial_camera.position = eye
         server.initial_camera.look_at = eye - m[:3, 2] * max(float((eye - middle) @ m[:3, 2]), 1e-9)
         server.initial_camera.fov = still.camera.fov
+
+    def _about(self) -> Sphere:
+        """The scene's own mesh."""
+        assert isinstance(self.work.still.mesh, Mesh)
+        low, high = bounding_box(self.work.still.mesh).astype(np.float64)
+        return Sphere((low + high) / 2, float(np.linalg.norm(high - low)) / 2)
 
     def _build(self, run: Path | None) -> None:
         gui: Any = self._server.gui
@@ -135,17 +140,8 @@ class Page:
                 for k, (part, name) in enumerate(zip(parts, names, strict=True))
                 if part.material.kind != KIND
             }
-        with gui.add_folder("Light"):
-            self._lit = gui.add_checkbox("sun", False, hint="one light from here, in place of the scene's")
-            self._azimuth = gui.add_slider("azimuth", -180.0, 180.0, 1.0, -40.0, hint="degrees from the first camera")
-            self._elevation = gui.add_slider("elevation", -10.0, 90.0, 1.0, 45.0, hint="degrees above the horizon")
-            self._under = gui.add_checkbox(
-                "environment", False, visible=False, hint="light of the image, and of the sun"
-            )
-            upload = gui.add_upload_button(
-                "Environment", hint="a latitude-longitude EXR or HDR, in place of the scene's lights"
-            )
-            upload.on_upload(lambda event: self._take_sky(event.target.value))
+        say = partial(work.say, "environment")
+        self._light = LightPanel(self._server, work.still, self._about(), self._set, say)
         self._settings = SettingsPanel(gui, self._engine, look, self._set)
         with gui.add_folder("Compare", expand_by_default=self.beside is not None):
             first = NOTHING if self.beside is None else self.beside.given.material.name
@@ -158,8 +154,7 @@ class Page:
         with gui.add_folder("Effects", expand_by_default=False):
             self._effects = gui.add_markdown("")
         self._fault, self._other_fault = gui.add_markdown(""), gui.add_markdown("")
-        for each in (self._base, self._lit, self._azimuth, self._elevation, self._under):
-            each.on_update(self._set)
+        self._base.on_update(self._set)
         if run is not None:
             from mesoshell.viewer.run import RunPanel  # training needs JAX
 
@@ -180,8 +175,7 @@ class Page:
             also=tuple(others),
             # eight bits are not the colour that was given
             base_colour=self._given_base if tuple(self._base.value) == self._ground else (red, green, blue),
-            sun=(self._azimuth.value, self._elevation.value) if self._lit.value else None,
-            sky=self._sky if self._under.value else None,
+            **self._light.look(),
             **self._settings.look(),
         )
 
@@ -191,21 +185,6 @@ class Page:
             self.work.set(look)
             if self.beside is not None and self._other is not None:
                 self.beside.set(replace(look, **self._other.look(), painted={}))
-
-    def _take_sky(self, given: Any) -> None:
-        """An image that a browser sent, under a name that a command line and a page can hold."""
-        name = re.sub(r"[^\w .-]", "_", given.name.replace("\\", "/").rpartition("/")[2]).lstrip("-. ")
-        name = name or "environment.exr"
-        try:
-            radiance = radiance_of(given.content, name)
-            check_environment(radiance, name)
-            self._sky = Sky(name, radiance)
-        except InputError as fault:
-            self.work.say("environment", str(fault))
-            return
-        self.work.say("environment", "")
-        self._under.visible = self._under.value = True
-        self._set(None)
 
     def _set_material(self, snapshot: Path) -> None:
         """Another snapshot of the run."""

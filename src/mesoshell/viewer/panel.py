@@ -9,8 +9,8 @@ from mesoshell.viewer.look import PartLook, is_generated
 
 
 class Panel:
-    """A folder of a server's page with the parameters, the seed and the thickness of a material of a scene. look: what is set
-    of it; changed: called when one is set."""
+    """A folder of a server's page with the parameters, the seed, the thickness and the scale of a material of a scene. look:
+    what is set of it; changed: called when one is set."""
 
     def __init__(self, gui: Any, part: Scene | Grown, look: PartLook, title: str, changed: Callable[[Any], None]):
         material = part.material
@@ -18,7 +18,7 @@ class Panel:
         with self.folder:
             self.params = {n: _slider(gui, n, material.parameters[n], value) for n, value in look.params.items()}
             tiled = not is_generated(part) and getattr(material.bundle, "tiles", None) is not None
-            self._seed, self._toward, self._share, self._thickness = (None,) * 4
+            self._seed, self._toward, self._share, self._thickness, self._scale = (None,) * 5
             if is_generated(part) or tiled:
                 self._seed = gui.add_number("seed", look.seed, min=-(2**31), max=2**32 - 1, step=1)
             if is_generated(part) and material.shell.latent_size:
@@ -30,8 +30,11 @@ class Panel:
             if (t := look.thickness) is not None:
                 hint = "height of the shell, in the mesh's unit"
                 self._thickness = gui.add_slider("thickness", t / 10, t * 3, t / 50, t, hint=hint)
+            if (s := look.scale) is not None:
+                hint = "length of one patch, in the mesh's unit" + ("; grows another" if is_generated(part) else "")
+                self._scale = gui.add_slider("scale", s / 3, s * 3, s / 60, s, hint=hint)
             self._bar = gui.add_progress_bar(0.0, visible=False)
-        for each in (*self.params.values(), self._seed, self._toward, self._share, self._thickness):
+        for each in (*self.params.values(), self._seed, self._toward, self._share, self._thickness, self._scale):
             if each is not None:
                 each.on_update(changed)
 
@@ -42,6 +45,7 @@ class Panel:
             "seed": 0 if self._seed is None else int(self._seed.value),
             "latent": self._latent(),
             "thickness": None if self._thickness is None else float(self._thickness.value),
+            "scale": None if self._scale is None else float(self._scale.value),
         }
 
     def _latent(self) -> tuple[int, float] | None:

@@ -278,7 +278,8 @@ def cones() -> Iterator[Row]:
     for a, b in cone.SEGMENTS:
         t0, t1, r = np.float32(a), np.float32(b), np.float32(3e-3)
         true = np.array(cone.true_moments(float(t0), float(t1), float(r)))
-        found = np.array([float(x) for x in cone_gaussian(*map(jnp.float32, (t0, t1, r)))])
+        middle, half = (np.float64(t0) + t1) / 2, (np.float64(t1) - t0) / 2
+        found = np.array([float(x) for x in cone_gaussian(*map(jnp.float32, (middle, half, r)))])
         with np.errstate(all="ignore"):
             mean = np.float32(0.75) * (t1**4 - t0**4) / (t1**3 - t0**3)
             along = np.float32(0.6) * (t1**5 - t0**5) / (t1**3 - t0**3) - mean * mean

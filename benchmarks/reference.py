@@ -39,8 +39,10 @@ def picture(scene: Scene, quality: Quality, effects: Effects) -> Float[np.ndarra
     beams = renderer.lighting.beams(draws_at(np.zeros((len(o), 2)), 0.0))
     with jax.enable_x64(True):
         chart, material = jax.tree.map(_wide, (renderer.media.chart, renderer.media.each[0].table.material))
-        ends = (np.stack(x, axis=1).astype(np.float64) for x in ((i.t0, i.t1), (i.bary0, i.bary1), (i.h0, i.h1)))
-        pieces = Piece(i.prism, *ends, o[i.ray] + i.t0[:, None] * d[i.ray], d[i.ray])
+        along = (i.t0, i.t1 - i.t0), (i.bary0, i.bary1), (i.h0, i.h1)
+        ends = (np.stack(x, axis=1).astype(np.float64) for x in along)
+        start = o[i.ray] + i.t0[:, None] * d[i.ray] - renderer.third[i.prism]
+        pieces = Piece(i.prism, *ends, start, d[i.ray])
         at = jax.tree.map(np.asarray, jax.jit(jax.vmap(partial(frame, chart)))(pieces))
         plan = spread(i, at.length, quality.samples, "length")
         row = np.repeat(np.arange(len(i.ray)), plan.count)

@@ -44,6 +44,11 @@ def test_faults_are_said():
             Camera(np.eye(4), fov, width, 4)
     with pytest.raises(ValueError, match="holds NaN"):
         Camera(np.full((4, 4), np.nan), 1.0, 4, 4)
+    with pytest.raises(ValueError, match="axes that lie in a plane"):
+        Camera(np.diag([1.0, 0.0, 1.0, 1.0]), 1.0, 4, 4)
+    for up in ((0.0, 0.0, 0.0), (0.0, np.nan, 1.0), (np.inf, 0.0, 0.0)):
+        with pytest.raises(ValueError, match="up: must be a direction"):
+            look_at((1, 2, 3), (0, 0, 0), up)
 
 
 def test_the_grid_covers_pixels_evenly():

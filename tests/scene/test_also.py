@@ -96,6 +96,18 @@ def two(tiny_bundle: Bundle, tiled_bundle: Bundle) -> tuple[ms.Scene, ms.Scene, 
     return both, ms.Scene(left, a, **given[0], **at), ms.Scene(right, b, **given[1], **at)
 
 
+def test_images_of_parameters_have_sizes_of_their_own():
+    """The small one is the large one with fewer pixels."""
+    rows, columns = np.divmod(np.arange(64), 8)
+    fine, coarse = (rows * columns / 49).reshape(8, 8).astype(np.float32), np.array([[0.2, 0.9]], np.float32)
+    repeated = np.repeat(np.repeat(coarse, 8, axis=0), 4, axis=1)
+    at: Any = {"scale": 0.5, "size": (16, 12), "camera": (0.5, 0.4, 3.0, 0.5, 0.5, 0.0, 20.0), "up": "z"}
+    scene = ms.Scene(plate(0, 0, 0), ms.load_material("pelt"), params={"hue": fine, "value": coarse}, **at)
+    seen = picture(scene)
+    np.testing.assert_array_equal(seen, picture(replace(scene, params={"hue": fine, "value": repeated})))
+    assert np.abs(seen - picture(replace(scene, params={"hue": fine}))).max() > 0.01
+
+
 def test_each_shows_its_own_material(two: tuple[ms.Scene, ms.Scene, ms.Scene]):
     """Ground included, and where samples lie by density, skipped where nothing can be."""
     both, left, right = two

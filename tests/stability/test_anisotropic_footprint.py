@@ -43,7 +43,7 @@ def table(feature: np.ndarray) -> DeviceTables:
         Decoder([], none, [], none, one),
     )
     chart = Chart(jnp.zeros((1, 18)), jnp.zeros((1, 6)))
-    return DeviceTables(chart, material, Grid(jnp.zeros(1)), jnp.zeros(0), jnp.zeros((0, 1, 1)), one, one, one)
+    return DeviceTables(chart, material, Grid(jnp.zeros(1)), jnp.zeros(0), (), one, one, one)
 
 
 def at_horizon(texels: float, ratio: float) -> Footprint:

@@ -5,11 +5,14 @@ n, Ï‰        outward normal of a point; a direction about it, with density cos Î
 share       of these directions that meet a surface: the form factor to all surfaces, itself included
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from mesoshell.geometry.mesh import Mesh
+from mesoshell.kept import kept
 
 #: Points on each mesh, and directions at each: a share of 0.25 is known to 0.01 or better.
 _POINTS, _DIRECTIONS = 512, 16
@@ -17,7 +20,8 @@ _POINTS, _DIRECTIONS = 512, 16
 _OFFSET, _MIN_OFFSET = 1e-4, 1e-6
 
 
-def enclosure(meshes: list[Mesh]) -> float:
+@kept
+def enclosure(meshes: Sequence[Mesh]) -> float:
     """Largest over the meshes of the mean share over a mesh's surface, in [0, 1]. Deterministic."""
     corners = [m.vertices.astype(np.float64)[m.faces] for m in meshes]
     every = np.concatenate(corners)

@@ -140,17 +140,6 @@ def uv_stretch(mesh: Mesh) -> float:
     return float(np.sqrt(surface_area(mesh) / (_doubled_areas(mesh.uv).sum() / 2)))
 
 
-def is_convex(mesh: Mesh) -> bool:
-    """Whether no vertex lies in front of any face: such a mesh is dark only where it faces away from the light."""
-    v = mesh.vertices.astype(np.float64)
-    size = np.ptp(v, axis=0).max()
-    for f in mesh.faces:
-        normal = np.cross(v[f[1]] - v[f[0]], v[f[2]] - v[f[0]])
-        if ((v - v[f[0]]) @ normal).max() > 1e-6 * size * np.linalg.norm(normal):
-            return False
-    return True
-
-
 def count_of(number: int | np.integer, one: str, many: str = "") -> str:
     """`1 face`, `2 faces`."""
     return f"{number} {one if number == 1 else many or one + 's'}"

@@ -14,7 +14,8 @@ import mitsuba as mi
 import numpy as np
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.geometry.mesh import Mesh, check_mesh, is_convex, surface_area, transform_mesh
+from mesoshell.geometry.convex import is_convex
+from mesoshell.geometry.mesh import Mesh, check_mesh, surface_area, transform_mesh
 from mesoshell.io.atomic import read_file
 from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import bundled_materials, check_name, find, parameter_vector

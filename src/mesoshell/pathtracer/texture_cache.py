@@ -6,7 +6,9 @@ parameters.
 A geometry parameter that varies is passed as an image with one pixel per node (shell/generator/nodes), in float32.
 """
 
+import contextlib
 import hashlib
+import os
 import subprocess
 import sys
 import tempfile
@@ -19,12 +21,14 @@ from jaxtyping import Float
 
 from mesoshell import __version__
 from mesoshell.errors import InputError
+from mesoshell.io.atomic import replace_file
 from mesoshell.io.bundle import Bundle, read_bundle
-from mesoshell.io.cache import cache_folder
+from mesoshell.io.cache import cache_folder, forget, remove
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import write_exr
+from mesoshell.io.kept_textures import MAX_BYTES
 from mesoshell.io.material import digest
-from mesoshell.shell.geometry.chart import fits, patches_of, texture_origin
+from mesoshell.shell.geometry.chart import fits, span, texture_origin
 
 
 @dataclass(frozen=True)
@@ -58,16 +62,16 @@ def with_texture(
     if fixed:
         begins = texture_origin(uv, bundle.extent)
         return bundle, begins, (path, begins)
-    origin, needed = patches_of(uv)
-    patches = needed.shape
+    origin, patches = span(uv)
     if not fits(patches, wanted.texels, bundle.channels):
         raise InputError(path, f"the mesh would carry {patches[1]} × {patches[0]} patches: give a larger scale")
-    file = _made(path, patches, replace(wanted, seed=wanted.seed or 0, values=shape), _images(wanted, origin, patches))
-    return read_bundle(file), origin, (file, origin)
+    images = _images(wanted, origin, patches)
+    made, key = _made(path, patches, replace(wanted, seed=wanted.seed or 0, values=shape), images)
+    return made, origin, (key, origin)
 
 
 def _images(
-    wanted: TextureKey, origin: tuple[int, int], patches: tuple[int, ...]
+    wanted: TextureKey, origin: tuple[int, int], patches: tuple[int, int]
 ) -> dict[str, Float[np.ndarray, "V U"]]:
     """Varying parameters at the corners of patches, as images over the texture, the last row at the least v."""
     along_v, along_u = (np.arange(n + 1.0) for n in patches)
@@ -75,19 +79,33 @@ def _images(
     return {name: values(at)[::-1].astype(np.float32) for name, values in sorted(wanted.fields.items())}
 
 
-def _made(path: Path, patches: tuple[int, ...], wanted: TextureKey, images: dict[str, np.ndarray]) -> Path:
+def _made(
+    path: Path, patches: tuple[int, int], wanted: TextureKey, images: dict[str, np.ndarray]
+) -> tuple[Bundle, str]:
+    """The texture, from the cache or made now, and its key."""
     options = ["--extent", str(patches[1]), str(patches[0]), "--seed", str(wanted.seed), "--texels", str(wanted.texels)]
     options += [x for k, v in sorted(wanted.values.items()) for x in ("--param", f"{k}={v!r}")]
     of = (digest(path), __version__, options, *((name, image.tobytes()) for name, image in images.items()))
     key = hashlib.sha256(repr(of).encode()).hexdigest()[:32]
     file = cache_folder("textures") / f"{key}.npz"
-    if not file.exists():
-        with tempfile.TemporaryDirectory() as folder:
-            for number, (name, image) in enumerate(images.items()):
-                write_exr(f"{folder}/{number}.exr", np.repeat(image[..., None], 3, axis=-1), half=False)
-                options += ["--param", f"{name}={folder}/{number}.exr"]
-            _run(path, [*options, "--out", str(file)])
-    return file
+    if file.exists():
+        with contextlib.suppress(InputError):  # it is damaged, or goes as it is read
+            found = read_bundle(file)
+            with contextlib.suppress(OSError):
+                os.utime(file)
+            return found, key
+    remove(file)
+    with tempfile.TemporaryDirectory() as folder:
+        for number, (name, image) in enumerate(images.items()):
+            write_exr(f"{folder}/{number}.exr", np.repeat(image[..., None], 3, axis=-1), half=False)
+            options += ["--param", f"{name}={folder}/{number}.exr"]
+        _run(path, [*options, "--out", f"{folder}/made.npz"])
+        made = read_bundle(Path(folder, "made.npz"))
+        with contextlib.suppress(InputError, OSError):  # it cannot be kept
+            file.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(file, Path(folder, "made.npz").read_bytes())
+            forget(file, MAX_BYTES)
+    return made, key
 
 
 def _run(path: Path, options: list[str]) -> None:

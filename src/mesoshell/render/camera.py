@@ -32,6 +32,8 @@ class Camera:
             raise InputError(Argument("width"), f"{self.width} x {self.height} has no pixels")
         if not np.isfinite(self.to_world).all():
             raise InputError(Argument("to_world"), "holds NaN or infinite values")
+        if not np.linalg.det(self.to_world[:3, :3]):
+            raise InputError(Argument("to_world"), "has axes that lie in a plane: no camera has it")
 
     @property
     def spread(self) -> float:
@@ -40,12 +42,14 @@ class Camera:
 
 def look_at(eye: tuple, target: tuple, up: tuple = (0.0, 1.0, 0.0)) -> Float[np.ndarray, "4 4"]:
     """Camera-to-world matrix of a camera at `eye` that looks at `target` with `up` upward in the image. Raises InputError if
-    these are one point, or not finite."""
+    eye and target are one point, or any of them is not finite."""
     eye_, target_, up_ = (np.asarray(v, np.float64) for v in (eye, target, up))
     back = eye_ - target_
     length = np.linalg.norm(back)
     if not np.isfinite(length):
         raise InputError(Argument("eye"), "eye or target is not finite")
+    if not 0 < np.linalg.norm(up_) < np.inf:
+        raise InputError(Argument("up"), f"must be a direction, not {tuple(up)}")
     if not length > 0:
         raise InputError(Argument("eye"), "eye and target are the same point")
     back /= length

@@ -1,8 +1,7 @@
 """A pixel's cone, and the Gaussian of one piece of it (Barron et al. 2021, equations 7 and 8).
 
 Notation
-t0, t1      ends of the piece along the ray, 0 ≤ t0 ≤ t1                      world
-μ, δ        its middle and half length
+μ, δ        middle and half length of the piece along the ray, of what lies before its origin      world
 ṙ           radius of the cone at distance 1 (a box pixel of width w: w·2/√12)
 σ_t², σ_r²  variance along the ray, and across it (each of two axes)           world²
 """
@@ -23,9 +22,11 @@ class ConeGaussian(NamedTuple):
     across: Scalar
 
 
-def cone_gaussian(t0: Scalar, t1: Scalar, radius: Scalar) -> ConeGaussian:
-    """Moments of a frustum in their stable form: exact as t1 → t0 and at t0 = 0; variances are never negative."""
-    mu, delta = (t0 + t1) / 2, (t1 - t0) / 2
+def cone_gaussian(t: Scalar, half: Scalar, radius: Scalar) -> ConeGaussian:
+    """Moments of the frustum from t − half, or the origin, to t + half, in their stable form: exact for a short piece, however
+    far, and at the origin; variances are never negative."""
+    behind = jnp.maximum(half - t, 0)
+    mu, delta = t + behind / 2, half - behind / 2
     squares = 3 * mu * mu + delta * delta
     share = safe_div(delta * delta, squares)  # in [0, 1]: keeps every power below in range
     mean = mu + 2 * mu * share

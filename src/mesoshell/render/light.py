@@ -57,7 +57,7 @@ def sample(e: Environment, xi: Float[np.ndarray, "R 3"]) -> tuple[np.ndarray, np
     """Directions (R, 3) drawn by brightness, and radiance / p (R, 3). xi: three uniform numbers a direction."""
     h, w = e.radiance.shape[:2]
     pixel = np.minimum(np.searchsorted(e.cumulative, xi[:, 0], side="right"), h * w - 1)
-    mass = np.diff(e.cumulative, prepend=0.0)[pixel]
+    mass = e.cumulative[pixel] - np.where(pixel > 0, e.cumulative[pixel - 1], 0.0)
     row, column = pixel // w, pixel % w
     edges = np.cos(np.stack([row, row + 1]) / h * np.pi)  # uniform in the pixel's solid angle
     z = edges[0] + xi[:, 1] * (edges[1] - edges[0])

@@ -177,7 +177,8 @@ class Quality:
     )
 
     def __post_init__(self) -> None:
-        wrong = [f"{name} {fault}" for name in SETTINGS if (fault := out_of_range(name, getattr(self, name)))]
+        given = {name: getattr(self, name) for name in SETTINGS}
+        wrong = [f"{k} {fault}" for k, x in given.items() if (fault := wrong_kind(k, x) or out_of_range(k, x))]
         if wrong:
             raise ValueError("; ".join(wrong))
 

@@ -27,7 +27,7 @@ from mesoshell.limits import check_seed, checked_latent
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Image, read_params
 from mesoshell.scene.scene import Grown, Scene
-from mesoshell.shell.geometry.chart import patches_of, texture_origin
+from mesoshell.shell.geometry.chart import span, texture_origin
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
 from mesoshell.surface_material.scene import SurfacePart, default_period
 
@@ -215,9 +215,9 @@ def _textured(
         raise InputError(PARAMS, f"{fixed[0]} is baked into {name}, which has no generator")
     if bundle.wraps:
         return bundle, seed_origin(part.seed or 0), []
-    (_, needed), (height, width) = patches_of(uv.reshape(-1, 3, 2)), bundle.extent
-    small = needed.shape[1] > width + 2 or needed.shape[0] > height + 2
-    note = f"the mesh spans about {needed.shape[1]} × {needed.shape[0]} patches, the texture {width:g} × {height:g}: "
+    (_, (along, across)), (height, width) = span(uv.reshape(-1, 3, 2)), bundle.extent
+    small = across > width + 2 or along > height + 2
+    note = f"the mesh spans about {across} × {along} patches, the texture {width:g} × {height:g}: "
     return (
         bundle,
         texture_origin(uv.reshape(-1, 3, 2), bundle.extent),

@@ -6,6 +6,7 @@ import numpy as np
 from mesoshell.geometry.mesh import Mesh, bounding_box, uv_stretch
 from mesoshell.geometry.normals import vertex_normals
 from mesoshell.io.twin import Twin
+from mesoshell.kept import constant, is_constant, kept
 from mesoshell.render.camera import pixel_radius
 from mesoshell.render.effects import twin_reach
 from mesoshell.render.facts import TwinFacts
@@ -53,10 +54,12 @@ def describe_twin(d: ShellDescription) -> SurfaceDescription:
     )
 
 
+@kept
 def surface(shell: Shell) -> Mesh:
     """The top of a shell; its texture coordinates are patches."""
     top = (shell.base + shell.offset).astype(np.float32)
-    return Mesh(top, shell.faces, shell.uv, vertex_normals(top, shell.faces)[0].astype(np.float32), ())
+    mesh = Mesh(top, shell.faces, shell.uv, vertex_normals(top, shell.faces)[0].astype(np.float32), ())
+    return constant(mesh) if is_constant(shell) else mesh
 
 
 def _misfit(scene: Scene, d: ShellDescription, twin: Twin) -> str:

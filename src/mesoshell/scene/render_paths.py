@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mesoshell.errors import Argument, InputError
-from mesoshell.geometry.mesh import is_convex
+from mesoshell.geometry.convex import is_convex
 from mesoshell.io.surface import KIND, SurfaceBundle
 from mesoshell.limits import check_memory
 from mesoshell.pathtracer import integrator, scene_dict

@@ -13,8 +13,9 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Float
 
+from mesoshell.geometry.convex import is_convex
 from mesoshell.geometry.enclosure import enclosure
-from mesoshell.geometry.mesh import Mesh, bounding_box, is_convex, uv_stretch
+from mesoshell.geometry.mesh import Mesh, bounding_box, uv_stretch
 from mesoshell.kept import kept
 from mesoshell.render.camera import pixel_radius, rays
 from mesoshell.render.effects import MARCH, MAX_BAKED, Effects, left_out, plan_effects, plan_twin
@@ -32,7 +33,7 @@ from mesoshell.shell.geometry.horizon import lowest
 from mesoshell.shell.geometry.join import join_shells
 from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
 from mesoshell.shell.render.media import density_columns, density_shapes
-from mesoshell.shell.render.renderer import RAYS, marched_tile, render
+from mesoshell.shell.render.renderer import marched_tile, render
 from mesoshell.shell.render.scene import Medium
 from mesoshell.shell.render.scene import Scene as MarchedScene
 
@@ -61,12 +62,12 @@ def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progre
     def passes(other: Quality | None) -> Passes:
         chosen, report = other or quality, RenderReport()
         planned = plan_effects(known, chosen)
-        tile, compile_all = marched_tile(marched, chosen, planned, report)
+        tile, most, compile_all = marched_tile(marched, chosen, planned, report)
 
         def ended(image: np.ndarray, samples: int) -> Rendered:
             return _rendered(chosen.with_changes(pixel_samples=samples), planned, image, report)
 
-        return tiled_passes(marched.camera, RAYS, tile, ended)._replace(compile=compile_all)
+        return tiled_passes(marched.camera, most, tile, ended)._replace(compile=compile_all)
 
     return Prepared.now(scene, MARCH.name, effects, (*notes, *left_out(effects)), begun, work, passes)
 
@@ -84,13 +85,12 @@ def _rendered(quality: Quality, effects: Effects, image: np.ndarray, report: Ren
 
 
 #: What all pictures of one scene share.
-_device_material, _is_convex = kept(load_device_material), kept(is_convex)
-_enclosure = kept(lambda meshes: enclosure(list(meshes)))
+_device_material = kept(load_device_material)
 
 
 def marched_scene(d: ShellDescription) -> MarchedScene:
     """The description as the renderer's scene."""
-    mesh, shell = join_shells([(x.mesh, x.shell) for x in d.growths])
+    mesh, shell = join_shells(tuple((x.mesh, x.shell) for x in d.growths))
     made: dict[tuple, DeviceMaterial] = {}  # of growths of one material, one
     media, prism, face = [], 0, 0
     for x in d.growths:
@@ -124,10 +124,11 @@ def facts(scene: MarchedScene) -> Facts:
     media, layouts = scene.media, [m.device_material.layout for m in scene.media]
     patches = [_patch(scene, *ends) for ends in pairwise([*(m.prism for m in media), len(scene.shell.faces)])]
     footprint = pixel_radius(scene.camera.spread) / 2 * far
-    convex = not scene.others and is_even(scene.mesh, scene.shell) and _is_convex(scene.mesh)
+    convex = not scene.others and is_even(scene.mesh, scene.shell) and is_convex(scene.mesh)
     ends = np.concatenate([scene.shell.base, scene.shell.base + scene.shell.offset])
     eye = scene.camera.to_world[:3, 3]
     grids = density_shapes(scene)
+    meshes = _meshes(scene.mesh, tuple(m.face for m in scene.others))
     return Facts(
         shells=len(media),
         objects=len(scene.objects),
@@ -135,7 +136,7 @@ def facts(scene: MarchedScene) -> Facts:
         environment=scene.environment is not None,
         seen=not scene.transparent,
         convex=convex,
-        enclosed=0.0 if convex and not scene.objects else _enclosure((*_meshes(scene), *scene.objects)),
+        enclosed=0.0 if convex and not scene.objects else enclosure((*meshes, *scene.objects)),
         low=scene.environment is not None
         or lowest(scene.shell, np.array([x.direction for x in scene.lights]).reshape(-1, 3)) <= 0,
         ground=max([*scene.base_colour, *(x for mesh in scene.objects for x in mesh.colour or ())]),
@@ -180,13 +181,13 @@ def _surfaces(meshes: tuple[Mesh, ...]) -> tuple[EmbreeScene, Float[np.ndarray, 
     return scene, centre
 
 
-def _meshes(scene: MarchedScene) -> list[Mesh]:
-    """The meshes that were joined."""
-    if not scene.others:
-        return [scene.mesh]
-    parts = np.split(scene.mesh.faces, [m.face for m in scene.others])
-    uvs = np.split(scene.mesh.uv, [m.face for m in scene.others])
-    return [replace(scene.mesh, faces=faces, uv=uv) for faces, uv in zip(parts, uvs, strict=True)]
+@kept
+def _meshes(mesh: Mesh, first: tuple[int, ...]) -> tuple[Mesh, ...]:
+    """The meshes that were joined. first: face of each but the first."""
+    if not first:
+        return (replace(mesh),)
+    parts = zip(np.split(mesh.faces, first), np.split(mesh.uv, first), strict=True)
+    return tuple(replace(mesh, faces=faces, uv=uv) for faces, uv in parts)
 
 
 def _patch(scene: MarchedScene, first: int, end: int) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mesoshell.io.surface import SurfaceBundle
+from mesoshell.kept import kept
 from mesoshell.render.effects import SURFACE, Effects, left_out, plan_effects
 from mesoshell.render.facts import TwinFacts
 from mesoshell.render.quality import Quality
@@ -16,6 +17,9 @@ from mesoshell.scene.setup import describe_surface, with_distant_lamps
 from mesoshell.surface_material.loader import load_device_material
 from mesoshell.surface_material.renderer import RAYS, SurfaceScene, cut_short, facts, render, tile_renderer
 from mesoshell.surface_material.scene import SurfaceDescription
+
+#: What all pictures of one scene share.
+_device_material = kept(load_device_material)
 
 
 def prepare_surface(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
@@ -35,7 +39,7 @@ def prepare_surface_mesh(
     notes: tuple[str, ...],
 ) -> Prepared:
     """The described mesh with a bundle's material, ready to be rendered. twin: facts, if it replaces the scene's shell."""
-    surface = SurfaceScene(**vars(d), device_material=load_device_material(bundle))
+    surface = SurfaceScene(**vars(d), device_material=_device_material(bundle))
     effects = plan_effects(replace(facts(surface), twin=twin), quality, SURFACE)
 
     def work(progress: Progress) -> Rendered:
@@ -46,8 +50,8 @@ def prepare_surface_mesh(
         tile = tile_renderer(surface, chosen, effects, report)
 
         def ended(image: np.ndarray, samples: int) -> Rendered:
-            report.notes += cut_short(report)
-            return _rendered(chosen.with_changes(pixel_samples=samples), effects, image, report)
+            done = replace(report, notes=(*report.notes, *cut_short(report)))
+            return _rendered(chosen.with_changes(pixel_samples=samples), effects, image, done)
 
         return tiled_passes(surface.camera, RAYS, tile, ended)
 

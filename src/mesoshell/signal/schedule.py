@@ -23,6 +23,8 @@ Config = Literal["T", "R"]
 
 CRITICAL, MARGIN, FILTER_SIZE = 2, 10, 6
 FIRST_CUTOFF, FIRST_STOPBAND, LAST_STOPBAND = 2.0, 2**2.1, 2**0.3
+#: For more, a generator draws no weights (shell/generator/generator).
+MOST_LAYERS = 26
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +68,13 @@ def layer_schedule(
     layers: int = 14,
 ) -> list[LayerRow]:
     """Rows 0 … N = layers for `resolution` samples a patch at the output. Raises ValueError if it is no power of two ≥ 16,
-    or there are fewer than 4 layers."""
+    or there are fewer than 4 layers, or more than MOST_LAYERS."""
     if resolution < 16 or resolution & (resolution - 1):
         raise ValueError(f"resolution must be a power of two and at least 16, not {resolution}")
     if layers < 4:
         raise ValueError(f"layers must be at least 4, not {layers}")
+    if layers > MOST_LAYERS:
+        raise ValueError(f"layers must be at most {MOST_LAYERS}, not {layers}")
     e = np.minimum(np.arange(layers + 1) / (layers - CRITICAL), 1)
     last = resolution / 2
     cutoff = FIRST_CUTOFF * (last / FIRST_CUTOFF) ** e

@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.geometry.albedo import Albedo
+from mesoshell.geometry.convex import is_convex
 from mesoshell.geometry.enclosure import enclosure
-from mesoshell.geometry.mesh import is_convex
 from mesoshell.nets.batches import run
 from mesoshell.nets.mlp import in_tiles
 from mesoshell.render.camera import pixel_radius
@@ -60,7 +60,7 @@ def facts(scene: SurfaceScene) -> Facts:
         environment=scene.environment is not None,
         seen=not scene.transparent,
         convex=convex,
-        enclosed=0.0 if convex and not scene.objects else enclosure([scene.mesh, *scene.objects]),
+        enclosed=0.0 if convex and not scene.objects else enclosure((scene.mesh, *scene.objects)),
         passable=scene.device_material.config.opacity != "none",
     )
 
@@ -96,7 +96,7 @@ def tile_renderer(scene: SurfaceScene, quality: Quality, effects: Effects, repor
     report.time("prepare", begin)
 
     def tile(o: np.ndarray, d: np.ndarray, shift: float, draws: Draws, check: Callable[[], None]) -> np.ndarray:
-        return _Tile(scene, intersector, quality, effects, report).rgba(o, d, draws)
+        return _Tile(scene, intersector, quality, effects, report, check).rgba(o, d, draws)
 
     return tile
 
@@ -115,15 +115,16 @@ class _Tile:
     """Rays that are rendered together."""
 
     def __init__(
-        self, scene, intersector: SurfaceIntersector, quality: Quality, effects: Effects, report: RenderReport
+        self,
+        scene: SurfaceScene,
+        intersector: SurfaceIntersector,
+        quality: Quality,
+        effects: Effects,
+        report: RenderReport,
+        check: Callable[[], None],
     ):
-        self.scene, self.intersector, self.quality, self.effects, self.report = (
-            scene,
-            intersector,
-            quality,
-            effects,
-            report,
-        )
+        self.scene, self.intersector, self.quality = scene, intersector, quality
+        self.effects, self.report, self.check = effects, report, check
         self.spread = pixel_radius(scene.camera.spread) / 2
         self.albedo = Albedo(intersector.count, scene.objects, scene.base_colour)
 
@@ -135,6 +136,7 @@ class _Tile:
         rgb, through, start = np.zeros((count, 3)), np.ones(count), np.zeros(count)
         alive = np.arange(count)
         for _ in range(MAX_SURFACES):
+            self.check()
             clock = time.perf_counter()
             hits = self.intersector.meet(o[alive] + start[alive, None] * d[alive], d[alive])
             self.report.time("trace", clock, rays=len(alive))
@@ -199,6 +201,7 @@ class _Tile:
         x, start, alive = o + t[:, None] * d + away[:, None] * normal, np.zeros(len(t)), np.arange(len(t))
         queries = 0
         for _ in range(MAX_SURFACES):
+            self.check()
             hits = self.intersector.meet(x[alive] + start[alive, None] * toward[alive], toward[alive])
             met = hits.face >= 0
             start[alive] += np.where(met, hits.t + ADVANCE * (self.intersector.size + hits.t), 0)

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from mesoshell.geometry.curvature import CurvatureTable, curvature_table, range_of
 from mesoshell.geometry.mesh import Mesh, uv_stretch
+from mesoshell.kept import kept
 from mesoshell.render.quality import Quality
 
 #: Least ω_z of a query: interpolated normals may face away from a ray that meets the face's front.
@@ -48,7 +49,7 @@ class SurfaceTables:
 def surface_tables(mesh: Mesh, period: float, quality: Quality) -> SurfaceTables:
     """Tables for a texture whose periods have this world length, averaged over the surface."""
     how = quality.curvature_filter
-    table = curvature_table(mesh, quality.curve_length * period if how in ("curve", "unscaled") else 0.0)
+    table = _curvature(mesh, quality.curve_length * period if how in ("curve", "unscaled") else 0.0)
     if how == "mean":
         mean = table.kappa.mean(axis=1, keepdims=True)
         table = replace(table, kappa=np.broadcast_to(mean, table.kappa.shape).copy())
@@ -56,6 +57,9 @@ def surface_tables(mesh: Mesh, period: float, quality: Quality) -> SurfaceTables
         table = replace(table, kappa=table.kappa / np.float32(period))
     uv = mesh.uv.astype(np.float64) * (uv_stretch(mesh) / period)
     return SurfaceTables(mesh, period, uv, *_along(mesh, uv), table)
+
+
+_curvature = kept(curvature_table)
 
 
 def _along(mesh: Mesh, uv: Float[np.ndarray, "F 3 2"]) -> tuple[np.ndarray, np.ndarray]:

@@ -159,7 +159,7 @@ def along(config: PictureConfig, o: Vec3, d: Vec3, radius: Scalar, jitter: Float
     t0, t1 = box_span(o, d)
     length = (t1 - t0) / config.samples
     t = t0 + length * (jnp.arange(config.samples, dtype=d.dtype) + jitter)
-    g = jax.vmap(cone_gaussian, in_axes=(0, 0, None))(jnp.maximum(t - length / 2, 0), t + length / 2, radius)
+    g = jax.vmap(cone_gaussian, in_axes=(0, None, None))(t, length / 2, radius)
     f = jax.vmap(footprint, in_axes=(None, None, 0, 0))(jnp.eye(3, dtype=d.dtype), d, g.along, g.across)
     keep = jnp.asarray(config.filtering, d.dtype)
     xi = jnp.clip(o[None] + t[:, None] * d[None], 0, 1)

@@ -185,6 +185,7 @@ def test_halo_costs_less_the_larger_the_tile() -> None:
         ({"channel_max": 8}, "array generator/mix has shape (4, 4); expected (8, 8)"),
         ({"colour": 1}, "generator is not a configuration"),
         ({"layers": 3}, "generator is not a configuration: layers must be at least 4, not 3"),
+        ({"layers": 27}, "generator is not a configuration: layers must be at most 26, not 27"),
         ({"betas": 0}, "has shape"),
     ],
 )

@@ -16,8 +16,8 @@ def test_rays_meet_each_as_alone():
         wearing.moved(wearing.lump(), 0, 3, 0),
     ]
     parts = [(mesh, extrude(mesh, 0.1, 0.3)) for mesh in meshes]
-    mesh, shell = join_shells(parts)
-    assert join_shells(parts[:1]) is parts[0]
+    mesh, shell = join_shells(tuple(parts))
+    assert join_shells((parts[0],)) is parts[0]
     random = np.random.default_rng(0)
     d = wearing.directions(random, 1000)
     prisms, faces = np.cumsum([0, *(len(s.faces) for _, s in parts)]), np.cumsum([0, *(len(m.faces) for m in meshes)])

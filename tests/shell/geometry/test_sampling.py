@@ -12,6 +12,7 @@ from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.extrude import Shell, extrude
 from mesoshell.shell.geometry.sampling import Chart, Piece, frame, inverse_jacobian, place_exact, spread
 from mesoshell.shell.geometry.tracer import Boundary
+from tests.helpers import wearing
 
 COUNT = 400
 
@@ -63,7 +64,8 @@ def pieces() -> tuple[Piece, np.ndarray, np.ndarray]:
     xi = np.concatenate([np.einsum("ik,ikj->ij", weights, uv), height[:, None]], axis=1)
     t = np.stack([np.zeros(COUNT), length], axis=1)
     direction = (x[1] - x[0]) / length[:, None]
-    arrays = (t, bary.transpose(1, 0, 2), h.T, x[0], direction)
+    start = x[0] - SHELL.base[SHELL.faces[prism, 2]]
+    arrays = (t, bary.transpose(1, 0, 2), h.T, start, direction)
     return Piece(jnp.asarray(prism, jnp.int32), *(jnp.asarray(v, jnp.float32) for v in arrays)), f, xi
 
 
@@ -75,6 +77,37 @@ def test_exact_coordinates_are_exact_and_interpolated_ones_are_close():
     straight = np.asarray(frames.xi0) + f[:, None] * np.asarray(frames.xi1 - frames.xi0)
     off = np.abs(straight - xi).max(axis=1)
     assert 1e-3 < off.max() < 0.2
+
+
+def test_exact_coordinates_far_from_the_origin():
+    """Where floats are 1/16 apart: the prisms' corners lie there, and what is between them is as exact as here."""
+    away = np.array([2.0**19, -(2.0**19), 2.0**19])
+    rng = np.random.default_rng(3)
+    mesh = check_mesh(np.round(48 * wearing.ball().vertices) / 16 + away, wearing.ball().faces, None, "ball")
+    shell = extrude(mesh, 0.25, 1.0)
+    prism, f = rng.integers(0, len(shell.faces), COUNT), rng.uniform(size=COUNT).astype(np.float32)
+    bary, h = rng.dirichlet((1, 1, 1), (2, COUNT)), rng.uniform(size=(2, COUNT))
+    base = shell.base.astype(np.float64)[shell.faces[prism]]
+    corners = base + h[:, :, None, None] * shell.offset[shell.faces[prism]]
+    x = np.einsum("kni,knij->knj", bary, corners)
+    length = np.linalg.norm(x[1] - x[0], axis=1)
+    rows = (
+        np.stack([np.zeros(COUNT), length], axis=1),
+        bary[..., :2].transpose(1, 0, 2),
+        h.T,
+        x[0] - base[:, 2],
+        (x[1] - x[0]) / length[:, None],
+    )
+    piece = Piece(jnp.asarray(prism, jnp.int32), *(jnp.asarray(row, jnp.float32) for row in rows))
+    chart = Chart(Boundary(shell, shell.faces).prisms.corners, jnp.asarray(shell.uv.reshape(-1, 6)))
+    xi = np.asarray(jax.vmap(place_exact, in_axes=(None, 0, 0))(chart, piece, jnp.asarray(f)), np.float64)
+    uv = shell.uv[prism].astype(np.float64)
+    e = np.stack([uv[:, 0] - uv[:, 2], uv[:, 1] - uv[:, 2]], axis=-1)
+    lam = np.linalg.solve(e, (xi[:, :2] - uv[:, 2])[..., None])[..., 0]
+    lam = np.concatenate([lam, 1 - lam.sum(axis=1, keepdims=True)], axis=1)
+    found = np.einsum("ni,nij->nj", lam, base + xi[:, 2, None, None] * shell.offset[shell.faces[prism]])
+    off = np.linalg.norm(found - (x[0] + f[:, None] * (x[1] - x[0])), axis=1)
+    assert off.max() < 1e-3 * 0.25
 
 
 def test_inverse_jacobian_by_differences():

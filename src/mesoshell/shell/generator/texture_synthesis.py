@@ -21,7 +21,7 @@ from mesoshell.io.material import parameter_vector
 from mesoshell.shell.generator.bake import Share, bake
 from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.nodes import count_nodes
-from mesoshell.shell.geometry.chart import cells, fits, patches_of
+from mesoshell.shell.geometry.chart import fits, patches_of, span
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,7 @@ def grow(
     Raises InputError, about `name`, if there is no generator, or the texture would not fit in memory.
     """
     texels = int(bundle.texel_density)
-    low, high = cells(uv)
-    across, along = (int(n) for n in high.max(axis=0) - low.min(axis=0) + 1)
+    _, (along, across) = span(uv)
     if not fits((along, across), texels, bundle.channels):
         raise InputError(Argument("scale"), f"the mesh would carry {across} × {along} patches: give a larger scale")
     origin, needed = patches_of(uv)

@@ -23,7 +23,7 @@ from mesoshell.shell.geometry.march import ENTERING, LOST, WALKING, Prisms, Ray,
 from mesoshell.typing import Array
 
 CAPACITY, CHUNK, STEPS = 1024, 128, 16
-#: Prisms after which a walk counts as lost: only a shell of NaNs can need so many.
+#: Prisms after which a walk counts as lost: one that grazes a grid of over 1500 quads a side goes on from there.
 LONGEST = 4096
 
 

@@ -45,7 +45,7 @@ def without_overlap(parts: list[Intervals]) -> Intervals:
     if not len(i.ray):
         return i
     i = take(i, _in_order(i, np.repeat(np.arange(len(parts)), [len(part.ray) for part in parts])))
-    span = 2 * (np.abs(i.t1).max() + 1)
+    span = 2 * np.abs(i.t1).max()
     reached = np.maximum.accumulate(i.t1 + span * i.ray) - span * i.ray
     before = np.concatenate([[-np.inf], reached[:-1]])
     before[np.concatenate([[True], i.ray[1:] != i.ray[:-1]])] = -np.inf

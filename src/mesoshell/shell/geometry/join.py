@@ -5,13 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from mesoshell.geometry.mesh import Mesh
+from mesoshell.kept import constant, kept
 from mesoshell.shell.geometry.extrude import Shell
 
 
-def join_shells(grown: Sequence[tuple[Mesh, Shell]]) -> tuple[Mesh, Shell]:
+def join_shells(grown: tuple[tuple[Mesh, Shell], ...]) -> tuple[Mesh, Shell]:
     """One mesh and one shell: vertices, faces and prisms of each follow those of the one before. Nothing is welded."""
-    if len(grown) == 1:
-        return grown[0]
+    return grown[0] if len(grown) == 1 else _joined(grown)
+
+
+@kept
+def _joined(grown: tuple[tuple[Mesh, Shell], ...]) -> tuple[Mesh, Shell]:
     meshes, shells = [mesh for mesh, _ in grown], [shell for _, shell in grown]
     vertices, faces = _first([m.vertices for m in meshes]), _first([m.faces for m in meshes])
     posts, prisms = _first([s.base for s in shells]), _first([s.faces for s in shells])
@@ -34,7 +38,7 @@ def join_shells(grown: Sequence[tuple[Mesh, Shell]]) -> tuple[Mesh, Shell]:
         mesh_face=np.concatenate([s.mesh_face + a for s, a in zip(shells, faces, strict=True)]),
         notes=(),
     )
-    return mesh, shell
+    return constant(mesh), constant(shell)
 
 
 def _first(arrays: Sequence[np.ndarray]) -> np.ndarray:

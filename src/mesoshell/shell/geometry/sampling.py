@@ -32,10 +32,9 @@ class Chart(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """An interval as one row: prism, t at both ends, λ and h at both ends, ray origin's offset and direction.
-
-    start and direction: the point of the ray at t0 and its unit direction, both relative to the world.
-    """
+    """An interval as one row. t: where it begins, and its length, world; bary, h: λ and h at both ends; start: the point where
+    it begins, from the prism's third base corner; direction: of the ray, unit. Far from the world's origin, or from the
+    ray's, float32 has no room for its ends."""
 
     prism: Array
     t: Vec2
@@ -69,12 +68,23 @@ def canonical(chart: Chart, prism: Array, bary: Vec2, h: Scalar) -> Vec3:
 
 def inverse_jacobian(chart: Chart, prism: Array, bary: Vec2, h: Scalar) -> Mat3:
     """J⁻¹ at a point of a prism."""
-    row, uv = chart.corners[prism].reshape(6, 3), chart.uv[prism].reshape(3, 2)
-    at = row[:3] + h * row[3:]
     weights = jnp.append(bary, 1 - bary[0] - bary[1])
-    back = _inverse_columns(at[0] - at[2], at[1] - at[2], product(weights, row[3:]))
-    e = jnp.stack([uv[0] - uv[2], uv[1] - uv[2]], axis=1)
+    e = _edges(chart.uv[prism].reshape(3, 2))
+    base, posts = _about_third(chart, prism)
+    at = base + h * posts
+    back = _inverse_columns(at[0] - at[2], at[1] - at[2], product(weights, posts))
     return jnp.concatenate([product(e, back[:2]), back[2:]])
+
+
+def _about_third(chart: Chart, prism: Array) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+    """Base corners of a prism, from the third one, and its posts."""
+    row = chart.corners[prism].reshape(6, 3)
+    return row[:3] - row[2:3], row[3:]
+
+
+def _edges(uv: Float[Array, "3 2"]) -> Float[Array, "2 2"]:
+    """E."""
+    return jnp.stack([uv[0] - uv[2], uv[1] - uv[2]], axis=1)
 
 
 def _inverse_columns(a: Vec3, b: Vec3, c: Vec3) -> Mat3:
@@ -88,29 +98,28 @@ def frame(chart: Chart, piece: Piece) -> Frame:
     xi0 = canonical(chart, piece.prism, piece.bary[0], piece.h[0])
     xi1 = canonical(chart, piece.prism, piece.bary[1], piece.h[1])
     inverse = inverse_jacobian(chart, piece.prism, piece.bary.mean(axis=0), piece.h.mean())
-    return Frame(xi0, xi1, norm(xi1 - xi0), inverse)
+    along = product(_edges(chart.uv[piece.prism].reshape(3, 2)), piece.bary[1] - piece.bary[0])
+    return Frame(xi0, xi1, norm(jnp.append(along, piece.h[1] - piece.h[0])), inverse)
 
 
 def place(piece: Piece, at: Frame, f: Scalar, share: Scalar, cone: Scalar) -> Placed:
     """Interpolated sample at position f. share: the part of the interval it stands for; cone: radius at distance 1."""
-    t = piece.t[0] + f * (piece.t[1] - piece.t[0])
-    half = share * (piece.t[1] - piece.t[0]) / 2
-    g = cone_gaussian(jnp.maximum(t - half, 0), t + half, cone)
+    g = cone_gaussian(piece.t[0] + f * piece.t[1], share * piece.t[1] / 2, cone)
     xi = at.xi0 + f * (at.xi1 - at.xi0)
     return Placed(xi, footprint(at.inverse, piece.direction, g.along, g.across))
 
 
 def place_exact(chart: Chart, piece: Piece, f: Scalar) -> Vec3:
     """ξ of the point at position f by four Newton steps on P(λ, h) = x; quadratic, so these exhaust float32."""
-    row = chart.corners[piece.prism].reshape(6, 3)
-    x = piece.start + f * (piece.t[1] - piece.t[0]) * piece.direction
+    base, posts = _about_third(chart, piece.prism)
+    x = piece.start + f * piece.t[1] * piece.direction
     bary = piece.bary[0] + f * (piece.bary[1] - piece.bary[0])
     h = piece.h[0] + f * (piece.h[1] - piece.h[0])
     for _ in range(4):
-        posts = row[:3] + h * row[3:]
+        at = base + h * posts
         weights = jnp.append(bary, 1 - bary[0] - bary[1])
-        off = x - product(weights, posts)
-        back = _inverse_columns(posts[0] - posts[2], posts[1] - posts[2], product(weights, row[3:]))
+        off = x - product(weights, at)
+        back = _inverse_columns(at[0] - at[2], at[1] - at[2], product(weights, posts))
         move = product(back, off)
         bary, h = bary + move[:2], h + move[2]
     return canonical(chart, piece.prism, bary, h)

@@ -43,14 +43,14 @@ class StaticConfig:
 
 
 class DeviceTables(NamedTuple):
-    """Everything a kernel reads that is not per sample. maps: (M, H, W), repeated over the UV square; cone: of a pixel, times
+    """Everything a kernel reads that is not per sample. maps: repeated over the UV square; cone: of a pixel, times
     `Quality.footprint`; height_filter: of `Quality`; baked: the grid of σ, if it is read from one."""
 
     chart: Chart
     material: Material
     grid: Grid
     alpha: Float[Array, "A"]
-    maps: Float[Array, "M H W"]
+    maps: tuple[Float[Array, "_ _"], ...]
     patches_per_uv: Scalar
     cone: Scalar
     height_filter: Scalar
@@ -134,13 +134,15 @@ def depth_bounds(
 
 def _alpha(program: StaticConfig, table: DeviceTables, xi: Vec3) -> Array:
     alpha = table.alpha
-    if program.maps:
-        uv = xi[:2] / table.patches_per_uv
-        height, width = table.maps.shape[1:]
-        uv = uv - jnp.floor(uv)
+    if not program.maps:
+        return alpha
+    uv = xi[:2] / table.patches_per_uv
+    uv = uv - jnp.floor(uv)
+    for position, image in zip(program.maps, table.maps, strict=True):
+        height, width = image.shape
         column = jnp.minimum((uv[0] * width).astype(jnp.int32), width - 1)
         row = jnp.minimum(((1 - uv[1]) * height).astype(jnp.int32), height - 1)  # images have v = 1 at the top
-        alpha = alpha.at[jnp.array(program.maps)].set(table.maps[:, row, column])
+        alpha = alpha.at[position].set(image[row, column])
     return alpha
 
 

@@ -114,13 +114,12 @@ def _decoding(
         varying,
         baked,
     )
-    maps = [medium.maps[device_material.names[i]] for i in varying]
     table = DeviceTables(
         chart,
         device_material.material_for(effects.filtering.on),
         device_material.grid,
         jnp.asarray(medium.alpha, jnp.float32),
-        jnp.asarray(np.stack(maps) if maps else np.zeros((0, 1, 1)), jnp.float32),
+        tuple(jnp.asarray(medium.maps[device_material.names[i]], jnp.float32) for i in varying),
         jnp.asarray(medium.patches_per_uv, jnp.float32),
         jnp.asarray(quality.footprint * pixel_radius(scene.camera.spread), jnp.float32),
         jnp.asarray(quality.height_filter, jnp.float32),

@@ -41,8 +41,9 @@ from mesoshell.shell.render.scene import Scene
 from mesoshell.shell.render.spacing import Candidates, by_density, even
 from mesoshell.typing import Array
 
-#: Rays of a tile of the image; samples a ray and wave, and of a wave that reads a grid.
-RAYS, WAVE, BAKED_WAVE = 32768, 8, 64
+#: Most rays of a tile of the image, and bytes of what all its samples reflect; samples a ray and wave, and of a wave that reads
+#: a grid.
+RAYS, BYTES, WAVE, BAKED_WAVE = 32768, 2**29, 8, 64
 #: Intervals of a ray for which a tile has rows from the start.
 USUAL = 8
 #: Least opacity that is expected of a ray.
@@ -55,19 +56,25 @@ def render(
     """Linear RGBA, premultiplied, (H, W, 4), and a report. progress: called with the share done, 0 to 1."""
     report, begin = RenderReport(), time.perf_counter()
     renderer = _Renderer(scene, quality, effects, report)
-    if scene.camera.width * scene.camera.height * quality.pixel_samples > RAYS:
+    if scene.camera.width * scene.camera.height * quality.pixel_samples > renderer.most:
         renderer.compile()
-    image = render_tiles(scene.camera, quality.pixel_samples, RAYS, renderer.tile, progress)
+    image = render_tiles(scene.camera, quality.pixel_samples, renderer.most, renderer.tile, progress)
     report.time("wall", begin)
     return image, report
 
 
 def marched_tile(
     scene: Scene, quality: Quality, effects: Effects, report: RenderReport
-) -> tuple[TileRenderer, Callable[[], None]]:
-    """What renders tiles of rays of a scene, and adds to the report; and what compiles all that it may call."""
+) -> tuple[TileRenderer, int, Callable[[], None]]:
+    """What renders tiles of rays of a scene, and adds to the report; most rays of a tile; and what compiles all that it may
+    call."""
     renderer = _Renderer(scene, quality, effects, report)
-    return renderer.tile, renderer.compile
+    return renderer.tile, renderer.most, renderer.compile
+
+
+def rays_a_tile(samples: int, lights: int) -> int:
+    """Most rays of a tile whose rays have so many samples, each lit by so many lights."""
+    return max(1, min(RAYS, BYTES // (12 * samples * max(lights, 1))))
 
 
 @kept
@@ -84,20 +91,22 @@ class _Renderer:
     def __init__(self, scene: Scene, quality: Quality, effects: Effects, report: RenderReport):
         begin = time.perf_counter()
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
-        self.rows = capacity(USUAL * min(RAYS, scene.camera.width * scene.camera.height))
         shell = scene.shell
         self.boundary, chart = _tables(shell, scene.mesh, scene.objects)
+        self.third = shell.base[shell.faces[:, 2]].astype(np.float64)
         begin = report.time("prepare", begin)
         self.media = Media(scene, quality, effects, chart)
         begin = report.time("bake", begin) if effects.baked_density.on else begin
         self.lighting = Lighting(scene, quality, effects, self.boundary, self.media, report)
+        self.lights = len(self.lighting.beams(draws_at(np.zeros((1, 2)), 0.0)))
+        self.most = rays_a_tile(quality.samples, self.lights)
+        self.rows = capacity(USUAL * min(self.most, scene.camera.width * scene.camera.height))
         report.time("prepare", begin)
 
     def compile(self) -> None:
         """Compile what tiles call."""
         begin = time.perf_counter()
-        lights = len(self.lighting.beams(draws_at(np.zeros((1, 2)), 0.0)))
-        compile_ahead(self.media.each, self.boundary.prisms, self.quality, lights, self.rows)
+        compile_ahead(self.media.each, self.boundary.prisms, self.quality, self.lights, self.rows)
         self.report.time("compile", begin)
 
     def tile(
@@ -140,10 +149,10 @@ class _Renderer:
         """Rows of the intervals, padded, and their canonical frames."""
         count = max(self.rows, capacity(len(i.ray)))
         self.rows = count
-        start = o[i.ray] + i.t0[:, None] * d[i.ray]
+        start = o[i.ray] + i.t0[:, None] * d[i.ray] - self.third[i.prism]
         rows = (
             i.prism,
-            np.stack([i.t0, i.t1], axis=1),
+            np.stack([i.t0, i.t1 - i.t0], axis=1),
             np.stack([i.bary0, i.bary1], axis=1),
             np.stack([i.h0, i.h1], axis=1),
             start,

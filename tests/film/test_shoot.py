@@ -16,6 +16,7 @@ from mesoshell.film import frame as framing
 from mesoshell.film.shoot import RECORD, on_white
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import linear_to_srgb, read_png, write_exr
+from mesoshell.io.lock import alone_in
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settle import settle
 from tests.helpers import growing, wearing
@@ -88,6 +89,22 @@ def test_another_films_frames_are_refused(scene: ms.Scene, tmp_path: Path):
     with pytest.raises(InputError, match=f"holds frames but no {RECORD}"):
         ms.film(scene, tmp_path / "film", orbit=2, **DRAFT)
     assert {p.name for p in held} == {p.name for p in (tmp_path / "film").iterdir()} | {RECORD}
+
+
+def test_a_folder_has_one_film_at_a_time(scene: ms.Scene, tmp_path: Path):
+    with alone_in(tmp_path / "film"), pytest.raises(InputError, match="another run is writing into it"):
+        ms.film(scene, tmp_path / "film", orbit=1, **DRAFT)
+    assert not list((tmp_path / "film").iterdir())
+    assert len(ms.film(scene, tmp_path / "film", orbit=1, **DRAFT).frames) == 1
+
+
+def test_a_film_that_ended_without_a_frame_does_not_count(scene: ms.Scene, tmp_path: Path):
+    """Nor does a frame that its cluster wrote later."""
+    ms.film(scene, tmp_path / "film", orbit=1, **DRAFT)
+    record = json.loads((tmp_path / "film" / RECORD).read_text())
+    (tmp_path / "film" / RECORD).write_text(json.dumps(record | {"frames": {}, "of": "another"}))
+    made = ms.film(scene, tmp_path / "film", orbit=2, **DRAFT)
+    assert len(made.frames) == 2 and all(frame.exists() for frame in made.frames)
 
 
 def test_an_orbit_begins_and_a_dolly_ends_with_the_picture(scene: ms.Scene, tmp_path: Path):

@@ -124,11 +124,9 @@ def test_the_engines_agree(name: str, changes: dict) -> None:
         dr.zeros(mi.Float, n),
     )
     shells = Shells([shell])
-    lights = [(tuple(map(float, light.direction)), tuple(map(float, light.irradiance)))]
-    context = RenderContext(
-        shells, Media(shells, [Medium(Material(bundle, origin), (AGE,))]), None, quality, effects, lights
-    )
-    rgb, through, _ = gather_light(context, surfaces, ray)
+    lights = [(mi.Vector3f(*map(float, light.direction)), mi.Color3f(*map(float, light.irradiance)))]
+    context = RenderContext(shells, Media(shells, [Medium(Material(bundle, origin), (AGE,))]), None, quality, effects)
+    rgb, through, _ = gather_light(context, surfaces, ray, lights)
     rgb, mean = np.array(rgb).T.reshape(SIZE, SIZE, 3), expected[..., :3].mean()
     error = np.abs(rgb - expected[..., :3])
     assert mean > 1e-3

@@ -75,7 +75,7 @@ def test_collisions_are_drawn_by_their_weights(spacing: str) -> None:
     media = Media(shells, [Medium(Material(read_bundle(ROOT / "src/mesoshell/assets/grass.npz")), (AGE,))])
     quality = QUALITY.with_changes(spacing=spacing)
     plan = plan_effects(Facts(shells=1, distant=1, coarsest=2.0, seen=False), quality, PATHS)
-    context = RenderContext(shells, media, None, quality, plan, [(LIGHT, (1.0, 1.0, 1.0))])
+    context = RenderContext(shells, media, None, quality, plan)
     rng, count, draws = np.random.default_rng(0), 64, 512
     target = rng.uniform(0.2, 0.8, (3, count))
     d = rng.normal(size=(3, count)) - np.array([[0], [0], [2.0]])
@@ -89,7 +89,7 @@ def test_collisions_are_drawn_by_their_weights(spacing: str) -> None:
             o, along, dr.zeros(mi.Float64, n), far, dr.full(mi.Bool, True, n), dr.full(mi.Float, 1e-3, n), mi.Float(0)
         )
 
-    rgb, through, _ = gather_light(context, surface(mesh), ray(1))
+    rgb, through, _ = gather_light(context, surface(mesh), ray(1), [(mi.Vector3f(*LIGHT), mi.Color3f(1))])
     many = ray(draws)
     numbers = mi.Float(rng.random(count * draws).astype(np.float32))
     flight = fly(context, many, -dr.log(1 - numbers), dr.full(mi.Bool, True, count * draws))

@@ -355,6 +355,17 @@ def test_half_a_material_casts_half_a_shadow(folder) -> None:
             np.testing.assert_allclose(found[:, 3], 1)
 
 
+def test_a_lamp_that_is_passed_stands_in_no_light(folder) -> None:
+    """Between a body and a sun."""
+    body = surface_shape(folder, "square", "opaque")
+    lamp = diffuse("rectangle", 0.0, mi.ScalarTransform4f().translate([0.5, 0.5, 1.0]).rotate([1, 0, 0], 180))
+    lamp["emitter"] = {"type": "area", "radiance": {"type": "rgb", "value": 1e-6}}
+    path = {"integrator": {"type": "mesoshell_path", "max_depth": 2, "hide_lamps": True}}
+    alone, lit = (picture(scene(*shapes) | path, spp=256)[..., 0].mean() for shapes in ((body,), (body, lamp)))
+    assert alone > 0.3
+    np.testing.assert_allclose(lit, alone, rtol=0.02)
+
+
 def test_shadows_reach_beyond_all_other_objects(folder) -> None:
     """A square that faces down hides the light of the one below it, in a scene with nothing else, and with a small thing."""
     small = diffuse("sphere", 0.5, center=[0.05, 0.05, 0.02], radius=0.01)

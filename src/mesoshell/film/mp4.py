@@ -35,7 +35,7 @@ def write_mp4(path: Path, frames: Iterable[UInt8[np.ndarray, "H W 3"]], size: tu
     """Write frames, sRGB. size: width and height. Raises InputError if the file cannot be written."""
     from imageio_ffmpeg import get_ffmpeg_exe
 
-    given = f"-loglevel error -f rawvideo -pix_fmt rgb24 -s {size[0]}x{size[1]} -r {fps!r} -i -".split()
+    given = f"-loglevel error -f rawvideo -pix_fmt rgb24 -s {size[0]}x{size[1]} -r {float(fps)!r} -i -".split()
     with move_together(path) as folder:
         made = folder / path.name
         command = [get_ffmpeg_exe(), *given, *ENCODING.split(), *COLOURS.split(), str(made)]

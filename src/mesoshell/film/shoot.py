@@ -7,7 +7,7 @@ of all that the pictures depend on: a folder with another one is refused.
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, fields, is_dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -29,6 +29,7 @@ from mesoshell.film.mp4 import check_mp4, write_mp4
 from mesoshell.film.wind import add_wind
 from mesoshell.io.atomic import probe_folder, replace_file
 from mesoshell.io.image import read_picture, srgb_codes
+from mesoshell.io.lock import alone_in
 from mesoshell.io.records import read_object
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import Quality
@@ -83,7 +84,7 @@ def shoot(
     begun = settle(scene, texture=False)
     moves = motion(begun)
     of = _identity(begun, moves, quality, engine)
-    rows = _rows(folder, of)
+    _rows(folder, of)  # another film is refused before anything is grown
     still = with_textures(begun, grown, moves.shape)
     shot = Shot(still, quality, engine, compiled_in() if engine == "jax" else None)
     first = moves.change(0)
@@ -92,43 +93,32 @@ def shoot(
     if not _bakes([shot.scene(moves.change(k)) for k in some], quality, engine):
         shot = replace(shot, quality=quality.with_changes(density="network"))
     paths = tuple(folder / f"{k:05d}.png" for k in range(moves.count))
-    missing = [k for k, path in enumerate(paths) if str(k) not in rows or not path.exists()]
-    there = moves.count - len(missing)
-    for k in missing:  # what was known of a frame that is lost
-        rows.pop(str(k), None)
-    notes: dict[str, None] = {}
-    measured = _flickers(paths, rows, lambda k: _view(shot.scene(moves.change(k))))
-    if next(measured) or missing:  # what the folder holds is known before its first frame is there
-        folder.mkdir(parents=True, exist_ok=True)
-        _write(folder, of, engine, rows)
-    tasks = (Task(k, moves.change(k), paths[k]) for k in missing)
-    with (
-        _forgotten(folder, rows),
-        closing(crew(shot, tasks, len(missing), lambda s: show(there + s, moves.count))) as frames,
-    ):
-        show(there, moves.count)
-        for made in frames:
-            if not paths[made.k].exists():
-                raise InputError(folder, f"has no frame {made.k}, which a worker made: workers must share the folder")
-            rows[str(made.k)] = {"seconds": made.seconds}
-            notes |= dict.fromkeys(made.notes)
-            there += 1
-            next(measured)
+    with alone_in(folder):
+        rows = _rows(folder, of)
+        missing = [k for k, path in enumerate(paths) if str(k) not in rows or not path.exists()]
+        there = moves.count - len(missing)
+        for k in missing:  # what was known of a frame that is lost
+            rows.pop(str(k), None)
+        notes: dict[str, None] = {}
+        measured = _flickers(paths, rows, lambda k: _view(shot.scene(moves.change(k))))
+        if next(measured) or missing:  # what the folder holds is known before its first frame is there
             _write(folder, of, engine, rows)
+        tasks = (Task(k, moves.change(k), paths[k]) for k in missing)
+        with closing(crew(shot, tasks, len(missing), lambda s: show(there + s, moves.count))) as frames:
             show(there, moves.count)
+            for made in frames:
+                if not paths[made.k].exists():
+                    raise InputError(
+                        folder, f"has no frame {made.k}, which a worker made: workers must share the folder"
+                    )
+                rows[str(made.k)] = {"seconds": made.seconds}
+                notes |= dict.fromkeys(made.notes)
+                there += 1
+                next(measured)
+                _write(folder, of, engine, rows)
+                show(there, moves.count)
     done = [rows[str(k)] for k in range(moves.count)]
     return Film(paths, tuple(x["seconds"] for x in done), tuple(x["flicker"] for x in done), tuple(notes))
-
-
-@contextmanager
-def _forgotten(folder: Path, rows: Mapping[str, Any]) -> Iterator[None]:
-    """A film that ends without a frame leaves no record: its folder may hold another one."""
-    try:
-        yield
-    except BaseException:
-        if not rows:
-            (folder / RECORD).unlink(missing_ok=True)
-        raise
 
 
 def _flickers(
@@ -221,7 +211,8 @@ def _write(folder: Path, of: str, engine: str, rows: dict[str, dict[str, Any]]) 
 
 
 def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
-    """Rows of the frames that are there. Raises InputError if they are another film's."""
+    """Rows of the frames that are there. Raises InputError if they are another film's. One that ended without a frame does not
+    count: what its cluster may still have written is made again."""
     path = folder / RECORD
     if not path.exists():
         if any(folder.glob("[0-9]" * 5 + ".png")):
@@ -233,7 +224,7 @@ def _rows(folder: Path, of: str) -> dict[str, dict[str, Any]]:
         rows = {str(k): {**x, "seconds": float(x["seconds"])} for k, x in record["frames"].items()}
     except (InputError, ValueError, TypeError, KeyError, AttributeError) as fault:
         raise InputError(path, "is no record of a film: remove the folder, or choose another") from fault
-    if not same:
+    if not same and rows:
         raise InputError(folder, "holds another film's frames: remove the folder, or choose another")
     return rows
 

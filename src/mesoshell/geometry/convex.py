@@ -7,7 +7,7 @@ support     the largest v · n of all vertices v: a corner of the convex hull ha
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from mesoshell.geometry.mesh import Mesh
 from mesoshell.kept import kept
@@ -51,4 +51,4 @@ def _farthest(corners: Float[np.ndarray, "K 3"], n: Float[np.ndarray, "F 3"]) ->
     squared = np.einsum("ki,ki->k", corners, corners)
     longest = squared.max()
     lifted = np.column_stack([corners, np.sqrt(longest - squared)])
-    return cKDTree(lifted).query(np.column_stack([np.sqrt(longest) * n, np.zeros(len(n))]))[1]
+    return KDTree(lifted).query(np.column_stack([np.sqrt(longest) * n, np.zeros(len(n))]))[1]

@@ -10,7 +10,6 @@ A complete dataset has sorted rows; except for the log, its bytes are the same w
 """
 
 import contextlib
-import fcntl
 import json
 import operator
 import os
@@ -20,6 +19,7 @@ from typing import Any
 
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import left_over, replace_file
+from mesoshell.io.lock import alone_in
 from mesoshell.io.records import read_object
 
 
@@ -99,19 +99,8 @@ class Collector:
 def collecting(folder: Path, settings: Mapping[str, Any], count: int, parts: str = "images") -> Iterator[Collector]:
     """Open a folder for this run alone, made if missing; parts: its subfolder for files. Raises InputError if it holds a
     dataset of other settings, or another run is writing into it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError as error:
-        raise InputError(folder, f"cannot be made: {error.strerror}") from None
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(folder, "another run is writing into it") from None
+    with alone_in(folder):
         yield Collector(folder, settings, count, parts)
-    finally:
-        os.close(handle)
 
 
 def _append(path: Path, line: str) -> None:

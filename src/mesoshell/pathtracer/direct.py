@@ -12,7 +12,8 @@ samples always in the middle of their steps would show as ladders on blades alon
 import drjit as dr
 import mitsuba as mi
 
-from mesoshell.pathtracer.events import segment, single
+from mesoshell.pathtracer.events import off_surface, segment, single
+from mesoshell.pathtracer.facts import distant
 from mesoshell.pathtracer.free_flight import fly
 from mesoshell.pathtracer.quadrature import begin, seek
 from mesoshell.pathtracer.samples import canonical
@@ -21,8 +22,9 @@ from mesoshell.pathtracer.traversal import ADVANCE
 
 
 @dr.syntax
-def gather_light(context, scene, ray, shift=0.5):
-    """Radiance toward a ray from what it passes, its transmittance, and the count of decoded samples. shift: as in `begin`."""
+def gather_light(context, scene, ray, lights=(), shift=0.5):
+    """Radiance toward a ray from what it passes, its transmittance, and the count of decoded samples. lights: direction toward
+    each, and E⊥; shift: as in `begin`."""
     s = begin(context, ray, shift)
     n = dr.width(ray.o)
     depth, rgb, queries = dr.zeros(mi.Float64, n), dr.zeros(mi.Color3f, n), dr.zeros(mi.UInt32, n)
@@ -39,22 +41,22 @@ def gather_light(context, scene, ray, shift=0.5):
             queries += 1
             busy = depth < stop
             if weight > cut:
-                rgb += weight * single_scattering(context, scene, ray, s.frame, sample, features)
+                rgb += weight * single_scattering(context, scene, ray, s.frame, sample, features, lights)
     return rgb, dr.exp(-mi.Float(depth)), queries
 
 
-def single_scattering(context, scene, ray, frame, sample, features):
+def single_scattering(context, scene, ray, frame, sample, features, lights):
     """Σ ρ E⊥ V at a sample, from its trunk features."""
     total = mi.Color3f(0)
     view = dr.normalize(canonical(frame, -mi.Vector3f(ray.d)))
     at, height = sample.t, sample.xi.z
     if context.quality.visibility == "interval":
         at, height = 0.5 * (frame.t0 + frame.t1), 0.5 * (frame.xi0.z + frame.xi1.z)
-    directions = [mi.Vector3f(*direction) for direction, _ in context.lights]
-    rhos = context.media.rho(sample, features, view, [dr.normalize(canonical(frame, d)) for d in directions])
-    for toward, rho, (_, irradiance) in zip(directions, rhos, context.lights, strict=True):
-        leave = exit_distance(frame, height, toward, context.shells.size) + ADVANCE * context.shells.size
-        lit = rho * mi.Color3f(*irradiance)
+    rhos = context.media.rho(sample, features, view, [dr.normalize(canonical(frame, d)) for d, _ in lights])
+    size = mi.Float(context.shells.size)
+    for rho, (toward, irradiance) in zip(rhos, lights, strict=True):
+        leave = exit_distance(frame, height, toward, size) + ADVANCE * size
+        lit = rho * irradiance
         if context.surfaces_shadow:
             x = mi.Point3f(ray.o + mi.Float64(at) * ray.d) + leave * toward
             lit = dr.select(scene.ray_test(mi.Ray3f(x, toward)), 0, lit)
@@ -73,19 +75,19 @@ def opacity(tau):
 def light_directly(settings, scene, sampler, ray, active):
     """Radiance toward rays by distant lights and one event, and whether they met anything. settings: a ShellPath."""
     context, first = settings.context, ray
+    lights = [distant(e) for e in scene.emitters()]
     si = scene.ray_intersect(single(ray), active)
     met = si.is_valid()
     first.tmax = dr.select(met, mi.Float64(si.t), dr.inf)
-    light, through, queries = gather_light(context, scene, first, sampler.next_1d())
+    light, through, queries = gather_light(context, scene, first, lights, sampler.next_1d())
     bsdf = si.bsdf()
-    for direction, irradiance in context.lights:
-        toward = mi.Vector3f(*direction)
-        value = bsdf.eval(mi.BSDFContext(), si, si.to_local(toward), met) * mi.Color3f(*irradiance)
+    for toward, irradiance in lights:
+        value = bsdf.eval(mi.BSDFContext(), si, si.to_local(toward), met) * irradiance
         lit = met & (dr.max(value) > 0)
-        away = si.spawn_ray(toward)
+        away = segment(first, si.t, off_surface(si, toward, context.extent), toward)
         if context.surfaces_shadow:
-            lit &= ~scene.ray_test(away, lit)
-        dimmed = fly(context, segment(first, si.t, away.o, toward), dr.inf, lit, sampler.next_1d())
+            lit &= ~scene.ray_test(single(away), lit)
+        dimmed = fly(context, away, dr.inf, lit, sampler.next_1d())
         queries += dimmed.queries
         light += dr.select(lit, through * value * dr.exp(-mi.Float(dimmed.depth)), 0)
     context.count(queries)

@@ -8,7 +8,8 @@ pdf         density of that direction, 1/sr
             can stand for: a circle of solid angle 1/pdf, times `Quality.bounce_spread`
 
 A collision scatters with ρ(ω, ω′), which holds all that happens inside the shell: light comes from, and the path goes on at,
-the point where ω′ leaves the shell's top. From there on other shells, and this one if it is met again, count like any.
+the point where ω′ leaves the shell's top. From there on other shells, and this one if it is met again, count like any; but that
+point is taken to lie outside them all, so where two shells overlap, the rest of the other one is passed.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,12 @@ from mesoshell.pathtracer.scatter import density, draw, exit_distance
 from mesoshell.pathtracer.surface_material import density_around, draw_around
 from mesoshell.pathtracer.traversal import ADVANCE
 
-#: Of a shadow's way, what is left out at the emitter, which would block it.
-SHADOW_EPSILON = 1e-4
+#: Of a shadow's way, what is left out at the emitter, which would block it: of its length, and of its coordinates.
+SHADOW_EPSILON, SHADOW_ULPS = 1e-4, 2.0**-19
+#: Step off a surface: of its coordinates, and of all that stands there, whose triangles may be as large.
+ULPS, EXTENT_ULPS = 2.0**-21, 2.0**-19
+#: Mitsuba's own step off a surface, relative to 1 + the greatest coordinate.
+MITSUBA_EPSILON = 1500 * 2.0**-24
 
 
 @dataclass
@@ -40,22 +45,19 @@ class Event:
     ray: Ray
 
 
-def at_surface(si, ray, ds, wanted, active, numbers, opening) -> Event:
+def at_surface(context, si, ray, ds, wanted, active, numbers, opening) -> Event:
     """A BSDF scatters. numbers: one and two uniform ones, or none if the path ends here."""
-    context = mi.BSDFContext()
-    bsdf = si.bsdf()
-    value, p = bsdf.eval_pdf(context, si, si.to_local(ds.d), wanted)
+    plain, bsdf = mi.BSDFContext(), si.bsdf()
+    value, p = bsdf.eval_pdf(plain, si, si.to_local(ds.d), wanted)
+    begin, far = off_surface(si, ds.d, context.extent), shadow_length(ds, si.p)
+    shadow = segment(ray, si.t, begin, ds.d, far, False, dr.select(ds.delta, 0, opening), ds.pdf)
     if numbers is None:
-        lit = si.spawn_ray_to(ds.p)
-        return last(
-            value, p, segment(ray, si.t, lit.o, lit.d, lit.maxt, False, dr.select(ds.delta, 0, opening), ds.pdf)
-        )
-    chosen, weight = bsdf.sample(context, si, numbers[0], numbers[1], active)
+        return last(value, p, shadow)
+    chosen, weight = bsdf.sample(plain, si, numbers[0], numbers[1], active)
     delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
     d = mi.Vector3f(si.to_world(chosen.wo))
-    lit, on = si.spawn_ray_to(ds.p), si.spawn_ray(d)
-    shadow = segment(ray, si.t, lit.o, lit.d, lit.maxt, False, dr.select(ds.delta, 0, opening), ds.pdf)
-    onward = segment(ray, si.t, on.o, d, dr.inf, False, dr.select(delta, 0, opening), chosen.pdf)
+    begin = off_surface(si, d, context.extent)
+    onward = segment(ray, si.t, begin, d, dr.inf, False, dr.select(delta, 0, opening), chosen.pdf)
     return Event(
         mi.Color3f(value),
         mi.Float(p),
@@ -68,10 +70,23 @@ def at_surface(si, ray, ds, wanted, active, numbers, opening) -> Event:
     )
 
 
+def off_surface(si, d, extent):
+    """Where a ray in a direction leaves a surface. Mitsuba's `spawn_ray` begins far enough off it for any shape: in large
+    scenes beyond a thin shell, which would then not shadow its ground. extent: of all that stands there."""
+    reach = dr.max(dr.abs(si.p))
+    off = dr.minimum(MITSUBA_EPSILON * (1 + reach), ULPS * reach + EXTENT_ULPS * extent)
+    return mi.Vector3d(si.p) + mi.Vector3d(dr.mulsign(off, dr.dot(si.n, d)) * si.n)
+
+
+def shadow_length(ds, p):
+    """How far a shadow from p goes toward an emitter."""
+    return ds.dist - dr.maximum(SHADOW_EPSILON * ds.dist, SHADOW_ULPS * dr.max(dr.abs(p)))
+
+
 def at_collision(context, flight, ray, ds, numbers, opening) -> Event:
     """A shell scatters. numbers: two uniform ones, or none if the path ends here."""
     frame, sample = flight.frame, flight.sample
-    size = context.shells.size
+    size = mi.Float(context.shells.size)
     x = ray.o + mi.Float64(sample.t) * ray.d
     view = dr.normalize(canonical(frame, -mi.Vector3f(ray.d)))
     toward = dr.normalize(canonical(frame, ds.d))
@@ -85,7 +100,7 @@ def at_collision(context, flight, ray, ds, numbers, opening) -> Event:
         return context.media.rho(sample, features, view, directions)
 
     drawn = None if numbers is None else draw(frame, numbers)
-    return scatter_event(ds, toward, density(frame, ds.d), rho, drawn, away, opening)
+    return scatter_event(ds, shadow_length(ds, x), toward, density(frame, ds.d), rho, drawn, away, opening)
 
 
 def at_surface_material(context, met, ray, ds, numbers, opening) -> Event:
@@ -104,13 +119,14 @@ def at_surface_material(context, met, ray, ds, numbers, opening) -> Event:
         return context.surface_meshes.rho(met, directions)
 
     drawn = None if numbers is None else draw_around(frame, numbers)
-    return scatter_event(ds, toward, density_around(frame, ds.d), rho, drawn, away, opening)
+    return scatter_event(ds, shadow_length(ds, x), toward, density_around(frame, ds.d), rho, drawn, away, opening)
 
 
-def scatter_event(ds, toward, p, rho, drawn, away, opening) -> Event:
-    """toward, p: the emitter's direction in the material's frame, and its density; rho: of directions; drawn: a direction, it
-    in that frame, and its density; or none if the path ends here; away: the segment from here in a direction."""
-    shadow = away(ds.d, ds.dist * (1 - SHADOW_EPSILON), dr.select(ds.delta, 0, opening), ds.pdf)
+def scatter_event(ds, far, toward, p, rho, drawn, away, opening) -> Event:
+    """far: as `shadow_length`; toward, p: the emitter's direction in the material's frame, and its density; rho: of directions;
+    drawn: a direction, it in that frame, and its density; or none if the path ends here; away: the segment from here in a
+    direction."""
+    shadow = away(ds.d, far, dr.select(ds.delta, 0, opening), ds.pdf)
     if drawn is None:
         (value,) = rho([toward])
         return last(value, p, shadow)

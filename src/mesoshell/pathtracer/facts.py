@@ -61,6 +61,9 @@ def _albedo(bsdf: mi.BSDF | None) -> float:
     """Largest albedo of a diffuse surface of one colour, as written (0.1, not float32's); 1 for other surfaces."""
     if bsdf is None or int(bsdf.flags()) & ~int(_DIFFUSE):
         return 1.0
+    varying = [k for k, _ in mi.traverse(bsdf) if not k.endswith("reflectance.value")]
+    if varying:
+        return 1.0
     at: Any = dr.zeros(mi.SurfaceInteraction3f)
     at.wi = mi.Vector3f(0, 0, 1)
     return round(float(np.max(np.array(bsdf.eval_diffuse_reflectance(at)))), 6)
@@ -68,15 +71,15 @@ def _albedo(bsdf: mi.BSDF | None) -> float:
 
 def _toward(scene: mi.Scene) -> np.ndarray:
     """Directions toward the distant lights, (L, 3)."""
-    directions = [distant(e)[0] for e in scene.emitters() if _kind(e) == "distant"]
+    directions = [np.array(distant(e)[0]).ravel() for e in scene.emitters() if _kind(e) == "distant"]
     return np.array(directions).reshape(-1, 3)
 
 
-def distant(emitter: mi.Emitter) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def distant(emitter: mi.Emitter) -> tuple[mi.Vector3f, mi.Color3f]:
     """Direction toward a distant light, and E⊥."""
     light: Any = emitter
     ds, value = light.sample_direction(dr.zeros(mi.Interaction3f), mi.Point2f(0.5))
-    return tuple(float(x[0]) for x in ds.d), tuple(float(x[0]) for x in value)
+    return mi.Vector3f(ds.d), mi.Color3f(value)
 
 
 def _may_be_inside(sensor: mi.Sensor, shells: list[Shell]) -> bool:

@@ -21,7 +21,7 @@ from mesoshell.io.bundle import read_bundle
 from mesoshell.io.material import bundled_materials, check_name, find, parameter_vector
 from mesoshell.io.surface import KIND, kind_of, read_surface
 from mesoshell.pathtracer import integrator, xml_bsdf
-from mesoshell.pathtracer.facts import distant, facts_of
+from mesoshell.pathtracer.facts import facts_of
 from mesoshell.pathtracer.maps import check_map, field_of
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Media, Medium
@@ -39,6 +39,8 @@ from mesoshell.surface_material.scene import default_period
 from mesoshell.surface_material.tables import SurfaceTables, surface_tables
 
 NORMAL = PRESETS["normal"]
+#: The variant in which all modules here were made.
+LOADED = str(mi.variant())
 
 
 def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters: Any) -> mi.Scene:
@@ -77,8 +79,11 @@ def load_dict(scene: dict[str, Any], quality: Quality = NORMAL) -> mi.Scene:
 
 def _loaded(source: str, parse: Callable, quality: Quality, size: tuple[int, int] | None = None) -> mi.Scene:
     integrator.register()
+    if str(mi.variant()) != LOADED:
+        raise InputError("mitsuba", f"variant {mi.variant()} is set; mesoshell was loaded in {LOADED}: set that again")
     scene, elements = xml_bsdf.read(source, parse, lambda material: kind_of(_file(material)) == KIND, size)
-    if elements:
+    elements = [e for e in elements if e.placed != ()]  # else of a shape group that nothing shows
+    if elements or isinstance(scene.integrator(), integrator.ShellPath):
         materials: dict[Any, Any] = {}
         shells, surfaces, convex, notes = [], [], True, []
         for element in elements:
@@ -155,8 +160,16 @@ def _context(
             f"'{quality.spacing}' requires `engine` jax: paths have samples by density or length",
         )
     effects = plan_effects(facts, quality, PATHS)
-    lights = [distant(e) for e in scene.emitters()] if effects.quadrature.on else []
-    return RenderContext(shells, media, surface_meshes, quality, effects, lights, notes, facts)
+    return RenderContext(shells, media, surface_meshes, quality, effects, _extent(scene, shells), notes, facts)
+
+
+def _extent(scene: mi.Scene, shells: Shells | None) -> float:
+    """Greatest side of the box around all that stands in a scene."""
+    box = scene.bbox()
+    ends = [np.array([box.min, box.max], np.float64)] if box.valid() else []
+    ends += [] if shells is None else [shells.box]
+    low, high = (f([end[k] for end in ends], axis=0) for k, f in ((0, np.min), (1, np.max))) if ends else (0.0, 1.0)
+    return float(np.max(high - low))
 
 
 def _shells(
@@ -170,7 +183,7 @@ def _shells(
         check_name(bundle, name, element.material)
         check_map(name, texture, element.material)
     alpha = parameter_vector(bundle, element.numbers, "alpha", element.material)
-    places = [transform_shell(shell, m) for m in element.placed] or [shell]
+    places = [shell] if element.placed is None else [transform_shell(shell, m) for m in element.placed]
     most = int(bundle.texel_density)
     footprint = quality.footprint if quality.filtering or quality.density == "baked" else 0.0
     texels = most if bundle.generator is None else texels_needed(sensors, places, most, footprint)
@@ -205,7 +218,7 @@ def _surfaces(
     if not (np.isfinite(period) and period > 0):
         raise InputError(element.material, f"scale must be above 0, not {period:g}")
     material = materials.setdefault(path, SurfaceMaterial(bundle))
-    places = [transform_mesh(mesh, m, element.material) for m in element.placed] or [mesh]
+    places = [mesh] if element.placed is None else [transform_mesh(mesh, m, element.material) for m in element.placed]
     # periods of an instance scale with its edges
     tables = [surface_tables(m, period * (surface_area(m) / surface_area(mesh)) ** 0.5, quality) for m in places]
     return [(w, material) for w in tables], tables[0].notes(bundle.curvature)

@@ -44,6 +44,8 @@ class Material:
         self.channels, self.octaves = bundle.channels, bundle.height_octaves
         self.wraps, self.density, self.origin = bundle.wraps, float(bundle.texel_density), origin
         self.tiles = None if bundle.tiles is None else mi.UInt32(places(bundle.tiles).ravel())
+        # as constants in a kernel, another seed would compile another kernel
+        self.first_tile = tuple(dr.opaque(mi.UInt32, n % 2**32) for n in origin)
         self.names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
         self.plane = Levels([a[f"features/{i}"] for i in range(count(a, "features/{}"))])
         self.heights = Heights(a, origin)
@@ -141,7 +143,7 @@ class Material:
 
     def _tile(self, i, j):
         """The patch of the torus that a patch of the plane shows (shell/material/corner_tiles)."""
-        i, j = mi.UInt32(i) + self.origin[0], mi.UInt32(j) + self.origin[1]
+        i, j = mi.UInt32(i) + self.first_tile[0], mi.UInt32(j) + self.first_tile[1]
         tile = mi.UInt32(0)
         for k, corner in enumerate(((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))):
             tile |= _colour(*corner) << k

@@ -44,6 +44,8 @@ class Media:
         self.materials = list(dict.fromkeys(m.material for m in media))
         self.material_of = mi.UInt32([self.materials.index(m.material) for m in media])
         self.baked: dict[Material, BakedDensity] = {}
+        # as constants in a kernel, another value would compile another kernel
+        self._values = {v: dr.opaque(mi.Float, v) for m in media for v in m.alpha if isinstance(v, float)}
 
     def bound(self, sample, taps=1):
         """Largest σ that is possible near a sample."""
@@ -100,7 +102,7 @@ class Media:
         values = [self.media[i].alpha[k] for i in mine]
         if all(isinstance(v, float) for v in values):
             if len(set(values)) == 1:
-                return mi.Float(values[0])
+                return self._values[values[0]]
             table = [m.alpha[k] if m.material is self.media[mine[0]].material else 0.0 for m in self.media]
             return dr.gather(mi.Float, mi.Float(table), shell)
         total = mi.Float(0)

@@ -207,7 +207,7 @@ def _arrive(context, plan: Plan, lane: PathState, end: SegmentEnd):
     if plan.surface_materials:
         radiance *= dr.select(end.met.front, 1 - end.met.alpha, 1)
         ray = beyond(ray, context.surface_meshes.beyond(end.met.t))
-        passing &= dr.max(radiance) > 0
+        passing &= ~end.met.hit | (dr.max(radiance) > 0)
     if plan.ghosts:
         at_lamp = passing & ~end.met.hit
         radiance = dr.select(at_lamp, shadow.radiance * dr.exp(-mi.Float(end.flight.depth)), radiance)
@@ -235,7 +235,7 @@ def _scatter(context, plan, scene, sampler, path, end, where, shadow, passing):
         ds, arriving = scene.sample_emitter_direction(origin, sampler.next_2d(), False, lit)
     wanted = going & (ds.pdf != 0)
     numbers = (sampler.next_1d(), sampler.next_2d()) if onward else None
-    event = at_surface(si, path.ray, ds, surface & wanted, surface, numbers, opening)
+    event = at_surface(context, si, path.ray, ds, surface & wanted, surface, numbers, opening)
     if shells and inside:
         event = at_collision(context, flight, path.ray, ds, numbers and numbers[1], opening)
     if surface_materials and at_material:

@@ -13,18 +13,20 @@ from mesoshell.render.camera import pixel_radius
 
 #: Radius of a pixel's cone over the distance of neighbouring pixels' rays.
 RADIUS = pixel_radius(1.0)
+#: Spread of the cones of a camera whose rays are parallel: they are as wide as a pixel everywhere, or nearly so.
+PARALLEL = 1e-6
 
 
 class RenderContext:
     """shells, and media, their contents, or None; surface_meshes: with surface materials, or None; quality: render/quality;
-    effects: render/effects; lights: for `direct`, the distant ones, (unit direction toward it, E⊥) each; notes: how all this
-    departs from the request; facts: what the effects were planned from. It must not hold the user's scene: the scene holds the
-    integrator, which holds this, and such a cycle would never be collected."""
+    effects: render/effects; extent: greatest side of all that stands in the scene; notes: how all this departs from the
+    request; facts: what the effects were planned from. It must not hold the user's scene: the scene holds the integrator,
+    which holds this, and such a cycle would never be collected."""
 
-    def __init__(self, shells, media, surface_meshes, quality, effects, lights=(), notes=(), facts=None):
+    def __init__(self, shells, media, surface_meshes, quality, effects, extent=1.0, notes=(), facts=None):
         self.shells, self.media, self.surface_meshes = shells, media, surface_meshes
-        self.quality, self.effects, self.lights, self.notes = quality, effects, lights, notes
-        self.facts = facts
+        self.quality, self.effects, self.notes = quality, effects, notes
+        self.extent, self.facts = dr.opaque(mi.Float, extent), facts
         self._queries = dr.zeros(mi.Float64, 1)
 
     def bake(self) -> None:
@@ -66,13 +68,16 @@ class RenderContext:
     def camera_ray(self, ray, sampler) -> Ray:
         """A camera's ray with the cone of a pixel: Mitsuba's differentials are those of a sample, √count times narrower."""
         n = dr.width(ray.o)
-        width = dr.norm(ray.d_x - ray.d) * sampler.sample_count() ** 0.5
+        spread, radius = (
+            RADIUS * dr.norm(x) * sampler.sample_count() ** 0.5 for x in (ray.d_x - ray.d, ray.o_x - ray.o)
+        )
+        spread = dr.maximum(spread, dr.select(radius > 0, PARALLEL, 0))
         return Ray(
             mi.Vector3d(ray.o),
             mi.Vector3d(ray.d),
             dr.zeros(mi.Float64, n),
             dr.full(mi.Float64, dr.inf, n),
             dr.full(mi.Bool, not self.effects.camera_in_shell.on, n),
-            width * RADIUS,
-            dr.zeros(mi.Float, n),
+            spread,
+            dr.select(spread > 0, radius / dr.select(spread > 0, spread, 1), 0),
         )

@@ -38,8 +38,8 @@ def density(frame, d):
     return dr.select(length > 0, p * volume / length**3, 0)
 
 
-def exit_distance(frame, height, d, size: float):
+def exit_distance(frame, height, d, size):
     """Distance from h = height along d to the top of a locally flat shell, at a cosine of at least FLATTEST; 0 downward."""
     rate = dr.dot(frame.c, d)
-    flattest = dr.maximum(FLATTEST * dr.norm(frame.c), 1e-6)
+    flattest = dr.maximum(FLATTEST * dr.norm(frame.c), 1e-30)
     return dr.select(rate > 0, dr.minimum((1 - height) / dr.maximum(rate, flattest), size), 0)

@@ -16,8 +16,8 @@ from mesoshell.render.light import Distant, Environment
 from mesoshell.render.mitsuba_frame import camera_pose, sky_pose, spot_angles
 
 
-def sensor(camera: Camera, samples: int) -> dict:
-    """A camera, as a dictionary that `mi.load_dict` takes. samples: paths a pixel."""
+def sensor(camera: Camera, samples: int, near: float = 1e-4) -> dict:
+    """A camera, as a dictionary that `mi.load_dict` takes. samples: paths a pixel; near: what is nearer is not seen."""
     film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}}
     pose: Any = camera_pose(camera)
     film["pixel_format"] = "rgba"
@@ -26,7 +26,7 @@ def sensor(camera: Camera, samples: int) -> dict:
         "fov": float(np.degrees(camera.fov)),
         "fov_axis": "y",
         "to_world": mi.ScalarTransform4f(pose),
-        "near_clip": 1e-4,
+        "near_clip": near,
         "far_clip": 1e6,
         "film": film,
         "sampler": {"type": "multijitter", "sample_count": samples},

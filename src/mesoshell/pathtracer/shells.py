@@ -24,7 +24,7 @@ class Shells:
     """corners: (P · 6, 3); across, across_edge: (P · 3); uv: (P · 3, 2), patches; shell: (P); prism, code: of each triangle.
 
     box: least and greatest coordinates of all shells, (2, 3), world; centre: its middle, where the boundary's scene has its
-    origin; size: its greatest side.
+    origin; size: its greatest side. Kernels read these: as constants they would be compiled anew for each scene.
     """
 
     def __init__(self, shells: list[Shell]):
@@ -42,12 +42,12 @@ class Shells:
         self.code = mi.UInt32(np.concatenate([p[3] for p in parts]))
         triangles = np.concatenate([p[1] for p in parts])
         self.box = np.stack([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))])
-        self.size = float((self.box[1] - self.box[0]).max())
+        self.size = dr.opaque(mi.Float64, float((self.box[1] - self.box[0]).max()))
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         self.normal = mi.Float64(normal.ravel())
         self.point = mi.Float64(triangles[:, 0].ravel())
         centre = self.box.mean(axis=0)
-        self.centre = mi.Vector3d(*(float(x) for x in centre))
+        self.centre = mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in centre))
         self.scene = scene_of(triangles - centre)
 
     def frame(self, prism):

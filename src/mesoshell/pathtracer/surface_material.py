@@ -109,7 +109,7 @@ class SurfaceMeshes:
         faces = np.concatenate([t.mesh.faces + a for t, a in zip(tables, first, strict=True)])
         triangles = np.concatenate([t.mesh.vertices[t.mesh.faces].astype(np.float64) for t in tables])
         outward = _unit(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
-        self.size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+        self.size = dr.opaque(mi.Float, float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
         self.directions = tables[0].table.kappa.shape[1]
         self.faces = _flat(faces, mi.UInt32)
         self.outward = _flat(outward)
@@ -121,7 +121,7 @@ class SurfaceMeshes:
         self.period = _flat(np.repeat([t.period for t in tables], counts))
         self.which = _flat(np.repeat([self.materials.index(m) for m in materials], counts), mi.UInt32)
         centre = triangles.mean(axis=(0, 1))  # rays are met in float32: keep its numbers small
-        self.centre = mi.Vector3d(*(float(x) for x in centre))
+        self.centre = mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in centre))
         self.scene = scene_of(triangles - centre)
 
     def meet(self, ray, active):

@@ -28,7 +28,7 @@ _NUMBERS = ("thickness", "scale", "seed")
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """One `mesoshell` BSDF of a scene. where: in the file; shape: its mesh; placed: to-world matrices of its instances, none if
+    """One `mesoshell` BSDF of a scene. where: in the file; shape: its mesh; placed: to-world matrices of its instances, None if
     the shape has its own; flipped: Mitsuba's v is 1 minus the file's, as of OBJ files; numbers, textures: by the names of
     parameters; is_surface_material: its shape is taken out of the scene."""
 
@@ -40,7 +40,7 @@ class Element:
     seed: int | None = None
     numbers: dict[str, float] = field(default_factory=dict)
     textures: dict[str, mi.Texture] = field(default_factory=dict)
-    placed: tuple[Float[np.ndarray, "4 4"], ...] = ()
+    placed: tuple[Float[np.ndarray, "4 4"], ...] | None = None
     flipped: bool = False
     is_surface_material: bool = False
 
@@ -146,8 +146,8 @@ def _holds(state, index: int) -> set[int]:
 def _integrate(state) -> None:
     """Replace the integrator `path` by one that also traces paths through shells."""
     for node in state.nodes:
-        if node.type == mi.ObjectType.Integrator:
-            name = node.props.plugin_name()
+        name = node.props.plugin_name()
+        if node.type == mi.ObjectType.Integrator or name == "mesoshell_path":  # whose type a dict does not tell
             if name not in ("path", "mesoshell_path"):
                 where = mi.parser.file_location(state, node)
                 raise InputError(where, f"integrator '{name}' does not support shells: use path")
@@ -203,10 +203,12 @@ def _made(config, state, index: int) -> Any:
     return mi.parser.instantiate(config, alone)
 
 
-def _placed(state, shape: int) -> tuple[np.ndarray, ...]:
-    """To-world matrices of the instances of the shape group that a shape belongs to."""
+def _placed(state, shape: int) -> tuple[np.ndarray, ...] | None:
+    """To-world matrices of the instances of the shape group that a shape belongs to; None for one of no group."""
     kinds = [n.props.plugin_name() for n in state.nodes]
     holds = [set(_links(n.props).values()) for n in state.nodes]
     groups = {i for i, kind in enumerate(kinds) if kind == "shapegroup" and shape in holds[i]}
+    if not groups:
+        return None
     instances = [state.nodes[i].props for i, kind in enumerate(kinds) if kind == "instance" and groups & holds[i]]
     return tuple(np.array(p["to_world"].matrix) if "to_world" in p else np.eye(4) for p in instances)

@@ -9,11 +9,17 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.geometry.mesh import Mesh, bounding_box
 from mesoshell.render.camera import Camera
 from mesoshell.render.lamp import Lamp
 
 #: From our latitude-longitude frame to Mitsuba's, by the axis that points up.
 _SKY = {1: np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]), 2: np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])}
+
+
+def near_clip(mesh: Mesh) -> float:
+    """The distance up to which a sensor sees nothing: Mitsuba wants one; far less than a mesh is wide."""
+    return float(min(1e-4, 1e-4 * np.linalg.norm(np.ptp(bounding_box(mesh).astype(np.float64), axis=0))))
 
 
 def camera_pose(camera: Camera) -> Float[np.ndarray, "4 4"]:

@@ -22,7 +22,7 @@ from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.lamp import EXTENDED, Lamp, facing, radius
 from mesoshell.render.light import Distant
-from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, sky_pose, spot_angles
+from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, near_clip, sky_pose, spot_angles
 from mesoshell.render.quality import Quality
 from mesoshell.scene.growth import grows, latent_of
 from mesoshell.scene.scene import Grown, Scene
@@ -72,7 +72,7 @@ def _lines(still: Scene, folder: Path, quality: Quality) -> Iterator[str]:
     sampler = "multijitter" if fits else "independent"
     yield f'''    <sensor type="perspective">
         <float name="fov" value="{np.degrees(still.camera.fov):.17g}"/> <string name="fov_axis" value="y"/>
-        <float name="near_clip" value="1e-4"/> <float name="far_clip" value="1e6"/>
+        <float name="near_clip" value="{near_clip(still.mesh)!r}"/> <float name="far_clip" value="1e6"/>
         <transform name="to_world"> {_matrix(camera_pose(still.camera))} </transform>
         <film type="hdrfilm">
             <integer name="width" value="{still.camera.width}"/> <integer name="height" value="{still.camera.height}"/>

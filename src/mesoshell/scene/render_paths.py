@@ -20,7 +20,7 @@ from mesoshell.pathtracer.passes import as_rgba, can_pass, render_pass
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
 from mesoshell.render.effects import PATHS, plan_twin
 from mesoshell.render.facts import TwinFacts
-from mesoshell.render.mitsuba_frame import fitting_grid
+from mesoshell.render.mitsuba_frame import fitting_grid, near_clip
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
 from mesoshell.scene.growth import Growth
@@ -220,7 +220,7 @@ def _parts(quality: Quality, d: ShellDescription | SurfaceDescription) -> dict[s
     parts: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "mesoshell_path", "hide_emitters": d.transparent, "hide_lamps": bool(d.lamps), **depths},
-        "sensor": scene_dict.sensor(d.camera, 1),
+        "sensor": scene_dict.sensor(d.camera, 1, near_clip(d.mesh)),
     }
     parts |= {f"light{i}": scene_dict.distant(light) for i, light in enumerate(d.lights)}
     parts |= {f"lamp{i}": scene_dict.lamp(lamp) for i, lamp in enumerate(d.lamps)}

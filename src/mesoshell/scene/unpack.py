@@ -1,6 +1,7 @@
 """Take a scene's file apart, if it describes more than a mesh: a glTF file or a USD stage (no JAX)."""
 
 from dataclasses import replace
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,8 @@ def read_scene_file(path: str | PathLike[str]) -> FileScene:
 def unpack(scene: Scene) -> Scene:
     """The scene with what its file says in the place of defaults, and `grow` taken apart; any other scene as it is. Raises
     InputError."""
+    if scene.up not in (None, "y", "z"):
+        raise InputError(Argument("up"), f"must be y or z, not {scene.up}")
     named = [x for x in scene.also if x.mesh is None]
     if not is_scene_file(scene.mesh):
         if scene.grow or named:
@@ -92,7 +95,8 @@ def unpack(scene: Scene) -> Scene:
                 notes.append(f"its sky is left out: {fault}")
             if sky is not None and not lights and not lamps and sky.max() < FAINT:
                 notes.append("its sky is faint, and it has no sun: --light or --no-suns lights it otherwise")
-    if lamps and not lights and sky is None and sum(_brightness(lamp, mesh) for lamp in lamps) < DIM:
+    dim = lamps is inside.lamps and bool(lamps) and sum(_brightness(lamp, mesh) for lamp in lamps) < DIM
+    if dim and not lights and sky is None:
         notes.append(
             "its lamps are faint on the mesh, and nothing else lights it: --light or --no-suns lights it otherwise"
         )
@@ -118,5 +122,7 @@ def _brightness(lamp: Lamp, mesh: Mesh) -> float:
 def _is_size(size: Any) -> bool:
     """Whether a picture can have it; else what checks sizes says so."""
     return (
-        len(size) == 2 and all(isinstance(n, int) and n > 0 for n in size) if isinstance(size, tuple | list) else False
+        len(size) == 2 and all(isinstance(n, Integral) and int(n) > 0 for n in size)
+        if isinstance(size, tuple | list)
+        else False
     )

@@ -59,7 +59,9 @@ def surface_tables(mesh: Mesh, period: float, quality: Quality) -> SurfaceTables
     return SurfaceTables(mesh, period, uv, *_along(mesh, uv), table)
 
 
-_curvature = kept(curvature_table)
+@kept
+def _curvature(mesh: Mesh, length: float) -> CurvatureTable:
+    return curvature_table(mesh, length)
 
 
 def _along(mesh: Mesh, uv: Float[np.ndarray, "F 3 2"]) -> tuple[np.ndarray, np.ndarray]:

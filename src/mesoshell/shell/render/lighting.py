@@ -126,7 +126,7 @@ class Lighting:
             if self.shadows:
                 toward = beam.toward[i.ray[used]]
                 rate = np.einsum("ij,ij->i", inverse[:, 2], toward)
-                flattest = np.maximum(FLATTEST * np.linalg.norm(inverse[:, 2], axis=1), 1e-6)
+                flattest = np.maximum(FLATTEST * np.linalg.norm(inverse[:, 2], axis=1), 1e-30)
                 leave = np.where(rate > 0, (1 - height) / np.maximum(rate, flattest), 0)
                 leave = np.minimum(leave, self.boundary.size) + ADVANCE * self.boundary.size
                 seen = ~self.boundary.occluded(x + leave[:, None] * toward, toward)

@@ -51,4 +51,4 @@ def _farthest(corners: Float[np.ndarray, "K 3"], n: Float[np.ndarray, "F 3"]) ->
     squared = np.einsum("ki,ki->k", corners, corners)
     longest = squared.max()
     lifted = np.column_stack([corners, np.sqrt(longest - squared)])
-    return KDTree(lifted).query(np.column_stack([np.sqrt(longest) * n, np.zeros(len(n))]))[1]
+    return np.asarray(KDTree(lifted).query(np.column_stack([np.sqrt(longest) * n, np.zeros(len(n))]))[1])

@@ -12,6 +12,8 @@ from typing import Any
 from mesoshell.errors import Argument, InputError
 
 _CGROUP = Path("/sys/fs/cgroup/memory.max")
+#: Open files that a process has beside those that it maps.
+SPARE = 256
 
 
 def memory() -> int:
@@ -52,3 +54,11 @@ def checked_latent(latent: Any, name: str, size: int) -> tuple[int, float] | Non
     if not size:
         raise InputError(Argument("latent"), f"{name} has no latent z")
     return (seed, share) if share else None
+
+
+def allow_files(count: int) -> None:
+    """Let the process map so many more files, as far as the system lets it raise its limit: NumPy keeps each one open."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != resource.RLIM_INFINITY and count + SPARE > soft:
+        most = count + SPARE if hard == resource.RLIM_INFINITY else min(count + SPARE, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, most), hard))

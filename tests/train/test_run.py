@@ -267,7 +267,8 @@ def test_far_cameras_come_first_and_hosts_share_the_batch(data) -> None:
 
 
 def test_images_of_another_size_are_refused(data) -> None:
-    config: GanConfig = replace(CONFIG, picture=replace(CONFIG.picture, size=16))
+    pictures = {"picture": replace(CONFIG.picture, size=16), "discriminator": replace(CONFIG.discriminator, size=16)}
+    config: GanConfig = replace(CONFIG, **pictures)
     with pytest.raises(
         InputError, match=r"has images of 8 × 8 pixels; the experiment expects 16 × 16: mesoshell dataset pack"
     ):

@@ -94,8 +94,10 @@ def read_dataset(folder: str | PathLike[str]) -> Dataset:
 
 def origin(dataset: Dataset) -> dict[str, Any]:
     """What a material says of the renders that it was made from."""
-    kept = ("recipe", "version", "size", "samples_per_pixel", "seed", "fixed_parameters")
-    return {k: dataset.manifest[k] for k in kept if k in dataset.manifest} | {"images": len(dataset.samples)}
+    kept = ("recipe", "version", "size", "samples_per_pixel", "seed", "fixed_parameters", "patch", "coverage_range")
+    return {k: dataset.manifest[k] for k in kept if dataset.manifest.get(k) is not None} | {
+        "images": len(dataset.samples)
+    }
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

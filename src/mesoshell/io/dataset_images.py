@@ -84,7 +84,9 @@ def shard_array(path: Path) -> Float16[np.ndarray, "n H W C"]:
         array = np.load(path, mmap_mode="r")
     except FileNotFoundError:
         raise InputError(path, "no such file") from None
-    except Exception as error:  # OSError, ValueError, EOFError, TokenError, UnicodeDecodeError, … by the bad byte
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror or error}") from error
+    except Exception as error:  # ValueError, EOFError, TokenError, UnicodeDecodeError, … by the bad byte
         raise InputError(path, "not a NumPy array, or a truncated one") from error
     if not isinstance(array, np.ndarray):
         raise InputError(path, "an archive, not a NumPy array")

@@ -27,6 +27,7 @@ from jaxtyping import Float32
 
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import read_file
+from mesoshell.limits import allow_files
 
 COLUMNS = ("u", "v", "radius", "wx", "wy", "wz", "kappa", "lx", "ly", "lz", "alpha", "cosine", "r", "g", "b", "patch")
 #: Columns of opacity and of reflectance.
@@ -69,6 +70,7 @@ def read_patches(folder: str | PathLike[str]) -> Patches:
         raise InputError(folder / "manifest.json", "lacks the field source, the mesostructure of the queries")
     if not files:
         raise InputError(folder, "has no patches yet")
+    allow_files(len(files))
     return Patches(folder, manifest, tuple(_queries(path) for path in files))
 
 
@@ -77,6 +79,8 @@ def _queries(path: Path) -> np.ndarray:
         array = np.lib.format.open_memmap(path, mode="r")
     except FileNotFoundError:
         raise InputError(path, "no such file") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror or error}") from error
     except Exception as error:  # NumPy's parser raises many types
         raise InputError(path, "not a NumPy array, or a truncated one") from error
     if array.dtype != np.float32 or array.shape[1:] != (len(COLUMNS),):

@@ -30,6 +30,8 @@ from mesoshell.train.surface.step import SurfaceTrainConfig, held_out
 
 #: In a run's folder: a score of a snapshot a line, with `name`, `kimg`, `images`, `value`, `low` and `high`.
 FILE = "evaluation.jsonl"
+#: Fewest pictures that distances are estimated from.
+FEWEST = 4
 _BATCH = 20
 
 
@@ -85,6 +87,8 @@ def _pictures(config: GanConfig | NerfTexConfig, dataset: Dataset, images: int, 
     """KID and FID of generated pictures against as many renders."""
     network = extractor(weights)
     count = min(images, len(dataset.samples))
+    if count < FEWEST:
+        raise InputError(dataset.folder, f"has {count} images: at least {FEWEST} are compared")
     positions = np.random.default_rng(0).permutation(len(dataset.samples))[:count]
     real = cache(lambda: network.of(views_of(config, dataset, positions).image))
 

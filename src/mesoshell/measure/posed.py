@@ -87,7 +87,8 @@ def _generated(
     taken = picture or PictureConfig(0, SAMPLES, 0.0, g.texels, g.height_rows, maker.octaves, planes=g.planes)
     taken = PictureConfig(**vars(taken) | {"size": frame[0], "fov": frame[1]})
     config = GanConfig(generator=g, picture=taken)
-    return lambda batch: pictures(config, Learner(maker.generator, maker.decoder), maker.averages, batch)
+    learner = Learner(maker.generator, maker.decoder)
+    return lambda batch: pictures(config, learner, maker.averages, batch, correction=maker.correction)
 
 
 def _fitted(bundle: Bundle, frame: tuple[int, float]) -> Callable[[ImageBatch], np.ndarray]:

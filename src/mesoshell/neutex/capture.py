@@ -8,6 +8,7 @@ mask        share of a pixel that the object covers: by a mask file, the image's
 The box is given by the capture, or else that of the visual hull (neutex/hull).
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -55,6 +56,7 @@ class Capture:
         """Entries for a run's record."""
         box = [float(f"{x:.5g}") for x in (*self.centre, self.half)]
         entries: dict[str, object] = {"source": f"{len(self.photos)} photographs", "box": box}
+        entries["photographs"] = hashlib.sha256(b"".join(x.tobytes() for x in self.rgb)).hexdigest()[:16]
         return entries | ({"background": self.background} if self.background else {})
 
     @property

@@ -6,12 +6,14 @@ R           the expected picture of the preset `reference`, whose rays see the t
 r_k         passes of it, of a ray a pixel
 T           R's estimate: the mean of r_k over other k than those of points, an even number. A march's rays lie evenly about the
             pixel's centre from an odd k on, paths from a multiple of a power of two
-noise       FLIP of T of the first half of passes against T, which estimates that of T against R
+noise       FLIP of T of the first half of passes against T, which estimates that of T against R. If it ends early, of a number
+            of passes near the half, its difference as large as that of the half would be
 variance    relative squared error of T, which the two halves estimate too
 """
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,22 @@ from mesoshell.scene.picture import Passes, Progress
 #: First of T's passes of paths; the fewest and most of T's.
 AT, MIN_PASSES, MAX_PASSES = 2**20, 16, 1024
 _DARK = 0.01
+
+
+def _after(count: int) -> int:
+    """Of how many passes T is looked at next."""
+    return 2 * math.ceil(count * 5 / 8)
+
+
+def _looked_at() -> Iterator[int]:
+    count = MIN_PASSES
+    while count < MAX_PASSES:
+        yield count
+        count = _after(count)
+    yield count
+
+
+_HALVES = frozenset(count // 2 for count in _looked_at())
 
 
 class Reference(NamedTuple):
@@ -52,18 +70,27 @@ def render_reference(
         progress(min(1.0, (time.perf_counter() - begin) / seconds))
         return exact.render(k, pixels, lambda share: None).reshape(*exact.shape, 4)
 
-    first, due, noise = one(0), MIN_PASSES, np.inf
-    many: list[np.ndarray] = []
+    first, due, count = one(0), MIN_PASSES, 0
+    total, sums = (
+        np.zeros_like(first, np.float64),
+        {},
+    )  # of so many passes, which may be the first half of those to come
     while True:
-        many += [one(AT + same_rays + len(many) + k) for k in range(2)]
-        late = len(many) >= MIN_PASSES and (time.perf_counter() - begin > seconds or stopped())
-        if len(many) < due and not late:
+        for _ in range(2):
+            total += one(AT + same_rays + count)
+            count += 1
+            if count in _HALVES:
+                sums[count] = total.copy()
+        late = count >= MIN_PASSES and (time.perf_counter() - begin > seconds or stopped())
+        if count < due and not late:
             continue
-        whole, half = np.mean(many, axis=0), np.mean(many[: len(many) // 2], axis=0)
-        true, apart = over_backdrop(whole), over_backdrop(half) - over_backdrop(whole)
-        noise, due = flip(true + apart, true), len(many) * 5 / 4
-        if late or noise <= aim or len(many) >= MAX_PASSES:
-            return Reference(whole, first, noise, relative(apart, true), len(many), same_rays)
+        half = min(sums, key=lambda n: abs(n - count / 2))
+        true = over_backdrop(total / count)
+        apart = (over_backdrop(sums[half] / half) - true) * (half / (count - half)) ** 0.5
+        noise, due = flip(true + apart, true), _after(count)
+        if late or noise <= aim or count >= MAX_PASSES:
+            return Reference(total / count, first, noise, relative(apart, true), count, same_rays)
+        sums = {n: x for n, x in sums.items() if n >= half}
 
 
 def relative(difference: np.ndarray, true: np.ndarray) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mesoshell.errors import Argument, InputError
+from mesoshell.train.fit.state import FitConfig
 from mesoshell.train.gan.presets import PRESETS
 from mesoshell.train.method import Data, method_of
 from mesoshell.train.run_config import RunConfig, read_record
@@ -31,7 +32,7 @@ def experiment_of(path: Path, preset: str | None = None) -> tuple[Any, str | Non
         raise InputError(path, f"`variant` ends the program (sys.exit: {end.code!r})") from None
     except Exception as error:
         raise InputError(path, f"{type(error).__name__}: {error}") from error
-    if not isinstance(config, RunConfig):
+    if not isinstance(config, RunConfig) or isinstance(config, FitConfig):
         of = {"config": "that is", "variant": "that makes of a GanConfig"}[wanted]
         raise InputError(
             path,

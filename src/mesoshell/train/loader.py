@@ -10,8 +10,9 @@ orders them: every pass over the data is a new permutation from the seed, and a 
 consecutive parts of each batch, in order: together they see the rows that one host would see.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple, cast
 
 import grain
@@ -19,8 +20,12 @@ import numpy as np
 from jaxtyping import Float16, Float32, Int32, Integer
 
 from mesoshell.errors import InputError
-from mesoshell.io.dataset import Dataset, parameter_table
+from mesoshell.io.dataset import Dataset, Sample, parameter_table
 from mesoshell.io.dataset_images import check_fed, shard_array
+from mesoshell.limits import allow_files
+
+#: The images of a file.
+Shard = Float16[np.ndarray, "n H W C"]
 
 
 class Batch(NamedTuple):
@@ -38,16 +43,23 @@ class Batch(NamedTuple):
 class Feed:
     """An endless sequence of batches: `feed[step]`, or `feed.after(step)` to iterate with reading ahead."""
 
-    def __init__(self, dataset: Dataset, batch: int, seed: int = 0, host: int = 0, hosts: int = 1):
-        """Raises InputError if the dataset is not packed, or too small for a batch a host."""
-        if any(sample.row is None for sample in dataset.samples):
-            raise InputError(dataset.folder, "is not packed; pack it with: mesoshell dataset pack")
+    def __init__(
+        self,
+        dataset: Dataset,
+        batch: int,
+        seed: int = 0,
+        host: int = 0,
+        hosts: int = 1,
+        shards: Mapping[Path, Shard] | None = None,
+    ):
+        """shards: of `open_shards`, if several share them. Raises InputError if the dataset is not packed, or too small for a
+        batch a host."""
         if not 0 <= host < hosts or batch < 1:
             raise ValueError(f"host {host} of {hosts}, batch {batch}")
         if len(dataset.samples) < hosts:
             raise InputError(dataset.folder, f"has {len(dataset.samples)} samples for {hosts} hosts")
         order = grain.MapDataset.range(len(dataset.samples)).seed(seed).shuffle().repeat()
-        mine, table = slice(host * batch, (host + 1) * batch), _Table(dataset)
+        mine, table = slice(host * batch, (host + 1) * batch), _Table(dataset, shards)
         self._batches = order.batch(batch * hosts).map(lambda positions: table.take(positions[mine]))
 
     def __getitem__(self, step: int) -> Batch:
@@ -61,14 +73,26 @@ class Feed:
         return iterator
 
 
+def open_shards(dataset: Dataset) -> dict[Path, Shard]:
+    """The arrays of a packed dataset, mapped, by their files. Raises InputError if it is not packed, or one is damaged."""
+    if any(sample.row is None for sample in dataset.samples):
+        raise InputError(dataset.folder, "is not packed; pack it with: mesoshell dataset pack")
+    by_file: dict[Path, list[Sample]] = {}
+    for sample in dataset.samples:
+        by_file.setdefault(sample.file, []).append(sample)
+    allow_files(len(by_file))
+    shards = {file: shard_array(file) for file in by_file}
+    for file, samples in by_file.items():
+        check_fed(samples, shards[file])
+    return shards
+
+
 class _Table:
     """Samples by position: small columns in memory, images in their shards."""
 
-    def __init__(self, dataset: Dataset):
+    def __init__(self, dataset: Dataset, shards: Mapping[Path, Shard] | None = None):
         samples = dataset.samples
-        shards = {file: shard_array(file) for file in {sample.file for sample in samples}}
-        for file, shard in shards.items():
-            check_fed([sample for sample in samples if sample.file == file], shard)
+        shards = open_shards(dataset) if shards is None else shards
         self._images = [shards[sample.file][sample.row] for sample in samples]
         self._files = [sample.file for sample in samples]
         self._alpha = parameter_table(dataset.manifest["parameters"], dataset.samples, "alpha")

@@ -20,8 +20,10 @@ from mesoshell.io.records import read_rows
 SHEETS = 8
 #: Columns of a log, by the axis that they are drawn on.
 CURVES = {
-    "loss": ("generator", "discriminator", "r1"),
+    "loss": ("generator", "discriminator", "critic", "r1", "penalty"),
     "mean logit": ("real", "fake"),
+    "weight of the penalty": ("gamma",),
+    "error": ("error", "height", "wanted"),
     "loss of radiance": ("radiance",),
     "loss of transmittance": ("transmittance",),
     "loss of reflectance": ("reflectance",),
@@ -70,11 +72,12 @@ def curves(folder: Path) -> bytes | None:
 
 
 def _read(folder: Path) -> tuple[list[Any], list[list[Any]], dict[str, tuple[str, ...]]]:
-    """Rows of the log, rows of each metric, and which columns of the log to draw on which axis."""
+    """Rows of the log, rows of each metric, and which columns of the log, those that are not 0, to draw on which axis."""
     log = read_rows(folder / "log.jsonl", ("kimg", "images_per_s"))
     scores = read_rows(folder / "evaluation.jsonl", ("name", "kimg", "images", "value", "low", "high"))
-    groups = {label: names for label, names in CURVES.items() if log and names[0] in log[-1]}
-    return log, [[row for row in scores if row["name"] == name] for name in sorted({r["name"] for r in scores})], groups
+    groups = {k: tuple(n for n in names if any(row.get(n) for row in log)) for k, names in CURVES.items()}
+    drawn = {label: names for label, names in groups.items() if names}
+    return log, [[row for row in scores if row["name"] == name] for name in sorted({r["name"] for r in scores})], drawn
 
 
 def _scored(rows: list[dict[str, Any]]) -> str:

@@ -28,7 +28,7 @@ from mesoshell.train.hosts import broadcast_first, is_first, noticing, wait_for_
 from mesoshell.train.method import Data, Method, method_of
 from mesoshell.train.parallel import ParallelStep, spread_step
 from mesoshell.train.report import write_report
-from mesoshell.train.run_config import RunConfig, forget_after, keep_record
+from mesoshell.train.run_config import RunConfig, forget_after, keep_record, read_record
 from mesoshell.train.tensorboard import open_board
 from mesoshell.train.transfer import transfer_from
 
@@ -58,6 +58,7 @@ def train(
     """
     method = method_of(config)
     config, data = method.adapt(config, dataset)
+    transfer = transfer or _lent(folder)
     transfer_weights = transfer_from(config, data, transfer) if transfer and is_first() else None
     keep_record(config, dataset, folder, transfer)
     batch_of = method.feed(config, data, jax.process_index(), jax.process_count())
@@ -97,10 +98,20 @@ def train(
                 book.snapshot(_kept(spread, state))
             if last:
                 break
+        if done == steps:
+            book.complete(_kept(spread, state))
         checkpoints.finish()
         book.end()
         wait_for_all()
         return spread.whole(state)
+
+
+def _lent(folder: Path) -> Path | None:
+    """Whose weights a run begins with that was killed before its first checkpoint."""
+    if not (folder / "config.json").exists() or any((folder / "checkpoints").glob("[0-9]*")):
+        return None
+    lent = read_record(folder)[1].get("transfer")
+    return None if lent is None else Path(lent)
 
 
 def _begun(checkpoints: Checkpoints, begin: Any, transfer_weights: Callable[[Any], Any] | None) -> tuple[int, Any]:
@@ -177,6 +188,11 @@ class _Book:
                 log.write(json.dumps(row) + "\n")
             self.board.row(row)
         self.show(row)
+
+    def complete(self, state: Any) -> None:
+        """The snapshot of a run's end, if it was killed before that was there."""
+        if self.board and not (self.folder / "snapshots" / f"{int(state.images):09d}.npz").exists():
+            self.snapshot(state)
 
     def snapshot(self, state: Any) -> None:
         if self.board:

@@ -57,7 +57,16 @@ KEPT = (
     "narrowest",
     "widest",
     "finest",
+    "patch",
+    "views",
+    "coverage_range",
+    "denoise",
+    "samples_per_pixel",
+    "fixed_parameters",
+    "photographs",
 )
+#: Entries of KEPT that older records lack.
+LATER = ("patch", "views", "coverage_range", "denoise", "samples_per_pixel", "fixed_parameters", "photographs")
 #: Fields whose values may change when a run is resumed.
 MAY_CHANGE = ("config.kimg", "config.snapshot_kimg", "data.folder")
 
@@ -83,6 +92,8 @@ def keep_record(
         if old.get("method") != new.get("method"):
             names = [x.get("method", "gan") for x in (old, new)]
             raise InputError(path, f"the run was begun by another method: {names[0]}, asked for {names[1]}")
+        unknown = [f"data.{name}" for name in LATER if name not in begun[1]]
+        new = {k: x for k, x in new.items() if not k.startswith(tuple(unknown))}
         differ = [k for k in sorted(old.keys() | new.keys()) if old.get(k) != new.get(k) and k not in MAY_CHANGE]
         if differ:
             differences = ", ".join(f"{k} is {old.get(k)}, asked for {new.get(k)}" for k in differ)

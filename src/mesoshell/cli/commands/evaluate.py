@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,12 +12,15 @@ from mesoshell.cli.checks import at_least
 from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.options.evaluate import Options
 from mesoshell.cli.progress import stderr
+from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_folder, replace_file
 from mesoshell.io.records import read_rows
 from mesoshell.measure.evaluation import FILE, evaluation
+from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.method import method_of
+from mesoshell.train.nerf_tex.network import NerfTexConfig
 from mesoshell.train.report import write_report
-from mesoshell.train.run_config import read_record, snapshots
+from mesoshell.train.run_config import RunConfig, flat, read_record, snapshots
 
 
 def run(options: Options) -> None:
@@ -27,7 +32,8 @@ def run(options: Options) -> None:
     probe_folder(options.run, "RUN")
     method = method_of(config)
     source = {**data, "folder": options.data or data["folder"]}
-    config, dataset = method.adapt(config, method.read(config, source))
+    begun, (config, dataset) = config, method.adapt(config, method.read(config, source))
+    _check_parameters(begun, data, config, dataset)
     measure = evaluation(config, dataset, options.run, options.images, options.inception)
     chosen = [saved[i] for i in sorted(set(np.linspace(len(saved) - 1, 0, options.snapshots).round().astype(int)))]
     other = _other(options.data, data["folder"])
@@ -50,6 +56,23 @@ def run(options: Options) -> None:
         ordered = sorted(rows, key=lambda row: (row["name"], row["kimg"]))
         replace_file(path, "".join(json.dumps(row) + "\n" for row in ordered).encode())
     print(write_report(options.run) if other is None else path)
+
+
+def _check_parameters(begun: RunConfig, data: dict[str, Any], config: RunConfig, dataset: Any) -> None:
+    """Raise InputError unless the data vary the parameters that the run was begun with. data: of its record."""
+    if not isinstance(config, GanConfig | NerfTexConfig):
+        return
+    varied = list(dataset.manifest["parameters"])
+    if "fixed_parameters" in data:
+        asked = [name for name in data["parameters"] if name not in data["fixed_parameters"]]
+    else:  # an old record
+        old, new = (
+            [flat(asdict(x)).get(k) for k in ("appearance", "generator.betas", "parameters")] for x in (begun, config)
+        )
+        asked = varied if old == new else ["others"]
+    if sorted(asked) != sorted(varied):
+        words = [", ".join(names) or "none" for names in (varied, asked)]
+        raise InputError(dataset.folder, f"varies the parameters {words[0]}; the run was begun with {words[1]}")
 
 
 def _other(given: Path | None, own: str) -> str | None:

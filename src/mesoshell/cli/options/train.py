@@ -14,7 +14,7 @@ class Options:
     #: The experiment: a Python file that defines `config`, which chooses the method (a generator, textures, NeRF-Tex, a surface
     #: material, a captured object), and `variant`, which makes one of a preset.
     experiment: tyro.conf.Positional[Path]
-    #: What the method learns from: a folder of renders, packed or not, of queries, or of photographs; or a .npz of exemplars
+    #: What the method learns from: a folder of renders, packed, of queries, or of photographs; or a .npz of exemplars
     #: or of a fitted material.
     data: Path
     #: Folder of checkpoints and log; if it holds some, the training goes on from there.

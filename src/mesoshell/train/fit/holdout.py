@@ -88,17 +88,18 @@ def _row(config: FitConfig, material: Material, row: Rays) -> jax.Array:
 
 
 def compare(pictures: Float[np.ndarray, "N H W 4"], truth: Float[np.ndarray, "N H W 4"]) -> Scores:
-    """Scores of predicted y against true y."""
+    """Scores of predicted y against true y; NaN where nothing is opaque, or nothing gives light."""
     y, true = _tall(pictures), _tall(truth)
     mask = true[..., 3] > 0.5
-    flat = np.broadcast_to(true[mask][:, :3].mean(axis=0), true[..., :3].shape).astype(np.float32)
+    within = partial(psnr_masked, b=true[..., :3], mask=mask) if mask.any() else lambda a: np.nan
+    mean = true[mask][:, :3].mean(axis=0) if mask.any() else np.zeros(3)
     return Scores(
-        foreground=psnr_masked(y[..., :3], true[..., :3], mask),
+        foreground=within(y[..., :3]),
         alpha=psnr(y[..., 3:], true[..., 3:]),
         blocks=psnr_blocks(y[..., :3], true[..., :3], 4),
         ssim=float(np.mean([ssim(a[..., :3], b[..., :3]) for a, b in zip(pictures, truth, strict=True)])),
-        constant=psnr_masked(flat, true[..., :3], mask),
-        mean=_radiance(y) / _radiance(true) - 1,
+        constant=within(np.broadcast_to(mean, true[..., :3].shape).astype(np.float32)),
+        mean=_radiance(y) / _radiance(true) - 1 if _radiance(true) else np.nan,
     )
 
 

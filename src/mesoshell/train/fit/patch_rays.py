@@ -26,6 +26,9 @@ from mesoshell.io.dataset_images import load_image
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, pixel_grid, pixel_radius, rays
 
+#: A pixel's memory while pictures are gathered: its colour twice, its number, its patch.
+BYTES = 40
+
 
 class Rays(NamedTuple):
     """A row of a step: rays of one patch. NumPy on the host, JAX in a step, where rows have one axis more.
@@ -91,7 +94,7 @@ def gather_fit_data(datasets: Sequence[Dataset], held: int = 0, tests: Sequence[
     out = np.concatenate([_held(of[[d is e for _, e, _ in keys]], 10**9 if d in tests else held) for d in datasets])
     sizes = np.array([s.size[0] * s.size[1] for s in samples])
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    check_memory(datasets[0].folder, f"{len(samples)} pictures", 12 * int(first[-1]))
+    check_memory(datasets[0].folder, f"{len(samples)} pictures", BYTES * int(first[-1]))
     pixels, met = _pixels(samples, first)
     which, left_out = np.repeat(of, sizes)[met], np.repeat(out, sizes)[met]
     hits = np.flatnonzero(met)

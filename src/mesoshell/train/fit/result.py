@@ -75,6 +75,8 @@ def fit_config(
 def fit_data_for(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence[Dataset]) -> FitData:
     """The pictures of datasets, and of test datasets. Raises InputError if they have too few rays for a step, or more patches
     than memory holds."""
+    for dataset in [*(datasets if config.held else ()), *tests]:
+        _check_scored(dataset)
     data = gather_fit_data(datasets, config.held, tests)
     count, needed = sum(map(len, data.learned)), config.rays * config.batch
     if needed > count:
@@ -83,6 +85,21 @@ def fit_data_for(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence
     patches = len(data.learned)
     check_memory(Argument("texels"), f"textures of {patches} patches", patches * (16 * 43 * config.texels**2 + 2**19))
     return data
+
+
+def _rounded(scores: Scores) -> dict[str, float]:
+    """Those that there are."""
+    return {k: round(v, 3) for k, v in scores._asdict().items() if np.isfinite(v)}
+
+
+def _check_scored(dataset: Dataset) -> None:
+    """Raise InputError if what is held out has a size that `compare` cannot score."""
+    for width, height in {sample.size for sample in dataset.samples}:
+        if min(width, height) < 12 or width % 4 or height % 4:
+            fault = (
+                f"has pictures of {width} × {height} pixels; those held out need sides of 12 or more, multiples of 4"
+            )
+            raise InputError(dataset.folder, fault)
 
 
 def conclude(
@@ -97,7 +114,7 @@ def conclude(
         )
         scores[dataset.folder], sheets[dataset.folder] = scored, _sheet(pictures)
     names = distinct_names(list(scores))
-    tested = {n: {k: round(v, 3) for k, v in s._asdict().items()} for n, s in zip(names, scores.values(), strict=True)}
+    tested = {n: _rounded(s) for n, s in zip(names, scores.values(), strict=True)}
     about: dict[str, Any] = provenance(config, data, state) | {"test": tested}
     if config.patches > 1 and not config.tiles:
         return FitResult(exemplars(config, data, state, about), scores, sheets)

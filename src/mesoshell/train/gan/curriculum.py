@@ -19,7 +19,7 @@ from mesoshell.io.dataset import Dataset
 from mesoshell.shell.generator.discriminator import GROUP
 from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.state import GanConfig, sized_for
-from mesoshell.train.loader import Feed, take
+from mesoshell.train.loader import Feed, open_shards, take
 from mesoshell.train.patch_renderer import PictureConfig
 
 #: The farthest quarter at first; then an eighth of the rest a stage.
@@ -41,7 +41,8 @@ class Paced(Protocol):
 def adapt(config: GanConfig, dataset: Dataset) -> tuple[GanConfig, Dataset]:
     """The configuration adapted to a dataset, and the dataset with only the parameters that vary. Raises InputError if its
     images have another size, or if the discriminator's groups could hold views of one texture, which renders never do."""
-    if config.batch % GROUP == 0 and config.views > config.batch // GROUP:
+    _check(config)
+    if config.views > max(config.batch // GROUP if config.batch % GROUP == 0 else 1, 1):
         raise InputError(
             "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
         )
@@ -51,6 +52,22 @@ def adapt(config: GanConfig, dataset: Dataset) -> tuple[GanConfig, Dataset]:
         raise InputError("mismatch", "needs a dataset with parameters, which it exchanges between renders")
     config = replace(config, picture=adapt_picture(config.picture, dataset))
     return sized_for(config, roles.count("alpha"), roles.count("beta")), varied
+
+
+def _check(config: GanConfig) -> None:
+    """Raise InputError for fields that do not fit each other."""
+    made, shown, seen = config.generator, config.picture, config.discriminator
+    pairs = {
+        "discriminator.size": (seen.size, "picture.size", shown.size),
+        "picture.texels": (shown.texels, "generator.texels", made.texels),
+        "picture.height_rows": (shown.height_rows, "generator.height_rows", made.height_rows),
+        "picture.planes": (shown.planes, "generator.planes", made.planes),
+    }
+    for name, (value, other, wanted) in pairs.items():
+        if value != wanted:
+            raise InputError(name, f"is {value}, and {other} is {wanted}: they must be the same")
+    if config.r1_every < 1:
+        raise InputError("r1_every", f"must be at least 1, not {config.r1_every}")
 
 
 def varying(dataset: Dataset) -> Dataset:
@@ -78,11 +95,11 @@ def renders(config: Paced, dataset: Dataset, host: int = 0, hosts: int = 1) -> C
         raise InputError("batch", f"{config.batch} is no multiple of the {hosts} hosts")
     rows = config.batch // hosts
     far_first = sorted(dataset.samples, key=lambda sample: (-sample.radius, sample.index))
-    feeds = []
+    feeds, shards = [], open_shards(dataset)
     for stage in range(STAGES + 1):
         share = FIRST + (1 - FIRST) * stage / STAGES
         some = far_first[: max(hosts, round(share * len(far_first)))]
-        feeds.append(Feed(replace(dataset, samples=tuple(some)), rows, config.seed + stage, host, hosts))
+        feeds.append(Feed(replace(dataset, samples=tuple(some)), rows, config.seed + stage, host, hosts, shards))
 
     def at(step: int) -> ImageBatch:
         kimg = step * config.batch / 1000

@@ -79,8 +79,10 @@ def generate(
     batch: ImageBatch,
     each: Callable[[Callable], Callable],
     tile: tuple[int, int] = (0, 0),
+    correction: Float[Array, "L B C"] | None = None,
 ) -> tuple[Float[Array, "B S S 4"], GeneratorStats]:
-    """Pictures of fresh textures from the batch's cameras, lights and parameters (from `conditions`). tile: of the plane."""
+    """Pictures of fresh textures from the batch's cameras, lights and parameters (from `conditions`). tile: of the plane;
+    correction: of the material's levels (train/prefilter)."""
     keys = jax.vmap(lambda k: jax.random.split(k, 3))(jax.random.wrap_key_data(batch.key))
     textures = keys[:: config.views]
     dtype = batch.alpha.dtype
@@ -96,7 +98,7 @@ def generate(
     def one(feature: Array, height: Array, view: View, key: Array) -> tuple[Array, Array]:
         # one row for all rays: with one for each, thin layers turn into noise, to which the generator adapts
         jitter = jax.random.uniform(key, (1, config.picture.samples), jnp.float32).astype(dtype)
-        material = material_of(config.picture, feature, height, learner.decoder)
+        material = material_of(config.picture, feature, height, learner.decoder)._replace(correction=correction)
         rough = roughness(config.picture, material, view.alpha, key) if config.density else jnp.zeros((), dtype)
         see = partial(inputs, material, config.picture.layout)
         return take_picture(config.picture, learner.decoder, see, view, jitter), rough

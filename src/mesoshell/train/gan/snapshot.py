@@ -89,17 +89,29 @@ def as_colours(feature: Float[np.ndarray, "V U C"]) -> Float[np.ndarray, "V U 3"
 
 
 def pictures(
-    config: GanConfig, learner: Learner, averages: Averages, batch: ImageBatch, tile: tuple[int, int] = (0, 0)
+    config: GanConfig,
+    learner: Learner,
+    averages: Averages,
+    batch: ImageBatch,
+    tile: tuple[int, int] = (0, 0),
+    correction: Float[np.ndarray, "L B C"] | None = None,
 ) -> Float[np.ndarray, "B S S 4"]:
-    """Generated pictures of a tile of the plane, a texture each, with the labels and keys of a batch."""
-    return np.asarray(_pictures(replace(config, views=1), tile, learner, averages, jax.tree.map(jnp.asarray, batch)))
+    """Generated pictures of a tile of the plane, a texture each, with the labels and keys of a batch. correction: of the
+    material's levels."""
+    given = jax.tree.map(jnp.asarray, (batch, correction))
+    return np.asarray(_pictures(replace(config, views=1), tile, learner, averages, *given))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _pictures(
-    config: GanConfig, tile: tuple[int, int], learner: Learner, averages: Averages, batch: ImageBatch
+    config: GanConfig,
+    tile: tuple[int, int],
+    learner: Learner,
+    averages: Averages,
+    batch: ImageBatch,
+    correction: Float[Array, "L B C"] | None,
 ) -> Array:
-    return generate(config, learner, averages, batch, in_turn, tile)[0]
+    return generate(config, learner, averages, batch, in_turn, tile, correction)[0]
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -7,7 +7,7 @@ sheet        rows: flat, and at the greatest trained curvature; columns: from ab
 """
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -66,7 +66,8 @@ def load_predictor(
     config: SurfaceTrainConfig, path: Path
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """A function from rows of patches to a snapshot's answers: α, the silhouette cosine and ρ."""
-    surface = surface_of(read_surface(path))
+    bundle = read_surface(path)
+    surface, config = surface_of(bundle), replace(config, curvature=bundle.curvature)
 
     def answers(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         opacity, rho = _answers(config, surface, jax.tree.map(jnp.asarray, query_batch(rows)))

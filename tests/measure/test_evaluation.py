@@ -9,11 +9,19 @@ from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle
 from mesoshell.measure.evaluation import FILE, evaluation, with_scores
 from mesoshell.train.fit.state import FitConfig
+from mesoshell.train.gan.state import GanConfig
+from tests.helpers import fog
 
 
 def test_a_run_without_pictures_is_not_evaluated() -> None:
     with pytest.raises(InputError, match=r"^run: cannot be evaluated"):
         evaluation(FitConfig(), None, Path("run"), 4)
+
+
+def test_too_few_pictures_are_not_compared(tmp_path: Path) -> None:
+    few = fog.write(tmp_path / "fog", fog.CAMERAS[:3], size=8)
+    with pytest.raises(InputError, match="has 3 images: at least 4 are compared"):
+        evaluation(GanConfig(), few, Path("run"), 100)
 
 
 def test_a_snapshot_takes_its_own_scores_along(tiny_bundle: Bundle, tmp_path: Path) -> None:

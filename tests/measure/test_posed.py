@@ -50,6 +50,17 @@ def test_a_fitted_patch_is_seen_at_the_parameters_of_the_renders(flat, data) -> 
     np.testing.assert_array_equal(found[..., 3] > 0, load_images(data)[..., 3] > 0)
 
 
+def test_a_generator_is_seen_with_its_correction(data) -> None:
+    bundle = growing.bundle()
+    zero = np.zeros((1 + int(np.log2(growing.TEXELS)), 2, bundle.channels), np.float32)
+    plain, same, other = (
+        pose_material(replace(bundle, arrays=bundle.arrays | more), "grown", data).pictures(list(data.samples[:2]), 0)
+        for more in ({}, {"correction": zero}, {"correction": zero + 1})
+    )
+    np.testing.assert_allclose(same, plain, atol=1e-5)
+    assert np.abs(other - plain).max() > 1e-3
+
+
 def test_a_patch_that_is_shifted_is_another_picture_each_seed(tiny_bundle, flat, data) -> None:
     one = list(data.samples[:1])
     rough, even = pose_material(tiny_bundle, "tiny", data), pose_material(flat, "flat", data)

@@ -228,6 +228,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
             None,
             "defines no `config` that is a GanConfig, a TexturesConfig, a NerfTexConfig, a SurfaceTrainConfig or a NeuT",
         ),
+        ("from mesoshell.train.fit.state import FitConfig\nconfig = FitConfig()", None, "defines no `config` that is"),
         ("variant = 3", "small", "defines no `variant`"),
         (
             "",

@@ -159,6 +159,28 @@ def test_a_run_begins_with_anothers_weights_and_goes_on_with_its_own(data, whole
         train(CONFIG, data, tmp_path / "a", transfer=tmp_path / "a")
 
 
+def test_a_run_that_was_killed_before_its_first_checkpoint_begins_as_it_was_asked(
+    data, whole, tmp_path, monkeypatch
+) -> None:
+    config = adapt(CONFIG, data)[0]
+    keep_record(config, data, tmp_path / "a", whole[1])
+    asked = []
+    monkeypatch.setattr(run, "transfer_from", lambda config, data, folder: asked.append(folder))
+    monkeypatch.setattr(run, "keep_record", lambda *given: asked.append(given[-1]) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        train(CONFIG, data, tmp_path / "a")
+    assert asked == [whole[1].resolve()] * 2
+
+
+def test_a_snapshot_that_a_kill_left_out_is_made(data, whole, tmp_path, monkeypatch) -> None:
+    shutil.copytree(whole[1], tmp_path / "a")
+    last = max((tmp_path / "a" / "snapshots").iterdir())
+    kept = last.read_bytes()
+    last.unlink()
+    train(CONFIG, data, tmp_path / "a")
+    assert last.exists() and len(last.read_bytes()) == len(kept)
+
+
 def test_weights_that_do_not_fit_are_refused_and_nothing_is_written(data, whole, tmp_path) -> None:
     wider = replace(CONFIG, trunk=(5,), picture=replace(CONFIG.picture, octaves=2))
     (tmp_path / "none").mkdir()
@@ -168,6 +190,11 @@ def test_weights_that_do_not_fit_are_refused_and_nothing_is_written(data, whole,
             wider,
             whole[1],
             "its networks are not this run's: picture.octaves is 1, asked for 2, trunk is (4,), asked for (5,)",
+        ),
+        (
+            replace(CONFIG, generator=replace(CONFIG.generator, fourier="off")),
+            whole[1],
+            "its networks are not this run's: generator.fourier is random, asked for off",
         ),
         (CONFIG, tmp_path / "none", "has no checkpoint yet"),
         (CONFIG, tmp_path / "nothing", "no such file"),
@@ -201,8 +228,13 @@ def test_a_record_older_than_a_field_has_its_default(data, whole, tmp_path) -> N
     assert read_record(tmp_path)[0] == config
     with pytest.raises(InputError, match=r"configuration: config.density is 0.0, asked for 0.25$"):
         keep_record(replace(config, density=0.25), data, tmp_path)
+    del old["data"]["samples_per_pixel"]
+    path.write_text(json.dumps(old))
     keep_record(config, data, tmp_path)
     assert json.loads(path.read_text()) == kept
+    other = replace(data, manifest=data.manifest | {"samples_per_pixel": 7})
+    with pytest.raises(InputError, match=r"configuration: data.samples_per_pixel is 1, asked for 7$"):
+        keep_record(config, other, tmp_path)
     for strange in ({"config": kept["config"] | {"x": 1}}, {"method": "x"}, {"config": 3}):
         path.write_text(json.dumps(kept | strange))
         with pytest.raises(InputError, match=r"config\.json: is no record of a training run"):
@@ -283,3 +315,17 @@ def test_a_batch_that_parts_the_views_of_a_texture_is_refused(data, tmp_path) ->
 def test_views_that_would_share_a_group_are_refused(data) -> None:
     with pytest.raises(InputError, match="views: 2 of a texture need a batch of 8, not 4"):
         adapt(replace(CONFIG, views=2), data)
+    with pytest.raises(InputError, match="views: 2 of a texture need a batch of 8, not 6"):
+        adapt(replace(CONFIG, batch=6, views=2), data)
+
+
+def test_fields_that_do_not_fit_each_other_are_refused(data) -> None:
+    wider = replace(CONFIG, discriminator=replace(CONFIG.discriminator, size=16))
+    finer = replace(CONFIG, picture=replace(CONFIG.picture, texels=64))
+    for config, said in (
+        (wider, "discriminator.size: is 16, and picture.size is 8: they must be the same"),
+        (finer, "picture.texels: is 64, and generator.texels is"),
+        (replace(CONFIG, r1_every=0), "r1_every: must be at least 1, not 0"),
+    ):
+        with pytest.raises(InputError, match=said):
+            adapt(config, data)

@@ -79,7 +79,7 @@ def generate(
     batch: ImageBatch,
     each: Callable[[Callable], Callable],
     tile: tuple[int, int] = (0, 0),
-    correction: Float[Array, "L B C"] | None = None,
+    correction: Float[Array, "L K C"] | None = None,
 ) -> tuple[Float[Array, "B S S 4"], GeneratorStats]:
     """Pictures of fresh textures from the batch's cameras, lights and parameters (from `conditions`). tile: of the plane;
     correction: of the material's levels (train/prefilter)."""

@@ -94,7 +94,7 @@ def pictures(
     averages: Averages,
     batch: ImageBatch,
     tile: tuple[int, int] = (0, 0),
-    correction: Float[np.ndarray, "L B C"] | None = None,
+    correction: Float[np.ndarray, "L K C"] | None = None,
 ) -> Float[np.ndarray, "B S S 4"]:
     """Generated pictures of a tile of the plane, a texture each, with the labels and keys of a batch. correction: of the
     material's levels."""
@@ -109,7 +109,7 @@ def _pictures(
     learner: Learner,
     averages: Averages,
     batch: ImageBatch,
-    correction: Float[Array, "L B C"] | None,
+    correction: Float[Array, "L K C"] | None,
 ) -> Array:
     return generate(config, learner, averages, batch, in_turn, tile, correction)[0]
 

@@ -22,6 +22,15 @@ def test_bundled_materials_are_listed(capsys) -> None:
     assert any(line.startswith("  --param age=0  from 0 to 1 (appearance): 0 is fresh green") for line in lines)
 
 
+def test_what_is_baked_is_no_option(capsys) -> None:
+    main(["materials", "pelt"])
+    lines = capsys.readouterr().out.splitlines()
+    assert "  length=0.65  fixed: length of the guard hairs" in lines
+    assert [line.split("=")[0] for line in lines if "--param" in line] == [
+        f"  --param {name}" for name in ("hue", "saturation", "value")
+    ]
+
+
 def test_larger_ones_are_in_a_package_of_their_own(capsys, monkeypatch) -> None:
     """24 MB are bundled at most; without the package, each of its names says where it is."""
     ours = [p for p in bundled_materials().values() if material.LARGER not in p.parts]

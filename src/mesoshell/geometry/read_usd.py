@@ -24,14 +24,14 @@ from jaxtyping import Bool, Float, Int
 
 from mesoshell.contained import bounded_memory, silent
 from mesoshell.errors import InputError
-from mesoshell.geometry.colour import Colour, colour_of, image_of, read_or_none
+from mesoshell.geometry.colour import Colour, colour_of, image_of, opaque_rgb, read_or_none
 from mesoshell.geometry.image_texture import Look, Texture, codes_of
 from mesoshell.limits import check_memory, memory
 
 FORMATS = (".usd", ".usda", ".usdc", ".usdz")
 SEEN = ("default", "render")
-#: Most prims that are walked, instances counted each; instancers within each other.
-MAX_PRIMS, MAX_NESTING = 500_000, 8
+#: Most prims of a walk, instances counted each; of all walks, one for each point of an instancer; instancers within each other.
+MAX_PRIMS, MAX_WALKED, MAX_NESTING = 500_000, 2_000_000, 8
 #: Diffuse albedo of a UsdPreviewSurface that names none.
 GREY = 0.18
 #: Inputs of a UsdUVTexture by which it gives its image as it is.
@@ -138,7 +138,7 @@ class _Walk:
 
     def __init__(self, path: str | PathLike[str], stage: Any, time: Any, there: int, apart: bool):
         self.path, self.stage, self.time, self.there = path, stage, time, there
-        self.frames, self.triangles = pxr("UsdGeom").XformCache(time), 0
+        self.frames, self.triangles, self.walked = pxr("UsdGeom").XformCache(time), 0, 0
         self.apart, self.looks, self.codes = apart, dict[str, tuple[Look, str]](), dict[str, np.ndarray]()
 
     def below(self, root: Any, place: np.ndarray, names: list[str] | None, depth: int) -> Iterator[Part]:
@@ -149,6 +149,9 @@ class _Walk:
         if not root.IsPseudoRoot():
             place = place @ matrix(self.frames.GetLocalTransformation(root)[0])
         for prim in prims(root, depth > 0):
+            self.walked += 1
+            if self.walked > MAX_WALKED:
+                raise ValueError(f"its instancers repeat more than {MAX_WALKED} prims")
             mesh, instancer = prim.IsA(UsdGeom.Mesh), prim.IsA(UsdGeom.PointInstancer)
             if not (mesh or instancer) or not self.seen(prim, root):
                 continue
@@ -257,8 +260,9 @@ def _diffuse(material: Any, time: Any, codes: dict[str, np.ndarray]) -> tuple[Lo
     file = reader.GetInput("file").Get(time)
     asset = pxr("Ar").GetResolver().OpenAsset(pxr("Ar").ResolvedPath(file.resolvedPath))
     image = image_of(bytes(asset.GetBuffer()))
-    mean, by = colour_of((1, 1, 1), image), _coordinates(reader, time)
-    if by is None or _is_changed(reader, time) or sources[0].GetBaseName() != "rgb":
+    by, changed = _coordinates(reader, time), _is_changed(reader, time) or sources[0].GetBaseName() != "rgb"
+    mean = _changed_mean(reader, time, image, sources[0].GetBaseName()) if changed else colour_of((1, 1, 1), image)
+    if by is None or changed:
         return Look(mean), ""
     if (name := str(file.resolvedPath)) not in codes:
         codes[name] = codes_of(image)
@@ -271,6 +275,19 @@ def _is_changed(reader: Any, time: Any) -> bool:
     return any(
         x is not None and (x if isinstance(x, str) else tuple(x)) not in USUAL[name] for name, x in given.items()
     )
+
+
+def _changed_mean(reader: Any, time: Any, image: Any, output: str) -> Colour | None:
+    """The mean of what a UsdUVTexture gives by an output: "rgb", or one of its letters."""
+    given = {name: reader.GetInput(name).Get(time) if reader.GetInput(name) else None for name in USUAL}
+    if given["sourceColorSpace"] == "raw":
+        codes, opaque = opaque_rgb(image)
+        mean = (codes[opaque] if opaque.any() else codes.reshape(-1, 3)).mean(axis=0) / 255
+    else:
+        mean = np.array(colour_of((1, 1, 1), image))
+    scale, bias = (np.array(given[k] or usual)[:3] for k, usual in (("scale", [1] * 4), ("bias", [0] * 4)))
+    values = scale * mean + bias
+    return colour_of(values if output == "rgb" else np.repeat(values["rgb".index(output)], 3))
 
 
 def _coordinates(reader: Any, time: Any) -> str | None:

@@ -1,5 +1,6 @@
 """`mesoshell atlas train`, `texture`, `render` and `mesh`: from photographs to an object. Imports JAX."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ from mesoshell.cli.learn import learn, print_length
 from mesoshell.cli.options.atlas import Mesh, Render, Texture, Train
 from mesoshell.cli.progress import bar, stderr
 from mesoshell.errors import InputError
-from mesoshell.io.atomic import probe_folder, probe_outputs
+from mesoshell.io.atomic import probe_folder, probe_outputs, replace_file
 from mesoshell.io.image import write_exr, write_png
 from mesoshell.io.mesh_export import write_textured_mesh
+from mesoshell.io.records import read_object
 from mesoshell.limits import check_memory
 from mesoshell.neutex import edit as paint
 from mesoshell.neutex.cameras import Photo, around
@@ -25,6 +27,9 @@ from mesoshell.train.experiment import read_experiment, with_kimg
 from mesoshell.train.gan.presets import PRESETS as SIZES
 from mesoshell.train.neutex.step import NeuTexTrainConfig, neutex_config
 from mesoshell.train.run_config import read_record, snapshots
+
+#: In a folder of frames: how many there are.
+RECORD = "frames.json"
 
 
 def train(options: Train) -> None:
@@ -79,12 +84,19 @@ def render(options: Render) -> None:
             write_exr(options.out / f"{i:04d}.exr", rgba)
             write_png(options.out / f"{i:04d}.png", rgba)
             show(i + 1)
-    for old in options.out.glob("[0-9][0-9][0-9][0-9].exr"):  # frames left from a longer path
-        shown = old.with_suffix(".png")
-        if int(old.stem) >= len(cameras) and shown.exists():
-            old.unlink()
-            shown.unlink()
+    for i in range(len(cameras), _frames(options.out / RECORD)):  # of a longer path, which this verb rendered here
+        for suffix in (".exr", ".png"):
+            (options.out / f"{i:04d}{suffix}").unlink(missing_ok=True)
+    replace_file(options.out / RECORD, json.dumps({"frames": len(cameras)}).encode())
     print(f"{options.out}: {len(cameras)} frames")
+
+
+def _frames(record: Path) -> int:
+    """How many frames a folder holds that this verb rendered."""
+    try:
+        return int(read_object(record)["frames"])
+    except (InputError, KeyError, TypeError, ValueError):
+        return 0
 
 
 def mesh(options: Mesh) -> None:

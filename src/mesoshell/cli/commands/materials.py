@@ -22,7 +22,12 @@ def run(options: Options) -> None:
 def lines_of(material: Material) -> list[str]:
     """What a material is, and a line for each of its parameters."""
     lines = [f"{material.name}: {_kind(material)}"]
-    return lines + [f"  --param {p.name}={p.default:g}  {_range(p)}" for p in material.parameters.values()]
+    bundle = material.bundle
+    baked = isinstance(bundle, Bundle) and bundle.generator is None
+    for p in material.parameters.values():
+        free = f"  --param {p.name}={p.default:g}  {_range(p)}"
+        lines.append(f"  {p.name}={p.default:g}  fixed: {p.meaning}" if baked and p.role == "beta" else free)
+    return lines
 
 
 def _kind(material: Material) -> str:

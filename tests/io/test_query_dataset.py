@@ -106,7 +106,7 @@ def test_a_patch_that_is_not_there(fault_of, patches: Path):
     path.unlink()
     assert fault_of(lambda _: read_patches(patches), path) == "no such file"
     path.mkdir()
-    assert fault_of(lambda _: read_patches(patches), path) == "not a NumPy array, or a truncated one"
+    assert fault_of(lambda _: read_patches(patches), path) == "cannot be read: Is a directory"
 
 
 @pytest.mark.parametrize("data", [b"", b"hello", as_npy(queries(0))[:40], as_npy(queries(0))[:-4], b"\x93NUMPY"])

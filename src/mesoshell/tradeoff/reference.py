@@ -41,9 +41,6 @@ def _looked_at() -> Iterator[int]:
     yield count
 
 
-_HALVES = frozenset(count // 2 for count in _looked_at())
-
-
 class Reference(NamedTuple):
     """T; r_0; noise and variance; passes that T is of; whether passes of other settings see the same rays."""
 
@@ -70,7 +67,7 @@ def render_reference(
         progress(min(1.0, (time.perf_counter() - begin) / seconds))
         return exact.render(k, pixels, lambda share: None).reshape(*exact.shape, 4)
 
-    first, due, count = one(0), MIN_PASSES, 0
+    first, due, count, halves = one(0), MIN_PASSES, 0, {n // 2 for n in _looked_at()}
     total, sums = (
         np.zeros_like(first, np.float64),
         {},
@@ -79,7 +76,7 @@ def render_reference(
         for _ in range(2):
             total += one(AT + same_rays + count)
             count += 1
-            if count in _HALVES:
+            if count in halves:
                 sums[count] = total.copy()
         late = count >= MIN_PASSES and (time.perf_counter() - begin > seconds or stopped())
         if count < due and not late:

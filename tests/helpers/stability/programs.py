@@ -140,7 +140,7 @@ def _of_shells(bundle: Bundle) -> Programs:
     at, samples = Frame(f(ROWS, 3), f(ROWS, 3), f(ROWS), f(ROWS, 3, 3)), kernels.Samples(i(ROWS), *(f(ROWS),) * 3)
     wraps = kernels.StaticConfig(device_material.layout, device_material.grid_shapes, True, 4, True, (0,))
     table = kernels.DeviceTables(chart, device_material.material, device_material.grid, f(1), (f(2, 2),), f(), f(), f())
-    nodes = replace(device_material.layout, open=True, origin=(1, 1), nodes=(3, 3))
+    nodes = replace(device_material.layout, open=True, nodes=(3, 3))
     planes = Layout(
         device_material.layout.sizes,
         (),

@@ -43,7 +43,7 @@ def by_network(it: DeviceMaterial, xi: np.ndarray, alpha: np.ndarray) -> np.ndar
 def by_grid(it: DeviceMaterial, shape: tuple[int, ...], numbers: np.ndarray, xi: np.ndarray, varying=()) -> np.ndarray:
     given = jnp.asarray(np.asarray(varying, np.float32))
     read = partial(sigma_at, it.layout, shape, jnp.asarray(numbers))
-    return np.asarray(jax.vmap(lambda x: read(x, given))(jnp.asarray(xi)))
+    return np.asarray(jax.vmap(lambda x: read(x, given, it.material.origin))(jnp.asarray(xi)))
 
 
 def on_columns(it: DeviceMaterial, columns: int, count: int = 500) -> np.ndarray:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from mesoshell.shell.material.corner_tiles import as_origin
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.density_bounds import MARGIN, bounds, new_points
 from mesoshell.shell.material.field import Layout, Material, Point, inputs
@@ -17,8 +18,8 @@ C, SIZES, HEIGHTS, NODES = 3, ((8, 16), (4, 8), (2, 4), (1, 2), (1, 1)), mip.lev
 LAYOUT = Layout(SIZES, HEIGHTS, 8.0, 1)
 LAYOUTS = {
     "around": replace(LAYOUT, sizes=mip.level_sizes(8, 8)),
-    "edges": replace(LAYOUT, open=True, origin=(-1, 2)),
-    "nodes": replace(LAYOUT, open=True, origin=(-1, 2), nodes=NODES),
+    "edges": replace(LAYOUT, open=True),
+    "nodes": replace(LAYOUT, open=True, nodes=NODES),
     "corrected": replace(LAYOUT, sizes=mip.level_sizes(8, 8)),
     "planes": replace(LAYOUT, sizes=mip.level_sizes(8, 8), open=True, cells=(2, 2)),
 }
@@ -30,7 +31,7 @@ def material_of(layout: Layout, corrected: bool = False) -> Material:
     texture, height = (mip.Pyramid(jnp.asarray(rng.normal(size=(2000, C)), jnp.float32)) for _ in range(2))
     correction = jnp.asarray(rng.normal(size=(len(layout.sizes), 6, C)), jnp.float32)
     decoder = init_decoder(jax.random.key(0), C + 1 + 2 + 2, (8,), (8,))
-    return Material(texture, height, decoder, correction if corrected else None)
+    return Material(texture, height, decoder, correction if corrected else None, as_origin((-1, 2)))
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.11, 0.4, 1e9])

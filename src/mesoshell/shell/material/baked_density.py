@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from mesoshell.io.density_grid import K, in_half, kept_grid
 from mesoshell.numerics import product
+from mesoshell.shell.material.corner_tiles import Origin
 from mesoshell.shell.material.decoder import trunk
 from mesoshell.shell.material.field import Layout, Material, Point
 from mesoshell.shell.material.lattice import inputs_on_lattice
@@ -52,8 +53,9 @@ def baked_density(
 
 def bake(device_material: DeviceMaterial, values: tuple[float | None, ...], shape: Shape) -> Float[np.ndarray, "N"]:
     """The numbers of a grid. values: of α, None for one that varies."""
-    layout = replace(device_material.layout, colours=None, origin=(0, 0))  # of corner tiles: their torus
-    material, (lines, columns) = device_material.material_for(filtering=False), shape[-3:-1]
+    layout = replace(device_material.layout, colours=None)  # of corner tiles: their torus
+    material = device_material.material_for(filtering=False)._replace(origin=None)
+    lines, columns = shape[-3:-1]
     together = max(1, TOGETHER // columns)
     ends = itertools.product((0.0, 1.0), repeat=values.count(None))
     work = [(_alpha(values, end), first) for end in ends for first in range(0, lines, together)]
@@ -93,10 +95,17 @@ def _lines(layout: Layout, size: tuple[int, int], material: Material, alpha: Arr
     return jnp.moveaxis(jax.lax.map(layer, heights), 0, -1)
 
 
-def sigma_at(layout: Layout, shape: Shape, numbers: Float[Array, "N"], xi: Vec3, alpha: Float[Array, "V"]) -> Scalar:
-    """σ at ξ. alpha: of the parameters that vary."""
+def sigma_at(
+    layout: Layout,
+    shape: Shape,
+    numbers: Float[Array, "N"],
+    xi: Vec3,
+    alpha: Float[Array, "V"],
+    origin: Origin | None,
+) -> Scalar:
+    """σ at ξ. alpha: of the parameters that vary; origin: of the material."""
     lines, columns = shape[-3:-1]
-    uv = layout.on_texture(xi[:2])
+    uv = layout.on_texture(xi[:2], origin)
     if layout.open:
         x, y = uv * (columns / layout.sizes[0][1] * layout.texel_density)
     else:

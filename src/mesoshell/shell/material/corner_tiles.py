@@ -5,20 +5,30 @@ Notation
 """
 
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import UInt32
 
 from mesoshell.io.corner_tiles import FACTORS, LAST, ROUNDS, Colours, places
 from mesoshell.typing import Array, Int, Vec2
 
+#: Whole patches along u and v, modulo 2³².
+Origin = UInt32[Array, "2"]
 
-def tile_place(colours: Colours, origin: tuple[int, int], patch: Int[Array, "2"]) -> Int[Array, "2"]:
+
+def as_origin(patches: tuple[int, int]) -> Origin:
+    """An origin (u, v) of whole patches."""
+    return jnp.asarray(np.array(patches, np.int64).astype(np.uint32))
+
+
+def tile_place(colours: Colours, origin: Origin | None, patch: Int[Array, "2"]) -> Int[Array, "2"]:
     """The patch of the torus that a patch of the plane shows. origin: (i, j) of the plane at (0, 0)."""
-    i, j = (patch[k].astype(jnp.uint32) + jnp.uint32(origin[k]) for k in (0, 1))
+    i, j = patch.astype(jnp.uint32) if origin is None else patch.astype(jnp.uint32) + origin
     corners = ((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))
     tile = sum((_colour(*c) << k for k, c in enumerate(corners)), start=jnp.uint32(0))
     return jnp.asarray(places(colours))[tile]
 
 
-def on_torus(colours: Colours, origin: tuple[int, int], uv: Vec2) -> Vec2:
+def on_torus(colours: Colours, origin: Origin | None, uv: Vec2) -> Vec2:
     """(u, v) of the plane on the torus, both in patches."""
     first = jnp.floor(uv)
     return tile_place(colours, origin, first.astype(jnp.int32)).astype(uv.dtype) + (uv - first)

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 
 from mesoshell.io.corner_tiles import Colours
 from mesoshell.shell.material import decoder as net
-from mesoshell.shell.material.corner_tiles import on_torus, tile_place
+from mesoshell.shell.material.corner_tiles import Origin, on_torus, tile_place
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.triplane import lookup_planes
 from mesoshell.texture import mip
@@ -33,47 +33,47 @@ from mesoshell.typing import Array, Float, Scalar, Vec2, Vec3
 @dataclass(frozen=True)
 class Layout:
     """Static facts of a material in a compiled program: sizes of both pyramids, texels a patch, height octaves, whether the
-    texture has edges or is one patch that wraps around, the (u, v) at which one with edges begins, in whole patches, and how
-    many cells there are along (v, u) if each has three planes of its own (shell/material/triplane) in place of one texture.
-    nodes: how many there are along (v, u) if F(h) varies over the texture (shell/generator/nodes). period: patches along a
-    side of a texture that wraps around; colours: of corner tiles (io/corner_tiles), if it is their torus; their plane begins at
-    origin."""
+    texture has edges or is one patch that wraps around, and how many cells there are along (v, u) if each has three planes of
+    its own (shell/material/triplane) in place of one texture. nodes: how many there are along (v, u) if F(h) varies over the
+    texture (shell/generator/nodes). period: patches along a side of a texture that wraps around; colours: of corner tiles
+    (io/corner_tiles), if it is their torus."""
 
     sizes: Sizes
     height_sizes: Sizes
     texel_density: float
     octaves: int
     open: bool = False
-    origin: tuple[int, int] = (0, 0)
     cells: tuple[int, int] | None = None
     nodes: tuple[int, int] | None = None
     period: int = 1
     colours: Colours | None = None
 
-    def on_texture(self, uv: Vec2) -> Vec2:
+    def on_texture(self, uv: Vec2, origin: Origin | None = None) -> Vec2:
         """(u, v) on the texture, in the unit that it is looked up in: from its origin, or in its period."""
         if self.open:
-            return uv - jnp.array(self.origin, uv.dtype)
-        uv = uv if self.colours is None else on_torus(self.colours, self.origin, uv)
+            return uv if origin is None else uv - origin.astype(jnp.int32).astype(uv.dtype)
+        uv = uv if self.colours is None else on_torus(self.colours, origin, uv)
         return uv if self.period == 1 else uv / self.period
 
-    def plane(self, texture: Pyramid, uv: Vec2, level: Scalar) -> Float[Array, "C"]:
+    def plane(self, texture: Pyramid, uv: Vec2, level: Scalar, origin: Origin | None = None) -> Float[Array, "C"]:
         """Filtered F(u, v)."""
         if self.colours is None:
             density = self.texel_density if self.open else None
-            return mip.lookup(texture, self.sizes, self.on_texture(uv), level, density)
-        tile = partial(tile_place, self.colours, self.origin)
+            return mip.lookup(texture, self.sizes, self.on_texture(uv, origin), level, density)
+        tile = partial(tile_place, self.colours, origin)
         return mip.lookup(texture, self.sizes, uv, level, self.texel_density, tile=tile)
 
 
 class Material(NamedTuple):
     """Arrays of a neural material: feature pyramid, height pyramid and decoder; correction: δ of every level of the texture, as
-    many rows of each."""
+    many rows of each; origin: (u, v) at which a texture with edges begins, or the plane of corner tiles, in whole patches; 0 if
+    None. It is no part of the layout: another seed of tiles compiles no other program."""
 
     texture: Pyramid
     height: Pyramid
     decoder: Decoder
     correction: Float[Array, "L B C"] | None = None
+    origin: Origin | None = None
 
 
 class Point(NamedTuple):
@@ -109,12 +109,12 @@ def inputs(material: Material, layout: Layout, point: Point) -> Float[Array, "I"
     level = mip.level_of(point.radius, layout.texel_density, len(layout.sizes) - 1)
     rows = float(layout.height_sizes[0][0])
     level_h = mip.level_of(point.height_deviation, rows, len(layout.height_sizes) - 1)
-    plane = layout.plane(material.texture, point.xi[:2], level)
+    plane = layout.plane(material.texture, point.xi[:2], level, material.origin)
     plane = plane + correction(material, layout, point.xi[2], spread_of(point))
     if layout.nodes is None:
         profile = mip.lookup_height(material.height, layout.height_sizes, point.xi[2], level_h)
     else:
-        uv = layout.on_texture(point.xi[:2])
+        uv = layout.on_texture(point.xi[:2], material.origin)
         profile = _between_nodes(material.height, layout, layout.nodes, uv, (point.xi[2], level_h))
     return jnp.concatenate([plane + profile, encoded, point.alpha])
 

@@ -23,8 +23,9 @@ def inputs_on_lattice(
     if layout.cells is not None or layout.colours is not None:
         one = lambda v, u: inputs(material, layout, at._replace(xi=jnp.stack([u, v, at.xi[2]])))  # noqa: E731
         return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(v, u)
-    if layout.open:
-        u, v = u - layout.origin[0], v - layout.origin[1]
+    if layout.open and material.origin is not None:
+        first = material.origin.astype(jnp.int32).astype(u.dtype)
+        u, v = u - first[0], v - first[1]
     u, v = u / layout.period, v / layout.period
     level = mip.level_of(at.radius, layout.texel_density, len(layout.sizes) - 1)
     level_h = mip.level_of(at.height_deviation, float(layout.height_sizes[0][0]), len(layout.height_sizes) - 1)

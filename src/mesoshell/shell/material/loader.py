@@ -5,7 +5,7 @@ grid        largest σ over cells of (h, v, u), one grid a mip level; grid l bou
 """
 
 import hashlib
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from mesoshell.io.bundle import Bundle
 from mesoshell.io.corner_tiles import SIDE
 from mesoshell.io.level_arrays import flatten
 from mesoshell.nets.mlp import Dense
+from mesoshell.shell.material.corner_tiles import Origin, as_origin
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.shell.material.field import Layout, Material
 from mesoshell.texture import mip
@@ -25,9 +26,10 @@ from mesoshell.typing import Array
 
 
 class Grid(NamedTuple):
-    """The σ bounds of all levels, flattened."""
+    """The σ bounds of all levels, flattened; origin: as of the material."""
 
     values: Float[Array, "G"]
+    origin: Origin | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,6 @@ class DeviceMaterial:
     def digest(self) -> str:
         """A hash of all that σ of the finest level depends on, wherever it begins."""
         layout, decoder, of = self.layout, self.material.decoder, self.material_for(filtering=False)
-        layout = replace(layout, origin=(0, 0))
         finest = of.texture.rows[: layout.sizes[0][0] * layout.sizes[0][1]]
         sha = hashlib.sha256(repr(layout).encode())
         for x in jax.tree.leaves((finest, of.height, of.correction, decoder.trunk, decoder.sigma, decoder.scale)):
@@ -77,7 +78,6 @@ def load_device_material(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> De
         float(bundle.texel_density),
         bundle.height_octaves,
         not bundle.wraps,
-        origin,
         nodes=heights[0].shape[:2] if varies else None,
         period=1 if bundle.tiles is None else SIDE,
         colours=bundle.tiles,
@@ -88,11 +88,14 @@ def load_device_material(bundle: Bundle, origin: tuple[int, int] = (0, 0)) -> De
         mip.Pyramid(jnp.asarray(pack_heights(heights).reshape(-1, bundle.channels))),
         decoder_of(a),
         jnp.asarray(a["correction"]) if "correction" in a else None,
+        as_origin(origin),
     )
     flat = np.concatenate([g.ravel() for g in grids]).astype(np.float32)
     names = tuple(p.name for p in bundle.parameters if p.role == "alpha")
     shapes = tuple(g.shape for g in grids)
-    return DeviceMaterial(material, layout, Grid(jnp.asarray(flat)), shapes, names, bundle.finest_corrected)
+    return DeviceMaterial(
+        material, layout, Grid(jnp.asarray(flat), material.origin), shapes, names, bundle.finest_corrected
+    )
 
 
 def pack_heights(levels: list[Float[np.ndarray, "P Q _r C"]]) -> Float[np.ndarray, "P Q R C"]:

@@ -101,10 +101,10 @@ def bound(program: StaticConfig, grid: Grid, xi: Vec3, level: Scalar) -> Scalar:
     offsets = jnp.array([sum(sizes[:i]) for i in range(len(sizes))], jnp.int32)
     l = jnp.floor(level).astype(jnp.int32)
     if program.layout.open:
-        uv, patches = program.layout.on_texture(xi[:2]), jnp.array(_cells(program.layout), xi.dtype)
+        uv, patches = program.layout.on_texture(xi[:2], grid.origin), jnp.array(_cells(program.layout), xi.dtype)
         where = jnp.stack([xi[2] * shapes[l, 0].astype(xi.dtype), uv[1] * patches[l], uv[0] * patches[l]])
     else:
-        uv = program.layout.on_texture(xi[:2])
+        uv = program.layout.on_texture(xi[:2], grid.origin)
         uv = uv - jnp.floor(uv)
         where = jnp.stack([xi[2], uv[1], uv[0]]) * shapes[l].astype(xi.dtype)
     cell = jnp.clip(where.astype(jnp.int32), 0, shapes[l] - 1)
@@ -216,7 +216,7 @@ def baked_depths(
 def _baked(program: StaticConfig, table: DeviceTables, xi: Vec3) -> Scalar:
     assert program.baked is not None and table.baked is not None
     alpha = _alpha(program, table, xi)[jnp.array(program.maps, jnp.int32)]
-    return sigma_at(program.layout, program.baked, table.baked, xi, alpha)
+    return sigma_at(program.layout, program.baked, table.baked, xi, alpha, table.material.origin)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -12,10 +12,12 @@ import argparse
 import time
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from mesoshell.geometry.mesh import Mesh, check_mesh
 from mesoshell.io.bundle import GRID_CELLS, Bundle, read_bundle
@@ -108,6 +110,32 @@ def pictured(material: DeviceMaterial, mesh: Mesh, size: int, quality: str) -> t
     return draw()
 
 
+class Compared(NamedTuple):
+    """A picture of the hill: linear RGBA, seconds that its features took, the render's report, MiB of features."""
+
+    image: Float[np.ndarray, "H W 4"]
+    made: float
+    report: RenderReport
+    size: float
+
+
+def compared(ours_path: Path, triplane_path: Path, patches: int, size: int, quality: str) -> dict[str, Compared]:
+    """The hill under one texture, and under triplanes."""
+    rows = {}
+    for name, path in (("one texture", ours_path), ("triplanes", triplane_path)):
+        begin, bundle = time.perf_counter(), read_bundle(path)
+        if name == "triplanes":
+            mesh = hill(patches, np.random.default_rng(0))
+            material = planes(bundle, generator_model(bundle, str(path)), patches)
+        else:
+            mesh = hill(patches, None)
+            material = ours(bundle, str(path), mesh)
+        made = time.perf_counter() - begin
+        image, report = pictured(material, mesh, size, quality)
+        rows[name] = Compared(image, made, report, material.material.texture.rows.nbytes / 2**20)
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("ours", type=Path)
@@ -118,27 +146,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/triplane"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    rows = {}
-    for name, path in (("one texture", options.ours), ("triplanes", options.triplane)):
-        begin = time.perf_counter()
-        if name == "triplanes":
-            mesh = hill(options.patches, np.random.default_rng(0))
-            bundle = read_bundle(path)
-            material = planes(bundle, generator_model(bundle, str(path)), options.patches)
-        else:
-            mesh = hill(options.patches, None)
-            material = ours(read_bundle(path), str(path), mesh)
-        made = time.perf_counter() - begin
-        image, report = pictured(material, mesh, options.size, options.quality)
-        write_png(options.out / f"{name.replace(' ', '_')}.png", image.astype(np.float32))
-        rows[name] = (made, report.seconds["wall"], report.counts, material.material.texture.rows.nbytes / 2**20)
+    rows = compared(options.ours, options.triplane, options.patches, options.size, options.quality)
     print(
         "| | making, s | render, s | density queries | transport queries | features, MiB |\n|---|---|---|---|---|---|"
     )
-    for name, (made, seconds, counts, size) in rows.items():
+    for name, row in rows.items():
+        write_png(options.out / f"{name.replace(' ', '_')}.png", row.image.astype(np.float32))
+        counts = row.report.counts
         queries = f"{counts['density_queries']:,} | {counts.get('transport_queries', 0):,}"
-        print(f"| {name} | {made:.1f} | {seconds:.2f} | {queries} | {size:.0f} |")
-    print(f"\ntriplanes over one texture: {rows['triplanes'][1] / rows['one texture'][1]:.2f} times the render's time")
+        print(f"| {name} | {row.made:.1f} | {row.report.seconds['wall']:.2f} | {queries} | {row.size:.0f} |")
+    times = [row.report.seconds["wall"] for row in rows.values()]
+    print(f"\ntriplanes over one texture: {times[1] / times[0]:.2f} times the render's time")
 
 
 if __name__ == "__main__":

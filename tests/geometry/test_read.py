@@ -249,3 +249,24 @@ def test_scenes_are_joined_with_their_transforms(tmp_path: Path):
     a, b, c = np.moveaxis(points[faces], 1, 0)
     volumes = np.einsum("fi,fi->f", a, np.cross(b, c)).reshape(2, 12).sum(axis=1) / 6
     np.testing.assert_allclose(np.sort(volumes), [1, 2])  # a mirrored part still faces outward
+
+
+def test_an_off_file_may_have_any_polygons(tmp_path: Path):
+    """As fans; with colours, comments, counts beside the name. Of other dimensions, or with wrong corners, it is refused."""
+    rim = [f"{np.cos(a):.6f} {np.sin(a):.6f} 0 255 0 0" for a in 2 * np.pi * np.arange(5) / 5]
+    body = "\n".join([*rim, "0 0 1", "5 4 3 2 1 0 0.5 0.5 0.5  # below", "3 0 1 5", "4 1 2 3 5"])
+    path = tmp_path / "mesh.off"
+    for head in ("OFF\n# five, and a top\n6 3 0\n", "COFF 6 3 0\n"):
+        path.write_text(head + body + "\n")
+        points, faces, uv = read_mesh(path)
+        assert len(points) == 6 and uv is None
+        assert faces.tolist() == [[4, 3, 2], [4, 2, 1], [4, 1, 0], [0, 1, 5], [1, 2, 3], [1, 3, 5]]
+    for text, said in (
+        (OFF + "3 0 1 2\n3 0 1 7\n", "line 7: face refers to a vertex beyond 3"),
+        (OFF + "3 0 1 2\n3 0 1\n", "line 7: a face of 3 has 2 corners"),
+        (OFF.replace("1 0 0", "1 0") + "3 0 1 2\n3 0 1 2\n", "line 4: needs 3 numbers and has 2"),
+        ("4OFF\n3 1 0\n0 0 0 1\n1 0 0 1\n0 1 0 1\n3 0 1 2\n", "is of 4OFF, whose vertices are not of three numbers"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=said):
+            read_mesh(path)

@@ -7,11 +7,12 @@ look        diffuse colour and image of a glTF file's or a USD stage's material 
 v, vt, f    an OBJ file's positions, texture coordinates and polygons; its other lines are ignored
 n, m        an OBJ corner's position and texture number, from 1, or backwards from the last one read if negative
 
-GLB, glTF, OFF, STL, 3MF and COLLADA are read by trimesh, with the transforms of their scene applied; axes and unit stay the
+GLB, glTF, STL, 3MF and COLLADA are read by trimesh, with the transforms of their scene applied; axes and unit stay the
 file's. USD: read_usd.
 OBJ is read here, for five faults of trimesh's reader (5.2) that leave no trace: number 0 becomes the first vertex; a
 negative number counts from the file's end; one face without vt drops every UV; so does one vt out of range; polygons
-under several `usemtl` come back out of order. A polygon becomes a fan of triangles about its first corner. PLY: read_ply.
+under several `usemtl` come back out of order. A polygon becomes a fan of triangles about its first corner. PLY and OFF:
+read_ply, read_off.
 
 Source: the OBJ specification (Wavefront, appendix B1).
 """
@@ -36,6 +37,7 @@ from mesoshell.geometry import read_usd
 from mesoshell.geometry.colour import colour_of, read_or_none
 from mesoshell.geometry.image_texture import Look, Texture, codes_of
 from mesoshell.geometry.read_gltf import check_buffers, load_gltf
+from mesoshell.geometry.read_off import read_off
 from mesoshell.geometry.read_ply import read_ply
 from mesoshell.geometry.read_usd import Part
 from mesoshell.geometry.unzip import check_archive, unzipped
@@ -62,7 +64,7 @@ def read_mesh(path: str | PathLike[str]) -> Arrays:
     """The arrays of a mesh file of one of FORMATS, in float64. Raises InputError, in one line, if it has none."""
     path = file_of(path)
     with _one_line(path) as kind:
-        own = {"OBJ": read_obj, "PLY": read_ply}.get(kind)
+        own = {"OBJ": read_obj, "PLY": read_ply, "OFF": read_off}.get(kind)
         return _some(join_arrays([part.arrays for part in _parts(path)]) if own is None else own(path), path, kind)
 
 

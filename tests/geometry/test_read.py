@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from base64 import b64encode
 from pathlib import Path
 from typing import Any
 
@@ -270,3 +271,24 @@ def test_an_off_file_may_have_any_polygons(tmp_path: Path):
         path.write_text(text)
         with pytest.raises(InputError, match=said):
             read_mesh(path)
+
+
+@pytest.mark.parametrize("mode", [0, 1, 2, 3, 4, 5])
+def test_what_hangs_on_lines_is_read(tmp_path: Path, mode: int):
+    """A node of lines or points, or of triangles, with another below it."""
+    data = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]).tobytes() + np.uint32([0, 1, 2]).tobytes()
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
+    accessors = [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}]
+    accessors.append({"bufferView": 1, "componentType": 5125, "count": 3, "type": "SCALAR"})
+    described = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "children": [1]}, {"mesh": 1, "translation": [0, 0, 2]}],
+        "meshes": [{"primitives": [primitive | {"mode": mode}]}, {"primitives": [primitive]}],
+        "accessors": accessors,
+        "bufferViews": [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 12}],
+        "buffers": [{"byteLength": 48, "uri": "data:application/octet-stream;base64," + b64encode(data).decode()}],
+    }
+    (tmp_path / "a.gltf").write_text(json.dumps(described))
+    points, faces, _ = read_mesh(tmp_path / "a.gltf")
+    assert len(faces) == (2 if mode in (4, 5) else 1) and points[faces[-1], 2].tolist() == [2, 2, 2]

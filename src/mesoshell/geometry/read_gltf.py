@@ -12,8 +12,8 @@ from mesoshell.errors import InputError
 
 #: Extensions without which no geometry can be read, where a file says that it needs them.
 PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-#: A primitive's mode that trimesh leaves out: triangles about one vertex.
-FAN = 6
+#: Modes of a primitive: triangles, those and strips; and triangles about one vertex, which trimesh leaves out.
+TRIANGLES, SOLID, FAN = 4, (4, 5), 6
 #: Component type of an accessor of float32.
 FLOAT = 5126
 
@@ -39,8 +39,8 @@ def check_buffers(path: Path) -> None:
 def load_gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
     """A glTF file's scene, the file's names of its nodes, which need not be unique, and its materials, of names `called`.
     trimesh looks for files by their names as written, in which exporters encode spaces; makes names unique by others; takes
-    cameras out of the graph, with what hangs on them; reads no texture coordinates of primitives without a material; and wants
-    a scene, where a file without one holds all its nodes."""
+    cameras, and loops of lines, out of the graph, with what hangs on them; reads no texture coordinates of primitives without a
+    material; and wants a scene, where a file without one holds all its nodes."""
     data = path.read_bytes()
     binary = path.suffix.lower() == ".glb"
     end = 20 + int.from_bytes(data[12:16], "little") if binary else len(data)
@@ -59,8 +59,14 @@ def load_gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
         material["called"], material["name"] = material.get("name", ""), f"material {k}"
     described["materials"] = [*materials, {"name": f"material {len(materials)}"}]
     for mesh in described.get("meshes", []):
-        for primitive in mesh.get("primitives", []):
+        solid = [x for x in mesh.get("primitives", []) if x.get("mode", TRIANGLES) in SOLID]
+        mesh["primitives"] = solid or mesh.get("primitives", [])
+        for primitive in mesh["primitives"]:
             primitive.setdefault("material", len(materials))
+    for node in described.get("nodes", []):
+        shown = described["meshes"][node["mesh"]]["primitives"] if "mesh" in node else []
+        if shown and shown[0].get("mode", TRIANGLES) not in SOLID:
+            del node["mesh"]
     if not described.get("scenes"):
         below = {child for node in described.get("nodes", []) for child in node.get("children", [])}
         described["scenes"] = [{"nodes": [k for k in range(len(names)) if k not in below]}]

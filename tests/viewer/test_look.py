@@ -224,3 +224,24 @@ def test_under_a_sky_a_files_suns_are_left_out(tiny_bundle: Bundle):
         own = replace(look, sky=sky)
         words = command(given, scene_of_look(begun, begun, own, begun.camera, True), own, "jax", 1).split()
         assert ("--no-suns" in words) is (sky is not None) and "--light" not in words
+
+
+def test_the_command_has_the_camera_far_from_the_origin_and_angles_whole(tiny_bundle: Bundle, tmp_path: Path):
+    """Of a mesh in millimetres, somewhere: the view, read back, is within a hundredth of a pixel; a slider near its end is."""
+    away = wearing.moved(wearing.ball(900.0), 3e4, 2e4, -5e4)
+    path = wearing.write_obj(tmp_path / "far.obj", away)
+    write_bundle(tmp_path / "it.npz", growing.bundle())
+    scene = ms.Scene(path, ms.load_material(tmp_path / "it.npz"), scale=300.0)
+    begun = settle(scene, texture=False)
+    eye = np.add([3e4, 2e4, -5e4], [2500.123, 1333.7, 1700.9])
+    camera = ms.Camera(ms.look_at(tuple(eye), (3e4 + 10.0, 2e4, -5e4)), 0.6, 384, 384)
+    name, parameter = next(iter(begun.material.parameters.items()))
+    high = np.nextafter(parameter.range[1], -np.inf)
+    look = replace(first_look(begun), params={**first_look(begun).params, name: float(high)})
+    words = shlex.split(command(scene, replace(begun, camera=camera), look, "jax", 1))
+    numbers = [float(x) for x in words[words.index("--camera") + 1 :][:7]]
+    found = ms.look_at(tuple(numbers[:3]), tuple(numbers[3:6]))
+    assert np.abs(found[:3, :3] - camera.to_world[:3, :3]).max() < 0.01 * camera.spread
+    assert np.abs(found[:3, 3] - eye).max() < 1e-6 * 900
+    said = next(word for word in words if word.startswith(f"{name}="))
+    assert float(said.partition("=")[2]) == high

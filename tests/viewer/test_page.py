@@ -192,9 +192,20 @@ def test_a_stroke_becomes_an_image_and_is_taken_back(page: Page, brush: Any):
     assert (brush.painted["dryness"].image != first.image).sum() > 100
     brush._undo(None)
     assert brush.painted["dryness"] is first
+    brush._clear(None)
+    brush._clear(None)
+    assert brush.painted == {} and not page._panels[0].params["dryness"].disabled
+    brush._undo(None)
+    assert brush.painted["dryness"] is first
     brush._undo(None)
     brush._undo(None)
     assert brush.painted == {} and page.work.look.painted == {} and not page._panels[0].params["dryness"].disabled
+
+
+def test_names_of_files_are_no_html(page: Page):
+    page.work.say("it", "<script>alert(1)</script> & more")
+    assert page._fault.content == "&lt;script&gt;alert(1)&lt;/script&gt; &amp; more"
+    page.work.say("it", "")
 
 
 def test_growth_is_painted_too(page: Page, brush: Any):
@@ -388,6 +399,23 @@ def test_costs_of_other_views_are_not_compared(page: Page, watching: Watching, m
         assert sum(view is not views[-1] for view in list(panel._views)[-1:]) == more
     panel._preset.value = "draft"
     panel._preset.value = "normal"
+
+
+@pytest.mark.parametrize(
+    ("side", "current", "whole"), [(128, True, True), (64, True, True), (128, False, True), (128, True, False)]
+)
+def test_a_picture_that_is_under_way_is_not_saved(page: Page, watching: Watching, monkeypatch, side, current, whole):
+    watching.wait(lambda: page.work.picture(7)[0] is not None)
+    made = page.work.picture(7)[0]
+    assert made is not None
+    shown = made._replace(rgba=np.zeros((side, side, 4), np.float32), whole=whole)
+    monkeypatch.setattr(page.work, "picture", lambda eye: (shown, current))
+    sent: list[str] = []
+    client = SimpleNamespace(send_file_download=lambda name, data, save_immediately: sent.append(name))
+    page._downloads._picture("png", SimpleNamespace(client_id=7, client=client))
+    assert sent == (["mesoshell.png"] if (side, current, whole) == (128, True, True) else [])
+    assert ("under way" in page._fault.content) is not bool(sent)
+    page.work.say("save", "")
 
 
 def test_an_image_lights_the_scene(page: Page):

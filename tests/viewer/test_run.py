@@ -92,7 +92,9 @@ def folder(tiny_bundle: Bundle, tmp_path: Path) -> Path:
 def opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Gui, RunPanel, list[Path]]]:
     monkeypatch.setattr(running, "EVERY", 3600.0)
     gui, worn = Gui(), []
-    panel = RunPanel(gui, folder, folder / "snapshots" / "000002000.npz", worn.append, gui.said.append)
+    panel = RunPanel(
+        gui, folder, folder / "snapshots" / "000002000.npz", lambda path: not worn.append(path), gui.said.append
+    )
     yield gui, panel, worn
     panel.close()
 
@@ -159,7 +161,9 @@ def test_a_damaged_sheet_is_said(opened, folder: Path):
 def test_the_folder_is_looked_at_now_and_then(folder: Path, tiny_bundle: Bundle, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(running, "EVERY", 0.05)
     worn: list[Path] = []
-    panel = RunPanel(Gui(), folder, folder / "snapshots" / "000002000.npz", worn.append, [].append)
+    panel = RunPanel(
+        Gui(), folder, folder / "snapshots" / "000002000.npz", lambda path: not worn.append(path), [].append
+    )
     try:
         new = snapshot(folder, tiny_bundle, 3000)
         end = time.monotonic() + 60

@@ -250,7 +250,7 @@ def test_a_further_material_has_a_look_of_its_own(scene: ms.Scene, tiny_bundle: 
         shown.also[1].params == {"dryness": 0.9} and shown.also[1].thickness == 0.07 and shown.params["dryness"] != 0.9
     )
     words = command(work.given, shown, work.look, "jax", 2).split()
-    assert "stone:dryness=0.9" in words and "stone:thickness=0.07" in words and "lawn:length=2" in words
+    assert "stone:dryness=0.9" in words and "stone:thickness=0.07" in words and "lawn:length=2.0" in words
     old = work.still
     work.set(replace(work.look, also=(replace(grown, params={**grown.params, "length": 3.0}, seed=2), stone)))
     end = time.monotonic() + 120

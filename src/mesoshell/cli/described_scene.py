@@ -6,13 +6,14 @@ from pathlib import Path
 from mesoshell.cli.checks import first_given, pairs_of
 from mesoshell.cli.grown import grown_of
 from mesoshell.cli.scene_options import SceneOptions
-from mesoshell.errors import InputError
+from mesoshell.errors import Argument, InputError
 from mesoshell.render.quality import Quality
 from mesoshell.scene.defaults import SIZE
 from mesoshell.scene.materials import Material, load_material
 from mesoshell.scene.picture import Prepared, Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
+from mesoshell.scene.setup import check_size
 
 #: Options that a scene of Mitsuba's takes, and why it does not take those that it cannot set itself.
 OF_XML = ("mesh", "engine", "param", "size")
@@ -46,7 +47,7 @@ def prepare_with_bar(
 
     size, names = options.size, pairs_of("--param", options.param)
     if shrink:
-        width, height = size or SIZE
+        width, height = check_size(Argument("size"), size or SIZE)
         return prepare_file(options.mesh, quality, samples, names, pixels=width * height)
     return prepare_file(options.mesh, quality, samples, names, size)
 

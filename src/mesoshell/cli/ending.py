@@ -56,6 +56,11 @@ def run_command(work: Callable[[], None], debug: bool = False) -> int:
             raise
         print(f"mesoshell: {_message(fault)}", file=sys.stderr)
         return 2
+    except RuntimeError as fault:
+        if debug or not str(fault).startswith("RESOURCE_EXHAUSTED"):  # as a device says that its memory is
+            raise
+        print(f"mesoshell: out of memory: {one_line(str(fault))}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("mesoshell: interrupted", file=sys.stderr)
         return 130

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from mesoshell.errors import InputError
+from mesoshell.interrupt import arrived
 
 #: Longest part of a name that is kept in the name of its temporary file: file systems take 255 bytes.
 _KEPT = 40
@@ -79,7 +80,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         raise InputError(path, f"cannot be written: {_reason(error)}") from error
     finally:
         if made is not None:
-            shutil.rmtree(made, ignore_errors=True)
+            _clear(made)
 
 
 @contextlib.contextmanager
@@ -98,7 +99,14 @@ def move_together(target: Path) -> Iterator[Path]:
     except OSError as error:
         raise InputError(target, f"cannot be written: {_reason(error)}") from error
     finally:
-        shutil.rmtree(made, ignore_errors=True)
+        _clear(made)
+
+
+def _clear(folder: Path) -> None:
+    """Remove a folder, however long that takes: an interrupt that ended its filling is heard."""
+    if folder.exists():
+        arrived()
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def new_array(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.memmap:

@@ -100,7 +100,7 @@ def _record(scene: mi.Scene, samples: int, rays: int) -> dict[str, Any]:
     """The engine's part of the report."""
     context = _context(scene)
     if context is None:
-        return {"rays": rays, "queries": 0, "effects": {}, "quality": {}}
+        return {"rays": rays, "queries": 0, "effects": {}, "quality": {"spp": samples}}
     used = quality_used(context.quality.with_changes(spp=samples), context.effects, PATHS)
     return {"rays": rays, "queries": context.queries, "effects": context.effects.as_dict(), "quality": used}
 

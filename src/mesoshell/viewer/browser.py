@@ -1,5 +1,6 @@
-"""The camera of a browser, as ours."""
+"""The camera of a browser, as ours; and texts that it shows as they are."""
 
+import html
 from typing import Any
 
 import numpy as np
@@ -24,3 +25,15 @@ def camera_of(client: Any) -> Camera | None:
     to_world[:3, :3] = rotation * [1, -1, -1]  # from a camera that looks along +z, y down
     to_world[:3, 3] = client.position
     return Camera(to_world, float(client.fov), width, height)
+
+
+def reach(size: float) -> tuple[float, float]:
+    """The nearest and the farthest that a browser draws of a scene of about this size, world."""
+    return 1e-3 * size, 1e4 * size
+
+
+def set_text(markdown: Any, text: str) -> None:
+    """Show a text in a control for Markdown, if it is another one: names in it may come from a file, and are no HTML."""
+    plain = html.escape(text, quote=False)
+    if markdown.content != plain:
+        markdown.content = plain

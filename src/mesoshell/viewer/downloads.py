@@ -33,8 +33,9 @@ class Downloads:
             self._command = gui.add_markdown("")
 
     def _picture(self, kind: Literal["png", "exr"], event: Any) -> None:
-        picture, _ = self._work.picture(event.client_id)
-        send_picture(event.client, None if picture is None else picture.rgba, kind)
+        picture, current = self._work.picture(event.client_id)
+        ready = current and picture is not None and picture.whole
+        self._work.say("save", send_picture(event.client, picture.rgba if ready else None, self._work.look.side, kind))
 
     def _scene(self, event: Any) -> None:
         if self._work.picture(event.client_id)[0] is None or event.client is None:
@@ -61,8 +62,12 @@ class Downloads:
             self._command.content = f"    {line}"
 
 
-def send_picture(client: Any, rgba: Float[np.ndarray, "H W 4"] | None, kind: Literal["png", "exr"]) -> None:
-    """Have a client download its picture, if there are both."""
-    if client is not None and rgba is not None:
+def send_picture(client: Any, rgba: Float[np.ndarray, "H W 4"] | None, side: int, kind: Literal["png", "exr"]) -> str:
+    """Have a client download its picture. side: of a picture that is not a coarse one. What is wrong, in a line: a picture that
+    shows something else by now, or is coarse, is none to be kept."""
+    if rgba is None or max(rgba.shape[:2]) < side:
+        return "the picture is under way: save it once it has refined"
+    if client is not None:
         data = png_bytes(rgba) if kind == "png" else exr_bytes(rgba)
         client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
+    return ""

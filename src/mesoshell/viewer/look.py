@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from mesoshell.geometry.mesh import Mesh, bounding_box
 from mesoshell.io.surface import KIND
 from mesoshell.render.camera import Camera
 from mesoshell.render.light import Distant
@@ -208,9 +209,11 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     """The command line that makes a picture of so many samples a pixel. given: the scene as the viewer got it, of files
     and numbers; scene: what is shown. What is painted is in files NAME.exr, and a sky in one of its name."""
     assert isinstance(scene.camera, Camera)
+    assert isinstance(scene.mesh, Mesh)
     eye, back = scene.camera.to_world[:3, 3], scene.camera.to_world[:3, 2]
+    far = np.linalg.norm(bounding_box(scene.mesh).astype(np.float64).mean(axis=0) - eye)
     words = ["mesoshell", "render", str(given.mesh), "--material", given.material.name]
-    words += _option("camera", *eye, *(eye - back), math.degrees(scene.camera.fov))
+    words += _option("camera", *eye, *(eye - max(float(far), 1e-9) * back), math.degrees(scene.camera.fov))
     words += _option("size", scene.camera.width, scene.camera.height)
     params, fields = _said(given, scene, look)
     latent = fields.pop("latent", None)
@@ -270,13 +273,13 @@ def _said(given: PartT, shown: PartT, look: PartLook) -> tuple[dict[str, str], d
     growth = painted.pop(GROWTH, given.growth)
     is_tiled = getattr(given.material.bundle, "tiles", None) is not None
     seed = look.seed if look.texture(given) or look.seed or (is_tiled and isinstance(given, Grown)) else None
-    latent = None if look.latent is None else "{},{:.6g}".format(*look.latent)
+    latent = None if look.latent is None else "{},{}".format(*look.latent)
     fields = {"seed": seed, "latent": latent, "thickness": look.thickness, "scale": shown.scale, GROWTH: growth}
     return _spelled({**images, **look.params, **painted}), _spelled(fields)
 
 
 def _spelled(values: Mapping[str, Any]) -> dict[str, str]:
-    return {name: f"{x:.6g}" if isinstance(x, float) else str(x) for name, x in values.items() if x is not None}
+    return {name: str(x) for name, x in values.items() if x is not None}
 
 
 def image_of(part: Scene | Grown, name: str) -> str:
@@ -289,4 +292,4 @@ def image_of(part: Scene | Grown, name: str) -> str:
 
 
 def _option(name: str, *numbers: float | int) -> list[str]:
-    return [f"--{name}", *(f"{x:.6g}" for x in numbers)]
+    return [f"--{name}", *(f"{x:.12g}" for x in numbers)]

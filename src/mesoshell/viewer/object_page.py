@@ -12,7 +12,7 @@ from mesoshell.io.image import exr_bytes, png_bytes, srgb_codes
 from mesoshell.neutex.store import NeuTexModel, read_neutex
 from mesoshell.render.quality import PRESETS
 from mesoshell.viewer.address import check_port, open_server
-from mesoshell.viewer.browser import camera_of
+from mesoshell.viewer.browser import camera_of, reach, set_text
 from mesoshell.viewer.captured import CapturedObject, ObjectLook, ObjectPicture, ObjectWorkshop
 from mesoshell.viewer.compare import over_white
 from mesoshell.viewer.downloads import send_picture
@@ -49,14 +49,15 @@ class ObjectPage:
     def close(self) -> None:
         if self._run is not None:
             self._run.close()
-        self._server.stop()
         self.work.close()
+        self._server.stop()
 
     def _begin_camera(self, model: NeuTexModel) -> None:
         photo, begin = model.photos[0], self._server.initial_camera
         eye, back = photo.to_world[:3, 3], photo.to_world[:3, 2]
         self._server.scene.set_up_direction(tuple(self.work.object.up))
         begin.position, begin.look_at = eye, eye - back * max(float((eye - model.centre) @ back), 1e-9)
+        begin.near, begin.far = reach(model.half)
         begin.fov = 2 * float(np.arctan(photo.height / 2 / photo.lens[1]))
 
     def _build(self, folder: Path, snapshot: Path) -> None:
@@ -134,22 +135,24 @@ class ObjectPage:
     def _codes(self, look: ObjectLook) -> np.ndarray:
         return srgb_codes(self.work.object.shown(look))
 
-    def _set_snapshot(self, path: Path) -> None:
-        """Another snapshot of the run."""
+    def _set_snapshot(self, path: Path) -> bool:
+        """Another snapshot of the run; whether it can be shown."""
         try:
             captured = CapturedObject(read_neutex(path))
             captured.prepare()
         except InputError as fault:
             self.work.say("snapshot", str(fault))
-            return
+            return False
         self.work.say("snapshot", "")
         self.work.set_object(captured)
         with self._changing:
             self._show_texture()
         if self._brush is not None:
             self._brush.renew()
+        return True
 
     def _connected(self, client: Any) -> None:
+        client.camera.min_orbit_distance = reach(self.work.object.model.half)[0]
         client.camera.on_update(lambda _: self._moved(client))
         self._moved(client)
 
@@ -174,12 +177,12 @@ class ObjectPage:
             self._cost.content = _cost(picture)
 
     def _say(self, line: str) -> None:
-        if self._fault.content != line:
-            self._fault.content = line
+        set_text(self._fault, line)
 
     def _save_picture(self, kind: Literal["png", "exr"], event: Any) -> None:
-        picture, _ = self.work.picture(event.client_id)
-        send_picture(event.client, None if picture is None else picture.rgba, kind)
+        picture, current = self.work.picture(event.client_id)
+        rgba = picture.rgba if current and picture is not None else None
+        self.work.say("save", send_picture(event.client, rgba, self.work.look.side, kind))
 
     def _save_texture(self, event: Any) -> None:
         if event.client is not None:

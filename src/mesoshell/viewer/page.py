@@ -21,7 +21,7 @@ from mesoshell.render.quality import PRESETS
 from mesoshell.scene.materials import load_material
 from mesoshell.scene.scene import Grown, Scene
 from mesoshell.viewer.address import check_port, open_server
-from mesoshell.viewer.browser import camera_of
+from mesoshell.viewer.browser import camera_of, reach, set_text
 from mesoshell.viewer.brush import Brush
 from mesoshell.viewer.compare import difference, over_white, wipe
 from mesoshell.viewer.downloads import Downloads
@@ -96,15 +96,16 @@ class Page:
     def close(self) -> None:
         if self._run is not None:
             self._run.close()
-        self._server.stop()
         for work in self._works():
             work.close()
+        self._server.stop()
 
     def _begin_camera(self) -> None:
         still, server = self.work.still, self._server
         assert isinstance(still.camera, Camera)
         eye, m = still.camera.to_world[:3, 3], still.camera.to_world
-        middle, _ = self._about()
+        middle, radius = self._about()
+        server.initial_camera.near, server.initial_camera.far = reach(radius)
         server.scene.set_up_direction("+y" if still.up == "y" else "+z")
         server.initial_camera.position = eye
         server.initial_camera.look_at = eye - m[:3, 2] * max(float((eye - middle) @ m[:3, 2]), 1e-9)
@@ -186,14 +187,15 @@ class Page:
             if self.beside is not None and self._other is not None:
                 self.beside.set(replace(look, **self._other.look(), painted={}))
 
-    def _set_material(self, snapshot: Path) -> None:
-        """Another snapshot of the run."""
+    def _set_material(self, snapshot: Path) -> bool:
+        """Another snapshot of the run; whether it can be shown."""
         try:
             self.work.set_material(load_material(snapshot))
         except InputError as fault:
             self.work.say("snapshot", str(fault))
-        else:
-            self.work.say("snapshot", "")
+            return False
+        self.work.say("snapshot", "")
+        return True
 
     def _paint(self) -> None:
         """Show what was painted."""
@@ -202,6 +204,7 @@ class Page:
         self._set(None)
 
     def _connected(self, client: Any) -> None:
+        client.camera.min_orbit_distance = reach(self._about().radius)[0]
         client.camera.on_update(lambda _: self._moved(client))
         self._moved(client)
 
@@ -297,17 +300,13 @@ class Page:
         self._settings.cost.content = "  \n".join(lines)
         if current:
             self._settings.see(picture, self.work.look)
-        text = "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines())
-        if self._effects.content != text:
-            self._effects.content = text
+        set_text(self._effects, "\n".join(f"- {line}" for line in str(picture.effects or "").splitlines()))
 
     def _say(self, line: str) -> None:
-        if self._fault.content != line:
-            self._fault.content = line
+        set_text(self._fault, line)
 
     def _say_other(self, line: str) -> None:
-        if self._other_fault.content != line:
-            self._other_fault.content = line
+        set_text(self._other_fault, line)
 
     def _grown(self, share: float) -> None:
         self._panels[0].grown(share)

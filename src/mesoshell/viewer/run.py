@@ -20,10 +20,11 @@ NEWEST = "newest"
 
 class RunPanel:
     """A folder of a server's page about a run. worn: its snapshot that is shown; set_material: called with the file of another
-    one; say: with what is wrong with the run's folder, empty if nothing is. Looks at the folder until it is closed."""
+    one, says whether that is shown now; say: with what is wrong with the run's folder, empty if nothing is. Looks at the folder
+    until it is closed."""
 
     def __init__(
-        self, gui: Any, folder: Path, worn: Path, set_material: Callable[[Path], None], say: Callable[[str], None]
+        self, gui: Any, folder: Path, worn: Path, set_material: Callable[[Path], bool], say: Callable[[str], None]
     ):
         self._folder, self._set_material, self._say = folder, set_material, say
         self._worn = worn
@@ -60,9 +61,8 @@ class RunPanel:
             if (options := (NEWEST, *files)) != tuple(self._which.options):
                 self._which.options = options
             path = files.get(self._which.value, next(iter(files.values())))
-            if path != self._worn:
+            if path != self._worn and self._set_material(path):
                 self._worn = path
-                self._set_material(path)
             sheet = self._folder / "sheets" / f"{path.stem}.png"
             logs = (self._folder / "log.jsonl", self._folder / "evaluation.jsonl")
             seen = path, *((x.stat().st_mtime_ns, x.stat().st_size) if x.exists() else None for x in (sheet, *logs))

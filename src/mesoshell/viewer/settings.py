@@ -4,6 +4,7 @@ costs.
 A pass has one ray or path a pixel and its density from the network, so fields about these are not here.
 """
 
+import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +35,7 @@ class SettingsPanel:
     """Folders of a server's page. changed: called when something is set."""
 
     def __init__(self, gui: Any, engine: str, look: Look, changed: Callable[[Any], None]):
-        self._changed, self._setting = changed, False
+        self._changed, self._setting, self._lock = changed, False, threading.RLock()
         self._settings = look.settings
         self._views: deque[tuple[tuple, dict[Quality, Cost]]] = deque(maxlen=VIEWS)
         self._before: Quality | None = None
@@ -64,8 +65,11 @@ class SettingsPanel:
 
     def see(self, picture: RefinedPicture, look: Look) -> None:
         """A picture has come: show the fields that it depends on, and what the last change costs."""
-        if picture.samples < 2:  # the first pass has the preparations in it, or is a coarse one
-            return
+        if picture.samples >= 2:  # the first pass has the preparations in it, or is a coarse one
+            with self._lock:
+                self._see(picture, look)
+
+    def _see(self, picture: RefinedPicture, look: Look) -> None:
         record = picture.rendered.record
         for name, field in self._fields.items():
             if field.visible != (name in record["quality"]):
@@ -94,12 +98,18 @@ class SettingsPanel:
 
     def _reset(self, event: Any) -> None:
         """Another preset: its values."""
-        self._remember(PRESETS[self._preset.value])
+        with self._lock:
+            self._remember(PRESETS[self._preset.value])
         self._changed(event)
 
     def _set(self, name: str, event: Any) -> None:
-        if self._setting:
-            return
+        with self._lock:
+            if self._setting or not self._take(name):
+                return
+        self._changed(event)
+
+    def _take(self, name: str) -> bool:
+        """Take a field's value; whether it can be."""
         try:
             value = kind_of(name)(self._fields[name].value)
         except (TypeError, ValueError, OverflowError):
@@ -111,9 +121,9 @@ class SettingsPanel:
             self._show(self._settings)
             self._before = None  # or the cost of a change before would be said again
             self._say(f"`{name}` {fault}")
-            return
+            return False
         self._remember(self._settings.with_changes(**{name: value}))
-        self._changed(event)
+        return True
 
     def _remember(self, settings: Quality) -> None:
         """What is set now, and what it is compared with: what was measured last."""

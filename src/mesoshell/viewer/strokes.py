@@ -73,6 +73,7 @@ class Strokes(ABC):
         self._radius = gui.add_slider("radius", least, most, 0.005, usual, hint="share of the mesh's size")
         gui.add_button("Undo").on_click(self._undo)
         gui.add_button("Redo").on_click(self._redo)
+        gui.add_button("Clear", hint="take off all that is painted of it; Undo brings it back").on_click(self._clear)
 
     @property
     def painted(self) -> dict[str, Painting]:
@@ -220,6 +221,12 @@ class Strokes(ABC):
         """Draw the stroke that was taken back last, if none was drawn since."""
         self._go(self._name_now(), self._after, self._before)
 
+    def _clear(self, _: Any) -> None:
+        """Without paint, which can be undone."""
+        name = self._name_now()
+        if name in self._now:
+            self._replace(name, None)
+
     def _go(self, name: str, to: Mapping[str, Row], back: Mapping[str, Row]) -> None:
         """To the last of one row of a parameter's paintings, with what is now at the end of the other."""
         with self._lock:
@@ -227,19 +234,22 @@ class Strokes(ABC):
                 return
             self._part_strokes(name)
             back[name].append(self._now.get(name))
-            painting = to[name].pop()
-            if painting is None:
-                self._now.pop(name, None)
-            else:
-                self._now[name] = painting
+            self._put(name, to[name].pop())
         self._show()
 
-    def _replace(self, name: str, painting: Painting) -> None:
-        """With another painting, which can be undone."""
+    def _put(self, name: str, painting: Painting | None) -> None:
+        """What is there now; the lock is held."""
+        if painting is None:
+            self._now.pop(name, None)
+        else:
+            self._now[name] = painting
+
+    def _replace(self, name: str, painting: Painting | None) -> None:
+        """With another painting, or none, which can be undone."""
         with self._lock:
             self._before[name].append(self._now.get(name))
             self._after[name].clear()
-            self._now[name] = painting
+            self._put(name, painting)
             self._part_strokes(name)
         self._show()
 

@@ -74,7 +74,7 @@ class Views(ABC, Generic[PictureT]):
     ):
         """paint_lock: what those that paint in turn share."""
         self._show, self._tell = show, say
-        self._faults: dict[str, str] = {}
+        self._faults: dict[Hashable, str] = {}
         self._views: dict[Hashable, View[PictureT]] = {}
         self._changed, self._open, self._turn = threading.Condition(), True, 0
         self._paint_lock, self._telling = paint_lock or threading.Lock(), threading.Lock()
@@ -106,6 +106,7 @@ class Views(ABC, Generic[PictureT]):
                 view.ask()
                 view.late = 0.0
             self._changed.notify_all()
+        self.say(("picture", eye), "")
 
     def picture(self, eye: Hashable) -> tuple[PictureT | None, bool]:
         """The last picture of an eye, and whether it shows what is wished for now. If not, that is of a moment ago."""
@@ -121,7 +122,7 @@ class Views(ABC, Generic[PictureT]):
         for thread in self._threads:
             thread.join()
 
-    def say(self, of: str, line: str) -> None:
+    def say(self, of: Hashable, line: str) -> None:
         """Say what is wrong with a thing; an empty line once nothing is."""
         with self._telling:
             if self._faults.get(of, "") != line:
@@ -171,11 +172,11 @@ class Views(ABC, Generic[PictureT]):
                         if view.quality is None and view.shown == 0:
                             view.rest = time.monotonic() + PAUSE
                         view.shown += 1
-                self.say("picture", "")
+                self.say(("picture", eye), "")
                 self._show(eye)
             except Exception as fault:  # the page goes on, and says it
                 view.left = None
-                self.say("picture", fault_line(fault))
+                self.say(("picture", eye), fault_line(fault))
 
 
 def fault_line(fault: Exception) -> str:

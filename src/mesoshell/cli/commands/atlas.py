@@ -1,6 +1,7 @@
 """`mesoshell atlas train`, `texture`, `render` and `mesh`: from photographs to an object. Imports JAX."""
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -78,13 +79,15 @@ def render(options: Render) -> None:
     cameras = _cameras(model, options)
     how = view(model.config, model.field, quality, painted, _lit(model, options))
     options.out.mkdir(parents=True, exist_ok=True)
+    there = _frames(options.out / RECORD)  # that this verb rendered here
+    replace_file(options.out / RECORD, json.dumps({"frames": max(there, len(cameras))}).encode())
     with bar(stderr(), "rendering", len(cameras), count=True) as show:
         for i, camera in enumerate(cameras):
             rgba = picture(model.config, model.field, model.to_box(camera), how).rgba
             write_exr(options.out / f"{i:04d}.exr", rgba)
             write_png(options.out / f"{i:04d}.png", rgba)
             show(i + 1)
-    for i in range(len(cameras), _frames(options.out / RECORD)):  # of a longer path, which this verb rendered here
+    for i in range(len(cameras), there):  # of a longer path
         for suffix in (".exr", ".png"):
             (options.out / f"{i:04d}{suffix}").unlink(missing_ok=True)
     replace_file(options.out / RECORD, json.dumps({"frames": len(cameras)}).encode())
@@ -158,6 +161,10 @@ def _read_textured(path: Path) -> NeuTexModel:
 
 
 def _cameras(model: NeuTexModel, options: Render) -> list[Photo]:
+    usual = {field.name: field.default for field in fields(Render)}
+    for name in ("size", "frames") if options.path != "orbit" else ():
+        if getattr(options, name) != usual[name]:
+            raise InputError(f"--{name}", f"is of an orbit; --path {options.path} has the photographs' own")
     if options.path == "photographs":
         return list(model.photos)
     if options.path == "held-out":

@@ -30,5 +30,7 @@ def sheet(options: Sheet) -> None:
     """Write the contact sheet."""
     at_least(options, count=1, columns=1)
     probe_outputs((options.out,))
-    write_png(options.out, contact_sheet(read_dataset(options.folder), options.sort, options.count, options.columns))
+    picture = contact_sheet(read_dataset(options.folder), options.sort, options.count, options.columns)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write_png(options.out, picture)
     print(options.out)

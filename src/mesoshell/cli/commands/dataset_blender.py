@@ -111,6 +111,7 @@ def vary(options: Vary) -> None:
             picture = vary_sheet(blender, options.steps, options.index, show)
     except Crash as crash:
         raise InputError(options.recipe, str(crash)) from None
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     write_png(options.out, picture)
     print(f"{options.out}: rows are {', '.join(blender.manifest['parameters'])}; columns from least to greatest")
 
@@ -145,6 +146,7 @@ def cost(options: Cost) -> None:
         raise InputError(options.recipe, str(crash)) from None
     print("error: foreground PSNR of x / (1 + x); seconds: geometry kept, one image, all cores")
     if options.out:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
         replace_file(options.out, (json.dumps([cell._asdict() for cell in cells], indent=1) + "\n").encode())
 
 

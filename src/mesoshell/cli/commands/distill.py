@@ -38,15 +38,11 @@ def run(options: Options) -> None:
         )
     if options.out is not None:
         surface = _learned(source, folder)
-        if surface is None:
-            return
         options.out.parent.mkdir(parents=True, exist_ok=True)
         write_surface(options.out, surface)
         print(options.out)
     if options.twin is not None and isinstance(source, ShellSource):
         twin = _twin(from_afar(source, options.curvature), folder / AFAR)
-        if twin is None:
-            return
         options.twin.parent.mkdir(parents=True, exist_ok=True)
         write_bundle(options.twin, replace(source.bundle, twin=twin))
         print(options.twin)
@@ -66,18 +62,17 @@ def source_of(options: Options) -> Source:
     return geometry_source(name, options.spp, **given)
 
 
-def _twin(source: ShellSource, folder: Path) -> Twin | None:
-    """A surface material for wide footprints, and its error at each of them; None if the training was stopped."""
+def _twin(source: ShellSource, folder: Path) -> Twin:
+    """A surface material for wide footprints, and its error at each of them."""
     surface, settings = _learned(source, folder), source.settings
-    if surface is None:
-        return None
     looks = load_predictor(adapt(source.config, read_patches(folder / QUERIES))[0], snapshots(folder)[-1][1])
     errors = errors_by_radius(source.answers, looks, settings.curvature, settings.narrowest, settings.widest)
     return Twin(surface, source.alpha, source.base, errors)
 
 
-def _learned(source: Source, folder: Path) -> SurfaceBundle | None:
-    """Write the queries that are missing, and learn a surface material from them; None if the training was stopped."""
+def _learned(source: Source, folder: Path) -> SurfaceBundle:
+    """Write the queries that are missing, and learn a surface material from them. Raises KeyboardInterrupt if the training was
+    stopped: the same command goes on."""
     least, queries = source.config.batch // MIXED, folder / QUERIES
     if source.settings.queries < least:
         raise InputError("--queries", f"{source.settings.queries} on a cylinder: a step takes {least}")
@@ -87,7 +82,7 @@ def _learned(source: Source, folder: Path) -> SurfaceBundle | None:
     state = learn(source.config, read_patches(queries), folder)
     print_length(folder, state)
     if int(state.images) < 1000 * source.config.kimg:
-        return None
+        raise KeyboardInterrupt
     images, path = snapshots(folder)[-1]
     return with_scores(read_surface(path), folder, images)
 

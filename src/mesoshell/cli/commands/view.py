@@ -36,6 +36,8 @@ def run(options: Options) -> None:
     if objects:
         _show(_object_page(options, objects[0]))
         return
+    if options.size is not None:
+        raise InputError("--size", "a picture here is as wide as its window; its pixels are chosen on the page")
     run = _run_of(options)
     if run is not None and run == options.mesh:
         options = replace(options, mesh=Path(str(resources.files("mesoshell") / "assets" / "spot.obj")))

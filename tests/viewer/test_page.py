@@ -34,9 +34,9 @@ viser = pytest.importorskip("viser", reason="requires the extra viewer")
 websockets = pytest.importorskip("websockets", reason="requires the extra viewer")
 
 from mesoshell.scene.growth import growth_of  # noqa: E402
+from mesoshell.viewer import downloads, settings  # noqa: E402
 from mesoshell.viewer import look as looking_at  # noqa: E402
 from mesoshell.viewer import refine as refining  # noqa: E402
-from mesoshell.viewer import settings  # noqa: E402
 from mesoshell.viewer.address import own_names  # noqa: E402
 from mesoshell.viewer.browser import camera_of  # noqa: E402
 from mesoshell.viewer.brush import grown_so_far  # noqa: E402
@@ -410,11 +410,12 @@ def test_a_picture_that_is_under_way_is_not_saved(page: Page, watching: Watching
     assert made is not None
     shown = made._replace(rgba=np.zeros((side, side, 4), np.float32), whole=whole)
     monkeypatch.setattr(page.work, "picture", lambda eye: (shown, current))
+    monkeypatch.setattr(downloads, "PATIENCE", 0.3)
     sent: list[str] = []
     client = SimpleNamespace(send_file_download=lambda name, data, save_immediately: sent.append(name))
     page._downloads._picture("png", SimpleNamespace(client_id=7, client=client))
     assert sent == (["mesoshell.png"] if (side, current, whole) == (128, True, True) else [])
-    assert ("under way" in page._fault.content) is not bool(sent)
+    assert page._fault.content == ("" if sent else "the picture is not whole yet: save it later")
     page.work.say("save", "")
 
 

@@ -4,7 +4,9 @@ All is made in memory and downloaded by the browser: nothing is written where th
 """
 
 import io
+import time
 import zipfile
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +20,9 @@ from mesoshell.io.image import exr_bytes, png_bytes
 from mesoshell.scene.mitsuba_xml import write_folder
 from mesoshell.viewer.look import command
 from mesoshell.viewer.work import Workshop
+
+#: Seconds that a picture is waited for.
+PATIENCE = 60.0
 
 
 class Downloads:
@@ -33,9 +38,11 @@ class Downloads:
             self._command = gui.add_markdown("")
 
     def _picture(self, kind: Literal["png", "exr"], event: Any) -> None:
-        picture, current = self._work.picture(event.client_id)
-        ready = current and picture is not None and picture.whole
-        self._work.say("save", send_picture(event.client, picture.rgba if ready else None, self._work.look.side, kind))
+        def whole() -> Float[np.ndarray, "H W 4"] | None:
+            picture, current = self._work.picture(event.client_id)
+            return picture.rgba if current and picture is not None and picture.whole else None
+
+        send_picture(event.client, whole, lambda: self._work.look.side, kind, partial(self._work.say, "save"))
 
     def _scene(self, event: Any) -> None:
         if self._work.picture(event.client_id)[0] is None or event.client is None:
@@ -62,12 +69,23 @@ class Downloads:
             self._command.content = f"    {line}"
 
 
-def send_picture(client: Any, rgba: Float[np.ndarray, "H W 4"] | None, side: int, kind: Literal["png", "exr"]) -> str:
-    """Have a client download its picture. side: of a picture that is not a coarse one. What is wrong, in a line: a picture that
-    shows something else by now, or is coarse, is none to be kept."""
-    if rgba is None or max(rgba.shape[:2]) < side:
-        return "the picture is under way: save it once it has refined"
+def send_picture(
+    client: Any,
+    whole: Callable[[], Float[np.ndarray, "H W 4"] | None],
+    side: Callable[[], int],
+    kind: Literal["png", "exr"],
+    say: Callable[[str], None],
+) -> None:
+    """Have a client download its picture, once there is one that shows what is wished for and is no coarse one. whole: the
+    picture, None while it shows something else; side: of one that is not coarse."""
+    end = time.monotonic() + PATIENCE
+    while (rgba := whole()) is None or max(rgba.shape[:2]) < side():
+        say("the picture is saved once it is whole")
+        if time.monotonic() > end:
+            say("the picture is not whole yet: save it later")
+            return
+        time.sleep(0.1)
+    say("")
     if client is not None:
         data = png_bytes(rgba) if kind == "png" else exr_bytes(rgba)
         client.send_file_download(f"mesoshell.{kind}", data, save_immediately=True)
-    return ""

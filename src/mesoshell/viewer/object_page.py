@@ -180,9 +180,11 @@ class ObjectPage:
         set_text(self._fault, line)
 
     def _save_picture(self, kind: Literal["png", "exr"], event: Any) -> None:
-        picture, current = self.work.picture(event.client_id)
-        rgba = picture.rgba if current and picture is not None else None
-        self.work.say("save", send_picture(event.client, rgba, self.work.look.side, kind))
+        def whole() -> np.ndarray | None:
+            picture, current = self.work.picture(event.client_id)
+            return picture.rgba if current and picture is not None else None
+
+        send_picture(event.client, whole, lambda: self.work.look.side, kind, partial(self.work.say, "save"))
 
     def _save_texture(self, event: Any) -> None:
         if event.client is not None:

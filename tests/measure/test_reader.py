@@ -27,13 +27,14 @@ def test_leaving_one_out_is_learning_without_it(monkeypatch) -> None:
     x, t = data(12)
     x, t = x[:, :8], t[:, :1]
     a, b = (x - x.mean(axis=0)) / x.std(axis=0), t - t.mean(axis=0)
-    scores = []
+    scores = []  # with a mean of the others alone, and the deviations of all
     for ridge in (1e-3, 3.0):
         total = 0.0
         for i in range(len(x)):
             keep = np.arange(len(x)) != i
-            w = np.linalg.solve(a[keep].T @ a[keep] / 8 + ridge * np.eye(8), a[keep].T @ b[keep] / 8)
-            total += float((a[i] @ w - b[i])[0] ** 2)
+            ours, theirs = (y[keep] - y[keep].mean(axis=0) for y in (a, b))
+            w = np.linalg.solve(ours.T @ ours / 8 + ridge * np.eye(8), ours.T @ theirs / 8)
+            total += float(((a[i] - a[keep].mean(axis=0)) @ w - b[i] + b[keep].mean(axis=0))[0] ** 2)
         scores.append(total)
     chosen = (1e-3, 3.0)[int(np.argmin(scores))]
     monkeypatch.setattr(reader, "RIDGES", np.array([1e-3, 3.0]))
@@ -43,3 +44,16 @@ def test_leaving_one_out_is_learning_without_it(monkeypatch) -> None:
     w = np.linalg.solve(a.T @ a / 8 + chosen * np.eye(8), a.T @ b / 8) / x.std(axis=0)[:, None]
     np.testing.assert_allclose(both, w, rtol=1e-9)
     assert read(learn(x, t), x).mean() == pytest.approx(t.mean())
+
+
+@pytest.mark.parametrize("n", [60, 100])
+def test_with_more_features_than_pictures_nothing_is_told_from_the_others_sum(n: int) -> None:
+    """The ridge with the least error on unseen pictures is not the smallest: one near it is chosen."""
+    (x, t), (y, s) = data(n, noise=0.3), data(400)
+    errors = []
+    for ridge in reader.RIDGES:
+        a, b = (x - x.mean(axis=0)) / x.std(axis=0), t - t.mean(axis=0)
+        w = a.T @ np.linalg.solve(a @ a.T / 300 + ridge * np.eye(n), b) / 300 / x.std(axis=0)[:, None]
+        errors.append(error((y - x.mean(axis=0)) @ w + t.mean(axis=0), s))
+    chosen = error(read(learn(x, t), y), s)
+    assert chosen[1] < 1.1 * np.array(errors)[:, 1].min() < 0.98 * errors[0][1]

@@ -95,3 +95,26 @@ def test_an_open_mesh_beside_an_object_and_one_that_is_not_seen() -> None:
     assert alone.broken == hidden.broken == away.broken == ()
     assert (alone.first >= 0).mean() > 0.1 and (hidden.first < 0).all() and (away.first < 0).all()
     assert "the camera does not see the mesh" in str(away)
+
+
+@pytest.mark.parametrize("away", [3.0, 300.0, 3e4])
+def test_a_sound_mesh_from_afar(away: float) -> None:
+    """Distances are float32's: what they lose is no other surface."""
+    camera = (0.0, -away, 0.3 * away, 0.0, 0.0, 0.0, 60.0 / away)
+    far = ms.Scene(wearing.ball(), Material("dots", wearing.bundle()), scale=0.02, camera=camera, size=(32, 24))
+    assert [c.name for c in ms.stability(far, rays=1000).broken if c.name in ("hits", "surface")] == []
+
+
+def test_a_surface_material_beside_a_shell_is_checked(tiny_bundle) -> None:
+    arrays = wearing.bundle().arrays
+    broken = replace(
+        wearing.bundle(),
+        arrays=arrays | {"reflectance/last/bias": np.full_like(arrays["reflectance/last/bias"], np.nan)},
+    )
+    for bundle, faults in ((wearing.bundle(), set()), (broken, {"material", "network"})):
+        beside = ms.Grown(wearing.moved(wearing.ball(), 3, 0, 0), Material("dots", bundle), scale=0.5)
+        scene_ = ms.Scene(wearing.ball(), Material("tiny", tiny_bundle), scale=0.5, size=(24, 16), also=[beside])
+        found = ms.stability(scene_, rays=1000, engine="mitsuba")
+        own = [c for c in found.checks if c.said.startswith("dots: ")]
+        assert {"hits", "places", "network", "surface"} <= {c.name for c in own}
+        assert {c.name for c in found.broken if c in own} >= faults and (bool(faults) or not set(own) & {*found.broken})

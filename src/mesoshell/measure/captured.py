@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from mesoshell.io.image import linear_to_srgb
-from mesoshell.measure.distribution import Estimate
+from mesoshell.measure.distribution import Estimate, mean_with_interval
 from mesoshell.measure.image import psnr, ssim
 from mesoshell.measure.uv_distortion import chart
 from mesoshell.nets.batches import run
@@ -32,7 +32,7 @@ CHART = ("cycle error, % of the box", "texture distortion", "texture folded", "t
 
 
 def score_views(model: NeuTexModel, capture: Capture, samples: int) -> dict[str, Estimate]:
-    """Means over held-out views with 1.96 standard errors; scores of the texture have no interval."""
+    """Means over held-out views with their intervals; scores of the texture have none."""
     how = view(model.config, model.field, Quality(samples=samples, pixel_samples=1))
 
     def shown(photo):
@@ -42,12 +42,7 @@ def score_views(model: NeuTexModel, capture: Capture, samples: int) -> dict[str,
     for i in held_out(capture)[1]:
         a, b = (linear_to_srgb(np.clip(x, 0, 1)) for x in (shown(capture.photos[i]).rgba[..., :3], capture.rgb[i]))
         each.append((psnr(a, b), ssim(a, b)))
-    table = np.array(each, np.float64)
-    reach = 1.96 * table.std(axis=0, ddof=min(1, len(table) - 1)) / np.sqrt(len(table))
-    scores = {
-        name: Estimate(float(m), float(m - r), float(m + r))
-        for name, m, r in zip(VIEWS, table.mean(axis=0), reach, strict=True)
-    }
+    scores = dict(zip(VIEWS, mean_with_interval(np.array(each, np.float64)), strict=True))
     if model.config.colour == "volume":
         return scores
     numbers = _charted(model, at_most(capture, SIDE), shown)

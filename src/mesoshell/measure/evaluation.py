@@ -108,4 +108,7 @@ def _features(
     padded = np.concatenate([positions, positions[: -len(positions) % _BATCH]])
     views = views_of(config, dataset, padded)
     parts = [pictures(type(views)(*(x[i : i + _BATCH] for x in views))) for i in range(0, len(padded), _BATCH)]
-    return network.of(np.concatenate(parts)[: len(positions)])
+    made = np.concatenate(parts)[: len(positions)]
+    if not np.isfinite(made).all():
+        raise InputError(snapshot, "makes pictures with NaN or infinite values")
+    return network.of(made)

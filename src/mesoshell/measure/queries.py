@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.io.query_dataset import ALPHA, RGB
-from mesoshell.measure.distribution import Estimate
+from mesoshell.measure.distribution import Estimate, mean_with_interval
 
 #: Names of the scores.
 QUERIES = ("reflectance: relative squared error", "opacity: mean error")
@@ -22,7 +22,7 @@ def score(
     answers: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
     patches: tuple[Float[np.ndarray, "Q 16"], ...],
 ) -> dict[str, Estimate]:
-    """Means over patches with 1.96 standard errors. answers: of rows, α̂, the silhouette cosine and ρ̂."""
+    """Means over patches with their intervals. answers: of rows, α̂, the silhouette cosine and ρ̂."""
     each = []
     for rows in patches:
         alpha, _, rho = answers(rows)
@@ -30,9 +30,4 @@ def score(
         wanted = rows[:, RGB] / np.maximum(met, 1e-3)
         apart = (met * (rho - wanted) ** 2).sum() / max(float((met * wanted**2).sum()), 1e-30)
         each.append((apart, np.abs(alpha - met[:, 0]).mean()))
-    table = np.array(each, np.float64)
-    reach = 1.96 * table.std(axis=0, ddof=min(1, len(table) - 1)) / np.sqrt(len(table))
-    return {
-        name: Estimate(float(m), float(m - r), float(m + r))
-        for name, m, r in zip(QUERIES, table.mean(axis=0), reach, strict=True)
-    }
+    return dict(zip(QUERIES, mean_with_interval(np.array(each, np.float64)), strict=True))

@@ -36,7 +36,8 @@ def learn(x: Float[np.ndarray, "N D"], t: Float[np.ndarray, "N P"]) -> Reader:
     turned = vectors.T @ rest
     inverses = 1 / (np.maximum(values, 0)[None] + RIDGES[:, None])  # (R, N)
     dual = vectors @ (inverses[..., None] * turned)  # (R, N, P)
-    leverage = inverses @ (vectors**2).T
+    # less what the mean takes along of each row: else a row could be told from the sum of the others
+    leverage = inverses @ (vectors**2).T - 1 / (len(x) * RIDGES[:, None])
     left_out = np.mean(
         (dual / leverage[..., None]) ** 2, axis=1
     )  # what each picture is missed by if it is not learned from

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.surface import KIND
+from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera
 from mesoshell.render.effects import plan_effects
 from mesoshell.render.quality import PRESETS
@@ -27,6 +28,7 @@ from mesoshell.stability.checks import Check
 from mesoshell.stability.field import check_material_points
 from mesoshell.stability.report import Stability
 from mesoshell.stability.walks import walk_through
+from mesoshell.surface_material.scene import SurfaceDescription, SurfacePart
 
 #: Pixels along the longer side of the picture, and of the map; least number of rays; most that the path tracer walks.
 PIXELS, MIN_RAYS, MAX_WALKED = 192, 1000, 20_000
@@ -39,6 +41,7 @@ def examine(
     renders the picture; if "mitsuba", its walk of shells is checked too. Raises InputError."""
     if count < MIN_RAYS:
         raise InputError(Argument("rays"), f"must be at least {MIN_RAYS}, not {count}")
+    check_memory(Argument("rays"), f"{count} rays", 4000 * count)
     if scene.material.kind == KIND:
         return _of_surface_material(scene, count, progress, engine)
     check_engine(scene, engine)
@@ -72,6 +75,10 @@ def examine(
     for name, medium, (first, end) in zip(names, made.media, pairwise(ends), strict=True):
         own = check_material_points(medium, made.shell.uv[first:end], rng)
         checks += [replace(check, said=name + check.said) for check in own]
+    for part, one in zip(d.surfaces, (x for x in scene.also if x.material.kind == KIND), strict=True):
+        checks += [
+            replace(check, said=f"{one.called}: {check.said}") for check in _of_part(part, made.camera, count, rng)
+        ]
     progress(0.8)
     quality = PRESETS["normal"]
     if engine == "mitsuba":
@@ -90,6 +97,15 @@ def examine(
         walks.excess,
         (*d.notes, *(lamps if engine == "jax" else ())),
     )
+
+
+def _of_part(part: SurfacePart, camera: Camera, count: int, rng: np.random.Generator) -> list[Check]:
+    """Of a surface material beside shells."""
+    from mesoshell.stability.surface_material import of_surface_material
+    from mesoshell.surface_material.loader import load_device_material
+
+    d = SurfaceDescription(part.mesh, part.period, camera, (), None, (0.0, 0.0, 0.0), (), True)
+    return list(of_surface_material(d, load_device_material(part.material), camera, count, rng)[0])
 
 
 def _of_surface_material(scene: Scene, count: int, progress: Callable[[float], None], engine: str) -> Stability:

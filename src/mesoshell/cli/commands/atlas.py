@@ -22,7 +22,7 @@ from mesoshell.neutex.cameras import Photo, around
 from mesoshell.neutex.capture import read_capture
 from mesoshell.neutex.mesh import extract_mesh
 from mesoshell.neutex.render import Lighting, picture, view
-from mesoshell.neutex.store import NeuTexModel, read_neutex
+from mesoshell.neutex.store import MAX_SAMPLES, NeuTexModel, read_neutex
 from mesoshell.scene.setup import check_irradiance, environment_of, light_of
 from mesoshell.train.experiment import read_experiment, with_kimg
 from mesoshell.train.gan.presets import PRESETS as SIZES
@@ -66,6 +66,8 @@ def render(options: Render) -> None:
     requires(options, "light", "irradiance")
     requires(options, "environment", "up")
     at_least(options, frames=1, samples=1, size=1)
+    if (options.samples or 0) > MAX_SAMPLES:
+        raise InputError("--samples", f"must be at most {MAX_SAMPLES}, not {options.samples}")
     keep_compiled()
     probe_folder(options.out, "--out")
     model = _read_textured(options.object) if options.checker or options.texture else _read_model(options.object)

@@ -276,7 +276,8 @@ def test_an_off_file_may_have_any_polygons(tmp_path: Path):
 @pytest.mark.parametrize("mode", [0, 1, 2, 3, 4, 5])
 def test_what_hangs_on_lines_is_read(tmp_path: Path, mode: int):
     """A node of lines or points, or of triangles, with another below it."""
-    data = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]).tobytes() + np.uint32([0, 1, 2]).tobytes()
+    corners, order = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), np.array([0, 1, 2], np.uint32)
+    data = corners.tobytes() + order.tobytes()
     primitive = {"attributes": {"POSITION": 0}, "indices": 1}
     accessors = [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}]
     accessors.append({"bufferView": 1, "componentType": 5125, "count": 3, "type": "SCALAR"})

@@ -42,7 +42,7 @@ def score_views(model: NeuTexModel, capture: Capture, samples: int) -> dict[str,
     for i in held_out(capture)[1]:
         a, b = (linear_to_srgb(np.clip(x, 0, 1)) for x in (shown(capture.photos[i]).rgba[..., :3], capture.rgb[i]))
         each.append((psnr(a, b), ssim(a, b)))
-    scores = dict(zip(VIEWS, mean_with_interval(np.array(each, np.float64)), strict=True))
+    scores: dict[str, Estimate] = dict(zip(VIEWS, mean_with_interval(np.array(each, np.float64)), strict=True))
     if model.config.colour == "volume":
         return scores
     numbers = _charted(model, at_most(capture, SIDE), shown)

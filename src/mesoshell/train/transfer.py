@@ -51,7 +51,7 @@ def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any],
         raise InputError(folder, f"was begun with other exemplars than {data.folder}, which scale its weights")
     mine, theirs = flat(asdict(config)), flat(asdict(other))
     may_differ = MAY_DIFFER if isinstance(config, GanConfig) else ()
-    if "off" in (config.generator.fourier, other.generator.fourier):  # it has no strengths of maps
+    if "off" in (mine["generator.fourier"], theirs["generator.fourier"]):  # it has no strengths of maps
         may_differ = tuple(k for k in may_differ if k != "generator.fourier")
     differ = [k for k in mine if k.startswith(WEIGHTS) and k not in may_differ and mine[k] != theirs[k]]
     if differ:

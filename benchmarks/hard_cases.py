@@ -277,8 +277,8 @@ def cones() -> Iterator[Row]:
     naive = ours = 0.0
     for a, b in cone.SEGMENTS:
         t0, t1, r = np.float32(a), np.float32(b), np.float32(3e-3)
-        true = np.array(cone.true_moments(float(t0), float(t1), float(r)))
-        middle, half = (np.float64(t0) + t1) / 2, (np.float64(t1) - t0) / 2
+        middle, half = (float(np.float32(x)) for x in ((a + b) / 2, (b - a) / 2))
+        true = np.array(cone.true_moments(max(middle - half, 0.0), middle + half, float(r)))
         found = np.array([float(x) for x in cone_gaussian(*map(jnp.float32, (middle, half, r)))])
         with np.errstate(all="ignore"):
             mean = np.float32(0.75) * (t1**4 - t0**4) / (t1**3 - t0**3)

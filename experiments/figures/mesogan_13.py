@@ -36,12 +36,21 @@ def column(run: Path) -> tuple[str, list[Float[np.ndarray, "H W 3"]]]:
     images, newest = snapshots(run)[-1]
     near = jax.tree.map(lambda x: x[list(SHOWN)], ends(config, dataset)[1])  # the nearest is last
     made = method.load_predictor(config, newest)(near)
-    count = len(dataset.manifest["parameters"])
-    what = "generator" if isinstance(config, GanConfig) else "seed" if config.seeded else f"{count} parameters"
+    what = named(config, len(dataset.manifest["parameters"]))
     rows = read_rows(run / FILE, ("name", "value", "kimg"))
     score = next((f"\n{SCORE} {x['value']:.3f}" for x in rows if (x["name"], x["kimg"]) == (SCORE, images / 1000)), "")
     shown = [over_white(enlarged(x)) for both in zip(near.image, made, strict=True) for x in both]
     return f"{what}, {images / 1000:g} kimg{score}", shown
+
+
+def named(config: GanConfig | NerfTexConfig, count: int) -> str:
+    """What a run is, by what differs. count: of its parameters."""
+    if isinstance(config, NerfTexConfig):
+        return "seed" if config.seeded else f"{count} parameters"
+    if config.generator.planes == 3:
+        return "triplanes"
+    maps = {"off": "no Fourier maps", "frozen": "fixed phases", "random": "generator"}[config.generator.fourier]
+    return maps if config.picture.filtering else "no mip levels"
 
 
 def enlarged(picture: Float[np.ndarray, "S S 4"]) -> Float[np.ndarray, "H W 4"]:

@@ -164,6 +164,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_as_it_was_aske
 ) -> None:
     config = adapt(CONFIG, data)[0]
     keep_record(config, data, tmp_path / "a", whole[1])
+    (tmp_path / "a" / "checkpoints" / "0.orbax-checkpoint-tmp-0").mkdir(parents=True)  # the first one, half written
     asked = []
     monkeypatch.setattr(run, "transfer_from", lambda config, data, folder: asked.append(folder))
     monkeypatch.setattr(run, "keep_record", lambda *given: asked.append(given[-1]) or 1 / 0)

@@ -4,18 +4,12 @@ import warnings
 
 import jax
 
-from mesoshell.io.cache import cache_folder, forget
-
-#: Most bytes of compiled programs that are kept.
-MAX_BYTES = 2 << 30
+from mesoshell.io.cache import cache_folder
 
 
 def keep_compiled() -> list[float]:
     """Keep compiled programs between runs; returns a list that collects the seconds spent compiling."""
-    folder = cache_folder("xla")
-    if folder.is_dir():
-        forget(folder / "of this command", MAX_BYTES)
-    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_compilation_cache_dir", str(cache_folder("xla")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     # JAX writes entries in place: one that another command is writing, or left half-written when it was killed, cannot be read,
     # and its program is compiled again

@@ -78,9 +78,12 @@ def new_folder(path: Path) -> Iterator[Path]:
         raise error if made is None else _in_place(error, made, path) from error
     except (OSError, ValueError) as error:
         raise InputError(path, f"cannot be written: {_reason(error)}") from error
+    except BaseException:  # an interrupt is heard, so that what is removed now can be, however long that takes
+        arrived()
+        raise
     finally:
         if made is not None:
-            _clear(made)
+            shutil.rmtree(made, ignore_errors=True)
 
 
 @contextlib.contextmanager
@@ -98,15 +101,11 @@ def move_together(target: Path) -> Iterator[Path]:
         raise _in_place(error, made, target.parent) from error
     except OSError as error:
         raise InputError(target, f"cannot be written: {_reason(error)}") from error
-    finally:
-        _clear(made)
-
-
-def _clear(folder: Path) -> None:
-    """Remove a folder, however long that takes: an interrupt that ended its filling is heard."""
-    if folder.exists():
+    except BaseException:
         arrived()
-        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
 
 
 def new_array(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.memmap:

@@ -25,7 +25,7 @@ HALVES = 24
 
 
 class Estimate(NamedTuple):
-    """A value with its 95% interval, ±1.96 standard deviations over halves."""
+    """A value with its 95% interval."""
 
     value: float
     low: float
@@ -62,7 +62,8 @@ def with_interval(
     y: Float[np.ndarray, "M D"],
     seed: int = 0,
 ) -> Estimate:
-    """A distance with its interval. The halves of a biased distance are farther apart: only their spread is used."""
+    """A distance with its interval, ±1.96 standard deviations over halves. Those of a biased distance are farther apart: only
+    their spread is used."""
     rng = np.random.default_rng(seed)
     value = distance(x, y)
     halves = [distance(_half(rng, x), _half(rng, y)) for _ in range(HALVES)]

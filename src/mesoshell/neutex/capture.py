@@ -11,6 +11,7 @@ The box is given by the capture, or else that of the visual hull (neutex/hull).
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +57,16 @@ class Capture:
         """Entries for a run's record."""
         box = [float(f"{x:.5g}") for x in (*self.centre, self.half)]
         entries: dict[str, object] = {"source": f"{len(self.photos)} photographs", "box": box}
-        entries["photographs"] = hashlib.sha256(b"".join(x.tobytes() for x in self.rgb)).hexdigest()[:16]
+        entries["photographs"] = self.digest
         return entries | ({"background": self.background} if self.background else {})
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of the photographs."""
+        sha = hashlib.sha256()
+        for image in self.rgb:
+            sha.update(np.ascontiguousarray(image))
+        return sha.hexdigest()[:16]
 
     @property
     def recipe(self) -> str:

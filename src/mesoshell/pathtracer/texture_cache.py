@@ -21,7 +21,6 @@ from jaxtyping import Float
 
 from mesoshell import __version__
 from mesoshell.errors import InputError
-from mesoshell.io.atomic import replace_file
 from mesoshell.io.bundle import Bundle, read_bundle
 from mesoshell.io.cache import cache_folder, forget, remove
 from mesoshell.io.corner_tiles import seed_origin
@@ -95,16 +94,20 @@ def _made(
                 os.utime(file)
             return found, key
     remove(file)
-    with tempfile.TemporaryDirectory() as folder:
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    where = file.parent if os.access(file.parent, os.W_OK) else None
+    with tempfile.TemporaryDirectory(prefix=".", dir=where) as folder:
         for number, (name, image) in enumerate(images.items()):
             write_exr(f"{folder}/{number}.exr", np.repeat(image[..., None], 3, axis=-1), half=False)
             options += ["--param", f"{name}={folder}/{number}.exr"]
         _run(path, [*options, "--out", f"{folder}/made.npz"])
-        made = read_bundle(Path(folder, "made.npz"))
-        with contextlib.suppress(InputError, OSError):  # it cannot be kept
-            file.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(file, Path(folder, "made.npz").read_bytes())
-            forget(file, MAX_BYTES)
+        written = Path(folder, "made.npz")
+        made = read_bundle(written)
+        if where is not None and written.stat().st_size <= MAX_BYTES // 2:
+            with contextlib.suppress(OSError):  # it cannot be kept
+                os.replace(written, file)
+                forget(file, MAX_BYTES)
     return made, key
 
 

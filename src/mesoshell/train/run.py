@@ -108,7 +108,7 @@ def train(
 
 def _lent(folder: Path) -> Path | None:
     """Whose weights a run begins with that was killed before its first checkpoint."""
-    if not (folder / "config.json").exists() or any((folder / "checkpoints").glob("[0-9]*")):
+    if not (folder / "config.json").exists() or any(x.name.isdigit() for x in (folder / "checkpoints").glob("*")):
         return None
     lent = read_record(folder)[1].get("transfer")
     return None if lent is None else Path(lent)

@@ -42,7 +42,9 @@ class Downloads:
             picture, current = self._work.picture(event.client_id)
             return picture.rgba if current and picture is not None and picture.whole else None
 
-        send_picture(event.client, whole, lambda: self._work.look.side, kind, partial(self._work.say, "save"))
+        eye = event.client_id
+        say = partial(self._work.say, ("save", eye))
+        send_picture(event.client, whole, lambda: self._work.look.side if self._work.knows(eye) else 0, kind, say)
 
     def _scene(self, event: Any) -> None:
         if self._work.picture(event.client_id)[0] is None or event.client is None:
@@ -77,9 +79,11 @@ def send_picture(
     say: Callable[[str], None],
 ) -> None:
     """Have a client download its picture, once there is one that shows what is wished for and is no coarse one. whole: the
-    picture, None while it shows something else; side: of one that is not coarse."""
+    picture, None while it shows something else; side: of one that is not coarse, 0 once the client is gone."""
     end = time.monotonic() + PATIENCE
     while (rgba := whole()) is None or max(rgba.shape[:2]) < side():
+        if not side():
+            return
         say("the picture is saved once it is whole")
         if time.monotonic() > end:
             say("the picture is not whole yet: save it later")

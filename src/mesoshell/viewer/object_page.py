@@ -184,7 +184,9 @@ class ObjectPage:
             picture, current = self.work.picture(event.client_id)
             return picture.rgba if current and picture is not None else None
 
-        send_picture(event.client, whole, lambda: self.work.look.side, kind, partial(self.work.say, "save"))
+        eye = event.client_id
+        say = partial(self.work.say, ("save", eye))
+        send_picture(event.client, whole, lambda: self.work.look.side if self.work.knows(eye) else 0, kind, say)
 
     def _save_texture(self, event: Any) -> None:
         if event.client is not None:

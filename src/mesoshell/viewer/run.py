@@ -29,6 +29,7 @@ class RunPanel:
         self._folder, self._set_material, self._say = folder, set_material, say
         self._worn = worn
         self._seen: tuple[Any, ...] = ()
+        self._refused: tuple[Any, ...] = ()
         self._turn, self._closed = threading.RLock(), threading.Event()  # viser calls back where options are set
         with gui.add_folder(f"Run: {folder.name}", order=-1):
             hint = "by thousands of images, or rays, seen; the newest is followed"
@@ -61,8 +62,12 @@ class RunPanel:
             if (options := (NEWEST, *files)) != tuple(self._which.options):
                 self._which.options = options
             path = files.get(self._which.value, next(iter(files.values())))
-            if path != self._worn and self._set_material(path):
-                self._worn = path
+            tried = path, path.stat().st_mtime_ns
+            if path != self._worn and tried != self._refused:
+                if self._set_material(path):
+                    self._worn = path
+                else:
+                    self._refused = tried
             sheet = self._folder / "sheets" / f"{path.stem}.png"
             logs = (self._folder / "log.jsonl", self._folder / "evaluation.jsonl")
             seen = path, *((x.stat().st_mtime_ns, x.stat().st_size) if x.exists() else None for x in (sheet, *logs))

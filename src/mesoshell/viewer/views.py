@@ -106,7 +106,13 @@ class Views(ABC, Generic[PictureT]):
                 view.ask()
                 view.late = 0.0
             self._changed.notify_all()
-        self.say(("picture", eye), "")
+        for of in ("picture", "save"):
+            self.say((of, eye), "")
+
+    def knows(self, eye: Hashable) -> bool:
+        """Whether an eye looks, and is painted for."""
+        with self._changed:
+            return self._open and eye in self._views
 
     def picture(self, eye: Hashable) -> tuple[PictureT | None, bool]:
         """The last picture of an eye, and whether it shows what is wished for now. If not, that is of a moment ago."""
@@ -176,7 +182,8 @@ class Views(ABC, Generic[PictureT]):
                 self._show(eye)
             except Exception as fault:  # the page goes on, and says it
                 view.left = None
-                self.say(("picture", eye), fault_line(fault))
+                if self.knows(eye):
+                    self.say(("picture", eye), fault_line(fault))
 
 
 def fault_line(fault: Exception) -> str:

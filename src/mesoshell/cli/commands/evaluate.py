@@ -19,6 +19,7 @@ from mesoshell.measure.evaluation import FILE, evaluation
 from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.method import method_of
 from mesoshell.train.nerf_tex.network import NerfTexConfig
+from mesoshell.train.nerf_tex.seeds import SEED
 from mesoshell.train.report import write_report
 from mesoshell.train.run_config import RunConfig, flat, read_record, snapshots
 
@@ -62,7 +63,7 @@ def _check_parameters(begun: RunConfig, data: dict[str, Any], config: RunConfig,
     """Raise InputError unless the data vary the parameters that the run was begun with. data: of its record."""
     if not isinstance(config, GanConfig | NerfTexConfig):
         return
-    varied = list(dataset.manifest["parameters"])
+    varied = [name for name in dataset.manifest["parameters"] if name != SEED]
     if "fixed_parameters" in data:
         asked = [name for name in data["parameters"] if name not in data["fixed_parameters"]]
     else:  # an old record

@@ -65,7 +65,7 @@ class Capture:
         """A hash of the photographs."""
         sha = hashlib.sha256()
         for image in self.rgb:
-            sha.update(np.ascontiguousarray(image))
+            sha.update(np.ascontiguousarray(image).data)
         return sha.hexdigest()[:16]
 
     @property

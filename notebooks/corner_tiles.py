@@ -62,7 +62,7 @@ def show(ax, image, patches, title):
 PATCHES, PIXELS = 8, 32
 plane = picture(turf, PATCHES, PIXELS)
 middles = np.arange(PATCHES, dtype=np.float32) + 0.5
-looked_up = jax.vmap(partial(on_torus, turf.tiles, (0, 0)))(np.stack(np.meshgrid(middles, middles), -1).reshape(-1, 2))
+looked_up = jax.vmap(partial(on_torus, turf.tiles, None))(np.stack(np.meshgrid(middles, middles), -1).reshape(-1, 2))
 tile = np.floor(looked_up).astype(int).reshape(PATCHES, PATCHES, 2) @ [1, SIDE]
 
 

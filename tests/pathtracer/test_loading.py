@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
+from mesoshell.io.bundle import write_bundle
 from mesoshell.pathtracer import load
+from mesoshell.pathtracer.facts import distant
 from mesoshell.render.camera import pixel_radius
 from tests.helpers.path_traced import QUALITY, SIZE, loaded, placed, scene, sensor, shell
 
@@ -61,22 +63,17 @@ def test_pixels_of_parallel_rays_are_as_wide_everywhere(materials) -> None:
     assert np.isfinite(np.array(mi.render(made, spp=2))).all()
 
 
-def test_another_value_compiles_no_other_kernel(materials) -> None:
-    """Nor another size of the shells, or another sun."""
-
-    def kernels(age: float, thickness: float, down: float) -> set:
-        asked = {"thickness": thickness, "dryness": age}
-        made = loaded(scene(shell(materials, "rough", asked=asked), light=sun(down)))
-        dr.kernel_history_clear()
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.eval(mi.render(made, spp=2))
-            return {x["hash"] for x in dr.kernel_history([dr.KernelType.JIT])}
-
-    def sun(down: float) -> dict:
-        return {"type": "directional", "direction": [-0.3, 0.2, -down], "irradiance": 3.0 / down}
-
-    first = kernels(0.3, 1.0, 1.0)
-    assert first and kernels(0.7, 0.4, 0.5) == first
+def test_another_value_compiles_no_other_kernel(materials, tiled_bundle) -> None:
+    """Kernels read values, sizes, seeds and lights, and have none of them as constants."""
+    write_bundle(materials / "tiled.npz", tiled_bundle)
+    made = loaded(scene(shell(materials, "tiled", asked={"dryness": 0.3, "seed": 4})))
+    context = made.integrator().context
+    (material,) = context.media.materials
+    light = [x for vector in distant(made.emitters()[0]) for x in vector]
+    numbers = [context.extent, context.shells.size, *context.shells.centre, *material.first_tile, *light]
+    numbers += context.media._values.values()
+    assert len(numbers) > 12 and all(x.state == dr.VarState.Evaluated or dr.width(x) == 1 for x in numbers)
+    assert all(x.state != dr.VarState.Literal for x in numbers)
 
 
 def test_another_variant_is_said(materials, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -209,11 +209,12 @@ def command(given: Scene, scene: Scene, look: Look, engine: str, samples: int) -
     """The command line that makes a picture of so many samples a pixel. given: the scene as the viewer got it, of files
     and numbers; scene: what is shown. What is painted is in files NAME.exr, and a sky in one of its name."""
     assert isinstance(scene.camera, Camera)
-    assert isinstance(scene.mesh, Mesh)
     eye, back = scene.camera.to_world[:3, 3], scene.camera.to_world[:3, 2]
-    far = np.linalg.norm(bounding_box(scene.mesh).astype(np.float64).mean(axis=0) - eye)
+    far = 1.0  # a target next to an eye that is far from the origin would turn the view
+    if isinstance(scene.mesh, Mesh):
+        far = float(np.linalg.norm(bounding_box(scene.mesh).astype(np.float64).mean(axis=0) - eye))
     words = ["mesoshell", "render", str(given.mesh), "--material", given.material.name]
-    words += _option("camera", *eye, *(eye - max(float(far), 1e-9) * back), math.degrees(scene.camera.fov))
+    words += _option("camera", *eye, *(eye - max(far, 1e-9) * back), math.degrees(scene.camera.fov))
     words += _option("size", scene.camera.width, scene.camera.height)
     params, fields = _said(given, scene, look)
     latent = fields.pop("latent", None)

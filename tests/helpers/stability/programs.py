@@ -272,7 +272,9 @@ def _of_generators() -> Programs:
             _jitted(export._patch, c.generator, begun.generator, init_averages(c.generator), begun.decoder, 2)
             for c, begun in ((c, jax.eval_shape(lambda c=c: gan.start(c, KEY)).learner) for c in (GAN, PLANES))
         ],
-        "train.gan.snapshot._pictures": [_jitted(snapshot._pictures, GAN, (0, 0), state.learner, averages, SHOWN)],
+        "train.gan.snapshot._pictures": [
+            _jitted(snapshot._pictures, GAN, (0, 0), state.learner, averages, SHOWN, None)
+        ],
         "train.gan.snapshot._feature": [_jitted(snapshot._feature, GAN, 16, state.learner, averages, SHOWN)],
         "measure.equivariance._texture.made": [_plain(made, f(1, 4), phases)],
         "shell.generator.generator.map_latent": [_plain(map_latent, generator, f(1, 4), f(1, 1))],

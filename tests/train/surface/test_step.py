@@ -527,7 +527,7 @@ def test_scores_are_errors() -> None:
     # two patches of which one is answered right
     answers = iter([said(1.0, 0.625)(rows), said(2.0, 0.625)(rows)])
     first, _ = score(lambda x: next(answers), (rows, rows)).values()
-    spread = 1.96 * np.std([0, 1], ddof=1) / np.sqrt(2)
+    spread = 12.7062 * np.std([0, 1], ddof=1) / np.sqrt(2)  # of Student, by one degree of freedom
     np.testing.assert_allclose(first, [0.5, 0.5 - spread, 0.5 + spread], rtol=1e-5)
     dark = score(said(1.0, 0.0), (np.zeros((3, 16), np.float32),))
     assert all(np.isfinite(x).all() for x in dark.values())

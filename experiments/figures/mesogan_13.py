@@ -24,6 +24,7 @@ from mesoshell.train.run_config import read_record, snapshots
 
 #: Which of the nearest renders, from their end; pixels of a picture.
 SHOWN, SIDE, SCORE = (-1, -2), 128, "KID-EffLite0"
+NAMES = ("render", "made", "render", "made")
 
 
 def column(run: Path) -> tuple[str, list[Float[np.ndarray, "H W 3"]]]:
@@ -60,12 +61,16 @@ def enlarged(picture: Float[np.ndarray, "S S 4"]) -> Float[np.ndarray, "H W 4"]:
     return np.concatenate([tonemap(np.maximum(large[..., :3], 0)), large[..., 3:]], axis=2)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def compared(about: str | None) -> tuple[list[tuple[np.ndarray, ...]], tuple[str, ...]]:
+    """Rows of pictures, and titles, of the runs that the command line names. about: what `--help` says."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, nargs="+", help="folder of a run")
     titles, columns = zip(*map(column, parser.parse_args().run), strict=True)
-    names = ("render", "made", "render", "made")
-    draw("mesogan_13", list(zip(*columns, strict=True)), titles, names, wide=1.6)
+    return list(zip(*columns, strict=True)), titles
+
+
+def main() -> None:
+    draw("mesogan_13", *compared(__doc__), NAMES, wide=1.6)
 
 
 if __name__ == "__main__":

@@ -4,19 +4,12 @@ RUN: runs on the same renders, as long: of experiments/carpet.py, no_mip.py, no_
 of the nearest renders, and what each run's newest snapshot makes from the same camera. Scores: `mesoshell evaluate`.
 """
 
-import argparse
-from pathlib import Path
-
-from experiments.figures.mesogan_13 import column
+from experiments.figures.mesogan_13 import NAMES, compared
 from experiments.figures.sheet import draw
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, nargs="+", help="folder of a run")
-    titles, columns = zip(*map(column, parser.parse_args().run), strict=True)
-    names = ("render", "made", "render", "made")
-    draw("mesogan_table3", list(zip(*columns, strict=True)), titles, names, wide=1.6)
+    draw("mesogan_table3", *compared(__doc__), NAMES, wide=1.6)
 
 
 if __name__ == "__main__":

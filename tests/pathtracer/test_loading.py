@@ -8,11 +8,14 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+import mesoshell as ms
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import write_bundle
 from mesoshell.pathtracer import load
 from mesoshell.pathtracer.facts import distant
 from mesoshell.render.camera import pixel_radius
+from mesoshell.scene.materials import Material
+from tests.helpers import wearing
 from tests.helpers.path_traced import QUALITY, SIZE, loaded, placed, scene, sensor, shell
 
 
@@ -108,3 +111,12 @@ def test_a_tiny_scene_is_seen(materials) -> None:
     small, usual = (np.array(mi.render(x, spp=16))[..., 3].mean() for x in (made, large))
     assert usual > 0.1
     np.testing.assert_allclose(small, usual, rtol=0.05)
+
+
+def test_a_described_scene_may_be_tiny(tiny_bundle) -> None:
+    """Its camera stands nearer than a sensor of Mitsuba's usually sees."""
+    scene_ = ms.Scene(wearing.ball(1e-6), Material("tiny", tiny_bundle), size=(24, 24))
+    ours = ms.render(scene_, "draft").rgba[..., 3].mean()
+    theirs = ms.render(scene_, "draft", engine="mitsuba", spp=16).rgba[..., 3].mean()
+    assert ours > 0.1
+    np.testing.assert_allclose(theirs, ours, rtol=0.05)

@@ -18,6 +18,8 @@ FOLDER = Path(sys.argv[1])
 WIDTH, HEIGHT = 120, 90
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.mesh.primitive_monkey_add(location=(0.3, -0.2, 0.5), rotation=(0.4, 0.2, 0.9), size=1.6)
+bpy.context.object.name = "Monkey"
+bpy.context.object["mesoshell:material"], bpy.context.object["mesoshell:scale"] = "pelt", 0.25
 bpy.ops.mesh.primitive_cone_add(location=(-0.6, 0.7, -0.2), rotation=(0.1, 0.9, 0.0))
 lens = bpy.data.cameras.new("Camera")
 lens.lens, lens.sensor_fit = 40, "AUTO"
@@ -37,7 +39,9 @@ bpy.ops.render.render(write_still=True)
 view = {"to_world": [list(row) for row in camera.matrix_world], "fov": 2 * math.atan(36 * HEIGHT / WIDTH / 2 / 40)}
 (FOLDER / "view.json").write_text(json.dumps(view))
 for form, kind in (("GLB", "glb"), ("GLTF_SEPARATE", "gltf")):
-    bpy.ops.export_scene.gltf(filepath=str(FOLDER / f"head.{kind}"), export_format=form, export_cameras=True)
+    bpy.ops.export_scene.gltf(
+        filepath=str(FOLDER / f"head.{kind}"), export_format=form, export_cameras=True, export_extras=True
+    )
 for kind in ("usda", "usdc", "usdz"):
     bpy.ops.wm.usd_export(filepath=str(FOLDER / f"head.{kind}"))
 bpy.ops.wm.obj_export(filepath=str(FOLDER / "head.obj"))

@@ -75,6 +75,12 @@ def test_a_silhouette_is_blenders(folder: Path, tiny_bundle: Bundle, kind: str):
     assert (seen != mask).sum() <= 2  # a ray within rounding of an edge
 
 
+@pytest.mark.parametrize("kind", ["glb", "gltf", "usda", "usdc", "usdz"])
+def test_custom_properties_say_what_grows(folder: Path, kind: str):
+    (worn,) = read_scene_file(folder / f"head.{kind}").worn
+    assert worn.node.endswith("Monkey") and worn[1:] == ("pelt", {"scale": "0.25"})
+
+
 @pytest.mark.parametrize(
     ("stage", "seen"),
     [("sky.usda", "sky"), ("mapped.usdc", "sky"), ("upright.usda", "sky"), ("turned.usdz", "turned")],

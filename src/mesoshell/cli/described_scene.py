@@ -4,12 +4,12 @@ from dataclasses import fields
 from pathlib import Path
 
 from mesoshell.cli.checks import first_given, pairs_of
-from mesoshell.cli.grown import grown_of
+from mesoshell.cli.grown import PROPORTIONS, grown_of
 from mesoshell.cli.scene_options import SceneOptions
 from mesoshell.errors import Argument, InputError
 from mesoshell.render.quality import Quality
 from mesoshell.scene.defaults import SIZE
-from mesoshell.scene.materials import Material, load_material
+from mesoshell.scene.materials import Material
 from mesoshell.scene.picture import Prepared, Progress
 from mesoshell.scene.prepare import prepare
 from mesoshell.scene.scene import Scene
@@ -36,7 +36,7 @@ def prepare_with_bar(
     """The scene, ready to be rendered. samples: paths a pixel of a scene of Mitsuba's; None: as many as it says. progress: of
     growing a texture. shrink: whether the size's number of pixels is the most of a scene of Mitsuba's. Raises InputError."""
     if not is_mitsubas(options.mesh):
-        return prepare(scene_of(options, load_material(options.material)), quality, options.engine, progress)
+        return prepare(scene_of(options), quality, options.engine, progress)
     if options.engine != "mitsuba":
         raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
     given = first_given(options, {field.name for field in fields(SceneOptions)} - set(OF_XML))
@@ -52,19 +52,17 @@ def prepare_with_bar(
     return prepare_file(options.mesh, quality, samples, names, size)
 
 
-def scene_of(options: SceneOptions, material: Material) -> Scene:
-    """The scene that the options describe. Raises InputError for a parameter that has no value, or a further material that
-    cannot be used."""
+def scene_of(options: SceneOptions, material: Material | None = None) -> Scene:
+    """The scene that the options describe. material: in the place of the option's. Raises InputError for a parameter without a
+    value, or a material that cannot be used."""
     named = grown_of(options, material)
+    own = {name: getattr(options, name) for name in PROPORTIONS}
+    own = named.told | {name: value for name, value in own.items() if value is not None}
     return Scene(
         mesh=options.mesh,
-        material=material,
-        thickness=options.thickness,
-        growth=options.growth,
-        scale=options.scale,
+        material=named.material,
         params=named.params,
-        seed=options.seed,
-        latent=options.latent,
+        **own,
         size=options.size or SIZE,
         camera=options.camera,
         lights=options.light,

@@ -7,7 +7,8 @@ lent        all other weights of learner, weight average and discriminator, and 
 anew        the optimisers, and the counts of steps and images: these start from zero
 
 A run on textures has no such parameters. It begins with averaged weights: another run's, or a snapshot's, whose last layer has
-a and b folded into it, and is unfolded again.
+a and b folded into it, and is unfolded again. A run on pictures may begin with a snapshot too, of either kind of run, with the
+same parameters: generator and decoder are lent, and the discriminator begins anew.
 
 Both networks are lent, as by Wang et al., "Transferring GANs: generating images from limited data" (2018).
 """
@@ -23,11 +24,13 @@ import numpy as np
 
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import read_bundle
+from mesoshell.io.dataset import Dataset
 from mesoshell.nets.mlp import Dense
-from mesoshell.shell.generator.model import generator_model
+from mesoshell.shell.generator.model import GeneratorModel, generator_model
 from mesoshell.train.checkpoint import Checkpoints
+from mesoshell.train.export import declared_parameters
 from mesoshell.train.gan.state import GanConfig, Learner, TrainState, start
-from mesoshell.train.run_config import RunConfig, flat, read_record
+from mesoshell.train.run_config import RunConfig, flat, read_record, snapshots
 from mesoshell.train.textures import step as textures
 from mesoshell.train.textures import synthesis
 from mesoshell.train.textures.exemplars import ScaledExemplars
@@ -39,12 +42,14 @@ MAY_DIFFER = ("generator.betas", "discriminator.labels", "generator.precision", 
 
 
 def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
-    """A function that replaces the weights of a run's first state by those of the newest checkpoint in `folder`; for a run on
-    textures, `folder` may also be a snapshot. Raises InputError if it is no generator's run, has no checkpoint, or has other
-    networks, with the fields that differ."""
-    if isinstance(config, TexturesConfig) and folder.is_file():
-        return _of_snapshot(config, data, folder)
+    """A function that replaces the weights of a run's first state by those of the newest checkpoint in `folder`, which may also
+    be a snapshot; for a run on pictures also the folder of a run on textures, whose newest snapshot is taken. Raises InputError
+    if it is no generator's run, has no checkpoint, or has other networks, with the fields that differ."""
+    if isinstance(config, GanConfig | TexturesConfig) and folder.is_file():
+        return (_of_snapshot if isinstance(config, TexturesConfig) else _to_pictures)(config, data, folder)
     other, begun = read_record(folder)
+    if isinstance(config, GanConfig) and isinstance(other, TexturesConfig):
+        return _to_pictures(config, data, snapshots(folder)[-1][1])
     if type(config) is not type(other) or not isinstance(config, GanConfig | TexturesConfig):
         raise InputError(folder, "weights can be transferred only between generators' runs of the same method")
     if isinstance(config, TexturesConfig) and begun.get("digest") != data.manifest["digest"]:
@@ -68,14 +73,35 @@ def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any],
     return lambda fresh: fresh._replace(averages=old.averages, a=old.a, b=old.b, **lent)
 
 
-def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> Callable[[TexturesState], TexturesState]:
-    """The weights of a snapshot. The exemplars scale its decoder, so comparing decoders tells whether they are the same."""
-    maker = generator_model(read_bundle(path), str(path))
+def _to_pictures(config: GanConfig, data: Dataset, path: Path) -> Callable[[TrainState], TrainState]:
+    """Generator and decoder of a snapshot, for a run on pictures of the same parameters."""
+    bundle = read_bundle(path)
+    maker = _same_generator(config, generator_model(bundle, str(path)), path)
+    own, shown = declared_parameters(data.manifest), bundle.parameters
+    if [(p.name, p.role, p.range) for p in own] != [(p.name, p.role, p.range) for p in shown]:
+        names = [", ".join(p.name for p in some) or "none" for some in (shown, own)]
+        raise InputError(path, f"its parameters are {names[0]}, those of {data.folder} {names[1]}, or of other ranges")
+    fits = jax.eval_shape(lambda: start(config, jax.random.key(0))).learner.decoder
+    shapes = [[x.shape for x in jax.tree.leaves(decoder)] for decoder in (maker.decoder, fits)]
+    if shapes[0] != shapes[1] or maker.octaves != config.picture.octaves:
+        raise InputError(path, "its decoder is not this run's: trunk, head or picture.octaves differ")
+    lent = Learner(maker.generator, maker.decoder)
+    return lambda fresh: fresh._replace(learner=lent, smooth=jax.tree.map(jnp.copy, lent), averages=maker.averages)
+
+
+def _same_generator(config: GanConfig | TexturesConfig, maker: GeneratorModel, path: Path) -> GeneratorModel:
+    """The snapshot. Raises InputError if its generator is another one than the configuration's."""
     mine, theirs = asdict(config.generator), asdict(maker.config)
     differ = [k for k in mine if k != "precision" and mine[k] != theirs[k]]
     differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
     if differences:
         raise InputError(path, f"its generator is not this run's: {differences}")
+    return maker
+
+
+def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> Callable[[TexturesState], TexturesState]:
+    """The weights of a snapshot. The exemplars scale its decoder, so comparing decoders tells whether they are the same."""
+    maker = _same_generator(config, generator_model(read_bundle(path), str(path)), path)
     taught = zip(jax.tree.leaves(maker.decoder), jax.tree.leaves(data.decoder), strict=True)
     if not all(x.shape == y.shape and np.allclose(x, y, rtol=1e-3, atol=1e-4) for x, y in taught):
         raise InputError(path, f"its decoder is not that of {data.folder}, or was scaled by other exemplars")

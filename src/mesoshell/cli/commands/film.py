@@ -13,7 +13,6 @@ from mesoshell.film.mp4 import check_mp4
 from mesoshell.film.shoot import Film, plan_motion, shoot
 from mesoshell.io.atomic import probe_folder, probe_outputs
 from mesoshell.scene.defaults import SIZE
-from mesoshell.scene.materials import load_material
 from mesoshell.scene.prepare import quality_of
 
 
@@ -26,7 +25,7 @@ def run(options: Options) -> None:
         check_mp4(options.out, options.size or SIZE, options.fps, "--out")
         probe_outputs((options.out,))
     quality = quality_of(options.quality, options.engine, settings_of(options.set))
-    scene = scene_of(options, load_material(options.material))
+    scene = scene_of(options)
     keys = None if options.keys is None else read_keys(options.keys)
     motion = plan_motion(scene, options.orbit, options.dolly, options.far, keys, options.wind, options.fps)
     folder = options.out.with_suffix(".frames") if filmed else options.out

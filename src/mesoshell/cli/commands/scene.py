@@ -6,7 +6,6 @@ from mesoshell.cli.progress import say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_folder
 from mesoshell.render.quality import PRESETS
-from mesoshell.scene.materials import load_material
 from mesoshell.scene.mitsuba_xml import write_folder
 
 
@@ -17,7 +16,7 @@ def run(options: Options) -> None:
     if options.engine != "jax":
         raise InputError("--engine", "has no effect here: the scene is written for Mitsuba")
     probe_folder(options.out, "--out")
-    scene = scene_of(options, load_material(options.material))
+    scene = scene_of(options)
     path, notes = write_folder(scene, options.out, PRESETS[options.quality])
     say_notes(stderr(), notes)
     print(path)

@@ -9,7 +9,6 @@ from mesoshell.cli.options.stability import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import move_together, probe_outputs, replace_file
-from mesoshell.scene.materials import load_material
 from mesoshell.stability.examine import examine
 
 
@@ -22,7 +21,7 @@ def run(options: Options) -> None:
     probe_outputs(outputs)
     compiled_by("jax")
     with bar(stderr(), "checking") as progress:
-        scene = scene_of(options, load_material(options.material))
+        scene = scene_of(options)
         stability = examine(scene, options.rays, progress, options.engine)
     record = {"checks": [check.as_dict() for check in stability.checks]}
     with move_together(options.out) as folder:

@@ -32,7 +32,7 @@ def run(options: Options) -> None:
         raise InputError("view", "requires viser: pip install mesoshell[viewer]")
     from mesoshell.viewer.page import Page
 
-    objects = [x for x in (options.mesh, Path(options.material)) if _is_run(x) and _method(x) == OBJECTS]
+    objects = [x for x in (options.mesh, Path(options.material or "")) if _is_run(x) and _method(x) == OBJECTS]
     if objects:
         _show(_object_page(options, objects[0]))
         return
@@ -41,7 +41,7 @@ def run(options: Options) -> None:
     run = _run_of(options)
     if run is not None and run == options.mesh:
         options = replace(options, mesh=Path(str(resources.files("mesoshell") / "assets" / "spot.obj")))
-    scene, beside = scene_of(options, load_material(options.material if run is None else _newest(run))), None
+    scene, beside = scene_of(options, None if run is None else load_material(_newest(run))), None
     if options.beside is not None:
         other = load_material(options.beside)
         if other.kind == KIND and scene.also:
@@ -83,13 +83,12 @@ def _show(page: Any) -> None:
 
 def _run_of(options: Options) -> Path | None:
     """The folder of a run, in place of the mesh or of the material. Raises InputError if it is given with another material."""
-    mesh, material = (
-        _is_run(options.mesh),
-        options.material not in bundled_materials() and _is_run(Path(options.material)),
-    )
-    if mesh and options.material != Options.material:
-        raise InputError("--material", f"is the newest snapshot of {options.mesh}")
-    return options.mesh if mesh else Path(options.material) if material else None
+    name = options.material
+    if _is_run(options.mesh):
+        if name is not None:
+            raise InputError("--material", f"is the newest snapshot of {options.mesh}")
+        return options.mesh
+    return Path(name) if name is not None and name not in bundled_materials() and _is_run(Path(name)) else None
 
 
 def _is_run(folder: Path) -> bool:

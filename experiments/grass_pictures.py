@@ -1,0 +1,26 @@
+"""Pictures after textures: a generator and decoder that have learned fitted textures (`--transfer lawn.npz`) are taught further
+through the renderer, as the paper trains, at a low rate.
+"""
+
+from dataclasses import replace
+
+from mesoshell.train.gan.presets import SMALL
+from mesoshell.train.gan.state import GanConfig
+from mesoshell.train.textures.state import critic_config
+
+
+def variant(preset: GanConfig) -> GanConfig:
+    generator = replace(critic_config(preset).generator, precision="float32")
+    picture = replace(preset.picture, texels=generator.texels, height_rows=generator.height_rows)
+    return replace(
+        preset,
+        generator=generator,
+        picture=picture,
+        trunk=(64, 64, 64),
+        head=(64, 64),
+        generator_rate=2e-4,
+        near_kimg=0.5,
+    )
+
+
+config = variant(SMALL)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import trimesh
+from trimesh.exchange.gltf import export_gltf
 
 from mesoshell.cli.described_scene import scene_of
 from mesoshell.cli.options.render import Options
@@ -55,7 +56,7 @@ def gltf(folder: Path, **extras: dict[str, Any]) -> Path:
     for k, name in enumerate("ABC"):
         one = trimesh.Trimesh([[x + 2 * k, y, z] for x, y, z in corners], [[0, 1, 2]], process=False)
         scene.add_geometry(one, node_name=name, geom_name=name)
-    files = trimesh.exchange.gltf.export_gltf(scene, merge_buffers=True)
+    files = export_gltf(scene, merge_buffers=True)
     described = json.loads(files["model.gltf"])
     described["materials"] = [{"name": "Look"}]
     for node in described["nodes"]:

@@ -103,7 +103,9 @@ def shrunk(config: Any) -> RunConfig:
         return config
     return replace(
         config,
-        generator=replace(config.generator, channel_base=32, channel_max=4, channels=4, layers=4),
+        generator=replace(
+            config.generator, channel_base=2 * config.generator.texels, channel_max=4, channels=4, layers=4
+        ),
         discriminator=replace(config.discriminator, size=8, channel_base=32, channel_max=4),
     )
 
@@ -129,7 +131,15 @@ VARIANTS |= {
     "textures_patches",
     "weave_cosine",
 }
-VARIANTS |= {"atlas_nerf", "atlas_reflectance", "spheres_silhouette", "triplane", "weave_neumip", "nerf_tex_seed"}
+VARIANTS |= {
+    "grass_pictures",
+    "atlas_nerf",
+    "atlas_reflectance",
+    "spheres_silhouette",
+    "triplane",
+    "weave_neumip",
+    "nerf_tex_seed",
+}
 
 
 @pytest.mark.parametrize(

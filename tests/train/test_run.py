@@ -15,7 +15,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.image import read_png
 from mesoshell.io.pack import pack_dataset
-from mesoshell.train import run
+from mesoshell.train import run, transfer
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.gan.curriculum import adapt, renders
 from mesoshell.train.gan.state import GanConfig, TrainState
@@ -25,6 +25,7 @@ from mesoshell.train.nerf_tex.seeds import SEED
 from mesoshell.train.nerf_tex.seeds import adapt as adapt_nerf_tex
 from mesoshell.train.run import Diverged, train
 from mesoshell.train.run_config import keep_record, read_record
+from mesoshell.train.textures.state import TexturesConfig
 from mesoshell.train.transfer import transfer_from
 from tests.helpers import fog, small_step
 
@@ -157,6 +158,32 @@ def test_a_run_begins_with_anothers_weights_and_goes_on_with_its_own(data, whole
     assert read_record(tmp_path / "a")[1]["transfer"] == str(whole[1].resolve())
     with pytest.raises(InputError, match=r"data.transfer is .*whole, asked for .*/a$"):
         train(CONFIG, data, tmp_path / "a", transfer=tmp_path / "a")
+
+
+def test_a_run_on_pictures_begins_with_a_snapshot(data, whole, tmp_path, monkeypatch) -> None:
+    """Of its averaged weights: the discriminator is its own. Other networks and parameters are refused."""
+    state, path = whole[0], next((whole[1] / "snapshots").iterdir())
+    config, shown = adapt(CONFIG, data)
+    fresh = GAN.start(config, shown, jax.random.key(9))
+    lent = transfer_from(config, shown, path)(fresh)
+    for learner in (lent.learner, lent.smooth):
+        for own, given in zip(leaves(state.smooth), leaves(learner), strict=True):
+            np.testing.assert_array_equal(own, given)
+    for own, given in zip(leaves(fresh.discriminator), leaves(lent.discriminator), strict=True):
+        np.testing.assert_array_equal(own, given)
+    assert jax.tree.map(np.shape, lent) == jax.tree.map(np.shape, fresh) and int(lent.images) == 0
+    np.testing.assert_array_equal(lent.averages.magnitude[0], state.averages.magnitude[0])
+    on_textures = TexturesConfig(config.generator)
+    monkeypatch.setattr(transfer, "read_record", lambda folder: (on_textures, {}))
+    assert jax.tree.map(np.shape, transfer_from(config, shown, whole[1])(fresh)) == jax.tree.map(np.shape, fresh)
+    wider = replace(config, generator=replace(config.generator, w=16))
+    with pytest.raises(InputError, match="its generator is not this run's: w is 4, asked for 16"):
+        transfer_from(wider, shown, path)
+    with pytest.raises(InputError, match=r"its decoder is not this run's: trunk, head or picture\.octaves differ"):
+        transfer_from(replace(config, trunk=(5,)), shown, path)
+    others = {name: entry | {"range": [0.0, 9.0]} for name, entry in shown.manifest["parameters"].items()}
+    with pytest.raises(InputError, match=r"its parameters are .*, or of other ranges"):
+        transfer_from(config, replace(shown, manifest=shown.manifest | {"parameters": others}), path)
 
 
 def test_a_run_that_was_killed_before_its_first_checkpoint_begins_as_it_was_asked(

@@ -45,8 +45,10 @@ def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any],
     """A function that replaces the weights of a run's first state by those of the newest checkpoint in `folder`, which may also
     be a snapshot; for a run on pictures also the folder of a run on textures, whose newest snapshot is taken. Raises InputError
     if it is no generator's run, has no checkpoint, or has other networks, with the fields that differ."""
-    if isinstance(config, GanConfig | TexturesConfig) and folder.is_file():
-        return (_of_snapshot if isinstance(config, TexturesConfig) else _to_pictures)(config, data, folder)
+    if isinstance(config, TexturesConfig) and folder.is_file():
+        return _of_snapshot(config, data, folder)
+    if isinstance(config, GanConfig) and folder.is_file():
+        return _to_pictures(config, data, folder)
     other, begun = read_record(folder)
     if isinstance(config, GanConfig) and isinstance(other, TexturesConfig):
         return _to_pictures(config, data, snapshots(folder)[-1][1])

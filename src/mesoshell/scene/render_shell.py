@@ -44,7 +44,7 @@ SEEN = (np.arange(24) + 0.5) / 24
 def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
     """The scene, ready to be marched; from afar, its twin replaces the shell. progress: of growing a texture. Raises
     InputError."""
-    d = describe_shell(scene, progress)
+    d = describe_shell(scene, progress, seen=True)
     d, lamps = with_distant_lamps(d, [x.mesh for x in d.growths])
     notes = (*d.notes, *lamps)
     if any(part.growth is not None for part in (scene, *scene.also)):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from numbers import Integral
 from os import PathLike
 from typing import TypeVar
@@ -20,10 +21,21 @@ from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.lamp import Lamp, as_distant, fault_of
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
-from mesoshell.scene.growth import Growth, check_growth, faults_of, growth_of, surface_part, thickness_and_scale
+from mesoshell.scene.growth import (
+    Growth,
+    check_growth,
+    extruded,
+    faults_of,
+    grows,
+    growth_of,
+    surface_part,
+    thickness_and_scale,
+)
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.unpack import unpack
+from mesoshell.shell.geometry.chart import Seen
+from mesoshell.shell.geometry.join import join_shells
 from mesoshell.surface_material.scene import SurfaceDescription, SurfacePart
 
 #: Most irradiance or radiance: sums of it stay finite in float32.
@@ -58,12 +70,16 @@ class ShellDescription(Growth):
         return self, *self.others
 
 
-def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda share: None) -> ShellDescription:
-    """The description of a scene with neural shells. progress: of growing textures. Raises InputError."""
+def describe_shell(
+    scene: Scene, progress: Callable[[float], None] = lambda share: None, seen: bool = False
+) -> ShellDescription:
+    """The description of a scene with neural shells. progress: of growing textures; seen: whether only what its camera sees of
+    them must be grown. Raises InputError."""
     _check_values(scene)
     scene = unpack(scene)
     count, others, surfaces = 1 + len(scene.also), [], []
-    own = growth_of(scene, lambda share: progress(share / count))
+    sees = _seen(scene) if seen else {}
+    own = growth_of(scene, lambda share: progress(share / count), sees.get(0))
     meshes, notes = [own.mesh], [own.notes]
     for k, part in enumerate(scene.also, 1):
         with faults_of(part):
@@ -71,7 +87,7 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
                 surfaces.append(surface_part(part))
                 notes.append(surfaces[-1].mesh.notes)
             else:
-                others.append(growth_of(part, lambda share, k=k: progress((k + share) / count)))
+                others.append(growth_of(part, lambda share, k=k: progress((k + share) / count), sees.get(k)))
                 notes.append(others[-1].notes)
         meshes.append((surfaces if part.material.kind == KIND else others)[-1].mesh)
     up = up_axis(scene)
@@ -97,6 +113,25 @@ def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda shar
         lamps=lamps_of(scene),
         surfaces=tuple(surfaces),
     )
+
+
+def _seen(scene: Scene) -> dict[int, Seen]:
+    """What the camera sees of each part, 0 for the scene's own, if one is to be grown. Raises InputError."""
+    if not any(grows(part) for part in (scene, *scene.also)):
+        return {}
+    from mesoshell.shell.render.renderer import tables
+    from mesoshell.shell.render.seen import seen_by
+
+    made = {0: extruded(scene)}
+    for k, part in enumerate(scene.also, 1):
+        if part.material.kind != KIND:
+            with faults_of(part):
+                made[k] = extruded(part)
+    mesh, shell = join_shells(tuple((x.mesh, x.shell) for x in made.values()))
+    camera = camera_of(scene, [x.mesh for x in made.values()], up_axis(scene))
+    ends = np.cumsum([0, *(len(x.shell.faces) for x in made.values())]).tolist()
+    boundary, _ = tables(shell, mesh, tuple(mesh_of(x) for x in scene.objects))
+    return dict(zip(made, seen_by(camera, boundary, shell, list(pairwise(ends))), strict=True))
 
 
 def check_shell(scene: Scene) -> tuple[str, ...]:

@@ -283,7 +283,7 @@ def test_what_cannot_be_taken_is_said(tmp_path: Path):
 )
 def test_damaged_cameras_and_lights_are_one_line(tmp_path: Path, header: Any):
     path = written(tmp_path, header)
-    with pytest.raises(InputError, match="its cameras, lights or materials cannot be read: ") as raised:
+    with pytest.raises(InputError, match="its cameras or lights cannot be read: ") as raised:
         read_scene_file(path)
     assert str(raised.value).startswith(str(path)) and "\n" not in str(raised.value)
 

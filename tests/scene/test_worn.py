@@ -2,20 +2,27 @@
 attributes, both as Blender writes its custom properties."""
 
 import json
+import shlex
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from trimesh.exchange.gltf import export_gltf
 
 from mesoshell.cli.described_scene import scene_of
+from mesoshell.cli.grown import grown_of
 from mesoshell.cli.options.render import Options
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import Mesh
+from mesoshell.render.camera import Camera
 from mesoshell.scene.scene import Scene
-from mesoshell.scene.unpack import read_scene_file, unpack
+from mesoshell.scene.unpack import unpack
+from mesoshell.viewer.look import command, first_look
 
 SQUARE = """
     point3f[] points = [({0}, 0, 0), ({1}, 0, 0), ({1}, 1, 0), ({0}, 1, 0)]
@@ -75,6 +82,10 @@ def described(path: Path, **options: Any) -> Scene:
     return scene_of(Options(path, **options))
 
 
+def notes(path: Path) -> tuple[str, ...]:
+    return grown_of(Options(path)).notes
+
+
 def grown(scene: Scene) -> list[tuple[Any, ...]]:
     """Material, nodes, scale and parameters of each part."""
     return [(x.material.name, tuple(x.grow), x.scale, dict(x.params)) for x in (scene, *scene.also)]
@@ -123,15 +134,19 @@ def test_a_material_of_the_file_names_one_too(tmp_path: Path):
     """It counts more than its node, on which nothing is left to grow."""
     path = gltf(tmp_path, A={"mesoshell:material": "turf"}, Look={"mesoshell:material": "carpet"})
     assert grown(described(path)) == [("carpet", ("Look",), None, {})]
-    assert read_scene_file(path).notes == ("nothing is seen of what A would grow on",)
+    assert notes(path) == ("nothing is seen of what A would grow on",)
 
 
 def test_options_count_more(tmp_path: Path):
     path = usd(tmp_path, attributes(material="turf", scale=0.25), attributes(material="pelt", hue=0.1))
     head = ("pelt", ("/Body",), None, {"hue": "0.1"})
     assert grown(described(path, grow=("Hill=carpet",))) == [("carpet", ("Hill",), None, {}), head]
-    assert grown(described(path, grow=("/Hill",))) == [("grass", ("/Hill",), None, {}), head]
-    assert grown(described(path, material="fur"))[0] == ("fur", (), None, {})  # on what is not named
+    assert grown(described(path, grow=("/Hill",))) == [("grass", ("/Hill",), None, {})]
+    assert grown(described(path, material="fur")) == [("fur", (), None, {})]
+    assert grown(described(path, material="fur", grow=("/Hill", "Body=pelt"))) == [
+        ("fur", ("/Hill",), None, {}),
+        ("pelt", ("Body",), None, {}),
+    ]
     values = described(path, scale=0.5, param=("age=0.2", "/Body:hue=0.9", "pelt:value=0.3"))
     assert grown(values) == [("turf", ("/Hill",), 0.5, {"age": "0.2"}), (*head[:3], {"value": "0.3", "hue": "0.9"})]
 
@@ -143,7 +158,7 @@ def test_several_prims_of_one_material_are_one_mesh_unless_one_has_values(tmp_pa
 
 
 def test_files_lie_beside_the_stage(tmp_path: Path, monkeypatch):
-    (tmp_path / "comb.png").write_bytes(b"")
+    Image.new("L", (2, 2)).save(tmp_path / "comb.png")
     path = usd(tmp_path, attributes(material="carpet", lean_angle="comb.png"))
     monkeypatch.chdir("/")
     assert described(path).params == {"lean_angle": str(tmp_path / "comb.png")}
@@ -153,7 +168,7 @@ def test_what_is_hidden_is_said(tmp_path: Path):
     hidden = 'token visibility = "invisible"\n'
     path = usd(tmp_path, attributes(material="turf"), hidden + attributes(material="pelt"))
     assert grown(described(path)) == [("turf", ("/Hill",), None, {})]
-    assert read_scene_file(path).notes == ("nothing is seen of what /Body would grow on",)
+    assert notes(path) == ("nothing is seen of what /Body would grow on",)
 
 
 def test_a_file_without_any_is_grown_as_before(tmp_path: Path):
@@ -169,17 +184,72 @@ def test_a_file_without_any_is_grown_as_before(tmp_path: Path):
         ({"material": "turf", "scale": True}, "/Hill: mesoshell:scale is neither a text nor a number: True"),
         ({"material": "turf", "scale": "big"}, "/Hill:scale must be a number, not big"),
         ({"material": "turf", "length": 0.5}, "/Hill: turf has no 'length'; it has age, thickness"),
+        ({"material": "turf", "thickness": -1}, "/Hill: thickness must be above 0, not -1"),
+        ({"material": "turf", "age": 9}, "/Hill: age=9 lies outside [0, 1]"),
+        ({"material": "turf", "age": "old.png"}, "/Hill: age=old.png is neither a number nor an image file"),
     ],
 )
 def test_faults_name_the_file_and_the_prim(tmp_path: Path, values: dict[str, Any], fault: str):
     path = usd(tmp_path, attributes(**values))
     with pytest.raises(InputError) as raised:
-        unpack(replace(described(path), size=(8, 8)))
+        described(path)
     assert str(raised.value).startswith(f"{path}: {fault}")
+    assert grown(described(path, grow=("Hill=fur",)))[0] == ("grass", (), None, {})  # an option counts instead
 
 
 def test_one_name_of_two_nodes_says_one_thing(tmp_path: Path):
     path = gltf(tmp_path, A={"mesoshell:material": "turf"}, B={"mesoshell:material": "pelt"})
     path.write_text(path.read_text().replace('"name": "B"', '"name": "A"'))
-    with pytest.raises(InputError, match="A: several nodes have this name, and attributes that differ"):
-        read_scene_file(path)
+    with pytest.raises(InputError, match="A: several have this name, and attributes that differ"):
+        described(path)
+
+
+def test_what_has_no_name_grows_nothing(tmp_path: Path):
+    path = gltf(tmp_path, Look={"mesoshell:material": "turf"})
+    path.write_text(path.read_text().replace('"name": "Look", ', ""))
+    assert grown(described(path)) == [("grass", (), None, {})]
+    assert notes(path) == ("nothing is seen of what what has no name would grow on",)
+
+
+def test_values_of_a_stage(tmp_path: Path):
+    """A pair of numbers, a file as an asset; without a value, or as a relationship, there is none."""
+    Image.new("L", (2, 2)).save(tmp_path / "comb.png")
+    hill = attributes(material="carpet", lean_angle="comb.png") + "custom double2 mesoshell:latent = (8, 0.5)\n"
+    hill += (
+        "custom double mesoshell:scale\nrel mesoshell:like = </Post>\ncustom asset mesoshell:growth = @./comb.png@\n"
+    )
+    scene = described(usd(tmp_path, hill, "custom string mesoshell:material = None\n"))
+    assert grown(scene) == [("carpet", ("/Hill",), None, {"lean_angle": str(tmp_path / "comb.png")})]
+    assert scene.latent == (8, 0.5) and scene.growth == str(tmp_path / "comb.png")
+
+
+def test_subsets_and_copies_have_the_nearest_name(tmp_path: Path):
+    """A mesh of which subsets leave nothing; a prototype, which stands nowhere itself, and its material, which does."""
+    kinds = (
+        f'def Mesh "Kind" ( prepend apiSchemas = ["MaterialBindingAPI"] )\n{{\n{attributes(material="fur")}{square(0)}'
+    )
+    kinds += "rel material:binding = </Lawn>\n}\n"
+    field = 'def PointInstancer "Field"\n{\nrel prototypes = [</Field/Kind>]\nint[] protoIndices = [0]\n'
+    field += f"point3f[] positions = [(8, 0, 0)]\n{kinds}}}\n"
+    path = usd(tmp_path, attributes(material="turf"), "", attributes(material="carpet"), field)
+    path.write_text(path.read_text().replace("int[] indices = [0]", "int[] indices = [0, 1]"))
+    assert grown(described(path)) == [("carpet", ("/Lawn",), None, {})]
+    assert notes(path) == ("nothing is seen of what /Hill, /Field/Kind would grow on",)
+    still = unpack(described(path))
+    assert isinstance(still.mesh, Mesh) and len(still.mesh.faces) == 4 and still.mesh.vertices[:, 0].max() == 9
+
+
+def test_a_viewers_command_names_the_same_scene(tmp_path: Path):
+    path = usd(tmp_path, attributes(material="turf", scale=0.25), attributes(material="pelt", hue=0.1, scale=0.5))
+    scene = described(path)
+    given = replace(
+        scene, also=[replace(x, params={k: float(str(v)) for k, v in x.params.items()}) for x in scene.also]
+    )
+    words = command(given, replace(given, camera=Camera(np.eye(4), 0.7, 8, 8), up="y"), first_look(given), "jax", 4)
+    read = {
+        name: tuple(b for a, b in pairwise(shlex.split(words)) if a == f"--{name}")
+        for name in ("grow", "param", "material")
+    }
+    (material,) = read.pop("material")
+    again = described(path, material=material, **read, scale=0.25)
+    assert [x[:3] for x in grown(again)] == [x[:3] for x in grown(scene)] and again.also[0].params["hue"] == "0.1"

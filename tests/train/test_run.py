@@ -173,9 +173,14 @@ def test_a_run_on_pictures_begins_with_a_snapshot(data, whole, tmp_path, monkeyp
         np.testing.assert_array_equal(own, given)
     assert jax.tree.map(np.shape, lent) == jax.tree.map(np.shape, fresh) and int(lent.images) == 0
     np.testing.assert_array_equal(lent.averages.magnitude[0], state.averages.magnitude[0])
-    on_textures = TexturesConfig(config.generator)
-    monkeypatch.setattr(transfer, "read_record", lambda folder: (on_textures, {}))
-    assert jax.tree.map(np.shape, transfer_from(config, shown, whole[1])(fresh)) == jax.tree.map(np.shape, fresh)
+    run_of_textures = tmp_path / "textures" / "snapshots"  # an older snapshot, then this one
+    run_of_textures.mkdir(parents=True)
+    (run_of_textures / "000000004.npz").write_bytes(b"another")
+    shutil.copy(path, run_of_textures / "000000008.npz")
+    monkeypatch.setattr(transfer, "read_record", lambda folder: (TexturesConfig(config.generator), {}))
+    newest = transfer_from(config, shown, run_of_textures.parent)(fresh)
+    for own, given in zip(leaves(lent.learner), leaves(newest.learner), strict=True):
+        np.testing.assert_array_equal(own, given)
     wider = replace(config, generator=replace(config.generator, w=16))
     with pytest.raises(InputError, match="its generator is not this run's: w is 4, asked for 16"):
         transfer_from(wider, shown, path)

@@ -133,9 +133,9 @@ def train(
     """Train as `mesoshell train` does; a run that was stopped goes on from its folder.
 
     config: an experiment's file, or its `config`; data: a dataset's folder, a file of exemplars, or either as it was read.
-    preset: the file's experiment at another size; kimg: another length, thousands of images; transfer: a run whose weights this
-    one begins with; parallel: how a step is spread over devices. Raises InputError, which names the argument or the file at
-    fault; train.run.Diverged if something is not finite.
+    preset: the file's experiment at another size; kimg: another length, thousands of images; transfer: a run, or a snapshot,
+    whose weights this one begins with; parallel: how a step is spread over devices. Raises InputError, which names the argument
+    or the file at fault; train.run.Diverged if something is not finite.
     """
     if preset not in (None, *PRESETS):
         raise InputError(Argument("preset"), f"must be one of {', '.join(PRESETS)}, not {preset}")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from mesoshell.cli.checks import first_given, pairs_of
 from mesoshell.cli.grown import PROPORTIONS, grown_of
+from mesoshell.cli.progress import say_notes, stderr
 from mesoshell.cli.scene_options import SceneOptions
 from mesoshell.errors import Argument, InputError
 from mesoshell.render.quality import Quality
@@ -56,6 +57,7 @@ def scene_of(options: SceneOptions, material: Material | None = None) -> Scene:
     """The scene that the options describe. material: in the place of the option's. Raises InputError for a parameter without a
     value, or a material that cannot be used."""
     named = grown_of(options, material)
+    say_notes(stderr(), named.notes)
     own = {name: getattr(options, name) for name in PROPORTIONS}
     own = named.told | {name: value for name, value in own.items() if value is not None}
     return Scene(

@@ -3,14 +3,13 @@
 WHAT is a material, for all meshes that have it; or a node, or a file by its stem, for that one alone. A file whose stem names
 something else too is WHAT as it was given; several nodes of one material are one mesh, unless WHAT is one of them.
 
-A node of the file that names its material itself (scene/file_scene) is a NODE=MATERIAL, unless an option names that node. Then
-the first NODE=MATERIAL, of options before the file's, is the scene's own if no option says which that is.
+Where no option says what the scene's own material is, or where it grows, each node of the file that names its material itself
+(scene/worn) is a NODE=MATERIAL too, unless an option names that node; and the first of all these is the scene's own.
 """
 
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,12 +17,12 @@ from typing import Any, NamedTuple
 from mesoshell.cli.checks import pairs_of
 from mesoshell.cli.scene_options import SceneOptions
 from mesoshell.errors import InputError
-from mesoshell.geometry.read import file_of
+from mesoshell.io.material import parameter_vector
 from mesoshell.io.surface import KIND
-from mesoshell.scene.file_scene import Worn
-from mesoshell.scene.materials import Material, load_material
+from mesoshell.scene.materials import Material, load_material, read_params
 from mesoshell.scene.scene import Grown
-from mesoshell.scene.unpack import is_scene_file, read_scene_file
+from mesoshell.scene.unpack import is_scene_file
+from mesoshell.scene.worn import Worn, read_worn
 
 #: What grows where neither an option nor the scene's file says.
 DEFAULT = "grass"
@@ -48,7 +47,7 @@ PROPORTIONS: dict[str, tuple[Callable[[str], Any], str]] = {
 
 
 class Named(NamedTuple):
-    """Fields of a Scene; told: what its file says of its own material, by PROPORTIONS."""
+    """Fields of a Scene, and notes; told: what its file says of its own material, by PROPORTIONS."""
 
     material: Material
     grow: tuple[str, ...]
@@ -56,6 +55,7 @@ class Named(NamedTuple):
     params: dict[str, Any]
     also: tuple[Grown, ...]
     told: dict[str, Any]
+    notes: tuple[str, ...] = ()
 
 
 def grown_of(options: SceneOptions, material: Material | None = None) -> Named:
@@ -78,9 +78,12 @@ def grown_of(options: SceneOptions, material: Material | None = None) -> Named:
             bare.append(path)
         else:
             files.append((Path(file), name))
-    worn = _worn(options.mesh, {*own, *(node for some in nodes.values() for node in some)}, loaded)
+    worn, notes = [], ()
+    if material is None and not own and is_scene_file(options.mesh):
+        worn, notes = read_worn(options.mesh, {node for some in nodes.values() for node in some})
     for x in worn:
         nodes.setdefault(x.material, []).append(x.node)
+        loaded[x.material] = loaded.get(x.material) or _loaded(x, options.mesh)
     materials = dict.fromkeys([*nodes, *(name for _, name in files)])
     known = [node for some in nodes.values() for node in some if node not in materials]
     stems = Counter([*materials, *known, *(file.stem for file, _ in files)])
@@ -97,28 +100,21 @@ def grown_of(options: SceneOptions, material: Material | None = None) -> Named:
         also += [_grown(None, loaded[name], given, told.get(node), grow=(node,), name=node) for node in apart]
     for (file, name), of in zip(files, called, strict=True):
         also.append(_grown(file, loaded[name], given, name=of))
-    if worn and material is None and not own:
+    if worn:
         shells = [k for k, x in enumerate(also) if x.mesh is None and x.material.kind != KIND]
         first = also.pop(min(shells, default=0))
         fields = {name: getattr(first, name) for name in PROPORTIONS}
-        return Named(first.material, tuple(first.grow), tuple(bare), {**first.params, **params}, tuple(also), fields)
+        params = {**first.params, **params}
+        return Named(first.material, tuple(first.grow), tuple(bare), params, tuple(also), fields, notes)
     material = material or loaded.get(DEFAULT) or load_material(DEFAULT)
-    return Named(material, tuple(own), tuple(bare), params, tuple(also), {})
+    return Named(material, tuple(own), tuple(bare), params, tuple(also), {}, notes)
 
 
-def _worn(mesh: Path, named: set[str], loaded: dict[str, Material]) -> list[Worn]:
-    """The nodes of a scene's file that name their materials, which are loaded. named: by options, as prims may be by their path
-    or their name: they are left out."""
-    worn: list[Worn] = []
-    with suppress(InputError):  # of a file that cannot be read: what reads its meshes says so
-        inside = read_scene_file(file_of(mesh)).worn if is_scene_file(mesh) else ()
-        worn = [x for x in inside if not named & {x.node, x.node.rpartition("/")[2] if x.node[0] == "/" else x.node}]
-    for node, name, _ in worn:
-        try:
-            loaded[name] = loaded.get(name) or load_material(name)
-        except InputError as fault:
-            raise InputError(mesh, f"{node}: {fault}") from fault
-    return worn
+def _loaded(worn: Worn, mesh: Path) -> Material:
+    try:
+        return load_material(worn.material)
+    except InputError as fault:
+        raise InputError(mesh, f"{worn.node}: {fault}") from fault
 
 
 def _told(worn: Worn, material: Material, mesh: Path) -> dict[str, Any]:
@@ -129,6 +125,15 @@ def _told(worn: Worn, material: Material, mesh: Path) -> dict[str, Any]:
     for key in (key for key in told["params"] if key not in material.parameters):
         has = ", ".join([*material.parameters, *PROPORTIONS])
         raise InputError(mesh, f"{worn.node}: {worn.material} has no {key!r}; it has {has}")
+    for key in ("scale", "thickness"):
+        if not 0 < told.get(key, 1.0) < float("inf"):
+            raise InputError(mesh, f"{worn.node}: {key} must be above 0, not {told[key]:g}")
+    try:
+        if told["params"]:
+            numbers, _ = read_params(material.shell, told["params"])
+            parameter_vector(material.shell, numbers)
+    except InputError as fault:
+        raise InputError(mesh, f"{worn.node}: {fault.fault}") from fault
     return told
 
 

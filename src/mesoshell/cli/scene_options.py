@@ -34,11 +34,10 @@ class SceneOptions:
     mesh: tyro.conf.Positional[Path]
     #: Name of a glTF file's node or material, or path of a USD stage's prim or subset, that the material grows on; may be
     #: repeated. The file's other meshes become objects, in their materials' colours or images. NODE=MATERIAL grows another
-    #: material on it. Default: every mesh that no NODE=MATERIAL names, or, without --material, the nodes that name a material
-    #: themselves, by an attribute `mesoshell:material`.
+    #: material on it. Default: every mesh that no NODE=MATERIAL names.
     grow: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    #: A bundled material's name, or a .npz file, or the folder of a large texture. Default: what the nodes of a glTF file or a
-    #: USD stage name by their attributes `mesoshell:material`; else grass.
+    #: A bundled material's name, or a .npz file, or the folder of a large texture. Default: grass; but where nodes of a glTF
+    #: file or prims of a USD stage name materials by `mesoshell:material`, each has its own, and the others none.
     material: str | None = None
     #: NAME=VALUE, or NAME=IMAGE to vary it over the UV square (grey; black to white spans its range); may be repeated. A
     #: generator also varies geometry: an image of a carpet's lean angle combs it. MATERIAL:NAME=VALUE is for a further

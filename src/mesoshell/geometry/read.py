@@ -76,10 +76,7 @@ def read_nodes(
     path = file_of(path)
     with _one_line(path):
         parts = _parts(path, apart=True)
-        owners = {owner for part in parts for owner in part.names}
-        called = [
-            [*(x for x in part.material if x not in owners), *part.names] for part in parts
-        ]  # most specific first
+        called = _called(parts)
         present = sorted({name for names in called for name in names})
         group_of: dict[str, int] = {}
         for k, names in enumerate(groups):
@@ -100,6 +97,21 @@ def read_nodes(
         rest = [_worn(part) for part, own in zip(parts, chosen, strict=True) if own < 0 and len(part.arrays[1])]
         looks = dict.fromkeys(part.look for part in rest)
         return meshes, [(join_arrays([part.arrays for part in rest if part.look == look]), look) for look in looks]
+
+
+def names_of_parts(path: str | PathLike[str]) -> list[list[str]]:
+    """The names by which something may grow on each part of a glTF file's or a USD stage's meshes, as `read_nodes` takes them,
+    of which the first that is given counts. Raises InputError, in one line, if it cannot be read."""
+    path = file_of(path)
+    with _one_line(path):
+        parts = _parts(path, apart=True)
+        return [names for names, part in zip(_called(parts), parts, strict=True) if len(part.arrays[1])]
+
+
+def _called(parts: Sequence[Part]) -> list[list[str]]:
+    """The names of each part, the nearest first."""
+    owners = {owner for part in parts for owner in part.names}
+    return [[*(x for x in part.material if x not in owners), *part.names] for part in parts]
 
 
 def up_of_collada(path: str | PathLike[str]) -> str:

@@ -190,18 +190,6 @@ class _Walk:
         return _Bound([str(bound.GetPath()), bound.GetPrim().GetName()], look)
 
 
-def names_of(prim: Any, time: Any) -> Iterator[list[str]]:
-    """Paths by which each part of a Mesh or an instancer that is seen may be named, the nearest first: of its material, its
-    subset, the prim, and those above it."""
-    UsdGeom, UsdShade = pxr("UsdGeom"), pxr("UsdShade")
-    if (prim.IsA(UsdGeom.Mesh) or prim.IsA(UsdGeom.PointInstancer)) and _is_seen(prim, time):
-        above = _names(prim)[::2]
-        for part in (prim, *(x.GetPrim() for x in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Imageable(prim)))):
-            bound = UsdShade.MaterialBindingAPI(part).ComputeBoundMaterial(UsdShade.Tokens.preview)[0]
-            subset = [] if part == prim else [str(part.GetPath())]
-            yield [*([str(bound.GetPath())] if bound else []), *subset, *above]
-
-
 def _is_seen(prim: Any, time: Any, root: Any = None) -> bool:
     """Whether a prim is visible up to a root, and neither a guide nor a proxy."""
     return is_visible(prim, time, root) and pxr("UsdGeom").Imageable(prim).ComputePurpose() in SEEN

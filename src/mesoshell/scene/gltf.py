@@ -11,7 +11,6 @@ Sources: glTF 2.0, sections 3.5 and 3.10; KHR_lights_punctual.
 
 import json
 from collections.abc import Iterator
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mesoshell.render.lamp import Lamp
-from mesoshell.scene.file_scene import FileScene, Worn, frame_of, lamp_fault, sun_of, worn_of
+from mesoshell.scene.file_scene import FileScene, frame_of, lamp_fault, sun_of
 
 LUX = 683.0
 LIGHTS, INSTANCES = "KHR_lights_punctual", "EXT_mesh_gpu_instancing"
@@ -30,13 +29,10 @@ FAINT = 0.05
 
 def read_file_scene(path: str | PathLike[str]) -> FileScene:
     """What a glTF file says. Raises ValueError and its like if it is damaged there."""
-    header = _header(Path(path))
-    worn, notes = _worn(header, Path(path))
-    inside = _file_scene(header)
-    return replace(inside, worn=worn, notes=(*inside.notes, *notes))
+    return _file_scene(header_of(Path(path)))
 
 
-def _header(path: Path) -> dict[str, Any]:
+def header_of(path: Path) -> dict[str, Any]:
     """The JSON of a file."""
     with path.open("rb") as file:
         if path.suffix.lower() == ".glb":
@@ -48,8 +44,7 @@ def _header(path: Path) -> dict[str, Any]:
 def _file_scene(header: dict[str, Any]) -> FileScene:
     cameras, suns, lamps, others, notes = [], [], [], [], []
     lights = header.get("extensions", {}).get(LIGHTS, {}).get("lights", [])
-    for k, to_world in _nodes(header):
-        node = header["nodes"][k]
+    for node, to_world in _nodes(header):
         if "camera" in node:
             camera = header["cameras"][node["camera"]]
             name = str(node.get("name", camera.get("name", "a camera")))
@@ -90,27 +85,6 @@ def _file_scene(header: dict[str, Any]) -> FileScene:
     return FileScene(camera, aspect, tuple(suns), tuple(notes), lamps=tuple(lamps))
 
 
-def _worn(header: dict[str, Any], path: Path) -> tuple[tuple[Worn, ...], list[str]]:
-    """The nodes and materials whose `extras` name a material that grows on them, where something shows them; and notes."""
-    nodes, meshes, materials = (header.get(name, []) for name in ("nodes", "meshes", "materials"))
-    names = [str(x.get("name", f"node {k}")) for k, x in enumerate(nodes)]
-    looks = [str(x.get("name", "")) for x in materials]
-    above = {child: k for k, x in enumerate(nodes) for child in x.get("children", [])}
-
-    def seen() -> Iterator[list[str]]:
-        for k, _ in _nodes(header):
-            chain: list[int] = [k]
-            while (up := above.get(chain[-1])) is not None and up not in chain:
-                chain.append(up)
-            for primitive in meshes[nodes[k]["mesh"]]["primitives"] if "mesh" in nodes[k] else []:
-                look = [looks[primitive["material"]]] if "material" in primitive else []
-                yield [*(x for x in look if x not in names), *(names[k] for k in chain)]
-
-    extras = [x.get("extras") for x in (*nodes, *materials)]
-    named = zip([*names, *looks], extras, strict=True)
-    return worn_of([(name, x) for name, x in named if isinstance(x, dict)], seen(), path)
-
-
 def _unread(header: dict[str, Any]) -> list[str]:
     """What moves or repeats meshes in a file, and is not read."""
     nodes, meshes = header.get("nodes", []), header.get("meshes", [])
@@ -122,8 +96,8 @@ def _unread(header: dict[str, Any]) -> list[str]:
     return [what for what, there in found.items() if there]
 
 
-def _nodes(header: dict[str, Any]) -> Iterator[tuple[int, Float[np.ndarray, "4 4"]]]:
-    """The number of each node of the file's scene once, parents first, and its frame in the world."""
+def _nodes(header: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Float[np.ndarray, "4 4"]]]:
+    """Each node of the file's scene once, parents first, and its frame in the world."""
     nodes, scenes = header.get("nodes", []), header.get("scenes", [])
     roots = scenes[header.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
     waiting, seen = [(k, np.eye(4)) for k in reversed(roots)], set()
@@ -133,7 +107,7 @@ def _nodes(header: dict[str, Any]) -> Iterator[tuple[int, Float[np.ndarray, "4 4
             continue
         seen.add(k)
         to_world = parent @ _transform(nodes[k])
-        yield k, to_world
+        yield nodes[k], to_world
         waiting += [(child, to_world) for child in reversed(nodes[k].get("children", []))]
 
 

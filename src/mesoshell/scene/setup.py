@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from numbers import Integral
 from os import PathLike
 from typing import TypeVar
@@ -35,7 +34,7 @@ from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.unpack import unpack
 from mesoshell.shell.geometry.chart import Seen
-from mesoshell.shell.geometry.join import join_shells
+from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.surface_material.scene import SurfaceDescription, SurfacePart
 
 #: Most irradiance or radiance: sums of it stay finite in float32.
@@ -45,6 +44,8 @@ NEAR = 0.1
 #: Share of all lamps' light that engine jax may leave out, of the faintest; places at which their light is measured.
 DIM, PLACES = 1e-3, 1024
 
+#: Of a camera, what grows, and objects: which patches it sees of each.
+Sees = Callable[[Camera, tuple[tuple[Mesh, Shell], ...], tuple[Mesh, ...]], list[Seen]]
 DescriptionT = TypeVar("DescriptionT", "ShellDescription", SurfaceDescription)
 
 
@@ -71,15 +72,15 @@ class ShellDescription(Growth):
 
 
 def describe_shell(
-    scene: Scene, progress: Callable[[float], None] = lambda share: None, seen: bool = False
+    scene: Scene, progress: Callable[[float], None] = lambda share: None, sees: Sees | None = None
 ) -> ShellDescription:
-    """The description of a scene with neural shells. progress: of growing textures; seen: whether only what its camera sees of
-    them must be grown. Raises InputError."""
+    """The description of a scene with neural shells. progress: of growing textures; sees: tells which of their patches must be.
+    Raises InputError."""
     _check_values(scene)
     scene = unpack(scene)
     count, others, surfaces = 1 + len(scene.also), [], []
-    sees = _seen(scene) if seen else {}
-    own = growth_of(scene, lambda share: progress(share / count), sees.get(0))
+    seen = {} if sees is None else _seen(scene, sees)
+    own = growth_of(scene, lambda share: progress(share / count), seen.get(0))
     meshes, notes = [own.mesh], [own.notes]
     for k, part in enumerate(scene.also, 1):
         with faults_of(part):
@@ -87,7 +88,7 @@ def describe_shell(
                 surfaces.append(surface_part(part))
                 notes.append(surfaces[-1].mesh.notes)
             else:
-                others.append(growth_of(part, lambda share, k=k: progress((k + share) / count), sees.get(k)))
+                others.append(growth_of(part, lambda share, k=k: progress((k + share) / count), seen.get(k)))
                 notes.append(others[-1].notes)
         meshes.append((surfaces if part.material.kind == KIND else others)[-1].mesh)
     up = up_axis(scene)
@@ -115,23 +116,18 @@ def describe_shell(
     )
 
 
-def _seen(scene: Scene) -> dict[int, Seen]:
+def _seen(scene: Scene, sees: Sees) -> dict[int, Seen]:
     """What the camera sees of each part, 0 for the scene's own, if one is to be grown. Raises InputError."""
     if not any(grows(part) for part in (scene, *scene.also)):
         return {}
-    from mesoshell.shell.render.renderer import tables
-    from mesoshell.shell.render.seen import seen_by
-
     made = {0: extruded(scene)}
     for k, part in enumerate(scene.also, 1):
         if part.material.kind != KIND:
             with faults_of(part):
                 made[k] = extruded(part)
-    mesh, shell = join_shells(tuple((x.mesh, x.shell) for x in made.values()))
     camera = camera_of(scene, [x.mesh for x in made.values()], up_axis(scene))
-    ends = np.cumsum([0, *(len(x.shell.faces) for x in made.values())]).tolist()
-    boundary, _ = tables(shell, mesh, tuple(mesh_of(x) for x in scene.objects))
-    return dict(zip(made, seen_by(camera, boundary, shell, list(pairwise(ends))), strict=True))
+    grown, objects = tuple((x.mesh, x.shell) for x in made.values()), tuple(mesh_of(x) for x in scene.objects)
+    return dict(zip(made, sees(camera, grown, objects), strict=True))
 
 
 def check_shell(scene: Scene) -> tuple[str, ...]:

@@ -55,7 +55,7 @@ def read_scene_file(path: str | PathLike[str]) -> FileScene:
         TypeError,
         ValueError,
     ) as fault:
-        raise InputError(path, f"its cameras, lights or materials cannot be read: {fault!r}") from fault
+        raise InputError(path, f"its cameras or lights cannot be read: {fault!r}") from fault
 
 
 def unpack(scene: Scene) -> Scene:

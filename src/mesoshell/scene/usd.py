@@ -13,17 +13,16 @@ Sources: OpenUSD's documentation of UsdGeomCamera, UsdLuxDistantLight and UsdLux
 """
 
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from mesoshell.geometry.read_usd import is_visible, matrix, names_of, open_stage, prims, pxr
+from mesoshell.geometry.read_usd import is_visible, matrix, open_stage, prims, pxr
 from mesoshell.render.lamp import Kind, Lamp, area, radius
 from mesoshell.render.light import Distant
 from mesoshell.scene.dome import dome_of
-from mesoshell.scene.file_scene import OURS, FileScene, Worn, frame_of, lamp_fault, sun_of, worn_of
+from mesoshell.scene.file_scene import FileScene, frame_of, lamp_fault, sun_of
 
 #: Lamps, by their schemas.
 LAMPS: dict[str, Kind] = {"SphereLight": "sphere", "RectLight": "rectangle", "DiskLight": "disk"}
@@ -83,19 +82,7 @@ def read_file_scene(path: str | PathLike[str]) -> FileScene:
             notes.append("its skeletons move nothing: meshes stand as they were modelled")
         if missing := stage.GetCompositionErrors():
             notes.append(f"{len(missing)} of its layers or references cannot be read: {str(missing[0])[:200]}")
-        worn, hidden = _worn(stage, time, Path(path))
-        return FileScene(camera, aspect, tuple(suns), (*more, *notes, *hidden), up, sky, tuple(lamps), worn)
-
-
-def _worn(stage: Any, time: Any, path: Path) -> tuple[tuple[Worn, ...], list[str]]:
-    """The prims whose attributes name a material that grows on them, where something shows them; and notes."""
-    named, every = [], list(prims(stage.GetPseudoRoot()))
-    for prim in every:
-        ours = prim.GetAuthoredPropertiesInNamespace(OURS.rstrip(":"))
-        given = {x.GetName(): x.Get(time) for x in ours if hasattr(x, "Get")}  # a relationship has none
-        if given:
-            named.append((str(prim.GetPath()), {k: getattr(x, "resolvedPath", x) for k, x in given.items()}))
-    return worn_of(named, (names for prim in every for names in names_of(prim, time)), path)
+        return FileScene(camera, aspect, tuple(suns), (*more, *notes), up, sky, tuple(lamps))
 
 
 def _some(names: list[str]) -> str:

@@ -50,8 +50,8 @@ def train(
     again: bool = False,
 ) -> Any:
     """The state at config.kimg, trained from the newest checkpoint in `folder`, or from the start. show: sees each log row.
-    transfer: folder of another run, whose weights a new run begins with. again: whether to raise the signal that stopped the
-    run again after all is saved, for the calling program.
+    transfer: folder of another run, or a snapshot, whose weights a new run begins with. again: whether to raise the signal that
+    stopped the run again after all is saved, for the calling program.
 
     Raises InputError if the folder holds a run of another configuration, or cannot be written, or the other run's weights do
     not fit; Diverged if something is not finite; HostLost if another host is lost.

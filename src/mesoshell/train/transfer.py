@@ -94,7 +94,7 @@ def _to_pictures(config: GanConfig, data: Dataset, path: Path) -> Callable[[Trai
 def _same_generator(config: GanConfig | TexturesConfig, maker: GeneratorModel, path: Path) -> GeneratorModel:
     """The snapshot. Raises InputError if its generator is another one than the configuration's."""
     mine, theirs = asdict(config.generator), asdict(maker.config)
-    differ = [k for k in mine if k != "precision" and mine[k] != theirs[k]]
+    differ = [k for k in mine if k not in ("precision", "turn") and mine[k] != theirs[k]]
     differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
     if differences:
         raise InputError(path, f"its generator is not this run's: {differences}")

@@ -12,7 +12,7 @@ from mesoshell.geometry.mesh import load_mesh
 from mesoshell.io import kept_textures
 from mesoshell.render.camera import Camera, look_at, rays
 from mesoshell.render.quality import PRESETS
-from mesoshell.scene import setup
+from mesoshell.scene import render_shell
 from mesoshell.scene.materials import Material
 from mesoshell.scene.setup import describe_shell
 from mesoshell.shell.geometry.chart import patches_of
@@ -44,8 +44,7 @@ def test_all_that_rays_meet_is_seen(
     boundary = Boundary(shell, mesh.faces)
     camera = Camera(look_at(eye, (-2.5, 1.25, 4.1)), 0.5, *size)
     origin, needed = patches_of(shell.uv)
-    count = len(shell.faces)
-    (among,) = seen.seen_by(camera, boundary, shell, [(0, count)])
+    (among,) = seen.patches_seen(camera, ((mesh, shell),), ())
     patches = among(origin, needed.shape)
     rng = np.random.default_rng(0)
     o, d = rays(camera, rng.uniform(size=(20_000, 2)) * size)
@@ -57,8 +56,18 @@ def test_all_that_rays_meet_is_seen(
     missed = (i.t1 - i.t0)[~patches[v, u]].sum() / (i.t1 - i.t0).sum()
     assert missed < 1e-4  # through gaps that are narrower than rays are apart: 2e-5 was seen
     assert (patches & needed).sum() < needed.sum() or thickness < 0.01
-    halves = seen.seen_by(camera, boundary, shell, [(0, count // 2), (count // 2, count)])
-    np.testing.assert_array_equal(patches, np.any([part(origin, needed.shape) for part in halves], axis=0))
+
+
+def test_each_mesh_has_what_is_seen_of_it():
+    """Of two plates beside each other, one of them behind a wall."""
+    near, far = wearing.square(), wearing.moved(wearing.square(), 2.0, 0.0, 0.0)
+    grown = tuple((mesh, extrude(mesh, 0.05, 0.1)) for mesh in (near, far))
+    wall = wearing.moved(wearing.square(), 2.0, 0.0, 1.0)
+    camera = Camera(look_at((1.5, 0.5, 4.0), (1.5, 0.5, 0.0)), 1.0, 256, 256)
+    counts = [
+        [part((0, 0), (10, 10)).sum() for part in seen.patches_seen(camera, grown, some)] for some in ((), (wall,))
+    ]
+    assert counts[0] == [100, 100] and counts[1][0] == 100 and counts[1][1] < 50
 
 
 def test_a_picture_is_the_same_with_what_it_sees_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -82,6 +91,6 @@ def test_a_picture_is_the_same_with_what_it_sees_alone(tmp_path: Path, monkeypat
     assert made() == 36 and whole.arrays["features/0"][-20:, -20:].any()
     monkeypatch.setattr(kept_textures, "MIN_BYTES", 1 << 40)
     np.testing.assert_array_equal(ms.render(scene, QUALITY).rgba, one)
-    monkeypatch.setattr(setup, "_seen", lambda scene: {})
+    monkeypatch.setattr(render_shell, "patches_seen", None)
     np.testing.assert_allclose(ms.render(scene, QUALITY).rgba, one, atol=1e-6)
     np.testing.assert_allclose(ms.render(opposite, QUALITY).rgba, other, atol=1e-6)

@@ -32,7 +32,8 @@ def run(options: Options) -> None:
         raise InputError("view", "requires viser: pip install mesoshell[viewer]")
     from mesoshell.viewer.page import Page
 
-    objects = [x for x in (options.mesh, Path(options.material or "")) if _is_run(x) and _method(x) == OBJECTS]
+    given = [options.mesh, *([] if options.material is None else [Path(options.material)])]
+    objects = [x for x in given if _is_run(x) and _method(x) == OBJECTS]
     if objects:
         _show(_object_page(options, objects[0]))
         return

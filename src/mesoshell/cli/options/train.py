@@ -23,8 +23,8 @@ class Options:
     kimg: float | None = None
     #: The experiment at another size: of pictures, networks and batches, and another length.
     preset: Literal["tiny", "mini", "small", "base", "paper"] | None = None
-    #: Begin with the weights of another material's run if this one has no checkpoint yet; a run on textures also takes a
-    #: snapshot.
+    #: Begin with the weights of another material's run if this one has no checkpoint yet, or of a snapshot; a run on pictures
+    #: also with those of a run on textures.
     transfer: Path | None = None
     #: How a step is spread over devices.
     parallel: Literal["jit", "pmap"] = "jit"

@@ -82,7 +82,7 @@ def bake(
 def _widened(tiles: Bool[np.ndarray, "A B"]) -> Bool[np.ndarray, "A B"]:
     """Some tiles with those beside them."""
     padded, (a, b) = np.pad(tiles, 1), tiles.shape
-    return np.any([padded[i : i + a, j : j + b] for i in range(3) for j in range(3)], axis=0)
+    return np.logical_or.reduce([padded[i : i + a, j : j + b] for i in range(3) for j in range(3)])
 
 
 def tiles_of(needed: Bool[np.ndarray, "P Q"], texels: int) -> Bool[np.ndarray, "A B"]:
@@ -90,7 +90,7 @@ def tiles_of(needed: Bool[np.ndarray, "P Q"], texels: int) -> Bool[np.ndarray, "
     step = patches_a_tile(texels)
     padded = np.pad(needed, [(0, -n % step) for n in needed.shape])
     a, b = (n // step for n in padded.shape)
-    return padded.reshape(a, step, b, step).any(axis=(1, 3))
+    return np.logical_or.reduce(padded.reshape(a, step, b, step), axis=(1, 3))
 
 
 def _heights(maker: GeneratorModel, grown: Latent, allocate: Allocate) -> list[Float[np.ndarray, "P Q _r C"]]:

@@ -11,17 +11,20 @@ A ray is followed to the surface under the shell, as if nothing grew there. What
 are apart may be missed: of 60 000 rays at random a picture, a head and a cow from 48 sides, at most one (2026-11-30).
 """
 
-from collections.abc import Sequence
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from mesoshell.geometry.mesh import Mesh
 from mesoshell.render.camera import Camera, rays
 from mesoshell.shell.geometry.chart import REACH, Seen, in_boxes
 from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.join import join_shells
 from mesoshell.shell.geometry.tracer import Boundary
+from mesoshell.shell.render.renderer import tables
 
 #: Rays that are traced, about, and at a time; patches between the cuts of what a ray passes.
 RAYS, BATCH, PIECE = 1 << 16, 1 << 15, 1.0
@@ -37,9 +40,11 @@ class Boxes(NamedTuple):
     high: Float[np.ndarray, "N 2"]
 
 
-def seen_by(camera: Camera, boundary: Boundary, shell: Shell, ends: Sequence[tuple[int, int]]) -> list[Seen]:
-    """For prisms from one to another, each: which patches the camera sees of them. Rays are traced once, when first asked."""
-    boxes = cache(lambda: _boxes(camera, boundary, shell))
+def patches_seen(camera: Camera, grown: tuple[tuple[Mesh, Shell], ...], objects: tuple[Mesh, ...]) -> list[Seen]:
+    """Which patches a camera sees of each mesh that something grows on. Rays are traced once, when first asked."""
+    mesh, shell = join_shells(grown)
+    boxes = cache(lambda: _boxes(camera, tables(shell, mesh, objects)[0], shell))
+    ends = np.cumsum([0, *(len(own.faces) for _, own in grown)]).tolist()
 
     def seen(first: int, end: int) -> Seen:
         def among(origin: tuple[int, int], patches: tuple[int, int]) -> Bool[np.ndarray, "V U"]:
@@ -49,7 +54,7 @@ def seen_by(camera: Camera, boundary: Boundary, shell: Shell, ends: Sequence[tup
 
         return among
 
-    return [seen(*pair) for pair in ends]
+    return [seen(*pair) for pair in pairwise(ends)]
 
 
 def _boxes(camera: Camera, boundary: Boundary, shell: Shell) -> Boxes:

@@ -78,7 +78,7 @@ def test_a_silhouette_is_blenders(folder: Path, tiny_bundle: Bundle, kind: str):
 
 @pytest.mark.parametrize("kind", ["glb", "gltf", "usda", "usdc", "usdz"])
 def test_custom_properties_say_what_grows(folder: Path, kind: str):
-    (worn,), notes = read_worn(folder / f"head.{kind}", ())
+    (worn,), _, notes = read_worn(folder / f"head.{kind}", ())
     assert worn.node.endswith("Monkey") and worn[1:] == ("pelt", {"scale": "0.25"}) and not notes
 
 

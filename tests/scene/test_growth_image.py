@@ -18,7 +18,7 @@ from mesoshell.cli.options.render import Options
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, write_bundle
 from mesoshell.io.image import read_exr
-from mesoshell.scene.growth import LEAST, extruded, growth_of
+from mesoshell.scene.growth import LEAST, _extruded, growth_of
 from mesoshell.scene.settle import settle
 from mesoshell.viewer.look import command, first_look, scene_of_look
 from tests.helpers import wearing
@@ -116,7 +116,7 @@ def test_an_island_keeps_parameters_and_textures_in_their_places(fog: ms.Materia
     assert len(island.shell.faces) < 0.3 * len(whole.shell.faces)
     assert island.patches_per_uv == pytest.approx(whole.patches_per_uv, rel=1e-5) == pytest.approx(20)
     assert island.origin == whole.origin
-    uv = [extruded(scene_of(fog, growth=x)).uv for x in (disc, np.ones((64, 64), np.float32))]
+    uv = [_extruded(scene_of(fog, growth=x)).uv for x in (disc, np.ones((64, 64), np.float32))]
     assert [(x.min(), x.max()) for x in uv] == [(0, 20), (0, 20)]
 
 

@@ -140,7 +140,7 @@ def test_a_material_of_the_file_names_one_too(tmp_path: Path):
 def test_options_count_more(tmp_path: Path):
     path = usd(tmp_path, attributes(material="turf", scale=0.25), attributes(material="pelt", hue=0.1))
     head = ("pelt", ("/Body",), None, {"hue": "0.1"})
-    assert grown(described(path, grow=("Hill=carpet",))) == [("carpet", ("Hill",), None, {}), head]
+    assert grown(described(path, grow=("Hill=carpet",))) == [head, ("carpet", ("Hill",), None, {})]
     assert grown(described(path, grow=("/Hill",))) == [("grass", ("/Hill",), None, {})]
     assert grown(described(path, material="fur")) == [("fur", (), None, {})]
     assert grown(described(path, material="fur", grow=("/Hill", "Body=pelt"))) == [
@@ -194,21 +194,47 @@ def test_faults_name_the_file_and_the_prim(tmp_path: Path, values: dict[str, Any
     with pytest.raises(InputError) as raised:
         described(path)
     assert str(raised.value).startswith(f"{path}: {fault}")
-    assert grown(described(path, grow=("Hill=fur",)))[0] == ("grass", (), None, {})  # an option counts instead
+    assert grown(described(path, grow=("Hill=fur",))) == [("fur", ("Hill",), None, {})]  # an option counts instead
 
 
 def test_one_name_of_two_nodes_says_one_thing(tmp_path: Path):
     path = gltf(tmp_path, A={"mesoshell:material": "turf"}, B={"mesoshell:material": "pelt"})
     path.write_text(path.read_text().replace('"name": "B"', '"name": "A"'))
-    with pytest.raises(InputError, match="A: several have this name, and attributes that differ"):
+    with pytest.raises(InputError, match="A: several nodes or materials have this name, and attributes that differ"):
         described(path)
 
 
 def test_what_has_no_name_grows_nothing(tmp_path: Path):
+    """Nor does anything else: the user says then what does."""
     path = gltf(tmp_path, Look={"mesoshell:material": "turf"})
     path.write_text(path.read_text().replace('"name": "Look", ', ""))
-    assert grown(described(path)) == [("grass", (), None, {})]
-    assert notes(path) == ("nothing is seen of what what has no name would grow on",)
+    with pytest.raises(
+        InputError, match="what a node without a name would grow on: --material or --grow names what grows"
+    ):
+        described(path)
+    assert grown(described(path, material="fur")) == [("fur", (), None, {})]
+
+
+def test_an_option_covers_what_the_file_says(tmp_path: Path):
+    """A material's name, which is nearer than the node that names another; and the only node that names one."""
+    path = gltf(tmp_path, A={"mesoshell:material": "turf"})
+    assert grown(described(path, grow=("Look=carpet",))) == [("carpet", ("Look",), None, {})]
+    assert grown(described(path, grow=("A=carpet",))) == [("carpet", ("A",), None, {})]
+    assert [least(x) for x in unpack(described(path, grow=("A=carpet",))).objects] == [2]
+
+
+def test_the_first_in_the_file_is_the_scenes_own(tmp_path: Path):
+    path = gltf(
+        tmp_path,
+        A={"mesoshell:material": "turf", "mesoshell:seed": 1.0},
+        B={"mesoshell:material": "turf"},
+        C={"x": "y" * 999},
+    )
+    scene = described(path)
+    assert grown(scene) == [("turf", ("A",), None, {}), ("turf", ("B",), None, {})] and scene.seed == 1
+    far = gltf(tmp_path, A={"mesoshell:material": "y" * 999})
+    with pytest.raises(InputError, match="A: yyy"):
+        described(far)
 
 
 def test_values_of_a_stage(tmp_path: Path):

@@ -4,12 +4,13 @@ WHAT is a material, for all meshes that have it; or a node, or a file by its ste
 something else too is WHAT as it was given; several nodes of one material are one mesh, unless WHAT is one of them.
 
 Where no option says what the scene's own material is, or where it grows, each node of the file that names its material itself
-(scene/worn) is a NODE=MATERIAL too, unless an option names that node; and the first of all these is the scene's own.
+(scene/worn) is a NODE=MATERIAL too, unless an option names that node; and the first of these in the file is the scene's own, or
+the first of the options' if all are named by options.
 """
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +23,7 @@ from mesoshell.io.surface import KIND
 from mesoshell.scene.materials import Material, load_material, read_params
 from mesoshell.scene.scene import Grown
 from mesoshell.scene.unpack import is_scene_file
-from mesoshell.scene.worn import Worn, read_worn
+from mesoshell.scene.worn import Says, Worn, read_worn
 
 #: What grows where neither an option nor the scene's file says.
 DEFAULT = "grass"
@@ -78,10 +79,10 @@ def grown_of(options: SceneOptions, material: Material | None = None) -> Named:
             bare.append(path)
         else:
             files.append((Path(file), name))
-    worn, notes = [], ()
+    says = Says()
     if material is None and not own and is_scene_file(options.mesh):
-        worn, notes = read_worn(options.mesh, {node for some in nodes.values() for node in some})
-    for x in worn:
+        says = read_worn(options.mesh, {node for some in nodes.values() for node in some})
+    for x in says.worn:
         nodes.setdefault(x.material, []).append(x.node)
         loaded[x.material] = loaded.get(x.material) or _loaded(x, options.mesh)
     materials = dict.fromkeys([*nodes, *(name for _, name in files)])
@@ -89,7 +90,7 @@ def grown_of(options: SceneOptions, material: Material | None = None) -> Named:
     stems = Counter([*materials, *known, *(file.stem for file, _ in files)])
     called = [file.stem if stems[file.stem] == 1 else str(file) for file, _ in files]
     params, given = _split(options, dict.fromkeys([*materials, *known, *called]))
-    told = {x.node: _told(x, loaded[x.material], options.mesh) for x in worn if x.values}
+    told = {x.node: _told(x, loaded[x.material], options.mesh) for x in says.worn if x.values}
     also = []
     for name, some in nodes.items():
         apart = [node for node in some if node in told or (node in known and node in given)]  # with values of their own
@@ -100,14 +101,23 @@ def grown_of(options: SceneOptions, material: Material | None = None) -> Named:
         also += [_grown(None, loaded[name], given, told.get(node), grow=(node,), name=node) for node in apart]
     for (file, name), of in zip(files, called, strict=True):
         also.append(_grown(file, loaded[name], given, name=of))
-    if worn:
-        shells = [k for k, x in enumerate(also) if x.mesh is None and x.material.kind != KIND]
-        first = also.pop(min(shells, default=0))
+    if says.names:
+        first = also.pop(_first(also, [x.node for x in says.worn], options.mesh, says.notes))
         fields = {name: getattr(first, name) for name in PROPORTIONS}
         params = {**first.params, **params}
-        return Named(first.material, tuple(first.grow), tuple(bare), params, tuple(also), fields, notes)
+        return Named(first.material, tuple(first.grow), tuple(bare), params, tuple(also), fields, says.notes)
     material = material or loaded.get(DEFAULT) or load_material(DEFAULT)
-    return Named(material, tuple(own), tuple(bare), params, tuple(also), {}, notes)
+    return Named(material, tuple(own), tuple(bare), params, tuple(also), {})
+
+
+def _first(also: Sequence[Grown], nodes: Sequence[str], mesh: Path, notes: Sequence[str]) -> int:
+    """Which of some meshes is the scene's own: the first shell, in the order of nodes, then in their own."""
+    shells = [k for k, x in enumerate(also) if x.mesh is None and x.material.kind != KIND]
+    others = [k for k, x in enumerate(also) if x.mesh is None]
+    if not others:
+        raise InputError(mesh, f"{'; '.join(notes)}: --material or --grow names what grows")
+    named = (k for node in nodes for k in shells if node in also[k].grow)
+    return next(named, (shells or others)[0])
 
 
 def _loaded(worn: Worn, mesh: Path) -> Material:

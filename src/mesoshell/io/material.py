@@ -8,6 +8,7 @@ import hashlib
 from difflib import get_close_matches
 from importlib import resources
 from importlib.util import find_spec
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def find(name: str) -> Path:
     """Path of a bundled material, or `name` itself if it is a file or folder. Raises InputError if it is neither."""
     if name in bundled_materials():
         return bundled_materials()[name]
-    if Path(name).is_file() or (Path(name) / MANIFEST).is_file():
+    if isfile(name) or isfile(Path(name) / MANIFEST):  # of a name of any length
         return Path(name)
     if name in WITH:
         raise InputError(name, f"is in a package of its own, {INSTALL}")

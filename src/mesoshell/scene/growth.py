@@ -27,7 +27,7 @@ from mesoshell.limits import check_seed, checked_latent
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.materials import Image, read_params
 from mesoshell.scene.scene import Grown, Scene
-from mesoshell.shell.geometry.chart import Seen, span, texture_origin
+from mesoshell.shell.geometry.chart import span, texture_origin
 from mesoshell.shell.geometry.extrude import Shell, extrude, patches_per_uv, proportions
 from mesoshell.surface_material.scene import SurfacePart, default_period
 
@@ -54,17 +54,15 @@ class Growth:
     notes: tuple[str, ...]
 
 
-def growth_of(
-    part: Scene | Grown, progress: Callable[[float], None] = lambda share: None, seen: Seen | None = None
-) -> Growth:
-    """What grows, its texture grown. progress: of that; seen: what of it must be. Raises InputError."""
-    mesh, shell, uv, said = extruded(part)
+def growth_of(part: Scene | Grown, progress: Callable[[float], None] = lambda share: None) -> Growth:
+    """What grows, its texture grown. progress: of that. Raises InputError."""
+    mesh, shell, uv, said = _extruded(part)
     bundle = part.material.shell
     values, maps = read_params(bundle, part.params)
     patches = patches_per_uv(mesh, shell)
     shape = {p.name: maps.pop(p.name) for p in bundle.parameters if p.role == "beta" and p.name in maps}
     repeats = bool(mesh.uv.min() < 0 or mesh.uv.max() > 1)
-    material, origin, notes = _textured(part, uv, (values, shape, patches, repeats), progress, seen)
+    material, origin, notes = _textured(part, uv, (values, shape, patches, repeats), progress)
     alpha = parameter_vector(bundle, values)
     return Growth(mesh, shell, material, origin, alpha, maps, patches, (*mesh.notes, *shell.notes, *said, *notes))
 
@@ -75,7 +73,7 @@ def check_growth(part: Scene | Grown) -> tuple[str, ...]:
         return surface_part(part).mesh.notes
     if not grows(part):
         return growth_of(part).notes
-    mesh, shell, _, said = extruded(part)
+    mesh, shell, _, said = _extruded(part)
     parameter_vector(part.material.shell, read_params(part.material.shell, part.params)[0])
     return *mesh.notes, *shell.notes, *said
 
@@ -127,7 +125,7 @@ def meshes_of(scene: Scene) -> list[Mesh]:
     return [mesh_of(part.mesh) for part in (scene, *scene.also) if part.mesh is not None]
 
 
-class Extruded(NamedTuple):
+class _Grown(NamedTuple):
     """A mesh, perhaps refined, its shell, all that a texture must cover, patches, and what the user should know."""
 
     mesh: Mesh
@@ -136,8 +134,7 @@ class Extruded(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def extruded(part: Scene | Grown) -> Extruded:
-    """The mesh and shell of a part, as it grows. Raises InputError."""
+def _extruded(part: Scene | Grown) -> _Grown:
     check_seed(part.seed)
     latent_of(part)
     assert part.mesh is not None  # scene/unpack gives those that are named in a file
@@ -145,7 +142,7 @@ def extruded(part: Scene | Grown) -> Extruded:
     thickness, scale = thickness_and_scale(part, mesh)
     if part.growth is None:
         shell = _even_shell(mesh, thickness, scale)
-        return Extruded(mesh, shell, shell.uv)
+        return _Grown(mesh, shell, shell.uv)
     image = growth_image(part.growth)
     how = hashlib.sha256(image.tobytes()).digest(), image.shape, thickness, scale
     made = next((made for of, by, made in tuple(_KEPT) if of is mesh and by == how), None)
@@ -160,7 +157,7 @@ def _even_shell(mesh: Mesh, thickness: float, scale: float) -> Shell:
     return constant(extrude(mesh, thickness, scale))
 
 
-def _grown_by(image: Float[np.ndarray, "H W"], mesh: Mesh, thickness: float, scale: float) -> Extruded:
+def _grown_by(image: Float[np.ndarray, "H W"], mesh: Mesh, thickness: float, scale: float) -> _Grown:
     """As high as an image is bright."""
     levels = levels_for(mesh, image.shape)
     mesh = constant(refine(mesh, levels)) if levels else mesh
@@ -174,7 +171,7 @@ def _grown_by(image: Float[np.ndarray, "H W"], mesh: Mesh, thickness: float, sca
     apart, notes = pixels_an_edge(mesh, image.shape), ()
     if apart > COARSE:
         notes = (f"growth is read every {apart:.0f} of its pixels: the mesh has {len(mesh.faces)} triangles for it",)
-    return Extruded(mesh, shell, uv, notes)
+    return _Grown(mesh, shell, uv, notes)
 
 
 def growth_image(given: Image) -> Float[np.ndarray, "H W"]:
@@ -200,7 +197,6 @@ def _textured(
     uv: np.ndarray,
     wanted: tuple[dict, dict, float, bool],
     progress: Callable[[float], None],
-    seen: Seen | None,
 ) -> tuple[Bundle, tuple[int, int], list[str]]:
     """The material with a texture for this surface, where the texture begins, and what the user should know. wanted: values of
     parameters, images of geometry, patches a UV unit, and whether images repeat."""
@@ -211,7 +207,7 @@ def _textured(
 
         fields = {key: field_of(image, (patches, patches), repeats) for key, image in shape.items()}
         request = TextureRequest(part.seed or 0, values, fields, latent=latent_of(part))
-        return *grow(bundle, name, uv.reshape(-1, 3, 2), request, progress, seen), []
+        return *grow(bundle, name, uv.reshape(-1, 3, 2), request, progress), []
     if part.seed is not None and bundle.tiles is None:
         raise InputError(Argument("seed"), f"{name} is one texture and has no generator")
     fixed = [p.name for p in bundle.parameters if p.role == "beta" and p.name in values | shape]

@@ -36,7 +36,6 @@ from mesoshell.shell.render.media import density_columns, density_shapes
 from mesoshell.shell.render.renderer import marched_tile, render
 from mesoshell.shell.render.scene import Medium
 from mesoshell.shell.render.scene import Scene as MarchedScene
-from mesoshell.shell.render.seen import patches_seen
 
 #: Places in the picture where distances are measured, as shares of its sides.
 SEEN = (np.arange(24) + 0.5) / 24
@@ -45,7 +44,7 @@ SEEN = (np.arange(24) + 0.5) / 24
 def prepare_shell(scene: Scene, quality: Quality, begun: float, progress: Progress) -> Prepared:
     """The scene, ready to be marched; from afar, its twin replaces the shell. progress: of growing a texture. Raises
     InputError."""
-    d = describe_shell(scene, progress, patches_seen)
+    d = describe_shell(scene, progress)
     d, lamps = with_distant_lamps(d, [x.mesh for x in d.growths])
     notes = (*d.notes, *lamps)
     if any(part.growth is not None for part in (scene, *scene.also)):

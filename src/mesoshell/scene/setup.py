@@ -20,21 +20,10 @@ from mesoshell.render.camera import Camera, look_at
 from mesoshell.render.lamp import Lamp, as_distant, fault_of
 from mesoshell.render.light import Distant, Environment, environment
 from mesoshell.scene.defaults import axis_of, default_camera, default_lights
-from mesoshell.scene.growth import (
-    Growth,
-    check_growth,
-    extruded,
-    faults_of,
-    grows,
-    growth_of,
-    surface_part,
-    thickness_and_scale,
-)
+from mesoshell.scene.growth import Growth, check_growth, faults_of, growth_of, surface_part, thickness_and_scale
 from mesoshell.scene.kept_meshes import mesh_of
 from mesoshell.scene.scene import Scene
 from mesoshell.scene.unpack import unpack
-from mesoshell.shell.geometry.chart import Seen
-from mesoshell.shell.geometry.extrude import Shell
 from mesoshell.surface_material.scene import SurfaceDescription, SurfacePart
 
 #: Most irradiance or radiance: sums of it stay finite in float32.
@@ -44,8 +33,6 @@ NEAR = 0.1
 #: Share of all lamps' light that engine jax may leave out, of the faintest; places at which their light is measured.
 DIM, PLACES = 1e-3, 1024
 
-#: Of a camera, what grows, and objects: which patches it sees of each.
-Sees = Callable[[Camera, tuple[tuple[Mesh, Shell], ...], tuple[Mesh, ...]], list[Seen]]
 DescriptionT = TypeVar("DescriptionT", "ShellDescription", SurfaceDescription)
 
 
@@ -71,16 +58,12 @@ class ShellDescription(Growth):
         return self, *self.others
 
 
-def describe_shell(
-    scene: Scene, progress: Callable[[float], None] = lambda share: None, sees: Sees | None = None
-) -> ShellDescription:
-    """The description of a scene with neural shells. progress: of growing textures; sees: tells which of their patches must be.
-    Raises InputError."""
+def describe_shell(scene: Scene, progress: Callable[[float], None] = lambda share: None) -> ShellDescription:
+    """The description of a scene with neural shells. progress: of growing textures. Raises InputError."""
     _check_values(scene)
     scene = unpack(scene)
     count, others, surfaces = 1 + len(scene.also), [], []
-    seen = {} if sees is None else _seen(scene, sees)
-    own = growth_of(scene, lambda share: progress(share / count), seen.get(0))
+    own = growth_of(scene, lambda share: progress(share / count))
     meshes, notes = [own.mesh], [own.notes]
     for k, part in enumerate(scene.also, 1):
         with faults_of(part):
@@ -88,7 +71,7 @@ def describe_shell(
                 surfaces.append(surface_part(part))
                 notes.append(surfaces[-1].mesh.notes)
             else:
-                others.append(growth_of(part, lambda share, k=k: progress((k + share) / count), seen.get(k)))
+                others.append(growth_of(part, lambda share, k=k: progress((k + share) / count)))
                 notes.append(others[-1].notes)
         meshes.append((surfaces if part.material.kind == KIND else others)[-1].mesh)
     up = up_axis(scene)
@@ -114,20 +97,6 @@ def describe_shell(
         lamps=lamps_of(scene),
         surfaces=tuple(surfaces),
     )
-
-
-def _seen(scene: Scene, sees: Sees) -> dict[int, Seen]:
-    """What the camera sees of each part, 0 for the scene's own, if one is to be grown. Raises InputError."""
-    if not any(grows(part) for part in (scene, *scene.also)):
-        return {}
-    made = {0: extruded(scene)}
-    for k, part in enumerate(scene.also, 1):
-        if part.material.kind != KIND:
-            with faults_of(part):
-                made[k] = extruded(part)
-    camera = camera_of(scene, [x.mesh for x in made.values()], up_axis(scene))
-    grown, objects = tuple((x.mesh, x.shell) for x in made.values()), tuple(mesh_of(x) for x in scene.objects)
-    return dict(zip(made, sees(camera, grown, objects), strict=True))
 
 
 def check_shell(scene: Scene) -> tuple[str, ...]:

@@ -1,6 +1,5 @@
 """Baked textures: tiles are the whole, levels are means, bounds bound, and only what is needed is made."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import jax
@@ -11,7 +10,6 @@ import pytest
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle, write_bundle
 from mesoshell.io.twin import Twin
-from mesoshell.shell.generator.bake import tiles_of
 from mesoshell.shell.generator.generator import synthesise
 from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.plan import halo_cost
@@ -109,32 +107,13 @@ def test_the_grid_bounds_what_no_probe_has_seen(field) -> None:
     assert field.provenance.get("excess_share", 0) < 1e-3
 
 
-def test_only_tiles_that_are_asked_for_are_made(bundle, field) -> None:
+def test_only_needed_patches_are_made(bundle, field) -> None:
     needed = np.zeros((5, 6), bool)
     needed[4, 5] = True
-    tiles = tiles_of(needed, TEXELS)
-    assert tiles.tolist() == [[False, False], [False, True]]
-    some = bake_bundle(bundle, "it", (74, 85), TextureRequest(7, {"length": 1.5}), tiles)[0]
+    some = bake_bundle(bundle, "it", (74, 85), TextureRequest(7, {"length": 1.5}), needed)[0]
     np.testing.assert_array_equal(some.arrays["features/0"][64:, 64:], field.arrays["features/0"][64:, 64:])
     np.testing.assert_array_equal(some.arrays["grid/0"][:, 36:, 36:], field.arrays["grid/0"][:, 36:, 36:])
     assert not some.arrays["features/0"][:64].any() and not some.arrays["grid/1"][:, :32].any()
-
-
-def test_tiles_that_are_made_later_are_the_same(bundle, field) -> None:
-    """Bounds next to them too, which look beyond their tile."""
-    arrays: dict[str, list[np.ndarray]] = {}
-
-    def allocate(name: str, shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
-        return arrays.setdefault(name, [np.zeros(shape, np.float16) for shape in shapes])
-
-    wanted, there = TextureRequest(7, {"length": 1.5, "age": 4.0}), np.zeros((2, 2), bool)
-    for row in ([[True, False], [False, False]], [[False, True], [False, True]], [[False, False], [True, False]]):
-        bake_bundle(bundle, "it", (74, 85), wanted, np.array(row), allocate=allocate, there=there)
-        there = there | np.array(row)
-    made = {f"{name}/{i}": level for name, levels in arrays.items() for i, level in enumerate(levels)}
-    for key, array in made.items():
-        np.testing.assert_array_equal(array, field.arrays[key], err_msg=key)
-    assert {"features/0", "height/0", "grid/0"} <= made.keys()
 
 
 def test_a_coarser_texture_is_the_upper_levels_of_the_fine_one(bundle, field) -> None:

@@ -1,7 +1,6 @@
 """A latent between those of two seeds: a great circle, in the first seed's phases."""
 
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,6 @@ from mesoshell.cli.commands import texture as texture_command
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, write_bundle
-from mesoshell.io.kept_textures import Make, Tiles
 from mesoshell.scene.materials import Material
 from mesoshell.scene.settle import settle
 from mesoshell.shell.generator import texture_synthesis
@@ -81,12 +79,7 @@ def test_textures_between_are_textures_of_their_own(bundle: Bundle, monkeypatch:
 def test_scenes_and_commands_take_it(bundle: Bundle, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """And what is kept for the next render is kept apart."""
     keys: set[str] = set()
-
-    def made_anew(key: str, size: int, make: Make, needed: Tiles, seen: Any = None) -> Bundle:
-        keys.add(key)
-        return make(None, needed, np.zeros_like(needed))
-
-    monkeypatch.setattr(texture_synthesis, "kept", made_anew)
+    monkeypatch.setattr(texture_synthesis, "kept", lambda key, size, make: (keys.add(key), make(None))[1])
     growing.without_grids(monkeypatch)
     write_bundle(tmp_path / "it.npz", bundle)
     material, found = ms.load_material(tmp_path / "it.npz"), {}

@@ -6,15 +6,14 @@ tile        TILE texels a side at most, whole patches; tiles are computed with a
 n_l         texels a patch of level l; a tile is whole patches, so each texel of a level lies in one tile
 coarser     how many of the finest levels are not kept: what is seen from far away needs none of them
 window      a tile with a patch about it: what a lookup in the tile can touch at any level
-tiles       which tiles are made, by rows, all without it: the others stay as they are, 0 at first; there: those that others
-            have made before
+needed      which patches are wanted, (patches along v, along u): the others stay 0
 nodes       of w, if geometry varies: then F(h) is made at each of them, as heights/…, and height/… is their mean
 
 Arrays are asked for by name and sizes from `allocate` and filled tile by tile. They may lie on a disk, mapped: what is held in
 memory is a tile with its halo, whatever the extent.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -56,41 +55,21 @@ def bake(
     grown: Latent,
     size: tuple[int, int],
     allocate: Allocate,
-    tiles: Bool[np.ndarray, "A B"] | None = None,
+    needed: Bool[np.ndarray, "P Q"] | None = None,
     progress: Callable[[float], None] = lambda share: None,
     coarser: int = 0,
-    there: Bool[np.ndarray, "A B"] | None = None,
 ) -> Share:
     """Fill features/…, height/…, heights/… if geometry varies, and grid/… of a texture of `size` texels (V, U), levels
-    numbered from the finest that is kept. The σ grid of tiles that are there is made anew beside those that are made."""
+    numbered from the finest that is kept."""
     texels = maker.config.texels
     levels = range(coarser, texels.bit_length())
     features = allocate("features", [(-(-size[0] >> i), -(-size[1] >> i), maker.config.channels) for i in levels])
-    step = patches_a_tile(texels)
-    count = tuple(-(-n // (step * texels)) for n in size)
-    tiles = np.ones(count, bool) if tiles is None else tiles
-    there = np.zeros(count, bool) if there is None else there
-    places = [(int(a) * step, int(b) * step) for a, b in np.argwhere(tiles)]
-    beside = [(int(a) * step, int(b) * step) for a, b in np.argwhere(tiles | (there & _widened(tiles)))]
+    places = list(_places(size, texels, needed))
     for done, place in enumerate(places):
         _fill(maker, grown, place, features, size)
         progress(0.8 * (done + 1) / len(places))
     heights = _heights(maker, grown, allocate)
-    return _grids(maker, features, heights, (beside, size), allocate, progress)
-
-
-def _widened(tiles: Bool[np.ndarray, "A B"]) -> Bool[np.ndarray, "A B"]:
-    """Some tiles with those beside them."""
-    padded, (a, b) = np.pad(tiles, 1), tiles.shape
-    return np.logical_or.reduce([padded[i : i + a, j : j + b] for i in range(3) for j in range(3)])
-
-
-def tiles_of(needed: Bool[np.ndarray, "P Q"], texels: int) -> Bool[np.ndarray, "A B"]:
-    """The tiles that some patches lie in."""
-    step = patches_a_tile(texels)
-    padded = np.pad(needed, [(0, -n % step) for n in needed.shape])
-    a, b = (n // step for n in padded.shape)
-    return np.logical_or.reduce(padded.reshape(a, step, b, step), axis=(1, 3))
+    return _grids(maker, features, heights, (places, size), allocate, progress)
 
 
 def _heights(maker: GeneratorModel, grown: Latent, allocate: Allocate) -> list[Float[np.ndarray, "P Q _r C"]]:
@@ -121,6 +100,15 @@ def _averaged(feature: Float[Array, "V U C"]) -> list[Array]:
 @partial(jax.jit, static_argnums=0)
 def _height(config: GeneratorConfig, generator: Generator, w: Array) -> Array:
     return synthesise_height(config, generator, w)
+
+
+def _places(size: tuple[int, int], texels: int, needed: np.ndarray | None) -> Iterator[tuple[int, int]]:
+    """First patches (v, u) of the tiles that are needed."""
+    step = patches_a_tile(texels)
+    for v in range(0, -(-size[0] // texels), step):
+        for u in range(0, -(-size[1] // texels), step):
+            if needed is None or needed[v : v + step, u : u + step].any():
+                yield v, u
 
 
 def _fill(

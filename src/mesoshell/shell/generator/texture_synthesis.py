@@ -11,17 +11,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from mesoshell.errors import Argument, InputError
 from mesoshell.io.bundle import Bundle
-from mesoshell.io.kept_textures import Allocate, Tiles, kept, key_of
+from mesoshell.io.kept_textures import Allocate, kept, key_of
 from mesoshell.io.level_arrays import split
 from mesoshell.io.material import parameter_vector
-from mesoshell.shell.generator.bake import Share, bake, tiles_of
+from mesoshell.shell.generator.bake import Share, bake
 from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.nodes import count_nodes
-from mesoshell.shell.geometry.chart import Seen, fits, patches_of, span
+from mesoshell.shell.geometry.chart import fits, patches_of, span
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,8 @@ def grow(
     uv: Float[np.ndarray, "P 3 2"],
     wanted: TextureRequest,
     progress: Callable[[float], None] = lambda share: None,
-    seen: Seen | None = None,
 ) -> tuple[Bundle, tuple[int, int]]:
-    """The bundle with a texture that covers the surface, and its origin (u, v). A large one is kept for the next render. seen:
-    which of the patches are to be made, from an origin on; the others may stay 0.
+    """The bundle with a texture that covers the surface, and its origin (u, v). A large one is kept for the next render.
 
     Raises InputError, about `name`, if there is no generator, or the texture would not fit in memory.
     """
@@ -59,16 +57,14 @@ def grow(
     moved = {key: lambda at, f=f: f(at + np.array(origin)) for key, f in wanted.fields.items()}
     wanted = replace(wanted, fields=moved)
 
-    def make(allocate: Allocate | None, tiles: Tiles, there: Tiles) -> Bundle:
-        textured, share = bake_bundle(bundle, name, size, wanted, tiles, progress, allocate, there)
+    def make(allocate: Allocate | None) -> Bundle:
+        textured, share = bake_bundle(bundle, name, size, wanted, needed, progress, allocate)
         return replace(textured, provenance=textured.provenance | share._asdict())
 
     beta = _geometry(bundle, wanted, count_nodes(size, texels))
     settings = sorted(wanted.values.items()), sorted(wanted.fields), wanted.coarser, wanted.latent, bundle.generator
-    key = key_of(bundle, beta, size, wanted.seed, *settings)
-    held = 8 * bundle.channels * size[0] * size[1] // 3 >> 2 * wanted.coarser
-    now = None if seen is None else lambda: tiles_of(needed & seen(origin, needed.shape), texels)
-    return kept(key, held, make, tiles_of(needed, texels), now), origin
+    key = key_of(bundle, beta, size, needed.tobytes(), wanted.seed, *settings)
+    return kept(key, 8 * bundle.channels * size[0] * size[1] // 3 >> 2 * wanted.coarser, make), origin
 
 
 def bake_bundle(
@@ -76,13 +72,11 @@ def bake_bundle(
     name: str,
     size: tuple[int, int],
     wanted: TextureRequest,
-    tiles: Tiles | None = None,
+    needed: Bool[np.ndarray, "P Q"] | None = None,
     progress: Callable[[float], None] = lambda share: None,
     allocate: Allocate | None = None,
-    there: Tiles | None = None,
 ) -> tuple[Bundle, Share]:
-    """The bundle with a texture of `size` texels (V, U) in place of its generator; its defaults are the given values. tiles,
-    there: as `bake` takes them."""
+    """The bundle with a texture of `size` texels (V, U) in place of its generator; its defaults are the given values."""
     maker = generator_model(bundle, name)
     if maker.config.planes > 1:
         raise InputError(name, "has three planes per patch, which end at its sides: they make no larger texture")
@@ -101,7 +95,7 @@ def bake_bundle(
         return levels
 
     begun = grown(maker, wanted.seed, beta, wanted.latent)
-    share = bake(maker, begun, size, keep, tiles, progress, wanted.coarser, there)
+    share = bake(maker, begun, size, keep, needed, progress, wanted.coarser)
     parameters = tuple(replace(p, default=float(wanted.values.get(p.name, p.default))) for p in bundle.parameters)
     density = bundle.texel_density / 2**wanted.coarser
     made = replace(

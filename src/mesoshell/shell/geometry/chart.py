@@ -3,10 +3,7 @@
 Notation
 uv          texture coordinates of a surface's corners, in patches: any range
 needed      patches that the surface touches, or comes within REACH patches of: lookups from afar reach them
-seen        those that one picture shows
 """
-
-from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,8 +11,6 @@ from jaxtyping import Bool, Float, Int
 REACH = 0.5
 #: A corner so little before a patch is of that patch.
 ROUNDING = 1e-3
-#: Patches that are seen, of so many (V, U) from an origin (u, v) on.
-Seen = Callable[[tuple[int, int], tuple[int, int]], Bool[np.ndarray, "V U"]]
 #: Most bytes of a texture in memory, with its mips: more means too many patches on the mesh.
 MAX_BYTES = 6 * 2**30
 
@@ -35,20 +30,12 @@ def span(uv: Float[np.ndarray, "P 3 2"]) -> tuple[tuple[int, int], tuple[int, in
 def patches_of(uv: Float[np.ndarray, "P 3 2"]) -> tuple[tuple[int, int], Bool[np.ndarray, "V U"]]:
     """Origin (u, v), and which patches from there on are needed, by the triangles' bounding boxes."""
     origin, patches = span(uv)
-    return origin, in_boxes(uv.min(axis=1) - REACH, uv.max(axis=1) + REACH, origin, patches)
-
-
-def in_boxes(
-    low: Float[np.ndarray, "N 2"], high: Float[np.ndarray, "N 2"], origin: tuple[int, int], patches: tuple[int, int]
-) -> Bool[np.ndarray, "V U"]:
-    """Which of some patches from an origin (u, v) on lie in one of the boxes."""
-    most = np.array(patches[::-1])
-    u0, v0 = np.clip(_cell(low) - origin, 0, most).T
-    u1, v1 = np.clip(_cell(high) - origin + 1, 0, most).T
+    u0, v0 = (_cell(uv.min(axis=1) - REACH) - origin).T
+    u1, v1 = (_cell(uv.max(axis=1) + REACH) - origin).T + 1
     boxes = np.zeros((patches[0] + 1, patches[1] + 1), np.int32)  # so many more cover a patch than the one before
     for v, u, more in ((v0, u0, 1), (v0, u1, -1), (v1, u0, -1), (v1, u1, 1)):
         np.add.at(boxes, (v, u), more)
-    return boxes.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
+    return origin, boxes.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
 
 
 def texture_origin(uv: Float[np.ndarray, "P 3 2"], size: tuple[float, float]) -> tuple[int, int]:

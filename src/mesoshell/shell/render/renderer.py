@@ -78,7 +78,7 @@ def rays_a_tile(samples: int, lights: int) -> int:
 
 
 @kept
-def tables(shell: Shell, mesh: Mesh, objects: tuple[Mesh, ...]) -> tuple[Boundary, Chart]:
+def _tables(shell: Shell, mesh: Mesh, objects: tuple[Mesh, ...]) -> tuple[Boundary, Chart]:
     """What rays are traced through, and its chart."""
     boundary = Boundary(shell, mesh.faces, others=object_triangles(objects))
     corners = jnp.asarray(np.asarray(boundary.prisms.corners))
@@ -92,7 +92,7 @@ class _Renderer:
         begin = time.perf_counter()
         self.scene, self.quality, self.effects, self.report = scene, quality, effects, report
         shell = scene.shell
-        self.boundary, chart = tables(shell, scene.mesh, scene.objects)
+        self.boundary, chart = _tables(shell, scene.mesh, scene.objects)
         self.third = shell.base[shell.faces[:, 2]].astype(np.float64)
         begin = report.time("prepare", begin)
         self.media = Media(scene, quality, effects, chart)

@@ -153,7 +153,7 @@ class _Walk:
             if self.walked > MAX_WALKED:
                 raise ValueError(f"its instancers repeat more than {MAX_WALKED} prims")
             mesh, instancer = prim.IsA(UsdGeom.Mesh), prim.IsA(UsdGeom.PointInstancer)
-            if not (mesh or instancer) or not _is_seen(prim, self.time, root):
+            if not (mesh or instancer) or not self.seen(prim, root):
                 continue
             to_world = place @ matrix(self.frames.ComputeRelativeTransform(prim, root)[0])
             if mesh:
@@ -189,10 +189,9 @@ class _Walk:
             look = Look(look.colour)
         return _Bound([str(bound.GetPath()), bound.GetPrim().GetName()], look)
 
-
-def _is_seen(prim: Any, time: Any, root: Any = None) -> bool:
-    """Whether a prim is visible up to a root, and neither a guide nor a proxy."""
-    return is_visible(prim, time, root) and pxr("UsdGeom").Imageable(prim).ComputePurpose() in SEEN
+    def seen(self, prim: Any, root: Any) -> bool:
+        imageable = pxr("UsdGeom").Imageable(prim)
+        return is_visible(prim, self.time, root) and imageable.ComputePurpose() in SEEN
 
 
 def _names(prim: Any) -> list[str]:

@@ -538,7 +538,13 @@ def test_the_command_says_its_faults(tiny_bundle: Bundle, tmp_path: Path, capsys
     write_bundle(tmp_path / "tiny.npz", tiny_bundle)
     port = page.url.rpartition(":")[2]
     for given, said in (
-        (["scene.xml"], "scene.xml: is a scene of Mitsuba's, which the viewer does not show: give its mesh"),
+        (["scene.xml"], "scene.xml: is a scene of Mitsuba's, which requires --engine mitsuba"),
+        (["scene.xml", "--engine", "mitsuba"], "scene.xml: no such file"),
+        (["scene.xml", "--engine", "mitsuba", "--up", "z"], "--up: is set in scene.xml"),
+        (
+            ["scene.xml", "--engine", "mitsuba", "--beside", "fur"],
+            "--beside: scene.xml is a scene of Mitsuba's, which has",
+        ),
         (
             [MESH, "--material", tmp_path / "tiny.npz", "--port", port],
             f"--port: 127.0.0.1:{port} cannot be listened on",

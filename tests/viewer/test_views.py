@@ -54,6 +54,21 @@ def test_a_picture_refines():
     assert painted({}) == [((0, step), True) for step in range(STEPS)]
 
 
+def test_what_cannot_be_sent_is_said_and_the_next_picture_comes(monkeypatch: pytest.MonkeyPatch):
+    lines: list[str] = []
+    monkeypatch.setattr(Painter, "say", lambda self, of, line: lines.append(line))
+    shown = Painter._shown
+
+    def lost(self: Painter, eye: Any) -> None:
+        shown(self, eye)
+        if len(self.seen) == 1:
+            raise RuntimeError("lost")
+
+    monkeypatch.setattr(Painter, "_shown", lost)
+    assert painted({}) == [((0, step), True) for step in range(STEPS)]
+    assert lines[:3] == ["", "RuntimeError: lost", ""]
+
+
 def test_while_a_camera_moves_there_are_first_pictures():
     """They are shown as what was wished for a moment ago."""
     wished = {(0, 0): 1, (1, 0): 2, (2, 0): 3}

@@ -38,19 +38,24 @@ def prepare_with_bar(
     growing a texture. shrink: whether the size's number of pixels is the most of a scene of Mitsuba's. Raises InputError."""
     if not is_mitsubas(options.mesh):
         return prepare(scene_of(options), quality, options.engine, progress)
+    size, names = options.size, names_of_xml(options)
+    from mesoshell.scene.render_paths import prepare_file
+
+    if shrink:
+        width, height = check_size(Argument("size"), size or SIZE)
+        return prepare_file(options.mesh, quality, samples, names, pixels=width * height)
+    return prepare_file(options.mesh, quality, samples, names, size)
+
+
+def names_of_xml(options: SceneOptions) -> dict[str, str]:
+    """Values of the $NAMEs of a scene of Mitsuba's. Raises InputError for options that it does not take."""
     if options.engine != "mitsuba":
         raise InputError(options.mesh, "is a scene of Mitsuba's, which requires --engine mitsuba")
     given = first_given(options, {field.name for field in fields(SceneOptions)} - set(OF_XML))
     if given is not None:
         name, option = given
         raise InputError(option, NOT_OF_XML.get(name, f"is set in {options.mesh}"))
-    from mesoshell.scene.render_paths import prepare_file
-
-    size, names = options.size, pairs_of("--param", options.param)
-    if shrink:
-        width, height = check_size(Argument("size"), size or SIZE)
-        return prepare_file(options.mesh, quality, samples, names, pixels=width * height)
-    return prepare_file(options.mesh, quality, samples, names, size)
+    return pairs_of("--param", options.param)
 
 
 def scene_of(options: SceneOptions, material: Material | None = None) -> Scene:

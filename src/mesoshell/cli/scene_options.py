@@ -30,7 +30,7 @@ class SceneOptions:
     """A mesh grown with a neural material, its camera, its lights, and the engine that renders it."""
 
     #: OBJ, PLY, GLB, glTF, USD, OFF, STL, 3MF or COLLADA file, also in a .zip; without texture coordinates it is unwrapped. For
-    #: `render` and `tradeoff` with --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
+    #: `render`, `tradeoff` and `view` with --engine mitsuba also an XML scene of Mitsuba's with `mesoshell` BSDFs.
     mesh: tyro.conf.Positional[Path]
     #: Name of a glTF file's node or material, or path of a USD stage's prim or subset, that the material grows on; may be
     #: repeated. The file's other meshes become objects, in their materials' colours or images. NODE=MATERIAL grows another

@@ -39,6 +39,8 @@ from mesoshell.surface_material.scene import default_period
 from mesoshell.surface_material.tables import SurfaceTables, surface_tables
 
 NORMAL = PRESETS["normal"]
+#: Texels that a footprint may reach of a sensor that is moved.
+EVERYWHERE = 1e6
 #: The variant in which all modules here were made.
 LOADED = str(mi.variant())
 
@@ -51,9 +53,13 @@ def load_file(path: str | PathLike[str], quality: Quality = NORMAL, **parameters
 
 
 def load_sized(
-    path: str | PathLike[str], quality: Quality, size: tuple[int, int] | None, parameters: Mapping[str, Any]
+    path: str | PathLike[str],
+    quality: Quality,
+    size: tuple[int, int] | None,
+    parameters: Mapping[str, Any],
+    anywhere: bool = False,
 ) -> mi.Scene:
-    """`load_file`. size: width and height of the film; None: its own."""
+    """`load_file`. size: width and height of the film; None: its own. anywhere: whether its sensor will be moved."""
     if not Path(path).is_file():
         raise InputError(path, "no such file")
     try:
@@ -65,7 +71,8 @@ def load_sized(
     before = [str(p) for p in resolver]
     resolver.prepend(mi.filesystem.path(str(Path(path).resolve().parent)))
     try:
-        return _loaded(str(path), lambda config: mi.parser.parse_file(config, str(path), **given), quality, size)
+        read = lambda config: mi.parser.parse_file(config, str(path), **given)  # noqa: E731
+        return _loaded(str(path), read, quality, size, anywhere)
     finally:
         resolver.clear()
         for folder in before:
@@ -77,7 +84,9 @@ def load_dict(scene: dict[str, Any], quality: Quality = NORMAL) -> mi.Scene:
     return _loaded("scene", lambda config: mi.parser.parse_dict(config, scene), quality)
 
 
-def _loaded(source: str, parse: Callable, quality: Quality, size: tuple[int, int] | None = None) -> mi.Scene:
+def _loaded(
+    source: str, parse: Callable, quality: Quality, size: tuple[int, int] | None = None, anywhere: bool = False
+) -> mi.Scene:
     integrator.register()
     if str(mi.variant()) != LOADED:
         raise InputError("mitsuba", f"variant {mi.variant()} is set; mesoshell was loaded in {LOADED}: set that again")
@@ -93,13 +102,17 @@ def _loaded(source: str, parse: Callable, quality: Quality, size: tuple[int, int
                     added, own_notes = _surfaces(element, mesh, quality, materials)
                     surfaces += added
                 else:
-                    added = _shells(element, mesh, scene.sensors(), quality, materials)
+                    added = _shells(element, mesh, [] if anywhere else scene.sensors(), quality, materials)
                     shells, own_notes = shells + added, added[0][0].notes
             except InputError as error:
                 raise InputError(element.where, str(error).replace("`", "")) from error
             convex &= is_convex(mesh)
             notes += [f"{element.where}: {note}" for note in (*mesh.notes, *own_notes)]
         set_shells(scene, SceneShells(shells, surfaces, convex, tuple(notes)), quality)
+        context = getattr(scene.integrator(), "context", None)
+        if anywhere and context is not None:  # what a plan may leave out for some sensors
+            context.facts = replace(context.facts, coarsest=EVERYWHERE, inside=True)
+            set_quality(scene, quality)
     return scene
 
 

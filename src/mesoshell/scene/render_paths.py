@@ -18,9 +18,10 @@ from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.media import Medium
 from mesoshell.pathtracer.passes import as_rgba, can_pass, render_pass
 from mesoshell.pathtracer.surface_material import SurfaceMaterial
+from mesoshell.render.camera import Camera
 from mesoshell.render.effects import PATHS, plan_twin
 from mesoshell.render.facts import TwinFacts
-from mesoshell.render.mitsuba_frame import fitting_grid, near_clip
+from mesoshell.render.mitsuba_frame import camera_pose, fitting_grid, near_clip
 from mesoshell.render.quality import Quality
 from mesoshell.render.used import quality_used
 from mesoshell.scene.growth import Growth
@@ -70,6 +71,42 @@ def prepare_file(
     depths = {} if context is None else {"max_depth": max(own.max_depth, 1), "rr_depth": max(own.rr_depth, 1)}
     work = _work(made, samples), lambda other: _passes(made, (other or quality).with_changes(**depths))
     return Prepared(PATHS.name, {}, effects, notes, begun, time.perf_counter() - begun, *work)
+
+
+class MovedFile:
+    """A scene of Mitsuba's XML that is seen from anywhere. camera: as its first sensor; size: of all that stands in it; notes:
+    what the user should know, a line each; effects: None for another integrator than ours. Raises InputError as `prepare_file`,
+    and for a sensor that is no perspective one."""
+
+    def __init__(self, path: Path, quality: Quality, names: Mapping[str, str] | None = None):
+        self._scene = load_sized(path, quality, None, names or {}, anywhere=True)
+        _samples(self._scene, path, 1)
+        sensor = self._scene.sensors()[0]
+        self._sensor = mi.traverse(sensor)
+        if "x_fov" not in self._sensor or "to_world" not in self._sensor:
+            raise InputError(path, "its first sensor is no perspective one, which alone can be moved")
+        width, height = (int(x) for x in sensor.film().crop_size())
+        if tuple(sensor.film().size()) != (width, height):
+            raise InputError(path, "its film is cropped: it cannot be given the size of a window")
+        pose = np.array(sensor.world_transform().matrix, np.float64).reshape(4, 4)
+        pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
+        fov = 2 * np.arctan(np.tan(np.radians(float(np.array(self._sensor["x_fov"]).item())) / 2) * height / width)
+        self.camera = Camera(pose @ np.diag([-1.0, 1, -1, 1]), float(fov), width, height)
+        context = _context(self._scene)
+        self.effects, self.notes = (None, ()) if context is None else (context.effects, context.notes)
+        box = self._scene.bbox()
+        self.box = np.array([box.min, box.max], np.float64) if box.valid() else np.array([[-1.0] * 3, [1.0] * 3])
+
+    def passes(self, camera: Camera, quality: Quality) -> Passes:
+        """Passes of a path a pixel, as a camera sees it, with the depths of paths that the file says."""
+        self._sensor["to_world"] = mi.ScalarTransform4f(camera_pose(camera))
+        self._sensor["x_fov"] = float(np.degrees(2 * np.arctan(np.tan(camera.fov / 2) * camera.width / camera.height)))
+        self._sensor["film.size"] = mi.ScalarVector2u(camera.width, camera.height)
+        self._sensor.update()
+        own: Any = self._scene.integrator()
+        ours = _context(self._scene) is not None
+        depths = {"max_depth": max(own.max_depth, 1), "rr_depth": max(own.rr_depth, 1)} if ours else {}
+        return _passes(self._scene, quality.with_changes(density="network", **depths))
 
 
 def _context(scene: mi.Scene) -> Any:

@@ -162,11 +162,12 @@ class Views(ABC, Generic[PictureT]):
 
     def _paint(self) -> None:
         while (turn := self._next()) is not None:
-            eye, view = turn
+            (eye, view), made = turn, False
             assert view.left is not None
             try:
                 with self._paint_lock:
                     picture = next(view.left, None)
+                made = True
                 with self._changed:
                     if picture is None:
                         view.left = None
@@ -180,8 +181,10 @@ class Views(ABC, Generic[PictureT]):
                         view.shown += 1
                 self.say(("picture", eye), "")
                 self._show(eye)
-            except Exception as fault:  # the page goes on, and says it
-                view.left = None
+            except (
+                Exception
+            ) as fault:  # the page goes on, and says it; what could not be sent, the next picture replaces
+                view.left = view.left if made else None
                 if self.knows(eye):
                     self.say(("picture", eye), fault_line(fault))
 

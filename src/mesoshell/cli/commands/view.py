@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mesoshell.cli.checks import first_given
-from mesoshell.cli.described_scene import compiled_by, is_mitsubas, scene_of
+from mesoshell.cli.described_scene import compiled_by, is_mitsubas, names_of_xml, scene_of
 from mesoshell.cli.options.view import Options
 from mesoshell.cli.progress import bar, say_notes, stderr
 from mesoshell.errors import InputError
@@ -26,19 +26,19 @@ OBJECTS = "atlas"
 
 def run(options: Options) -> None:
     """All of `mesoshell view`."""
-    if is_mitsubas(options.mesh):
-        raise InputError(options.mesh, "is a scene of Mitsuba's, which the viewer does not show: give its mesh")
     if importlib.util.find_spec("viser") is None:
         raise InputError("view", "requires viser: pip install mesoshell[viewer]")
     from mesoshell.viewer.page import Page
 
+    if is_mitsubas(options.mesh):
+        _show(_file_page(options))
+        return
     given = [options.mesh, *([] if options.material is None else [Path(options.material)])]
     objects = [x for x in given if _is_run(x) and _method(x) == OBJECTS]
     if objects:
         _show(_object_page(options, objects[0]))
         return
-    if options.size is not None:
-        raise InputError("--size", "a picture here is as wide as its window; its pixels are chosen on the page")
+    _check_size(options)
     run = _run_of(options)
     if run is not None and run == options.mesh:
         options = replace(options, mesh=Path(str(resources.files("mesoshell") / "assets" / "spot.obj")))
@@ -53,6 +53,24 @@ def run(options: Options) -> None:
         page = Page(scene, options.engine, options.host, options.port, progress, beside, run)
     say_notes(stderr(), page.work.notes)
     _show(page)
+
+
+def _check_size(options: Options) -> None:
+    if options.size is not None:
+        raise InputError("--size", "a picture here is as wide as its window; its pixels are chosen on the page")
+
+
+def _file_page(options: Options) -> Any:
+    """The page of a scene of Mitsuba's. Raises InputError for options that it does not take."""
+    _check_size(options)
+    if options.beside is not None:
+        raise InputError("--beside", f"{options.mesh} is a scene of Mitsuba's, which has its own materials")
+    names = names_of_xml(options)
+    from mesoshell.render.quality import PRESETS
+    from mesoshell.scene.render_paths import MovedFile
+    from mesoshell.viewer.file_page import FilePage
+
+    return FilePage(MovedFile(options.mesh, PRESETS["normal"], names), options.host, options.port)
 
 
 def _object_page(options: Options, run: Path) -> Any:

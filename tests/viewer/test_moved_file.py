@@ -72,6 +72,15 @@ def test_from_elsewhere_it_is_that_of_a_sensor_there(path: Path):
     np.testing.assert_array_equal(seen(moved.passes(moved.camera, DRAFT)), first)
 
 
+def test_eyes_take_turns(path: Path):
+    """Each has its own picture, whatever another one sees between its passes."""
+    moved = MovedFile(path, DRAFT)
+    alone = [seen(moved.passes(camera, DRAFT)) for camera in (moved.camera, ELSEWHERE)]
+    both = [moved.passes(camera, DRAFT) for camera in (moved.camera, ELSEWHERE)]
+    for wanted, passes in zip(alone, both, strict=True):
+        np.testing.assert_array_equal(seen(passes), wanted)
+
+
 def test_sensors_that_cannot_be_moved_are_refused(path: Path):
     flat = with_sensor(path, '<sensor type="orthographic"/>', "flat.xml")
     with pytest.raises(InputError, match=r"flat\.xml: its first sensor is no perspective one"):

@@ -94,19 +94,36 @@ class MovedFile:
         self.camera = Camera(pose @ np.diag([-1.0, 1, -1, 1]), float(fov), width, height)
         context = _context(self._scene)
         self.effects, self.notes = (None, ()) if context is None else (context.effects, context.notes)
+        self._seen: tuple[Camera | None, Quality | None] = None, None
         box = self._scene.bbox()
         self.box = np.array([box.min, box.max], np.float64) if box.valid() else np.array([[-1.0] * 3, [1.0] * 3])
 
     def passes(self, camera: Camera, quality: Quality) -> Passes:
-        """Passes of a path a pixel, as a camera sees it, with the depths of paths that the file says."""
+        """Passes of a path a pixel, as a camera sees it, with the depths of paths that the file says. Passes of several cameras
+        may take turns."""
+        own: Any = self._scene.integrator()
+        ours = _context(self._scene) is not None
+        depths = {"max_depth": max(own.max_depth, 1), "rr_depth": max(own.rr_depth, 1)} if ours else {}
+        quality = quality.with_changes(density="network", **depths)
+        self._see(camera, quality)
+        made = _passes(self._scene, quality)
+
+        def render(k: int, pixels: np.ndarray, progress: Progress) -> np.ndarray:
+            self._see(camera, quality)
+            return made.render(k, pixels, progress)
+
+        return made._replace(render=render)
+
+    def _see(self, camera: Camera, quality: Quality) -> None:
+        """Look through a camera from now on."""
+        if self._seen[0] is camera and self._seen[1] is quality:
+            return
+        self._seen = camera, quality
         self._sensor["to_world"] = mi.ScalarTransform4f(camera_pose(camera))
         self._sensor["x_fov"] = float(np.degrees(2 * np.arctan(np.tan(camera.fov / 2) * camera.width / camera.height)))
         self._sensor["film.size"] = mi.ScalarVector2u(camera.width, camera.height)
         self._sensor.update()
-        own: Any = self._scene.integrator()
-        ours = _context(self._scene) is not None
-        depths = {"max_depth": max(own.max_depth, 1), "rr_depth": max(own.rr_depth, 1)} if ours else {}
-        return _passes(self._scene, quality.with_changes(density="network", **depths))
+        set_quality(self._scene, quality)
 
 
 def _context(scene: mi.Scene) -> Any:

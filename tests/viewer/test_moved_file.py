@@ -121,4 +121,10 @@ def test_a_page_shows_it(page: FilePage):
     assert picture is not None and max(picture.rgba.shape) == 128
     assert "Error" not in page._fault.content  # it has the file's notes
     begin = page._server.initial_camera
-    np.testing.assert_allclose(begin.position, page.work.file.camera.to_world[:3, 3])
+    camera = page.work.file.camera
+    np.testing.assert_allclose(begin.position, camera.to_world[:3, 3])
+    away = np.linalg.norm(begin.look_at - camera.to_world[:3, 3])
+    assert (
+        3 < away < 6
+    )  # to the head, whatever else stands in the scene; at most a thousandth of it is too near to be drawn
+    assert begin.near < 0.01 * away

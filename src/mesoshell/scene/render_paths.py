@@ -74,7 +74,7 @@ def prepare_file(
 
 
 class MovedFile:
-    """A scene of Mitsuba's XML that is seen from anywhere. camera: as its first sensor; size: of all that stands in it; notes:
+    """A scene of Mitsuba's XML that is seen from anywhere. camera: as its first sensor; distance: to what that shows; notes:
     what the user should know, a line each; effects: None for another integrator than ours. Raises InputError as `prepare_file`,
     and for a sensor that is no perspective one."""
 
@@ -95,8 +95,11 @@ class MovedFile:
         context = _context(self._scene)
         self.effects, self.notes = (None, ()) if context is None else (context.effects, context.notes)
         self._seen: tuple[Camera | None, Quality | None] = None, None
-        box = self._scene.bbox()
-        self.box = np.array([box.min, box.max], np.float64) if box.valid() else np.array([[-1.0] * 3, [1.0] * 3])
+        eye, ahead = self.camera.to_world[:3, 3], -self.camera.to_world[:3, 2]
+        met = self._scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(eye.tolist()), mi.Vector3f(ahead.tolist())))
+        away, box = float(np.array(met.t).item()), self._scene.bbox()
+        middle = np.array(box.center(), np.float64).ravel() if box.valid() else eye + ahead
+        self.distance = away if np.isfinite(away) else max(float((middle - eye) @ ahead), 1e-3)
 
     def passes(self, camera: Camera, quality: Quality) -> Passes:
         """Passes of a path a pixel, as a camera sees it, with the depths of paths that the file says. Passes of several cameras

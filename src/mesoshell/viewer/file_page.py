@@ -1,31 +1,27 @@
 """The page of a scene of Mitsuba's XML, by viser: its pictures from anywhere, and the sensor that sees one."""
 
-import threading
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from mesoshell.io.image import srgb_codes
 from mesoshell.render.camera import Camera
 from mesoshell.render.quality import PRESETS
 from mesoshell.scene.render_paths import MovedFile
 from mesoshell.viewer.address import check_port, open_server
-from mesoshell.viewer.browser import camera_of, reach, set_text
-from mesoshell.viewer.compare import over_white
-from mesoshell.viewer.downloads import send_picture
+from mesoshell.viewer.browser import camera_of, reach
+from mesoshell.viewer.eyes import EyesPage
 from mesoshell.viewer.moved_file import FileLook, FilePicture, FileWorkshop
-from mesoshell.viewer.page import JPEG
 from mesoshell.viewer.settings import SIDES
 
 
-class FilePage:
+class FilePage(EyesPage):
     """A viewer's page of a scene of Mitsuba's. url: where it is; close: end it. Raises InputError for an address that cannot
     be listened on."""
 
     def __init__(self, file: MovedFile, host: str = "127.0.0.1", port: int = 8080):
         check_port(host, port)
-        self._sending, self._moving = threading.Lock(), threading.Lock()
+        super().__init__()
         self.work = FileWorkshop(file, self._show, self._say)
         try:
             self._server = open_server(host, port)
@@ -44,20 +40,21 @@ class FilePage:
         self.work.close()
         self._server.stop()
 
-    @property
+    def _cost_of(self, picture: FilePicture) -> str:
+        return _cost(picture)
+
     def _size(self) -> float:
-        return float(np.linalg.norm(np.ptp(self.work.file.box, axis=0))) or 1.0
+        return self.work.file.distance
 
     def _begin_camera(self) -> None:
-        """As the file's sensor, about the middle of the scene, or what is before it; the axis nearest to its up is up."""
+        """As the file's sensor, about what its middle shows; the axis nearest to its up is up."""
         camera, begin = self.work.file.camera, self._server.initial_camera
         eye, back, up = (camera.to_world[:3, k] for k in (3, 2, 1))
         axis = np.zeros(3)
         axis[np.abs(up).argmax()] = np.sign(up[np.abs(up).argmax()])
         self._server.scene.set_up_direction(axis)
-        away = float((eye - self.work.file.box.mean(axis=0)) @ back)
-        begin.position, begin.look_at = eye, eye - back * max(away, 0.05 * self._size)
-        begin.near, begin.far = reach(self._size)
+        begin.position, begin.look_at = eye, eye - back * self.work.file.distance
+        begin.near, begin.far = reach(self._size())
         begin.fov = camera.fov
 
     def _build(self) -> None:
@@ -77,43 +74,6 @@ class FilePage:
             each.on_update(lambda _: self.work.set(FileLook(self._quality.value, int(self._side.value))))
         for note in self.work.file.notes:
             self.work.say(note, note)
-
-    def _connected(self, client: Any) -> None:
-        client.camera.min_orbit_distance = reach(self._size)[0]
-        client.camera.on_update(lambda _: self._moved(client))
-        self._moved(client)
-
-    def _moved(self, client: Any) -> None:
-        with self._moving:
-            camera = camera_of(client.camera)
-            if camera is not None:
-                self.work.see(client.client_id, camera)
-
-    def _show(self, number: int) -> None:
-        """A picture has refined."""
-        client = self._server.get_clients().get(number)
-        if client is None:  # it left in the meantime
-            self.work.leave(number)
-            return
-        with self._sending:
-            picture, _ = self.work.picture(number)
-            if picture is None:
-                return
-            codes = srgb_codes(over_white(picture.rgba))
-            client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
-            self._cost.content = _cost(picture)
-
-    def _say(self, line: str) -> None:
-        set_text(self._fault, line)
-
-    def _save_picture(self, kind: Literal["png", "exr"], event: Any) -> None:
-        def whole() -> np.ndarray | None:
-            picture, current = self.work.picture(event.client_id)
-            return picture.rgba if current and picture is not None else None
-
-        eye = event.client_id
-        say = partial(self.work.say, ("save", eye))
-        send_picture(event.client, whole, lambda: self.work.look.side if self.work.knows(eye) else 0, kind, say)
 
     def _save_sensor(self, event: Any) -> None:
         client = event.client

@@ -3,7 +3,7 @@
 import threading
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -12,24 +12,23 @@ from mesoshell.io.image import exr_bytes, png_bytes, srgb_codes
 from mesoshell.neutex.store import NeuTexModel, read_neutex
 from mesoshell.render.quality import PRESETS
 from mesoshell.viewer.address import check_port, open_server
-from mesoshell.viewer.browser import camera_of, reach, set_text
+from mesoshell.viewer.browser import reach
 from mesoshell.viewer.captured import CapturedObject, ObjectLook, ObjectPicture, ObjectWorkshop
-from mesoshell.viewer.compare import over_white
-from mesoshell.viewer.downloads import send_picture
-from mesoshell.viewer.page import JPEG
+from mesoshell.viewer.eyes import EyesPage
 from mesoshell.viewer.run import RunPanel
 from mesoshell.viewer.settings import SIDES
 from mesoshell.viewer.sun import Sphere, Sun
 from mesoshell.viewer.texture_brush import TEXTURE, TextureBrush
 
 
-class ObjectPage:
+class ObjectPage(EyesPage):
     """A viewer's page of an object. folder: of its run; snapshot: the file that is shown first; url: where it is; close: end
     it. Raises InputError for an address that cannot be listened on, and for a snapshot that is none."""
 
     def __init__(self, folder: Path, snapshot: Path, host: str = "127.0.0.1", port: int = 8080):
         check_port(host, port)
-        self._changing, self._sending, self._moving = (threading.Lock() for _ in range(3))
+        super().__init__()
+        self._changing = threading.Lock()
         self._shown_texture: Any = None
         self.work = ObjectWorkshop(read_neutex(snapshot), self._show, self._say)
         self._run: RunPanel | None = None
@@ -59,6 +58,12 @@ class ObjectPage:
         begin.position, begin.look_at = eye, eye - back * max(float((eye - model.centre) @ back), 1e-9)
         begin.near, begin.far = reach(model.half)
         begin.fov = 2 * float(np.arctan(photo.height / 2 / photo.lens[1]))
+
+    def _size(self) -> float:
+        return self.work.object.model.half
+
+    def _cost_of(self, picture: ObjectPicture) -> str:
+        return _cost(picture)
 
     def _build(self, folder: Path, snapshot: Path) -> None:
         gui: Any = self._server.gui
@@ -150,43 +155,6 @@ class ObjectPage:
         if self._brush is not None:
             self._brush.renew()
         return True
-
-    def _connected(self, client: Any) -> None:
-        client.camera.min_orbit_distance = reach(self.work.object.model.half)[0]
-        client.camera.on_update(lambda _: self._moved(client))
-        self._moved(client)
-
-    def _moved(self, client: Any) -> None:
-        with self._moving:
-            camera = camera_of(client.camera)
-            if camera is not None:
-                self.work.see(client.client_id, camera)
-
-    def _show(self, number: int) -> None:
-        """A picture has refined."""
-        client = self._server.get_clients().get(number)
-        if client is None:  # it left in the meantime
-            self.work.leave(number)
-            return
-        with self._sending:
-            picture, _ = self.work.picture(number)
-            if picture is None:
-                return
-            codes = srgb_codes(over_white(picture.rgba))
-            client.scene.set_background_image(codes, format="jpeg", jpeg_quality=JPEG)
-            self._cost.content = _cost(picture)
-
-    def _say(self, line: str) -> None:
-        set_text(self._fault, line)
-
-    def _save_picture(self, kind: Literal["png", "exr"], event: Any) -> None:
-        def whole() -> np.ndarray | None:
-            picture, current = self.work.picture(event.client_id)
-            return picture.rgba if current and picture is not None else None
-
-        eye = event.client_id
-        say = partial(self.work.say, ("save", eye))
-        send_picture(event.client, whole, lambda: self.work.look.side if self.work.knows(eye) else 0, kind, say)
 
     def _save_texture(self, event: Any) -> None:
         if event.client is not None:

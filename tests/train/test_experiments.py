@@ -132,7 +132,7 @@ VARIANTS |= {
     "weave_cosine",
 }
 VARIANTS |= {
-    "grass_pictures",
+    "pictures",
     "atlas_nerf",
     "atlas_reflectance",
     "spheres_silhouette",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mesoshell import limits
 from mesoshell.cli.main import main
 from mesoshell.io.query_dataset import read_patches
 
@@ -71,6 +72,7 @@ def test_the_depth_is_the_images_own_if_nothing_is_said(image: Path, tmp_path: P
         (["--queries", 0], "--queries: must be at least 1, not 0"),
         (["--spp", -1], "--spp: must be at least 1, not -1"),
         (["--seed", -1], "--seed: must be at least 0, not -1"),
+        (["--queries", 2**20, "--spp", 2**12], "--spp: times --queries must be below 2^32, not 4294967296"),
         (["--depth", 0], "--depth: must be above 0 and at most 1, not 0.0"),
         (["--depth", "nan"], "--depth: must be above 0 and at most 1, not nan"),
         (["--depth", 1.5], "--depth: must be above 0 and at most 1, not 1.5"),
@@ -84,9 +86,16 @@ def test_the_depth_is_the_images_own_if_nothing_is_said(image: Path, tmp_path: P
         (["--depth", 0.5], "--curvature: a layer 0.5 deep does not fit under a surface of radius 0.5: at most 1.9"),
     ],
 )
-def test_unusable_options_leave_no_folder(more, fault: str, tmp_path: Path, capsys):
+def test_unusable_options_leave_no_folder(more, fault: str, tmp_path: Path, capsys, monkeypatch):
+    monkeypatch.setattr(limits, "memory", lambda: 2**41)
     assert said(capsys, "weave", "--out", tmp_path / "d", *more) == (2, "", f"mesoshell: {fault}\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_more_light_paths_than_memory_holds_are_refused(tmp_path: Path, capsys, monkeypatch):
+    monkeypatch.setattr(limits, "memory", lambda: 2**30)
+    fault = "--spp: 256 light paths for each of 65536 queries would take 5.0 GiB; this machine has 1.0"
+    assert said(capsys, "weave", "--out", tmp_path / "d", "--spp", 256) == (2, "", f"mesoshell: {fault}\n")
 
 
 def test_unusable_sources_leave_no_folder(image: Path, tmp_path: Path, capsys):

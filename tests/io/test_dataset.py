@@ -127,6 +127,7 @@ def test_each_field_of_a_row_is_required(folder):
         ("file", "images/../../a.exr", "file is 'images/../../a.exr'; expected images/NAME"),
         ("sha256", "abc", "sha256 is 'abc'; expected 64 hex digits"),
         ("seed", "7", "seed is '7'; expected a number"),
+        ("instance", "7", "instance is '7'; expected a whole number, 0 or more"),
         ("size", [6, 4.5], "size is [6, 4.5]; expected [W, H] in whole pixels"),
         ("size", [4, 6], "size is [4, 6]; the manifest says [6, 4]"),
         ("parameters", {"age": 1.5}, "parameter 'age' is 1.5; expected 0 to 1"),

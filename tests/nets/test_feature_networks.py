@@ -1,6 +1,7 @@
 """Networks for KID and FID: EfficientNet-Lite0 against plain loops over its own weights, Inception's pools and shapes."""
 
 import sys
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -167,9 +168,14 @@ def test_pools_do_not_count_padding() -> None:
     assert float(inception._largest(-ones, 1).max()) == -1
 
 
-def test_weights_that_are_no_inception_are_refused(tmp_path) -> None:
+def test_weights_that_are_no_inception_are_refused(tmp_path, monkeypatch) -> None:
     with pytest.raises(InputError, match="is no Inception v3: Conv2d_1a_3x3 is missing"):
         measured.extractor(measured._shipped())
+    weights = fake_inception() | {"Conv2d_2a_3x3.conv.weight": np.zeros((32, 3, 3, 3), np.float32)}
+    monkeypatch.setattr(measured, "read_weights", lambda _: weights)
+    with pytest.raises(InputError, match=r"^a\.pth: is no Inception v3: its tensors are of other shapes or types$"):
+        measured.extractor(Path("a.pth"))
+    monkeypatch.undo()
     (tmp_path / "a.pth").write_bytes(b"nothing")
     with pytest.raises(InputError, match="cannot be read as PyTorch weights"):
         measured.extractor(tmp_path / "a.pth")

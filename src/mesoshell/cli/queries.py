@@ -8,16 +8,20 @@ from mesoshell.datasets.queries.render import Answers, Settings, render_patches
 from mesoshell.errors import InputError
 from mesoshell.limits import check_memory
 
-#: Most light paths a query.
-MAX_SPP = 2**24
+#: Memory of a query, and of each of its light paths, bytes.
+QUERY, PATH = 512, 320
 
 
 def write_queries(settings: Settings, answers: Answers, count: int, folder: Path) -> None:
     """Write the missing ones of `count` patches, and print what was done. Raises InputError."""
     check_memory("--patches", f"a plan of {count} patches", 64 * count)
-    check_memory("--queries", f"{settings.queries} queries on a patch", 512 * settings.queries)
-    if settings.spp > MAX_SPP:
-        raise InputError("--spp", f"{settings.spp} must be at most {MAX_SPP}")
+    queries, spp = settings.queries, settings.spp
+    check_memory("--queries", f"{queries} queries on a patch", QUERY * queries)
+    check_memory("--spp", f"{spp} light paths for each of {queries} queries", PATH * queries * spp)
+    if queries * spp >= 2**32:
+        raise InputError(
+            "--spp", f"times --queries must be below 2^32, not {queries * spp}"
+        )  # Dr.Jit counts in 32 bits
     begin = time.monotonic()
     with bar(stderr(), settings.source, None, count=True) as show:
         spent = render_patches(settings, answers, count, folder, show)

@@ -177,6 +177,8 @@ def _row_fault(manifest: dict[str, Any], row: Any) -> str | None:
             return f"{name} is {row[name]!r}; expected {expected}"
     if "row" in row and not (type(row["row"]) is int and row["row"] >= 0):
         return f"row is {row['row']!r}; expected a whole number, 0 or more"
+    if "instance" in row and not (type(row["instance"]) is int and row["instance"] >= 0):
+        return f"instance is {row['instance']!r}; expected a whole number, 0 or more"
     if not isinstance(row["parameters"], dict) or row["parameters"].keys() != manifest["parameters"].keys():
         return f"parameters are {row['parameters']!r}; the manifest declares {sorted(manifest['parameters'])!r}"
     for name, value in row["parameters"].items():

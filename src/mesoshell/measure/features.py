@@ -38,10 +38,13 @@ def extractor(weights: Path | None = None) -> Extractor:
     """EfficientNet-Lite0 with the weights that its package ships, or Inception v3 with the user's weights."""
     if weights is None:
         return _batched("EffLite0", efficientnet.features, efficientnet.efficientnet(read_weights(_shipped())))
+    read = read_weights(weights)
     try:
-        net = inception.inception(read_weights(weights))
+        net = inception.inception(read)
     except KeyError as error:
         raise InputError(weights, f"is no Inception v3: {error.args[0]} is missing") from None
+    except ValueError:
+        raise InputError(weights, "is no Inception v3: its tensors are of other shapes or types") from None
     return _batched("Inception", inception.features, net)
 
 

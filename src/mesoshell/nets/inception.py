@@ -25,15 +25,20 @@ Inception = dict[str, tuple[Array, Array]]
 
 
 def inception(weights: Mapping[str, np.ndarray]) -> Inception:
-    """The network from a state dict. Raises KeyError if an entry is missing."""
+    """The network from a state dict. Raises KeyError if an entry is missing, ValueError if tensors do not fit each other."""
     names = [n.removesuffix(".conv.weight") for n in weights if n.endswith(".conv.weight")]
     net = {}
     for n in names:
         gain = weights[f"{n}.bn.weight"] / np.sqrt(weights[f"{n}.bn.running_var"] + _EPSILON)
         kernel = (weights[f"{n}.conv.weight"] * gain[:, None, None, None]).transpose(2, 3, 1, 0)
         net[n] = jnp.asarray(kernel), jnp.asarray(weights[f"{n}.bn.bias"] - weights[f"{n}.bn.running_mean"] * gain)
-    for needed in ("Conv2d_1a_3x3", "Mixed_5b.branch1x1", "Mixed_6e.branch7x7dbl_5", "Mixed_7c.branch_pool"):
-        net[needed]
+    picture = jax.ShapeDtypeStruct((1, SIDE, SIDE, 3), jnp.float32)
+    try:
+        pooled = jax.eval_shape(features, net, picture).shape
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+    if pooled != (1, FEATURES):
+        raise ValueError(f"it gives {pooled[1]} features")
     return net
 
 

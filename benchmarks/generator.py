@@ -35,10 +35,9 @@ from mesoshell.signal.modulated import modulated_conv
 from mesoshell.train.gan.generate import ImageBatch, generate, label
 from mesoshell.train.gan.presets import SMALL
 from mesoshell.train.gan.state import GanConfig, sized_for, start
-from mesoshell.train.gan.step import step
+from mesoshell.train.gan.step import seen, step
 from mesoshell.train.losses import r1
 from mesoshell.train.parallel import in_turn
-from mesoshell.train.patch_renderer import discriminator_range
 from mesoshell.train.update import Across
 from mesoshell.typing import Array
 
@@ -164,7 +163,7 @@ def training() -> None:
     k = jax.random.split(jax.random.key(2), 2)
     w = jax.random.normal(k[0], (textures, config.generator.w), jnp.float32)
     phases = draw_phases(config.generator, k[1], textures)
-    c, y = label(batch), discriminator_range(batch.image[..., :3])
+    c, y = label(batch), seen(config, batch.image)
 
     def features(generator: Generator) -> Array:
         return jnp.sum(valid(config.generator, size, generator, state.averages, w, phases) ** 2)

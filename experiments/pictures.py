@@ -16,6 +16,7 @@ def variant(preset: GanConfig) -> GanConfig:
         preset,
         generator=generator,
         picture=picture,
+        discriminator=replace(preset.discriminator, opacity=True),
         trunk=(64, 64, 64),
         head=(64, 64),
         generator_rate=2e-4,

@@ -63,7 +63,7 @@ class Discriminator(Network):
     def draw(self, key: Key[Array, ""]) -> discriminator_pure.Discriminator:
         return discriminator_pure.init_discriminator(self.config, key)
 
-    def __call__(self, y: Float[Array, "B S S 3"], c: Float[Array, "B L"]) -> Float[Array, "B"]:
+    def __call__(self, y: Float[Array, "B S S I"], c: Float[Array, "B L"]) -> Float[Array, "B"]:
         return discriminator_pure.discriminate(self.tree(), y, c, dtype=self.dtype)
 
 

@@ -1,13 +1,16 @@
 """The discriminator: whether a picture is a render that fits its label (StyleGAN2's residual network; MesoGAN, 5.1).
 
 Notation
-y        picture, 2x/(1 + x) − 1 of linear radiance x over black                 (B, S, S, 3)
+y        picture, 2x/(1 + x) − 1 of linear radiance x over black; with `opacity` also 2α − 1   (B, S, S, 3 or 4)
 c        label: α, β, direction to the camera, log of its distance, direction to the light    (B, L)
 S        side of the picture, a power of two; blocks halve it down to 4
 D        logit: greater for renders                                               (B,)
 
 The label enters by projection: D = ⟨features(y), embedding(c)⟩/√width. Minibatch deviation is taken over groups of samples that
 lie apart in the whole batch, so that it does not depend on how a batch is spread over devices.
+
+Over black, radiance does not tell a gap from a dark blade: a generator that is judged by radiance alone is free to open gaps, which
+show what is below where a material lies on a mesh. With `opacity` it is not (the papers' have three channels).
 """
 
 from collections.abc import Callable
@@ -30,13 +33,14 @@ GROUP = 4
 
 @dataclass(frozen=True)
 class DiscriminatorConfig:
-    """size of the pictures; channels at a side s are min(channel_base / s, channel_max)."""
+    """size of the pictures; channels at a side s are min(channel_base / s, channel_max); opacity: whether it sees α."""
 
     size: int = 64
     channel_base: int = 4096
     channel_max: int = 128
     labels: int = 7
     embedding: int = 64
+    opacity: bool = False
 
 
 class Conv(NamedTuple):
@@ -87,7 +91,7 @@ def init_discriminator(config: DiscriminatorConfig, key: Key[Array, ""]) -> Disc
         for s in sides
     ]
     return Discriminator(
-        colour=conv(1, 3, width(config.size)),
+        colour=conv(1, 3 + config.opacity, width(config.size)),
         blocks=blocks,
         last=conv(3, width(4) + 1, width(4)),
         hidden=dense(16 * width(4), width(4)),
@@ -98,7 +102,7 @@ def init_discriminator(config: DiscriminatorConfig, key: Key[Array, ""]) -> Disc
 
 def discriminate(
     discriminator: Discriminator,
-    y: Float[Array, "B S S 3"],
+    y: Float[Array, "B S S I"],
     c: Float[Array, "B L"],
     everyone: Callable[[Array], tuple[Array, Array]] | None = None,
     dtype: DTypeLike = jnp.float32,

@@ -22,7 +22,7 @@ from mesoshell.typing import Array, Float, Key, Scalar
 STEP, POINTS = 0.004, 256
 
 
-def blur(y: Float[Array, "B S S 3"], s: Scalar, most: float) -> Float[Array, "B S S 3"]:
+def blur(y: Float[Array, "B S S I"], s: Scalar, most: float) -> Float[Array, "B S S I"]:
     """Gaussian of deviation s ≤ most; beyond the edges y repeats its last pixels. s = 0 is the identity."""
     reach = math.ceil(3 * most)
     at = jnp.arange(-reach, reach + 1, dtype=y.dtype)

@@ -2,7 +2,7 @@
 
 Notation
 B            pictures, and renders, a step
-y            what the discriminator sees: 2x/(1 + x) − 1                         (B, S, S, 3)
+y            what the discriminator sees: 2x/(1 + x) − 1, and 2α − 1 if it is asked to   (B, S, S, 3 or 4)
 c, c′        labels of the renders, and of the pictures                           (B, L)
 c″           of the renders, with the parameters of the next one                  (B, L)
 across       means over devices, and all devices' rows (train/update); trivial where arrays are global
@@ -26,7 +26,7 @@ from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers
 from mesoshell.train.losses import discriminator_loss, fake_loss, generator_loss, r1
 from mesoshell.train.patch_renderer import discriminator_range
 from mesoshell.train.update import HERE, Across, apply_gradient, not_finite
-from mesoshell.typing import Array, Bool, Scalar
+from mesoshell.typing import Array, Bool, Float, Scalar
 
 #: Half-life of the average magnitude, images; share of the mean of w that each step keeps.
 MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
@@ -51,7 +51,7 @@ def step(
 ) -> tuple[TrainState, GanReport]:
     """Both updates, R1 if it is due, and the averages. Pure."""
     wanted = conditions(config, batch)
-    c, c_fake, sharp = label(batch), label(wanted), discriminator_range(batch.image[..., :3])
+    c, c_fake, sharp = label(batch), label(wanted), seen(config, batch.image)
     for_learner, for_discriminator = optimisers(config)
     s = config.blur * jnp.maximum(1 - state.images.astype(sharp.dtype) / (1000 * config.blur_kimg), 0)
 
@@ -65,7 +65,7 @@ def step(
 
     def make(learner: Learner) -> tuple[tuple[Array, Scalar], GeneratorStats]:
         pictures, stats = generate(config, learner, state.averages, wanted, across.each)
-        return (softened(discriminator_range(pictures[..., :3])), stats.roughness), stats
+        return (softened(seen(config, pictures)), stats.roughness), stats
 
     (fake, _), back, stats = jax.vjp(make, state.learner, has_aux=True)
 
@@ -104,6 +104,12 @@ def step(
         images,
     )
     return new, GanReport(losses[0], losses[1], penalty, losses[2], losses[3], bad)
+
+
+def seen(config: GanConfig, image: Float[Array, "B S S 4"]) -> Float[Array, "B S S I"]:
+    """y of premultiplied pictures."""
+    y = discriminator_range(image[..., :3])
+    return jnp.concatenate([y, 2 * image[..., 3:] - 1], axis=-1) if config.discriminator.opacity else y
 
 
 def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:

@@ -9,7 +9,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.image import write_exr
 from mesoshell.measure.features import Extractor
-from mesoshell.measure.scores import halves, judge_of, renders, score
+from mesoshell.measure.scores import halves, judge_of, renders, score, shares
 from tests.helpers import fog
 
 
@@ -57,3 +57,14 @@ def test_what_is_wrong_scores_worse_than_other_renders(data) -> None:
     mixed = score(judge, b, wrong_age)
     assert mixed["read age"].value > 5 * floor["read age"].value
     assert mixed["KID-Colour"].value == pytest.approx(floor["KID-Colour"].value, abs=1e-9)
+
+
+def test_shares_tell_gaps_that_radiance_over_black_does_not(data) -> None:
+    real = renders(data, list(data.samples[:8]))
+    assert {k: tuple(e) for k, e in shares(real, real).items()} == {k: (1.0, 1.0, 1.0) for k in ("opacity", "light")}
+    gaps = real * np.array([1, 1, 1, 0.75], np.float32)
+    gaps[::2, ..., 3] *= 0.9
+    found = shares(real, gaps)
+    assert found["light"].value == 1 and found["opacity"].value == pytest.approx(0.75 * 0.95, rel=1e-6)
+    assert 0.65 < found["opacity"].low < found["opacity"].value - 0.01
+    assert shares(real, 2 * real)["light"].value == pytest.approx(2, rel=1e-6)

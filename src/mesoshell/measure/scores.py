@@ -5,8 +5,9 @@ A, B        halves of a dataset; where it has many views of a patch, they share 
 floor       scores of B's renders against A's: the scores of a perfect material
 made        scores of pictures from B's cameras, with B's lights and parameters, against A's renders
 read        error of a reader that learned from A, over the parameter's range
+share       of the opacity, and of the light, of B's renders that made pictures have in all
 
-Floor and made are measured alike, so that they compare.
+Floor and made are measured alike, so that they compare. Shares compare pictures from the same cameras.
 """
 
 from collections.abc import Callable
@@ -87,6 +88,19 @@ def score(judge: Judge, b: list[Sample], images: Float[np.ndarray, "N H W 4"]) -
     for i, name in enumerate(judge.parameters):
         rows[f"read {name}"] = _with_interval(lambda k, i=i: float(error(read_values[k], true[k])[i]), len(b))
     return rows
+
+
+def shares(
+    real: Float[np.ndarray, "N H W 4"], images: Float[np.ndarray, "N H W 4"], seed: int = 0
+) -> dict[str, Estimate]:
+    """Opacity and light of pictures over those of renders from the same cameras. Over black a gap is as dark as a blade in
+    shadow, so other scores hardly see that opacity is missing."""
+    of = {"opacity": lambda x: x[..., 3], "light": lambda x: x[..., :3].mean(axis=-1)}
+    sums = {k: [f(x).sum(axis=(1, 2), dtype=np.float64) for x in (images, real)] for k, f in of.items()}
+    return {
+        name: _with_interval(lambda k, made=made, true=true: float(made[k].sum() / true[k].sum()), len(real), seed)
+        for name, (made, true) in sums.items()
+    }
 
 
 def _reader_inputs(

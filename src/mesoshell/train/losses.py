@@ -37,7 +37,7 @@ def fake_loss(fake: Float[Array, "B"]) -> Scalar:
     return jnp.mean(softplus(fake))
 
 
-def r1(logits: Callable[[Array], Array], real: Float[Array, "B S S 3"], gamma: float) -> Scalar:
+def r1(logits: Callable[[Array], Array], real: Float[Array, "B S S I"], gamma: float) -> Scalar:
     """γ/2 · mean of |∇D(y)|² over renders."""
     gradient = jax.grad(lambda y: jnp.sum(logits(y)))(real)
     return gamma / 2 * jnp.mean(jnp.sum(gradient**2, axis=(1, 2, 3)))

@@ -17,7 +17,7 @@ from mesoshell.numerics import softplus
 from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.train.gan.generate import label
 from mesoshell.train.gan.state import Learner, TrainState, optimisers, start
-from mesoshell.train.gan.step import step
+from mesoshell.train.gan.step import seen, step
 from mesoshell.train.patch_renderer import discriminator_range
 from tests.helpers import small_step
 
@@ -97,6 +97,20 @@ def test_renders_beside_the_next_ones_parameters_count_as_made() -> None:
     more = 0.5 * np.mean(np.log1p(np.exp(logits)))
     assert more > 0.1
     np.testing.assert_allclose(after.discriminator - before.discriminator, more, rtol=1e-4)
+
+
+def test_a_discriminator_that_sees_opacity_tells_a_gap_from_a_dark_blade() -> None:
+    config = small_step.CONFIG
+    told = replace(config, discriminator=replace(config.discriminator, opacity=True))
+    picture = jnp.zeros((2, 8, 8, 4)).at[1, ..., 3].set(1.0)
+    blind, seeing = seen(config, picture), seen(told, picture)
+    assert blind.shape[-1] == 3 and bool((blind[0] == blind[1]).all())
+    assert seeing.shape[-1] == 4 and bool((seeing[..., 3] == jnp.array([-1.0, 1.0])[:, None, None]).all())
+    state = jax.eval_shape(lambda: start(told, jax.random.key(0)))
+    assert state.discriminator.colour.weight.shape[2] == 4
+    floats = jax.tree.map(lambda x: x if x.dtype == np.uint32 else x.astype(np.float32), small_step.batch())
+    after, _ = jax.eval_shape(lambda s, b: step(told, s, b), state, floats)
+    assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
 
 
 def test_r1_is_float32_where_convolutions_are_not() -> None:

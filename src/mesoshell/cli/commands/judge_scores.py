@@ -21,11 +21,17 @@ from mesoshell.io.names import distinct_names
 from mesoshell.measure import fields
 from mesoshell.measure.copies import among
 from mesoshell.measure.features import Extractor, efficientnet_lite2, extractor
-from mesoshell.measure.scores import halves, judge_of, renders, score
+from mesoshell.measure.scores import halves, judge_of, renders, score, shares
 from mesoshell.measure.sliced import SIDE
 
 #: What a generated material should reach.
-LIMITS = {"repeat": "0.2", "comb, lean": "20", "comb, strokes": "20", "nearest exemplar": "as renders"}
+LIMITS = {
+    "opacity": "0.95 to 1.05",
+    "repeat": "0.2",
+    "comb, lean": "20",
+    "comb, strokes": "20",
+    "nearest exemplar": "as renders",
+}
 
 
 def run(options: Scores) -> None:
@@ -48,15 +54,15 @@ def run(options: Scores) -> None:
     with console.status(f"{len(a)} renders beside {len(b)} others"):
         judge = judge_of(dataset, a, _networks(console))
         known = np.concatenate([fields.patches(x, "exemplar") for x in exemplars]) if exemplars else None
-        columns: dict[str, dict[str, Any]] = {
-            "renders": {k: e._asdict() for k, e in score(judge, b, renders(dataset, b)).items()}
-        }
+        real = renders(dataset, b)
+        columns: dict[str, dict[str, Any]] = {"renders": {k: e._asdict() for k, e in score(judge, b, real).items()}}
         if known is not None and len(known) > 1:
             columns["renders"] |= fields.distances(among(known, known.shape[2:]))
     with move_together(table) as folder:
         for (name, material), label in zip(posed.items(), distinct_names(list(posed)), strict=True):
             with console.status(f"{name}: {len(b)} pictures"):
-                column = {k: e._asdict() for k, e in score(judge, b, material.pictures(b, 0)).items()}
+                made = material.pictures(b, 0)
+                column = {k: e._asdict() for k, e in (score(judge, b, made) | shares(real, made)).items()}
             with console.status(f"{name}: a field from above"):
                 texture, pictures = fields.score(bundles[name], name, known)
             columns[name] = column | texture

@@ -9,8 +9,8 @@ D        logit: greater for renders                                             
 The label enters by projection: D = ⟨features(y), embedding(c)⟩/√width. Minibatch deviation is taken over groups of samples that
 lie apart in the whole batch, so that it does not depend on how a batch is spread over devices.
 
-Over black, radiance does not tell a gap from a dark blade: a generator that is judged by radiance alone is free to open gaps, which
-show what is below where a material lies on a mesh. With `opacity` it is not (the papers' have three channels).
+Over black, radiance does not tell a gap from a dark blade: a generator that is judged by radiance alone is free to open gaps,
+which show what is below where a material lies on a mesh. With `opacity` it is not (the papers' have three channels).
 """
 
 from collections.abc import Callable

@@ -11,7 +11,8 @@ from mesoshell.train.textures.state import critic_config
 
 def variant(preset: GanConfig) -> GanConfig:
     generator = replace(critic_config(preset).generator, precision="float32")
-    picture = replace(preset.picture, texels=generator.texels, height_rows=generator.height_rows)
+    # of 32 samples a ray the noise would be as strong as a fitted texture's finest detail, which would hide it
+    picture = replace(preset.picture, texels=generator.texels, height_rows=generator.height_rows, samples=64)
     return replace(
         preset,
         generator=generator,

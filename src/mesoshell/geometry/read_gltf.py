@@ -9,13 +9,12 @@ import trimesh
 from trimesh.resolvers import FilePathResolver
 
 from mesoshell.errors import InputError
+from mesoshell.geometry.plain_gltf import TRIANGLES, plain
 
 #: Extensions without which no geometry can be read, where a file says that it needs them.
 PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-#: Modes of a primitive: triangles, those and strips; and triangles about one vertex, which trimesh leaves out.
-TRIANGLES, SOLID, FAN = 4, (4, 5), 6
-#: Component type of an accessor of float32.
-FLOAT = 5126
+#: Modes of a primitive: triangles, and strips of them.
+SOLID = (TRIANGLES, 5)
 
 
 def check_buffers(path: Path) -> None:
@@ -45,7 +44,11 @@ def load_gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
     binary = path.suffix.lower() == ".glb"
     end = 20 + int.from_bytes(data[12:16], "little") if binary else len(data)
     described = json.loads(data[20:end] if binary else data)
-    _check_geometry(described, path)
+    for name in described.get("extensionsRequired", []):
+        if name in PACKED:
+            raise InputError(path, f"needs {name}, which is not read: export it without compression")
+    if plain(described, data[end + 8 :] if binary else None, path):
+        binary = False
     for part in [*described.get("buffers", []), *described.get("images", [])]:
         if not part.get("uri", "data:").startswith("data:"):
             part["uri"] = unquote(part["uri"])
@@ -76,28 +79,6 @@ def load_gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
         text += b" " * (-len(text) % 4)
         size = (12 + 8 + len(text) + len(data) - end).to_bytes(4, "little")
         text = data[:8] + size + len(text).to_bytes(4, "little") + data[16:20] + text + data[end:]
-    kind, near = path.suffix[1:].lower(), FilePathResolver(str(path))
+    kind, near = "glb" if binary else "gltf", FilePathResolver(str(path))
     scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=near, process=False)
     return scene, names, materials
-
-
-def _check_geometry(described: dict, path: Path) -> None:
-    """Raise InputError for geometry that trimesh reads as something else, or not at all."""
-    for name in described.get("extensionsRequired", []):
-        if name in PACKED:
-            raise InputError(path, f"needs {name}, which is not read: export it without compression")
-    accessors = described.get("accessors", [])
-    for mesh in described.get("meshes", []):
-        for primitive in mesh.get("primitives", []):
-            if primitive.get("mode") == FAN:
-                raise InputError(path, "holds a triangle fan, which is not read: export triangles")
-            attributes = primitive.get("attributes", {})
-            used = {"POSITION": attributes.get("POSITION"), "TEXCOORD_0": attributes.get("TEXCOORD_0")}
-            for name, number in (used | {"indices": primitive.get("indices")}).items():
-                accessor = {} if number is None else accessors[number]
-                if accessor.get("normalized") and accessor.get("componentType") != FLOAT:
-                    raise InputError(
-                        path, f"holds {name} in normalized integers, which are not read: export it without quantization"
-                    )
-                if "sparse" in accessor:
-                    raise InputError(path, f"holds sparse {name}, which is not read: export it in full")

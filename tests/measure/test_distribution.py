@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
+from mesoshell.measure import distribution
 from mesoshell.measure.distribution import fid, kid, with_interval
 
 
@@ -37,7 +38,9 @@ def test_fid_is_the_definition_with_a_matrix_root(n: int) -> None:
     assert fid(x, y) == pytest.approx(expected, abs=1e-4)
 
 
-def test_kid_is_the_definition_by_loops() -> None:
+@pytest.mark.parametrize("block", [2, 1024])
+def test_kid_is_the_definition_by_loops(block: int, monkeypatch) -> None:
+    monkeypatch.setattr(distribution, "_BLOCK", block)
     x, y = gaussian(5, 3, 4), gaussian(7, 3, 5, 0.5)
 
     def k(a: np.ndarray, b: np.ndarray) -> float:

@@ -22,6 +22,8 @@ from jaxtyping import Float
 from scipy.stats import t as student
 
 HALVES = 24
+#: Rows whose products with all others are held at once.
+_BLOCK = 1024
 
 
 class Estimate(NamedTuple):
@@ -44,8 +46,7 @@ def mean_with_interval(rows: Float[np.ndarray, "N K"]) -> list[Estimate]:
 def kid(x: Float[np.ndarray, "N D"], y: Float[np.ndarray, "M D"]) -> float:
     """KID of two sets of at least two. Raises ValueError for fewer."""
     _check(x, y)
-    xx, yy, xy = (_kernel(a, b) for a, b in ((x, x), (y, y), (x, y)))
-    return float(_off_diagonal_mean(xx) + _off_diagonal_mean(yy) - 2 * xy.mean())
+    return _mean_apart(x) + _mean_apart(y) - 2 * _kernel_sum(x, y) / (len(x) * len(y))
 
 
 def fid(x: Float[np.ndarray, "N D"], y: Float[np.ndarray, "M D"]) -> float:
@@ -75,13 +76,17 @@ def _half(rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
     return x[rng.choice(len(x), max(2, len(x) // 2), replace=False)]
 
 
-def _kernel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return (x.astype(np.float64) @ y.astype(np.float64).T / x.shape[1] + 1) ** 3
+def _kernel_sum(x: np.ndarray, y: np.ndarray) -> float:
+    """Sum of k over all pairs, by blocks of x, whose products are held at once."""
+    x, y = x.astype(np.float64), y.astype(np.float64)
+    blocks = (x[i : i + _BLOCK] for i in range(0, len(x), _BLOCK))
+    return float(sum(((a @ y.T / x.shape[1] + 1) ** 3).sum() for a in blocks))
 
 
-def _off_diagonal_mean(k: np.ndarray) -> float:
-    n = len(k)
-    return (k.sum() - np.trace(k)) / (n * (n - 1))
+def _mean_apart(x: np.ndarray) -> float:
+    """Mean of k over pairs of different rows."""
+    own = float(((np.sum(x.astype(np.float64) ** 2, axis=1) / x.shape[1] + 1) ** 3).sum())
+    return (_kernel_sum(x, x) - own) / (len(x) * (len(x) - 1))
 
 
 def _centred(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

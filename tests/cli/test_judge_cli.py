@@ -93,6 +93,8 @@ def test_scores_stand_in_one_table(made, tmp_path, capsys, monkeypatch) -> None:
     found = json.loads((out / "scores.json").read_text())["scores"]
     assert list(found) == ["renders", *materials]
     assert list(found["renders"]) == ["KID-Colour", "SWD-8", "read age"]
+    assert list(found[materials[0]])[:5] == ["KID-Colour", "SWD-8", "read age", "opacity", "light"]
+    assert "| opacity |  | " in printed and "| 0.95 to 1.05 |" in printed
     assert found[materials[0]]["nearest exemplar"]["value"] == pytest.approx(0, abs=1e-6)
     assert found[materials[1]]["nearest exemplar"]["value"] > 0.5
     assert found[materials[0]]["repeat"]["value"] == pytest.approx(1, abs=1e-4)

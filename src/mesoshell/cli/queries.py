@@ -18,10 +18,8 @@ def write_queries(settings: Settings, answers: Answers, count: int, folder: Path
     queries, spp = settings.queries, settings.spp
     check_memory("--queries", f"{queries} queries on a patch", QUERY * queries)
     check_memory("--spp", f"{spp} light paths for each of {queries} queries", PATH * queries * spp)
-    if queries * spp >= 2**32:
-        raise InputError(
-            "--spp", f"times --queries must be below 2^32, not {queries * spp}"
-        )  # Dr.Jit counts in 32 bits
+    if queries * spp >= 2**32:  # Dr.Jit counts in 32 bits
+        raise InputError("--spp", f"times --queries must be below 2^32, not {queries * spp}")
     begin = time.monotonic()
     with bar(stderr(), settings.source, None, count=True) as show:
         spent = render_patches(settings, answers, count, folder, show)

@@ -47,8 +47,7 @@ def load_gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
     for name in described.get("extensionsRequired", []):
         if name in PACKED:
             raise InputError(path, f"needs {name}, which is not read: export it without compression")
-    if plain(described, data[end + 8 :] if binary else None, path):
-        binary = False
+    plain(described, data[end + 8 :] if binary else None, path)
     for part in [*described.get("buffers", []), *described.get("images", [])]:
         if not part.get("uri", "data:").startswith("data:"):
             part["uri"] = unquote(part["uri"])
@@ -79,6 +78,6 @@ def load_gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
         text += b" " * (-len(text) % 4)
         size = (12 + 8 + len(text) + len(data) - end).to_bytes(4, "little")
         text = data[:8] + size + len(text).to_bytes(4, "little") + data[16:20] + text + data[end:]
-    kind, near = "glb" if binary else "gltf", FilePathResolver(str(path))
+    kind, near = path.suffix[1:].lower(), FilePathResolver(str(path))
     scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=near, process=False)
     return scene, names, materials

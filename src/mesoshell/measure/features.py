@@ -43,8 +43,8 @@ def extractor(weights: Path | None = None) -> Extractor:
         net = inception.inception(read)
     except KeyError as error:
         raise InputError(weights, f"is no Inception v3: {error.args[0]} is missing") from None
-    except ValueError:
-        raise InputError(weights, "is no Inception v3: its tensors are of other shapes or types") from None
+    except (ValueError, IndexError):
+        raise InputError(weights, "is no Inception v3: its tensors are of other shapes") from None
     return _batched("Inception", inception.features, net)
 
 

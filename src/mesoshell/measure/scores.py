@@ -5,7 +5,7 @@ A, B        halves of a dataset; where it has many views of a patch, they share 
 floor       scores of B's renders against A's: the scores of a perfect material
 made        scores of pictures from B's cameras, with B's lights and parameters, against A's renders
 read        error of a reader that learned from A, over the parameter's range
-share       of the opacity, and of the light, of B's renders that made pictures have in all
+share       total opacity, or light, of made pictures over that of B's renders
 
 Floor and made are measured alike, so that they compare. Shares compare pictures from the same cameras.
 """
@@ -98,7 +98,9 @@ def shares(
     of = {"opacity": lambda x: x[..., 3], "light": lambda x: x[..., :3].mean(axis=-1)}
     sums = {k: [f(x).sum(axis=(1, 2), dtype=np.float64) for x in (images, real)] for k, f in of.items()}
     return {
-        name: _with_interval(lambda k, made=made, true=true: float(made[k].sum() / true[k].sum()), len(real), seed)
+        name: _with_interval(
+            lambda k, made=made, true=true: float(made[k].sum() / max(true[k].sum(), 1e-9)), len(real), seed
+        )
         for name, (made, true) in sums.items()
     }
 

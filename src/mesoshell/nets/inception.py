@@ -26,6 +26,7 @@ Inception = dict[str, tuple[Array, Array]]
 
 def inception(weights: Mapping[str, np.ndarray]) -> Inception:
     """The network from a state dict. Raises KeyError if an entry is missing, ValueError if tensors do not fit each other."""
+    weights = {n: np.asarray(x, np.float32) for n, x in weights.items()}
     names = [n.removesuffix(".conv.weight") for n in weights if n.endswith(".conv.weight")]
     net = {}
     for n in names:

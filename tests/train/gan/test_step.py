@@ -102,10 +102,11 @@ def test_renders_beside_the_next_ones_parameters_count_as_made() -> None:
 def test_a_discriminator_that_sees_opacity_tells_a_gap_from_a_dark_blade() -> None:
     config = small_step.CONFIG
     told = replace(config, discriminator=replace(config.discriminator, opacity=True))
-    picture = jnp.zeros((2, 8, 8, 4)).at[1, ..., 3].set(1.0)
+    picture = jnp.zeros((2, 8, 8, 4)).at[1, ..., 3].set(1.0).at[1, 0, 4, 3].set(0.0)
     blind, seeing = seen(config, picture), seen(told, picture)
     assert blind.shape[-1] == 3 and bool((blind[0] == blind[1]).all())
-    assert seeing.shape[-1] == 4 and bool((seeing[..., 3] == jnp.array([-1.0, 1.0])[:, None, None]).all())
+    wanted = jnp.stack([-jnp.ones((8, 8)), jnp.ones((8, 8)).at[:4, 4:].set(2 * 15 / 16 - 1)])
+    assert seeing.shape[-1] == 4 and bool((seeing[..., 3] == wanted).all())
     state = jax.eval_shape(lambda: start(told, jax.random.key(0)))
     assert state.discriminator.colour.weight.shape[2] == 4
     floats = jax.tree.map(lambda x: x if x.dtype == np.uint32 else x.astype(np.float32), small_step.batch())

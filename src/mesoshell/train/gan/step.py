@@ -2,7 +2,7 @@
 
 Notation
 B            pictures, and renders, a step
-y            what the discriminator sees: 2x/(1 + x) − 1, and 2α − 1 if it is asked to   (B, S, S, 3 or 4)
+y            what the discriminator sees: 2x/(1 + x) − 1, and 2a − 1 of opacity a if asked to   (B, S, S, 3 or 4)
 c, c′        labels of the renders, and of the pictures                           (B, L)
 c″           of the renders, with the parameters of the next one                  (B, L)
 across       means over devices, and all devices' rows (train/update); trivial where arrays are global
@@ -28,6 +28,8 @@ from mesoshell.train.patch_renderer import discriminator_range
 from mesoshell.train.update import HERE, Across, apply_gradient, not_finite
 from mesoshell.typing import Array, Bool, Float, Scalar
 
+#: Pixels along a square in which opacity is seen.
+COVER = 4
 #: Half-life of the average magnitude, images; share of the mean of w that each step keeps.
 MAGNITUDE_HALF_LIFE, W_KEEP = 20_000.0, 0.998
 #: Half-life of the weight average: this many images, or this share of those seen, whichever is less.
@@ -107,9 +109,15 @@ def step(
 
 
 def seen(config: GanConfig, image: Float[Array, "B S S 4"]) -> Float[Array, "B S S I"]:
-    """y of premultiplied pictures."""
+    """y of premultiplied pictures. Opacity is seen in means of COVER × COVER pixels: edges are in the radiance, and a render's
+    opacity, which no denoiser touches, would be told by its steps."""
     y = discriminator_range(image[..., :3])
-    return jnp.concatenate([y, 2 * image[..., 3:] - 1], axis=-1) if config.discriminator.opacity else y
+    if not config.discriminator.opacity:
+        return y
+    batch, side = image.shape[:2]
+    a = image[..., 3].reshape(batch, side // COVER, COVER, side // COVER, COVER).mean(axis=(2, 4))
+    a = jnp.repeat(jnp.repeat(a, COVER, axis=1), COVER, axis=2)
+    return jnp.concatenate([y, 2 * a[..., None] - 1], axis=-1)
 
 
 def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:

@@ -1,4 +1,4 @@
-# make demo   a picture from a fresh machine: sets up .venv, renders the bundled mesh with the bundled grass
+# make demo   a picture from a fresh machine: sets up .venv, grows grass of the bundled generator on the bundled mesh
 # make test   sets up all that the tests need, and passes them
 # make test-all   the same with the slow tests, which take minutes or repeat what others test
 # make test-gpu   the hard cases, a training of `tiny` and benchmarks, on the GPU or TPU that JAX finds
@@ -23,7 +23,7 @@ endif
 .PHONY: demo test test-all test-gpu lint docs gallery blender nojax clean
 
 demo: .venv/installed
-	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material grass --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
+	$(BIN)/mesoshell render src/mesoshell/assets/spot.obj --material lawn --scale 0.15 --thickness 0.1 --camera 1.5 0.9 -2.4 0 0.05 0.15 40 --out out/demo.png
 
 test: .venv/installed-dev
 	+$(MAKE) -j 2 lint docs $(BLENDER) nojax

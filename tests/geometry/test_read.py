@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from trimesh.exchange.gltf import export_gltf
 from trimesh.visual import TextureVisuals
 
@@ -223,6 +224,7 @@ def write_gltf(path: Path, arrays: dict[str, tuple[np.ndarray, dict[str, Any]]],
         accessors.append(accessor | said)
     numbers = {name: k for k, name in enumerate(arrays)}
     primitive = {"mode": mode, "attributes": {k: v for k, v in numbers.items() if k != "indices"}}
+    primitive |= {k: more.pop(k) for k in ("material",) if k in more}
     described = {
         "asset": {"version": "2.0"},
         "meshes": [{"primitives": [primitive | {k: v for k, v in numbers.items() if k == "indices"}]}],
@@ -268,7 +270,9 @@ def test_quantized_and_sparse_geometry_and_fans_of_a_gltf_file_are_read(tmp_path
     np.testing.assert_allclose(found[order], 2 * corner, atol=1e-6)
 
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
-    for indices in ({}, {"indices": (np.array([[0], [1], [2], [3]], np.uint8), {})}):
+    corners, third = np.array([[0], [1], [2], [3]], np.uint8), np.array([[2]], np.uint8)
+    wrong = np.where(corners == 2, 0, corners).astype(np.uint8)
+    for indices in ({}, {"indices": (corners, {})}, {"indices": (wrong, {"sparse": (third, third)})}):
         write_gltf(path, {"POSITION": (square, {})} | indices, mode=6)
         found, order, _ = read_mesh(path)
         np.testing.assert_allclose(found[order], 2 * square[[[0, 1, 2], [0, 2, 3]]], atol=1e-6)
@@ -302,6 +306,32 @@ def test_what_quantizers_do_to_texture_coordinates_is_undone(tmp_path: Path):
         np.testing.assert_allclose(found[triangles], 2 * points[order], atol=1e-6)
         assert read_uv is not None
         np.testing.assert_allclose(read_uv * [1, -1] + [0, 1], wanted[order], atol=1e-6)
+
+
+@pytest.mark.parametrize("only_normals", [False, True])
+def test_an_image_lies_where_quantizers_leave_it(only_normals: bool, tmp_path: Path):
+    """The base colour's texture is found under its moved coordinates; what only a normal map says moves nothing."""
+    points, faces = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), np.array([[0, 1, 2]], np.uint8).T
+    uv = np.array([[0, 255], [51, 0], [102, 204]], np.uint8)
+    path = tmp_path / "a.glb"
+    Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "a.png")
+    way = {"scale": [0.5, 0.5], "offset": [0.25, 0], "texCoord": 0}
+    ranged, still = {"index": 0, "texCoord": 1, "extensions": {"KHR_texture_transform": way}}, {"index": 0}
+    base = {"pbrMetallicRoughness": {"baseColorTexture": still if only_normals else ranged}}
+    write_gltf(
+        path,
+        {"POSITION": (points, {}), "indices": (faces, {}), "TEXCOORD_0": (uv, {"normalized": True})},
+        materials=[base | ({"normalTexture": ranged} if only_normals else {})],
+        textures=[{"source": 0}],
+        images=[{"uri": "a.png"}],
+        material=0,
+    )
+    (part,) = _parts(path, apart=True)
+    assert part.look.texture is not None
+    read_uv = part.arrays[2]
+    assert read_uv is not None
+    wanted = uv / np.float32(255) * (1 if only_normals else 0.5) + (0 if only_normals else np.array([0.25, 0]))
+    np.testing.assert_allclose(read_uv[0] * [1, -1] + [0, 1], wanted, atol=1e-6)
 
 
 def test_damaged_or_packed_geometry_of_a_gltf_file_is_one_line(tmp_path: Path):

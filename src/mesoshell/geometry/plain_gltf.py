@@ -9,6 +9,7 @@ moved      texture coordinates t stand for offset + scale t: KHR_texture_transfo
 """
 
 import base64
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -24,7 +25,7 @@ COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}
 TRIANGLES, FAN = 4, 6
 MOVED = "KHR_texture_transform"
 #: Bytes that rewriting takes a row, base64 in the description included.
-_ROW = 64
+_ROW = 128
 
 
 def plain(described: dict[str, Any], binary: bytes | None, path: Path) -> None:
@@ -33,41 +34,42 @@ def plain(described: dict[str, Any], binary: bytes | None, path: Path) -> None:
     and InputError for one that needs more memory than there is."""
     primitives = [p for mesh in described.get("meshes", []) for p in mesh.get("primitives", [])]
     accessors = described.get("accessors", [])
-    slots = [(p["attributes"], name) for p in primitives for name in ("POSITION", "TEXCOORD_0")]
-    slots = [(x, name) for x, name in [*slots, *((p, "indices") for p in primitives)] if name in x]
-    odd = {(x[name], name) for x, name in slots if _is_odd(accessors[x[name]], name)}
     fans = [p for p in primitives if p.get("mode") == FAN]
+    slots = [(p, p["attributes"], name) for p in primitives for name in ("POSITION", "TEXCOORD_0")]
+    slots += [(p, p, "indices") for p in primitives if p.get("mode") != FAN]
+    slots = [(p, x, name) for p, x, name in slots if name in x]
+    odd = [(p, x, name) for p, x, name in slots if _is_odd(accessors[x[name]], name)]
     if not odd and not fans:
         return
-    counts = [accessors[k]["count"] for k, _ in odd]
+    moved = _moved(described, {p.get("material") for p, _, name in odd if name == "TEXCOORD_0"})
+    odd = [s for s in slots if _is_odd(accessors[s[1][s[2]]], s[2]) or _mover(s[0], s[2], moved) is not None]
+    written: dict[tuple[int, str, int | None], int] = {}
+    for p, x, name in odd:
+        written[x[name], name, _mover(p, name, moved)] = -1
+    counts = [accessors[k]["count"] for k, _, _ in written]
     counts += [3 * accessors[p.get("indices", p["attributes"]["POSITION"])]["count"] for p in fans]
     check_memory(path, "its geometry", _ROW * sum(counts))
     source = _Source(described, [_bytes(x, binary, path.parent) for x in described.get("buffers", [])])
-    moved = _moved(described, {p.get("material") for p in primitives if (_uv(p), "TEXCOORD_0") in odd})
-    written: dict[tuple[int, str, int], int] = {}
-    for p in primitives:
-        for x, name in [(p["attributes"], "POSITION"), (p["attributes"], "TEXCOORD_0"), (p, "indices")]:
-            material = p.get("material", -1) if name == "TEXCOORD_0" and p.get("material") in moved else -1
-            if name not in x or ((x[name], name) not in odd and material < 0):
-                continue
-            key = (x[name], name, material)
-            if key not in written:
-                rows = source.rows(accessors[x[name]], name)
-                if material >= 0:
-                    scale, offset = moved[material]
-                    rows = (offset + scale * rows).astype(np.float32)
-                written[key] = _append(described, rows)
-            x[name] = written[key]
     for p in fans:
         points = accessors[p["attributes"]["POSITION"]]["count"]
         order = source.rows(accessors[p["indices"]], "indices")[:, 0] if "indices" in p else np.arange(points)
         first = np.repeat(order[:1], max(len(order) - 2, 0))
         triangles = np.stack([first, order[1 : 1 + len(first)], order[2:]], axis=1)
         p |= {"mode": TRIANGLES, "indices": _append(described, triangles.astype(np.uint32).reshape(-1, 1))}
+    for (number, name, material), _ in written.items():
+        rows = source.rows(accessors[number], name)
+        if material is not None:
+            scale, offset = moved[material]
+            rows = (offset + scale * rows).astype(np.float32)
+        written[number, name, material] = _append(described, rows)
+    for p, x, name in odd:
+        x[name] = written[x[name], name, _mover(p, name, moved)]
 
 
-def _uv(primitive: dict[str, Any]) -> int:
-    return primitive["attributes"].get("TEXCOORD_0", -1)
+def _mover(primitive: dict[str, Any], name: str, moved: Container[int | None]) -> int | None:
+    """The material that moves an accessor of a primitive, if any."""
+    material = primitive.get("material")
+    return material if name == "TEXCOORD_0" and material in moved else None
 
 
 def _is_odd(accessor: dict[str, Any], name: str) -> bool:
@@ -77,21 +79,24 @@ def _is_odd(accessor: dict[str, Any], name: str) -> bool:
     return "sparse" in accessor or (whole and (short or name == "TEXCOORD_0"))
 
 
-def _moved(described: dict[str, Any], materials: set[int | None]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Scale and offset of these materials' texture coordinates, which their textures then no longer say."""
+def _moved(described: dict[str, Any], materials: set[int | None]) -> dict[int | None, tuple[np.ndarray, np.ndarray]]:
+    """Scale and offset of these materials' texture coordinates, which their textures then no longer say. Textures that move
+    them otherwise than each other, or turn them, go on saying so."""
     found = {}
     for k in materials - {None}:
-        assert k is not None
         material = described["materials"][k]
-        textures = [*material.values(), *material.get("pbrMetallicRoughness", {}).values()]
-        textures = [x for x in textures if isinstance(x, dict) and MOVED in x.get("extensions", {})]
-        said = [x["extensions"][MOVED] for x in textures]
-        if said and said[0].get("rotation", 0) == 0 and all(x == said[0] for x in said):
-            found[k] = tuple(
-                np.array(said[0].get(n, d), np.float32) for n, d in (("scale", [1, 1]), ("offset", [0, 0]))
-            )
-            for texture in textures:
-                del texture["extensions"][MOVED]
+        glossy = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
+        parts = (material, material.get("pbrMetallicRoughness", {}), glossy)
+        textures = [x for part in parts for x in part.values() if isinstance(x, dict) and "index" in x]
+        said = [(x, x.get("extensions", {}).get(MOVED, {})) for x in textures]
+        said = [(x, how) for x, how in said if how.get("texCoord", x.get("texCoord", 0)) == 0]
+        ways = {(*how.get("scale", (1, 1)), *how.get("offset", (0, 0)), how.get("rotation", 0)) for _, how in said}
+        if len(ways) != 1 or (way := ways.pop())[4] != 0 or way == (1, 1, 0, 0, 0):
+            continue
+        found[k] = np.array(way[:2], np.float32), np.array(way[2:4], np.float32)
+        for texture, _ in said:
+            texture.get("extensions", {}).pop(MOVED, None)
+            texture["texCoord"] = 0
     return found
 
 
@@ -110,7 +115,7 @@ class _Source:
     """A description and the bytes of its buffers."""
 
     def __init__(self, described: dict[str, Any], buffers: list[bytes]) -> None:
-        self._views, self._buffers = described.get("bufferViews", []), buffers
+        self._views, self._buffers = described.get("bufferViews", []), [memoryview(x) for x in buffers]
 
     def rows(self, accessor: dict[str, Any], name: str) -> np.ndarray:
         """(count, columns): of an attribute float32, else integers."""

@@ -1,7 +1,8 @@
 """The discriminator: whether a picture is a render that fits its label (StyleGAN2's residual network; MesoGAN, 5.1).
 
 Notation
-y        picture, 2x/(1 + x) − 1 of linear radiance x over black; with `opacity` also 2a − 1 of opacity a   (B, S, S, 3 or 4)
+y        picture, 2x/(1 + x) − 1 of linear radiance x over black; with `opacity` also 2a − 1 of the mean opacity a
+         of 4 × 4 pixels                                                         (B, S, S, 3 or 4)
 c        label: α, β, direction to the camera, log of its distance, direction to the light    (B, L)
 S        side of the picture, a power of two; blocks halve it down to 4
 D        logit: greater for renders                                               (B,)

@@ -2,7 +2,7 @@
 
 Notation
 B            pictures, and renders, a step
-y            what the discriminator sees: 2x/(1 + x) − 1, and 2a − 1 of opacity a if asked to   (B, S, S, 3 or 4)
+y            what the discriminator sees: 2x/(1 + x) − 1, and 2a − 1 of mean opacity a if asked to   (B, S, S, 3 or 4)
 c, c′        labels of the renders, and of the pictures                           (B, L)
 c″           of the renders, with the parameters of the next one                  (B, L)
 across       means over devices, and all devices' rows (train/update); trivial where arrays are global
@@ -110,7 +110,7 @@ def step(
 
 def seen(config: GanConfig, image: Float[Array, "B S S 4"]) -> Float[Array, "B S S I"]:
     """y of premultiplied pictures. Opacity is seen in means of COVER × COVER pixels: edges are in the radiance, and a render's
-    opacity, which no denoiser touches, would be told by its steps."""
+    opacity is not denoised: by single pixels its few levels would give it away."""
     y = discriminator_range(image[..., :3])
     if not config.discriminator.opacity:
         return y

@@ -11,7 +11,7 @@ from mesoshell.train.textures.state import critic_config
 
 def variant(preset: GanConfig) -> GanConfig:
     generator = replace(critic_config(preset).generator, precision="float32")
-    # of 32 samples a ray the noise would be as strong as a fitted texture's finest detail, which would hide it
+    # with 32 samples a ray, noise would be as strong as the finest detail, and hide it
     picture = replace(preset.picture, texels=generator.texels, height_rows=generator.height_rows, samples=64)
     return replace(
         preset,

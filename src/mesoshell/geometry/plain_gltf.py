@@ -28,7 +28,7 @@ MOVED = "KHR_texture_transform"
 _ROW = 128
 
 
-def plain(described: dict[str, Any], binary: bytes | None, path: Path) -> None:
+def plain(described: dict[str, Any], binary: memoryview | None, path: Path) -> None:
     """Rewrite positions, texture coordinates and indices that are quantized or sparse, and fans, in place, as buffers in the
     description. binary: of a .glb, its first buffer. Raises LookupError, TypeError, ValueError or OSError for a damaged file,
     and InputError for one that needs more memory than there is."""
@@ -56,7 +56,7 @@ def plain(described: dict[str, Any], binary: bytes | None, path: Path) -> None:
         first = np.repeat(order[:1], max(len(order) - 2, 0))
         triangles = np.stack([first, order[1 : 1 + len(first)], order[2:]], axis=1)
         p |= {"mode": TRIANGLES, "indices": _append(described, triangles.astype(np.uint32).reshape(-1, 1))}
-    for (number, name, material), _ in written.items():
+    for number, name, material in written:
         rows = source.rows(accessors[number], name)
         if material is not None:
             scale, offset = moved[material]
@@ -100,7 +100,7 @@ def _moved(described: dict[str, Any], materials: set[int | None]) -> dict[int | 
     return found
 
 
-def _bytes(buffer: dict[str, Any], binary: bytes | None, folder: Path) -> bytes:
+def _bytes(buffer: dict[str, Any], binary: memoryview | None, folder: Path) -> bytes | memoryview:
     uri = buffer.get("uri")
     if uri is None:
         return b"" if binary is None else binary
@@ -114,20 +114,14 @@ def _bytes(buffer: dict[str, Any], binary: bytes | None, folder: Path) -> bytes:
 class _Source:
     """A description and the bytes of its buffers."""
 
-    def __init__(self, described: dict[str, Any], buffers: list[bytes]) -> None:
+    def __init__(self, described: dict[str, Any], buffers: list[bytes | memoryview]) -> None:
         self._views, self._buffers = described.get("bufferViews", []), [memoryview(x) for x in buffers]
 
     def rows(self, accessor: dict[str, Any], name: str) -> np.ndarray:
         """(count, columns): of an attribute float32, else integers."""
-        kind, columns, count = (
-            np.dtype(NUMBERS[accessor["componentType"]]),
-            COLUMNS[accessor["type"]],
-            accessor["count"],
-        )
-        if "bufferView" in accessor:
-            rows = self._array(accessor, (count, columns), kind).copy()
-        else:
-            rows = np.zeros((count, columns), kind)
+        kind, columns = np.dtype(NUMBERS[accessor["componentType"]]), COLUMNS[accessor["type"]]
+        shape = accessor["count"], columns
+        rows = self._array(accessor, shape, kind).copy() if "bufferView" in accessor else np.zeros(shape, kind)
         if (sparse := accessor.get("sparse")) is not None:
             which, several = sparse["indices"], sparse["count"]
             where = self._array(which, (several, 1), np.dtype(NUMBERS[which["componentType"]]))[:, 0]

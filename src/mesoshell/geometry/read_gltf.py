@@ -47,7 +47,7 @@ def load_gltf(path: Path) -> tuple[trimesh.Scene, dict[str, str], list[dict]]:
     for name in described.get("extensionsRequired", []):
         if name in PACKED:
             raise InputError(path, f"needs {name}, which is not read: export it without compression")
-    plain(described, data[end + 8 :] if binary else None, path)
+    plain(described, memoryview(data)[end + 8 :] if binary else None, path)
     for part in [*described.get("buffers", []), *described.get("images", [])]:
         if not part.get("uri", "data:").startswith("data:"):
             part["uri"] = unquote(part["uri"])

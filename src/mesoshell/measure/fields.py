@@ -30,8 +30,8 @@ from mesoshell.shell.material.loader import DeviceMaterial, load_device_material
 FIELD, LAYERS, ASLANT = (12, 24), 32, (0.6, 0.0, 0.8)
 #: For comparison with exemplars: pixels and layers of a patch, patches along a texture, textures.
 PATCH, TIERS, SIDE, SEEDS = 64, 12, 4, 4
-#: Patches along a combed field, pixels a patch and layers, places along it; pixels a patch and layers of its picture. Of 24
-#: pixels, strokes of fitted carpets are 11 degrees off on the mean, of 64 pixels 3.
+#: Patches along a combed field, pixels a patch and layers, places along it; pixels a patch and layers of its picture. With
+#: 24 pixels, strokes of fitted carpets that lean are 11 degrees off on the mean, with 64 pixels 3.
 COMBED, FINE, PLACES, PICTURE = 8, 24, 4, (64, 48)
 COMB = "lean_angle"
 #: Patches that are shown beside their nearest exemplars.
